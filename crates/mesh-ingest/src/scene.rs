@@ -1,0 +1,204 @@
+//! The normal form that every glTF document is brought into.
+//!
+//! The rest of Lumel never sees glTF again: it sees meshes of clean indexed triangles, instances that place them,
+//! materials in linear light, and lights in world space. See [`Scene`] for what is guaranteed.
+
+use std::collections::BTreeMap;
+
+use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
+
+/// A level in normal form.
+///
+/// Guarantees, made by [`crate::load`] and relied upon everywhere:
+/// - every number is finite; every index (vertex, material, image, mesh) is in range;
+/// - no triangle of a [`Primitive`] names one vertex twice, has zero area in local space or duplicates another of the primitive;
+/// - instances refer to meshes that have at least one triangle, and their transforms are invertible;
+/// - colours are linear Rec.709; reflectances lie in 0..=1; emission is a radiance and ≥ 0.
+///
+/// World space is the glTF's (right-handed, Y up, metres) moved by −[`origin`](Scene::origin) so that `f32` is precise
+/// about the scene's centre.
+#[derive(Debug, Clone, Default)]
+pub struct Scene {
+    /// Unique geometry, in the order of the document's `meshes` (a mesh that is not used has no entry).
+    pub meshes: Vec<Mesh>,
+    /// Placements of meshes that receive and cast light, in scene-graph order (depth first).
+    pub instances: Vec<Instance>,
+    /// The document's materials in order, then the glTF default material.
+    pub materials: Vec<Material>,
+    /// Decoded images that materials refer to; `None` where an image is not needed for light.
+    pub images: Vec<Option<Image>>,
+    /// Punctual lights in recentred world space.
+    pub lights: Vec<Light>,
+    /// World position (metres, glTF axes) of the recentred origin.
+    pub origin: DVec3,
+}
+
+/// One glTF mesh in its local space.
+#[derive(Debug, Clone, Default)]
+pub struct Mesh {
+    /// Index into the document's `meshes`.
+    pub gltf_mesh: usize,
+    /// The document's name, or empty.
+    pub name: String,
+    /// Triangle primitives that have at least one sound triangle; points and lines are not here.
+    pub primitives: Vec<Primitive>,
+}
+
+/// One glTF primitive: vertices as in the document, triangles cleaned.
+#[derive(Debug, Clone, Default)]
+pub struct Primitive {
+    /// Index into the document's `meshes[gltf_mesh].primitives`.
+    pub gltf_primitive: usize,
+    /// Vertex positions, local space, one per vertex of the document's accessor (vertex *i* is accessor element *i*).
+    pub positions: Vec<Vec3>,
+    /// Unit vertex normals, or empty where the document has none (then faces are flat).
+    pub normals: Vec<Vec3>,
+    /// `TEXCOORD_n` by n; an inner vector is empty where the set is absent.
+    pub tex_coords: Vec<Vec<Vec2>>,
+    /// `COLOR_0`, linear RGBA, or empty.
+    pub colors: Vec<Vec4>,
+    /// Triangles as vertex indices, counter-clockwise seen from the front in local space.
+    pub triangles: Vec<[u32; 3]>,
+    /// For each triangle, its number in the document's primitive (strips and fans counted as unrolled).
+    pub source_triangles: Vec<u32>,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+}
+
+/// A mesh placed in the world.
+#[derive(Debug, Clone)]
+pub struct Instance {
+    /// Index of the glTF node.
+    pub node: usize,
+    /// The node's name, or empty.
+    pub name: String,
+    /// Which of the node's `EXT_mesh_gpu_instancing` copies this is.
+    pub copy: Option<u32>,
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    /// Local to world (before recentring); may mirror.
+    pub transform: DAffine3,
+    /// The node's `extras`, for `extras.lumel`.
+    pub extras: Option<serde_json::Value>,
+}
+
+/// What a surface does to light. Every surface is Lambertian; metalness and roughness are not read.
+#[derive(Debug, Clone)]
+pub struct Material {
+    /// The document's name, or empty.
+    pub name: String,
+    /// Index into the document's `materials`; `None` for the default material.
+    pub gltf_material: Option<usize>,
+    /// `baseColorFactor`, linear.
+    pub base_color: Vec4,
+    /// `baseColorTexture` (sRGB).
+    pub base_texture: Option<TextureRef>,
+    /// `emissiveFactor` × `emissiveStrength`: radiance in W/(m² sr), or nit where the scene is photometric.
+    pub emissive: Vec3,
+    /// `emissiveTexture` (sRGB), multiplied with `emissive`.
+    pub emissive_texture: Option<TextureRef>,
+    /// How alpha is used.
+    pub alpha: AlphaMode,
+    /// Acts on both sides; otherwise the back blocks light, reflects nothing and emits nothing.
+    pub double_sided: bool,
+}
+
+/// glTF `alphaMode`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AlphaMode {
+    /// Alpha is ignored.
+    Opaque,
+    /// Rays pass where alpha < `cutoff`.
+    Mask {
+        /// glTF `alphaCutoff`.
+        cutoff: f32,
+    },
+    /// Rays pass with probability 1 − alpha.
+    Blend,
+}
+
+/// How a material samples an image.
+#[derive(Debug, Clone)]
+pub struct TextureRef {
+    /// Index into [`Scene::images`].
+    pub image: usize,
+    /// Which `TEXCOORD_n` (after `KHR_texture_transform`'s override).
+    pub tex_coord: usize,
+    /// `KHR_texture_transform`; identity where absent.
+    pub transform: Affine2,
+    /// Wrapping in s and t.
+    pub wrap: [Wrap; 2],
+    /// Nearest instead of bilinear magnification.
+    pub nearest: bool,
+}
+
+/// glTF sampler wrapping.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wrap {
+    /// Coordinates beyond the edge read the edge.
+    Clamp,
+    /// Every other copy is mirrored.
+    Mirror,
+    /// The image repeats.
+    Repeat,
+}
+
+/// A decoded image, row 0 at the top, as stored (sRGB not decoded).
+#[derive(Debug, Clone)]
+pub struct Image {
+    /// Width in pixels, ≥ 1.
+    pub width: u32,
+    /// Height in pixels, ≥ 1.
+    pub height: u32,
+    /// `width × height` RGBA values.
+    pub pixels: Vec<[u8; 4]>,
+}
+
+/// A `KHR_lights_punctual` light (or one given on the command line) in recentred world space.
+#[derive(Debug, Clone)]
+pub struct Light {
+    /// Name of the light or its node, or empty.
+    pub name: String,
+    /// glTF node that carries it; `None` for a light from the command line.
+    pub node: Option<usize>,
+    /// Colour × intensity, linear: candela (W/sr) for point and spot, lux (W/m²) for directional.
+    pub intensity: Vec3,
+    /// The kind, with its geometry.
+    pub kind: LightKind,
+}
+
+/// Geometry of a punctual light.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum LightKind {
+    /// Shines along `direction` (unit) from infinitely far.
+    Directional {
+        /// Direction of travel of the light.
+        direction: Vec3,
+    },
+    /// Shines in all directions.
+    Point {
+        /// Recentred world position.
+        position: Vec3,
+        /// glTF `range`, metres; the light's window ends there.
+        range: Option<f32>,
+    },
+    /// Shines in a cone about `direction`.
+    Spot {
+        /// Recentred world position.
+        position: Vec3,
+        /// Unit axis, direction of travel.
+        direction: Vec3,
+        /// glTF `range`, metres.
+        range: Option<f32>,
+        /// Half-angle of full intensity, radians.
+        inner: f32,
+        /// Half-angle where it ends, radians.
+        outer: f32,
+    },
+}
+
+/// What ingest dropped, clamped or left out, by kind, for `inspect` and the report.
+///
+/// Keys are short stable identifiers (`"triangles.zero_area"`); values are how many. A `BTreeMap` so that
+/// the order is the same in every run.
+pub type Counts = BTreeMap<String, u64>;

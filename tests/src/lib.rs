@@ -1,0 +1,1 @@
+//! Scene makers and helpers for Lumel's whole-pipeline tests.
