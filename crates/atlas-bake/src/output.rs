@@ -1,0 +1,360 @@
+//! Output files that appear all together or not at all.
+//!
+//! Every file is written whole to a hidden temporary beside its target; [`OutputSet::commit`] renames them all at the end. A
+//! bake that fails or is cancelled drops the set and its temporaries; one that is killed leaves the old files whole, and
+//! temporaries that the next run in the same folder removes.
+
+use std::collections::BTreeSet;
+use std::fs::{self, File, TryLockError};
+use std::io::Write;
+use std::path::{Component, Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::error::{Error, Result};
+
+/// How the name of every temporary begins.
+pub const TEMPORARY_PREFIX: &str = ".lumel-tmp-";
+
+/// A set of files being written; nothing shows under the final names before [`OutputSet::commit`].
+#[derive(Debug)]
+pub struct OutputSet {
+    dir: PathBuf,
+    /// Folders that this set created, outermost first: removed again (where empty) if the set is not committed.
+    created: Vec<PathBuf>,
+    cleaned: BTreeSet<PathBuf>,
+    files: Vec<(NamedTempFile, PathBuf)>,
+    obsolete: Vec<PathBuf>,
+}
+
+impl OutputSet {
+    /// Begins a set in folder `dir`, which is created (with its parents) where it does not exist. Temporaries that a killed run
+    /// left there are removed; those of a run that is still alive are told by their lock and kept.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where the folder cannot be made or read.
+    pub fn create(dir: &Path) -> Result<OutputSet> {
+        let mut set = OutputSet {
+            dir: dir.to_owned(),
+            created: Vec::new(),
+            cleaned: BTreeSet::new(),
+            files: Vec::new(),
+            obsolete: Vec::new(),
+        };
+        set.prepare(dir)?;
+        Ok(set)
+    }
+
+    /// Writes `bytes` to a temporary that will become `name` in the set's folder. A later file of the same name wins.
+    ///
+    /// # Errors
+    /// [`Error::OutputName`] where `name` is not a plain file name or names a folder; [`Error::Io`] where writing fails.
+    pub fn add(&mut self, name: &str, bytes: &[u8]) -> Result<()> {
+        let mut parts = Path::new(name).components();
+        if !matches!(
+            (parts.next(), parts.next()),
+            (Some(Component::Normal(_)), None)
+        ) {
+            return Err(Error::OutputName {
+                path: name.into(),
+                why: "not a plain file name",
+            });
+        }
+        self.write(self.dir.join(name), bytes)
+    }
+
+    /// As [`add`](Self::add), for a file anywhere (a report or depfile that the user asked for by path).
+    ///
+    /// # Errors
+    /// As [`add`](Self::add).
+    pub fn add_path(&mut self, path: &Path, bytes: &[u8]) -> Result<()> {
+        if path.file_name().is_none() {
+            return Err(Error::OutputName {
+                path: path.into(),
+                why: "it has no file name",
+            });
+        }
+        let parent = parent_of(path);
+        self.prepare(&parent)?;
+        self.write(path.to_owned(), bytes)
+    }
+
+    /// Has `name` in the set's folder removed at commit, if it is there and not written by this set: a page of an earlier bake
+    /// that had more of them.
+    pub fn remove_obsolete(&mut self, name: &str) {
+        self.obsolete.push(self.dir.join(name));
+    }
+
+    /// Final paths, in the order in which the files were added.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(_, path)| path.as_path())
+    }
+
+    /// Flushes every temporary to the disk, then renames them all in the order in which they were added, replacing what was
+    /// there. Returns the final paths.
+    ///
+    /// Each rename is atomic; the set is as nearly so as a file system allows: all that can be known to fail is tried
+    /// before the first rename.
+    ///
+    /// # Errors
+    /// [`Error::Io`] where a file cannot be flushed or renamed. If a flush fails nothing has changed; if a rename fails,
+    /// earlier ones of the set have been made.
+    pub fn commit(mut self) -> Result<Vec<PathBuf>> {
+        for (file, path) in &self.files {
+            refuse_folder(path)?;
+            file.as_file().sync_all().map_err(|source| Error::Io {
+                path: path.clone(),
+                source,
+            })?;
+        }
+        self.created.clear();
+        let mut done = Vec::with_capacity(self.files.len());
+        for (file, path) in std::mem::take(&mut self.files) {
+            file.persist(&path).map_err(|e| Error::Io {
+                path: path.clone(),
+                source: e.error,
+            })?;
+            done.push(path);
+        }
+        for path in &self.obsolete {
+            if !done.contains(path) && path.is_file() {
+                fs::remove_file(path).map_err(|source| Error::Io {
+                    path: path.clone(),
+                    source,
+                })?;
+            }
+        }
+        Ok(done)
+    }
+
+    fn write(&mut self, path: PathBuf, bytes: &[u8]) -> Result<()> {
+        refuse_folder(&path)?;
+        let io = |source| Error::Io {
+            path: path.clone(),
+            source,
+        };
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(TEMPORARY_PREFIX);
+        #[cfg(unix)]
+        {
+            // The default of temporaries is 0600; outputs are ordinary files, subject to the user's umask.
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        let mut file = builder.tempfile_in(parent_of(&path)).map_err(io)?;
+        // The system drops the lock when the process dies, however it dies: an unlocked temporary is a stale one. Where
+        // the file system knows no locks, nothing is ever seen as stale.
+        let _ = file.as_file().try_lock_shared();
+        file.write_all(bytes).map_err(io)?;
+        self.files.retain(|(_, p)| *p != path);
+        self.files.push((file, path));
+        Ok(())
+    }
+
+    /// Creates `dir` if need be and removes stale temporaries in it, once per folder.
+    fn prepare(&mut self, dir: &Path) -> Result<()> {
+        if self.cleaned.contains(dir) {
+            return Ok(());
+        }
+        let missing: Vec<_> = dir
+            .ancestors()
+            .take_while(|p| !p.as_os_str().is_empty() && !p.exists())
+            .map(Path::to_owned)
+            .collect();
+        for p in missing.into_iter().rev() {
+            match fs::create_dir(&p) {
+                Ok(()) => self.created.push(p),
+                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(source) => return Err(Error::Io { path: p, source }),
+            }
+        }
+        remove_stale(dir)?;
+        self.cleaned.insert(dir.to_owned());
+        Ok(())
+    }
+}
+
+impl Drop for OutputSet {
+    fn drop(&mut self) {
+        self.files.clear();
+        for dir in self.created.iter().rev() {
+            // Fails where another program has put something there meanwhile, which is as it should be.
+            let _ = fs::remove_dir(dir);
+        }
+    }
+}
+
+fn parent_of(path: &Path) -> PathBuf {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}
+
+fn refuse_folder(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        return Err(Error::OutputName {
+            path: path.into(),
+            why: "a folder of that name exists",
+        });
+    }
+    Ok(())
+}
+
+/// Removes temporaries in `dir` that no living process holds a lock on.
+fn remove_stale(dir: &Path) -> Result<()> {
+    let io = |source| Error::Io {
+        path: dir.to_owned(),
+        source,
+    };
+    for entry in fs::read_dir(dir).map_err(io)? {
+        let entry = entry.map_err(io)?;
+        let ours = entry
+            .file_name()
+            .to_str()
+            .is_some_and(|n| n.starts_with(TEMPORARY_PREFIX));
+        if !ours || !entry.file_type().map_err(io)?.is_file() {
+            continue;
+        }
+        // Being unable to tidy up is no reason not to bake.
+        let Ok(file) = File::options().write(true).open(entry.path()) else {
+            continue;
+        };
+        match file.try_lock() {
+            Ok(()) => {
+                let _ = fs::remove_file(entry.path());
+            }
+            Err(TryLockError::WouldBlock | TryLockError::Error(_)) => {}
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(dir: &Path) -> Vec<String> {
+        let mut v: Vec<_> = fs::read_dir(dir)
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect();
+        v.sort();
+        v
+    }
+
+    #[test]
+    fn nothing_shows_before_commit_and_everything_after() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("a.exr"), b"old").unwrap();
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("a.exr", b"new").unwrap();
+        set.add("b.glb", b"b").unwrap();
+        assert_eq!(fs::read(dir.path().join("a.exr")).unwrap(), b"old");
+        assert!(!dir.path().join("b.glb").exists());
+        let done = set.commit().unwrap();
+        assert_eq!(done, [dir.path().join("a.exr"), dir.path().join("b.glb")]);
+        assert_eq!(names(dir.path()), ["a.exr", "b.glb"]);
+        assert_eq!(fs::read(dir.path().join("a.exr")).unwrap(), b"new");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn outputs_are_readable_as_ordinary_files_are() {
+        use std::os::unix::fs::PermissionsExt;
+        let dir = tempfile::tempdir().unwrap();
+        let plain = dir.path().join("plain");
+        fs::write(&plain, b"").unwrap();
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("a", b"x").unwrap();
+        set.commit().unwrap();
+        let mode = |p: &Path| fs::metadata(p).unwrap().permissions().mode() & 0o777;
+        assert_eq!(mode(&dir.path().join("a")), mode(&plain));
+    }
+
+    #[test]
+    fn dropping_leaves_the_folder_as_it_was() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("a.exr"), b"old").unwrap();
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("a.exr", b"new").unwrap();
+        drop(set);
+        assert_eq!(names(dir.path()), ["a.exr"]);
+        assert_eq!(fs::read(dir.path().join("a.exr")).unwrap(), b"old");
+
+        let deep = dir.path().join("x/y/z");
+        let mut set = OutputSet::create(&deep).unwrap();
+        set.add("a", b"1").unwrap();
+        drop(set);
+        assert_eq!(names(dir.path()), ["a.exr"]);
+        let mut set = OutputSet::create(&deep).unwrap();
+        set.add("a", b"1").unwrap();
+        set.commit().unwrap();
+        assert_eq!(names(&deep), ["a"]);
+    }
+
+    #[test]
+    fn a_killed_runs_temporaries_go_and_a_living_ones_stay() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join(".lumel-tmp-dead"), b"half a file").unwrap();
+        fs::write(dir.path().join(".other-tmp"), b"not ours").unwrap();
+        let mut alive = OutputSet::create(dir.path()).unwrap();
+        assert_eq!(names(dir.path()), [".other-tmp"]);
+        alive.add("a", b"1").unwrap();
+        let second = OutputSet::create(dir.path()).unwrap();
+        drop(second);
+        alive.commit().unwrap();
+        assert_eq!(names(dir.path()), [".other-tmp", "a"]);
+    }
+
+    #[test]
+    fn names_that_leave_the_folder_or_name_one_are_refused_and_nothing_is_renamed() {
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir(dir.path().join("folder")).unwrap();
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        for name in ["../a", "", ".", "..", "x/a", "/a", "folder"] {
+            assert!(
+                matches!(set.add(name, b""), Err(Error::OutputName { .. })),
+                "{name:?}"
+            );
+        }
+        // A folder that appears after the file was added is found before the first rename.
+        set.add("a", b"1").unwrap();
+        set.add("b", b"1").unwrap();
+        fs::create_dir(dir.path().join("b")).unwrap();
+        assert!(set.commit().is_err());
+        assert_eq!(names(dir.path()), ["b", "folder"]);
+    }
+
+    #[test]
+    fn pages_of_an_earlier_bake_are_removed_at_commit_only() {
+        let dir = tempfile::tempdir().unwrap();
+        for n in ["l.exr", "l.1.exr"] {
+            fs::write(dir.path().join(n), b"old").unwrap();
+        }
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("l.exr", b"new").unwrap();
+        for n in ["l.exr", "l.1.exr", "l.2.exr"] {
+            set.remove_obsolete(n);
+        }
+        assert_eq!(
+            names(dir.path())
+                .iter()
+                .filter(|n| !n.starts_with('.'))
+                .count(),
+            2
+        );
+        set.commit().unwrap();
+        assert_eq!(names(dir.path()), ["l.exr"]);
+    }
+
+    #[test]
+    fn a_report_can_lie_elsewhere() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut set = OutputSet::create(&dir.path().join("out")).unwrap();
+        set.add_path(&dir.path().join("reports/r.json"), b"{}")
+            .unwrap();
+        set.commit().unwrap();
+        assert_eq!(names(&dir.path().join("reports")), ["r.json"]);
+    }
+}
