@@ -1,1 +1,10 @@
 //! Scene makers and helpers for Lumel's whole-pipeline tests.
+//!
+//! [`scenes`] holds the scenes, each a function of its parameters that returns the bytes of a `.glb`; [`assets`] lists the
+//! ones that are committed under `assets/`, which `cargo run -p lumel-tests --bin make-assets` writes; [`gltf`] and [`geometry`]
+//! are what they are made with.
+
+pub mod assets;
+pub mod geometry;
+pub mod gltf;
+pub mod scenes;

@@ -1,0 +1,25 @@
+//! Scenes with parameters; each says where its data or its answer comes from.
+
+mod cornell;
+mod furnace;
+mod sealed;
+
+use glam::Vec3;
+
+pub use cornell::{cornell_box, lamp_radiance, reflectances};
+pub use furnace::{FurnaceShape, furnace};
+pub use sealed::sealed_dark_box;
+
+use crate::gltf::{GltfBuilder, Node, look_along};
+
+/// Adds a 16:9 camera at `eye` that looks at `target`; vertical field of view in degrees. The first is the preview's.
+fn add_camera(b: &mut GltfBuilder, eye: Vec3, target: Vec3, degrees: f32) {
+    let camera = b.camera("camera", degrees.to_radians(), 16.0 / 9.0);
+    b.node(Node {
+        name: "camera".into(),
+        translation: eye,
+        rotation: look_along(target - eye, Vec3::Y),
+        camera: Some(camera),
+        ..Node::default()
+    });
+}
