@@ -1,0 +1,306 @@
+//! `level.lightmap.json`: where each node's light is, for engines that lose a glTF's extras.
+
+use mesh_ingest::Scene;
+use serde::Serialize;
+
+use crate::atlas::{Layout, Placement, Rect};
+use crate::error::{Error, Result};
+
+/// What the R, G and B channels of a lightmap hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ValueKind {
+    /// R = E/π, the radiance of a white diffuse surface. What engines multiply with the albedo.
+    #[default]
+    Radiance,
+    /// E.
+    Irradiance,
+    /// B = M_e + ρE.
+    Radiosity,
+}
+
+impl ValueKind {
+    /// What a stored value is multiplied with to give irradiance; `None` where no factor does (radiosity).
+    pub fn scale_to_irradiance(self) -> Option<f64> {
+        match self {
+            ValueKind::Radiance => Some(std::f64::consts::PI),
+            ValueKind::Irradiance => Some(1.0),
+            ValueKind::Radiosity => None,
+        }
+    }
+}
+
+/// A placement in the terms of an engine: page uv = mesh uv × scale + offset.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UvTransform {
+    /// Top left corner of the rectangle, as a share of the page.
+    pub offset: [f64; 2],
+    /// Size of the rectangle, as a share of the page.
+    pub scale: [f64; 2],
+}
+
+impl UvTransform {
+    /// Of `placement` among `layout`'s pages; `None` where there is no such page or it is empty.
+    pub fn new(layout: &Layout, placement: &Placement) -> Option<UvTransform> {
+        let [w, h] = layout.pages.get(placement.page as usize)?.map(f64::from);
+        let r = placement.rect;
+        (w > 0.0 && h > 0.0).then(|| UvTransform {
+            offset: [f64::from(r.x) / w, f64::from(r.y) / h],
+            scale: [f64::from(r.w) / w, f64::from(r.h) / h],
+        })
+    }
+}
+
+/// The manifest. Field order is the order in the file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Manifest {
+    /// Format of this file; raised when a reader of the old one would go wrong.
+    pub version: u32,
+    /// Program and version.
+    pub generator: String,
+    /// The glTF whose `TEXCOORD_1` belongs to the pages, beside this file.
+    pub scene: String,
+    /// What the pages hold.
+    pub value: ValueKind,
+    /// Unit of the stored value: photometric or radiometric as the scene's lights are, which a glTF does not say.
+    pub units: &'static str,
+    /// Stored value × this = irradiance; null where there is no such factor.
+    pub scale_to_irradiance: Option<f64>,
+    /// Always `linear Rec.709`.
+    pub color_space: &'static str,
+    /// Always `top-down`: row 0 is v = 0, as in glTF.
+    pub row_order: &'static str,
+    /// The `TEXCOORD_n` with lightmap coordinates.
+    pub tex_coord: u32,
+    /// Texels per metre asked for.
+    pub texels_per_unit: f32,
+    /// One per page.
+    pub pages: Vec<ManifestPage>,
+    /// One per baked instance, in scene-graph order.
+    pub nodes: Vec<ManifestNode>,
+}
+
+/// A page file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ManifestPage {
+    /// Beside the manifest.
+    pub uri: String,
+    /// Texels.
+    pub width: u32,
+    /// Texels.
+    pub height: u32,
+}
+
+/// One instance.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct ManifestNode {
+    /// Index of the glTF node.
+    pub node: usize,
+    /// Its name, or empty.
+    pub name: String,
+    /// Which `EXT_mesh_gpu_instancing` copy of the node.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub copy: Option<u32>,
+    /// Index of the glTF mesh.
+    pub mesh: usize,
+    /// Page number.
+    pub page: u32,
+    /// Rectangle in texels of the page.
+    pub rect: Rect,
+    /// The same as a transform of `TEXCOORD_1`.
+    #[serde(flatten)]
+    pub uv: UvTransform,
+}
+
+impl Manifest {
+    /// Describes a finished bake; `page_uris` are the page files' names in order, `scene_uri` the glTF's.
+    ///
+    /// # Errors
+    /// [`Error::Inconsistent`] where `layout` and `page_uris` do not fit `scene`.
+    pub fn new(
+        scene: &Scene,
+        layout: &Layout,
+        scene_uri: &str,
+        page_uris: &[String],
+        value: ValueKind,
+    ) -> Result<Manifest> {
+        check(scene, layout, page_uris)?;
+        let mut nodes = Vec::with_capacity(scene.instances.len());
+        for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate()
+        {
+            nodes.push(ManifestNode {
+                node: instance.node,
+                name: instance.name.clone(),
+                copy: instance.copy,
+                mesh: scene.meshes[instance.mesh].gltf_mesh,
+                page: placement.page,
+                rect: placement.rect,
+                uv: uv_of(layout, placement, i)?,
+            });
+        }
+        Ok(Manifest {
+            version: 1,
+            generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
+            scene: scene_uri.into(),
+            value,
+            units: match value {
+                ValueKind::Radiance => "nit or W/(m2 sr)",
+                ValueKind::Irradiance | ValueKind::Radiosity => "lx or W/m2",
+            },
+            scale_to_irradiance: value.scale_to_irradiance(),
+            color_space: "linear Rec.709",
+            row_order: "top-down",
+            tex_coord: 1,
+            texels_per_unit: layout.texels_per_unit,
+            pages: layout
+                .pages
+                .iter()
+                .zip(page_uris)
+                .map(|(&[width, height], uri)| ManifestPage {
+                    uri: uri.clone(),
+                    width,
+                    height,
+                })
+                .collect(),
+            nodes,
+        })
+    }
+
+    /// The file's bytes: indented JSON with a final newline.
+    pub fn to_json(&self) -> Vec<u8> {
+        // Serialising plain structs into memory cannot fail: no map has keys that are not strings.
+        let mut bytes = serde_json::to_vec_pretty(self).unwrap_or_default();
+        bytes.push(b'\n');
+        bytes
+    }
+}
+
+/// Checks that the plan fits the scene: a mesh atlas per mesh, a placement per instance, a name per page.
+pub(crate) fn check(scene: &Scene, layout: &Layout, page_uris: &[String]) -> Result<()> {
+    let lengths = [
+        ("meshes", scene.meshes.len(), layout.meshes.len()),
+        ("placements", scene.instances.len(), layout.placements.len()),
+        ("page names", layout.pages.len(), page_uris.len()),
+    ];
+    for (what, expected, got) in lengths {
+        if expected != got {
+            return Err(Error::Inconsistent {
+                at: format!("layout {what}"),
+                message: format!("expected {expected}, got {got}"),
+            });
+        }
+    }
+    match scene
+        .instances
+        .iter()
+        .position(|i| i.mesh >= scene.meshes.len())
+    {
+        Some(i) => Err(Error::Inconsistent {
+            at: format!("instance {i}"),
+            message: "it names a mesh that is not there".into(),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// [`UvTransform::new`] with the error that names the instance.
+pub(crate) fn uv_of(
+    layout: &Layout,
+    placement: &Placement,
+    instance: usize,
+) -> Result<UvTransform> {
+    UvTransform::new(layout, placement).ok_or_else(|| Error::Inconsistent {
+        at: format!("placement of instance {instance}"),
+        message: format!("there is no page {} or it is empty", placement.page),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use mesh_ingest::{Instance, Mesh};
+
+    use super::*;
+    use crate::atlas::MeshAtlas;
+
+    fn scene() -> (Scene, Layout) {
+        let instance = |node, copy| Instance {
+            node,
+            name: format!("n{node}"),
+            copy,
+            mesh: 0,
+            transform: glam::DAffine3::IDENTITY,
+            extras: None,
+        };
+        let scene = Scene {
+            meshes: vec![Mesh {
+                gltf_mesh: 4,
+                ..Mesh::default()
+            }],
+            instances: vec![instance(2, None), instance(7, Some(1))],
+            ..Scene::default()
+        };
+        let place = |page, x| Placement {
+            page,
+            rect: Rect {
+                x,
+                y: 8,
+                w: 16,
+                h: 4,
+            },
+        };
+        let layout = Layout {
+            meshes: vec![MeshAtlas {
+                size: [16, 4],
+                ..MeshAtlas::default()
+            }],
+            placements: vec![place(0, 0), place(1, 32)],
+            pages: vec![[64, 32], [128, 16]],
+            texels_per_unit: 2.5,
+        };
+        (scene, layout)
+    }
+
+    #[test]
+    fn every_instance_is_listed_with_its_rectangle() {
+        let (scene, layout) = scene();
+        let uris = ["a.lightmap.exr".to_string(), "a.lightmap.1.exr".to_string()];
+        let m = Manifest::new(&scene, &layout, "a.glb", &uris, ValueKind::Radiance).unwrap();
+        let json: serde_json::Value = serde_json::from_slice(&m.to_json()).unwrap();
+        assert_eq!(json["scaleToIrradiance"], std::f64::consts::PI);
+        assert_eq!(json["value"], "radiance");
+        assert_eq!(
+            json["pages"][1],
+            serde_json::json!({"uri": "a.lightmap.1.exr", "width": 128, "height": 16})
+        );
+        let n = &json["nodes"][1];
+        assert_eq!(
+            (&n["node"], &n["copy"], &n["mesh"], &n["page"]),
+            (&7.into(), &1.into(), &4.into(), &1.into())
+        );
+        assert_eq!(
+            n["rect"],
+            serde_json::json!({"x": 32, "y": 8, "w": 16, "h": 4})
+        );
+        assert_eq!(
+            (n["offset"].clone(), n["scale"].clone()),
+            (
+                serde_json::json!([0.25, 0.5]),
+                serde_json::json!([0.125, 0.25])
+            )
+        );
+        assert!(json["nodes"][0].get("copy").is_none());
+    }
+
+    #[test]
+    fn plans_that_do_not_fit_are_errors() {
+        let (scene, layout) = scene();
+        let one = ["a.exr".to_string()];
+        assert!(Manifest::new(&scene, &layout, "a.glb", &one, ValueKind::Radiance).is_err());
+        let two = ["a.exr".to_string(), "b.exr".to_string()];
+        let mut far = layout.clone();
+        far.placements[1].page = 2;
+        assert!(Manifest::new(&scene, &far, "a.glb", &two, ValueKind::Radiance).is_err());
+    }
+}
