@@ -1,0 +1,257 @@
+//! The binary tree, built by obvhs and brought into a plain form with true bounds.
+
+use glam::{DVec3, Vec3, Vec3A};
+use obvhs::Boundable;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
+use obvhs::bvh2::leaf_collapser::collapse;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
+
+use crate::bvh::Quality;
+use crate::groups::Items;
+
+/// Triangles in a leaf at most: two packs.
+pub(crate) const MAX_LEAF: usize = 8;
+
+/// Cost of a node visit in triangle tests when obvhs merges leaves. obvhs's own presets use 3 for scalar triangle
+/// tests.
+const TRAVERSAL_COST: f32 = 3.0;
+
+/// Node of a [`Binary`] tree: a leaf over `order[first..first + count]`, or for `count == 0` the parent of nodes
+/// `first` and `first + 1`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BinaryNode {
+    pub lo: Vec3,
+    pub hi: Vec3,
+    pub first: u32,
+    pub count: u32,
+}
+
+impl BinaryNode {
+    /// Half of the box's surface area, the measure of how many rays enter. In f64, which no scene's area overflows.
+    pub fn half_area(&self) -> f64 {
+        let d = (self.hi.as_dvec3() - self.lo.as_dvec3()).max(DVec3::ZERO);
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+}
+
+/// Binary tree with children after their parents, root first.
+pub(crate) struct Binary {
+    pub nodes: Vec<BinaryNode>,
+    /// Permutation of the triangles that leaves refer to.
+    pub order: Vec<u32>,
+}
+
+/// A box in the unit cube, as obvhs wants it.
+struct UnitBox {
+    lo: [f32; 3],
+    hi: [f32; 3],
+}
+
+impl Boundable for UnitBox {
+    fn aabb(&self) -> Aabb {
+        Aabb::new(Vec3A::from_array(self.lo), Vec3A::from_array(self.hi))
+    }
+}
+
+/// Builds the tree over `triangles`, which are finite and not empty.
+pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
+    let mut scene = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for corner in triangles.iter().flatten() {
+        scene = (scene.0.min(*corner), scene.1.max(*corner));
+    }
+    let origin = scene.0.as_dvec3();
+    let extent = (scene.1.as_dvec3() - origin).max_element();
+    // obvhs multiplies areas in f32 and sorts them with an unwrap: unit scale keeps 1e18 from overflowing to NaN and
+    // 1e-18 from underflowing to areas that are all equal.
+    let scale = if extent > 0.0 { 1.0 / extent } else { 0.0 };
+    let to_unit = |p: Vec3| ((p.as_dvec3() - origin) * scale).as_vec3();
+    let unit = |index: u32| {
+        let [a, b, c] = triangles[index as usize].map(to_unit);
+        (a.min(b).min(c), a.max(b).max(c))
+    };
+
+    let centres: Vec<[f32; 3]> = (0..triangles.len() as u32)
+        .map(|i| {
+            let (lo, hi) = unit(i);
+            ((lo + hi) * 0.5).to_array()
+        })
+        .collect();
+    let size = |i: u32| {
+        let (lo, hi) = unit(i);
+        (hi - lo).max_element()
+    };
+    let items = Items::gather(&centres, size);
+    drop(centres);
+
+    let boxes: Vec<UnitBox> = (0..items.len())
+        .map(|item| {
+            let (lo, hi) =
+                items
+                    .triangles(item)
+                    .iter()
+                    .fold((Vec3::ONE, Vec3::ZERO), |(lo, hi), &t| {
+                        let b = unit(t);
+                        (lo.min(b.0), hi.max(b.1))
+                    });
+            let pad = jitter(item as u32, (hi - lo).max_element());
+            UnitBox {
+                lo: (lo - pad).to_array(),
+                hi: (hi + pad).to_array(),
+            }
+        })
+        .collect();
+    let tree = build_obvhs(&boxes, quality);
+    drop(boxes);
+    to_binary(tree, items, triangles)
+}
+
+/// Padding of the box that obvhs sees for primitive `item` of size `size`; our own bounds stay exact.
+///
+/// In rows of equal tiles every pair costs the same, and PLOC then merges one pair per pass. Random padding by up to 1/128
+/// of the size breaks such ties at no cost to the tree; the constant part keeps boxes without area from costing nothing.
+fn jitter(item: u32, size: f32) -> f32 {
+    let hash = item.wrapping_mul(0x9e37_79b9);
+    let hash = (hash ^ hash >> 15).wrapping_mul(0x85eb_ca6b);
+    let random = (hash >> 8) as f32 / (1u32 << 24) as f32;
+    size * random / 128.0 + (1.0 + random) / (1u32 << 22) as f32
+}
+
+fn build_obvhs(boxes: &[UnitBox], quality: Quality) -> Bvh2 {
+    let mut tree = PlocBuilder::new().build(
+        match quality {
+            Quality::Fast => PlocSearchDistance::Low,
+            Quality::Balanced | Quality::High => PlocSearchDistance::Medium,
+        },
+        boxes,
+        (0..boxes.len() as u32).collect(),
+        SortPrecision::U64,
+        match quality {
+            Quality::Fast | Quality::Balanced => 3,
+            Quality::High => 1,
+        },
+    );
+    let ratio = match quality {
+        Quality::Fast => 0.02,
+        Quality::Balanced => 0.05,
+        Quality::High => 1.0,
+    };
+    // obvhs's reinsertion keeps a stack of 2 × max_depth entries and overwrites silently when it is full: give it twice
+    // the depth that there is, and leave out what only a degenerate scene would need.
+    let reinsert = |tree: &mut Bvh2, ratio: f32| {
+        let depth = depth(tree);
+        if depth <= 1024 {
+            tree.max_depth = (depth * 2).max(96);
+            ReinsertionOptimizer::default().run(tree, ratio, None);
+        }
+    };
+    reinsert(&mut tree, ratio);
+    collapse(&mut tree, MAX_LEAF as u32, TRAVERSAL_COST);
+    reinsert(
+        &mut tree,
+        if quality == Quality::Fast {
+            0.0
+        } else {
+            (ratio * 2.0).min(1.0)
+        },
+    );
+    tree
+}
+
+/// Depth of an obvhs tree, without recursion.
+fn depth(tree: &Bvh2) -> usize {
+    let mut stack = vec![(0u32, 1usize)];
+    let mut deepest = 0;
+    while let Some((index, depth)) = stack.pop() {
+        deepest = deepest.max(depth);
+        let node = &tree.nodes[index as usize];
+        if !node.is_leaf() {
+            stack.push((node.first_index, depth + 1));
+            stack.push((node.first_index + 1, depth + 1));
+        }
+    }
+    deepest
+}
+
+/// What a slot of the new tree is to be filled from.
+enum Source {
+    Obvhs(u32),
+    Range { first: u32, end: u32 },
+}
+
+fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
+    let empty = BinaryNode {
+        lo: Vec3::INFINITY,
+        hi: Vec3::NEG_INFINITY,
+        first: 0,
+        count: 0,
+    };
+    let mut nodes = Vec::with_capacity(tree.nodes.len());
+    let mut order: Vec<u32> = Vec::with_capacity(triangles.len());
+    nodes.push(empty);
+    let mut work = vec![(Source::Obvhs(0), 0usize)];
+    while let Some((source, slot)) = work.pop() {
+        let (left, right) = match source {
+            Source::Obvhs(index) => {
+                let node = &tree.nodes[index as usize];
+                if node.is_leaf() {
+                    let start = order.len() as u32;
+                    let range =
+                        node.first_index as usize..(node.first_index + node.prim_count) as usize;
+                    for &item in &tree.primitive_indices[range] {
+                        order.extend_from_slice(items.triangles(item as usize));
+                    }
+                    work.push((
+                        Source::Range {
+                            first: start,
+                            end: order.len() as u32,
+                        },
+                        slot,
+                    ));
+                    continue;
+                }
+                (
+                    Source::Obvhs(node.first_index),
+                    Source::Obvhs(node.first_index + 1),
+                )
+            }
+            Source::Range { first, end } => {
+                let count = end - first;
+                if count as usize <= MAX_LEAF {
+                    nodes[slot].first = first;
+                    nodes[slot].count = count;
+                    for &t in &order[first as usize..end as usize] {
+                        for corner in triangles[t as usize] {
+                            nodes[slot].lo = nodes[slot].lo.min(corner);
+                            nodes[slot].hi = nodes[slot].hi.max(corner);
+                        }
+                    }
+                    continue;
+                }
+                // Halve at a multiple of the leaf size, so that all leaves but one are full.
+                let middle = first + (count / 2).next_multiple_of(MAX_LEAF as u32);
+                (
+                    Source::Range { first, end: middle },
+                    Source::Range { first: middle, end },
+                )
+            }
+        };
+        let children = nodes.len();
+        nodes[slot].first = children as u32;
+        nodes.extend([empty; 2]);
+        work.push((right, children + 1));
+        work.push((left, children));
+    }
+    for slot in (0..nodes.len()).rev() {
+        if nodes[slot].count == 0 {
+            let (a, b) = (
+                nodes[nodes[slot].first as usize],
+                nodes[nodes[slot].first as usize + 1],
+            );
+            nodes[slot].lo = a.lo.min(b.lo);
+            nodes[slot].hi = a.hi.max(b.hi);
+        }
+    }
+    Binary { nodes, order }
+}
