@@ -1,0 +1,264 @@
+//! How many lumels each mesh gets.
+
+use glam::{DAffine3, DMat3, DVec3};
+use mesh_ingest::{Mesh, Scene, Soup};
+use rayon::prelude::*;
+
+/// Largest share of the lumel budget that one huge instance may take in a scene of more than [`HUGE_FROM`] instances.
+const HUGE_SHARE: f64 = 0.25;
+/// Share that all huge instances may take together.
+const HUGE_TOTAL: f64 = 0.5;
+/// An instance is huge if it exceeds its share and is this many times as large as all smaller instances together.
+const HUGE_RATIO: f64 = 2.0;
+/// Scenes of so few instances are rooms made of few meshes, not levels on a ground plane.
+const HUGE_FROM: usize = 4;
+/// The rest of the scene gets at most this many times the density of a huge instance.
+const HUGE_CONTRAST: f64 = 32.0;
+/// Lumels that every instance gets at least: a rectangle of 4 × 4.
+const FLOOR_LUMELS: f64 = 16.0;
+/// Share of the budget that the floor may take, when there are very many small instances.
+const FLOOR_SHARE: f64 = 0.25;
+/// A mesh whose instances differ in size is given lumels for at most this many times their mean area.
+const UNEVEN: f64 = 4.0;
+
+/// Density of one mesh.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeshDensity {
+    /// Shape of the representative (largest) instance: lengths after this map are metres ([`shape_of`]).
+    pub linear: DMat3,
+    /// World area of that instance, m².
+    pub area: f64,
+    /// Number of instances.
+    pub instances: usize,
+    /// Lumels per metre on that instance.
+    pub texels_per_unit: f32,
+    /// Why this differs from the scene's density.
+    pub adjusted: Option<Adjusted>,
+}
+
+/// Why a mesh's density is its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Adjusted {
+    /// Lowered: the instance is far larger than the rest of the scene.
+    Huge,
+    /// Lowered: its largest instance is far larger than its others, and all share one size of rectangle.
+    Uneven,
+    /// Raised, so that it gets a handful of lumels at all.
+    Small,
+}
+
+/// Densities of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DensityPlan {
+    /// Lumels per metre of meshes that are not adjusted.
+    pub texels_per_unit: f32,
+    /// By mesh of the scene.
+    pub meshes: Vec<MeshDensity>,
+}
+
+/// The default density of a scene: lumels per metre with which all instances together get about `lumels` lumels.
+///
+/// Rounded to three digits. Huge instances count only with their share.
+pub fn choose_texels_per_unit(scene: &Scene, soup: &Soup, lumels: u64) -> f32 {
+    plan(scene, soup, None, lumels).texels_per_unit
+}
+
+/// Densities for all meshes; `wanted` is honoured for all, else they follow from the budget of `lumels`.
+pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> DensityPlan {
+    let mut meshes = survey(scene, soup);
+    if let Some(texels_per_unit) = wanted {
+        for mesh in &mut meshes {
+            mesh.texels_per_unit = texels_per_unit;
+        }
+        return DensityPlan {
+            texels_per_unit,
+            meshes: meshes.into_iter().map(|m| m.density).collect(),
+        };
+    }
+    let budget = (lumels.max(1)) as f64;
+    let count: usize = meshes.iter().map(|m| m.instances).sum();
+    // Area that each mesh's instances are charged with.
+    let charged: Vec<f64> = meshes
+        .iter()
+        .map(|m| m.area.min(UNEVEN * m.total / m.instances.max(1) as f64))
+        .collect();
+    let huge = huge_meshes(&meshes, &charged, count);
+    let cap = budget * HUGE_SHARE.min(HUGE_TOTAL / huge.len().max(1) as f64);
+    let mut rest = 0.0;
+    for (i, m) in meshes.iter().enumerate() {
+        if !huge.contains(&i) {
+            rest += charged[i] * m.instances as f64;
+        }
+    }
+    let free = budget - cap * huge.len() as f64;
+    let mut density = (free / rest.max(f64::MIN_POSITIVE)).sqrt();
+    for &i in &huge {
+        density = density.min(HUGE_CONTRAST * (cap / charged[i]).sqrt());
+    }
+    let density = three_digits(density.clamp(1e-6, 1e6));
+    let floor = FLOOR_LUMELS.min(FLOOR_SHARE * budget / count.max(1) as f64);
+    for (i, m) in meshes.iter_mut().enumerate() {
+        let (mut own, mut adjusted) = (f64::from(density), None);
+        if huge.contains(&i) {
+            own = own.min((cap / charged[i]).sqrt());
+            adjusted = Some(Adjusted::Huge);
+        } else if charged[i] < m.area * 0.99 {
+            own *= (charged[i] / m.area).sqrt();
+            adjusted = Some(Adjusted::Uneven);
+        }
+        let least = (floor / m.area.max(f64::MIN_POSITIVE)).sqrt().min(1e6);
+        if own < least {
+            own = least;
+            adjusted = Some(Adjusted::Small);
+        }
+        m.density.texels_per_unit = own as f32;
+        m.density.adjusted = adjusted;
+    }
+    DensityPlan {
+        texels_per_unit: density,
+        meshes: meshes.into_iter().map(|m| m.density).collect(),
+    }
+}
+
+/// Meshes of one instance that dwarf everything smaller.
+fn huge_meshes(meshes: &[Surveyed], charged: &[f64], count: usize) -> Vec<usize> {
+    if count <= HUGE_FROM {
+        return Vec::new();
+    }
+    let mut order: Vec<usize> = (0..meshes.len()).filter(|&i| charged[i] > 0.0).collect();
+    order.sort_by(|&a, &b| charged[b].total_cmp(&charged[a]).then(a.cmp(&b)));
+    let total: f64 = order
+        .iter()
+        .map(|&i| charged[i] * meshes[i].instances as f64)
+        .sum();
+    let mut smaller = total;
+    let mut huge = Vec::new();
+    for i in order {
+        smaller -= charged[i] * meshes[i].instances as f64;
+        let alone = meshes[i].instances == 1;
+        // What is left of the scene after taking away those found is what the share is measured against.
+        if !(alone && smaller > 0.0 && charged[i] > HUGE_RATIO * smaller) {
+            break;
+        }
+        huge.push(i);
+    }
+    huge
+}
+
+/// A mesh with its instances summed up.
+struct Surveyed {
+    density: MeshDensity,
+    /// World area of all its instances, m².
+    total: f64,
+}
+
+impl std::ops::Deref for Surveyed {
+    type Target = MeshDensity;
+    fn deref(&self) -> &MeshDensity {
+        &self.density
+    }
+}
+
+impl std::ops::DerefMut for Surveyed {
+    fn deref_mut(&mut self) -> &mut MeshDensity {
+        &mut self.density
+    }
+}
+
+fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
+    let areas: Vec<f64> = scene
+        .instances
+        .par_iter()
+        .enumerate()
+        .map(|(i, instance)| {
+            let listed = soup.instance_ranges.get(i).map_or(0.0, |&[first, end]| {
+                let range = first as usize..end as usize;
+                soup.areas
+                    .get(range)
+                    .map_or(0.0, |a| a.iter().map(|&x| f64::from(x)).sum())
+            });
+            // The soup leaves out duplicates; an instance that lies on another still needs lumels.
+            if listed > 0.0 {
+                listed
+            } else {
+                world_area(&scene.meshes[instance.mesh], instance.transform.matrix3)
+            }
+        })
+        .collect();
+    let mut meshes: Vec<Surveyed> = scene
+        .meshes
+        .iter()
+        .map(|_| Surveyed {
+            density: MeshDensity {
+                linear: DMat3::IDENTITY,
+                area: 0.0,
+                instances: 0,
+                texels_per_unit: 1.0,
+                adjusted: None,
+            },
+            total: 0.0,
+        })
+        .collect();
+    for (instance, &area) in scene.instances.iter().zip(&areas) {
+        let mesh = &mut meshes[instance.mesh];
+        mesh.instances += 1;
+        mesh.total += area;
+        // A hair more is the same: rotations must not decide which instance represents the mesh.
+        if mesh.instances == 1 || area > mesh.area * (1.0 + 1e-4) {
+            mesh.area = area;
+            mesh.linear = shape_of(&instance.transform);
+        }
+    }
+    meshes
+}
+
+fn world_area(mesh: &Mesh, linear: DMat3) -> f64 {
+    let area = |corners: [DVec3; 3]| {
+        let [a, b, c] = corners.map(|p| linear * p);
+        0.5 * (b - a).cross(c - a).length()
+    };
+    mesh.primitives
+        .iter()
+        .flat_map(|p| {
+            p.triangles
+                .iter()
+                .map(|t| area(t.map(|v| p.positions[v as usize].as_dvec3())))
+        })
+        .sum()
+}
+
+/// What a transform does to lengths and angles, without its rotation and mirroring: the upper triangular R of M = Q R with
+/// a positive diagonal. A mesh mapped by R has the world's shape, and its UVs do not depend on how it is turned.
+///
+/// Entries are rounded to 1e-5 of the largest, so that a rotated copy of a mesh gets exactly the same.
+pub fn shape_of(transform: &DAffine3) -> DMat3 {
+    let m = transform.matrix3;
+    let (a, b, c) = (m.x_axis, m.y_axis, m.z_axis);
+    let r11 = a.length();
+    let q1 = a.normalize_or_zero();
+    let r12 = q1.dot(b);
+    let b = b - q1 * r12;
+    let r22 = b.length();
+    let q2 = b.normalize_or_zero();
+    let (r13, r23) = (q1.dot(c), q2.dot(c));
+    let r33 = (c - q1 * r13 - q2 * r23).length();
+    let largest = r11.max(r22).max(r33);
+    if !(largest > 0.0 && largest.is_finite()) {
+        return DMat3::IDENTITY;
+    }
+    // Five digits of the largest entry: rounding noise of node transforms is 1e-7.
+    let grid = 10f64.powi(largest.log10().floor() as i32 - 5);
+    let round = |x: f64| (x / grid).round() * grid;
+    DMat3::from_cols(
+        DVec3::new(round(r11).max(grid), 0.0, 0.0),
+        DVec3::new(round(r12), round(r22).max(grid), 0.0),
+        DVec3::new(round(r13), round(r23), round(r33).max(grid)),
+    )
+}
+
+/// Rounds to three significant digits, as a user would write it.
+fn three_digits(x: f64) -> f32 {
+    let unit = 10f64.powi(x.log10().floor() as i32 - 2);
+    ((x / unit).round() * unit) as f32
+}

@@ -1,0 +1,436 @@
+//! The whole lightmap's plan: densities, charts per mesh, rectangles per instance, pages.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use glam::Vec2;
+use mesh_ingest::{Mesh, Scene, Soup};
+use rayon::prelude::*;
+use serde::Serialize;
+use thiserror::Error;
+
+use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect, UvOrigin};
+use crate::density::{Adjusted, DensityPlan, MeshDensity, plan};
+use crate::pack::pack_pages;
+use crate::unwrap::{
+    Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, UnwrapperChoice, measure,
+    unwrap_with_fallback,
+};
+use crate::uv_check::{UvMode, keep_uvs};
+
+/// How to lay a scene out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LayoutOptions {
+    /// Lumels per metre on every mesh; `None`: from the budget.
+    pub texels_per_unit: Option<f32>,
+    /// Lumels to aim at where no density is given.
+    pub lumel_budget: u64,
+    /// Longest side of a page in texels, ≥ 8.
+    pub max_page: u32,
+    /// Texels between charts.
+    pub padding: u32,
+    /// Whether to use the asset's own coordinates.
+    pub uv_mode: UvMode,
+    /// Which unwrapper makes new ones.
+    pub unwrapper: UnwrapperChoice,
+}
+
+impl Default for LayoutOptions {
+    fn default() -> Self {
+        LayoutOptions {
+            texels_per_unit: None,
+            lumel_budget: 200_000,
+            max_page: 2048,
+            padding: 2,
+            uv_mode: UvMode::Auto,
+            unwrapper: UnwrapperChoice::Auto,
+        }
+    }
+}
+
+/// How far a layout is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LayoutProgress {
+    /// Triangles whose mesh is done.
+    pub done: usize,
+    /// Triangles of all meshes.
+    pub total: usize,
+}
+
+/// Why there is no layout.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum LayoutError {
+    /// The progress callback asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+    /// An option is out of its range.
+    #[error("{option} must be {requirement}")]
+    Option {
+        /// Name of the field of [`LayoutOptions`].
+        option: &'static str,
+        /// What it must be.
+        requirement: &'static str,
+    },
+    /// A mesh got no charts.
+    #[error("mesh {mesh} \"{name}\" cannot be unwrapped: {source}")]
+    Unwrap {
+        /// Index of the glTF mesh.
+        mesh: usize,
+        /// Its name.
+        name: String,
+        /// What the last unwrapper said.
+        source: UnwrapError,
+    },
+}
+
+/// What was laid out, for reports. Deterministic: no times in it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct LayoutReport {
+    /// Lumels per metre of the scene.
+    pub texels_per_unit: f32,
+    /// By mesh of the scene.
+    pub meshes: Vec<MeshReport>,
+    /// Number of instances placed.
+    pub instances: usize,
+    /// Sizes of the pages in texels.
+    pub pages: Vec<[u32; 2]>,
+    /// Texels that charts cover, over all instances (by area).
+    pub lumels: f64,
+    /// `lumels` over the pages' texels.
+    pub coverage: f64,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// One mesh's charts.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct MeshReport {
+    /// Index of the glTF mesh.
+    pub gltf_mesh: usize,
+    /// Its name.
+    pub name: String,
+    /// Number of instances.
+    pub instances: usize,
+    /// Where its coordinates come from.
+    pub origin: UvOrigin,
+    /// Which unwrapper made them; absent where they were kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unwrapper: Option<&'static str>,
+    /// Size of its rectangle in texels.
+    pub size: [u32; 2],
+    /// Number of charts.
+    pub charts: u32,
+    /// Chart area over the rectangle's.
+    pub utilisation: f64,
+    /// L² stretch, 1 = none.
+    pub stretch: f64,
+    /// Smallest, median and largest lumels per metre on the largest instance.
+    pub density: [f64; 3],
+    /// Triangles whose chart triangle is turned over (0 unless kept from the asset).
+    pub flipped: u64,
+    /// Triangles too thin for any area in the lightmap.
+    pub collapsed: u64,
+    /// Why its density is not the scene's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adjusted: Option<Adjusted>,
+}
+
+/// Plans the lightmap of `scene`.
+///
+/// `progress` is called from several threads and now and then even when nothing has moved; `false` stops the work within about a second.
+/// The result depends on the scene and the options only, and a mesh's coordinates only on the mesh, its largest
+/// instance's scale and its density.
+///
+/// # Errors
+/// [`LayoutError`].
+pub fn layout(
+    scene: &Scene,
+    soup: &Soup,
+    options: &LayoutOptions,
+    progress: &(dyn Fn(LayoutProgress) -> bool + Sync),
+) -> Result<(Layout, LayoutReport), LayoutError> {
+    validate(options)?;
+    let plan = plan(scene, soup, options.texels_per_unit, options.lumel_budget);
+    let total = scene.meshes.iter().map(triangle_count).sum();
+    let done = AtomicUsize::new(0);
+    let cancel = || {
+        !progress(LayoutProgress {
+            done: done.load(Ordering::Relaxed),
+            total,
+        })
+    };
+    let results: Vec<Result<(MeshAtlas, MeshReport, Vec<String>), LayoutError>> = scene
+        .meshes
+        .par_iter()
+        .zip(&plan.meshes)
+        .map(|(mesh, density)| {
+            let result = lay_out_mesh(mesh, density, options, &cancel);
+            done.fetch_add(triangle_count(mesh), Ordering::Relaxed);
+            if cancel() {
+                return Err(LayoutError::Cancelled);
+            }
+            result
+        })
+        .collect();
+    let mut layout = Layout {
+        texels_per_unit: plan.texels_per_unit,
+        ..Layout::default()
+    };
+    let mut report = LayoutReport {
+        texels_per_unit: plan.texels_per_unit,
+        instances: scene.instances.len(),
+        ..LayoutReport::default()
+    };
+    for result in results {
+        let (atlas, mesh, warnings) = result?;
+        layout.meshes.push(atlas);
+        report.meshes.push(mesh);
+        report.warnings.extend(warnings);
+    }
+    place_instances(scene, options, &mut layout);
+    if cancel() {
+        return Err(LayoutError::Cancelled);
+    }
+    summarise(&plan, &layout, &mut report);
+    Ok((layout, report))
+}
+
+fn validate(options: &LayoutOptions) -> Result<(), LayoutError> {
+    let wrong = |option, requirement| {
+        Err(LayoutError::Option {
+            option,
+            requirement,
+        })
+    };
+    if options
+        .texels_per_unit
+        .is_some_and(|t| !(t.is_finite() && t > 0.0))
+    {
+        return wrong("texels_per_unit", "finite and above 0");
+    }
+    if !(8..=16384).contains(&options.max_page) {
+        return wrong("max_page", "8 to 16384");
+    }
+    if options.padding > options.max_page / 4 {
+        return wrong("padding", "at most a quarter of max_page");
+    }
+    if options.lumel_budget == 0 {
+        return wrong("lumel_budget", "above 0");
+    }
+    Ok(())
+}
+
+fn triangle_count(mesh: &Mesh) -> usize {
+    mesh.primitives.iter().map(|p| p.triangles.len()).sum()
+}
+
+fn lay_out_mesh(
+    mesh: &Mesh,
+    density: &MeshDensity,
+    options: &LayoutOptions,
+    cancel: Cancel<'_>,
+) -> Result<(MeshAtlas, MeshReport, Vec<String>), LayoutError> {
+    if cancel() {
+        return Err(LayoutError::Cancelled);
+    }
+    let input = UnwrapInput::from_mesh(mesh, density.linear);
+    let mut report = MeshReport {
+        gltf_mesh: mesh.gltf_mesh,
+        name: mesh.name.clone(),
+        instances: density.instances,
+        adjusted: density.adjusted,
+        ..MeshReport::default()
+    };
+    let mut warnings = Vec::new();
+    let label = format!("mesh {} \"{}\"", mesh.gltf_mesh, mesh.name);
+    let wanted = density.texels_per_unit;
+    let mut origin = UvOrigin::Generated;
+    if options.uv_mode != UvMode::Generate {
+        match keep_uvs(mesh, &input, wanted, options.max_page) {
+            Some(Ok((atlas, reached))) => {
+                fill_report(&mut report, &input, &flat_view(&atlas));
+                report.origin = UvOrigin::Kept;
+                warn_density(&mut warnings, &label, wanted, reached);
+                return Ok((atlas, report, warnings));
+            }
+            Some(Err(why)) => {
+                warnings.push(format!("{label}: TEXCOORD_1 replaced: {why}"));
+                origin = UvOrigin::Replaced { why };
+            }
+            None if options.uv_mode == UvMode::Keep => {
+                warnings.push(format!("{label}: no TEXCOORD_1 to keep, made one"));
+            }
+            None => {}
+        }
+    }
+    let unwrap_options = UnwrapOptions {
+        texels_per_unit: wanted,
+        padding: options.padding,
+        max_size: options.max_page,
+    };
+    let (flat, unwrapper, failures) = unwrap_with_fallback(
+        &options.unwrapper.candidates(),
+        &input,
+        &unwrap_options,
+        cancel,
+    )
+    .map_err(|source| match source {
+        UnwrapError::Cancelled => LayoutError::Cancelled,
+        source => LayoutError::Unwrap {
+            mesh: mesh.gltf_mesh,
+            name: mesh.name.clone(),
+            source,
+        },
+    })?;
+    warnings.extend(
+        failures
+            .iter()
+            .map(|f| format!("{label}: {f}; {unwrapper} used")),
+    );
+    warn_density(&mut warnings, &label, wanted, flat.texels_per_unit);
+    fill_report(&mut report, &input, &flat);
+    report.origin = origin.clone();
+    report.unwrapper = Some(unwrapper);
+    Ok((assemble(mesh, &flat, origin), report, warnings))
+}
+
+fn warn_density(warnings: &mut Vec<String>, label: &str, wanted: f32, reached: f32) {
+    if reached < wanted * 0.999 {
+        warnings.push(format!(
+            "{label}: density lowered from {wanted:.4} to {reached:.4} lumels per metre to fit the page"
+        ));
+    }
+}
+
+fn fill_report(report: &mut MeshReport, input: &UnwrapInput, flat: &UnwrappedMesh) {
+    let measured = measure(input, flat);
+    report.size = flat.size;
+    report.charts = measured.charts;
+    report.utilisation = measured.utilisation;
+    report.stretch = measured.stretch;
+    report.density = measured.density;
+    report.flipped = measured.flipped;
+    report.collapsed = measured.collapsed;
+}
+
+/// A kept atlas as corners per triangle.
+fn flat_view(atlas: &MeshAtlas) -> UnwrappedMesh {
+    let mut flat = UnwrappedMesh {
+        size: atlas.size,
+        charts: atlas.charts,
+        ..UnwrappedMesh::default()
+    };
+    for p in &atlas.primitives {
+        let corners = p.triangles.iter().map(|t| t.map(|v| p.uv[v as usize]));
+        flat.corners.extend(corners);
+        flat.chart.extend(&p.chart);
+    }
+    flat
+}
+
+/// Splits each primitive's vertices where charts part: one new vertex per (vertex, chart, position), in that order.
+fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
+    let mut first = 0;
+    let primitives = mesh
+        .primitives
+        .iter()
+        .map(|primitive| {
+            let count = primitive.triangles.len();
+            let corners = &flat.corners[first..first + count];
+            let chart = &flat.chart[first..first + count];
+            first += count;
+            let mut keys: Vec<(u32, u32, [u32; 2], u32)> = Vec::with_capacity(count * 3);
+            for (t, triangle) in primitive.triangles.iter().enumerate() {
+                for k in 0..3 {
+                    let bits = corners[t][k].to_array().map(f32::to_bits);
+                    keys.push((triangle[k], chart[t], bits, (t * 3 + k) as u32));
+                }
+            }
+            keys.par_sort_unstable();
+            let mut atlas = PrimitiveAtlas {
+                triangles: vec![[0; 3]; count],
+                chart: chart.to_vec(),
+                ..PrimitiveAtlas::default()
+            };
+            for run in keys.chunk_by(|x, y| (x.0, x.1, x.2) == (y.0, y.1, y.2)) {
+                let new = atlas.xref.len() as u32;
+                let (vertex, _, bits, _) = run[0];
+                atlas.xref.push(vertex);
+                atlas.uv.push(Vec2::from(bits.map(f32::from_bits)));
+                for &(.., corner) in run {
+                    atlas.triangles[corner as usize / 3][corner as usize % 3] = new;
+                }
+            }
+            atlas
+        })
+        .collect();
+    MeshAtlas {
+        size: flat.size,
+        primitives,
+        charts: flat.charts,
+        origin,
+    }
+}
+
+/// Gives every instance a rectangle of its mesh's size.
+fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) {
+    let lone = scene.instances.len() == 1;
+    // Charts made here keep their distance from the rectangle's border; an asset's own may touch it.
+    let border = |mesh: usize| match layout.meshes[mesh].origin {
+        UvOrigin::Kept if !lone => options.padding.div_ceil(2),
+        _ => 0,
+    };
+    let max = options.max_page;
+    let sizes: Vec<[u32; 2]> = scene
+        .instances
+        .iter()
+        .map(|i| {
+            let b = border(i.mesh);
+            layout.meshes[i.mesh].size.map(|s| (s + 2 * b).min(max))
+        })
+        .collect();
+    let packed = pack_pages(&sizes, max).unwrap_or_default();
+    layout.placements = scene
+        .instances
+        .iter()
+        .zip(&packed.places)
+        .zip(&sizes)
+        .map(|((instance, &(page, [x, y])), outer)| {
+            let [w, h] = layout.meshes[instance.mesh].size;
+            Placement {
+                page,
+                rect: Rect {
+                    x: x + (outer[0] - w) / 2,
+                    y: y + (outer[1] - h) / 2,
+                    w,
+                    h,
+                },
+            }
+        })
+        .collect();
+    layout.pages = packed.pages;
+}
+
+fn summarise(plan: &DensityPlan, layout: &Layout, report: &mut LayoutReport) {
+    report.pages.clone_from(&layout.pages);
+    for (mesh, density) in report.meshes.iter().zip(&plan.meshes) {
+        let texels = f64::from(mesh.size[0]) * f64::from(mesh.size[1]);
+        report.lumels += mesh.utilisation * texels * density.instances as f64;
+        if let Some(Adjusted::Huge) = density.adjusted {
+            report.warnings.push(format!(
+                "mesh {} \"{}\" is huge ({:.0} m2): {:.4} lumels per metre instead of {:.4}",
+                mesh.gltf_mesh,
+                mesh.name,
+                density.area,
+                density.texels_per_unit,
+                plan.texels_per_unit
+            ));
+        }
+    }
+    let texels: f64 = layout
+        .pages
+        .iter()
+        .map(|p| f64::from(p[0]) * f64::from(p[1]))
+        .sum();
+    report.coverage = report.lumels / texels.max(1.0);
+}

@@ -1,0 +1,217 @@
+//! Packing of rectangles into pages.
+
+use guillotiere::{AllocatorOptions, SimpleAtlasAllocator, size2};
+
+/// From how many rectangles on to pack in rows. A guillotine packing searches its free list for every rectangle, which
+/// grows quadratic; thousands of rectangles sorted by height fill rows as well (96 % against 97 %, `docs/unwrap.md`).
+const ROWS_FROM: usize = 1500;
+
+/// Rectangles on one page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PackedPage {
+    /// Top left corner of each rectangle, in the order given.
+    pub corners: Vec<[u32; 2]>,
+    /// Width and height that they take up.
+    pub size: [u32; 2],
+}
+
+/// Rectangles on as many pages as they need.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct PackedPages {
+    /// Page and top left corner of each rectangle, in the order given.
+    pub places: Vec<(u32, [u32; 2])>,
+    /// Width and height of each page: multiples of 4 where `max_page` is one, except for a lone rectangle, whose page is
+    /// exactly as large as it is.
+    pub pages: Vec<[u32; 2]>,
+}
+
+/// Packs `sizes` (width, height ≥ 1) without rotation into pages of at most `max_page` × `max_page`.
+///
+/// One page, nearly square and as tight as found, if that is enough; otherwise full pages and a tight last one. The same input gives the
+/// same output. `None` if a rectangle exceeds the page.
+pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32) -> Option<PackedPages> {
+    if sizes.iter().flatten().any(|&s| s > max_page) {
+        return None;
+    }
+    match sizes {
+        [] => return Some(PackedPages::default()),
+        [only] => {
+            return Some(PackedPages {
+                places: vec![(0, [0, 0])],
+                pages: vec![*only],
+            });
+        }
+        _ => {}
+    }
+    let order = by_height(sizes);
+    let mut result = PackedPages {
+        places: vec![(0, [0, 0]); sizes.len()],
+        pages: Vec::new(),
+    };
+    let mut rest = order;
+    while !rest.is_empty() {
+        let page = result.pages.len() as u32;
+        if let Some((size, corners)) = tight_page(sizes, &rest, max_page) {
+            for (&i, corner) in rest.iter().zip(corners) {
+                result.places[i] = (page, corner);
+            }
+            result.pages.push(size);
+            break;
+        }
+        let full = [max_page, max_page];
+        let mut left = Vec::new();
+        for (&i, corner) in rest.iter().zip(fill(sizes, &rest, full, false)) {
+            match corner {
+                Some(corner) => result.places[i] = (page, corner),
+                None => left.push(i),
+            }
+        }
+        result.pages.push(full);
+        rest = left;
+    }
+    Some(result)
+}
+
+/// Packs `sizes` in rows on one page no larger than `max_size` in either direction: fast for any number.
+pub fn shelf_pack(sizes: &[[u32; 2]], max_size: u32) -> Option<PackedPage> {
+    let order = by_height(sizes);
+    let area: f64 = sizes
+        .iter()
+        .map(|s| f64::from(s[0]) * f64::from(s[1]))
+        .sum();
+    let widest = sizes.iter().map(|s| s[0]).max().unwrap_or(1);
+    if widest > max_size || area > f64::from(max_size).powi(2) {
+        return None;
+    }
+    let mut width = widest.max((area.sqrt() * 1.02).ceil() as u32).min(max_size);
+    loop {
+        let placed = rows(sizes, &order, [width, max_size]);
+        if placed.iter().all(Option::is_some) {
+            let mut corners = vec![[0, 0]; sizes.len()];
+            let mut size = [1, 1];
+            for (&i, corner) in order.iter().zip(placed) {
+                corners[i] = corner.unwrap_or_default();
+                for axis in 0..2 {
+                    size[axis] = size[axis].max(corners[i][axis] + sizes[i][axis]);
+                }
+            }
+            return Some(PackedPage { corners, size });
+        }
+        if width == max_size {
+            return None;
+        }
+        width = (width + width / 8 + 1).min(max_size);
+    }
+}
+
+/// Indices of `sizes`, tallest first, then widest, then as given.
+fn by_height(sizes: &[[u32; 2]]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..sizes.len()).collect();
+    order.sort_by_key(|&i| (std::cmp::Reverse((sizes[i][1], sizes[i][0])), i));
+    order
+}
+
+/// The smallest page found that holds all of `order`, with their corners in that order.
+fn tight_page(
+    sizes: &[[u32; 2]],
+    order: &[usize],
+    max_page: u32,
+) -> Option<([u32; 2], Vec<[u32; 2]>)> {
+    /// Width over the side of the square of equal area: a little wide or tall may fit better, more than 4 : 3 is no
+    /// longer "roughly square".
+    const WIDTHS: [f64; 5] = [1.0, 0.93, 1.07, 0.87, 1.15];
+    let area: f64 = order
+        .iter()
+        .map(|&i| f64::from(sizes[i][0]) * f64::from(sizes[i][1]))
+        .sum();
+    if area > f64::from(max_page).powi(2) {
+        return None;
+    }
+    let largest = |axis: usize| order.iter().map(|&i| sizes[i][axis]).max().unwrap_or(1);
+    let round = |x: u32| x.next_multiple_of(4).min(max_page);
+    let (widest, tallest) = (largest(0), largest(1));
+    // Grow the page by 1.5 % a side until something fits.
+    let mut side = area.sqrt();
+    loop {
+        let mut best: Option<([u32; 2], Vec<[u32; 2]>)> = None;
+        let mut all_full = true;
+        for factor in WIDTHS {
+            let width = round(widest.max((side * factor).ceil() as u32));
+            let height = round(tallest.max((side * side / f64::from(width)).ceil() as u32));
+            all_full &= width == max_page && height == max_page;
+            let page = [width, height];
+            let better = best
+                .as_ref()
+                .is_none_or(|(b, _)| page_area(page) < page_area(*b));
+            if better {
+                let placed = fill(sizes, order, page, true);
+                let corners: Option<Vec<_>> = placed.into_iter().collect();
+                if let Some(corners) = corners.filter(|c| c.len() == order.len()) {
+                    best = Some((page, corners));
+                }
+            }
+        }
+        if best.is_some() {
+            return best;
+        }
+        if all_full {
+            return None;
+        }
+        side = (side * 1.015).max(side + 1.0);
+    }
+}
+
+fn page_area(page: [u32; 2]) -> u64 {
+    u64::from(page[0]) * u64::from(page[1])
+}
+
+/// Places what fits of `order` on one page. With `all`, stops at the first that does not fit (a shorter list returns).
+fn fill(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2], all: bool) -> Vec<Option<[u32; 2]>> {
+    if order.len() >= ROWS_FROM {
+        return rows(sizes, order, page);
+    }
+    let options = AllocatorOptions {
+        small_size_threshold: 8,
+        large_size_threshold: 64,
+        ..AllocatorOptions::default()
+    };
+    let mut allocator =
+        SimpleAtlasAllocator::with_options(size2(page[0] as i32, page[1] as i32), &options);
+    let mut placed = Vec::with_capacity(order.len());
+    for &i in order {
+        let place = allocator
+            .allocate(size2(sizes[i][0] as i32, sizes[i][1] as i32))
+            .map(|r| [r.min.x as u32, r.min.y as u32]);
+        if all && place.is_none() {
+            break;
+        }
+        placed.push(place);
+    }
+    placed
+}
+
+/// Rows of falling height: each rectangle goes to the end of the current row, else opens the next.
+fn rows(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2]) -> Vec<Option<[u32; 2]>> {
+    let (mut x, mut y, mut height) = (0u32, 0u32, 0u32);
+    order
+        .iter()
+        .map(|&i| {
+            let [w, h] = sizes[i];
+            if w > page[0] || h > page[1] {
+                return None;
+            }
+            if x + w > page[0] {
+                // Saturates: once a page is full, every later (lower) rectangle is checked against this row.
+                y = y.saturating_add(height);
+                (x, height) = (0, 0);
+            }
+            if y.saturating_add(h) > page[1] {
+                return None;
+            }
+            height = height.max(h);
+            let corner = [x, y];
+            x += w;
+            Some(corner)
+        })
+        .collect()
+}

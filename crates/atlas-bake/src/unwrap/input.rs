@@ -1,0 +1,299 @@
+//! What an unwrapper is given: one mesh, welded, scaled to world size, with its hard edges marked.
+
+use glam::{DMat3, DVec3, Vec3};
+use mesh_ingest::Mesh;
+use rayon::slice::ParallelSliceMut;
+
+/// Edges sharper than this are chart borders where the shading is hard too (normals differ, or there are none).
+///
+/// Degrees. Irradiance jumps across a crease, and bilinear filtering inside one chart would smear it; but low-poly
+/// terrain has creases everywhere, and a chart per facet would drown it in padding. See `docs/unwrap.md`.
+pub const CREASE_DEGREES: f64 = 40.0;
+
+/// Edges sharper than this are chart borders whatever the normals say (degrees).
+pub const SHARP_DEGREES: f64 = 65.0;
+
+/// Corner normals that differ by less than this count as smooth shading (degrees).
+const SMOOTH_NORMAL_DEGREES: f64 = 8.0;
+
+/// "No triangle" in [`UnwrapInput::neighbors`].
+pub const NONE: u32 = u32::MAX;
+
+/// One mesh, ready to be unwrapped: all primitives together, vertices welded where positions are exactly equal.
+#[derive(Debug, Clone, Default)]
+pub struct UnwrapInput {
+    /// Welded positions, scaled as the mesh stands in the world (metres).
+    pub positions: Vec<Vec3>,
+    /// Welded vertex indices; primitive after primitive, triangles in order.
+    pub triangles: Vec<[u32; 3]>,
+    /// Number of the primitive that each triangle belongs to. Charts never span two.
+    pub primitive: Vec<u32>,
+    /// `[t][k]`: the edge from corner k to corner k+1 of triangle t must be a chart border.
+    pub seams: Vec<[bool; 3]>,
+    /// `[t][k]`: the triangle across the edge from corner k to k+1, or [`NONE`]. Of the triangles at a non-manifold edge those
+    /// that continue each other most smoothly are paired.
+    pub neighbors: Vec<[u32; 3]>,
+    /// Layer of each triangle. Regions that meet at an edge of more than two triangles (a sheet and its modelled
+    /// back, say) lie in different layers, so that within a layer an edge has two triangles wherever that is possible.
+    pub layer: Vec<u32>,
+    /// Number of layers.
+    pub layers: u32,
+    /// Number of regions bounded by seams: no unwrapper can do with fewer charts.
+    pub regions: u32,
+}
+
+impl UnwrapInput {
+    /// Welds `mesh` after multiplying its positions by `linear` (see [`crate::density::shape_of`]).
+    ///
+    /// Two vertices are one where their local positions are bit-equal (−0 and 0 are equal).
+    pub fn from_mesh(mesh: &Mesh, linear: DMat3) -> UnwrapInput {
+        let total: usize = mesh.primitives.iter().map(|p| p.triangles.len()).sum();
+        let mut input = UnwrapInput {
+            triangles: Vec::with_capacity(total),
+            primitive: Vec::with_capacity(total),
+            ..UnwrapInput::default()
+        };
+        let welded = weld(mesh, linear, &mut input.positions);
+        let mut normals = Vec::with_capacity(total);
+        for (number, primitive) in mesh.primitives.iter().enumerate() {
+            for triangle in &primitive.triangles {
+                input
+                    .triangles
+                    .push(triangle.map(|v| welded[number][v as usize]));
+                input.primitive.push(number as u32);
+                normals.push(if primitive.normals.len() == primitive.positions.len() {
+                    Some(triangle.map(|v| primitive.normals[v as usize].as_dvec3()))
+                } else {
+                    None
+                });
+            }
+        }
+        let faces = input.face_normals();
+        input.connect(&faces, &normals);
+        input.separate_layers();
+        input
+    }
+
+    /// Area of each triangle, m².
+    pub fn areas(&self) -> Vec<f64> {
+        self.triangles
+            .iter()
+            .map(|t| 0.5 * self.cross(t).length())
+            .collect()
+    }
+
+    /// Unit normal of each triangle in the scaled space; zero where the area vanishes.
+    pub fn face_normals(&self) -> Vec<DVec3> {
+        self.triangles
+            .iter()
+            .map(|t| self.cross(t).normalize_or_zero())
+            .collect()
+    }
+
+    fn cross(&self, t: &[u32; 3]) -> DVec3 {
+        let [a, b, c] = t.map(|v| self.positions[v as usize].as_dvec3());
+        (b - a).cross(c - a)
+    }
+
+    /// Fills `neighbors` and `seams`. `faces` are unit face normals, `normals` the corners' shading normals.
+    fn connect(&mut self, faces: &[DVec3], normals: &[Option<[DVec3; 3]>]) {
+        let count = self.triangles.len();
+        self.neighbors = vec![[NONE; 3]; count];
+        self.seams = vec![[false; 3]; count];
+        let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(count * 3);
+        for (t, corners) in self.triangles.iter().enumerate() {
+            for k in 0..3 {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                if a != b {
+                    edges.push((a.min(b), a.max(b), (t * 3 + k) as u32));
+                }
+            }
+        }
+        edges.par_sort_unstable();
+        let mut pairs = Vec::new();
+        for fan in edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
+            pair_fan(fan, &self.triangles, &self.primitive, faces, &mut pairs);
+            for &(e, f) in &pairs {
+                let (t, k) = ((e / 3) as usize, (e % 3) as usize);
+                let (u, l) = ((f / 3) as usize, (f % 3) as usize);
+                self.neighbors[t][k] = u as u32;
+                self.neighbors[u][l] = t as u32;
+                let seam = is_seam(
+                    faces[t],
+                    faces[u],
+                    normals[t].map(|n| [n[k], n[(k + 1) % 3]]),
+                    normals[u].map(|n| [n[(l + 1) % 3], n[l]]),
+                );
+                self.seams[t][k] = seam;
+                self.seams[u][l] = seam;
+            }
+        }
+    }
+
+    /// Numbers the sets of triangles connected across the edges that `open` admits, in order of their first triangle.
+    pub fn components(&self, open: impl Fn(usize, usize) -> bool) -> (Vec<u32>, u32) {
+        let mut label = vec![NONE; self.triangles.len()];
+        let (mut next, mut stack) = (0, Vec::new());
+        for seed in 0..label.len() {
+            if label[seed] != NONE {
+                continue;
+            }
+            label[seed] = next;
+            stack.push(seed);
+            while let Some(t) = stack.pop() {
+                for k in 0..3 {
+                    let u = self.neighbors[t][k];
+                    if u != NONE && label[u as usize] == NONE && open(t, k) {
+                        label[u as usize] = next;
+                        stack.push(u as usize);
+                    }
+                }
+            }
+            next += 1;
+        }
+        (label, next)
+    }
+
+    /// Fills `layer` and `regions`: regions that meet at an edge of more than two triangles get different layers.
+    fn separate_layers(&mut self) {
+        let (component, count) = self.components(|t, k| !self.seams[t][k]);
+        self.regions = count;
+        let mut edges: Vec<(u32, u32, u32)> = Vec::new();
+        for (t, corners) in self.triangles.iter().enumerate() {
+            for k in 0..3 {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                edges.push((a.min(b), a.max(b), component[t]));
+            }
+        }
+        edges.par_sort_unstable();
+        let mut conflicts = Vec::new();
+        for fan in edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
+            if fan.len() <= 2 {
+                continue;
+            }
+            // A fan of many regions (pages of a book) would give a quadratic list; beyond a few the layers
+            // stop helping and the unwrapper cuts at the edge, which is still right.
+            for (i, x) in fan.iter().take(8).enumerate() {
+                for y in fan.iter().take(8).skip(i + 1) {
+                    if x.2 != y.2 {
+                        conflicts.push((x.2.max(y.2), x.2.min(y.2)));
+                    }
+                }
+            }
+        }
+        conflicts.par_sort_unstable();
+        conflicts.dedup();
+        // Greedy colouring in the order of the regions; at most eight layers.
+        let mut color = vec![0u32; count as usize];
+        for list in conflicts.chunk_by(|x, y| x.0 == y.0) {
+            let taken = list
+                .iter()
+                .fold(0u32, |bits, &(_, other)| bits | 1 << color[other as usize]);
+            color[list[0].0 as usize] = (!taken).trailing_zeros().min(7);
+        }
+        self.layers = color.iter().max().map_or(0, |m| m + 1);
+        self.layer = component.iter().map(|&c| color[c as usize]).collect();
+    }
+}
+
+/// Welds bit-equal positions over all primitives, numbered in order of appearance; returns each vertex's number.
+fn weld(mesh: &Mesh, linear: DMat3, positions: &mut Vec<Vec3>) -> Vec<Vec<u32>> {
+    // Adding 0.0 turns −0 into 0.
+    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
+    let total: usize = mesh.primitives.iter().map(|p| p.positions.len()).sum();
+    let mut order: Vec<([u32; 3], u32)> = Vec::with_capacity(total);
+    let all = mesh.primitives.iter().flat_map(|p| &p.positions);
+    order.extend(all.clone().enumerate().map(|(i, &p)| (key(p), i as u32)));
+    order.par_sort_unstable();
+    let mut first = vec![0u32; total];
+    for run in order.chunk_by(|x, y| x.0 == y.0) {
+        for &(_, i) in run {
+            first[i as usize] = run[0].1;
+        }
+    }
+    let mut number = vec![NONE; total];
+    for (i, &p) in all.enumerate() {
+        if first[i] as usize == i {
+            number[i] = positions.len() as u32;
+            positions.push((linear * p.as_dvec3()).as_vec3());
+        } else {
+            number[i] = number[first[i] as usize];
+        }
+    }
+    let mut rest = number.as_slice();
+    mesh.primitives
+        .iter()
+        .map(|p| {
+            let (head, tail) = rest.split_at(p.positions.len());
+            rest = tail;
+            head.to_vec()
+        })
+        .collect()
+}
+
+/// Pairs the half-edges of one edge: same primitive, opposite directions, the smoothest continuation first.
+fn pair_fan(
+    fan: &[(u32, u32, u32)],
+    triangles: &[[u32; 3]],
+    primitive: &[u32],
+    faces: &[DVec3],
+    pairs: &mut Vec<(u32, u32)>,
+) {
+    pairs.clear();
+    let forward = |e: u32| {
+        let t = triangles[(e / 3) as usize];
+        t[(e % 3) as usize] < t[(e as usize % 3 + 1) % 3]
+    };
+    let fits = |e: u32, f: u32| {
+        let (t, u) = ((e / 3) as usize, (f / 3) as usize);
+        t != u && primitive[t] == primitive[u] && forward(e) != forward(f)
+    };
+    if let [x, y] = fan {
+        if fits(x.2, y.2) {
+            pairs.push((x.2, y.2));
+        }
+        return;
+    }
+    // Long fans (a thousand triangles on one edge) are left open: pairing them would be quadratic and is arbitrary.
+    if fan.len() < 2 || fan.len() > 16 {
+        return;
+    }
+    let mut candidates = Vec::new();
+    for (i, x) in fan.iter().enumerate() {
+        for y in &fan[i + 1..] {
+            if fits(x.2, y.2) {
+                let cos = faces[(x.2 / 3) as usize].dot(faces[(y.2 / 3) as usize]);
+                candidates.push((cos, x.2, y.2));
+            }
+        }
+    }
+    candidates.sort_by(|x, y| y.0.total_cmp(&x.0).then((x.1, x.2).cmp(&(y.1, y.2))));
+    let mut used = Vec::new();
+    for (_, e, f) in candidates {
+        if !used.contains(&e) && !used.contains(&f) {
+            used.extend([e, f]);
+            pairs.push((e, f));
+        }
+    }
+}
+
+/// Whether the edge between two faces must part two charts; `n`, `m` are the shading normals at its two ends.
+fn is_seam(face: DVec3, other: DVec3, n: Option<[DVec3; 2]>, m: Option<[DVec3; 2]>) -> bool {
+    let cos = face.dot(other);
+    if face == DVec3::ZERO || other == DVec3::ZERO {
+        return false;
+    }
+    if cos < SHARP_DEGREES.to_radians().cos() {
+        return true;
+    }
+    if cos >= CREASE_DEGREES.to_radians().cos() {
+        return false;
+    }
+    match (n, m) {
+        (Some(n), Some(m)) => {
+            let limit = SMOOTH_NORMAL_DEGREES.to_radians().cos();
+            n[0].dot(m[0]) < limit || n[1].dot(m[1]) < limit
+        }
+        _ => true,
+    }
+}

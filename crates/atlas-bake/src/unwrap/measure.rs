@@ -1,0 +1,134 @@
+//! Measures of an unwrap, and the fitting of rectangular charts to the texel grid.
+
+use glam::Vec2;
+use serde::Serialize;
+
+use super::{UnwrapInput, UnwrappedMesh};
+
+/// How good an unwrap is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct ChartMeasure {
+    /// Number of charts.
+    pub charts: u32,
+    /// Chart area over the rectangle's area, 0..=1.
+    pub utilisation: f64,
+    /// L² stretch of Sander, Snyder, Gortler, Hoppe 2001 ("Texture Mapping Progressive Meshes"), normalised by area:
+    /// 1 for an isometry, infinite where a triangle collapses (collapsed triangles are left out and counted).
+    pub stretch: f64,
+    /// Smallest, median and largest texel density by area, lumels per metre.
+    pub density: [f64; 3],
+    /// Triangles whose signed area in the chart is negative.
+    pub flipped: u64,
+    /// Triangles with area in space and none in the chart.
+    pub collapsed: u64,
+}
+
+/// Twice the signed area of a triangle in texels, x right and y down.
+pub(crate) fn signed_area2(c: &[Vec2; 3]) -> f64 {
+    let [a, b, c] = c.map(|p| p.as_dvec2());
+    (b - a).perp_dot(c - a)
+}
+
+/// Measures `result` against the surface that it flattens.
+pub fn measure(mesh: &UnwrapInput, result: &UnwrappedMesh) -> ChartMeasure {
+    let mut out = ChartMeasure {
+        charts: result.charts,
+        ..ChartMeasure::default()
+    };
+    let (mut flat, mut space, mut l2) = (0.0f64, 0.0f64, 0.0f64);
+    // (density, area) of each triangle, for the weighted median.
+    let mut densities: Vec<(f64, f64)> = Vec::with_capacity(mesh.triangles.len());
+    for (triangle, corners) in mesh.triangles.iter().zip(&result.corners) {
+        let [p, q, r] = triangle.map(|v| mesh.positions[v as usize].as_dvec3());
+        let area = 0.5 * (q - p).cross(r - p).length();
+        let signed = 0.5 * signed_area2(corners);
+        if signed < 0.0 {
+            out.flipped += 1;
+        }
+        if area <= 0.0 {
+            continue;
+        }
+        let chart_area = signed.abs();
+        if chart_area <= area * 1e-12 {
+            out.collapsed += 1;
+            continue;
+        }
+        let [a, b, c] = corners.map(|v| v.as_dvec2());
+        // Columns of the map texels → space: Ss along x, St along y.
+        let denominator = 2.0 * signed;
+        let ss = (p * (b.y - c.y) + q * (c.y - a.y) + r * (a.y - b.y)) / denominator;
+        let st = (p * (c.x - b.x) + q * (a.x - c.x) + r * (b.x - a.x)) / denominator;
+        l2 += area * 0.5 * (ss.length_squared() + st.length_squared());
+        flat += chart_area;
+        space += area;
+        densities.push(((chart_area / area).sqrt(), area));
+    }
+    if space > 0.0 {
+        out.stretch = (l2 / space * flat / space).sqrt();
+        out.utilisation = flat / (f64::from(result.size[0]) * f64::from(result.size[1]));
+        densities.sort_by(|x, y| x.0.total_cmp(&y.0));
+        out.density = [
+            densities[0].0,
+            weighted_median(&densities),
+            densities[densities.len() - 1].0,
+        ];
+    }
+    out
+}
+
+/// Median by weight of (value, weight) pairs sorted by value; 0 for none.
+pub(crate) fn weighted_median(sorted: &[(f64, f64)]) -> f64 {
+    let half = 0.5 * sorted.iter().map(|d| d.1).sum::<f64>();
+    let mut seen = 0.0;
+    sorted
+        .iter()
+        .find(|d| {
+            seen += d.1;
+            seen >= half
+        })
+        .or(sorted.last())
+        .map_or(0.0, |d| d.0)
+}
+
+/// Stretches charts that fill their bounding box (walls, floors) so that their borders lie on texel borders.
+///
+/// A lumel then lies wholly on the wall or wholly off it. The change is less than a texel a side and stays
+/// within the texels that the chart touches already, so distances between charts are kept. A strip thinner than a
+/// texel becomes one texel wide, which is what a bilinear lookup needs.
+pub(crate) fn snap_rectangles(mesh: &mut UnwrappedMesh) {
+    /// Rounding of texel coordinates that went through `f32` 0..1 on a page of up to 16384 texels.
+    const SLACK: f32 = 2e-3;
+    let charts = mesh.charts as usize;
+    let mut low = vec![Vec2::INFINITY; charts];
+    let mut high = vec![Vec2::NEG_INFINITY; charts];
+    let mut area = vec![0.0f64; charts];
+    for (corners, &chart) in mesh.corners.iter().zip(&mesh.chart) {
+        let c = chart as usize;
+        for &p in corners {
+            low[c] = low[c].min(p);
+            high[c] = high[c].max(p);
+        }
+        area[c] += 0.5 * signed_area2(corners);
+    }
+    let map: Vec<Option<(Vec2, Vec2, Vec2, Vec2)>> = (0..charts)
+        .map(|c| {
+            let extent = high[c] - low[c];
+            let full = f64::from(extent.x) * f64::from(extent.y);
+            let rectangle = extent.min_element() > 0.0 && area[c] > 0.999 * full;
+            rectangle.then(|| {
+                let to_low = (low[c] + SLACK).floor();
+                let to_high = (high[c] - SLACK).ceil().max(to_low + 1.0);
+                (low[c], high[c], to_low, to_high)
+            })
+        })
+        .collect();
+    for (corners, &chart) in mesh.corners.iter_mut().zip(&mesh.chart) {
+        if let Some((low, high, to_low, to_high)) = map[chart as usize] {
+            for p in corners {
+                // Both ends must land exactly, whatever the rounding in between.
+                let t = (*p - low) / (high - low);
+                *p = (to_low + t * (to_high - to_low)).clamp(to_low, to_high);
+            }
+        }
+    }
+}

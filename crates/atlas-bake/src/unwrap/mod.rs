@@ -1,0 +1,164 @@
+//! Unwrapping: a surface in space becomes flat charts, packed into one rectangle of texels per mesh.
+//!
+//! [`Unwrapper`] is the one small interface; [`UvUnwrap`] and [`BoxProjection`] implement it.
+//! [`unwrap_with_fallback`] tries one after the other, so that a mesh always gets charts.
+
+mod boxes;
+mod input;
+mod measure;
+mod uvunwrap;
+
+use glam::Vec2;
+use serde::Serialize;
+use thiserror::Error;
+
+pub use boxes::BoxProjection;
+pub use input::{CREASE_DEGREES, NONE, SHARP_DEGREES, UnwrapInput};
+pub(crate) use measure::weighted_median;
+pub use measure::{ChartMeasure, measure};
+pub use uvunwrap::UvUnwrap;
+
+/// How to unwrap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnwrapOptions {
+    /// Lumels per metre wanted.
+    pub texels_per_unit: f32,
+    /// Texels between charts: with 2 (or more) no bilinear footprint reads two charts. Half as many, rounded up, lie between
+    /// the charts and the border of the rectangle.
+    pub padding: u32,
+    /// Longest side of the rectangle in texels. The density is lowered until the charts fit.
+    pub max_size: u32,
+}
+
+/// Flat charts of one mesh.
+#[derive(Debug, Clone, Default)]
+pub struct UnwrappedMesh {
+    /// Width and height of the rectangle in texels.
+    pub size: [u32; 2],
+    /// Density that was reached; the one asked for unless the charts did not fit.
+    pub texels_per_unit: f32,
+    /// Texel coordinates of each triangle's corners (x right, y down). The signed area (x right, y down) is positive, or zero for
+    /// triangles too thin for any texel.
+    pub corners: Vec<[Vec2; 3]>,
+    /// Chart of each triangle.
+    pub chart: Vec<u32>,
+    /// Number of charts.
+    pub charts: u32,
+}
+
+/// Why an unwrapper gave up on a mesh.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum UnwrapError {
+    /// The caller asked to stop.
+    #[error("cancelled")]
+    Cancelled,
+    /// The charts cannot be made to fit.
+    #[error("{charts} charts do not fit into {max_size} x {max_size} texels")]
+    DoesNotFit {
+        /// How many charts there are.
+        charts: u32,
+        /// The largest rectangle allowed.
+        max_size: u32,
+    },
+    /// The unwrapper refused the mesh or gave a result that cannot be used.
+    #[error("{0}")]
+    Failed(String),
+}
+
+/// Polled during long work; `true` asks to stop.
+pub type Cancel<'a> = &'a (dyn Fn() -> bool + Sync);
+
+/// Something that flattens meshes.
+pub trait Unwrapper: Sync {
+    /// Name for reports and for `--unwrapper`.
+    fn name(&self) -> &'static str;
+
+    /// Flattens `mesh`.
+    ///
+    /// Guarantees on success: every corner is finite and lies in the rectangle; charts do not overlap and keep
+    /// their distance; the same input gives the same output for any number of threads.
+    ///
+    /// # Errors
+    /// [`UnwrapError`]; another unwrapper may do better.
+    fn unwrap(
+        &self,
+        mesh: &UnwrapInput,
+        options: &UnwrapOptions,
+        cancel: Cancel<'_>,
+    ) -> Result<UnwrappedMesh, UnwrapError>;
+}
+
+/// Which unwrapper to use.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum UnwrapperChoice {
+    /// The one that measures better (`docs/unwrap.md`): uvunwrap.
+    #[default]
+    Auto,
+    /// The `uvunwrap` crate.
+    UvUnwrap,
+    /// Our own projection along the axes: many charts, never fails on sane input.
+    Box,
+}
+
+impl UnwrapperChoice {
+    /// The unwrappers to try, in order.
+    pub fn candidates(self) -> Vec<&'static dyn Unwrapper> {
+        match self {
+            UnwrapperChoice::Auto | UnwrapperChoice::UvUnwrap => vec![&UvUnwrap, &BoxProjection],
+            UnwrapperChoice::Box => vec![&BoxProjection],
+        }
+    }
+}
+
+/// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each earlier one failed.
+///
+/// # Errors
+/// The last one's error when none succeeds; [`UnwrapError::Cancelled`] at once.
+pub fn unwrap_with_fallback(
+    unwrappers: &[&dyn Unwrapper],
+    mesh: &UnwrapInput,
+    options: &UnwrapOptions,
+    cancel: Cancel<'_>,
+) -> Result<(UnwrappedMesh, &'static str, Vec<String>), UnwrapError> {
+    let mut failures = Vec::new();
+    let mut last = UnwrapError::Failed("no unwrapper".into());
+    for unwrapper in unwrappers {
+        match unwrapper
+            .unwrap(mesh, options, cancel)
+            .and_then(|result| check(mesh, options, result))
+        {
+            Ok(result) => return Ok((result, unwrapper.name(), failures)),
+            Err(UnwrapError::Cancelled) => return Err(UnwrapError::Cancelled),
+            Err(error) => {
+                failures.push(format!("{}: {error}", unwrapper.name()));
+                last = error;
+            }
+        }
+    }
+    Err(last)
+}
+
+/// Rejects what would break the bake: wrong counts, non-finite or outlying corners.
+fn check(
+    mesh: &UnwrapInput,
+    options: &UnwrapOptions,
+    result: UnwrappedMesh,
+) -> Result<UnwrappedMesh, UnwrapError> {
+    let [w, h] = result.size;
+    if result.corners.len() != mesh.triangles.len() || result.chart.len() != mesh.triangles.len() {
+        return Err(UnwrapError::Failed("triangles are missing".into()));
+    }
+    if w > options.max_size || h > options.max_size {
+        return Err(UnwrapError::DoesNotFit {
+            charts: result.charts,
+            max_size: options.max_size,
+        });
+    }
+    let inside = |p: &Vec2| p.x >= 0.0 && p.y >= 0.0 && p.x <= w as f32 && p.y <= h as f32;
+    if !result.corners.iter().flatten().all(inside) {
+        return Err(UnwrapError::Failed("a corner lies off the page".into()));
+    }
+    Ok(result)
+}

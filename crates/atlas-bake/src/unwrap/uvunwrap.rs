@@ -1,0 +1,179 @@
+//! The `uvunwrap` crate behind [`Unwrapper`].
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec2;
+use uvunwrap::{Density, Error, MeshInput, Options, Packing};
+
+use super::measure::snap_rectangles;
+use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
+
+/// From how many charts on to pack by outline rows instead of by shape: packing by shape takes 1 ms a chart there, and
+/// small charts nest no better by shape.
+const FAST_PACKING_CHARTS: u32 = 400;
+
+/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps, packing by shape.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct UvUnwrap;
+
+impl Unwrapper for UvUnwrap {
+    fn name(&self) -> &'static str {
+        "uvunwrap"
+    }
+
+    fn unwrap(
+        &self,
+        mesh: &UnwrapInput,
+        options: &UnwrapOptions,
+        cancel: Cancel<'_>,
+    ) -> Result<UnwrappedMesh, UnwrapError> {
+        let layers = Layers::new(mesh);
+        let area: f64 = mesh.areas().iter().sum();
+        let page = f64::from(options.max_size).powi(2);
+        let density = f64::from(options.texels_per_unit);
+        // Charts never fill the page; a first try at a density that leaves no room would be wasted.
+        if area * density * density <= 0.95 * page {
+            let fixed = Density::Fixed {
+                texels_per_unit: options.texels_per_unit,
+                page_size: None,
+            };
+            match layers.generate(options, fixed, cancel) {
+                Ok(result) if result.size.iter().all(|&s| s <= options.max_size) => {
+                    return Ok(result);
+                }
+                Ok(_) | Err(UnwrapError::DoesNotFit { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let auto = Density::Auto {
+            page_size: options.max_size,
+        };
+        layers.generate(options, auto, cancel)
+    }
+}
+
+/// The mesh cut into one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].
+struct Layers<'a> {
+    mesh: &'a UnwrapInput,
+    positions: Vec<[f32; 3]>,
+    layers: Vec<Layer>,
+}
+
+#[derive(Default)]
+struct Layer {
+    /// Triangle numbers in the whole mesh.
+    triangles: Vec<u32>,
+    indices: Vec<u32>,
+    primitive: Vec<u32>,
+    seams: Vec<[bool; 3]>,
+}
+
+impl<'a> Layers<'a> {
+    fn new(mesh: &'a UnwrapInput) -> Self {
+        let mut layers: Vec<Layer> = (0..mesh.layers.max(1)).map(|_| Layer::default()).collect();
+        for (t, corners) in mesh.triangles.iter().enumerate() {
+            let layer = &mut layers[mesh.layer[t] as usize];
+            layer.triangles.push(t as u32);
+            layer.indices.extend(corners);
+            layer.primitive.push(mesh.primitive[t]);
+            layer.seams.push(mesh.seams[t]);
+        }
+        Layers {
+            mesh,
+            positions: mesh.positions.iter().map(|p| p.to_array()).collect(),
+            layers,
+        }
+    }
+
+    fn generate(
+        &self,
+        options: &UnwrapOptions,
+        density: Density,
+        cancel: Cancel<'_>,
+    ) -> Result<UnwrappedMesh, UnwrapError> {
+        let meshes: Vec<MeshInput<'_>> = self
+            .layers
+            .iter()
+            .map(|layer| MeshInput {
+                face_materials: Some(&layer.primitive),
+                seams: Some(&layer.seams),
+                ..MeshInput::new(&self.positions, &layer.indices)
+            })
+            .collect();
+        let settings = Options {
+            density,
+            // The crate keeps charts twice its padding apart.
+            padding: options.padding.div_ceil(2),
+            packing: if self.mesh.regions > FAST_PACKING_CHARTS {
+                Packing::Fast
+            } else {
+                Packing::Shape
+            },
+            ..Options::default()
+        };
+        let stopped = AtomicBool::new(false);
+        let result = uvunwrap::generate_with_progress(&meshes, &settings, |_| {
+            let stop = cancel();
+            stopped.fetch_or(stop, Ordering::Relaxed);
+            !stop
+        });
+        let atlas = match result {
+            Ok(atlas) => atlas,
+            Err(Error::Cancelled) => return Err(UnwrapError::Cancelled),
+            Err(Error::AtlasTooLarge { .. } | Error::ChartTooLarge { .. }) => {
+                return Err(UnwrapError::DoesNotFit {
+                    charts: self.mesh.regions,
+                    max_size: options.max_size,
+                });
+            }
+            Err(error) => return Err(UnwrapError::Failed(error.to_string())),
+        };
+        if atlas.page_count > 1 {
+            return Err(UnwrapError::DoesNotFit {
+                charts: atlas.chart_count,
+                max_size: options.max_size,
+            });
+        }
+        self.collect(&atlas)
+    }
+
+    fn collect(&self, atlas: &uvunwrap::Atlas) -> Result<UnwrappedMesh, UnwrapError> {
+        let count = self.mesh.triangles.len();
+        let mut result = UnwrappedMesh {
+            size: [atlas.width, atlas.height],
+            texels_per_unit: atlas.texels_per_unit,
+            corners: vec![[Vec2::ZERO; 3]; count],
+            chart: vec![u32::MAX; count],
+            charts: atlas.chart_count,
+        };
+        let scale = Vec2::new(atlas.width as f32, atlas.height as f32);
+        let mut anchor = None;
+        let mut homeless = Vec::new();
+        for (layer, output) in self.layers.iter().zip(&atlas.meshes) {
+            for (&t, corners) in layer.triangles.iter().zip(output.indices.chunks_exact(3)) {
+                let vertices = [0, 1, 2].map(|k| &output.vertices[corners[k] as usize]);
+                match vertices[0].chart {
+                    Some(chart) => {
+                        let at = vertices.map(|v| Vec2::from(v.uv) * scale);
+                        anchor.get_or_insert((chart, at[0]));
+                        result.corners[t as usize] = at;
+                        result.chart[t as usize] = chart;
+                    }
+                    None => homeless.push(t as usize),
+                }
+            }
+        }
+        // Triangles without area and without a neighbour that has any: a point of the first chart serves.
+        let Some((chart, at)) = anchor else {
+            return Err(UnwrapError::Failed(
+                "no triangle is thick enough for a chart".into(),
+            ));
+        };
+        for t in homeless {
+            result.corners[t] = [at; 3];
+            result.chart[t] = chart;
+        }
+        snap_rectangles(&mut result);
+        Ok(result)
+    }
+}
