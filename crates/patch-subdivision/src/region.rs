@@ -1,0 +1,239 @@
+//! Regions: connected, nearly flat groups of triangles that share one grid.
+
+use glam::Vec3;
+use mesh_ingest::Soup;
+
+use crate::adjacency::Adjacency;
+
+/// Index of a region.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct RegionId(pub u32);
+
+/// How triangles are gathered into regions.
+#[derive(Debug, Clone, Copy)]
+pub struct RegionOptions {
+    /// Faces within this angle of the first one belong to its plane, however far away. 15° keeps the projected area within
+    /// 1/cos 15° = 1.035 of the true one, so grid cells stay near their nominal size.
+    pub flat_angle: f32,
+    /// Faces within this angle belong, if they lie within one patch's size of the first: small detail is clustered.
+    /// At 60° a cluster's mean irradiance still stands for one side of a thing and not for all of it.
+    pub cluster_angle: f32,
+}
+
+impl Default for RegionOptions {
+    fn default() -> Self {
+        RegionOptions {
+            flat_angle: 15f32.to_radians(),
+            cluster_angle: 60f32.to_radians(),
+        }
+    }
+}
+
+/// The result of [`gather_regions`].
+pub(crate) struct Regions {
+    /// Region of each triangle.
+    pub of_triangle: Vec<u32>,
+    /// Triangles of each region, in ascending order, in compressed rows.
+    pub starts: Vec<u32>,
+    pub triangles: Vec<u32>,
+    /// Joined from disconnected pieces.
+    pub cluster: Vec<bool>,
+}
+
+impl Regions {
+    pub(crate) fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    pub(crate) fn triangles(&self, region: usize) -> &[u32] {
+        &self.triangles[self.starts[region] as usize..self.starts[region + 1] as usize]
+    }
+}
+
+/// Gathers triangles into regions. `two_sided` says of each triangle whether both its sides act on light (a region has one
+/// kind only); `size` is the nominal patch size in metres.
+pub(crate) fn gather_regions(
+    soup: &Soup,
+    two_sided: impl Fn(usize) -> bool + Sync,
+    size: f32,
+    options: &RegionOptions,
+) -> Regions {
+    let n = soup.triangles.len();
+    let adjacency = Adjacency::build(&soup.triangles, |t| {
+        2 * soup.sources[t].instance + two_sided(t) as u32
+    });
+    let centroid =
+        |t: usize| (soup.triangles[t][0] + soup.triangles[t][1] + soup.triangles[t][2]) / 3.0;
+
+    // Large faces first: walls and floors become whole regions, and detail gathers around what is left.
+    let mut order: Vec<u32> = (0..n as u32).collect();
+    order.sort_by(|&a, &b| {
+        soup.areas[b as usize]
+            .total_cmp(&soup.areas[a as usize])
+            .then(a.cmp(&b))
+    });
+    let (cos_flat, cos_cluster) = (options.flat_angle.cos(), options.cluster_angle.cos());
+    let mut of_triangle = vec![u32::MAX; n];
+    let mut regions = 0u32;
+    let mut stack = Vec::new();
+    for &seed in &order {
+        if of_triangle[seed as usize] != u32::MAX {
+            continue;
+        }
+        let (normal, centre) = (soup.normals[seed as usize], centroid(seed as usize));
+        of_triangle[seed as usize] = regions;
+        stack.push(seed);
+        while let Some(t) = stack.pop() {
+            for &m in adjacency.of(t) {
+                let m = m as usize;
+                if of_triangle[m] != u32::MAX {
+                    continue;
+                }
+                let cos = normal.dot(soup.normals[m]);
+                let near = || {
+                    soup.triangles[m]
+                        .iter()
+                        .all(|p| p.distance_squared(centre) < 0.25 * size * size)
+                };
+                if cos > cos_flat || (cos > cos_cluster && near()) {
+                    of_triangle[m] = regions;
+                    stack.push(m as u32);
+                }
+            }
+        }
+        regions += 1;
+    }
+    merge_small(soup, &two_sided, size, &mut of_triangle, regions)
+}
+
+/// Joins regions much smaller than a patch that lie in one voxel and face one way: the leaves of a tree, the links of a chain,
+/// whatever has many small disconnected pieces. Where a voxel of a patch's size still holds little, larger ones follow, up to
+/// four times the size: sparse grass has no use for a patch a blade.
+fn merge_small(
+    soup: &Soup,
+    two_sided: &impl Fn(usize) -> bool,
+    size: f32,
+    of_triangle: &mut [u32],
+    regions: u32,
+) -> Regions {
+    let mut parts: Vec<Part> = (0..regions).map(|_| Part::default()).collect();
+    for (t, &r) in of_triangle.iter().enumerate() {
+        parts[r as usize].add(soup, t, two_sided(t));
+    }
+    // Which part each region has become.
+    let mut now: Vec<u32> = (0..regions).collect();
+    for level in 0..3 {
+        let voxel = size * (1 << level) as f32;
+        let small = |p: &Part| p.area < 0.125 * (size * size) as f64 && p.extent() <= voxel;
+        let mut keys: Vec<([i32; 4], u32)> = (0..parts.len() as u32)
+            .filter(|&i| parts[i as usize].alive && small(&parts[i as usize]))
+            .map(|i| (parts[i as usize].key(voxel), i))
+            .collect();
+        keys.sort_unstable();
+        let mut joined: Vec<u32> = (0..parts.len() as u32).collect();
+        for run in keys.chunk_by(|a, b| a.0 == b.0) {
+            let first = run[0].1 as usize;
+            for &(_, other) in &run[1..] {
+                let other_part = std::mem::take(&mut parts[other as usize]);
+                parts[first].join(&other_part);
+                joined[other as usize] = first as u32;
+            }
+        }
+        for p in &mut now {
+            *p = joined[*p as usize];
+        }
+    }
+    // Number regions by their first triangle, so that the numbering does not hang on the keys.
+    let mut final_id = vec![u32::MAX; regions as usize];
+    let mut cluster = Vec::new();
+    for r in of_triangle.iter_mut() {
+        let part = now[*r as usize] as usize;
+        if final_id[part] == u32::MAX {
+            final_id[part] = cluster.len() as u32;
+            cluster.push(parts[part].cluster);
+        }
+        *r = final_id[part];
+    }
+    let mut starts = vec![0u32; cluster.len() + 1];
+    for &r in of_triangle.iter() {
+        starts[r as usize + 1] += 1;
+    }
+    for i in 1..starts.len() {
+        starts[i] += starts[i - 1];
+    }
+    let mut fill = starts.clone();
+    let mut triangles = vec![0u32; of_triangle.len()];
+    for (t, &r) in of_triangle.iter().enumerate() {
+        triangles[fill[r as usize] as usize] = t as u32;
+        fill[r as usize] += 1;
+    }
+    Regions {
+        of_triangle: of_triangle.to_vec(),
+        starts,
+        triangles,
+        cluster,
+    }
+}
+
+/// A region while regions are being joined.
+struct Part {
+    alive: bool,
+    cluster: bool,
+    two_sided: bool,
+    area: f64,
+    normal: Vec3,
+    low: Vec3,
+    high: Vec3,
+}
+
+impl Default for Part {
+    fn default() -> Self {
+        Part {
+            alive: false,
+            cluster: false,
+            two_sided: false,
+            area: 0.0,
+            normal: Vec3::ZERO,
+            low: Vec3::INFINITY,
+            high: Vec3::NEG_INFINITY,
+        }
+    }
+}
+
+impl Part {
+    fn add(&mut self, soup: &Soup, t: usize, two_sided: bool) {
+        self.alive = true;
+        self.two_sided = two_sided;
+        self.area += soup.areas[t] as f64;
+        self.normal += soup.normals[t] * soup.areas[t];
+        for p in soup.triangles[t] {
+            self.low = self.low.min(p);
+            self.high = self.high.max(p);
+        }
+    }
+
+    fn join(&mut self, other: &Part) {
+        self.cluster = true;
+        self.area += other.area;
+        self.normal += other.normal;
+        self.low = self.low.min(other.low);
+        self.high = self.high.max(other.high);
+    }
+
+    fn extent(&self) -> f32 {
+        (self.high - self.low).max_element()
+    }
+
+    /// Facing (one of six, apart for one- and two-sided faces) and voxel.
+    fn key(&self, voxel: f32) -> [i32; 4] {
+        let v = ((self.low + self.high) * 0.5 / voxel).floor();
+        let axis = self.normal.abs().max_position();
+        let facing = 2 * axis as i32 + (self.normal[axis] < 0.0) as i32;
+        [
+            facing + 6 * self.two_sided as i32,
+            v.x as i32,
+            v.y as i32,
+            v.z as i32,
+        ]
+    }
+}

@@ -1,0 +1,455 @@
+//! Patches and elements of a whole scene, and how a surface point finds its own.
+
+use glam::{DVec2, Vec3};
+use mesh_ingest::Soup;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::grid::{
+    Fragment, Frame, choose_frame, clip_to_fine, fine_corners, frame_of_cluster, rasterise,
+};
+use crate::region::{RegionOptions, Regions, gather_regions};
+
+/// Index of a patch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PatchId(pub u32);
+
+/// Index of an element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ElementId(pub u32);
+
+/// How finely a scene is cut.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// Patches aimed at; the number made differs, since every region has at least one.
+    pub patches: u32,
+    /// Largest share of the patches that one region may take. A ground plane of kilometres would otherwise set the
+    /// size for the town that stands on it.
+    pub region_share: f32,
+    /// How triangles become regions.
+    pub regions: RegionOptions,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            patches: 8_000,
+            region_share: 0.15,
+            regions: RegionOptions::default(),
+        }
+    }
+}
+
+/// A piece of surface that exchanges light with the others.
+#[derive(Debug, Clone, Copy)]
+pub struct Patch {
+    /// Surface area, m².
+    pub area: f32,
+    /// First element; they are `elements` many.
+    pub first_element: u32,
+    /// Number of elements, 1..=16.
+    pub elements: u16,
+    /// Which of the patch's sub × sub cells have an element (row-major bits).
+    pub mask: u16,
+    /// The patch stands for the back of its surface.
+    pub back: bool,
+}
+
+/// The finest piece of surface: it records direct light, at one point drawn uniformly from it.
+#[derive(Debug, Clone, Copy)]
+pub struct Element {
+    /// Triangle of the [`Soup`] under the point.
+    pub triangle: u32,
+    /// Barycentric of world corner 1.
+    pub u: f32,
+    /// Barycentric of world corner 2.
+    pub v: f32,
+    /// Surface area that the point stands for, m².
+    pub area: f32,
+}
+
+/// A patch and its weight in an interpolated value.
+#[derive(Debug, Clone, Copy)]
+pub struct Tap {
+    /// The patch.
+    pub patch: PatchId,
+    /// Weight; those of one point sum to 1.
+    pub weight: f32,
+}
+
+/// Where a surface point lies.
+#[derive(Debug, Clone, Copy)]
+pub struct Locus {
+    /// Its patch.
+    pub patch: PatchId,
+    /// Its element; `None` where too little of the surface lies in that cell for an element.
+    pub element: Option<ElementId>,
+}
+
+/// Sizes, for the report.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Stats {
+    /// Regions found.
+    pub regions: u32,
+    /// Patches made.
+    pub patches: u32,
+    /// Elements made.
+    pub elements: u32,
+    /// Nominal edge of a patch, metres.
+    pub patch_size: f32,
+    /// Memory held, bytes.
+    pub bytes: u64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Region {
+    frame: Frame,
+    /// Start of its row-major table in `tables`.
+    table: usize,
+    two_sided: bool,
+}
+
+const NONE: u32 = u32::MAX;
+
+/// A scene cut into patches and elements.
+#[derive(Debug)]
+pub struct Subdivision {
+    regions: Vec<Region>,
+    region_of_triangle: Vec<u32>,
+    /// Per region a table of front patches, [`NONE`] where a cell holds no surface.
+    tables: Vec<u32>,
+    patches: Vec<Patch>,
+    elements: Vec<Element>,
+    patch_size: f32,
+}
+
+/// What one region contributes, before numbering.
+struct Piece {
+    frame: Frame,
+    two_sided: bool,
+    table: Vec<u32>,
+    patches: Vec<Patch>,
+    elements: Vec<Element>,
+}
+
+impl Subdivision {
+    /// Cuts the scene. `two_sided` says of a triangle whether both its sides act on light: then both get patches.
+    ///
+    /// Deterministic for any number of threads; O(n log n) in triangles plus O(elements).
+    pub fn build(soup: &Soup, two_sided: impl Fn(usize) -> bool + Sync, options: &Options) -> Self {
+        let size = nominal_size(soup, options);
+        let regions = gather_regions(soup, &two_sided, size, &options.regions);
+        let cap = options.region_share * options.patches as f32;
+        let pieces: Vec<Piece> = (0..regions.len())
+            .into_par_iter()
+            .map(|r| cut_region(soup, &regions, r, size, cap, &two_sided))
+            .collect();
+        let mut out = Subdivision {
+            regions: Vec::with_capacity(pieces.len()),
+            region_of_triangle: regions.of_triangle,
+            tables: Vec::new(),
+            patches: Vec::new(),
+            elements: Vec::new(),
+            patch_size: size,
+        };
+        for piece in pieces {
+            out.append(piece);
+        }
+        out
+    }
+
+    fn append(&mut self, piece: Piece) {
+        let sides = 1 + piece.two_sided as u32;
+        let base = self.patches.len() as u32;
+        self.regions.push(Region {
+            frame: piece.frame,
+            table: self.tables.len(),
+            two_sided: piece.two_sided,
+        });
+        self.tables.extend(
+            piece
+                .table
+                .iter()
+                .map(|&p| if p == NONE { NONE } else { base + sides * p }),
+        );
+        for patch in &piece.patches {
+            let points = patch.first_element as usize
+                ..patch.first_element as usize + patch.elements as usize;
+            for side in 0..sides {
+                self.patches.push(Patch {
+                    first_element: self.elements.len() as u32,
+                    back: side == 1,
+                    ..*patch
+                });
+                self.elements
+                    .extend_from_slice(&piece.elements[points.clone()]);
+            }
+        }
+    }
+
+    /// All patches, by [`PatchId`].
+    pub fn patches(&self) -> &[Patch] {
+        &self.patches
+    }
+
+    /// All elements, by [`ElementId`].
+    pub fn elements(&self) -> &[Element] {
+        &self.elements
+    }
+
+    /// The elements of a patch.
+    pub fn elements_of(&self, patch: PatchId) -> std::ops::Range<usize> {
+        let p = &self.patches[patch.0 as usize];
+        p.first_element as usize..p.first_element as usize + p.elements as usize
+    }
+
+    /// Patch and element of the point `p` on `triangle`, seen from its back if `back`; `None` on the back of a single-sided
+    /// face, which has no light of its own.
+    #[inline]
+    pub fn locate(&self, triangle: u32, p: Vec3, back: bool) -> Option<Locus> {
+        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        if back && !region.two_sided {
+            return None;
+        }
+        let f = &region.frame;
+        let q = f.project(p);
+        let c = q[0].max(0.0).min(f.cells[0] as f32 - 0.5) as u32;
+        let r = q[1].max(0.0).min(f.cells[1] as f32 - 0.5) as u32;
+        let mut front = self.tables[region.table + (r * f.cells[0] + c) as usize];
+        if front == NONE {
+            front = self.nearest_patch(region, c, r)?;
+        }
+        let id = front + (back as u32);
+        let patch = &self.patches[id as usize];
+        let s = f.sub as f32;
+        let sc = (((q[0] - c as f32) * s).max(0.0) as u32).min(f.sub - 1);
+        let sr = (((q[1] - r as f32) * s).max(0.0) as u32).min(f.sub - 1);
+        let bit = 1u16 << (sr * f.sub + sc);
+        let element = (patch.mask & bit != 0)
+            .then(|| ElementId(patch.first_element + (patch.mask & (bit - 1)).count_ones()));
+        Some(Locus {
+            patch: PatchId(id),
+            element,
+        })
+    }
+
+    /// Bilinear weights over the patches about `p`, those that exist in its region; at least one. Arguments as for
+    /// [`locate`](Self::locate), which must have answered for them.
+    #[inline]
+    pub fn taps(&self, triangle: u32, p: Vec3, at: Locus) -> ([Tap; 4], usize) {
+        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        let f = &region.frame;
+        let own = Tap {
+            patch: at.patch,
+            weight: 1.0,
+        };
+        let mut taps = [own; 4];
+        if f.cells == [1, 1] {
+            return (taps, 1);
+        }
+        let back = self.patches[at.patch.0 as usize].back as u32;
+        let q = f.project(p);
+        let mut n = 0;
+        let mut sum = 0.0;
+        let (x, y) = (q[0] - 0.5, q[1] - 0.5);
+        let (x0, y0) = (x.floor(), y.floor());
+        let (fx, fy) = (x - x0, y - y0);
+        for (k, w) in [
+            (1.0 - fx) * (1.0 - fy),
+            fx * (1.0 - fy),
+            (1.0 - fx) * fy,
+            fx * fy,
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let c = x0 as i32 + (k & 1) as i32;
+            let r = y0 as i32 + (k >> 1) as i32;
+            if w <= 0.0 || c < 0 || r < 0 || c >= f.cells[0] as i32 || r >= f.cells[1] as i32 {
+                continue;
+            }
+            let front = self.tables[region.table + (r as u32 * f.cells[0] + c as u32) as usize];
+            if front != NONE {
+                taps[n] = Tap {
+                    patch: PatchId(front + back),
+                    weight: w,
+                };
+                sum += w;
+                n += 1;
+            }
+        }
+        if n == 0 || sum < 1e-4 {
+            return ([own; 4], 1);
+        }
+        for t in &mut taps[..n] {
+            t.weight /= sum;
+        }
+        (taps, n)
+    }
+
+    /// A point on a cell's border may round into a cell without surface: its neighbour then holds it.
+    #[cold]
+    fn nearest_patch(&self, region: &Region, c: u32, r: u32) -> Option<u32> {
+        let f = &region.frame;
+        for reach in 1..=2i32 {
+            for dr in -reach..=reach {
+                for dc in -reach..=reach {
+                    let (c, r) = (c as i32 + dc, r as i32 + dr);
+                    if c >= 0 && r >= 0 && c < f.cells[0] as i32 && r < f.cells[1] as i32 {
+                        let p =
+                            self.tables[region.table + (r as u32 * f.cells[0] + c as u32) as usize];
+                        if p != NONE {
+                            return Some(p);
+                        }
+                    }
+                }
+            }
+        }
+        None
+    }
+
+    /// Sizes for the report.
+    pub fn stats(&self) -> Stats {
+        Stats {
+            regions: self.regions.len() as u32,
+            patches: self.patches.len() as u32,
+            elements: self.elements.len() as u32,
+            patch_size: self.patch_size,
+            bytes: (self.regions.len() * size_of::<Region>()
+                + (self.region_of_triangle.len() + self.tables.len()) * 4
+                + self.patches.len() * size_of::<Patch>()
+                + self.elements.len() * size_of::<Element>()) as u64,
+        }
+    }
+}
+
+/// Edge of a patch so that about `options.patches` cover the scene, when no triangle counts for more than its share.
+fn nominal_size(soup: &Soup, options: &Options) -> f32 {
+    let mut areas: Vec<f64> = soup.areas.iter().map(|&a| a as f64).collect();
+    areas.sort_unstable_by(f64::total_cmp);
+    let mut total: f64 = areas.iter().sum();
+    // Walk down from the largest while it exceeds its share of what it would then be counted in.
+    let share = options.region_share as f64 / 2.0; // two triangles are the usual rectangle
+    let mut capped = 0usize;
+    let mut rest = total;
+    for &a in areas.iter().rev() {
+        let counted = rest / (1.0 - share * capped as f64).max(0.1);
+        if a <= share * counted || (capped + 1) as f64 * share >= 0.9 {
+            break;
+        }
+        rest -= a;
+        capped += 1;
+        total = rest / (1.0 - share * capped as f64);
+    }
+    let total = total.max(areas.last().copied().unwrap_or(1.0) * 1e-9);
+    ((total / options.patches.max(1) as f64).sqrt() as f32).max(f32::MIN_POSITIVE)
+}
+
+fn cut_region(
+    soup: &Soup,
+    regions: &Regions,
+    region: usize,
+    size: f32,
+    cap: f32,
+    two_sided: &(impl Fn(usize) -> bool + Sync),
+) -> Piece {
+    let triangles = regions.triangles(region);
+    let area: f32 = triangles.iter().map(|&t| soup.areas[t as usize]).sum();
+    let frame = if regions.cluster[region] {
+        frame_of_cluster(soup, triangles)
+    } else {
+        choose_frame(soup, triangles, size.max((area / cap).sqrt()))
+    };
+    let mut fragments = Vec::new();
+    for &t in triangles {
+        rasterise(soup, &frame, t, &mut fragments);
+    }
+    fragments.sort_by_key(|f| f.fine); // stable: triangles stay in order
+    let fine_width = frame.cells[0] * frame.sub;
+    let cell_of = |fine: u32| {
+        let (r, c) = (fine / fine_width / frame.sub, fine % fine_width / frame.sub);
+        r * frame.cells[0] + c
+    };
+    // Elements of one patch must stand together: order fine cells by cell, then by place in the cell.
+    let mut runs: Vec<&[Fragment]> = fragments.chunk_by(|a, b| a.fine == b.fine).collect();
+    runs.sort_by_key(|run| (cell_of(run[0].fine), run[0].fine));
+    let mut piece = Piece {
+        frame,
+        two_sided: two_sided(triangles[0] as usize),
+        table: vec![NONE; (frame.cells[0] * frame.cells[1]) as usize],
+        patches: Vec::new(),
+        elements: Vec::with_capacity(runs.len()),
+    };
+    for run in runs {
+        let fine = run[0].fine;
+        let cell = cell_of(fine) as usize;
+        if piece.table[cell] == NONE {
+            piece.table[cell] = piece.patches.len() as u32;
+            piece.patches.push(Patch {
+                area: 0.0,
+                first_element: piece.elements.len() as u32,
+                elements: 0,
+                mask: 0,
+                back: false,
+            });
+        }
+        let patch = &mut piece.patches[piece.table[cell] as usize];
+        let (r, c) = (fine / fine_width % frame.sub, fine % fine_width % frame.sub);
+        patch.mask |= 1 << (r * frame.sub + c);
+        patch.elements += 1;
+        let element = draw_element(soup, &frame, run);
+        patch.area += element.area;
+        piece.elements.push(element);
+    }
+    piece
+}
+
+/// Draws the element's point uniformly from its surface.
+fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
+    let area: f32 = run.iter().map(|f| f.area).sum();
+    // The random numbers hang on the first triangle and the cell only, so they are the same in every run.
+    let seed = hash(run[0].triangle ^ run[0].fine.wrapping_mul(0x9e37_79b9));
+    let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
+    let mut left = random(1) as f32 * area;
+    let mut chosen = run[run.len() - 1];
+    for f in run {
+        if left < f.area {
+            chosen = *f;
+            break;
+        }
+        left -= f.area;
+    }
+    let corners = fine_corners(soup, frame, chosen.triangle);
+    let det = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
+    let polygon = clip_to_fine(soup, frame, chosen.triangle, chosen.fine);
+    let (u, v) = if polygon.n >= 3 && det.abs() > 1e-12 {
+        let d: DVec2 = polygon.sample(random(2), random(3)) - corners[0];
+        (
+            d.perp_dot(corners[2] - corners[0]) / det,
+            (corners[1] - corners[0]).perp_dot(d) / det,
+        )
+    } else {
+        let s = random(2).sqrt();
+        (s * (1.0 - random(3)), s * random(3))
+    };
+    // Off the triangle's edges, where a neighbouring face would be touched.
+    let inside = |x: f64| x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4;
+    Element {
+        triangle: chosen.triangle,
+        u: inside(u) as f32,
+        v: inside(v) as f32,
+        area,
+    }
+}
+
+/// A 32-bit integer hash (Wellons' `lowbias32`, 2018).
+fn hash(mut x: u32) -> u32 {
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7feb_352d);
+    x ^= x >> 15;
+    x = x.wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,190 @@
+use super::*;
+
+fn soup(triangles: Vec<[Vec3; 3]>) -> Soup {
+    let mut s = Soup::default();
+    for (i, t) in triangles.iter().enumerate() {
+        let g = (t[1] - t[0]).cross(t[2] - t[0]);
+        s.normals.push(g.normalize());
+        s.areas.push(0.5 * g.length());
+        s.sources.push(mesh_ingest::TriangleSource {
+            instance: 0,
+            primitive: 0,
+            triangle: i as u32,
+            mirrored: false,
+        });
+        s.materials.push(0);
+    }
+    s.instance_ranges.push([0, triangles.len() as u32]);
+    s.triangles = triangles;
+    s
+}
+
+fn quad(o: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
+    vec![[o, o + a, o + a + b], [o, o + a + b, o + b]]
+}
+
+fn cube() -> Vec<[Vec3; 3]> {
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    let mut t = quad(Vec3::ZERO, y, x);
+    t.extend(quad(Vec3::ZERO, x, z));
+    t.extend(quad(Vec3::ZERO, z, y));
+    t.extend(quad(Vec3::ONE, -y, -x));
+    t.extend(quad(Vec3::ONE, -x, -z));
+    t.extend(quad(Vec3::ONE, -z, -y));
+    t
+}
+
+/// A sphere of `n × 2n` quads cut in triangles.
+fn sphere(n: usize) -> Vec<[Vec3; 3]> {
+    let p = |i: usize, j: usize| {
+        let (a, b) = (
+            std::f32::consts::PI * i as f32 / n as f32,
+            std::f32::consts::PI * j as f32 / n as f32,
+        );
+        Vec3::new(a.sin() * b.cos(), a.cos(), a.sin() * b.sin())
+    };
+    let mut t = Vec::new();
+    for i in 0..n {
+        for j in 0..2 * n {
+            let (a, b, c, d) = (p(i, j), p(i + 1, j), p(i + 1, j + 1), p(i, j + 1));
+            for tri in [[a, b, c], [a, c, d]] {
+                if (tri[1] - tri[0]).cross(tri[2] - tri[0]).length() > 1e-9 {
+                    t.push(tri);
+                }
+            }
+        }
+    }
+    t
+}
+
+#[test]
+fn a_cube_has_six_regions_and_its_patches_cover_it_exactly() {
+    let s = soup(cube());
+    let d = Subdivision::build(
+        &s,
+        |_| false,
+        &Options {
+            patches: 600,
+            region_share: 0.5,
+            ..Options::default()
+        },
+    );
+    assert_eq!(d.stats().regions, 6);
+    assert_eq!(d.patches().len(), 600);
+    assert_eq!(d.elements().len(), 16 * 600);
+    let area: f64 = d.patches().iter().map(|p| p.area as f64).sum();
+    // f32 areas of 9600 elements: each within 1e-6 of its own.
+    assert!((area - 6.0).abs() < 1e-5, "{area}");
+    // Square cells: every patch has the same area.
+    for p in d.patches() {
+        assert!((p.area - 0.01).abs() < 1e-6, "{p:?}");
+    }
+}
+
+#[test]
+fn patches_follow_the_area_and_not_the_tessellation() {
+    let few = |n| {
+        let s = soup(sphere(n));
+        let d = Subdivision::build(
+            &s,
+            |_| false,
+            &Options {
+                patches: 200,
+                ..Options::default()
+            },
+        );
+        let area: f64 = d.patches().iter().map(|p| p.area as f64).sum();
+        let exact: f64 = s.areas.iter().map(|&a| a as f64).sum();
+        assert!((area / exact - 1.0).abs() < 1e-5);
+        (s.triangles.len(), d.patches().len())
+    };
+    let (t, coarse) = few(40);
+    let (u, dense) = few(160);
+    assert!(u > 15 * t);
+    assert!(coarse < 900 && dense < 900, "{coarse} and {dense} patches");
+}
+
+#[test]
+fn loose_small_triangles_are_clustered() {
+    // 20,000 leaves of 1 cm in a cube of 1 m.
+    let mut t = Vec::new();
+    for i in 0..20_000u32 {
+        let r = |k: u32| hash(i * 8 + k) as f32 / 4294967296.0;
+        let o = Vec3::new(r(0), r(1), r(2));
+        let a = Vec3::new(r(3) - 0.5, r(4) - 0.5, r(5) - 0.5) * 0.01;
+        let b = Vec3::new(r(6) - 0.5, r(7) - 0.5, 0.1) * 0.01;
+        t.push([o, o + a, o + b]);
+    }
+    let d = Subdivision::build(
+        &soup(t),
+        |_| false,
+        &Options {
+            patches: 100,
+            ..Options::default()
+        },
+    );
+    assert!(d.patches().len() < 4_000, "{}", d.patches().len());
+}
+
+#[test]
+fn every_surface_point_finds_its_patch_and_taps_that_sum_to_one() {
+    for (s, two) in [
+        (soup(cube()), false),
+        (soup(sphere(24)), true),
+        (
+            soup(quad(Vec3::ZERO, Vec3::X * 100.0, Vec3::Y * 0.01)),
+            false,
+        ),
+    ] {
+        let d = Subdivision::build(&s, |_| two, &Options::default());
+        for i in 0..20_000u32 {
+            let t = hash(i) as usize % s.triangles.len();
+            let (a, b) = (
+                (hash(i ^ 77) as f64 / 4294967296.0).sqrt() as f32,
+                hash(i ^ 99) as f32 / 4294967296.0,
+            );
+            let tri = s.triangles[t];
+            let p = tri[0] * (1.0 - a) + tri[1] * (a * (1.0 - b)) + tri[2] * (a * b);
+            let at = d.locate(t as u32, p, false).expect("front has a patch");
+            assert!(!d.patches()[at.patch.0 as usize].back);
+            if let Some(e) = at.element {
+                assert!(d.elements_of(at.patch).contains(&(e.0 as usize)));
+            }
+            let (taps, n) = d.taps(t as u32, p, at);
+            let sum: f32 = taps[..n].iter().map(|t| t.weight).sum();
+            assert!((sum - 1.0).abs() < 1e-5);
+            let behind = d.locate(t as u32, p, true);
+            assert_eq!(behind.is_some(), two);
+            if let Some(b) = behind {
+                assert!(d.patches()[b.patch.0 as usize].back);
+            }
+        }
+    }
+}
+
+#[test]
+fn element_points_lie_in_their_own_element() {
+    let s = soup(cube());
+    let d = Subdivision::build(&s, |_| false, &Options::default());
+    let mut strays = 0;
+    for p in 0..d.patches().len() as u32 {
+        for e in d.elements_of(PatchId(p)) {
+            let x = d.elements()[e];
+            let t = s.triangles[x.triangle as usize];
+            let at = t[0] + (t[1] - t[0]) * x.u + (t[2] - t[0]) * x.v;
+            let found = d.locate(x.triangle, at, false).unwrap();
+            strays += (found.element != Some(ElementId(e as u32))) as u32;
+        }
+    }
+    // The pull off the edges moves points by up to 0.1 % of the triangle, a few hundredths of an element.
+    assert!(strays as usize * 10 < d.elements().len(), "{strays}");
+}
+
+#[test]
+fn one_huge_plane_does_not_set_the_size_for_the_rest() {
+    let mut t = quad(Vec3::ZERO, Vec3::X * 2000.0, Vec3::Z * -2000.0);
+    t.extend(cube());
+    let d = Subdivision::build(&soup(t), |_| false, &Options::default());
+    assert!(d.stats().patch_size < 0.2, "{}", d.stats().patch_size);
+    assert!(d.patches().len() < 20_000, "{}", d.patches().len());
+}
