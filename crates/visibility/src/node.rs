@@ -111,9 +111,9 @@ impl Pack {
     };
 
     pub fn set(&mut self, lane: usize, triangle: &[Vec3; 3], id: u32) {
-        for axis in 0..3 {
-            for corner in 0..3 {
-                self.corners[axis][corner][lane] = triangle[corner][axis];
+        for (corner, point) in triangle.iter().enumerate() {
+            for (axis, x) in point.to_array().into_iter().enumerate() {
+                self.corners[axis][corner][lane] = x;
             }
         }
         self.ids[lane] = id;
