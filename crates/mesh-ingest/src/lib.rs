@@ -1,7 +1,46 @@
 //! Reads glTF 2.0 into [`Scene`], one documented normal form.
+//!
+//! [`load`] gives the scene, the [`Document`] as it came (for writers) and an [`IngestReport`]. [`Soup`] flattens a scene into
+//! world-space triangles for ray casting; [`Scene::base_color`] and its siblings say what a point of the soup does to light.
+//!
+//! Input is never trusted: every count is checked against the data that backs it before memory is reserved, all problems
+//! are collected with their document paths, and nothing panics.
+//!
+//! ```no_run
+//! use mesh_ingest::{LoadOptions, Soup, load};
+//!
+//! let loaded = load("level.glb".as_ref(), &LoadOptions::default())?;
+//! let soup = Soup::build(&loaded.scene);
+//! let color = loaded.scene.base_color(&soup, 0, 0.25, 0.25);
+//! # Ok::<(), mesh_ingest::Error>(())
+//! ```
 
+mod accessor;
+mod compress;
+mod container;
+mod document;
+mod error;
+mod extensions;
+mod geometry;
+mod images;
+mod json;
+mod lights;
+mod load;
+mod material;
+mod nodes;
+mod options;
+mod primitive;
+mod report;
 mod scene;
+mod shading;
 mod soup;
 
+pub use accessor::{DataType, Dimensions, RawAccessor};
+pub use document::{Document, ImageSource};
+pub use error::{Error, Problem};
+pub use load::{Loaded, load};
+pub use options::{Limits, LoadOptions};
+pub use primitive::{Mode, RawPrimitive};
+pub use report::{IngestReport, LeftOut, LeftOutReason, Totals, Warning};
 pub use scene::*;
 pub use soup::{Soup, TriangleSource};

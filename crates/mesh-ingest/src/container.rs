@@ -1,0 +1,257 @@
+//! Files: the glTF container (.gltf or .glb), URIs and the bytes behind them.
+
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use base64::Engine;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
+use serde_json::Value;
+
+use crate::error::{Fault, Outcome};
+
+/// Exporters disagree about padding; nothing is ambiguous without it.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &STANDARD,
+    GeneralPurposeConfig::new()
+        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
+        .with_decode_allow_trailing_bits(true),
+);
+
+/// The JSON of a document and, for .glb, its binary chunk.
+#[derive(Debug)]
+pub(crate) struct Container {
+    pub json: Value,
+    pub binary: bool,
+    pub chunk: Option<Vec<u8>>,
+}
+
+/// Reads a regular file of at most `limit` bytes. Devices and pipes are refused: they may never end.
+pub(crate) fn read_file(file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
+    let io = |e| Fault::io(path, file, e);
+    let handle = fs::File::open(file).map_err(io)?;
+    let meta = handle.metadata().map_err(io)?;
+    if !meta.is_file() {
+        return Err(io(std::io::Error::other("not a regular file")));
+    }
+    if meta.len() > limit {
+        return Err(Fault::limit(
+            path,
+            format!("{} with {} bytes", file.display(), meta.len()),
+            format!("at most {limit}"),
+        ));
+    }
+    let mut bytes = Vec::with_capacity(meta.len() as usize);
+    // A file that grows while it is read must not escape the limit.
+    handle.take(limit).read_to_end(&mut bytes).map_err(io)?;
+    Ok(bytes)
+}
+
+/// Splits `bytes` into JSON and binary chunk.
+pub(crate) fn parse(bytes: Vec<u8>) -> Outcome<Container> {
+    if bytes.starts_with(b"glTF") {
+        return parse_glb(&bytes);
+    }
+    Ok(Container {
+        json: parse_json(&bytes)?,
+        binary: false,
+        chunk: None,
+    })
+}
+
+fn parse_json(bytes: &[u8]) -> Outcome<Value> {
+    if bytes.is_empty() {
+        return Err(Fault::invalid(
+            "",
+            "an empty file",
+            "a glTF 2.0 document (.gltf or .glb)",
+        ));
+    }
+    if bytes.starts_with(b"\xef\xbb\xbf") {
+        return Err(Fault::invalid(
+            "",
+            "a byte order mark",
+            "JSON in UTF-8 that begins with '{'",
+        ));
+    }
+    let first = bytes.iter().find(|b| !b.is_ascii_whitespace());
+    if first != Some(&b'{') {
+        return Err(Fault::invalid(
+            "",
+            "neither a JSON object nor a GLB header",
+            "a glTF 2.0 document (.gltf or .glb)",
+        ));
+    }
+    serde_json::from_slice(bytes)
+        .map_err(|e| Fault::invalid("", format!("broken JSON ({e})"), "a JSON object"))
+}
+
+/// Reads the GLB container by hand: `gltf::Glb::from_slice` underflows on a short length and refuses unknown chunks, which
+/// the specification (glTF 2.0, §4.4) tells readers to skip.
+fn parse_glb(bytes: &[u8]) -> Outcome<Container> {
+    let word = |at: usize| {
+        bytes
+            .get(at..at + 4)
+            .map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+    };
+    let (Some(version), Some(length)) = (word(4), word(8)) else {
+        return Err(Fault::invalid(
+            "glb.header",
+            format!("{} bytes", bytes.len()),
+            "at least 12",
+        ));
+    };
+    if version == 1 {
+        return Err(Fault::unsupported(
+            "glb.header.version",
+            "1 (glTF 1.0)",
+            UPGRADE,
+        ));
+    }
+    if version != 2 {
+        return Err(Fault::invalid(
+            "glb.header.version",
+            format!("{version}"),
+            "2",
+        ));
+    }
+    if (length as usize) > bytes.len() || length < 12 {
+        return Err(Fault::invalid(
+            "glb.header.length",
+            format!("{length}"),
+            format!("12..={} (the file's size)", bytes.len()),
+        ));
+    }
+    let end = length as usize;
+    let (mut at, mut number, mut json, mut chunk) = (12, 0, None, None);
+    while at < end {
+        let path = format!("glb.chunks[{number}]");
+        let Some((size, kind)) = word(at)
+            .zip(bytes.get(at + 4..at + 8))
+            .filter(|_| at + 8 <= end)
+        else {
+            return Err(Fault::invalid(
+                path,
+                format!("{} bytes of a chunk header", end - at),
+                "8",
+            ));
+        };
+        let from = at + 8;
+        let Some(data) = from
+            .checked_add(size as usize)
+            .filter(|&to| to <= end)
+            .map(|to| &bytes[from..to])
+        else {
+            return Err(Fault::invalid(
+                path,
+                format!("a chunk of {size} bytes"),
+                format!("at most the {} that are left", end - from),
+            ));
+        };
+        match (number, kind) {
+            (0, b"JSON") => json = Some(parse_json(data)?),
+            (0, _) => {
+                return Err(Fault::invalid(
+                    path,
+                    "another chunk",
+                    "the JSON chunk first",
+                ));
+            }
+            (_, b"JSON") => return Err(Fault::invalid(path, "a second JSON chunk", "one")),
+            (1, b"BIN\0") => chunk = Some(data.to_vec()),
+            (_, b"BIN\0") => {
+                return Err(Fault::invalid(
+                    path,
+                    "a binary chunk",
+                    "it as the second chunk only",
+                ));
+            }
+            _ => {}
+        }
+        at = from + size as usize;
+        number += 1;
+    }
+    match json {
+        Some(json) => Ok(Container {
+            json,
+            binary: true,
+            chunk,
+        }),
+        None => Err(Fault::invalid("glb", "no chunk", "a JSON chunk")),
+    }
+}
+
+/// The way out of glTF 1.0. gltf-pipeline is Cesium's converter (npm).
+pub(crate) const UPGRADE: &str =
+    "glTF 2.0; `npx gltf-pipeline -i old.gltf -o new.glb` upgrades a 1.0 document";
+
+/// What a URI leads to.
+#[derive(Debug)]
+pub(crate) enum Target {
+    /// Bytes in the URI itself.
+    Data(Vec<u8>),
+    /// A file.
+    File(PathBuf),
+}
+
+/// Resolves `uri` (found at document path `path`) against the document's folder.
+pub(crate) fn resolve(uri: &str, base: &Path, path: &str) -> Outcome<Target> {
+    if let Some(rest) = strip_prefix_ignore_case(uri, "data:") {
+        let Some((head, body)) = rest.split_once(',') else {
+            return Err(Fault::invalid(
+                path,
+                "a data URI without a comma",
+                "data:<type>;base64,<data>",
+            ));
+        };
+        let body: Vec<u8> = percent_encoding::percent_decode_str(body).collect();
+        if !head
+            .split(';')
+            .any(|part| part.eq_ignore_ascii_case("base64"))
+        {
+            return Ok(Target::Data(body));
+        }
+        let body: Vec<u8> = body
+            .into_iter()
+            .filter(|b| !b.is_ascii_whitespace())
+            .collect();
+        return match BASE64.decode(&body) {
+            Ok(bytes) => Ok(Target::Data(bytes)),
+            Err(e) => Err(Fault::invalid(
+                path,
+                format!("broken base64 ({e})"),
+                "base64 data",
+            )),
+        };
+    }
+    if uri.contains("://") {
+        let shown: String = uri.chars().take(80).collect();
+        return Err(Fault::unsupported(
+            path,
+            format!("\"{shown}\""),
+            "a relative path or a data URI; download the file beside the document and name it there",
+        ));
+    }
+    // Some exporters do not encode at all: a file with a literal percent sign wins over the decoded name.
+    let literal = base.join(uri);
+    if uri.contains('%') && literal.is_file() {
+        return Ok(Target::File(literal));
+    }
+    match percent_encoding::percent_decode_str(uri).decode_utf8() {
+        Ok(name) if !name.is_empty() && !name.contains('\0') => {
+            Ok(Target::File(base.join(name.as_ref())))
+        }
+        _ => Err(Fault::invalid(
+            path,
+            "a URI that is no file name",
+            "a relative path in UTF-8",
+        )),
+    }
+}
+
+fn strip_prefix_ignore_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
+    let head = text.get(..prefix.len())?;
+    head.eq_ignore_ascii_case(prefix)
+        .then(|| &text[prefix.len()..])
+}

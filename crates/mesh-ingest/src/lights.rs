@@ -1,0 +1,135 @@
+//! `KHR_lights_punctual`.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+use glam::{DVec3, Vec3};
+
+use crate::document::Document;
+use crate::error::{Fault, Outcome};
+use crate::nodes::Placed;
+use crate::options::MAX_COORDINATE;
+use crate::report::IngestReport;
+use crate::scene::{Light, LightKind};
+
+/// Reads the light that `placed` puts into the world; `None` if it gives no light. `origin` is [`crate::Scene::origin`].
+pub(crate) fn read(
+    document: &Document,
+    placed: &Placed,
+    origin: DVec3,
+    report: &mut IngestReport,
+) -> Outcome<Option<Light>> {
+    let root = document.root();
+    let Some(ext) = root.extension("KHR_lights_punctual")? else {
+        return Ok(None);
+    };
+    let item = ext.element("lights", placed.index)?;
+    let kind = item.opt_str("type")?;
+    let intensity = intensity_of(&item, report)?;
+    let node = root.element("nodes", placed.node)?;
+    let name = Some(item.name())
+        .filter(|n| !n.is_empty())
+        .unwrap_or_else(|| node.name());
+
+    let position = placed.transform.translation - origin;
+    // A light shines along −Z of its node (scale plays no part but for its sign).
+    let direction = placed
+        .transform
+        .transform_vector3(DVec3::NEG_Z)
+        .try_normalize();
+    let placeable = position.is_finite() && position.abs().max_element() <= MAX_COORDINATE;
+    let range = || -> Outcome<Option<f32>> {
+        Ok(item
+            .opt_number("range")?
+            .filter(|&r| r > 0.0)
+            .map(|r| r as f32)
+            .filter(|&r| r > 0.0))
+    };
+    let kind = match (kind, direction) {
+        (Some("point"), _) if placeable => LightKind::Point {
+            position: position.as_vec3(),
+            range: range()?,
+        },
+        (Some("directional"), Some(d)) => LightKind::Directional {
+            direction: d.as_vec3(),
+        },
+        (Some("spot"), Some(d)) if placeable => {
+            let (inner, outer) = cone_of(&item, report)?;
+            LightKind::Spot {
+                position: position.as_vec3(),
+                direction: d.as_vec3(),
+                range: range()?,
+                inner,
+                outer,
+            }
+        }
+        (Some("point" | "directional" | "spot"), _) => {
+            report.count("lights.unplaceable", 1);
+            report.warn(
+                node.path,
+                "its transform gives the light no place or direction; it is dropped",
+            );
+            return Ok(None);
+        }
+        (Some(other), _) => {
+            report.count("lights.unknown_type", 1);
+            report.warn(
+                item.path_of("type"),
+                format!("\"{other}\" is no known type of light; it is dropped"),
+            );
+            return Ok(None);
+        }
+        (None, _) => {
+            return Err(Fault::invalid(
+                item.path_of("type"),
+                "nothing",
+                "point, spot or directional",
+            ));
+        }
+    };
+    Ok(Some(Light {
+        name,
+        node: Some(placed.node),
+        intensity,
+        kind,
+    }))
+}
+
+fn intensity_of(item: &crate::json::Item<'_>, report: &mut IngestReport) -> Outcome<Vec3> {
+    let color = item.opt_numbers::<3>("color")?.unwrap_or([1.0; 3]);
+    let intensity = item.opt_number("intensity")?.unwrap_or(1.0);
+    let asked = color.map(|c| c * intensity);
+    let given = asked.map(|x| x.clamp(0.0, f64::from(f32::MAX)));
+    if given != asked {
+        report.count("lights.clamped", 1);
+        report.warn(
+            &item.path,
+            format!("{color:?} × {intensity} is clamped to an intensity ≥ 0"),
+        );
+    }
+    Ok(Vec3::from_array(given.map(|x| x as f32)))
+}
+
+/// Inner and outer half-angle: 0 ≤ inner < outer ≤ π/2, as the extension asks.
+fn cone_of(item: &crate::json::Item<'_>, report: &mut IngestReport) -> Outcome<(f32, f32)> {
+    /// A cone without a penumbra would divide by zero in the extension's falloff formula.
+    const LEAST: f64 = 1e-4;
+    let spot = item.opt_object("spot")?;
+    let angle = |key: &str, default: f64| match &spot {
+        Some(spot) => spot.opt_number(key).map(|x| x.unwrap_or(default)),
+        None => Ok(default),
+    };
+    let asked = (
+        angle("innerConeAngle", 0.0)?,
+        angle("outerConeAngle", FRAC_PI_4)?,
+    );
+    let outer = asked.1.clamp(LEAST, FRAC_PI_2);
+    let inner = asked.0.clamp(0.0, outer - LEAST);
+    if (inner, outer) != asked {
+        report.count("lights.cone_clamped", 1);
+        report.warn(
+            item.path_of("spot"),
+            format!("cone angles {asked:?} are clamped to {inner}, {outer}"),
+        );
+    }
+    Ok((inner as f32, outer as f32))
+}

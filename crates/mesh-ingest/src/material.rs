@@ -1,0 +1,225 @@
+//! Materials, textures and samplers.
+
+use glam::{Affine2, Mat2, Vec2, Vec3, Vec4};
+
+use crate::document::Document;
+use crate::error::{Fault, Outcome};
+use crate::json::Item;
+use crate::report::IngestReport;
+use crate::scene::{AlphaMode, Material, TextureRef, Wrap};
+
+/// A material and what it needs from images.
+#[derive(Debug)]
+pub(crate) struct MaterialRead {
+    pub material: Material,
+    /// Faults of textures that light needs; they count only if a primitive uses the material.
+    pub faults: Vec<Fault>,
+}
+
+/// The glTF default material (glTF 2.0, §3.9.7).
+pub(crate) fn default_material() -> Material {
+    Material {
+        name: String::new(),
+        gltf_material: None,
+        base_color: Vec4::ONE,
+        base_texture: None,
+        emissive: Vec3::ZERO,
+        emissive_texture: None,
+        alpha: AlphaMode::Opaque,
+        double_sided: false,
+    }
+}
+
+/// Reads material `index`.
+pub(crate) fn read(
+    document: &Document,
+    index: usize,
+    report: &mut IngestReport,
+) -> Outcome<MaterialRead> {
+    let item = document.root().element("materials", index)?;
+    let mut faults = Vec::new();
+    // Specular-glossiness, where present, replaces metallic-roughness; both have a diffuse colour.
+    let (colors, factor, texture) = match item.extension("KHR_materials_pbrSpecularGlossiness")? {
+        Some(ext) => (Some(ext), "diffuseFactor", "diffuseTexture"),
+        None => (
+            item.opt_object("pbrMetallicRoughness")?,
+            "baseColorFactor",
+            "baseColorTexture",
+        ),
+    };
+    let mut base_color = Vec4::ONE;
+    let mut base_texture = None;
+    if let Some(colors) = colors {
+        if let Some(c) = colors.opt_numbers::<4>(factor)? {
+            let c = Vec4::from_array(c.map(|x| x as f32));
+            base_color = c.clamp(Vec4::ZERO, Vec4::ONE);
+            if base_color != c {
+                report.count("materials.reflectance_clamped", 1);
+                report.warn(colors.path_of(factor), format!("{c} is clamped to 0..=1"));
+            }
+        }
+        if let Some(texture) = colors.opt_object(texture)? {
+            base_texture = read_texture(document, &texture, report, &mut faults)?;
+        }
+    }
+    let (emissive, emissive_texture) = read_emission(document, &item, report, &mut faults)?;
+    let alpha = match item.opt_str("alphaMode")? {
+        None | Some("OPAQUE") => AlphaMode::Opaque,
+        Some("MASK") => AlphaMode::Mask {
+            cutoff: item.opt_number("alphaCutoff")?.unwrap_or(0.5) as f32,
+        },
+        Some("BLEND") => AlphaMode::Blend,
+        Some(other) => {
+            return Err(Fault::invalid(
+                item.path_of("alphaMode"),
+                format!("\"{other}\""),
+                "OPAQUE, MASK or BLEND",
+            ));
+        }
+    };
+    let double_sided = item.opt_bool("doubleSided")?.unwrap_or(false);
+    let material = Material {
+        name: item.name(),
+        gltf_material: Some(index),
+        base_color,
+        base_texture,
+        emissive,
+        emissive_texture,
+        alpha,
+        double_sided,
+    };
+    Ok(MaterialRead { material, faults })
+}
+
+/// Radiance `emissiveFactor × emissiveStrength` and its texture, which is read only if the radiance is not zero.
+fn read_emission(
+    document: &Document,
+    item: &Item<'_>,
+    report: &mut IngestReport,
+    faults: &mut Vec<Fault>,
+) -> Outcome<(Vec3, Option<TextureRef>)> {
+    let factor = item.opt_numbers::<3>("emissiveFactor")?.unwrap_or_default();
+    let strength = match item.extension("KHR_materials_emissive_strength")? {
+        Some(ext) => ext.opt_number("emissiveStrength")?.unwrap_or(1.0),
+        None => 1.0,
+    };
+    let asked = factor.map(|f| f * strength);
+    let given = asked.map(|x| x.clamp(0.0, f64::from(f32::MAX)));
+    if given != asked {
+        report.count("materials.emission_clamped", 1);
+        report.warn(
+            item.path_of("emissiveFactor"),
+            format!("{factor:?} × {strength} is clamped to a radiance ≥ 0"),
+        );
+    }
+    let emissive = Vec3::from_array(given.map(|x| x as f32));
+    let texture = match item.opt_object("emissiveTexture")? {
+        Some(texture) if emissive != Vec3::ZERO => {
+            read_texture(document, &texture, report, faults)?
+        }
+        _ => None,
+    };
+    Ok((emissive, texture))
+}
+
+/// Reads a `textureInfo`; `None` where it leads to no image.
+fn read_texture(
+    document: &Document,
+    info: &Item<'_>,
+    report: &mut IngestReport,
+    faults: &mut Vec<Fault>,
+) -> Outcome<Option<TextureRef>> {
+    let root = document.root();
+    let index = info
+        .opt_index("index", "textures", root.len_of("textures")?)?
+        .ok_or_else(|| {
+            Fault::invalid(info.path_of("index"), "nothing", "an index into textures")
+        })?;
+    let texture = root.element("textures", index)?;
+    let Some(image) = choose_image(document, &texture, report, faults)? else {
+        return Ok(None);
+    };
+    let mut tex_coord = info.opt_uint("texCoord")?.unwrap_or(0);
+    let mut transform = Affine2::IDENTITY;
+    if let Some(ext) = info.extension("KHR_texture_transform")? {
+        tex_coord = ext.opt_uint("texCoord")?.unwrap_or(tex_coord);
+        let [ox, oy] = ext.opt_numbers::<2>("offset")?.unwrap_or([0.0, 0.0]);
+        let [sx, sy] = ext.opt_numbers::<2>("scale")?.unwrap_or([1.0, 1.0]);
+        let (sin, cos) = ext.opt_number("rotation")?.unwrap_or(0.0).sin_cos();
+        // Translation × rotation × scale, as the extension writes it: v points down, so positive angles turn clockwise in (u, v).
+        let linear = [cos * sx, -sin * sx, sin * sy, cos * sy].map(|x| x as f32);
+        transform = Affine2::from_mat2_translation(
+            Mat2::from_cols_array(&linear),
+            Vec2::new(ox as f32, oy as f32),
+        );
+    }
+    let (mut wrap, mut nearest) = ([Wrap::Repeat; 2], false);
+    if let Some(s) = texture.opt_index("sampler", "samplers", root.len_of("samplers")?)? {
+        let sampler = root.element("samplers", s)?;
+        for (slot, key) in wrap.iter_mut().zip(["wrapS", "wrapT"]) {
+            *slot = match sampler.opt_uint(key)? {
+                Some(33071) => Wrap::Clamp,
+                Some(33648) => Wrap::Mirror,
+                None | Some(10497) => Wrap::Repeat,
+                Some(n) => {
+                    report.warn(
+                        sampler.path_of(key),
+                        format!("{n} is no wrapping mode; the texture repeats"),
+                    );
+                    Wrap::Repeat
+                }
+            };
+        }
+        nearest = sampler.opt_uint("magFilter")? == Some(9728);
+    }
+    Ok(Some(TextureRef {
+        image,
+        tex_coord,
+        transform,
+        wrap,
+        nearest,
+    }))
+}
+
+/// The image of a texture that this crate can decode, with fallbacks.
+fn choose_image(
+    document: &Document,
+    texture: &Item<'_>,
+    report: &mut IngestReport,
+    faults: &mut Vec<Fault>,
+) -> Outcome<Option<usize>> {
+    let images = document.root().len_of("images")?;
+    let of = |ext: &str| match texture.extension(ext)? {
+        Some(ext) => ext.opt_index("source", "images", images),
+        None => Ok(None),
+    };
+    if let Some(webp) = of("EXT_texture_webp")? {
+        return Ok(Some(webp));
+    }
+    if let Some(source) = texture.opt_index("source", "images", images)? {
+        return Ok(Some(source));
+    }
+    for (name, way_out) in [
+        ("KHR_texture_basisu", KTX2_WAY_OUT),
+        ("EXT_texture_avif", AVIF_WAY_OUT),
+        ("MSFT_texture_dds", "a PNG, JPEG or WebP image"),
+    ] {
+        if let Some(image) = of(name)? {
+            let path = format!("{}.extensions.{name}", texture.path);
+            faults.push(Fault::unsupported(
+                path,
+                format!("images[{image}] without a fallback source"),
+                way_out,
+            ));
+            return Ok(None);
+        }
+    }
+    report.warn(&texture.path, "no image: read as white");
+    report.count("textures.no_image", 1);
+    Ok(None)
+}
+
+/// Commands of @gltf-transform/cli 4.5 (npm).
+pub(crate) const KTX2_WAY_OUT: &str =
+    "a PNG, JPEG or WebP image; `npx @gltf-transform/cli ktxdecompress in.glb out.glb` converts it";
+pub(crate) const AVIF_WAY_OUT: &str = "a PNG, JPEG or WebP image; `npx @gltf-transform/cli png --formats '*' in.glb out.glb` converts it";

@@ -1,0 +1,473 @@
+//! The scene graph: which meshes and lights stand where, and which take no part.
+
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec3};
+use serde_json::Value;
+
+use crate::document::Document;
+use crate::error::{Fault, Faults, Outcome};
+use crate::json::Item;
+use crate::report::{IngestReport, LeftOut, LeftOutReason};
+
+/// A mesh or light at a place in the (not recentred) world.
+#[derive(Debug)]
+pub(crate) struct Placed {
+    pub node: usize,
+    pub copy: Option<u32>,
+    /// Index into the document's meshes or lights.
+    pub index: usize,
+    pub transform: DAffine3,
+}
+
+/// Everything that the chosen scene places.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    pub meshes: Vec<Placed>,
+    pub lights: Vec<Placed>,
+}
+
+/// What a node hands down to its children.
+#[derive(Debug, Clone, Copy)]
+struct Inherited {
+    transform: DAffine3,
+    animated: bool,
+    /// Nearest `extras.lumel.bake`.
+    bake: bool,
+    hidden: bool,
+    excluded: bool,
+}
+
+/// What animations do to each node.
+#[derive(Debug, Default, Clone, Copy)]
+struct Animated {
+    moves: bool,
+    morphs: bool,
+}
+
+/// Walks the scene `scene` (or the document's own choice) depth first, without recursion: hierarchies may be deep.
+pub(crate) fn walk(
+    document: &Document,
+    scene: Option<usize>,
+    faults: &mut Faults,
+    report: &mut IngestReport,
+) -> Graph {
+    let root = document.root();
+    let mut graph = Graph::default();
+    let Some(count) = faults.take(root.len_of("nodes")) else {
+        return graph;
+    };
+    let hierarchy = hierarchy(&root, count, faults);
+    let Some(children) = faults.take(hierarchy) else {
+        return graph;
+    };
+    let Some(roots) = faults.take(scene_roots(&root, scene, &children, report)) else {
+        return graph;
+    };
+    let animated = faults
+        .take(animated_nodes(&root, count))
+        .unwrap_or_else(|| vec![Animated::default(); count]);
+    let top = Inherited {
+        transform: DAffine3::IDENTITY,
+        animated: false,
+        bake: false,
+        hidden: false,
+        excluded: false,
+    };
+    let mut stack: Vec<(usize, Inherited)> = roots.into_iter().rev().map(|r| (r, top)).collect();
+    while let Some((index, from_parent)) = stack.pop() {
+        let visit = visit(
+            document,
+            index,
+            from_parent,
+            animated[index],
+            &mut graph,
+            report,
+        );
+        let Some(own) = faults.take(visit) else {
+            continue;
+        };
+        stack.extend(children[index].iter().rev().map(|&child| (child, own)));
+    }
+    graph
+}
+
+/// Children by node, checked to be a forest.
+fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Outcome<Vec<Vec<usize>>> {
+    let mut parent: Vec<Option<usize>> = vec![None; count];
+    let mut children = Vec::with_capacity(count);
+    for i in 0..count {
+        let node = root.element("nodes", i)?;
+        let own = node.uints("children")?;
+        for (k, &child) in own.iter().enumerate() {
+            let path = || format!("{}.children[{k}]", node.path);
+            if child >= count {
+                return Err(Fault::invalid(
+                    path(),
+                    format!("{child}"),
+                    format!("an index into nodes, which has {count}"),
+                ));
+            }
+            match parent[child] {
+                None => parent[child] = Some(i),
+                Some(first) => faults.push(Fault::invalid(
+                    path(),
+                    format!("node {child}, already a child of node {first}"),
+                    "a node with one parent",
+                )),
+            }
+        }
+        children.push(own);
+    }
+    // With one parent each, a cycle is what never reaches a root. Every node is walked once: `done` marks known good ones.
+    let mut state = vec![0usize; count];
+    for start in 0..count {
+        let mut at = Some(start);
+        while let Some(i) = at {
+            if state[i] == start + 1 {
+                return Err(Fault::invalid(
+                    format!("nodes[{i}]"),
+                    "a node that is its own ancestor",
+                    "a hierarchy without loops",
+                ));
+            }
+            if state[i] != 0 {
+                break;
+            }
+            state[i] = start + 1;
+            at = parent[i];
+        }
+    }
+    Ok(children)
+}
+
+fn scene_roots(
+    root: &Item<'_>,
+    scene: Option<usize>,
+    children: &[Vec<usize>],
+    report: &mut IngestReport,
+) -> Outcome<Vec<usize>> {
+    let scenes = root.len_of("scenes")?;
+    let chosen = match scene {
+        Some(s) if s < scenes => Some(s),
+        Some(s) => {
+            return Err(Fault::invalid(
+                "scenes",
+                format!("{scenes} scenes"),
+                format!("a scene {s}, which was asked for"),
+            ));
+        }
+        None => root
+            .opt_index("scene", "scenes", scenes)?
+            .or((scenes > 0).then_some(0)),
+    };
+    let mut is_child = vec![false; children.len()];
+    children.iter().flatten().for_each(|&c| is_child[c] = true);
+    let Some(chosen) = chosen else {
+        return Ok((0..children.len()).filter(|&i| !is_child[i]).collect());
+    };
+    let item = root.element("scenes", chosen)?;
+    let mut roots = Vec::new();
+    let mut seen = vec![false; children.len()];
+    for (k, node) in item.uints("nodes")?.into_iter().enumerate() {
+        let path = format!("{}.nodes[{k}]", item.path);
+        let Some(seen) = seen.get_mut(node) else {
+            return Err(Fault::invalid(
+                path,
+                format!("{node}"),
+                format!("an index into nodes, which has {}", children.len()),
+            ));
+        };
+        if is_child[node] {
+            return Err(Fault::invalid(
+                path,
+                format!("node {node}, which is another's child"),
+                "a root node",
+            ));
+        }
+        if std::mem::replace(seen, true) {
+            report.warn(path, format!("node {node} is listed twice and read once"));
+            continue;
+        }
+        roots.push(node);
+    }
+    Ok(roots)
+}
+
+/// Which nodes animations move or morph, `KHR_animation_pointer` included.
+fn animated_nodes(root: &Item<'_>, count: usize) -> Outcome<Vec<Animated>> {
+    let mut animated = vec![Animated::default(); count];
+    for animation in root.elements("animations")? {
+        for channel in animation.elements("channels")? {
+            let Some(target) = channel.opt_object("target")? else {
+                continue;
+            };
+            let pointer = target
+                .extension("KHR_animation_pointer")?
+                .and_then(|ext| ext.value.get("pointer"))
+                .and_then(Value::as_str)
+                .and_then(|p| p.strip_prefix("/nodes/"))
+                .and_then(|p| p.split_once('/'))
+                .and_then(|(node, path)| Some((node.parse().ok()?, path)));
+            let plain = target.opt_uint("node")?.zip(target.opt_str("path")?);
+            let Some((node, path)) = pointer.or(plain) else {
+                continue;
+            };
+            let Some(entry) = animated.get_mut(node) else {
+                return Err(Fault::invalid(
+                    target.path_of("node"),
+                    format!("{node}"),
+                    format!("an index into nodes, which has {count}"),
+                ));
+            };
+            match path.split('/').next() {
+                Some("translation" | "rotation" | "scale") => entry.moves = true,
+                Some("weights") => entry.morphs = true,
+                _ => {}
+            }
+        }
+    }
+    Ok(animated)
+}
+
+/// Reads one node; what it passes on is the result.
+fn visit(
+    document: &Document,
+    index: usize,
+    from: Inherited,
+    animated: Animated,
+    graph: &mut Graph,
+    report: &mut IngestReport,
+) -> Outcome<Inherited> {
+    let root = document.root();
+    let node = root.element("nodes", index)?;
+    let lumel = node.value.get("extras").and_then(|e| e.get("lumel"));
+    let flag = |key: &str| lumel.and_then(|l| l.get(key)).and_then(Value::as_bool);
+    let visible = match node.extension("KHR_node_visibility")? {
+        Some(ext) => ext.opt_bool("visible")?.unwrap_or(true),
+        None => true,
+    };
+    let own = Inherited {
+        transform: from.transform * local_transform(&node, report)?,
+        animated: from.animated || animated.moves,
+        bake: flag("bake").unwrap_or(from.bake),
+        hidden: from.hidden || !visible,
+        excluded: from.excluded || flag("exclude") == Some(true),
+    };
+    let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
+    let light = light_of(&root, &node)?;
+    if mesh.is_none() && light.is_none() {
+        return Ok(own);
+    }
+    if let Some(reason) = why_left_out(&root, &node, mesh, own, animated)? {
+        report.left_out.push(LeftOut {
+            node: index,
+            name: node.name(),
+            reason,
+        });
+        return Ok(own);
+    }
+    if let Some(light) = light {
+        graph.lights.push(Placed {
+            node: index,
+            copy: None,
+            index: light,
+            transform: own.transform,
+        });
+    }
+    if let Some(mesh) = mesh {
+        match node.extension("EXT_mesh_gpu_instancing")? {
+            None => graph.meshes.push(Placed {
+                node: index,
+                copy: None,
+                index: mesh,
+                transform: own.transform,
+            }),
+            Some(ext) => place_copies(document, &ext, index, mesh, own.transform, graph)?,
+        }
+        let allowed = document.limits().instances;
+        if graph.meshes.len() as u64 > allowed {
+            return Err(Fault::limit(
+                node.path,
+                format!("more than {allowed} mesh instances"),
+                "fewer",
+            ));
+        }
+    }
+    Ok(own)
+}
+
+fn why_left_out(
+    root: &Item<'_>,
+    node: &Item<'_>,
+    mesh: Option<usize>,
+    own: Inherited,
+    animated: Animated,
+) -> Outcome<Option<LeftOutReason>> {
+    if own.excluded {
+        return Ok(Some(LeftOutReason::Excluded));
+    }
+    if own.hidden {
+        return Ok(Some(LeftOutReason::Hidden));
+    }
+    if own.bake {
+        return Ok(None);
+    }
+    if mesh.is_some()
+        && node
+            .opt_index("skin", "skins", root.len_of("skins")?)?
+            .is_some()
+    {
+        return Ok(Some(LeftOutReason::Skinned));
+    }
+    if let Some(mesh) = mesh {
+        let mesh = root.element("meshes", mesh)?;
+        let has_targets = mesh
+            .elements("primitives")?
+            .iter()
+            .any(|p| p.value.get("targets").is_some());
+        // A node's weights replace the mesh's.
+        let weights = node.get("weights").or_else(|| mesh.get("weights"));
+        let deformed = weights
+            .and_then(|w| {
+                w.value
+                    .as_array()
+                    .map(|a| a.iter().any(|x| x.as_f64() != Some(0.0)))
+            })
+            .unwrap_or(false);
+        if has_targets && (animated.morphs || deformed) {
+            return Ok(Some(LeftOutReason::Morphed));
+        }
+    }
+    Ok(own.animated.then_some(LeftOutReason::Animated))
+}
+
+fn light_of(root: &Item<'_>, node: &Item<'_>) -> Outcome<Option<usize>> {
+    let Some(ext) = node.extension("KHR_lights_punctual")? else {
+        return Ok(None);
+    };
+    let lights = match root.extension("KHR_lights_punctual")? {
+        Some(ext) => ext.len_of("lights")?,
+        None => 0,
+    };
+    ext.opt_index("light", "extensions.KHR_lights_punctual.lights", lights)
+}
+
+/// A node's `matrix` or translation × rotation × scale.
+fn local_transform(node: &Item<'_>, report: &mut IngestReport) -> Outcome<DAffine3> {
+    if let Some(columns) = node.opt_numbers::<16>("matrix")? {
+        let matrix = DMat4::from_cols_array(&columns);
+        if matrix.row(3) != glam::DVec4::W {
+            report.warn(
+                node.path_of("matrix"),
+                "the last row is not 0, 0, 0, 1 and is ignored",
+            );
+        }
+        return Ok(DAffine3::from_mat4(matrix));
+    }
+    let translation = node.opt_numbers::<3>("translation")?.unwrap_or_default();
+    let scale = node.opt_numbers::<3>("scale")?.unwrap_or([1.0; 3]);
+    let rotation = node
+        .opt_numbers::<4>("rotation")?
+        .unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    let rotation = unit_quaternion(rotation).unwrap_or_else(|| {
+        report.warn(
+            node.path_of("rotation"),
+            "a quaternion of length 0 is read as no rotation",
+        );
+        DQuat::IDENTITY
+    });
+    Ok(DAffine3::from_scale_rotation_translation(
+        scale.into(),
+        rotation,
+        translation.into(),
+    ))
+}
+
+fn unit_quaternion(q: [f64; 4]) -> Option<DQuat> {
+    // Scaled first: squares of components near the ends of the range would leave it.
+    let largest = q.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    (largest > 0.0 && largest.is_finite())
+        .then(|| DQuat::from_array(q.map(|x| x / largest)).normalize())
+}
+
+/// Reads the copies that `EXT_mesh_gpu_instancing` makes.
+fn place_copies(
+    document: &Document,
+    ext: &Item<'_>,
+    node: usize,
+    mesh: usize,
+    base: DAffine3,
+    graph: &mut Graph,
+) -> Outcome<()> {
+    let mut count = None;
+    let (mut translations, mut rotations, mut scales) = (None, None, None);
+    for (name, accessor, path) in crate::primitive::attribute_list(ext)? {
+        document.known_accessor(accessor, &path)?;
+        let head = document.accessor_head(accessor)?;
+        if *count.get_or_insert(head.count) != head.count {
+            return Err(Fault::invalid(
+                path,
+                format!("{} elements", head.count),
+                format!("{count:?}, as the others have"),
+            ));
+        }
+        let allowed = document.limits().instances;
+        if (graph.meshes.len() + head.count) as u64 > allowed {
+            return Err(Fault::limit(
+                path,
+                format!("{} copies", head.count),
+                format!("at most {allowed} mesh instances"),
+            ));
+        }
+        let width = head.dimensions.multiplicity();
+        let expected = match name.as_str() {
+            "TRANSLATION" | "SCALE" => 3,
+            "ROTATION" => 4,
+            _ => continue,
+        };
+        if width != expected {
+            return Err(Fault::invalid(
+                path,
+                format!("{width} components"),
+                format!("{expected}"),
+            ));
+        }
+        let raw = document.accessor(accessor)?;
+        match name.as_str() {
+            "TRANSLATION" => translations = Some(raw.to_floats::<3>(0.0)),
+            "SCALE" => scales = Some(raw.to_floats::<3>(1.0)),
+            _ => rotations = Some(raw.to_floats::<4>(0.0)),
+        }
+    }
+    let vector = |v: [f32; 3]| Vec3::from(v).as_dvec3();
+    for k in 0..count.unwrap_or(0) {
+        let translation = translations.as_ref().map_or(DVec3::ZERO, |t| vector(t[k]));
+        let scale = scales.as_ref().map_or(DVec3::ONE, |s| vector(s[k]));
+        let rotation = rotations
+            .as_ref()
+            .and_then(|r| unit_quaternion(r[k].map(f64::from)))
+            .unwrap_or(DQuat::IDENTITY);
+        let local = DAffine3::from_scale_rotation_translation(scale, rotation, translation);
+        graph.meshes.push(Placed {
+            node,
+            copy: Some(k as u32),
+            index: mesh,
+            transform: base * local,
+        });
+    }
+    Ok(())
+}
+
+/// Whether a transform is finite and can be undone: the volume of its axes' parallelepiped is not lost against the box of
+/// their lengths (1e-12 as in [`MIN_ASPECT`](crate::geometry::MIN_ASPECT): far above double rounding).
+pub(crate) fn is_invertible(m: &DMat3) -> bool {
+    let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.length());
+    if !m.is_finite() || lengths.iter().any(|&l| !(l > 0.0 && l.is_finite())) {
+        return false;
+    }
+    let unit = DMat3::from_cols(
+        m.x_axis / lengths[0],
+        m.y_axis / lengths[1],
+        m.z_axis / lengths[2],
+    );
+    unit.determinant().abs() > crate::geometry::MIN_ASPECT
+}

@@ -1,0 +1,49 @@
+//! What the caller decides about a load.
+
+/// How [`load`](crate::load) reads a document.
+#[derive(Debug, Clone, Default)]
+pub struct LoadOptions {
+    /// Which of the document's scenes; `None` for the one that it names, else the first, else all root nodes.
+    pub scene: Option<usize>,
+    /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of exhausting the machine.
+    pub limits: Limits,
+}
+
+/// Ceilings on what a document may ask for.
+///
+/// A few bytes of JSON can claim any count, so each is checked before memory is reserved.
+#[derive(Debug, Clone)]
+pub struct Limits {
+    /// Bytes of one file (document, buffer or image).
+    pub file_bytes: u64,
+    /// Bytes of all accessors without a buffer view, which no file data backs.
+    pub unbacked_bytes: u64,
+    /// Bytes that one compressed buffer view or Draco primitive may decode to.
+    pub decoded_bytes: u64,
+    /// Estimated bytes of the scene's unique geometry.
+    pub geometry_bytes: u64,
+    /// Triangles after instancing.
+    pub triangles: u64,
+    /// Placed meshes.
+    pub instances: u64,
+    /// Pixels of all decoded images together.
+    pub image_pixels: u64,
+}
+
+impl Default for Limits {
+    /// Room for twenty times the largest level that the project measures (about 3 million unique triangles), within 16 GiB.
+    fn default() -> Limits {
+        Limits {
+            file_bytes: 8 << 30,
+            unbacked_bytes: 256 << 20,
+            decoded_bytes: 2 << 30,
+            geometry_bytes: 6 << 30,
+            triangles: 1 << 26,
+            instances: 1 << 22,
+            image_pixels: 1 << 29,
+        }
+    }
+}
+
+/// Coordinates beyond this (metres) count as not finite: the cube of a length, which ray tests form, must fit `f32`.
+pub(crate) const MAX_COORDINATE: f64 = 1e12;

@@ -1,0 +1,131 @@
+//! What ingest did to a document, for people and for the bake report.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::scene::Counts;
+
+/// What was read, dropped, clamped and left out.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct IngestReport {
+    /// How often each kind of repair or omission happened (see [`Counts`]).
+    pub counts: Counts,
+    /// Things that a person may want to look at.
+    pub warnings: Vec<Warning>,
+    /// Nodes with geometry or light that take no part in the bake.
+    pub left_out: Vec<LeftOut>,
+    /// Files read besides the document, as the document names them.
+    pub files: Vec<String>,
+    /// `extensionsUsed`, sorted.
+    pub extensions_used: Vec<String>,
+    /// Sizes of the loaded scene.
+    pub totals: Totals,
+}
+
+/// A remark about one place of the document.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// Document path.
+    pub path: String,
+    /// What was seen and what was done about it.
+    pub message: String,
+}
+
+/// A node that neither receives nor casts light.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Index of the glTF node.
+    pub node: usize,
+    /// Its name, or empty.
+    pub name: String,
+    /// Why.
+    pub reason: LeftOutReason,
+}
+
+/// Why a node is left out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum LeftOutReason {
+    /// A skin deforms it.
+    Skinned,
+    /// Morph targets deform it.
+    Morphed,
+    /// An animation moves it or one of its ancestors.
+    Animated,
+    /// `KHR_node_visibility` hides it.
+    Hidden,
+    /// Its `extras.lumel`, or an ancestor's, says `"exclude": true`.
+    Excluded,
+}
+
+/// Sizes of a loaded scene.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Totals {
+    /// Unique meshes in use.
+    pub meshes: usize,
+    /// Their primitives with triangles.
+    pub primitives: usize,
+    /// Vertices of those.
+    pub vertices: u64,
+    /// Unique triangles.
+    pub triangles: u64,
+    /// Triangles after instancing.
+    pub triangles_instanced: u64,
+    /// Placed meshes.
+    pub instances: usize,
+    /// Materials of the document.
+    pub materials: usize,
+    /// Images decoded.
+    pub images: usize,
+    /// Punctual lights.
+    pub lights: usize,
+    /// Estimated bytes of scene and soup together.
+    pub memory_bytes: u64,
+}
+
+impl IngestReport {
+    /// So many warnings are kept; the rest only counted, under `warnings.omitted`.
+    const WARNINGS: usize = 500;
+
+    pub(crate) fn count(&mut self, key: &str, n: u64) {
+        add(&mut self.counts, key, n);
+    }
+
+    pub(crate) fn warn(&mut self, path: impl Into<String>, message: impl Into<String>) {
+        if self.warnings.len() < Self::WARNINGS {
+            self.warnings.push(Warning {
+                path: path.into(),
+                message: message.into(),
+            });
+        } else {
+            self.count("warnings.omitted", 1);
+        }
+    }
+
+    /// Takes over the counts and warnings of a part that was read on its own.
+    pub(crate) fn merge(&mut self, part: IngestReport) {
+        for (key, n) in part.counts {
+            self.count(&key, n);
+        }
+        for warning in part.warnings {
+            self.warn(warning.path, warning.message);
+        }
+    }
+
+    /// How many nodes are left out for each reason.
+    pub fn left_out_by_reason(&self) -> BTreeMap<LeftOutReason, usize> {
+        let mut by_reason = BTreeMap::new();
+        for node in &self.left_out {
+            *by_reason.entry(node.reason).or_insert(0) += 1;
+        }
+        by_reason
+    }
+}
+
+pub(crate) fn add(counts: &mut Counts, key: &str, n: u64) {
+    if n > 0 {
+        *counts.entry(key.to_string()).or_insert(0) += n;
+    }
+}

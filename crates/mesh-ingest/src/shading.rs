@@ -1,0 +1,329 @@
+//! What a point of the soup does to light: reflectance, transparency, emission, shading normal.
+//!
+//! Textures are decoded from sRGB texel by texel and then filtered, as the glTF specification asks (glTF 2.0, §3.9.2) and as the
+//! project's reference tracer does.
+
+use std::sync::LazyLock;
+
+use glam::{Affine2, DVec3, Vec2, Vec3, Vec4, Vec4Swizzles};
+
+use crate::scene::{AlphaMode, Image, Material, Primitive, Scene, TextureRef, Wrap};
+use crate::soup::Soup;
+
+/// sRGB byte to linear (IEC 61966-2-1).
+static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|i| {
+        let x = i as f64 / 255.0;
+        (if x <= 0.04045 {
+            x / 12.92
+        } else {
+            ((x + 0.055) / 1.055).powf(2.4)
+        }) as f32
+    })
+});
+
+/// A soup triangle's way back to its primitive: local vertices in the order of the *world* corners.
+struct Lookup<'a> {
+    primitive: &'a Primitive,
+    vertices: [usize; 3],
+}
+
+impl Lookup<'_> {
+    fn weights(u: f32, v: f32) -> Vec3 {
+        Vec3::new(1.0 - u - v, u, v)
+    }
+
+    fn tex_coord(&self, set: usize, u: f32, v: f32) -> Vec2 {
+        match self
+            .primitive
+            .tex_coords
+            .get(set)
+            .filter(|set| !set.is_empty())
+        {
+            None => Vec2::ZERO,
+            Some(set) => {
+                let [a, b, c] = self.vertices.map(|i| set[i]);
+                let w = Self::weights(u, v);
+                a * w.x + b * w.y + c * w.z
+            }
+        }
+    }
+
+    fn color(&self, u: f32, v: f32) -> Vec4 {
+        if self.primitive.colors.is_empty() {
+            return Vec4::ONE;
+        }
+        let [a, b, c] = self.vertices.map(|i| self.primitive.colors[i]);
+        let w = Self::weights(u, v);
+        a * w.x + b * w.y + c * w.z
+    }
+}
+
+impl Scene {
+    fn lookup(&self, soup: &Soup, tri: u32) -> Lookup<'_> {
+        let source = soup.sources[tri as usize];
+        let mesh = self.instances[source.instance as usize].mesh;
+        let primitive = &self.meshes[mesh].primitives[source.primitive as usize];
+        let [a, b, c] = primitive.triangles[source.triangle as usize].map(|i| i as usize);
+        Lookup {
+            primitive,
+            vertices: if source.mirrored {
+                [a, c, b]
+            } else {
+                [a, b, c]
+            },
+        }
+    }
+
+    fn material_of(&self, soup: &Soup, tri: u32) -> &Material {
+        &self.materials[soup.materials[tri as usize] as usize]
+    }
+
+    /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`.
+    ///
+    /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2.
+    pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
+        let material = self.material_of(soup, tri);
+        let lookup = self.lookup(soup, tri);
+        let mut color = material.base_color;
+        if !lookup.primitive.colors.is_empty() {
+            color *= lookup.color(u, v);
+        }
+        if let Some(texture) = &material.base_texture {
+            color *= self.sample(texture, lookup.tex_coord(texture.tex_coord, u, v));
+        }
+        // Barycentric weights may leave 0..=1 by rounding.
+        color.clamp(Vec4::ZERO, Vec4::ONE)
+    }
+
+    /// Radiance that the triangle's acting sides emit at a point (units of [`Material::emissive`]); `u`, `v` as in
+    /// [`Scene::base_color`].
+    pub fn emission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        let material = self.material_of(soup, tri);
+        match &material.emissive_texture {
+            Some(texture) if material.emissive != Vec3::ZERO => {
+                let uv = self.lookup(soup, tri).tex_coord(texture.tex_coord, u, v);
+                (material.emissive * self.sample(texture, uv).xyz()).max(Vec3::ZERO)
+            }
+            _ => material.emissive,
+        }
+    }
+
+    /// Whether rays must ask [`Scene::transmittance`] at triangles of this material.
+    pub fn needs_alpha(&self, material: u32) -> bool {
+        self.materials[material as usize].alpha != AlphaMode::Opaque
+    }
+
+    /// Share of light that passes straight through the triangle at a point: 0 for opaque, 0 or 1 for `MASK`, 1 − alpha for `BLEND`.
+    pub fn transmittance(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
+        match self.material_of(soup, tri).alpha {
+            AlphaMode::Opaque => 0.0,
+            AlphaMode::Mask { cutoff } => f32::from(u8::from(self.alpha(soup, tri, u, v) < cutoff)),
+            AlphaMode::Blend => 1.0 - self.alpha(soup, tri, u, v),
+        }
+    }
+
+    /// Whether a ray passes through the triangle at a point, `xi` in 0..1 deciding for `BLEND` (passes where `xi` ≥ alpha).
+    pub fn alpha_passes(&self, soup: &Soup, tri: u32, u: f32, v: f32, xi: f32) -> bool {
+        match self.material_of(soup, tri).alpha {
+            AlphaMode::Opaque => false,
+            AlphaMode::Mask { cutoff } => self.alpha(soup, tri, u, v) < cutoff,
+            AlphaMode::Blend => xi >= self.alpha(soup, tri, u, v),
+        }
+    }
+
+    /// The alpha of [`Scene::base_color`], without its colour.
+    fn alpha(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
+        let material = self.material_of(soup, tri);
+        let lookup = self.lookup(soup, tri);
+        let mut alpha = material.base_color.w * lookup.color(u, v).w;
+        if let Some(texture) = &material.base_texture {
+            alpha *= self
+                .sample(texture, lookup.tex_coord(texture.tex_coord, u, v))
+                .w;
+        }
+        alpha.clamp(0.0, 1.0)
+    }
+
+    /// The interpolated vertex normal in world space (unit), on the side of the geometric normal; the geometric normal where the
+    /// primitive has no normals or they cancel.
+    pub fn shading_normal(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        let geometric = soup.normals[tri as usize];
+        let lookup = self.lookup(soup, tri);
+        if lookup.primitive.normals.is_empty() {
+            return geometric;
+        }
+        let source = soup.sources[tri as usize];
+        let m = &self.instances[source.instance as usize].transform.matrix3;
+        let [a, b, c] = lookup
+            .vertices
+            .map(|i| lookup.primitive.normals[i].as_dvec3());
+        let w = Lookup::weights(u, v).as_dvec3();
+        let local = a * w.x + b * w.y + c * w.z;
+        // Cofactors are the inverse transpose times the determinant: no division, and the sign is settled below.
+        let world: DVec3 = m.y_axis.cross(m.z_axis) * local.x
+            + m.z_axis.cross(m.x_axis) * local.y
+            + m.x_axis.cross(m.y_axis) * local.z;
+        match world.try_normalize() {
+            None => geometric,
+            Some(n) => {
+                let n = n.as_vec3();
+                let side = n.dot(geometric);
+                // Exactly across the surface it says nothing about the side.
+                if side == 0.0 || !n.is_finite() {
+                    geometric
+                } else {
+                    n * side.signum()
+                }
+            }
+        }
+    }
+
+    /// Mean of [`Scene::base_color`] over triangle `tri`; see [`Scene::mean_over`].
+    pub fn mean_base_color(&self, soup: &Soup, tri: u32, max_samples: u32) -> Vec4 {
+        let material = self.material_of(soup, tri);
+        if material.base_texture.is_none() && self.lookup(soup, tri).primitive.colors.is_empty() {
+            return material.base_color;
+        }
+        self.mean_over(soup, tri, WHOLE, max_samples, |u, v| {
+            self.base_color(soup, tri, u, v)
+        })
+    }
+
+    /// Mean of [`Scene::emission`] over triangle `tri`; see [`Scene::mean_over`].
+    pub fn mean_emission(&self, soup: &Soup, tri: u32, max_samples: u32) -> Vec3 {
+        let material = self.material_of(soup, tri);
+        if material.emissive_texture.is_none() || material.emissive == Vec3::ZERO {
+            return material.emissive;
+        }
+        self.mean_over(soup, tri, WHOLE, max_samples, |u, v| {
+            self.emission(soup, tri, u, v).extend(0.0)
+        })
+        .xyz()
+    }
+
+    /// Mean of `value(u, v)` over the part of triangle `tri` between the barycentric points `corners` (weights of world corners 1
+    /// and 2).
+    ///
+    /// Samples the centres of n² equal sub-triangles, n chosen so that about one falls on each texel of the finest texture in the
+    /// part, and n² ≤ max(`max_samples`, 1). Deterministic; what it leaves of a texture that is finer than the samples is aliased.
+    pub fn mean_over(
+        &self,
+        soup: &Soup,
+        tri: u32,
+        corners: [Vec2; 3],
+        max_samples: u32,
+        value: impl Fn(f32, f32) -> Vec4,
+    ) -> Vec4 {
+        let texels = self.texels_in(soup, tri, corners);
+        // Vertex colours alone vary linearly (but for their product with texture), which the centre catches.
+        let n = (texels.sqrt().ceil().max(1.0) as u32).min(max_samples.max(1).isqrt());
+        let [a, b, c] = corners;
+        let (ab, ac) = ((b - a) / n as f32, (c - a) / n as f32);
+        let mut sum = Vec4::ZERO;
+        for row in 0..n {
+            // Row by row in its own sum: less rounding than one long one.
+            let mut row_sum = Vec4::ZERO;
+            for column in 0..n - row {
+                let at = a + ab * column as f32 + ac * row as f32;
+                let centre = at + (ab + ac) / 3.0;
+                row_sum += value(centre.x, centre.y);
+                if column + row + 1 < n {
+                    let centre = at + (ab + ac) * (2.0 / 3.0);
+                    row_sum += value(centre.x, centre.y);
+                }
+            }
+            sum += row_sum;
+        }
+        sum / (n * n) as f32
+    }
+
+    /// Area of the part in texels of the triangle's finest texture.
+    fn texels_in(&self, soup: &Soup, tri: u32, corners: [Vec2; 3]) -> f32 {
+        let material = self.material_of(soup, tri);
+        let lookup = self.lookup(soup, tri);
+        [&material.base_texture, &material.emissive_texture]
+            .into_iter()
+            .flatten()
+            .filter_map(|texture| {
+                let image = self.images.get(texture.image)?.as_ref()?;
+                let size = Vec2::new(image.width as f32, image.height as f32);
+                let [a, b, c] = corners.map(|p| {
+                    texture.transform.transform_point2(lookup.tex_coord(
+                        texture.tex_coord,
+                        p.x,
+                        p.y,
+                    )) * size
+                });
+                let area = 0.5 * (b - a).perp_dot(c - a).abs();
+                area.is_finite().then_some(area)
+            })
+            .fold(0.0, f32::max)
+    }
+
+    /// Linear RGBA of a texture; white where its image was not decoded.
+    fn sample(&self, texture: &TextureRef, uv: Vec2) -> Vec4 {
+        match self.images.get(texture.image) {
+            Some(Some(image)) => sample(image, texture, uv),
+            _ => Vec4::ONE,
+        }
+    }
+}
+
+const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
+
+fn sample(image: &Image, texture: &TextureRef, uv: Vec2) -> Vec4 {
+    let uv = if texture.transform == Affine2::IDENTITY {
+        uv
+    } else {
+        texture.transform.transform_point2(uv)
+    };
+    let (width, height) = (image.width, image.height);
+    let srgb = &*SRGB;
+    let texel = |x: u32, y: u32| {
+        let [r, g, b, a] = image.pixels[(y as usize) * width as usize + x as usize];
+        Vec4::new(
+            srgb[r as usize],
+            srgb[g as usize],
+            srgb[b as usize],
+            f32::from(a) * (1.0 / 255.0),
+        )
+    };
+    let (s, t) = (reduce(uv.x, texture.wrap[0]), reduce(uv.y, texture.wrap[1]));
+    let (x, y) = (s * width as f32, t * height as f32);
+    if texture.nearest {
+        let x = wrap_index(x.floor() as i32, width, texture.wrap[0]);
+        return texel(x, wrap_index(y.floor() as i32, height, texture.wrap[1]));
+    }
+    let (x, y) = (x - 0.5, y - 0.5);
+    let (x0, y0) = (x.floor(), y.floor());
+    let (fx, fy) = (x - x0, y - y0);
+    let xs = [0, 1].map(|d| wrap_index(x0 as i32 + d, width, texture.wrap[0]));
+    let ys = [0, 1].map(|d| wrap_index(y0 as i32 + d, height, texture.wrap[1]));
+    let top = texel(xs[0], ys[0]).lerp(texel(xs[1], ys[0]), fx);
+    let bottom = texel(xs[0], ys[1]).lerp(texel(xs[1], ys[1]), fx);
+    top.lerp(bottom, fy)
+}
+
+/// Takes whole periods off a coordinate before it is scaled by the image, where they would cost precision.
+fn reduce(x: f32, wrap: Wrap) -> f32 {
+    match wrap {
+        Wrap::Repeat => x - x.floor(),
+        Wrap::Mirror => x - 2.0 * (x * 0.5).floor(),
+        // One texel beyond the edge reads the edge already; the bound keeps products finite.
+        Wrap::Clamp => x.clamp(-1.0, 2.0),
+    }
+}
+
+/// Texel index of a reduced coordinate, which lies within a few periods of the image.
+fn wrap_index(i: i32, size: u32, wrap: Wrap) -> u32 {
+    let n = size as i32;
+    (match wrap {
+        Wrap::Clamp => i.clamp(0, n - 1),
+        Wrap::Repeat => i.rem_euclid(n),
+        Wrap::Mirror => {
+            let m = i.rem_euclid(2 * n);
+            if m < n { m } else { 2 * n - 1 - m }
+        }
+    }) as u32
+}
