@@ -1,4 +1,4 @@
-//! Ordered traversal: nearest child first, for closest hits and for occlusion, one ray or a slice of them.
+//! Traversal: nearest child first for closest hits, any order for occlusion; one ray or a slice of them.
 
 use std::mem::MaybeUninit;
 
@@ -275,16 +275,20 @@ fn occluded<K: Kernel>(
         } else {
             let node = &bvh.nodes[child.0 as usize];
             // SAFETY: the caller chose the kernel by detection.
-            let mask = unsafe { K::boxes(node, prepared, prepared.t_max, &mut near) };
-            if mask != 0 {
-                len = push_children(stack, len, mask, &near, &node.children);
+            let mut mask = unsafe { K::boxes(node, prepared, prepared.t_max, &mut near) };
+            // Unsorted: where any hit will do, sorting costs more than it saves (measured: 1.5 times slower).
+            while mask != 0 {
+                let slot = mask.trailing_zeros() as usize & (WIDTH - 1);
+                mask &= mask - 1;
+                stack[len] = MaybeUninit::new(Entry::from(node.children[slot]));
+                len += 1;
             }
         }
         if len == 0 {
             return false;
         }
         len -= 1;
-        // SAFETY: entries below `len` were written by `push_children`.
+        // SAFETY: entries below `len` were written above.
         child = Child(unsafe { stack[len].assume_init() } as u32);
     }
 }
