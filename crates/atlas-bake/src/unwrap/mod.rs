@@ -7,6 +7,7 @@ mod boxes;
 mod input;
 mod measure;
 mod uvunwrap;
+mod xatlas;
 
 use glam::Vec2;
 use serde::Serialize;
@@ -17,6 +18,7 @@ pub use input::{CREASE_DEGREES, NONE, SHARP_DEGREES, UnwrapInput};
 pub(crate) use measure::weighted_median;
 pub use measure::{ChartMeasure, measure};
 pub use uvunwrap::UvUnwrap;
+pub use xatlas::Xatlas;
 
 /// How to unwrap.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,6 +100,8 @@ pub enum UnwrapperChoice {
     Auto,
     /// The `uvunwrap` crate.
     UvUnwrap,
+    /// The `xatlas-rs` crate (xatlas of 2019), its charts packed by `uvunwrap`; falls back where it fails.
+    Xatlas,
     /// Our own projection along the axes: many charts, never fails on sane input.
     Box,
 }
@@ -107,6 +111,7 @@ impl UnwrapperChoice {
     pub fn candidates(self) -> Vec<&'static dyn Unwrapper> {
         match self {
             UnwrapperChoice::Auto | UnwrapperChoice::UvUnwrap => vec![&UvUnwrap, &BoxProjection],
+            UnwrapperChoice::Xatlas => vec![&Xatlas, &UvUnwrap, &BoxProjection],
             UnwrapperChoice::Box => vec![&BoxProjection],
         }
     }

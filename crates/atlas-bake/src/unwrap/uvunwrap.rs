@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use uvunwrap::{Density, Error, MeshInput, Options, Packing};
 
 use super::measure::snap_rectangles;
@@ -27,35 +27,48 @@ impl Unwrapper for UvUnwrap {
         options: &UnwrapOptions,
         cancel: Cancel<'_>,
     ) -> Result<UnwrappedMesh, UnwrapError> {
-        let layers = Layers::new(mesh);
-        let area: f64 = mesh.areas().iter().sum();
-        let page = f64::from(options.max_size).powi(2);
-        let density = f64::from(options.texels_per_unit);
-        // Charts never fill the page; a first try at a density that leaves no room would be wasted.
-        if area * density * density <= 0.95 * page {
-            let fixed = Density::Fixed {
-                texels_per_unit: options.texels_per_unit,
-                page_size: None,
-            };
-            match layers.generate(options, fixed, cancel) {
-                Ok(result) if result.size.iter().all(|&s| s <= options.max_size) => {
-                    return Ok(result);
-                }
-                Ok(_) | Err(UnwrapError::DoesNotFit { .. }) => {}
-                Err(error) => return Err(error),
-            }
-        }
-        let auto = Density::Auto {
-            page_size: options.max_size,
-        };
-        layers.generate(options, auto, cancel)
+        pack(mesh, None, options, cancel)
     }
+}
+
+/// Unwraps `mesh`, or packs the charts it already has: `existing` texture coordinates per corner, in any unit. Islands of
+/// them are scaled to their area in space; those that overlap or fold are unwrapped anew.
+pub(super) fn pack(
+    mesh: &UnwrapInput,
+    existing: Option<&[[Vec2; 3]]>,
+    options: &UnwrapOptions,
+    cancel: Cancel<'_>,
+) -> Result<UnwrappedMesh, UnwrapError> {
+    let layers = Layers::new(mesh, existing);
+    let area: f64 = mesh.areas().iter().sum();
+    let page = f64::from(options.max_size).powi(2);
+    let density = f64::from(options.texels_per_unit);
+    // Charts never fill the page; a first try at a density that leaves no room would be wasted.
+    if area * density * density <= 0.95 * page {
+        let fixed = Density::Fixed {
+            texels_per_unit: options.texels_per_unit,
+            page_size: None,
+        };
+        match layers.generate(options, fixed, cancel) {
+            Ok(result) if result.size.iter().all(|&s| s <= options.max_size) => {
+                return Ok(result);
+            }
+            Ok(_) | Err(UnwrapError::DoesNotFit { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let auto = Density::Auto {
+        page_size: options.max_size,
+    };
+    layers.generate(options, auto, cancel)
 }
 
 /// The mesh cut into one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].
 struct Layers<'a> {
     mesh: &'a UnwrapInput,
     positions: Vec<[f32; 3]>,
+    /// Existing coordinates, one per position.
+    uvs: Option<Vec<[f32; 2]>>,
     layers: Vec<Layer>,
 }
 
@@ -69,9 +82,13 @@ struct Layer {
 }
 
 impl<'a> Layers<'a> {
-    fn new(mesh: &'a UnwrapInput) -> Self {
+    fn new(mesh: &'a UnwrapInput, existing: Option<&[[Vec2; 3]]>) -> Self {
+        let (positions, uvs, triangles) = match existing {
+            None => (mesh.positions.clone(), None, mesh.triangles.clone()),
+            Some(existing) => split_at_seams(mesh, existing),
+        };
         let mut layers: Vec<Layer> = (0..mesh.layers.max(1)).map(|_| Layer::default()).collect();
-        for (t, corners) in mesh.triangles.iter().enumerate() {
+        for (t, corners) in triangles.iter().enumerate() {
             let layer = &mut layers[mesh.layer[t] as usize];
             layer.triangles.push(t as u32);
             layer.indices.extend(corners);
@@ -80,7 +97,8 @@ impl<'a> Layers<'a> {
         }
         Layers {
             mesh,
-            positions: mesh.positions.iter().map(|p| p.to_array()).collect(),
+            positions: positions.iter().map(|p| p.to_array()).collect(),
+            uvs,
             layers,
         }
     }
@@ -97,6 +115,7 @@ impl<'a> Layers<'a> {
             .map(|layer| MeshInput {
                 face_materials: Some(&layer.primitive),
                 seams: Some(&layer.seams),
+                existing_uvs: self.uvs.as_deref(),
                 ..MeshInput::new(&self.positions, &layer.indices)
             })
             .collect();
@@ -176,4 +195,28 @@ impl<'a> Layers<'a> {
         snap_rectangles(&mut result);
         Ok(result)
     }
+}
+
+type Split = (Vec<Vec3>, Option<Vec<[f32; 2]>>, Vec<[u32; 3]>);
+
+/// One vertex per (welded vertex, coordinate): positions, coordinates, triangles.
+fn split_at_seams(mesh: &UnwrapInput, existing: &[[Vec2; 3]]) -> Split {
+    let mut keys: Vec<(u32, [u32; 2], u32)> = Vec::with_capacity(existing.len() * 3);
+    for (t, (triangle, uv)) in mesh.triangles.iter().zip(existing).enumerate() {
+        for k in 0..3 {
+            let bits = uv[k].to_array().map(f32::to_bits);
+            keys.push((triangle[k], bits, (t * 3 + k) as u32));
+        }
+    }
+    keys.sort_unstable();
+    let (mut positions, mut uvs) = (Vec::new(), Vec::new());
+    let mut triangles = vec![[0; 3]; existing.len()];
+    for run in keys.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
+        for &(.., corner) in run {
+            triangles[corner as usize / 3][corner as usize % 3] = positions.len() as u32;
+        }
+        positions.push(mesh.positions[run[0].0 as usize]);
+        uvs.push(run[0].1.map(f32::from_bits));
+    }
+    (positions, Some(uvs), triangles)
 }
