@@ -29,6 +29,15 @@ pub(crate) fn element_size(component: DataType, dimensions: Dimensions) -> usize
     }
 }
 
+/// Padding bytes at the end of an element, which a file may leave off after the last one.
+pub(crate) fn trailing_padding(component: DataType, dimensions: Dimensions) -> usize {
+    match (dimensions, component.size()) {
+        (Dimensions::Mat2, 1) | (Dimensions::Mat3, 2) => 2,
+        (Dimensions::Mat3, 1) => 1,
+        _ => 0,
+    }
+}
+
 pub(crate) fn component_from_gl(n: usize) -> Option<DataType> {
     Some(match n {
         5120 => DataType::I8,

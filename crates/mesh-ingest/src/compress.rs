@@ -32,8 +32,8 @@ pub(crate) enum Filter {
 /// Decodes one buffer view; the error is what was found.
 pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<Vec<u8>, String> {
     let strides_fit = match m.mode {
-        Mode::Attributes => m.stride % 4 == 0 && (4..=256).contains(&m.stride),
-        Mode::Triangles => (m.stride == 2 || m.stride == 4) && m.count % 3 == 0,
+        Mode::Attributes => m.stride.is_multiple_of(4) && (4..=256).contains(&m.stride),
+        Mode::Triangles => (m.stride == 2 || m.stride == 4) && m.count.is_multiple_of(3),
         Mode::Indices => m.stride == 2 || m.stride == 4,
     };
     let filter_fits = match m.filter {
@@ -41,7 +41,7 @@ pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<V
         _ if m.mode != Mode::Attributes => false,
         Filter::Octahedral | Filter::Color => m.stride == 4 || m.stride == 8,
         Filter::Quaternion => m.stride == 8,
-        Filter::Exponential => m.stride % 4 == 0,
+        Filter::Exponential => m.stride.is_multiple_of(4),
     };
     if !strides_fit || !filter_fits {
         return Err(format!(

@@ -111,7 +111,7 @@ impl<'a> Item<'a> {
             return Ok(None);
         };
         let number = item.value.as_u64().or_else(|| match item.value.as_f64() {
-            Some(x) if x >= 0.0 && x < 9.0e15 && x.fract() == 0.0 => Some(x as u64),
+            Some(x) if (0.0..9.0e15).contains(&x) && x.fract() == 0.0 => Some(x as u64),
             _ => None,
         });
         match number.and_then(|n| usize::try_from(n).ok()) {

@@ -34,6 +34,8 @@ mod report;
 mod scene;
 mod shading;
 mod soup;
+mod version;
+mod views;
 
 pub use accessor::{DataType, Dimensions, RawAccessor};
 pub use document::{Document, ImageSource};

@@ -1,0 +1,147 @@
+//! Files, URIs, versions, extensions.
+
+use mesh_ingest::{Error, LoadOptions, load};
+use serde_json::json;
+
+use crate::build::{Doc, UNIT, load_bytes, paths};
+
+fn options() -> LoadOptions {
+    LoadOptions::default()
+}
+
+#[test]
+fn buffers_may_have_awkward_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let doc = Doc::with_triangles(&UNIT);
+    for (name, uri) in [
+        ("plain.bin", "plain.bin"),
+        ("with space.bin", "with%20space.bin"),
+        ("with space.bin", "with space.bin"),
+        ("ünïcode❤.bin", "ünïcode❤.bin"),
+        ("ünïcode❤.bin", "%C3%BCn%C3%AFcode%E2%9D%A4.bin"),
+        ("100%25.bin", "100%25.bin"),
+    ] {
+        let mut json = doc.json.clone();
+        json["buffers"][0] = json!({"byteLength": doc.bin.len(), "uri": uri});
+        std::fs::write(folder.path().join(name), &doc.bin).unwrap();
+        let file = folder.path().join("scene.gltf");
+        std::fs::write(&file, json.to_string()).unwrap();
+        let loaded = load(&file, &options()).unwrap_or_else(|e| panic!("{uri}: {e}"));
+        assert_eq!(
+            loaded.document.inputs(),
+            [file.clone(), folder.path().join(name)]
+        );
+        assert_eq!(loaded.report.files, [uri]);
+        assert!(!loaded.document.is_binary());
+        std::fs::remove_file(folder.path().join(name)).unwrap();
+        assert!(
+            matches!(load(&file, &options()), Err(Error::Io { .. })),
+            "{uri}"
+        );
+    }
+}
+
+#[test]
+fn data_uris_need_no_files() {
+    // The unit triangle's 36 bytes, once padded and once not.
+    let text = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
+    let doc = Doc::with_triangles(&UNIT);
+    for uri in [
+        format!("data:application/octet-stream;base64,{text}"),
+        format!("DATA:;base64,{text}AA%3D%3D"),
+        format!("data:application/gltf-buffer;base64,{}%41", &text[..47]),
+    ] {
+        let mut json = doc.json.clone();
+        json["buffers"][0] = json!({"byteLength": 36, "uri": uri});
+        let loaded = load_bytes(json.to_string().as_bytes(), &options())
+            .unwrap_or_else(|e| panic!("{uri}: {e}"));
+        assert_eq!(loaded.document.buffer(0), doc.bin);
+    }
+    let mut json = doc.json.clone();
+    json["buffers"][0] = json!({"byteLength": 36, "uri": "data:;base64,A*"});
+    assert_eq!(
+        paths(load_bytes(json.to_string().as_bytes(), &options())),
+        ["buffers[0].uri"]
+    );
+    json["buffers"][0]["uri"] = json!("https://example.invalid/a.bin");
+    assert_eq!(
+        load_bytes(json.to_string().as_bytes(), &options())
+            .unwrap_err()
+            .exit_code(),
+        4
+    );
+}
+
+#[test]
+fn what_is_not_gltf_2_is_told_apart() {
+    for (bytes, code) in [
+        (&b""[..], 3),
+        (b"PNG", 3),
+        (b"{", 3),
+        (b"[]", 3),
+        (b"{}", 3),
+        (b"\xef\xbb\xbf{}", 3),
+        (br#"{"asset":{"version":"1.0"}}"#, 4),
+        (br#"{"meshes":{},"accessors":{}}"#, 4),
+        (br#"{"asset":{"version":"3.0"}}"#, 4),
+        (br#"{"asset":{"version":"two"}}"#, 3),
+        (br#"{"asset":{"version":"2.0"}}"#, 3),
+        (b"glTF\x01\0\0\0\x0c\0\0\0", 4),
+        (b"glTF\x02\0\0\0\x05\0\0\0", 3),
+        (b"glTF\x02\0\0\0\x0c\0\0\0", 3),
+        (b"glTF", 3),
+    ] {
+        let error = load_bytes(bytes, &options()).unwrap_err();
+        assert_eq!(
+            error.exit_code(),
+            code,
+            "{:?}: {error}",
+            String::from_utf8_lossy(bytes)
+        );
+    }
+    assert_eq!(
+        load("no/such/file.glb".as_ref(), &options())
+            .unwrap_err()
+            .exit_code(),
+        2
+    );
+    assert_eq!(
+        load(std::env::temp_dir().as_path(), &options())
+            .unwrap_err()
+            .exit_code(),
+        2
+    );
+}
+
+#[test]
+fn unknown_chunks_are_skipped() {
+    let mut bytes = Doc::with_triangles(&UNIT).glb();
+    bytes.extend([4, 0, 0, 0]);
+    bytes.extend(b"XTRAdata");
+    let length = (bytes.len() as u32).to_le_bytes();
+    bytes[8..12].copy_from_slice(&length);
+    assert!(load_bytes(&bytes, &options()).is_ok());
+}
+
+#[test]
+fn required_extensions_are_judged() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["extensionsRequired"] = json!([
+        "KHR_texture_transform",
+        "KHR_materials_transmission",
+        "KHR_xmp_json_ld"
+    ]);
+    assert_eq!(doc.load().unwrap().report.warnings.len(), 2);
+    doc.json["extensionsRequired"] = json!(["ACME_bent_space"]);
+    let error = doc.load().unwrap_err();
+    assert_eq!(error.exit_code(), 4);
+    assert!(error.to_string().contains("ACME_bent_space"), "{error}");
+}
+
+#[test]
+fn compressed_views_without_data_name_their_buffer() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let placeholder = doc.push("buffers", json!({"byteLength": 36}));
+    doc.json["bufferViews"][0] = json!({"buffer": placeholder, "byteLength": 36});
+    assert_eq!(paths(doc.load()), [format!("buffers[{placeholder}]")]);
+}

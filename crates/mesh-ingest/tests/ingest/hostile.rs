@@ -1,0 +1,159 @@
+//! Documents that lie.
+
+use mesh_ingest::{Error, Limits, LoadOptions, load};
+use serde_json::json;
+
+use crate::build::{Doc, UNIT, load_bytes, paths};
+
+#[test]
+fn counts_that_nothing_backs_are_refused_unallocated() {
+    // Four thousand million zeros.
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["accessors"][0] =
+        json!({"componentType": 5126, "count": 4_000_000_000u64, "type": "VEC3"});
+    let error = doc.load().unwrap_err();
+    assert!(matches!(error, Error::Limit { .. }), "{error}");
+    assert_eq!(error.exit_code(), 3);
+
+    // The same from a view of 36 bytes, and with a count that overflows.
+    for count in [4_000_000_000u64, u64::MAX / 8, u64::MAX] {
+        let mut doc = Doc::with_triangles(&UNIT);
+        doc.json["accessors"][0]["count"] = json!(count);
+        assert_eq!(paths(doc.load()), ["accessors[0]"], "{count}");
+    }
+
+    // Many accessors, each just below the limit.
+    let mut doc = Doc::with_triangles(&UNIT);
+    for _ in 0..100 {
+        doc.push(
+            "accessors",
+            json!({"componentType": 5126, "count": 20_000_000, "type": "VEC3"}),
+        );
+    }
+    assert_eq!(paths(doc.load()), ["accessors"]);
+
+    // Offsets near the end of the address space.
+    for key in ["byteOffset", "byteLength"] {
+        let mut doc = Doc::with_triangles(&UNIT);
+        doc.json["bufferViews"][0][key] = json!(u64::MAX);
+        assert!(!paths(doc.load()).is_empty(), "{key}");
+    }
+}
+
+#[test]
+fn instancing_bombs_are_refused() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let zeros = doc.push(
+        "accessors",
+        json!({"componentType": 5126, "count": 20_000_000, "type": "VEC3"}),
+    );
+    doc.json["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] =
+        json!({"TRANSLATION": zeros});
+    assert!(matches!(doc.load(), Err(Error::Limit { .. })));
+
+    let doc = Doc::with_triangles(&UNIT);
+    let options = LoadOptions {
+        limits: Limits {
+            triangles: 0,
+            ..Limits::default()
+        },
+        ..LoadOptions::default()
+    };
+    assert!(matches!(
+        load_bytes(&doc.glb(), &options),
+        Err(Error::Limit { .. })
+    ));
+}
+
+#[test]
+fn every_truncation_and_flip_ends_in_an_answer() {
+    // Deterministic damage all over a file with most features; only the absence of panics is asserted.
+    let mut doc = Doc::with_triangles(&UNIT);
+    let indices = doc.indices(&[0, 1, 2]);
+    doc.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
+    doc.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    doc.json["materials"] = json!([{"emissiveFactor": [1, 2, 3], "alphaMode": "MASK"}]);
+    doc.json["extensions"]["KHR_lights_punctual"]["lights"] = json!([{"type": "spot"}]);
+    doc.root(json!({"extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    let whole = doc.glb();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scene.glb");
+    let outcome = |bytes: &[u8]| {
+        std::fs::write(&file, bytes).unwrap();
+        load(&file, &LoadOptions::default())
+    };
+    assert!(outcome(&whole).is_ok());
+    for end in 0..whole.len() {
+        assert!(outcome(&whole[..end]).is_err(), "cut at {end}");
+    }
+    for at in 0..whole.len() {
+        for byte in [0xff, b'9'] {
+            let mut damaged = whole.clone();
+            damaged[at] = byte;
+            let _ = outcome(&damaged);
+        }
+    }
+}
+
+#[test]
+fn wrong_types_are_named_and_collected() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["accessors"][0]["count"] = json!("three");
+    doc.json["bufferViews"][0]["byteLength"] = json!(-1);
+    assert_eq!(
+        paths(doc.load()),
+        ["bufferViews[0].byteLength", "accessors[0].count"]
+    );
+
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["nodes"][0]["translation"] = json!([0, "1", 0]);
+    assert_eq!(paths(doc.load()), ["nodes[0].translation[1]"]);
+    doc.json["nodes"][0]["translation"] = json!([0, 1e300, 0]);
+    assert_eq!(paths(doc.load()), ["nodes[0].translation[1]"]);
+    // Parts that light does not need may be anything.
+    doc.json["nodes"][0]["translation"] = json!([0, 1, 0]);
+    doc.json["cameras"] = json!("none");
+    doc.json["nodes"][0]["name"] = json!(7);
+    assert!(doc.load().is_ok());
+}
+
+#[test]
+fn extreme_coordinates_do_not_reach_the_scene() {
+    let mut doc = Doc::with_triangles(&[[0.0, 0.0, 0.0], [3e38, 0.0, 0.0], [0.0, 3e38, 0.0]]);
+    assert!(matches!(doc.load(), Err(Error::NoTriangles { .. })));
+    doc = Doc::with_triangles(&UNIT);
+    doc.json["nodes"][0]["translation"] = json!([1e30, 0, 0]);
+    let Err(Error::NoTriangles { why, .. }) = doc.load() else {
+        panic!("loaded")
+    };
+    assert!(why.contains("out_of_range"), "{why}");
+    for scale in [json!([0, 1, 1]), json!([1e-30, 1e-30, 1e-30])] {
+        doc.json["nodes"][0] = json!({"mesh": 0, "scale": scale});
+        match doc.load() {
+            Err(Error::NoTriangles { .. }) => {}
+            // Invertible, but the world has no triangle that f32 could tell from nothing.
+            Ok(loaded) => assert_eq!(mesh_ingest::Soup::build(&loaded.scene).dropped_zero_area, 1),
+            Err(e) => panic!("{e}"),
+        }
+    }
+}
+
+#[test]
+fn meshopt_lies_are_refused() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let junk = doc.view(&[0xa0; 64]);
+    let offset = doc.json["bufferViews"][junk]["byteOffset"].clone();
+    for (count, stride, mode) in [
+        (3, 12, "ATTRIBUTES"),
+        (4_000_000_000u64, 256, "ATTRIBUTES"),
+        (9, 4, "TRIANGLES"),
+        (9, 7, "INDICES"),
+    ] {
+        doc.json["bufferViews"][0]["byteLength"] = json!(count * stride);
+        doc.json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"] = json!({
+            "buffer": 0, "byteOffset": offset, "byteLength": 64, "byteStride": stride, "count": count, "mode": mode
+        });
+        let error = doc.load().unwrap_err();
+        assert_eq!(error.exit_code(), 3, "{error}");
+    }
+}

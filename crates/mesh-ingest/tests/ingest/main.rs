@@ -1,0 +1,9 @@
+//! Ingest of documents built in memory, by subject.
+
+mod build;
+mod containers;
+mod geometry;
+mod graph;
+mod hostile;
+mod materials;
+mod soups;
