@@ -48,6 +48,9 @@ pub enum Error {
         /// The most that is accepted.
         max: u64,
     },
+    /// The scene's document cannot be read (again).
+    #[error(transparent)]
+    Document(#[from] mesh_ingest::Error),
     /// The parts handed in do not belong together (a vertex out of range, a list of the wrong length).
     #[error("{at}: {message}")]
     Inconsistent {

@@ -1,0 +1,199 @@
+//! `level.glb`: the input with lightmap coordinates in `TEXCOORD_1` and each node's place in its extras.
+
+use std::collections::BTreeMap;
+
+use mesh_ingest::{Document, Scene};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::editor::{Editor, remove_extensions};
+use super::json::{element, element_mut, index, object_at, set_extra};
+use super::split::{Split, accessor_of, add_gathered};
+use super::{LIGHTMAP_EXTRA, by_node, texcoord};
+use crate::atlas::Layout;
+use crate::error::{Error, Result};
+use crate::manifest::{ValueKind, check, uv_of};
+
+/// What writing a glTF changed beside the coordinates.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct GltfStats {
+    /// Primitives whose vertices were split at chart borders (or unpacked from Draco) and written anew.
+    pub primitives_rewritten: u64,
+    /// Vertices of baked primitives before.
+    pub vertices_before: u64,
+    /// Vertices of baked primitives after.
+    pub vertices_after: u64,
+    /// Primitives whose own `TEXCOORD_1` moved to another set because a material reads it.
+    pub sets_moved: u64,
+    /// Primitives whose own `TEXCOORD_1` was replaced, since no material reads it.
+    pub sets_replaced: u64,
+    /// Materials copied so that only those primitives read the moved set.
+    pub materials_copied: u64,
+    /// Images that came as files or data URIs and lie in the .glb now.
+    pub images_embedded: u64,
+    /// Images that could not be read or are of no known kind, and keep their URI.
+    pub images_left: u64,
+}
+
+/// Writes `document` with the lightmap coordinates of `layout`: see DESIGN.md §1.2. `page_uris` are the page files' names in order.
+///
+/// Texture v runs down, as in glTF: page uv = `TEXCOORD_1` × scale + offset, v = 0 at row 0 of the page.
+///
+/// # Errors
+/// [`Error::Inconsistent`] where the layout does not fit the scene or the scene not the document, [`Error::Document`] where
+/// the document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
+pub fn write_lightmapped_glb(
+    document: &Document,
+    scene: &Scene,
+    layout: &Layout,
+    page_uris: &[String],
+    value: ValueKind,
+) -> Result<(Vec<u8>, GltfStats)> {
+    check(scene, layout, page_uris)?;
+    let mut editor = Editor::new(document)?;
+    let mut stats = GltfStats::default();
+    let mut moves = BTreeMap::new();
+    for (mesh, atlas) in scene.meshes.iter().zip(&layout.meshes) {
+        if mesh.primitives.len() != atlas.primitives.len() {
+            let message = format!(
+                "{} primitives, {} in the layout",
+                mesh.primitives.len(),
+                atlas.primitives.len()
+            );
+            return Err(Error::Inconsistent {
+                at: format!("meshes[{}]", mesh.gltf_mesh),
+                message,
+            });
+        }
+        for (primitive, atlas_of) in mesh.primitives.iter().zip(&atlas.primitives) {
+            let at = (mesh.gltf_mesh, primitive.gltf_primitive);
+            let path = format!("meshes[{}].primitives[{}]", at.0, at.1);
+            let raw = document.primitive_raw(at.0, at.1)?;
+            let split = Split::new(primitive, atlas_of, &raw, atlas.size, &path)?;
+            let own = element(&editor.json, "meshes", at.0)
+                .and_then(|m| element(m, "primitives", at.1))
+                .cloned();
+            let mut own = own.ok_or_else(|| Error::Inconsistent {
+                at: path,
+                message: "not in the document".into(),
+            })?;
+            stats.vertices_before += raw.vertex_count as u64;
+            stats.vertices_after += split.source.len() as u64;
+            let compressed = own
+                .get("extensions")
+                .is_some_and(|e| e.get("KHR_draco_mesh_compression").is_some());
+            if !split.identity || compressed {
+                stats.primitives_rewritten += 1;
+                rewrite(&mut editor, &mut own, &raw, &split);
+            }
+            let kept = raw.attribute("TEXCOORD_0").and(raw.attribute("TEXCOORD_1"));
+            let same =
+                split.identity && kept.is_some_and(|old| old.to_floats::<2>(0.0) == split.uv);
+            if !same
+                && let Some(set) = put_coordinates(&mut editor, &mut own, &split.uv, &mut stats)
+            {
+                moves.insert(at, set);
+            }
+            if let Some(slot) = element_mut(&mut editor.json, "meshes", at.0)
+                .and_then(|m| element_mut(m, "primitives", at.1))
+            {
+                *slot = own;
+            }
+        }
+    }
+    stats.materials_copied = texcoord::follow(&mut editor.json, &moves);
+    let mut places = Vec::with_capacity(scene.instances.len());
+    for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate() {
+        let uv = uv_of(layout, placement, i)?;
+        let mut place = json!({
+            "uri": page_uris[placement.page as usize],
+            "page": placement.page,
+            "texCoord": texcoord::LIGHTMAP_SET,
+            "offset": uv.offset,
+            "scale": uv.scale,
+        });
+        if let Some(factor) = value.scale_to_irradiance() {
+            place["scaleToIrradiance"] = factor.into();
+        }
+        places.push((instance.node, instance.copy, place));
+    }
+    for (node, place) in by_node(places.into_iter()) {
+        let Some(object) = element_mut(&mut editor.json, "nodes", node) else {
+            return Err(Error::Inconsistent {
+                at: format!("nodes[{node}]"),
+                message: "not in the document".into(),
+            });
+        };
+        set_extra(object, LIGHTMAP_EXTRA, place);
+    }
+    let (glb, finished) = editor.finish()?;
+    stats.images_embedded = finished.images_embedded;
+    stats.images_left = finished.images_left;
+    Ok((glb, stats))
+}
+
+/// Replaces attributes, morph targets and indices of `own` by those of `split`, plain and as a triangle list.
+fn rewrite(
+    editor: &mut Editor<'_>,
+    own: &mut Map<String, Value>,
+    raw: &mesh_ingest::RawPrimitive<'_>,
+    split: &Split,
+) {
+    remove_extensions(own, &["KHR_draco_mesh_compression"]);
+    own.shift_remove("mode");
+    let attributes = object_at(own, "attributes");
+    for (name, accessor) in &raw.attributes {
+        let new = add_gathered(
+            editor,
+            name,
+            accessor,
+            &split.source,
+            accessor_of(attributes, name),
+        );
+        attributes.insert(name.clone(), new.into());
+    }
+    for (i, target) in raw.targets.iter().enumerate() {
+        let Some(slots) = element_mut(own, "targets", i) else {
+            continue;
+        };
+        for (name, accessor) in target {
+            let new = add_gathered(
+                editor,
+                name,
+                accessor,
+                &split.source,
+                accessor_of(slots, name),
+            );
+            slots.insert(name.clone(), new.into());
+        }
+    }
+    let indices = editor.add_indices(&split.triangles);
+    own.insert("indices".into(), indices.into());
+}
+
+/// Makes `uv` set 1 of `own`, and set 0 too where there is none (sets must be consecutive, §3.7.2.1). Returns the set to which a
+/// `TEXCOORD_1` that a material reads has moved.
+fn put_coordinates(
+    editor: &mut Editor<'_>,
+    own: &mut Map<String, Value>,
+    uv: &[[f32; 2]],
+    stats: &mut GltfStats,
+) -> Option<usize> {
+    let needed = texcoord::needs_set_1(&editor.json, own);
+    let new = editor.add_floats(uv);
+    let attributes = object_at(own, "attributes");
+    attributes.entry("TEXCOORD_0").or_insert(new.into());
+    let mut moved = None;
+    if let Some(old) = index(attributes, "TEXCOORD_1") {
+        if needed {
+            let free = texcoord::sets(attributes);
+            attributes.insert(format!("TEXCOORD_{free}"), old.into());
+            stats.sets_moved += 1;
+            moved = Some(free);
+        } else {
+            stats.sets_replaced += 1;
+        }
+    }
+    attributes.insert("TEXCOORD_1".into(), new.into());
+    moved
+}

@@ -1,0 +1,54 @@
+//! glTF output: the input document with lightmap coordinates, or with baked vertex colours.
+//!
+//! Both writers edit the document's own JSON, so that whatever they do not know passes through untouched, and append
+//! their data; a last step drops accessors and buffer views that nothing refers to any more (only where every
+//! extension is known, see `refs`), embeds images and writes one .glb with one binary chunk. Compressed views are written plain.
+
+mod editor;
+mod glb;
+mod json;
+mod lightmapped;
+mod refs;
+mod split;
+#[cfg(test)]
+mod tests;
+mod texcoord;
+mod vertex;
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+
+pub use lightmapped::{GltfStats, write_lightmapped_glb};
+pub use vertex::{VertexLight, VertexStats, write_vertex_glb};
+
+/// Name of the node extra with a lightmap's place.
+pub const LIGHTMAP_EXTRA: &str = "lightmap";
+
+/// Name of the extra with the scale of baked vertex colours, on `asset` and on every baked node.
+pub const VERTEX_LIGHT_EXTRA: &str = "vertexLight";
+
+/// Values of the instances of each node: one, or a list by `EXT_mesh_gpu_instancing` copy with null where a copy has none.
+fn by_node(values: impl Iterator<Item = (usize, Option<u32>, Value)>) -> BTreeMap<usize, Value> {
+    let mut nodes: BTreeMap<usize, Value> = BTreeMap::new();
+    for (node, copy, value) in values {
+        match copy {
+            None => {
+                nodes.insert(node, value);
+            }
+            Some(copy) => {
+                let list = nodes
+                    .entry(node)
+                    .or_insert_with(|| Value::Array(Vec::new()));
+                if let Value::Array(list) = list {
+                    let copy = copy as usize;
+                    if list.len() <= copy {
+                        list.resize(copy + 1, Value::Null);
+                    }
+                    list[copy] = value;
+                }
+            }
+        }
+    }
+    nodes
+}

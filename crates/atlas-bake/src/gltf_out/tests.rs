@@ -1,0 +1,890 @@
+//! Whole documents through both writers.
+
+use std::f32::consts::PI;
+use std::path::{Path, PathBuf};
+
+use glam::Vec2;
+use mesh_ingest::{LoadOptions, Loaded, Scene, load};
+use serde_json::{Value, json};
+
+use super::*;
+use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
+use crate::manifest::ValueKind;
+
+/// A folder with documents in it.
+struct Fixture(tempfile::TempDir);
+
+impl Fixture {
+    fn new() -> Fixture {
+        Fixture(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn load(&self, json: &Value, bin: &[u8]) -> Loaded {
+        let path = self.path("in.glb");
+        std::fs::write(
+            &path,
+            glb::assemble(json.as_object().unwrap(), bin).unwrap(),
+        )
+        .unwrap();
+        load(&path, &LoadOptions::default()).unwrap()
+    }
+
+    fn reload(&self, glb: &[u8]) -> Loaded {
+        let path = self.path("out.glb");
+        std::fs::write(&path, glb).unwrap();
+        load(&path, &LoadOptions::default()).unwrap()
+    }
+}
+
+/// Packs accessors one after another.
+#[derive(Default)]
+struct Builder {
+    bin: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Builder {
+    fn raw(
+        &mut self,
+        bytes: &[u8],
+        component: u32,
+        kind: &str,
+        count: usize,
+        extra: Value,
+    ) -> usize {
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        self.views
+            .push(json!({"buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len()}));
+        self.bin.extend_from_slice(bytes);
+        let mut accessor = json!({"bufferView": self.views.len() - 1, "componentType": component, "count": count, "type": kind});
+        for (k, v) in extra.as_object().into_iter().flatten() {
+            accessor[k] = v.clone();
+        }
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    fn floats<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
+        let bytes: Vec<u8> = values
+            .as_flattened()
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        let mut extra = json!({});
+        if N == 3 {
+            let fold = |f: fn(f32, f32) -> f32| -> Vec<f32> {
+                (0..N)
+                    .map(|c| values.iter().map(|v| v[c]).reduce(f).unwrap())
+                    .collect()
+            };
+            extra = json!({"min": fold(f32::min), "max": fold(f32::max)});
+        }
+        self.raw(
+            &bytes,
+            5126,
+            ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1],
+            values.len(),
+            extra,
+        )
+    }
+
+    fn indices(&mut self, values: &[u16]) -> usize {
+        let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        self.raw(&bytes, 5123, "SCALAR", values.len(), json!({}))
+    }
+
+    fn finish(self, mut json: Value) -> (Value, Vec<u8>) {
+        json["asset"] = json!({"version": "2.0", "generator": "test"});
+        json["accessors"] = self.accessors.into();
+        json["bufferViews"] = self.views.into();
+        json["buffers"] = json!([{"byteLength": self.bin.len(), "name": "all"}]);
+        (json, self.bin)
+    }
+}
+
+const QUAD: [[f32; 3]; 4] = [
+    [0.0, 0.0, 0.0],
+    [1.0, 0.0, 0.0],
+    [1.0, 1.0, 0.0],
+    [0.0, 1.0, 0.0],
+];
+const UV0: [[f32; 2]; 4] = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
+const UV1: [[f32; 2]; 4] = [[0.25, 0.75], [0.75, 0.75], [0.75, 0.25], [0.25, 0.25]];
+
+/// A layout in which every triangle is a chart of its own with corners of its own, and instances lie side by side.
+fn torn(scene: &Scene) -> Layout {
+    let meshes: Vec<MeshAtlas> = scene
+        .meshes
+        .iter()
+        .map(|mesh| {
+            let side = (mesh
+                .primitives
+                .iter()
+                .map(|p| p.triangles.len())
+                .sum::<usize>() as f32)
+                .sqrt()
+                .ceil() as u32;
+            let mut cell = 0;
+            let primitives: Vec<_> = mesh
+                .primitives
+                .iter()
+                .map(|p| {
+                    let mut atlas = PrimitiveAtlas::default();
+                    for t in &p.triangles {
+                        let first = atlas.xref.len() as u32;
+                        let corner = Vec2::new((cell % side) as f32, (cell / side) as f32) * 4.0;
+                        atlas.xref.extend(t);
+                        atlas.uv.extend(
+                            [[1.0, 1.0], [3.0, 1.0], [1.0, 3.0]].map(|p| corner + Vec2::from(p)),
+                        );
+                        atlas.triangles.push([first, first + 1, first + 2]);
+                        atlas.chart.push(cell);
+                        cell += 1;
+                    }
+                    atlas
+                })
+                .collect();
+            MeshAtlas {
+                size: [side * 4; 2],
+                primitives,
+                charts: cell,
+                ..MeshAtlas::default()
+            }
+        })
+        .collect();
+    side_by_side(scene, meshes)
+}
+
+/// A layout that splits nothing and uses `uv` of each vertex times 64 texels.
+fn whole(scene: &Scene, uv: impl Fn(usize) -> Vec2) -> Layout {
+    let atlas = |p: &mesh_ingest::Primitive| PrimitiveAtlas {
+        xref: (0..p.positions.len() as u32).collect(),
+        uv: (0..p.positions.len()).map(|v| uv(v) * 64.0).collect(),
+        triangles: p.triangles.clone(),
+        chart: vec![0; p.triangles.len()],
+    };
+    let mesh = |m: &mesh_ingest::Mesh| MeshAtlas {
+        size: [64; 2],
+        primitives: m.primitives.iter().map(atlas).collect(),
+        charts: 1,
+        ..MeshAtlas::default()
+    };
+    side_by_side(scene, scene.meshes.iter().map(mesh).collect())
+}
+
+fn side_by_side(scene: &Scene, meshes: Vec<MeshAtlas>) -> Layout {
+    let (mut placements, mut x, mut height) = (Vec::new(), 0, 0);
+    for i in &scene.instances {
+        let [w, h] = meshes[i.mesh].size;
+        placements.push(Placement {
+            page: 0,
+            rect: Rect { x, y: 0, w, h },
+        });
+        x += w;
+        height = height.max(h);
+    }
+    Layout {
+        meshes,
+        placements,
+        pages: vec![[x.max(1), height.max(1)]],
+        texels_per_unit: 4.0,
+    }
+}
+
+fn uris() -> Vec<String> {
+    vec!["in.lightmap.exr".into()]
+}
+
+fn write(loaded: &Loaded, layout: &Layout) -> (Vec<u8>, GltfStats) {
+    write_lightmapped_glb(
+        &loaded.document,
+        &loaded.scene,
+        layout,
+        &uris(),
+        ValueKind::Radiance,
+    )
+    .unwrap()
+}
+
+/// A quad with every kind of attribute and a morph target, indexed, two nodes, an animation, a skin, a camera and odd extras.
+fn rich() -> (Value, Vec<u8>) {
+    let mut b = Builder::default();
+    let position = b.floats(&QUAD);
+    let attributes = json!({
+        "POSITION": position,
+        "NORMAL": b.floats(&[[0.0, 0.0, 1.0]; 4]),
+        "TANGENT": b.floats(&[[1.0, 0.0, 0.0, 1.0]; 4]),
+        "TEXCOORD_0": b.floats(&UV0),
+        "TEXCOORD_1": b.floats(&UV1),
+        "COLOR_0": b.raw(&[10, 20, 30, 0, 40, 50, 60, 0, 70, 80, 90, 0, 100, 110, 120, 0], 5121, "VEC4", 4, json!({"normalized": true, "name": "paint"})),
+        "JOINTS_0": b.raw(&(0..16).collect::<Vec<u8>>(), 5121, "VEC4", 4, json!({})),
+        "WEIGHTS_0": b.floats(&[[1.0, 0.0, 0.0, 0.0]; 4]),
+        "_FOO": b.floats(&[[0.5], [1.5], [2.5], [3.5]]),
+    });
+    let target = b.floats(&[
+        [0.0, 0.0, 0.1],
+        [0.0, 0.0, 0.2],
+        [0.0, 0.0, 0.3],
+        [0.0, 0.0, 0.4],
+    ]);
+    // The third triangle has no area, the fourth repeats the first, turned.
+    let indices = b.indices(&[0, 1, 2, 0, 2, 3, 0, 0, 1, 1, 2, 0]);
+    let times = b.floats(&[[0.0], [1.0]]);
+    let moves = b.floats(&[[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]);
+    let unused = b.floats(&[[7.0]; 100]);
+    let textured = json!({
+        "name": "wall", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+        "occlusionTexture": {"index": 0, "texCoord": 1}, "extras": {"n": 1},
+    });
+    let primitive = json!({"attributes": attributes, "indices": indices, "material": 0, "targets": [{"POSITION": target}], "extras": [1]});
+    let points = json!({"attributes": {"POSITION": position, "TEXCOORD_0": attributes["TEXCOORD_0"], "TEXCOORD_1": attributes["TEXCOORD_1"]},
+        "mode": 0, "material": 0});
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::RgbImage::from_pixel(2, 2, image::Rgb([255, 255, 255]))
+        .write_to(&mut png, image::ImageFormat::Png)
+        .unwrap();
+    use base64_of_png as encode;
+    let json = json!({
+        "scene": 0,
+        "scenes": [{"nodes": [0, 1, 2, 3], "name": "main"}],
+        "nodes": [
+            {"name": "a", "mesh": 0, "extras": {"keep": [1, 2], "lightmap": "old"}},
+            {"name": "b", "mesh": 0, "translation": [2.0, 0.0, 0.0], "extras": "text"},
+            {"name": "mover", "camera": 0},
+            {"name": "unbaked"},
+        ],
+        "meshes": [{"name": "m", "primitives": [primitive, points], "weights": [0.0], "extras": {"targetNames": ["t"]}}],
+        "materials": [textured],
+        "textures": [{"source": 0}],
+        "images": [{"uri": encode(&png.into_inner()), "name": "white"}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}],
+        "animations": [{"channels": [{"sampler": 0, "target": {"node": 2, "path": "translation"}}],
+            "samplers": [{"input": times, "output": moves}]}],
+        "extras": {"unused accessor": unused},
+    });
+    b.finish(json)
+}
+
+fn base64_of_png(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::from("data:image/png;base64,");
+    for chunk in bytes.chunks(3) {
+        let word =
+            chunk.iter().fold(0u32, |w, &b| w << 8 | u32::from(b)) << (8 * (3 - chunk.len()));
+        for k in 0..4 {
+            let digit = DIGITS[(word >> (18 - 6 * k) & 63) as usize] as char;
+            text.push(if k <= chunk.len() { digit } else { '=' });
+        }
+    }
+    text
+}
+
+/// The value of each attribute at each corner of each triangle: what must survive any re-indexing.
+fn corners(
+    loaded: &Loaded,
+    mesh: usize,
+    primitive: usize,
+    skip: &[&str],
+) -> Vec<(String, Vec<Vec<u8>>)> {
+    let raw = loaded.document.primitive_raw(mesh, primitive).unwrap();
+    let of = |name: String, a: &mesh_ingest::RawAccessor<'_>| {
+        (
+            name,
+            raw.triangles
+                .iter()
+                .flatten()
+                .map(|&v| a.element(v as usize).to_vec())
+                .collect(),
+        )
+    };
+    let own = raw.attributes.iter().map(|(n, a)| of(n.clone(), a));
+    let targets = raw
+        .targets
+        .iter()
+        .enumerate()
+        .flat_map(|(i, t)| t.iter().map(move |(n, a)| (format!("{i}.{n}"), a)));
+    own.chain(targets.map(|(n, a)| of(n, a)))
+        .filter(|(n, _)| !skip.contains(&n.as_str()))
+        .collect()
+}
+
+#[test]
+fn every_attribute_and_every_triangle_survives_the_split() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let loaded = fixture.load(&json, &bin);
+    let (glb, stats) = write(&loaded, &torn(&loaded.scene));
+    // Two triangles of three corners each; the flat one uses copies of 0 and 1, the repeated one all of the first's corners.
+    assert_eq!(
+        (
+            stats.primitives_rewritten,
+            stats.vertices_before,
+            stats.vertices_after
+        ),
+        (1, 4, 6)
+    );
+    let back = fixture.reload(&glb);
+    assert_eq!(
+        back.document.primitive_raw(0, 0).unwrap().triangles,
+        [[0, 1, 2], [3, 4, 5], [0, 0, 1], [1, 2, 0]]
+    );
+    let before = corners(&loaded, 0, 0, &["TEXCOORD_1"]);
+    let after = corners(&back, 0, 0, &["TEXCOORD_1", "TEXCOORD_2"]);
+    assert_eq!(before, after);
+    assert_eq!(
+        before
+            .iter()
+            .map(|(n, _)| n.as_str())
+            .collect::<Vec<_>>()
+            .len(),
+        9
+    );
+    // The old set 1 moved to 2, since the material's occlusion reads it.
+    let old = corners(&loaded, 0, 0, &[])
+        .into_iter()
+        .find(|(n, _)| n == "TEXCOORD_1")
+        .unwrap()
+        .1;
+    let moved = corners(&back, 0, 0, &[])
+        .into_iter()
+        .find(|(n, _)| n == "TEXCOORD_2")
+        .unwrap()
+        .1;
+    assert_eq!(old, moved);
+    let accessor = |name: &str| {
+        let j = back.document.json();
+        j["accessors"][j["meshes"][0]["primitives"][0]["attributes"][name]
+            .as_u64()
+            .unwrap() as usize]
+            .clone()
+    };
+    assert_eq!(
+        (
+            &accessor("COLOR_0")["name"],
+            &accessor("COLOR_0")["normalized"]
+        ),
+        (&json!("paint"), &json!(true))
+    );
+    assert_eq!(
+        (
+            accessor("POSITION")["min"].clone(),
+            accessor("POSITION")["max"].clone()
+        ),
+        (json!([0.0, 0.0, 0.0]), json!([1.0, 1.0, 0.0]))
+    );
+    let uv = back
+        .document
+        .primitive_raw(0, 0)
+        .unwrap()
+        .attribute("TEXCOORD_1")
+        .unwrap()
+        .to_floats::<2>(0.0);
+    assert_eq!(uv[..3], [[0.125, 0.125], [0.375, 0.125], [0.125, 0.375]]);
+}
+
+#[test]
+fn all_that_is_not_light_is_left_as_it_was() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let loaded = fixture.load(&json, &bin);
+    let (glb, stats) = write(&loaded, &torn(&loaded.scene));
+    let back = fixture.reload(&glb);
+    let out = back.document.json();
+    for key in ["scene", "scenes", "cameras", "textures", "asset"] {
+        assert_eq!(out[key], json[key], "{key}");
+    }
+    let place = |x: f64| {
+        json!({"uri": "in.lightmap.exr", "page": 0, "texCoord": 1, "offset": [x, 0.0], "scale": [0.5, 1.0],
+            "scaleToIrradiance": std::f64::consts::PI})
+    };
+    let mut nodes = json["nodes"].clone();
+    nodes[0]["extras"]["lightmap"] = place(0.0);
+    nodes[1]["extras"] = json!({"original": "text", "lightmap": place(0.5)});
+    assert_eq!(out["nodes"], nodes);
+    // Accessors are re-indexed: the animation's data must be the same, its structure too.
+    assert_eq!(
+        out["animations"][0]["channels"],
+        json["animations"][0]["channels"]
+    );
+    for key in ["input", "output"] {
+        let of = |l: &Loaded| {
+            let at = l.document.json()["animations"][0]["samplers"][0][key]
+                .as_u64()
+                .unwrap() as usize;
+            l.document.accessor_raw(at).unwrap().into_owned().bytes
+        };
+        assert_eq!(of(&back), of(&loaded));
+    }
+    let primitive = &out["meshes"][0]["primitives"];
+    assert_eq!(
+        (&out["meshes"][0]["extras"], &out["meshes"][0]["name"]),
+        (&json["meshes"][0]["extras"], &json!("m"))
+    );
+    assert_eq!(
+        (
+            &primitive[0]["extras"],
+            &primitive[1]["mode"],
+            &primitive[1]["material"]
+        ),
+        (&json!([1]), &json!(0), &json!(0))
+    );
+    // The points go on reading set 1 with the old material; the quad has a copy that reads set 2.
+    assert_eq!((stats.sets_moved, stats.materials_copied), (1, 1));
+    assert_eq!(
+        (&out["materials"][0], &primitive[0]["material"]),
+        (&json["materials"][0], &json!(1))
+    );
+    let mut copy = json["materials"][0].clone();
+    copy["occlusionTexture"]["texCoord"] = json!(2);
+    assert_eq!(out["materials"][1], copy);
+    assert_eq!(
+        (&out["images"][0]["mimeType"], &out["images"][0]["name"]),
+        (&json!("image/png"), &json!("white"))
+    );
+    assert!(out["images"][0].get("uri").is_none());
+    assert_eq!(
+        back.document.image_bytes(0).unwrap(),
+        loaded.document.image_bytes(0).unwrap()
+    );
+    // 100 unused scalars are gone.
+    let counts: Vec<_> = out["accessors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|a| a["count"].as_u64().unwrap())
+        .collect();
+    assert!(!counts.contains(&100), "{counts:?}");
+    assert_eq!(out["buffers"].as_array().unwrap().len(), 1);
+    assert_eq!(out["buffers"][0]["name"], "all");
+}
+
+#[test]
+fn an_unsplit_primitive_keeps_its_accessors_and_only_gains_coordinates() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let loaded = fixture.load(&json, &bin);
+    // The asset's own set 1, so nothing at all changes.
+    let (glb, stats) = write(&loaded, &whole(&loaded.scene, |v| Vec2::from(UV1[v])));
+    assert_eq!(
+        (
+            stats.primitives_rewritten,
+            stats.sets_moved,
+            stats.sets_replaced
+        ),
+        (0, 0, 0)
+    );
+    let back = fixture.reload(&glb);
+    let names = |l: &Loaded| {
+        l.document
+            .primitive_raw(0, 0)
+            .unwrap()
+            .attributes
+            .iter()
+            .map(|(n, _)| n.clone())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(names(&back), names(&loaded));
+    assert_eq!(corners(&back, 0, 0, &[]), corners(&loaded, 0, 0, &[]));
+    assert_eq!(back.document.json()["materials"], json["materials"]);
+    // Other coordinates: one accessor more.
+    let (glb, stats) = write(&loaded, &whole(&loaded.scene, |v| Vec2::from(UV0[v])));
+    assert_eq!((stats.primitives_rewritten, stats.sets_moved), (0, 1));
+    let back = fixture.reload(&glb);
+    assert_eq!(
+        corners(&back, 0, 0, &["TEXCOORD_1", "TEXCOORD_2"]),
+        corners(&loaded, 0, 0, &["TEXCOORD_1"])
+    );
+}
+
+#[test]
+fn a_mesh_without_coordinates_gets_both_sets_and_a_strip_becomes_a_list() {
+    let fixture = Fixture::new();
+    let mut b = Builder::default();
+    let strip = [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [1.0, 1.0, 0.0],
+    ];
+    let position = b.floats(&strip);
+    let json = json!({"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position}, "mode": 5}]}]});
+    let (json, bin) = b.finish(json);
+    let loaded = fixture.load(&json, &bin);
+    let (glb, _) = write(&loaded, &torn(&loaded.scene));
+    let back = fixture.reload(&glb);
+    let p = &back.document.json()["meshes"][0]["primitives"][0];
+    assert!(p.get("mode").is_none());
+    assert_eq!(p["attributes"]["TEXCOORD_0"], p["attributes"]["TEXCOORD_1"]);
+    assert_eq!(
+        corners(&back, 0, 0, &["TEXCOORD_0", "TEXCOORD_1"]),
+        corners(&loaded, 0, 0, &[])
+    );
+}
+
+#[test]
+fn an_unknown_extension_stops_re_indexing_but_not_the_bake() {
+    let fixture = Fixture::new();
+    let (mut json, bin) = rich();
+    json["extensionsUsed"] = json!(["ACME_audio"]);
+    json["extensions"] = json!({"ACME_audio": {"accessor": 13}});
+    let loaded = fixture.load(&json, &bin);
+    let (glb, _) = write(&loaded, &torn(&loaded.scene));
+    let back = fixture.reload(&glb);
+    let out = back.document.json();
+    let n = json["accessors"].as_array().unwrap().len();
+    assert_eq!(
+        (&out["extensions"], &out["extensionsUsed"]),
+        (&json["extensions"], &json["extensionsUsed"])
+    );
+    assert_eq!(
+        out["accessors"].as_array().unwrap()[..n],
+        json["accessors"].as_array().unwrap()[..]
+    );
+    for i in 0..n {
+        assert_eq!(
+            back.document.accessor_raw(i).unwrap().bytes,
+            loaded.document.accessor_raw(i).unwrap().bytes,
+            "{i}"
+        );
+    }
+}
+
+fn instanced() -> (Value, Vec<u8>) {
+    let mut b = Builder::default();
+    let position = b.floats(&QUAD);
+    let indices = b.indices(&[0, 1, 2, 0, 2, 3]);
+    let at = b.floats(&[[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]]);
+    // A quarter turn about z as normalised bytes, not quite unit.
+    let turns = b.raw(
+        &[0, 0, 0, 127, 0, 0, 90, 90, 0, 0, 0, 127],
+        5120,
+        "VEC4",
+        3,
+        json!({"normalized": true}),
+    );
+    let copies =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": at, "ROTATION": turns}}});
+    let json = json!({"scenes": [{"nodes": [0, 1]}],
+        "extensionsUsed": ["EXT_mesh_gpu_instancing"], "extensionsRequired": ["EXT_mesh_gpu_instancing"],
+        "nodes": [{"mesh": 0, "name": "row", "extensions": copies}, {"mesh": 0, "translation": [0.0, 5.0, 0.0]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 1.0, 0.5]}, "alphaMode": "BLEND"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position}, "indices": indices, "material": 0}]}]});
+    b.finish(json)
+}
+
+#[test]
+fn copies_of_an_instanced_node_get_a_list_in_their_order() {
+    let fixture = Fixture::new();
+    let (json, bin) = instanced();
+    let loaded = fixture.load(&json, &bin);
+    assert_eq!(loaded.scene.instances.len(), 4);
+    let (glb, _) = write(&loaded, &torn(&loaded.scene));
+    let back = fixture.reload(&glb);
+    let nodes = &back.document.json()["nodes"];
+    let list = nodes[0]["extras"]["lightmap"].as_array().unwrap();
+    assert_eq!(
+        list.iter()
+            .map(|l| l["offset"][0].as_f64().unwrap())
+            .collect::<Vec<_>>(),
+        [0.0, 0.25, 0.5]
+    );
+    assert_eq!(nodes[1]["extras"]["lightmap"]["offset"], json!([0.75, 0.0]));
+    // One mesh still serves all four.
+    assert_eq!(back.document.json()["meshes"].as_array().unwrap().len(), 1);
+}
+
+#[test]
+fn a_missing_copy_leaves_a_null() {
+    let nodes = by_node(
+        [
+            (3, Some(2), json!("c")),
+            (3, Some(0), json!("a")),
+            (1, None, json!("x")),
+        ]
+        .into_iter(),
+    );
+    assert_eq!(
+        nodes,
+        BTreeMap::from([(1, json!("x")), (3, json!(["a", null, "c"]))])
+    );
+}
+
+/// E of each instance: constant over a primitive, π × (instance + 1).
+fn graded(scene: &Scene) -> VertexLight {
+    let instances = scene.instances.iter().enumerate().map(|(i, instance)| {
+        let primitives = scene.meshes[instance.mesh].primitives.iter();
+        primitives
+            .map(|p| vec![[PI * (i + 1) as f32; 3]; p.positions.len()])
+            .collect()
+    });
+    VertexLight {
+        instances: instances.collect(),
+    }
+}
+
+#[test]
+fn vertex_colours_times_material_times_scale_are_the_outgoing_radiance() {
+    let fixture = Fixture::new();
+    let (json, bin) = instanced();
+    let loaded = fixture.load(&json, &bin);
+    let (glb, stats) =
+        write_vertex_glb(&loaded.document, &loaded.scene, &graded(&loaded.scene)).unwrap();
+    // The brightest instance has R = 4.
+    assert_eq!(
+        (
+            stats.scale,
+            stats.vertices,
+            stats.clamped,
+            stats.meshes_copied,
+            stats.nodes_added
+        ),
+        (4.0, 16, 0, 3, 3)
+    );
+    let back = fixture.reload(&glb);
+    let out = back.document.json();
+    assert_eq!(out["asset"]["extras"]["vertexLight"]["scale"], 4.0);
+    assert_eq!(out["extensionsUsed"], json!(["KHR_materials_unlit"]));
+    assert!(out.get("extensionsRequired").is_none());
+    assert_eq!(out["nodes"][0]["children"].as_array().unwrap().len(), 3);
+    assert!(out["nodes"][0].get("mesh").is_none());
+    assert_eq!(back.scene.instances.len(), 4);
+    // Order in the graph: the row's children, then the other. Their places are those of the copies.
+    for (i, instance) in back.scene.instances.iter().enumerate() {
+        let before = loaded.scene.instances[i].transform;
+        // Bytes of 90/127 are a unit quaternion to 0.3 %, and ingest normalises as we do.
+        assert!(
+            instance.transform.abs_diff_eq(before, 1e-6),
+            "{i}: {} for {before}",
+            instance.transform
+        );
+        let mesh = &back.scene.meshes[instance.mesh];
+        let raw = back.document.primitive_raw(mesh.gltf_mesh, 0).unwrap();
+        let colors = raw.attribute("COLOR_0").unwrap().to_floats::<4>(1.0);
+        // Half a step of 16 bits.
+        let want = (i + 1) as f32 / 4.0;
+        assert!(
+            colors
+                .iter()
+                .all(|c| (c[0] - want).abs() <= 0.5 / 65535.0 && c[3] == 1.0),
+            "{colors:?}"
+        );
+        let e = raw.attribute("_IRRADIANCE").unwrap().to_floats::<3>(0.0);
+        assert!(e.iter().all(|e| *e == [PI * (i + 1) as f32; 3]));
+        assert_eq!(
+            out["nodes"][instance.node]["extras"]["vertexLight"]["scale"],
+            4.0
+        );
+    }
+    let material = &out["materials"][0];
+    assert_eq!(
+        material["pbrMetallicRoughness"],
+        json!({"baseColorFactor": [0.5, 0.25, 1.0, 0.5]})
+    );
+    assert_eq!(
+        (&material["alphaMode"], &material["extensions"]),
+        (&json!("BLEND"), &json!({"KHR_materials_unlit": {}}))
+    );
+}
+
+#[test]
+fn own_colours_multiply_and_keep_their_alpha() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let loaded = fixture.load(&json, &bin);
+    let (glb, stats) =
+        write_vertex_glb(&loaded.document, &loaded.scene, &graded(&loaded.scene)).unwrap();
+    let back = fixture.reload(&glb);
+    let raw = back.document.primitive_raw(0, 0).unwrap();
+    let colors = raw.attribute("COLOR_0").unwrap().to_floats::<4>(1.0);
+    // Vertex 3 of the first instance: R = 1, c = (100, 110, 120)/255, alpha 0.
+    let want = [100.0, 110.0, 120.0].map(|c| c / 255.0 / stats.scale);
+    for c in 0..3 {
+        assert!(
+            (colors[3][c] - want[c]).abs() <= 0.5 / 65535.0 + 1e-7,
+            "{:?}",
+            colors[3]
+        );
+    }
+    assert_eq!(colors[3][3], 0.0);
+    // The points are not baked and share the material, which therefore stays lit for them.
+    let out = back.document.json();
+    assert_eq!(out["materials"][0], json["materials"][0]);
+    assert_eq!(out["meshes"][0]["primitives"][0]["material"], 1);
+    assert!(
+        out["materials"][1]["extensions"]
+            .get("KHR_materials_unlit")
+            .is_some()
+    );
+}
+
+#[test]
+fn glowing_surfaces_show_their_glow() {
+    let fixture = Fixture::new();
+    let mut b = Builder::default();
+    let position = b.floats(&QUAD);
+    let json = json!({"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 0.5, 1.0]}, "emissiveFactor": [1.0, 0.5, 0.0],
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 4.0}}}],
+        "extensionsUsed": ["KHR_materials_emissive_strength"],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position}, "indices": b.indices(&[0, 1, 2, 0, 2, 3]), "material": 0}]}]});
+    let (json, bin) = b.finish(json);
+    let loaded = fixture.load(&json, &bin);
+    let (glb, stats) =
+        write_vertex_glb(&loaded.document, &loaded.scene, &graded(&loaded.scene)).unwrap();
+    // ρR + L_e = 0.5 + (4, 2, 0).
+    assert_eq!((stats.scale, stats.clamped), (4.5, 0));
+    let back = fixture.reload(&glb);
+    let color = back
+        .document
+        .primitive_raw(0, 0)
+        .unwrap()
+        .attribute("COLOR_0")
+        .unwrap()
+        .to_floats::<3>(0.0)[0];
+    for (got, want) in color.iter().zip([4.5, 2.5, 0.5]) {
+        assert!(
+            (got * 4.5 - want).abs() <= 4.5 * 0.5 / 65535.0 + 1e-6,
+            "{color:?}"
+        );
+    }
+    let out = back.document.json();
+    assert_eq!(
+        out["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"],
+        json!([1.0, 1.0, 1.0, 1.0])
+    );
+    assert!(out["materials"][0].get("emissiveFactor").is_none());
+    assert_eq!(out["extensionsUsed"], json!(["KHR_materials_unlit"]));
+}
+
+#[test]
+fn hot_spots_are_clamped_and_unusable_light_is_black() {
+    let fixture = Fixture::new();
+    let (json, bin) = instanced();
+    let loaded = fixture.load(&json, &bin);
+    let mut light = graded(&loaded.scene);
+    for p in light.instances.iter_mut().flatten() {
+        p.fill([PI; 3]);
+    }
+    light.instances[0][0][0] = [PI * 1e6; 3];
+    light.instances[0][0][1] = [f32::NAN, 1.0, 1.0];
+    light.instances[0][0][2] = [-1.0, PI, PI];
+    let (glb, stats) = write_vertex_glb(&loaded.document, &loaded.scene, &light).unwrap();
+    assert_eq!((stats.scale, stats.clamped, stats.unusable), (16.0, 1, 2));
+    let back = fixture.reload(&glb);
+    let raw = back.document.primitive_raw(0, 0).unwrap();
+    let colors = raw.attribute("COLOR_0").unwrap().to_floats::<3>(0.0);
+    assert_eq!(
+        (colors[0], colors[1], colors[2][0]),
+        ([1.0; 3], [0.0; 3], 0.0)
+    );
+    assert_eq!(
+        raw.attribute("_IRRADIANCE").unwrap().to_floats::<3>(1.0)[1],
+        [0.0; 3]
+    );
+    let dark = VertexLight {
+        instances: light
+            .instances
+            .iter()
+            .map(|i| i.iter().map(|p| vec![[0.0; 3]; p.len()]).collect())
+            .collect(),
+    };
+    assert_eq!(
+        write_vertex_glb(&loaded.document, &loaded.scene, &dark)
+            .unwrap()
+            .1
+            .scale,
+        1.0
+    );
+}
+
+#[test]
+fn parts_that_do_not_fit_are_errors() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let loaded = fixture.load(&json, &bin);
+    let good = torn(&loaded.scene);
+    let mut broken = vec![good.clone(); 6];
+    broken[0].meshes[0].primitives[0].xref[0] = 9;
+    broken[1].meshes[0].primitives[0].triangles[0][0] = 99;
+    broken[2].meshes[0].primitives[0].uv.pop();
+    broken[3].placements[0].page = 1;
+    broken[4].meshes[0].primitives.clear();
+    broken[5].meshes[0].primitives[0].triangles.pop();
+    for (i, layout) in broken.iter().enumerate() {
+        let result = write_lightmapped_glb(
+            &loaded.document,
+            &loaded.scene,
+            layout,
+            &uris(),
+            ValueKind::Radiance,
+        );
+        assert!(
+            matches!(result, Err(crate::Error::Inconsistent { .. })),
+            "{i}"
+        );
+    }
+    let mut light = graded(&loaded.scene);
+    light.instances[1][0].pop();
+    assert!(write_vertex_glb(&loaded.document, &loaded.scene, &light).is_err());
+}
+
+/// Every document under `LUMEL_SCENES` through both writers into `LUMEL_OUT`, for the Khronos validator. Not part of the suite:
+/// the scenes are not in the repository.
+#[test]
+#[ignore = "needs LUMEL_SCENES and LUMEL_OUT"]
+fn write_every_scene_for_the_validator() {
+    fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
+        let mut entries: Vec<_> = std::fs::read_dir(dir)
+            .unwrap()
+            .map(|e| e.unwrap().path())
+            .collect();
+        entries.sort();
+        for path in entries {
+            if path.is_dir() {
+                walk(&path, found);
+            } else if path.extension().is_some_and(|e| e == "gltf" || e == "glb") {
+                found.push(path);
+            }
+        }
+    }
+    let root = PathBuf::from(std::env::var_os("LUMEL_SCENES").unwrap());
+    let out = PathBuf::from(std::env::var_os("LUMEL_OUT").unwrap());
+    let mut found = Vec::new();
+    walk(&root, &mut found);
+    let mut log = String::new();
+    for path in found {
+        let name = path
+            .strip_prefix(&root)
+            .unwrap()
+            .display()
+            .to_string()
+            .replace(['/', ' '], "_");
+        let loaded = match load(&path, &LoadOptions::default()) {
+            Ok(loaded) => loaded,
+            Err(e) => {
+                log += &format!("{name}\tnot loaded\t{e}\n");
+                continue;
+            }
+        };
+        let (glb, stats) = write(&loaded, &torn(&loaded.scene));
+        std::fs::write(out.join(format!("{name}.torn.glb")), glb).unwrap();
+        let (glb, _) = write(
+            &loaded,
+            &whole(&loaded.scene, |v| {
+                Vec2::new((v % 8) as f32, (v % 7) as f32) / 8.0
+            }),
+        );
+        std::fs::write(out.join(format!("{name}.whole.glb")), glb).unwrap();
+        let (glb, vertex) =
+            write_vertex_glb(&loaded.document, &loaded.scene, &graded(&loaded.scene)).unwrap();
+        std::fs::write(out.join(format!("{name}.vertex.glb")), glb).unwrap();
+        log += &format!("{name}\t{stats:?}\t{vertex:?}\n");
+    }
+    std::fs::write(out.join("log.tsv"), log).unwrap();
+}
