@@ -18,6 +18,14 @@ pub const ASSETS: &[Asset] = &[
         make: scenes::cornell_box,
     },
     Asset {
+        name: "classic_room_1014.glb",
+        make: || scenes::classic_room(13),
+    },
+    Asset {
+        name: "classic_room_5766.glb",
+        make: || scenes::classic_room(31),
+    },
+    Asset {
         name: "furnace_cube_50.glb",
         make: || scenes::furnace(0.5, 1.0, FurnaceShape::Cube),
     },
@@ -40,5 +48,9 @@ pub const ASSETS: &[Asset] = &[
     Asset {
         name: "sealed_dark_box_thin.glb",
         make: || scenes::sealed_dark_box(0.001),
+    },
+    Asset {
+        name: "demo_level.glb",
+        make: scenes::demo_level,
     },
 ];

@@ -5,6 +5,8 @@
 //! are what they are made with.
 
 pub mod assets;
+pub mod carve;
 pub mod geometry;
 pub mod gltf;
 pub mod scenes;
+pub mod textures;

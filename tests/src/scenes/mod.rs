@@ -1,12 +1,17 @@
 //! Scenes with parameters; each says where its data or its answer comes from.
 
+mod classic;
+pub mod closed_form;
 mod cornell;
+mod demo;
 mod furnace;
 mod sealed;
 
 use glam::Vec3;
 
+pub use classic::classic_room;
 pub use cornell::{cornell_box, lamp_radiance, reflectances};
+pub use demo::demo_level;
 pub use furnace::{FurnaceShape, furnace};
 pub use sealed::sealed_dark_box;
 
