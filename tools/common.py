@@ -1,0 +1,158 @@
+"""What the measuring scripts share: where things are, running programs with limits, reading outputs.
+
+Environment: LUMEL          the lumel binary (default ../target/release/lumel)
+             LUMEL_SHARED_TOOLS  folder of truth.py, texels.py, … (default ../../shared/tools, seen from this folder)
+             LUMEL_SCENES   folder of the measuring scenes (default ../../shared/scenes)
+             LUMEL_REF      cache of references (default /tmp/lumel-ref)
+             LUMEL_NPM      folder whose node_modules holds gltf-validator (default /opt/lumel-npm)
+"""
+import hashlib
+import json
+import os
+import resource
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def _env(name, default):
+    return os.path.abspath(os.path.join(HERE, os.environ[name] if os.path.isabs(os.environ.get(name, "")) else
+                                        os.path.join(os.getcwd(), os.environ[name]) if name in os.environ else default))
+
+
+LUMEL = _env("LUMEL", "../target/release/lumel")
+SHARED = _env("LUMEL_SHARED_TOOLS", "../../shared/tools")
+SCENES = _env("LUMEL_SCENES", "../../shared/scenes")
+REF = _env("LUMEL_REF", "/tmp/lumel-ref")
+
+
+def run(args, timeout=None, memory=None, cwd=None):
+    """Runs a program; -> dict(code, out, err, seconds, peak_mb, timed_out).
+
+    `code` is negative for a signal.  `memory` (bytes) limits the address space.  `peak_mb` is the peak resident size of
+    that process, read from /proc every 5 ms and so a lower bound for very short ones."""
+    def limit():
+        if memory:
+            resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    t0 = time.perf_counter()
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        p = subprocess.Popen(args, stdout=out, stderr=err, stdin=subprocess.DEVNULL, preexec_fn=limit if memory else None, cwd=cwd)
+        peak, done = [0.0], threading.Event()
+
+        def watch():
+            while not done.wait(0.005):
+                try:
+                    for line in open("/proc/%d/status" % p.pid):
+                        if line.startswith("VmHWM"):
+                            peak[0] = max(peak[0], int(line.split()[1]) / 1024)
+                except OSError:
+                    return
+        w = threading.Thread(target=watch, daemon=True)
+        w.start()
+        timed_out = False
+        try:
+            p.wait(timeout)
+        except subprocess.TimeoutExpired:
+            timed_out = True
+            p.kill()
+            p.wait()
+        seconds = time.perf_counter() - t0
+        done.set()
+        w.join()
+        out.seek(0), err.seek(0)
+        return dict(code=p.returncode, out=out.read().decode(errors="replace"), err=err.read().decode(errors="replace"),
+                    seconds=seconds, peak_mb=peak[0], timed_out=timed_out)
+
+
+def tool(name, *args, timeout=None):
+    """Runs a script of the shared tools with this Python; -> its last line of JSON (or {}).  Raises on failure."""
+    r = run([sys.executable, os.path.join(SHARED, name), *map(str, args)], timeout)
+    if r["code"] != 0:
+        raise SystemExit("%s failed (%d):\n%s" % (name, r["code"], (r["err"] or r["out"])[-2000:]))
+    for line in reversed(r["out"].splitlines()):
+        if line.startswith("{"):
+            return json.loads(line)
+    return {}
+
+
+def digest(*paths_or_text):
+    """Short content hash of files (by path) and plain text."""
+    h = hashlib.sha256()
+    for x in paths_or_text:
+        x = str(x)
+        h.update(open(x, "rb").read() if os.path.isfile(x) else x.encode())
+        h.update(b"\0")
+    return h.hexdigest()[:16]
+
+
+def exr_size(path):
+    """(width, height) of an EXR's data window, from its header."""
+    with open(path, "rb") as f:
+        data = f.read(1 << 16)
+    if data[:4] != b"\x76\x2f\x31\x01":
+        raise ValueError("not an EXR: " + path)
+    i = 8
+    while data[i]:
+        j = data.index(b"\0", i)
+        name = data[i:j]
+        k = data.index(b"\0", j + 1)
+        size, = struct.unpack_from("<i", data, k + 1)
+        if name == b"dataWindow":
+            x0, y0, x1, y1 = struct.unpack_from("<4i", data, k + 5)
+            return x1 - x0 + 1, y1 - y0 + 1
+        i = k + 5 + size
+    raise ValueError("no dataWindow: " + path)
+
+
+def read_glb(path):
+    """-> (json, bin) of a .glb"""
+    data = open(path, "rb").read()
+    magic, _, total = struct.unpack_from("<4sII", data)
+    if magic != b"glTF":
+        raise ValueError("not a glb: " + path)
+    js, bin_, at = None, b"", 12
+    while at + 8 <= min(total, len(data)):
+        n, kind = struct.unpack_from("<I4s", data, at)
+        chunk = data[at + 8: at + 8 + n]
+        if kind == b"JSON":
+            js = json.loads(chunk)
+        elif kind == b"BIN\0":
+            bin_ = chunk
+        at += 8 + n
+    return js, bin_
+
+
+def write_glb(path, js, bin_):
+    text = json.dumps(js, ensure_ascii=False).encode()
+    text += b" " * (-len(text) % 4)
+    bin_ = bytes(bin_) + b"\0" * (-len(bin_) % 4)
+    with open(path, "wb") as f:
+        f.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(bin_)))
+        f.write(struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(bin_), b"BIN\0") + bin_)
+
+
+def outputs(directory):
+    """-> the bake's files in a folder: dict(glb, vertex, report, manifest, pages)"""
+    names = sorted(os.listdir(directory))
+    pick = lambda end, skip=(): next((os.path.join(directory, n) for n in names if n.endswith(end) and not n.endswith(skip)), None)  # noqa: E731
+    return dict(glb=pick(".glb", (".vertex.glb", ".flat.glb")), vertex=pick(".vertex.glb"), report=pick(".report.json"),
+                manifest=pick(".lightmap.json"), pages=[os.path.join(directory, n) for n in names if n.endswith(".exr")])
+
+
+def bake(scene, directory, *options, timeout=None, memory=None):
+    """Runs `lumel bake`; -> run()'s dict with `report` (parsed, or None) and outputs()"""
+    os.makedirs(directory, exist_ok=True)
+    r = run([LUMEL, "bake", scene, "-o", directory, "-q", *map(str, options)], timeout, memory)
+    r.update(outputs(directory))
+    r["report_json"] = json.load(open(r["report"])) if r["report"] else None
+    return r
+
+
+def phases(report):
+    """-> {phase: seconds} of a report"""
+    return {p["phase"]: p["seconds"] for p in (report or {}).get("measured", {}).get("phases", [])}

@@ -1,0 +1,118 @@
+"""Put a baked scene's lightmap coordinates into page space, for tools that know one atlas and no instances.
+
+Usage : python flatten_lightmap.py BAKED.glb FLAT.glb [--page 0]
+Input : a .glb written by `lumel bake`: nodes with extras.lightmap {uri, page, texCoord, offset, scale}, or a list of them on a
+        node with EXT_mesh_gpu_instancing.  The EXR beside it gives the page's size.
+Output: FLAT.glb, in which every mesh node has a mesh of its own whose TEXCOORD_1 lies in the page (offset and scale applied; a page that is
+        not square sits in the top left of a square one, so that texel (row, column) keeps its number), and TEXCOORD_0 where the
+        document had none.  Nodes on other pages, or without a lightmap, get no TEXCOORD_1: they cast and do not receive.
+        GPU instances become nodes.  One JSON line: res (side of the square), page size, nodes, receivers.
+"""
+import argparse
+import copy
+import json
+import os
+import sys
+
+import numpy as np
+
+import common
+
+sys.path.insert(0, common.SHARED)
+import gltf_scene       # noqa: E402
+
+
+def matrix_of(t, r, s):
+    return [float(x) for x in gltf_scene._trs(t, r, s).T.ravel()]
+
+
+def expand_instances(js, doc):
+    """EXT_mesh_gpu_instancing copies as child nodes, each with its own extras.lightmap"""
+    for node in list(js.get("nodes", [])):
+        ext = node.get("extensions", {}).pop("EXT_mesh_gpu_instancing", None)
+        if ext is None or "mesh" not in node:
+            continue
+        at = {k: doc.accessor(v).astype(np.float64) for k, v in ext["attributes"].items()}
+        places = node.get("extras", {}).pop("lightmap", None)
+        mesh = node.pop("mesh")
+        for k in range(len(next(iter(at.values())))):
+            child = dict(name="%s[%d]" % (node.get("name", "node"), k), mesh=mesh,
+                         matrix=matrix_of(at["TRANSLATION"][k] if "TRANSLATION" in at else [0, 0, 0],
+                                          at["ROTATION"][k] if "ROTATION" in at else [0, 0, 0, 1],
+                                          at["SCALE"][k] if "SCALE" in at else [1, 1, 1]))
+            place = places[k] if isinstance(places, list) else places
+            if place:
+                child["extras"] = {"lightmap": place}
+            node.setdefault("children", []).append(len(js["nodes"]))
+            js["nodes"].append(child)
+        if not node.get("extensions"):
+            node.pop("extensions", None)
+    for key in ("extensionsUsed", "extensionsRequired"):
+        if "EXT_mesh_gpu_instancing" in js.get(key, []):
+            js[key].remove("EXT_mesh_gpu_instancing")
+            if not js[key]:
+                del js[key]
+
+
+def main():
+    ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ap.add_argument("baked")
+    ap.add_argument("flat")
+    ap.add_argument("--page", type=int, default=0)
+    a = ap.parse_args()
+    doc = gltf_scene._Doc(a.baked)
+    js, bin_ = common.read_glb(a.baked)
+    bin_ = bytearray(bin_)
+    if len(js.get("buffers", [])) != 1 or "uri" in js["buffers"][0]:
+        raise SystemExit("expected one embedded buffer")
+    expand_instances(js, doc)
+    uri = None
+    for node in js["nodes"]:
+        place = (node.get("extras") or {}).get("lightmap") if isinstance(node.get("extras"), dict) else None
+        if place and place["page"] == a.page:
+            uri = place["uri"]
+    if uri is None:
+        raise SystemExit("no node on page %d" % a.page)
+    size = common.exr_size(os.path.join(os.path.dirname(os.path.abspath(a.baked)), uri))
+    side = max(size)
+    to_square = np.array(size, float) / side
+
+    def accessor(values):
+        while len(bin_) % 4:
+            bin_.append(0)
+        data = np.ascontiguousarray(values, np.float32)
+        js["bufferViews"].append(dict(buffer=0, byteOffset=len(bin_), byteLength=data.nbytes, target=34962))
+        bin_.extend(data.tobytes())
+        js["accessors"].append(dict(bufferView=len(js["bufferViews"]) - 1, componentType=5126, count=len(data), type="VEC2"))
+        return len(js["accessors"]) - 1
+
+    meshes, receivers, count = [], 0, 0
+    for node in js["nodes"]:
+        if "mesh" not in node:
+            continue
+        count += 1
+        place = (node.get("extras") or {}).get("lightmap")
+        mesh = copy.deepcopy(js["meshes"][node["mesh"]])
+        here = bool(place) and place["page"] == a.page
+        receivers += here
+        for p in mesh["primitives"]:
+            at = p["attributes"]
+            if here and "TEXCOORD_%d" % place["texCoord"] in at:
+                uv = doc.accessor(at["TEXCOORD_%d" % place["texCoord"]]).astype(np.float64)
+                uv = (uv * place["scale"] + place["offset"]) * to_square
+                at["TEXCOORD_1"] = accessor(uv)
+                if "TEXCOORD_0" not in at:
+                    at["TEXCOORD_0"] = at["TEXCOORD_1"]
+            else:
+                for k in [k for k in at if k.startswith("TEXCOORD_") and k != "TEXCOORD_0"]:
+                    del at[k]
+        meshes.append(mesh)
+        node["mesh"] = len(meshes) - 1
+    js["meshes"] = meshes
+    js["buffers"][0]["byteLength"] = len(bin_) + (-len(bin_) % 4)
+    common.write_glb(a.flat, js, bin_)
+    print(json.dumps(dict(res=side, page=list(size), nodes=count, receivers=receivers)))
+
+
+if __name__ == "__main__":
+    main()
