@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::document::Document;
+use crate::document::{Document, ImageSource};
 use crate::error::{Error, Fault, Faults, Outcome};
 use crate::geometry;
 use crate::material::{self, MaterialRead};
@@ -71,6 +71,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
             why: why_empty(&graph, &report),
         });
     }
+    settle_alpha(&mut scene, &used_materials, &mut report);
+    warn_missing_images(&document, &needed, &mut report);
     report.files = document.input_uris().to_vec();
     report.totals = totals(&scene);
     Ok(Loaded {
@@ -440,6 +442,60 @@ fn needed_images(materials: &[Material], used: &BTreeSet<usize>) -> BTreeSet<usi
         needed.extend(material.emissive_texture.as_ref().map(|t| t.image));
     }
     needed
+}
+
+/// Makes materials opaque whose alpha never lets light through: exporters mark whole scenes `BLEND`, and every ray would ask.
+fn settle_alpha(scene: &mut Scene, used: &BTreeSet<usize>, report: &mut IngestReport) {
+    let mut least_color = vec![1.0f32; scene.materials.len()];
+    for primitive in scene.meshes.iter().flat_map(|mesh| &mesh.primitives) {
+        let least = &mut least_color[primitive.material];
+        *least = primitive
+            .colors
+            .iter()
+            .fold(*least, |least, c| least.min(c.w));
+    }
+    for &i in used {
+        let material = &mut scene.materials[i];
+        let texture = material
+            .base_texture
+            .as_ref()
+            .and_then(|t| scene.images[t.image].as_ref());
+        let needed = match material.alpha {
+            AlphaMode::Opaque => continue,
+            AlphaMode::Mask { cutoff } => cutoff,
+            AlphaMode::Blend => 1.0,
+        };
+        // Filtering and interpolation stay above the least value; sampling rounds, so a mask's value must clear its cutoff.
+        const ROUNDING: f32 = 1e-5;
+        let untextured = material.base_color.w * least_color[i];
+        if untextured < needed {
+            continue;
+        }
+        let least_texel = texture.map_or(255, |image| {
+            image.pixels.iter().map(|p| p[3]).min().unwrap_or(255)
+        });
+        let alpha = untextured * f32::from(least_texel) / 255.0;
+        if alpha >= 1.0 || alpha > needed + ROUNDING {
+            material.alpha = AlphaMode::Opaque;
+            report.count("materials.opaque_in_effect", 1);
+        }
+    }
+}
+
+/// Images that light does not need may be missing, but who writes the document back will want to know.
+fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &mut IngestReport) {
+    let count = document.root().len_of("images").unwrap_or(0);
+    for i in (0..count).filter(|i| !needed.contains(i)) {
+        if let Ok(ImageSource::File(file)) = document.image(i)
+            && !file.is_file()
+        {
+            report.count("images.missing", 1);
+            report.warn(
+                format!("images[{i}]"),
+                "its file is missing; light does not need it",
+            );
+        }
+    }
 }
 
 fn why_empty(graph: &Graph, report: &IngestReport) -> String {

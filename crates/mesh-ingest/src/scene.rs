@@ -11,7 +11,8 @@ use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 ///
 /// Guarantees, made by [`crate::load`] and relied upon everywhere:
 /// - every number is finite; every index (vertex, material, image, mesh) is in range;
-/// - no triangle of a [`Primitive`] names one vertex twice, has zero area in local space or duplicates another of the primitive;
+/// - no triangle of a [`Primitive`] names one vertex twice, has zero area in local space or names the same vertices as another
+///   (same facing, or any where its material is double-sided);
 /// - instances refer to meshes that have at least one triangle, and their transforms are invertible;
 /// - colours are linear Rec.709; reflectances lie in 0..=1; emission is a radiance and ≥ 0.
 ///
@@ -51,7 +52,8 @@ pub struct Primitive {
     pub gltf_primitive: usize,
     /// Vertex positions, local space, one per vertex of the document's accessor (vertex *i* is accessor element *i*).
     pub positions: Vec<Vec3>,
-    /// Unit vertex normals, or empty where the document has none (then faces are flat).
+    /// Unit vertex normals (unusable ones replaced by those of the faces around), or empty where the document has none (then
+    /// faces are flat).
     pub normals: Vec<Vec3>,
     /// `TEXCOORD_n` by n; an inner vector is empty where the set is absent.
     pub tex_coords: Vec<Vec<Vec2>>,
@@ -78,7 +80,7 @@ pub struct Instance {
     pub mesh: usize,
     /// Local to world (before recentring); may mirror.
     pub transform: DAffine3,
-    /// The node's `extras`, for `extras.lumel`.
+    /// `{"lumel": …}` from the node's `extras`, where it is there; nothing else of them.
     pub extras: Option<serde_json::Value>,
 }
 
@@ -97,7 +99,7 @@ pub struct Material {
     pub emissive: Vec3,
     /// `emissiveTexture` (sRGB), multiplied with `emissive`.
     pub emissive_texture: Option<TextureRef>,
-    /// How alpha is used.
+    /// How alpha is used; opaque also where the document says otherwise but no alpha lets light through.
     pub alpha: AlphaMode,
     /// Acts on both sides; otherwise the back blocks light, reflects nothing and emits nothing.
     pub double_sided: bool,

@@ -315,15 +315,26 @@ fn reduce(x: f32, wrap: Wrap) -> f32 {
     }
 }
 
-/// Texel index of a reduced coordinate, which lies within a few periods of the image.
+/// Texel index of a reduced coordinate, which lies at most one texel outside its period: no division is needed. The last
+/// bound holds whatever rounding did.
 fn wrap_index(i: i32, size: u32, wrap: Wrap) -> u32 {
     let n = size as i32;
-    (match wrap {
-        Wrap::Clamp => i.clamp(0, n - 1),
-        Wrap::Repeat => i.rem_euclid(n),
+    let within = |i: i32, period: i32| {
+        if i < 0 {
+            i + period
+        } else if i >= period {
+            i - period
+        } else {
+            i
+        }
+    };
+    let index = match wrap {
+        Wrap::Clamp => i,
+        Wrap::Repeat => within(i, n),
         Wrap::Mirror => {
-            let m = i.rem_euclid(2 * n);
+            let m = within(i, 2 * n);
             if m < n { m } else { 2 * n - 1 - m }
         }
-    }) as u32
+    };
+    index.clamp(0, n - 1) as u32
 }

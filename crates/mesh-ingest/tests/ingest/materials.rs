@@ -150,6 +150,16 @@ fn masks_cut_and_blends_thin() {
     assert!((scene.transmittance(&soup, 0, 0.5, 0.0) - 0.5).abs() < 1e-6);
     assert!(scene.alpha_passes(&soup, 0, 0.5, 0.0, 0.51));
     assert!(!scene.alpha_passes(&soup, 0, 0.5, 0.0, 0.49));
+    // Nothing shines through where the least alpha is above the cutoff, or one.
+    let half = RgbaImage::from_pixel(2, 2, image::Rgba([9, 9, 9, 200]));
+    for (mode, image, opaque) in [
+        ("MASK", &half, true),
+        ("BLEND", &half, false),
+        ("MASK", &black_white(), false),
+    ] {
+        let scene = textured(material(mode), Some(image)).load().unwrap().scene;
+        assert_eq!(!scene.needs_alpha(0), opaque, "{mode}");
+    }
     let scene = textured(material("OPAQUE"), Some(&black_white()))
         .load()
         .unwrap()
@@ -222,11 +232,11 @@ fn undecodable_textures_fall_back_or_name_a_way_out() {
 
 #[test]
 fn out_of_range_factors_are_clamped_and_counted() {
-    let material = json!({"pbrMetallicRoughness": {"baseColorFactor": [1.5, -1, 0.5, 1]}, "emissiveFactor": [-1, 0, 2],
+    let material = json!({"pbrMetallicRoughness": {"baseColorFactor": [1.5, -1, 0.5, 0.25]}, "emissiveFactor": [-1, 0, 2],
         "alphaMode": "MASK", "doubleSided": true});
     let loaded = textured(material, None).load().unwrap();
     let material = &loaded.scene.materials[0];
-    assert_eq!(material.base_color, Vec4::new(1.0, 0.0, 0.5, 1.0));
+    assert_eq!(material.base_color, Vec4::new(1.0, 0.0, 0.5, 0.25));
     assert_eq!(material.emissive, Vec3::new(0.0, 0.0, 2.0));
     assert_eq!(material.alpha, AlphaMode::Mask { cutoff: 0.5 });
     assert!(material.double_sided);
