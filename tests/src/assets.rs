@@ -1,6 +1,8 @@
 //! The files under `assets/`, and what makes each.
 
-use crate::scenes::{self, FurnaceShape};
+use glam::Vec3;
+
+use crate::scenes::{self, FurnaceShape, closed_form};
 
 /// One file of `assets/`.
 #[derive(Debug)]
@@ -52,5 +54,57 @@ pub const ASSETS: &[Asset] = &[
     Asset {
         name: "demo_level.glb",
         make: scenes::demo_level,
+    },
+];
+
+/// The closed-form scenes with parameters that suit a look or a measurement; not committed, `make-assets --closed-form DIR` writes them.
+pub const CLOSED_FORM: &[Asset] = &[
+    Asset {
+        name: "point_over_floor.glb",
+        make: || closed_form::point_over_floor(2.0, 1.0),
+    },
+    Asset {
+        name: "spot_over_floor.glb",
+        make: || closed_form::spot_over_floor(2.0, 1.0, 0.4, 0.8),
+    },
+    Asset {
+        name: "sun_over_floor.glb",
+        make: || closed_form::sun_over_floor(3.0, Vec3::new(0.6, -0.8, 0.0)),
+    },
+    Asset {
+        name: "rectangle_over_floor.glb",
+        make: || closed_form::rectangle_over_floor(2.0, 1.0, 1.0),
+    },
+    Asset {
+        name: "sky_floor_and_wall.glb",
+        make: closed_form::sky_floor_and_wall,
+    },
+    Asset {
+        name: "facing_plates_1.glb",
+        make: || closed_form::facing_plates(1.0, 1.0),
+    },
+    Asset {
+        name: "facing_plates_1e-3.glb",
+        make: || closed_form::facing_plates(1.0, 1e-3),
+    },
+    Asset {
+        name: "sphere_interior.glb",
+        make: || closed_form::sphere_interior(1.0, 0.7, 0.5, 4).0,
+    },
+    Asset {
+        name: "masked_checker_screen.glb",
+        make: || closed_form::masked_checker_screen(1.0),
+    },
+    Asset {
+        name: "one_triangle.glb",
+        make: closed_form::one_triangle,
+    },
+    Asset {
+        name: "two_rooms_1mm.glb",
+        make: || closed_form::two_rooms(0.001),
+    },
+    Asset {
+        name: "many_triangles_1m.glb",
+        make: || closed_form::many_triangles(708),
     },
 ];
