@@ -223,7 +223,7 @@ impl<'a> Editor<'a> {
     }
 
     /// Takes extensions that the document used and the output does not (compression written plain, copies expanded) from the
-    /// lists. What never shows as an object, as quantisation, stays listed.
+    /// lists, and adds what it uses without having said so. What never shows as an object, as quantisation, stays listed.
     fn prune_extension_lists(&mut self) {
         let mut gone = self
             .document
@@ -233,6 +233,7 @@ impl<'a> Editor<'a> {
             .unwrap_or_default();
         for name in refs::present(&self.json) {
             gone.remove(&name);
+            self.use_extension(&name);
         }
         for key in ["extensionsUsed", "extensionsRequired"] {
             let Some(list) = self.json.get_mut(key).and_then(Value::as_array_mut) else {

@@ -1,0 +1,252 @@
+//! Pictures of a finished bake, for people: the level as an engine would show it, and the pages themselves.
+//!
+//! Nothing is measured here; the rest of the program does not depend on it. Deterministic for any number of threads.
+
+mod camera;
+mod tone;
+
+use glam::{Vec2, Vec3};
+use mesh_ingest::{AlphaMode, Scene, Soup};
+use rayon::prelude::*;
+use visibility::{Bvh, HitFilter, Ray};
+
+use crate::atlas::{Layout, Page, Placement};
+use crate::error::Result;
+use crate::false_color::{encode_png, heat};
+use crate::manifest::ValueKind;
+
+pub use camera::{Camera, choose_camera, scene_camera};
+use tone::Exposure;
+
+/// Samples along each side of a pixel.
+const SUPERSAMPLING: u32 = 2;
+
+/// Surfaces that one ray looks through (culled backs, glass).
+const MAX_LAYERS: usize = 32;
+
+/// sRGB colours of the sky at the top and at the bottom of the picture: neutral, and clearly no surface.
+const BACKDROP: [[f32; 3]; 2] = [[58.0, 66.0, 80.0], [22.0, 24.0, 29.0]];
+
+/// A baked level as rays see it.
+#[derive(Clone, Copy)]
+pub struct LitScene<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its triangles.
+    pub soup: &'a Soup,
+    /// The tree over `soup`, built with the triangles flagged whose material [needs alpha](Scene::needs_alpha).
+    pub bvh: &'a Bvh,
+    /// Where the light lies.
+    pub layout: &'a Layout,
+    /// The light.
+    pub pages: &'a [Page],
+    /// What the pages hold.
+    pub value: ValueKind,
+}
+
+/// What a ray brings back.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Seen {
+    /// Radiance towards the eye.
+    pub color: Vec3,
+    /// Share of the ray that ended at surfaces.
+    pub alpha: f32,
+    /// Distance to the first surface that was seen; infinite where there is none.
+    pub distance: f32,
+    /// The triangle there.
+    pub triangle: u32,
+}
+
+/// Lets rays through where a mask is cut out.
+struct Masks<'a>(&'a Scene, &'a Soup);
+
+impl HitFilter for Masks<'_> {
+    fn accept(&self, triangle: u32, u: f32, v: f32, _: &Ray) -> bool {
+        !self.0.alpha_passes(self.1, triangle, u, v, 0.0)
+    }
+}
+
+impl LitScene<'_> {
+    /// The stored value at a point of a triangle, bilinear as an engine reads it; black where there is no lightmap.
+    fn stored(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        let look = || {
+            let source = self.soup.sources.get(triangle as usize)?;
+            let instance = self.scene.instances.get(source.instance as usize)?;
+            let placement = self.layout.placements.get(source.instance as usize)?;
+            let atlas = self
+                .layout
+                .meshes
+                .get(instance.mesh)?
+                .primitives
+                .get(source.primitive as usize)?;
+            let [a, b, c] = *atlas.triangles.get(source.triangle as usize)?;
+            let corners = if source.mirrored {
+                [a, c, b]
+            } else {
+                [a, b, c]
+            };
+            let mut at = Vec2::ZERO;
+            for (corner, weight) in corners.into_iter().zip([1.0 - u - v, u, v]) {
+                at += *atlas.uv.get(corner as usize)? * weight;
+            }
+            Some(bilinear(
+                self.pages.get(placement.page as usize)?,
+                placement,
+                at,
+            ))
+        };
+        look().unwrap_or(Vec3::ZERO)
+    }
+
+    /// Outgoing radiance at a point of a triangle.
+    fn shade(&self, triangle: u32, u: f32, v: f32) -> (Vec3, f32) {
+        let base = self.scene.base_color(self.soup, triangle, u, v);
+        let stored = self.stored(triangle, u, v);
+        let reflected = match self.value {
+            ValueKind::Radiance => stored * base.truncate(),
+            ValueKind::Irradiance => stored * base.truncate() / std::f32::consts::PI,
+            ValueKind::Radiosity => stored,
+        };
+        (
+            reflected + self.scene.emission(self.soup, triangle, u, v),
+            base.w,
+        )
+    }
+
+    /// Follows a ray; backs of single-sided faces are not seen, as in an engine.
+    pub(super) fn look(&self, origin: Vec3, direction: Vec3) -> Seen {
+        let mut seen = Seen {
+            distance: f32::INFINITY,
+            triangle: u32::MAX,
+            ..Seen::default()
+        };
+        let mut ray = Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
+        for _ in 0..MAX_LAYERS {
+            let Some(hit) = self.bvh.closest_hit(&ray, &Masks(self.scene, self.soup)) else {
+                break;
+            };
+            ray.t_min = hit.t;
+            let material =
+                &self.scene.materials[self.soup.materials[hit.triangle as usize] as usize];
+            if hit.back && !material.double_sided {
+                continue;
+            }
+            if seen.triangle == u32::MAX {
+                (seen.distance, seen.triangle) = (hit.t, hit.triangle);
+            }
+            let (color, alpha) = self.shade(hit.triangle, hit.u, hit.v);
+            let opacity = if material.alpha == AlphaMode::Blend {
+                alpha
+            } else {
+                1.0
+            };
+            seen.color += color * (opacity * (1.0 - seen.alpha));
+            seen.alpha += opacity * (1.0 - seen.alpha);
+            if seen.alpha > 0.999 {
+                break;
+            }
+        }
+        seen
+    }
+}
+
+/// Value of `page` at `at` (texels of the placement's rectangle).
+fn bilinear(page: &Page, placement: &Placement, at: Vec2) -> Vec3 {
+    let p = at + Vec2::new(placement.rect.x as f32, placement.rect.y as f32) - 0.5;
+    let (w, h) = (page.width as i64, page.height as i64);
+    if w == 0 || h == 0 || !p.is_finite() {
+        return Vec3::ZERO;
+    }
+    let (x, y) = (p.x.floor(), p.y.floor());
+    let fetch = |dx: i64, dy: i64| {
+        let (x, y) = (
+            (x as i64).saturating_add(dx).clamp(0, w - 1),
+            (y as i64).saturating_add(dy).clamp(0, h - 1),
+        );
+        page.value
+            .get((y * w + x) as usize)
+            .map_or(Vec3::ZERO, |v| Vec3::from(*v))
+    };
+    let (fx, fy) = (p.x - x, p.y - y);
+    fetch(0, 0)
+        .lerp(fetch(1, 0), fx)
+        .lerp(fetch(0, 1).lerp(fetch(1, 1), fx), fy)
+}
+
+/// Renders `lit` from `camera` as a PNG of `size` pixels, exposed automatically.
+///
+/// # Errors
+/// [`crate::Error::Image`] where the PNG cannot be encoded.
+pub fn render_preview(lit: &LitScene<'_>, camera: &Camera, size: [u32; 2]) -> Result<Vec<u8>> {
+    let [width, height] = size.map(|s| s.clamp(1, 8192));
+    let fine = [width * SUPERSAMPLING, height * SUPERSAMPLING];
+    let rays = camera.rays(fine);
+    let mut samples = vec![Seen::default(); fine[0] as usize * fine[1] as usize];
+    samples
+        .par_chunks_mut(fine[0] as usize)
+        .enumerate()
+        .for_each(|(y, row)| {
+            for (x, seen) in row.iter_mut().enumerate() {
+                *seen = lit.look(
+                    camera.position,
+                    rays.direction(x as f32 + 0.5, y as f32 + 0.5),
+                );
+            }
+        });
+    let exposure = Exposure::measure(samples.iter().filter(|s| s.alpha > 0.0).map(|s| s.color));
+    // Each sample is brought to display range before the mean, or bright edges would stay jagged.
+    let pixels: Vec<[u8; 3]> = (0..width as usize * height as usize)
+        .into_par_iter()
+        .map(|i| {
+            let (x, y) = (i % width as usize, i / width as usize);
+            let t = y as f32 / height as f32;
+            let backdrop = Vec3::from(BACKDROP[0]).lerp(Vec3::from(BACKDROP[1]), t) / 255.0;
+            let n = SUPERSAMPLING as usize;
+            let mut sum = Vec3::ZERO;
+            for k in 0..n * n {
+                let s = samples[(y * n + k / n) * fine[0] as usize + x * n + k % n];
+                sum += exposure.display(s.color) + backdrop * (1.0 - s.alpha);
+            }
+            tone::to_bytes(sum / (n * n) as f32)
+        })
+        .collect();
+    encode_png(width, height, &pixels)
+}
+
+/// A page as a PNG, exposed by its covered texels.
+///
+/// # Errors
+/// [`crate::Error::Inconsistent`] where the page's length is not its size.
+pub fn lightmap_png(page: &Page) -> Result<Vec<u8>> {
+    let covered = page
+        .value
+        .iter()
+        .zip(&page.coverage)
+        .filter(|(_, c)| **c > 0.0);
+    let exposure = Exposure::measure(covered.map(|(v, _)| Vec3::from(*v)));
+    let pixels: Vec<_> = page
+        .value
+        .par_iter()
+        .map(|v| tone::to_bytes(exposure.display(Vec3::from(*v))))
+        .collect();
+    encode_png(page.width, page.height, &pixels)
+}
+
+/// One channel of `page` as a PNG from black (`range[0]` and below) through blue, green, yellow and red to white (`range[1]`):
+/// error, coverage.
+///
+/// # Errors
+/// [`crate::Error::Inconsistent`] where `values` are not one per texel.
+pub fn heat_png(page: &Page, values: &[f32], range: [f32; 2]) -> Result<Vec<u8>> {
+    let span = (range[1] - range[0]).max(f32::MIN_POSITIVE);
+    let pixels: Vec<_> = values.iter().map(|x| heat((x - range[0]) / span)).collect();
+    encode_png(page.width, page.height, &pixels)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,240 @@
+use glam::{DAffine3, Vec4};
+use mesh_ingest::{Instance, Material, Mesh, Primitive};
+use visibility::BuildOptions;
+
+use super::*;
+use crate::atlas::{MeshAtlas, PrimitiveAtlas, Rect};
+
+/// A 2 × 2 wall at z = 0 that faces +z, its lightmap left half 1 and right half 3, base colour (1, 0.5, 0).
+fn wall() -> (Scene, Layout, Vec<Page>) {
+    let positions = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+        .map(|[x, y]: [f32; 2]| Vec3::new(x, y, 0.0));
+    let uv = positions.map(|p| Vec2::new((p.x + 1.0) * 4.0, (1.0 - p.y) * 4.0));
+    let triangles = vec![[0, 1, 2], [0, 2, 3]];
+    let primitive = Primitive {
+        positions: positions.to_vec(),
+        triangles: triangles.clone(),
+        source_triangles: vec![0, 1],
+        ..Primitive::default()
+    };
+    let material = Material {
+        name: String::new(),
+        gltf_material: None,
+        base_color: Vec4::new(1.0, 0.5, 0.0, 1.0),
+        base_texture: None,
+        emissive: Vec3::ZERO,
+        emissive_texture: None,
+        alpha: AlphaMode::Opaque,
+        double_sided: false,
+    };
+    let scene = Scene {
+        meshes: vec![Mesh {
+            primitives: vec![primitive],
+            ..Mesh::default()
+        }],
+        instances: vec![Instance {
+            node: 0,
+            name: String::new(),
+            copy: None,
+            mesh: 0,
+            transform: DAffine3::IDENTITY,
+            extras: None,
+        }],
+        materials: vec![material],
+        ..Scene::default()
+    };
+    let atlas = PrimitiveAtlas {
+        xref: vec![0, 1, 2, 3],
+        uv: uv.to_vec(),
+        triangles,
+        chart: vec![0, 0],
+    };
+    let rect = Rect {
+        x: 2,
+        y: 1,
+        w: 8,
+        h: 8,
+    };
+    let layout = Layout {
+        meshes: vec![MeshAtlas {
+            size: [8, 8],
+            primitives: vec![atlas],
+            charts: 1,
+            ..MeshAtlas::default()
+        }],
+        placements: vec![Placement { page: 0, rect }],
+        pages: vec![[16, 16]],
+        texels_per_unit: 4.0,
+    };
+    let value = (0..256)
+        .map(|i| if i % 16 < 6 { [1.0; 3] } else { [3.0; 3] })
+        .collect();
+    let page = Page {
+        width: 16,
+        height: 16,
+        value,
+        coverage: vec![1.0; 256],
+        ..Page::default()
+    };
+    (scene, layout, vec![page])
+}
+
+#[test]
+fn rays_read_the_lightmap_as_an_engine_does() {
+    let (scene, layout, pages) = wall();
+    let soup = Soup::build(&scene);
+    let bvh = Bvh::build(&soup.triangles, |_| false, &BuildOptions::default()).unwrap();
+    let lit = LitScene {
+        scene: &scene,
+        soup: &soup,
+        bvh: &bvh,
+        layout: &layout,
+        pages: &pages,
+        value: ValueKind::Radiance,
+    };
+    let at = |x: f32| lit.look(Vec3::new(x, 0.1, 5.0), -Vec3::Z).color;
+    assert!((at(-0.5) - Vec3::new(1.0, 0.5, 0.0)).abs().max_element() < 1e-5);
+    assert!((at(0.5) - Vec3::new(3.0, 1.5, 0.0)).abs().max_element() < 1e-5);
+    // Texel centres next to the step are at ∓1/8: half way between both.
+    assert!((at(0.0) - Vec3::new(2.0, 1.0, 0.0)).abs().max_element() < 1e-5);
+    // From behind, a single-sided wall is not there.
+    assert_eq!(lit.look(Vec3::new(0.5, 0.1, -5.0), Vec3::Z).alpha, 0.0);
+    let irradiance = LitScene {
+        value: ValueKind::Irradiance,
+        ..lit
+    };
+    let e = irradiance.look(Vec3::new(0.5, 0.1, 5.0), -Vec3::Z).color.x;
+    assert!((e - 3.0 / std::f32::consts::PI).abs() < 1e-5);
+}
+
+#[test]
+fn the_chosen_camera_sees_the_front_and_the_picture_is_the_same_for_any_number_of_threads() {
+    let (scene, layout, pages) = wall();
+    let soup = Soup::build(&scene);
+    let bvh = Bvh::build(&soup.triangles, |_| false, &BuildOptions::default()).unwrap();
+    let lit = LitScene {
+        scene: &scene,
+        soup: &soup,
+        bvh: &bvh,
+        layout: &layout,
+        pages: &pages,
+        value: ValueKind::Radiance,
+    };
+    let picture = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| {
+            let camera = choose_camera(&lit);
+            assert!(
+                camera.position.z > 0.0 && camera.forward.z < 0.0,
+                "{camera:?}"
+            );
+            render_preview(&lit, &camera, [64, 36]).unwrap()
+        })
+    };
+    let one = picture(1);
+    assert!(one == picture(3));
+    let image = image::load_from_memory(&one).unwrap().to_rgb8();
+    assert_eq!(image.dimensions(), (64, 36));
+    // The wall's blue is 0, the backdrop's is not.
+    assert!(image.pixels().any(|p| p.0[2] == 0 && p.0[0] > 60));
+}
+
+#[test]
+fn pages_and_channels_become_pictures() {
+    let (_, _, pages) = wall();
+    let image = image::load_from_memory(&lightmap_png(&pages[0]).unwrap())
+        .unwrap()
+        .to_rgb8();
+    assert!(image.get_pixel(0, 0).0[0] < image.get_pixel(10, 0).0[0]);
+    let image =
+        image::load_from_memory(&heat_png(&pages[0], &pages[0].coverage, [0.0, 1.0]).unwrap())
+            .unwrap();
+    assert_eq!(image.to_rgb8().get_pixel(0, 0).0, [255; 3]);
+    assert!(heat_png(&pages[0], &[0.0], [0.0, 1.0]).is_err());
+}
+
+/// A picture of every document under `LUMEL_SCENES` into `LUMEL_OUT`, lit by the normals alone: to look at the chosen cameras.
+#[test]
+#[ignore = "needs LUMEL_SCENES and LUMEL_OUT"]
+fn picture_every_scene() {
+    let out = std::path::PathBuf::from(std::env::var_os("LUMEL_OUT").unwrap());
+    let mut stack = vec![std::path::PathBuf::from(
+        std::env::var_os("LUMEL_SCENES").unwrap(),
+    )];
+    while let Some(path) = stack.pop() {
+        if path.is_dir() {
+            stack.extend(std::fs::read_dir(&path).unwrap().map(|e| e.unwrap().path()));
+            continue;
+        }
+        if !path.extension().is_some_and(|e| e == "gltf" || e == "glb") {
+            continue;
+        }
+        let Ok(loaded) = mesh_ingest::load(&path, &mesh_ingest::LoadOptions::default()) else {
+            continue;
+        };
+        let scene = loaded.scene;
+        let soup = Soup::build(&scene);
+        let alpha = |t: u32| scene.needs_alpha(soup.materials[t as usize]);
+        let bvh = Bvh::build(&soup.triangles, alpha, &BuildOptions::default()).unwrap();
+        // Every triangle reads one texel of a page with a texel per direction of its normal.
+        let shade = |n: Vec3| 0.6 + 0.4 * n.dot(Vec3::new(0.4, 0.8, 0.45).normalize());
+        let mut layout = Layout {
+            pages: vec![[64, 1]],
+            ..Layout::default()
+        };
+        for mesh in &scene.meshes {
+            let primitives = mesh.primitives.iter().map(|p| {
+                let mut atlas = PrimitiveAtlas::default();
+                for t in &p.triangles {
+                    let [a, b, c] = t.map(|i| p.positions[i as usize]);
+                    let texel =
+                        (shade((b - a).cross(c - a).normalize_or_zero()) * 63.0).round() + 0.5;
+                    let first = atlas.uv.len() as u32;
+                    atlas.uv.extend([Vec2::new(texel, 0.5); 3]);
+                    atlas.triangles.push([first, first + 1, first + 2]);
+                }
+                atlas
+            });
+            layout.meshes.push(MeshAtlas {
+                primitives: primitives.collect(),
+                ..MeshAtlas::default()
+            });
+        }
+        layout.placements = vec![
+            Placement {
+                page: 0,
+                rect: Rect {
+                    x: 0,
+                    y: 0,
+                    w: 64,
+                    h: 1
+                }
+            };
+            scene.instances.len()
+        ];
+        let pages = [Page {
+            width: 64,
+            height: 1,
+            value: (0..64).map(|i| [i as f32 / 63.0; 3]).collect(),
+            ..Page::default()
+        }];
+        let lit = LitScene {
+            scene: &scene,
+            soup: &soup,
+            bvh: &bvh,
+            layout: &layout,
+            pages: &pages,
+            value: ValueKind::Radiance,
+        };
+        let camera = scene_camera(&loaded.document, &scene).unwrap_or_else(|| choose_camera(&lit));
+        let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+        std::fs::write(
+            out.join(format!("{name}.png")),
+            render_preview(&lit, &camera, [640, 360]).unwrap(),
+        )
+        .unwrap();
+    }
+}

@@ -1,0 +1,108 @@
+//! From radiance to what a screen shows.
+
+use glam::Vec3;
+
+use crate::compare::LUMINANCE;
+
+/// Display value of the scene's log-average luminance: middle grey (Reinhard et al., "Photographic Tone Reproduction for Digital
+/// Images", 2002).
+const KEY: f32 = 0.18;
+
+/// How radiance is scaled and compressed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Exposure {
+    /// Multiplies radiance.
+    scale: f32,
+    /// Scaled radiance that becomes white.
+    white: f32,
+}
+
+pub(super) fn luminance(c: Vec3) -> f32 {
+    c.dot(Vec3::from(LUMINANCE.map(|w| w as f32)))
+}
+
+impl Exposure {
+    /// From the luminances of a picture: the middle nine tenths give the exposure, the 99th percentile becomes white.
+    pub fn measure(colors: impl Iterator<Item = Vec3>) -> Exposure {
+        let mut y: Vec<f32> = colors
+            .map(luminance)
+            .filter(|y| y.is_finite() && *y > 0.0)
+            .collect();
+        if y.is_empty() {
+            return Exposure {
+                scale: 1.0,
+                white: 1.0,
+            };
+        }
+        y.sort_unstable_by(f32::total_cmp);
+        let at = |q: f64| y[((y.len() - 1) as f64 * q) as usize];
+        let middle = &y[y.len() / 20..(y.len() - y.len() / 20).max(y.len() / 20 + 1)];
+        // What is a thousandth of the bright parts is black to the eye and must not drive the exposure.
+        let floor = at(0.9) * 1e-3;
+        let sum: f64 = middle.iter().map(|y| f64::from(y.max(floor)).ln()).sum();
+        let mean = (sum / middle.len() as f64).exp() as f32;
+        let scale = KEY / mean.max(f32::MIN_POSITIVE);
+        Exposure {
+            scale,
+            white: (at(0.99) * scale).clamp(0.3, 16.0),
+        }
+    }
+
+    /// sRGB-encoded 0..=1: Reinhard's curve with a white point, per channel so that highlights bleach.
+    pub fn display(&self, color: Vec3) -> Vec3 {
+        let x = color.max(Vec3::ZERO) * self.scale;
+        if !x.is_finite() {
+            return Vec3::ONE;
+        }
+        let y = x * (Vec3::ONE + x / (self.white * self.white)) / (Vec3::ONE + x);
+        Vec3::from(y.to_array().map(encode))
+    }
+}
+
+/// Linear light to sRGB (IEC 61966-2-1).
+fn encode(x: f32) -> f32 {
+    let x = x.clamp(0.0, 1.0);
+    if x <= 0.003_130_8 {
+        12.92 * x
+    } else {
+        1.055 * x.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// 0..=1 to bytes.
+pub(super) fn to_bytes(c: Vec3) -> [u8; 3] {
+    c.to_array()
+        .map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exposure_does_not_depend_on_units() {
+        let scene = |unit: f32| (1..=1000).map(move |i| Vec3::splat(i as f32 * unit));
+        let (a, b) = (
+            Exposure::measure(scene(1e-6)),
+            Exposure::measure(scene(1e4)),
+        );
+        for i in [1.0, 100.0, 1000.0] {
+            let [x, y] = [
+                a.display(Vec3::splat(i * 1e-6)),
+                b.display(Vec3::splat(i * 1e4)),
+            ];
+            assert!((x - y).abs().max_element() < 1e-4, "{x} {y}");
+        }
+        assert!(a.display(Vec3::splat(1e-3)).x > 0.99);
+    }
+
+    #[test]
+    fn darkness_and_nonsense_are_shown() {
+        let e = Exposure::measure([Vec3::ZERO, Vec3::NAN].into_iter());
+        assert_eq!(
+            (e.display(Vec3::ZERO), e.display(Vec3::INFINITY)),
+            (Vec3::ZERO, Vec3::ONE)
+        );
+        assert_eq!(to_bytes(Vec3::new(-1.0, 0.5, 2.0)), [0, 128, 255]);
+    }
+}
