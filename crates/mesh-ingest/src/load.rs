@@ -75,6 +75,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     warn_missing_images(&document, &needed, &mut report);
     report.files = document.input_uris().to_vec();
     report.totals = totals(&scene);
+    tracing::debug!(totals = ?report.totals, counts = ?report.counts, "ingested {}", path.display());
     Ok(Loaded {
         scene,
         document,
