@@ -76,8 +76,8 @@ pub const CLOSED_FORM: &[Asset] = &[
         make: || closed_form::rectangle_over_floor(2.0, 1.0, 1.0),
     },
     Asset {
-        name: "sky_floor_and_wall.glb",
-        make: closed_form::sky_floor_and_wall,
+        name: "sky_over_open_box.glb",
+        make: || closed_form::sky_over_open_box(2.0, 1.0),
     },
     Asset {
         name: "facing_plates_1.glb",

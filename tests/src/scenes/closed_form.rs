@@ -4,7 +4,7 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::geometry::{Geometry, cuboid, grid, icosphere, quad};
+use crate::geometry::{Geometry, box_faces, cuboid, grid, icosphere, quad};
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 use crate::textures;
 
@@ -113,24 +113,28 @@ pub fn polygon_irradiance(radiance: f64, corners: &[DVec3], p: DVec3, n: DVec3) 
     radiance / 2.0 * sum.abs()
 }
 
-/// A black 4 m floor and a black 2 m high wall that stands on its own, for a uniform sky of radiance L.
+/// A black box without a lid, `side` metres square and `depth` deep, under a uniform sky of radiance L; nothing else.
 ///
-/// Far from each other's view E = πL on a floor and πL/2 on a wall. The wall (node `wall`, its front towards +Z) stands at z = −50, out
-/// of the floor's sight up to 2/50 of the horizon, which costs at most (2/50)²/2 = 0.08 %.
-pub fn sky_floor_and_wall() -> Vec<u8> {
+/// Its fronts look inside; the mouth lies at y = 0. Every point inside sees the sky through the mouth only, so E is
+/// [`polygon_irradiance`] of [`mouth`], on the floor and on the walls alike. With a depth near 0 the floor's E tends to πL, and the
+/// top of a wall's to πL/2. One node `box`.
+pub fn sky_over_open_box(side: f32, depth: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
-    floor(&mut b, 4.0, 1);
-    let black = b.material(&Material::diffuse("black_wall", [0.0; 3]));
-    let g = grid(
-        Vec3::new(-1.0, 0.0, -50.0),
-        Vec3::X * 2.0,
-        Vec3::Y * 2.0,
-        [1, 1],
-    )
-    .bare();
-    let mesh = b.mesh("wall", &[(&g, black)]);
-    b.node(Node::of_mesh("wall", mesh));
+    let black = b.material(&Material::diffuse("black", [0.0; 3]));
+    let h = side / 2.0;
+    let [left, right, bottom, _, back, front] =
+        box_faces(Vec3::new(-h, -depth, -h), Vec3::new(h, 0.0, h), 1);
+    let inside = Geometry::union(&[left, right, bottom, back, front])
+        .flipped()
+        .bare();
+    let mesh = b.mesh("box", &[(&inside, black)]);
+    b.node(Node::of_mesh("box", mesh));
     b.finish()
+}
+
+/// Corners of the mouth of [`sky_over_open_box`].
+pub fn mouth(side: f64) -> [DVec3; 4] {
+    square(side, 0.0)
 }
 
 /// Two 1 m squares that face each other at `gap` metres; the upper (`lamp`) emits `radiance`, the lower (`plate`) is black.
