@@ -65,7 +65,8 @@ fn main() {
 }
 
 fn row(name: &str, scene: &Scene, unwrapper: UnwrapperChoice, texels_per_unit: Option<f32>) {
-    let soup = Soup::build(scene);
+    // The layout reads only areas from the soup and computes what is missing.
+    let soup = Soup::default();
     let options = LayoutOptions {
         texels_per_unit,
         unwrapper,

@@ -87,3 +87,249 @@ fn a_sheet_and_its_modelled_back_are_one_chart_each() {
     let (_, report) = lay_out_lone(mesh(positions, triangles), &at_density(4.0));
     assert_eq!(report.meshes[0].charts, 2);
 }
+
+#[test]
+fn equal_charts_are_packed_into_a_square_rather_than_a_strip() {
+    let (result, report) = lay_out_lone(cuboid(Vec3::splat(1.0)), &at_density(64.0));
+    let [w, h] = result.meshes[0].size;
+    assert!(w.max(h) <= 2 * w.min(h), "{w} x {h}");
+    assert!(report.coverage > 0.85, "{}", report.coverage);
+}
+
+#[test]
+fn primitives_are_flattened_together_and_never_share_a_chart() {
+    // Two halves of one floor, in two primitives with vertices of their own.
+    let mut floor = plane(2.0, 2.0);
+    let mut other = plane(2.0, 2.0).primitives.remove(0);
+    for p in &mut other.positions {
+        p.x += 2.0;
+    }
+    floor.primitives.push(other);
+    let (result, report) = lay_out_lone(floor, &at_density(10.0));
+    assert_eq!(report.meshes[0].charts, 2);
+    let [a, b] = [0, 1].map(|i| result.meshes[0].primitives[i].chart[0]);
+    assert_ne!(a, b);
+    assert_eq!(result.meshes[0].primitives[1].xref, [0, 1, 2, 3]);
+}
+
+#[test]
+fn a_moebius_strip_and_loose_triangles_are_laid_out_without_overlap() {
+    let (_, report) = lay_out_lone(moebius(64), &at_density(20.0));
+    assert!(
+        report.meshes[0].charts >= 2,
+        "not orientable, so at least one cut"
+    );
+    let (_, report) = lay_out_lone(loose_triangles(3000), &at_density(10.0));
+    assert_eq!(report.meshes[0].charts, 3000);
+}
+
+#[test]
+fn padding_is_kept_at_every_width() {
+    for padding in [0, 1, 2, 3, 5, 8] {
+        let options = LayoutOptions {
+            padding,
+            ..at_density(5.0)
+        };
+        lay_out_lone(cuboid(Vec3::new(2.0, 3.0, 4.7)), &options);
+        lay_out_lone(sphere(10, 1.3), &options);
+    }
+}
+
+#[test]
+fn a_non_uniformly_scaled_instance_gets_charts_of_its_world_shape() {
+    // A unit square stretched to 8 x 2 m, turned and mirrored: 80 x 20 lumels.
+    let transform = DAffine3::from_rotation_y(0.7)
+        * DAffine3::from_scale(DVec3::new(-8.0, 3.0, 2.0))
+        * DAffine3::from_translation(DVec3::new(5.0, 1.0, -3.0));
+    let case = scene(vec![plane(1.0, 1.0)], vec![(0, transform)]);
+    let (result, report) = lay_out(&case, &at_density(10.0));
+    let mut size = result.meshes[0].size;
+    size.sort_unstable();
+    assert_eq!(size, [22, 82]);
+    assert!((report.meshes[0].density[1] - 10.0).abs() < 0.01);
+    check_generated(&result.meshes[0], 2);
+}
+
+#[test]
+fn a_mesh_has_the_same_coordinates_in_any_scene_and_for_any_thread_count() {
+    let options = at_density(9.0);
+    let alone = lay_out(&lone(sphere(16, 1.0)), &options).0;
+    let many = scene(
+        vec![cuboid(Vec3::ONE), sphere(16, 1.0)],
+        vec![
+            (0, at(3.0, 0.0, 0.0)),
+            (1, at(-7.0, 2.0, 1.0) * DAffine3::from_rotation_x(1.1)),
+            (1, at(9.0, 9.0, 9.0)),
+        ],
+    );
+    let pool = |threads| {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool")
+    };
+    let one = pool(1).install(|| lay_out(&many, &options));
+    let four = pool(4).install(|| lay_out(&many, &options));
+    assert_eq!(format!("{:?}", one.0), format!("{:?}", four.0));
+    assert_eq!(one.1, four.1);
+    assert_eq!(
+        format!("{:?}", alone.meshes[0].primitives),
+        format!("{:?}", one.0.meshes[1].primitives)
+    );
+}
+
+#[test]
+fn a_huge_plane_is_capped_and_small_things_get_their_lumels() {
+    let mut instances = vec![(0, at(-1024.0, 0.0, -1024.0))];
+    for i in 0..20 {
+        instances.push((1, at(f64::from(i) * 3.0, 0.0, 0.0)));
+    }
+    instances.push((2, at(0.0, 5.0, 0.0)));
+    let case = scene(
+        vec![
+            plane(2048.0, 2048.0),
+            cuboid(Vec3::new(1.0, 2.0, 1.0)),
+            cuboid(Vec3::splat(1e-3)),
+        ],
+        instances,
+    );
+    let (result, report) = lay_out(&case, &LayoutOptions::default());
+    let texels = |m: usize| f64::from(result.meshes[m].size[0] * result.meshes[m].size[1]);
+    // A quarter of 200,000, and the border and rounding of a square of 224 texels.
+    assert!(texels(0) < 50_000.0 * 1.05, "{}", texels(0));
+    assert!(texels(0) > 40_000.0);
+    // At the plane's own density a crate would have 10 m2 * 0.012 = 0.1 lumels; contrast is limited to 32.
+    assert!(report.meshes[1].density[1] > 30.0 * report.meshes[0].density[1]);
+    assert!(result.meshes[2].size.iter().all(|&s| s >= 4));
+    assert!(
+        report.warnings.iter().any(|w| w.contains("huge")),
+        "{report:?}"
+    );
+}
+
+#[test]
+fn the_budget_is_met_and_a_mesh_too_large_for_the_page_is_lowered() {
+    let (_, report) = lay_out(
+        &lone(cuboid(Vec3::new(8.0, 3.0, 6.0))),
+        &LayoutOptions::default(),
+    );
+    // Rounding of the density to three digits and of borders to whole texels.
+    assert!(
+        (report.lumels - 200_000.0).abs() < 6_000.0,
+        "{}",
+        report.lumels
+    );
+    let options = LayoutOptions {
+        max_page: 256,
+        ..at_density(100.0)
+    };
+    let (result, report) = lay_out_lone(cuboid(Vec3::new(8.0, 3.0, 6.0)), &options);
+    assert!(result.pages[0].iter().all(|&s| s <= 256));
+    assert!(
+        report.warnings.iter().any(|w| w.contains("lowered")),
+        "{report:?}"
+    );
+}
+
+fn with_uv1(mut mesh: Mesh, uv: Vec<Vec2>) -> Mesh {
+    mesh.primitives[0].tex_coords = vec![Vec::new(), uv];
+    mesh
+}
+
+fn unit_square() -> Vec<Vec2> {
+    vec![Vec2::ZERO, Vec2::Y, Vec2::ONE, Vec2::X]
+}
+
+#[test]
+fn good_coordinates_are_kept_at_the_wanted_density() {
+    let case = lone(with_uv1(plane(4.0, 4.0), unit_square()));
+    let (result, report) = lay_out(&case, &at_density(10.0));
+    let atlas = &result.meshes[0];
+    assert_eq!(atlas.origin, UvOrigin::Kept);
+    assert_eq!(atlas.size, [40, 40]);
+    assert_eq!(atlas.primitives[0].uv[2], Vec2::splat(40.0));
+    assert_eq!(atlas.primitives[0].xref, [0, 1, 2, 3]);
+    assert_eq!((atlas.charts, report.meshes[0].unwrapper), (1, None));
+    assert_eq!(result.pages, [[40, 40]]);
+    let options = LayoutOptions {
+        uv_mode: UvMode::Generate,
+        ..at_density(10.0)
+    };
+    assert_eq!(
+        lay_out(&case, &options).0.meshes[0].origin,
+        UvOrigin::Generated
+    );
+}
+
+#[test]
+fn kept_rectangles_keep_their_distance() {
+    let case = scene(
+        vec![with_uv1(plane(4.0, 4.0), unit_square())],
+        (0..9)
+            .map(|i| (0, at(f64::from(i) * 5.0, 0.0, 0.0)))
+            .collect(),
+    );
+    let (result, _) = lay_out(&case, &at_density(10.0));
+    for (i, a) in result.placements.iter().enumerate() {
+        for b in &result.placements[i + 1..] {
+            let apart = |p: u32, s: u32, q: u32, t: u32| q >= p + s + 2 || p >= q + t + 2;
+            let (a, b) = (a.rect, b.rect);
+            assert!(apart(a.x, a.w, b.x, b.w) || apart(a.y, a.h, b.y, b.h));
+        }
+    }
+}
+
+#[test]
+fn bad_coordinates_are_replaced_and_the_reason_given() {
+    let mut half = plane(1.0, 1.0);
+    half.primitives.push(plane(1.0, 1.0).primitives.remove(0));
+    half.primitives[0].tex_coords = vec![Vec::new(), unit_square()];
+    let fold = vec![
+        Vec2::ZERO,
+        Vec2::Y,
+        Vec2::new(0.6, 0.6),
+        Vec2::new(0.1, 0.9),
+    ];
+    let cases = [
+        (
+            with_uv1(
+                plane(1.0, 1.0),
+                unit_square().iter().map(|p| *p * 2.0).collect(),
+            ),
+            "leave 0..1",
+        ),
+        (
+            with_uv1(plane(1.0, 1.0), vec![Vec2::splat(0.5); 4]),
+            "no area",
+        ),
+        (with_uv1(plane(1.0, 1.0), vec![Vec2::NAN; 4]), "not finite"),
+        (with_uv1(plane(1.0, 1.0), fold), "overlap"),
+        (half, "has no TEXCOORD_1"),
+    ];
+    for (mesh, reason) in cases {
+        let (result, report) = lay_out_lone(mesh, &at_density(20.0));
+        let UvOrigin::Replaced { why } = &result.meshes[0].origin else {
+            panic!("{reason}: {:?}", result.meshes[0].origin);
+        };
+        assert!(why.contains(reason), "{why} / {reason}");
+        assert!(report.warnings.iter().any(|w| w.contains(reason)));
+    }
+}
+
+#[test]
+fn cancelling_and_bad_options_are_errors() {
+    let case = lone(sphere(40, 1.0));
+    let cancelled = layout(&case.0, &case.1, &LayoutOptions::default(), &|_| false);
+    assert!(matches!(cancelled, Err(LayoutError::Cancelled)));
+    for options in [
+        at_density(0.0),
+        at_density(f32::NAN),
+        LayoutOptions {
+            max_page: 4,
+            ..LayoutOptions::default()
+        },
+    ] {
+        let refused = layout(&case.0, &case.1, &options, &|_| true);
+        assert!(matches!(refused, Err(LayoutError::Option { .. })));
+    }
+}

@@ -51,7 +51,7 @@ pub(super) fn pack(
         };
         match layers.generate(options, fixed, cancel) {
             Ok(result) if result.size.iter().all(|&s| s <= options.max_size) => {
-                return Ok(result);
+                return squarer(&layers, result, options, cancel);
             }
             Ok(_) | Err(UnwrapError::DoesNotFit { .. }) => {}
             Err(error) => return Err(error),
@@ -61,6 +61,59 @@ pub(super) fn pack(
         page_size: options.max_size,
     };
     layers.generate(options, auto, cancel)
+}
+
+/// Packs again into a square where the charts were laid into a strip more than twice as long as wide (six equal sides of
+/// a box fill 1 × 6 as well as 2 × 3); keeps the strip where the square would waste more than an eighth.
+fn squarer(
+    layers: &Layers<'_>,
+    strip: UnwrappedMesh,
+    options: &UnwrapOptions,
+    cancel: Cancel<'_>,
+) -> Result<UnwrappedMesh, UnwrapError> {
+    let [w, h] = strip.size;
+    if w.max(h) <= 2 * w.min(h) {
+        return Ok(strip);
+    }
+    let area = f64::from(w) * f64::from(h);
+    for growth in [1.03, 1.12, 1.25, 1.42] {
+        let side = (area.sqrt() * growth).ceil() as u32;
+        if side > options.max_size {
+            break;
+        }
+        let square = Density::Fixed {
+            texels_per_unit: options.texels_per_unit,
+            page_size: Some(side),
+        };
+        match layers.generate(options, square, cancel) {
+            Ok(mut result) => {
+                crop(&mut result, options.padding.div_ceil(2));
+                let cropped = f64::from(result.size[0]) * f64::from(result.size[1]);
+                let [w, h] = result.size;
+                if cropped <= area * 1.125 && w.max(h) <= 2 * w.min(h) {
+                    return Ok(result);
+                }
+            }
+            Err(UnwrapError::Cancelled) => return Err(UnwrapError::Cancelled),
+            // More than one page, or a chart longer than the square: the next is larger.
+            Err(_) => {}
+        }
+    }
+    Ok(strip)
+}
+
+/// Cuts off what lies beyond the charts and a border.
+fn crop(mesh: &mut UnwrappedMesh, border: u32) {
+    let high = mesh
+        .corners
+        .iter()
+        .flatten()
+        .fold(Vec2::ZERO, |high, &p| high.max(p));
+    for axis in 0..2 {
+        // Corners that were not snapped carry rounding of up to 1e-3 texel.
+        let used = (high[axis] - 1e-3).ceil().max(1.0) as u32 + border;
+        mesh.size[axis] = mesh.size[axis].min(used);
+    }
 }
 
 /// The mesh cut into one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].

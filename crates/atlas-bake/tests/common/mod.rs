@@ -2,8 +2,8 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 
 use atlas_bake::{Layout, MeshAtlas};
-use glam::{DAffine3, DVec3, Vec2, Vec3};
-use mesh_ingest::{Instance, Mesh, Primitive, Scene, Soup};
+use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
+use mesh_ingest::{AlphaMode, Instance, Material, Mesh, Primitive, Scene, Soup};
 
 pub fn mesh(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh {
@@ -33,10 +33,24 @@ pub fn scene(meshes: Vec<Mesh>, instances: Vec<(usize, DAffine3)>) -> (Scene, So
     let scene = Scene {
         meshes,
         instances,
+        materials: vec![default_material()],
         ..Scene::default()
     };
     let soup = Soup::build(&scene);
     (scene, soup)
+}
+
+fn default_material() -> Material {
+    Material {
+        name: String::new(),
+        gltf_material: None,
+        base_color: Vec4::ONE,
+        base_texture: None,
+        emissive: Vec3::ZERO,
+        emissive_texture: None,
+        alpha: AlphaMode::Opaque,
+        double_sided: false,
+    }
 }
 
 pub fn lone(mesh: Mesh) -> (Scene, Soup) {
