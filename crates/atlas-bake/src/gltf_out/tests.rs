@@ -528,6 +528,70 @@ fn a_mesh_without_coordinates_gets_both_sets_and_a_strip_becomes_a_list() {
 }
 
 #[test]
+fn quantised_vertices_stay_quantised_and_aligned() {
+    let fixture = Fixture::new();
+    let mut b = Builder::default();
+    // i16 positions of 6 bytes, in a view with a stride of 8; u8 coordinates of 2 bytes in a stride of 4.
+    let places: [[i16; 3]; 4] = [[-5, 0, 0], [5, 0, 0], [5, 7, 0], [-5, 7, 0]];
+    let bytes: Vec<u8> = places
+        .iter()
+        .flat_map(|p| [p[0], p[1], p[2], 0])
+        .flat_map(i16::to_le_bytes)
+        .collect();
+    let position = b.raw(
+        &bytes,
+        5122,
+        "VEC3",
+        4,
+        json!({"min": [-5, 0, 0], "max": [5, 7, 0]}),
+    );
+    b.views[0]["byteStride"] = json!(8);
+    let uv = b.raw(
+        &[0, 255, 0, 0, 255, 255, 0, 0, 255, 0, 0, 0, 0, 0, 0, 0],
+        5121,
+        "VEC2",
+        4,
+        json!({"normalized": true}),
+    );
+    b.views[1]["byteStride"] = json!(4);
+    let indices = b.indices(&[0, 1, 2, 0, 2, 3]);
+    let json = json!({"scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "extensionsUsed": ["KHR_mesh_quantization"], "extensionsRequired": ["KHR_mesh_quantization"],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position, "TEXCOORD_0": uv}, "indices": indices}]}]});
+    let (json, bin) = b.finish(json);
+    let loaded = fixture.load(&json, &bin);
+    let (glb, _) = write(&loaded, &torn(&loaded.scene));
+    let back = fixture.reload(&glb);
+    assert_eq!(
+        corners(&back, 0, 0, &["TEXCOORD_1"]),
+        corners(&loaded, 0, 0, &[])
+    );
+    let out = back.document.json();
+    let index = |v: &Value| v.as_u64().unwrap() as usize;
+    let accessor = |name: &str| {
+        &out["accessors"][index(&out["meshes"][0]["primitives"][0]["attributes"][name])]
+    };
+    let position = accessor("POSITION");
+    assert_eq!(
+        (&position["min"], &position["max"]),
+        (&json!([-5, 0, 0]), &json!([5, 7, 0]))
+    );
+    let stride =
+        |name: &str| &out["bufferViews"][index(&accessor(name)["bufferView"])]["byteStride"];
+    assert_eq!(
+        ["POSITION", "TEXCOORD_0", "TEXCOORD_1"].map(stride),
+        [&json!(8), &json!(4), &json!(8)]
+    );
+    assert_eq!(out["extensionsRequired"], json!(["KHR_mesh_quantization"]));
+    for view in out["bufferViews"].as_array().unwrap() {
+        assert_eq!(
+            view.get("byteOffset").and_then(Value::as_u64).unwrap_or(0) % 4,
+            0
+        );
+    }
+}
+
+#[test]
 fn an_unknown_extension_stops_re_indexing_but_not_the_bake() {
     let fixture = Fixture::new();
     let (mut json, bin) = rich();

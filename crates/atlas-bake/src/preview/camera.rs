@@ -98,27 +98,22 @@ pub fn scene_camera(document: &Document, scene: &Scene) -> Option<Camera> {
         let (i, parent) = stack.pop()?;
         let Some(node) = nodes.get(i) else { continue };
         let world = parent * local_transform(node);
-        if let Some(camera) = node
+        let camera = node
             .get("camera")
             .and_then(Value::as_u64)
-            .and_then(|c| json.get("cameras")?.get(c as usize))
-        {
-            if let Some(yfov) = camera
-                .get("perspective")
-                .and_then(|p| p.get("yfov"))
-                .and_then(Value::as_f64)
-            {
-                let forward = world.transform_vector3(-DVec3::Z).try_normalize()?;
-                let right = forward
-                    .cross(world.transform_vector3(DVec3::Y))
-                    .try_normalize()?;
-                return Some(Camera {
-                    position: (world.translation - scene.origin).as_vec3(),
-                    forward: forward.as_vec3(),
-                    up: right.cross(forward).as_vec3(),
-                    yfov: (yfov as f32).clamp(0.05, 2.6),
-                });
-            }
+            .and_then(|c| json.get("cameras")?.get(c as usize));
+        let yfov = camera.and_then(|c| c.get("perspective")?.get("yfov")?.as_f64());
+        if let Some(yfov) = yfov {
+            let forward = world.transform_vector3(-DVec3::Z).try_normalize()?;
+            let right = forward
+                .cross(world.transform_vector3(DVec3::Y))
+                .try_normalize()?;
+            return Some(Camera {
+                position: (world.translation - scene.origin).as_vec3(),
+                forward: forward.as_vec3(),
+                up: right.cross(forward).as_vec3(),
+                yfov: (yfov as f32).clamp(0.05, 2.6),
+            });
         }
         stack.extend(
             indices(node.get("children"))
@@ -296,4 +291,59 @@ fn entropy(mut keys: Vec<[u32; 3]>) -> f32 {
         .map(|c| c.len() as f32 / n)
         .map(|p| -p * p.log2())
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn the_documents_camera_is_found_through_the_hierarchy() {
+        let positions: Vec<u8> = [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        let document = json!({
+            "asset": {"version": "2.0"}, "scene": 1,
+            "scenes": [{"nodes": [3]}, {"nodes": [0, 4]}],
+            "nodes": [
+                {"translation": [10.0, 0.0, 0.0], "rotation": [0.0, (0.5f64).sqrt(), 0.0, (0.5f64).sqrt()], "children": [1, 2]},
+                {"camera": 0},
+                {"camera": 1, "translation": [0.0, 0.0, 1.0], "scale": [2.0, 2.0, 2.0]},
+                {"camera": 1},
+                {"mesh": 0}
+            ],
+            "cameras": [{"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "znear": 0, "zfar": 1}},
+                {"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}],
+            "buffers": [{"byteLength": 36, "uri": "t.bin"}]
+        });
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join("t.bin"), positions).unwrap();
+        std::fs::write(dir.path().join("t.gltf"), document.to_string()).unwrap();
+        let loaded = mesh_ingest::load(
+            &dir.path().join("t.gltf"),
+            &mesh_ingest::LoadOptions::default(),
+        )
+        .unwrap();
+        let camera = scene_camera(&loaded.document, &loaded.scene).unwrap();
+        // A quarter turn about y takes the child's +z to +x, and the view's −z to −x.
+        let position = (DVec3::new(11.0, 0.0, 0.0) - loaded.scene.origin).as_vec3();
+        assert!((camera.position - position).length() < 1e-5, "{camera:?}");
+        assert!(
+            (camera.forward + Vec3::X).length() < 1e-6 && (camera.up - Vec3::Y).length() < 1e-6
+        );
+        assert_eq!(camera.yfov, 0.8);
+    }
+
+    #[test]
+    fn entropy_is_that_of_shannon() {
+        assert_eq!(entropy(vec![[1; 3]; 8]), 0.0);
+        assert_eq!(entropy((0..8).map(|i| [i, 0, 0]).collect()), 3.0);
+        assert_eq!(entropy(Vec::new()), 0.0);
+    }
 }
