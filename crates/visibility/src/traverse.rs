@@ -276,7 +276,7 @@ fn occluded<K: Kernel>(
             let node = &bvh.nodes[child.0 as usize];
             // SAFETY: the caller chose the kernel by detection.
             let mut mask = unsafe { K::boxes(node, prepared, prepared.t_max, &mut near) };
-            // Unsorted: where any hit will do, sorting costs more than it saves (measured: 1.5 times slower).
+            // In the order of the slots, which the collapse arranged: by distance it was 1.5 to 2 times slower.
             while mask != 0 {
                 let slot = mask.trailing_zeros() as usize & (WIDTH - 1);
                 mask &= mask - 1;
