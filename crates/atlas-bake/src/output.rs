@@ -34,6 +34,12 @@ impl OutputSet {
     /// # Errors
     /// [`Error::Io`] where the folder cannot be made or read.
     pub fn create(dir: &Path) -> Result<OutputSet> {
+        // What `Path::parent` gives for a bare file name.
+        let dir = if dir.as_os_str().is_empty() {
+            Path::new(".")
+        } else {
+            dir
+        };
         let mut set = OutputSet {
             dir: dir.to_owned(),
             created: Vec::new(),
