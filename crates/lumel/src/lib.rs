@@ -1,1 +1,34 @@
-//! lumel
+//! Lumel bakes diffuse global illumination into glTF levels.
+//!
+//! [`bake`] runs the whole pipeline; the crates under it ([`mesh_ingest`], [`radiosity`], [`atlas_bake`], …) are its joints, for
+//! programs that want only a part.
+//!
+//! ```no_run
+//! use lumel::{Settings, Silent, bake};
+//!
+//! let baked = bake("level.glb".as_ref(), &Settings::default(), &Silent)?;
+//! baked.write("out".as_ref())?;
+//! println!("mean error about {:.2} %", 100.0 * baked.report.gather.estimated_error);
+//! # Ok::<(), lumel::Error>(())
+//! ```
+
+mod error;
+mod inspect;
+mod memory;
+mod pipeline;
+mod report;
+mod settings;
+mod sky;
+
+pub use atlas_bake;
+pub use mesh_ingest;
+pub use radiosity;
+pub use visibility;
+
+pub use atlas_bake::{Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
+pub use error::Error;
+pub use inspect::{Inspection, inspect};
+pub use pipeline::{Bake, bake};
+pub use radiosity::{Monitor, Phase, Silent};
+pub use report::{Measured, PhaseTime, Report};
+pub use settings::{Quality, Settings, SkySource, Sun};

@@ -3,6 +3,8 @@
 use glam::{DVec2, Vec3};
 use mesh_ingest::Soup;
 
+use crate::raster::{Polygon, cover_triangle};
+
 /// A region's frame: `dot(p − origin, axes[k])` is the position in cells.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Frame {
@@ -140,77 +142,6 @@ fn boundary_direction(soup: &Soup, triangles: &[u32], x: Vec3, y: Vec3) -> (f64,
     (s, c)
 }
 
-/// A convex polygon of at most eight corners (a triangle clipped by a rectangle has at most seven).
-#[derive(Clone, Copy)]
-pub(crate) struct Polygon {
-    pub n: usize,
-    pub p: [DVec2; 8],
-}
-
-impl Polygon {
-    pub(crate) fn triangle(p: [DVec2; 3]) -> Self {
-        let mut q = [DVec2::ZERO; 8];
-        q[..3].copy_from_slice(&p);
-        Polygon { n: 3, p: q }
-    }
-
-    /// The part with `sign · (coordinate[axis] − at) ≥ 0` (Sutherland & Hodgman 1974).
-    pub(crate) fn clip(&self, axis: usize, at: f64, sign: f64) -> Polygon {
-        let mut out = Polygon {
-            n: 0,
-            p: [DVec2::ZERO; 8],
-        };
-        for i in 0..self.n {
-            let (a, b) = (self.p[i], self.p[(i + 1) % self.n]);
-            let (da, db) = (sign * (a[axis] - at), sign * (b[axis] - at));
-            if da >= 0.0 && out.n < 8 {
-                out.p[out.n] = a;
-                out.n += 1;
-            }
-            if (da >= 0.0) != (db >= 0.0) && out.n < 8 {
-                let mut c = a + (b - a) * (da / (da - db));
-                c[axis] = at;
-                out.p[out.n] = c;
-                out.n += 1;
-            }
-        }
-        out
-    }
-
-    /// Twice the signed area.
-    pub(crate) fn area2(&self) -> f64 {
-        (1..self.n.saturating_sub(1))
-            .map(|i| (self.p[i] - self.p[0]).perp_dot(self.p[i + 1] - self.p[0]))
-            .sum()
-    }
-
-    /// The point at the area fractions `(a, b)` ∈ [0,1)², uniform over the polygon.
-    pub(crate) fn sample(&self, a: f64, b: f64) -> DVec2 {
-        let total = self.area2();
-        let mut left = a * total;
-        for i in 1..self.n - 1 {
-            let w = (self.p[i] - self.p[0]).perp_dot(self.p[i + 1] - self.p[0]);
-            let last = i == self.n - 2;
-            if (left.abs() < w.abs() || last) && w != 0.0 {
-                let r = (left / w).clamp(0.0, 1.0).sqrt();
-                return self.p[0] * (1.0 - r)
-                    + self.p[i] * (r * (1.0 - b))
-                    + self.p[i + 1] * (r * b);
-            }
-            left -= w;
-        }
-        self.p[..self.n].iter().sum::<DVec2>() / self.n as f64
-    }
-
-    fn range(&self, axis: usize) -> (f64, f64) {
-        self.p[..self.n]
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| {
-                (l.min(p[axis]), h.max(p[axis]))
-            })
-    }
-}
-
 /// Corners of a triangle in fine-cell units.
 pub(crate) fn fine_corners(soup: &Soup, frame: &Frame, triangle: u32) -> [DVec2; 3] {
     let s = frame.sub as f64;
@@ -223,85 +154,26 @@ pub(crate) fn fine_corners(soup: &Soup, frame: &Frame, triangle: u32) -> [DVec2;
 /// Cuts the triangle into its parts by fine cell. The parts' areas sum to the triangle's area (to rounding).
 pub(crate) fn rasterise(soup: &Soup, frame: &Frame, triangle: u32, out: &mut Vec<Fragment>) {
     let fine = [frame.cells[0] * frame.sub, frame.cells[1] * frame.sub];
-    let corners = fine_corners(soup, frame, triangle);
     let area = soup.areas[triangle as usize];
-    let cell_of = |x: f64, n: u32| (x.floor().max(0.0) as u32).min(n - 1);
-    let whole = Polygon::triangle(corners);
-    let total = whole.area2();
-    let (y0, y1) = whole.range(1);
-    let (x0, x1) = whole.range(0);
-    let (r0, r1) = (cell_of(y0, fine[1]), cell_of(y1, fine[1]));
-    let (c0, c1) = (cell_of(x0, fine[0]), cell_of(x1, fine[0]));
-    let mid = (corners[0] + corners[1] + corners[2]) / 3.0;
-    let at_mid = || Fragment {
-        fine: cell_of(mid.y, fine[1]) * fine[0] + cell_of(mid.x, fine[0]),
-        triangle,
-        area,
-    };
-    // Inside one cell, or seen edge-on in this frame (a cluster's steep face): no cut.
-    if (r0 == r1 && c0 == c1) || total.abs() < 1e-12 {
-        out.push(at_mid());
-        return;
-    }
-    let before = out.len();
-    for r in r0..=r1 {
-        let mut strip = whole;
-        if r > r0 {
-            strip = strip.clip(1, r as f64, 1.0);
-        }
-        if r < r1 {
-            strip = strip.clip(1, (r + 1) as f64, -1.0);
-        }
-        if strip.n < 3 {
-            continue;
-        }
-        let (x0, x1) = strip.range(0);
-        let (c0, c1) = (cell_of(x0, fine[0]), cell_of(x1, fine[0]));
-        for c in c0..=c1 {
-            let mut part = strip;
-            if c > c0 {
-                part = part.clip(0, c as f64, 1.0);
-            }
-            if c < c1 {
-                part = part.clip(0, (c + 1) as f64, -1.0);
-            }
-            let share = if part.n < 3 {
-                0.0
-            } else {
-                part.area2() / total
-            };
-            if share > 1e-9 {
-                out.push(Fragment {
-                    fine: r * fine[0] + c,
-                    triangle,
-                    area: (share * area as f64) as f32,
-                });
-            }
-        }
-    }
-    if out.len() == before {
-        out.push(at_mid());
-    }
+    cover_triangle(
+        fine_corners(soup, frame, triangle),
+        fine,
+        |column, row, share| {
+            out.push(Fragment {
+                fine: row * fine[0] + column,
+                triangle,
+                area: (share * area as f64) as f32,
+            });
+        },
+    );
 }
 
 /// The part of the triangle inside fine cell `fine`, in fine-cell units.
 pub(crate) fn clip_to_fine(soup: &Soup, frame: &Frame, triangle: u32, fine: u32) -> Polygon {
-    let width = frame.cells[0] * frame.sub;
-    let height = frame.cells[1] * frame.sub;
-    let (r, c) = (fine / width, fine % width);
-    let mut p = Polygon::triangle(fine_corners(soup, frame, triangle));
-    // The outermost cells reach to the region's end, whatever the rounding of its extent.
-    if r > 0 {
-        p = p.clip(1, r as f64, 1.0);
-    }
-    if r + 1 < height {
-        p = p.clip(1, (r + 1) as f64, -1.0);
-    }
-    if c > 0 {
-        p = p.clip(0, c as f64, 1.0);
-    }
-    if c + 1 < width {
-        p = p.clip(0, (c + 1) as f64, -1.0);
-    }
-    p
+    let size = [frame.cells[0] * frame.sub, frame.cells[1] * frame.sub];
+    Polygon::triangle(fine_corners(soup, frame, triangle)).clip_to_cell(
+        fine % size[0],
+        fine / size[0],
+        size,
+    )
 }

@@ -9,6 +9,7 @@
 
 mod adjacency;
 mod grid;
+pub mod raster;
 mod region;
 mod subdivision;
 

@@ -1,1 +1,29 @@
-//! radiosity
+//! Light transport: form factors, direct light and the progressive radiosity solve.
+//!
+//! The quantities are those of the field: radiosity B and irradiance E in W/m² (lx where the scene is photometric),
+//! radiance L = B/π, reflectance ρ, form factor F_ij = the share of power leaving *i* that reaches *j*, so that
+//! `E_i = Σ_j F_ij B_j` and `A_i F_ij = A_j F_ji`.
+//!
+//! [`World`] answers rays, [`DirectLight`] gives the light that arrives straight from lamps and emissive surfaces, [`solve`]
+//! finds what the surfaces exchange, and [`Solution`] holds the result, ready to be gathered from.
+
+mod direct;
+mod emitters;
+mod form_factor;
+mod links;
+mod monitor;
+mod relax;
+mod sampling;
+mod solution;
+mod solve;
+mod world;
+
+pub use direct::{DirectEstimate, DirectLight, DirectOptions};
+pub use emitters::Emitters;
+pub use form_factor::form_factor_polygon;
+pub use monitor::{Cancelled, Monitor, Phase, Silent};
+pub use relax::{RelaxOptions, RelaxReport};
+pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
+pub use solution::{Audit, Solution, SolveReport};
+pub use solve::{SolveOptions, solve};
+pub use world::{Incoming, Sky, SurfacePoint, World, WorldOptions, luminance};

@@ -1,0 +1,354 @@
+//! Lumels and vertices of a whole scene, gathered and put into pages.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::Vec3;
+use mesh_ingest::Scene;
+use radiosity::{
+    Cancelled, DirectLight, Emitters, Monitor, Phase, Solution, World, hash_u32, luminance,
+};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::atlas::{Layout, Page};
+use crate::dilate::dilate;
+use crate::footprint::{LumelFootprint, VertexFootprint};
+use crate::gather::{GatherOptions, Gatherer, Received};
+use crate::lumels::{Lumel, Lumels};
+use crate::manifest::ValueKind;
+
+/// Extra channels of a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Layer {
+    /// `direct.R/G/B`: light straight from lamps and emitters.
+    Direct,
+    /// `indirect.R/G/B`: the rest.
+    Indirect,
+    /// `radiosity.R/G/B`: what the lumel sends on, ρE/π.
+    Radiosity,
+    /// `error.Y`: estimated standard error of the value's luminance.
+    Error,
+    /// `coverage.Y`: share of the texel that lies on the surface.
+    Coverage,
+}
+
+/// How a scene is baked.
+#[derive(Debug, Clone)]
+pub struct BakeOptions {
+    /// Light at lumels.
+    pub lumels: GatherOptions,
+    /// Light at vertices.
+    pub vertices: GatherOptions,
+    /// Extra channels, in the order in which they are to be written.
+    pub layers: Vec<Layer>,
+    /// Texels around charts that take their neighbours' value.
+    pub padding: u32,
+    /// What R, G, B (and the light layers) hold.
+    pub value: ValueKind,
+}
+
+/// What was gathered.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct BakeReport {
+    /// Texels with a surface.
+    pub lumels: u64,
+    /// Lumels that lie wholly inside or behind something; their value is their neighbours'.
+    pub hidden_lumels: u64,
+    /// Lumels of which a part does; their value is that of the other part.
+    pub partly_hidden_lumels: u64,
+    /// Gathering and shadow rays, lumels.
+    pub lumel_rays: u64,
+    /// Vertices gathered at.
+    pub vertices: u64,
+    /// Gathering and shadow rays, vertices.
+    pub vertex_rays: u64,
+    /// Mean of R over lumels, weighted by coverage (linear RGB).
+    pub mean: [f64; 3],
+    /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean).
+    pub estimated_error: f64,
+    /// Memory of pages and lumel lists, bytes.
+    pub bytes: u64,
+}
+
+/// Pages and vertex light of a scene.
+#[derive(Debug, Default)]
+pub struct Baked {
+    /// Lightmap pages.
+    pub pages: Vec<Page>,
+    /// Irradiance per instance, primitive and vertex of the primitive.
+    pub vertices: Vec<Vec<Vec<[f32; 3]>>>,
+    /// What was done.
+    pub report: BakeReport,
+}
+
+/// Footprints gathered between two looks at the monitor.
+const BLOCK: usize = 64;
+
+/// Gathers light at all lumels and vertices.
+///
+/// Deterministic for any number of threads: every footprint is computed by itself, with random numbers that hang on its place.
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub fn bake(
+    world: &World,
+    emitters: &Emitters,
+    solution: &Solution,
+    layout: &Layout,
+    options: &BakeOptions,
+    monitor: &dyn Monitor,
+) -> Result<Baked, Cancelled> {
+    let mut out = Baked::default();
+    let lumels = Lumels::find(world.scene, world.soup, layout);
+    let gatherer = Gatherer {
+        world,
+        solution,
+        direct: DirectLight::new(world, emitters),
+        options: options.lumels,
+    };
+    let received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
+        let lumel = lumels.lumels[i];
+        let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
+        gatherer.gather(&LumelFootprint::new(world, &lumels, lumel, seed), seed)
+    })?;
+    summarise(&lumels.lumels, &received, &mut out.report);
+    out.pages = fill_pages(world, layout, &lumels, &received, options);
+    out.report.bytes = lumels.bytes()
+        + out
+            .pages
+            .iter()
+            .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
+            .sum::<u64>();
+    drop((received, lumels));
+    out.vertices = bake_vertices(world, gatherer, options.vertices, monitor, &mut out.report)?;
+    Ok(out)
+}
+
+/// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
+fn in_blocks(
+    n: usize,
+    phase: Phase,
+    monitor: &dyn Monitor,
+    gather: impl Fn(usize) -> Received + Sync,
+) -> Result<Vec<Received>, Cancelled> {
+    let mut received = vec![Received::default(); n];
+    let done = AtomicU64::new(0);
+    received.par_chunks_mut(BLOCK).enumerate().for_each(|(b, out)| {
+        if monitor.cancelled() {
+            return;
+        }
+        for (k, r) in out.iter_mut().enumerate() {
+            *r = gather(b * BLOCK + k);
+        }
+        let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
+        monitor.progress(phase, now, n as u64);
+    });
+    if done.load(Ordering::Relaxed) < n as u64 {
+        return Err(Cancelled);
+    }
+    Ok(received)
+}
+
+fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
+    report.lumels = lumels.len() as u64;
+    let (mut sum, mut weight) = ([0f64; 3], 0f64);
+    for (l, r) in lumels.iter().zip(received) {
+        report.lumel_rays += r.rays;
+        report.hidden_lumels += (r.open == 0.0) as u64;
+        report.partly_hidden_lumels += (r.open > 0.0 && r.open < 1.0) as u64;
+        let w = l.coverage as f64;
+        let value = (r.direct + r.indirect) * std::f32::consts::FRAC_1_PI;
+        for (s, v) in sum.iter_mut().zip(value.to_array()) {
+            *s += v as f64 * w;
+        }
+        weight += w;
+    }
+    report.mean = sum.map(|s| s / weight.max(1e-300));
+    let mean = luminance(Vec3::from_array(report.mean.map(|m| m as f32))) * std::f32::consts::PI;
+    let (mut square, mut lit) = (0f64, 0u64);
+    for r in received {
+        let e = luminance(r.direct + r.indirect);
+        if e > 1e-3 * mean {
+            square += ((r.error / (e + 0.01 * mean)) as f64).powi(2);
+            lit += 1;
+        }
+    }
+    report.estimated_error = (square / lit.max(1) as f64).sqrt();
+}
+
+fn fill_pages(
+    world: &World,
+    layout: &Layout,
+    lumels: &Lumels,
+    received: &[Received],
+    options: &BakeOptions,
+) -> Vec<Page> {
+    let mut pages: Vec<Page> = layout
+        .pages
+        .iter()
+        .map(|&[width, height]| {
+            let n = width as usize * height as usize;
+            Page {
+                width,
+                height,
+                value: vec![[0.0; 3]; n],
+                coverage: vec![0.0; n],
+                layers: channels(&options.layers)
+                    .map(|name| (name, vec![0.0; n]))
+                    .collect(),
+            }
+        })
+        .collect();
+    // Which texels hold a value of their own.
+    let mut own: Vec<Vec<bool>> = pages.iter().map(|p| vec![false; p.value.len()]).collect();
+    let inverse_pi = std::f32::consts::FRAC_1_PI;
+    let scale = match options.value {
+        ValueKind::Radiance => inverse_pi,
+        ValueKind::Irradiance | ValueKind::Radiosity => 1.0,
+    };
+    for (l, r) in lumels.lumels.iter().zip(received) {
+        let page = &mut pages[l.page as usize];
+        let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
+        page.coverage[at] = l.coverage;
+        if r.open == 0.0 {
+            continue;
+        }
+        own[l.page as usize][at] = true;
+        let reflectance = || LumelFootprint::new(world, lumels, *l, 0).mean_reflectance();
+        let tint = match options.value {
+            ValueKind::Radiosity => reflectance(),
+            ValueKind::Radiance | ValueKind::Irradiance => Vec3::ONE,
+        };
+        page.value[at] = ((r.direct + r.indirect) * tint * scale).to_array();
+        let mut channel = 0;
+        for layer in &options.layers {
+            let values: &[f32] = &match layer {
+                Layer::Direct => (r.direct * tint * scale).to_array().to_vec(),
+                Layer::Indirect => (r.indirect * tint * scale).to_array().to_vec(),
+                Layer::Radiosity => (reflectance() * (r.direct + r.indirect) * inverse_pi).to_array().to_vec(),
+                Layer::Error => vec![r.error * luminance(tint) * scale],
+                Layer::Coverage => vec![l.coverage],
+            };
+            for v in values {
+                page.layers[channel].1[at] = *v;
+                channel += 1;
+            }
+        }
+    }
+    for (instance, placement) in layout.placements.iter().enumerate() {
+        if !world.scene.meshes[world.scene.instances[instance].mesh].primitives.is_empty() {
+            let p = placement.page as usize;
+            dilate(&mut pages[p], &mut own[p], placement.rect, options.padding + 1);
+        }
+    }
+    pages
+}
+
+fn channels(layers: &[Layer]) -> impl Iterator<Item = String> {
+    layers.iter().flat_map(|layer| {
+        let (name, parts): (&str, &[&str]) = match layer {
+            Layer::Direct => ("direct", &["R", "G", "B"]),
+            Layer::Indirect => ("indirect", &["R", "G", "B"]),
+            Layer::Radiosity => ("radiosity", &["R", "G", "B"]),
+            Layer::Error => ("error", &["Y"]),
+            Layer::Coverage => ("coverage", &["Y"]),
+        };
+        parts.iter().map(move |p| format!("{name}.{p}"))
+    })
+}
+
+/// Irradiance at every vertex that a triangle uses; 0 at the others.
+fn bake_vertices(
+    world: &World,
+    mut gatherer: Gatherer,
+    options: GatherOptions,
+    monitor: &dyn Monitor,
+    report: &mut BakeReport,
+) -> Result<Vec<Vec<Vec<[f32; 3]>>>, Cancelled> {
+    gatherer.options = options;
+    let corners = VertexCorners::collect(world);
+    let received = in_blocks(corners.len(), Phase::Vertices, monitor, |i| {
+        let (around, seed) = corners.around(world, i);
+        gatherer.gather(&VertexFootprint { world, around, seed }, seed)
+    })?;
+    report.vertices = received.len() as u64;
+    report.vertex_rays = received.iter().map(|r| r.rays).sum();
+    let mut out = empty_vertices(world.scene);
+    for (i, r) in received.iter().enumerate() {
+        let (instance, primitive, vertex) = corners.vertex(i);
+        out[instance as usize][primitive as usize][vertex as usize] = (r.direct + r.indirect).to_array();
+    }
+    Ok(out)
+}
+
+fn empty_vertices(scene: &Scene) -> Vec<Vec<Vec<[f32; 3]>>> {
+    scene
+        .instances
+        .iter()
+        .map(|i| {
+            scene.meshes[i.mesh]
+                .primitives
+                .iter()
+                .map(|p| vec![[0.0; 3]; p.positions.len()])
+                .collect()
+        })
+        .collect()
+}
+
+/// For every used vertex of every instance, the soup triangles that meet there.
+struct VertexCorners {
+    /// (instance, primitive, vertex, triangle, world corner), sorted.
+    corners: Vec<(u32, u32, u32, u32, u8)>,
+    /// Where each vertex's run begins; one more than there are.
+    starts: Vec<u32>,
+}
+
+impl VertexCorners {
+    fn collect(world: &World) -> Self {
+        let mut corners: Vec<_> = (0..world.soup.triangles.len() as u32)
+            .into_par_iter()
+            .flat_map_iter(|t| {
+                let s = world.soup.sources[t as usize];
+                let mesh = &world.scene.meshes[world.scene.instances[s.instance as usize].mesh];
+                let [a, b, c] = mesh.primitives[s.primitive as usize].triangles[s.triangle as usize];
+                let order = if s.mirrored { [a, c, b] } else { [a, b, c] };
+                (0..3u8).map(move |k| (s.instance, s.primitive, order[k as usize], t, k))
+            })
+            .collect();
+        corners.par_sort_unstable();
+        let mut starts = Vec::new();
+        for i in 0..corners.len() {
+            let key = |c: &(u32, u32, u32, u32, u8)| (c.0, c.1, c.2);
+            if i == 0 || key(&corners[i]) != key(&corners[i - 1]) {
+                starts.push(i as u32);
+            }
+        }
+        starts.push(corners.len() as u32);
+        VertexCorners { corners, starts }
+    }
+
+    fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    fn vertex(&self, i: usize) -> (u32, u32, u32) {
+        let c = self.corners[self.starts[i] as usize];
+        (c.0, c.1, c.2)
+    }
+
+    /// Triangles about vertex `i` with running area, and a seed.
+    fn around(&self, world: &World, i: usize) -> (Vec<(u32, u8, f32)>, u32) {
+        let run = &self.corners[self.starts[i] as usize..self.starts[i + 1] as usize];
+        let mut area = 0.0;
+        let around = run
+            .iter()
+            .map(|c| {
+                area += world.soup.areas[c.3 as usize];
+                (c.3, c.4, area)
+            })
+            .collect();
+        let seed = hash_u32(run[0].2 ^ hash_u32(run[0].1 ^ hash_u32(run[0].0 ^ 0x51ed_270b)));
+        (around, seed)
+    }
+}

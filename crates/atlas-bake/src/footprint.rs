@@ -1,0 +1,203 @@
+//! The pieces of surface that receive light: a lumel's part of a texel, a vertex's surroundings.
+
+use glam::{Vec2, Vec3};
+use radiosity::{SurfacePoint, World, sample_2d};
+
+use crate::lumels::{Fragment, Lumel, Lumels};
+
+/// A piece of surface, as a stream of points spread evenly over it.
+pub trait Footprint: Sync {
+    /// Candidate `i`, or `None` where the stream left the surface. Any prefix of the stream covers the piece evenly.
+    fn candidate(&self, i: u32) -> Option<SurfacePoint>;
+    /// A point that is on the surface for certain.
+    fn fallback(&self) -> SurfacePoint;
+    /// Size of the piece, metres.
+    fn size(&self) -> f32;
+}
+
+/// The point at barycentrics (u, v), drawn in from the triangle's edges just enough that, moved off the surface, it stays on its
+/// own side of a neighbouring face: a point exactly in a corner would see behind the wall.
+fn inset_point(world: &World, triangle: u32, u: f32, v: f32) -> SurfacePoint {
+    let corners = world.soup.triangles[triangle as usize];
+    let position = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
+    let margin = 4.0 * world.offset(position);
+    // Height above each edge is barycentric × altitude; altitude = 2 area / edge.
+    let area2 = 2.0 * world.soup.areas[triangle as usize];
+    let edge = |i: usize, j: usize| (corners[i] - corners[j]).length();
+    let least = [edge(1, 2), edge(2, 0), edge(0, 1)].map(|e| (margin * e / area2.max(1e-30)).min(1.0 / 3.0));
+    let mut w = [1.0 - u - v, u, v];
+    let mut short = false;
+    for k in 0..3 {
+        short |= w[k] < least[k];
+        w[k] = w[k].max(least[k]);
+    }
+    let (u, v) = if short {
+        let sum = w[0] + w[1] + w[2];
+        (w[1] / sum, w[2] / sum)
+    } else {
+        (u, v)
+    };
+    world.surface_point(triangle, u, v, false, true)
+}
+
+/// The part of a lumel's texel that lies on the surface.
+pub struct LumelFootprint<'l, 'w, 'a> {
+    world: &'w World<'a>,
+    lumels: &'l Lumels,
+    lumel: Lumel,
+    seed: u32,
+    size: f32,
+}
+
+impl<'l, 'w, 'a> LumelFootprint<'l, 'w, 'a> {
+    /// The footprint of `lumel`.
+    pub fn new(world: &'w World<'a>, lumels: &'l Lumels, lumel: Lumel, seed: u32) -> Self {
+        let size = lumels
+            .fragments(&lumel)
+            .map(|f| texel_size(world, &f))
+            .fold(0.0, f32::max);
+        LumelFootprint {
+            world,
+            lumels,
+            lumel,
+            seed,
+            size,
+        }
+    }
+}
+
+impl LumelFootprint<'_, '_, '_> {
+    /// Reflectance of the surface, averaged over sixteen points.
+    pub fn mean_reflectance(&self) -> Vec3 {
+        let (mut sum, mut n) = (Vec3::ZERO, 0.0f32);
+        for i in 0..16 {
+            if let Some((triangle, u, v)) = self.locate(i) {
+                sum += self.world.reflectance(triangle, u, v);
+                n += 1.0;
+            }
+        }
+        if n > 0.0 {
+            return sum / n;
+        }
+        let triangle = self.lumels.triangles[self.lumel.first as usize];
+        self.world.reflectance(triangle, 1.0 / 3.0, 1.0 / 3.0)
+    }
+
+    /// Triangle and barycentrics of candidate `i`.
+    fn locate(&self, i: u32) -> Option<(u32, f32, f32)> {
+        let [x, y] = sample_2d(i, 63, self.seed);
+        let p = Vec2::new(self.lumel.texel[0] as f32 + x, self.lumel.texel[1] as f32 + y);
+        self.lumels.fragments(&self.lumel).find_map(|f| {
+            let (u, v) = barycentrics(f.corners, p)?;
+            (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then_some((f.triangle, u, v))
+        })
+    }
+}
+
+/// Length in metres of a texel's edge on the triangle: √(world area / texel area).
+fn texel_size(world: &World, f: &Fragment) -> f32 {
+    let [a, b, c] = f.corners;
+    let texels = 0.5 * (b - a).perp_dot(c - a).abs();
+    if texels > 0.0 {
+        (world.soup.areas[f.triangle as usize] / texels).sqrt()
+    } else {
+        0.0
+    }
+}
+
+/// Barycentrics of corners 1 and 2 of the point `p`, if the triangle has any extent on the page.
+fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
+    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
+    let det = e1.perp_dot(e2);
+    (det != 0.0).then(|| (d.perp_dot(e2) / det, e1.perp_dot(d) / det))
+}
+
+impl Footprint for LumelFootprint<'_, '_, '_> {
+    fn candidate(&self, i: u32) -> Option<SurfacePoint> {
+        let (triangle, u, v) = self.locate(i)?;
+        Some(inset_point(self.world, triangle, u, v))
+    }
+
+    fn fallback(&self) -> SurfacePoint {
+        // The nearest surface to the texel's middle: of each triangle, the point of it closest in barycentric terms.
+        let middle = Vec2::new(self.lumel.texel[0] as f32 + 0.5, self.lumel.texel[1] as f32 + 0.5);
+        let mut best = (f32::INFINITY, self.lumels.triangles[self.lumel.first as usize], 1.0 / 3.0, 1.0 / 3.0);
+        for f in self.lumels.fragments(&self.lumel) {
+            let q = closest_on_triangle(f.corners, middle);
+            let d = q.distance_squared(middle);
+            if d < best.0
+                && let Some((u, v)) = barycentrics(f.corners, q)
+            {
+                let (u, v) = (u.clamp(0.0, 1.0), v.clamp(0.0, 1.0));
+                let s = (u + v).max(1.0);
+                best = (d, f.triangle, u / s, v / s);
+            }
+        }
+        inset_point(self.world, best.1, best.2, best.3)
+    }
+
+    fn size(&self) -> f32 {
+        self.size
+    }
+}
+
+fn closest_on_triangle(t: [Vec2; 3], p: Vec2) -> Vec2 {
+    if let Some((u, v)) = barycentrics(t, p)
+        && u >= 0.0
+        && v >= 0.0
+        && u + v <= 1.0
+    {
+        return p;
+    }
+    let mut best = t[0];
+    for k in 0..3 {
+        let (a, b) = (t[k], t[(k + 1) % 3]);
+        let ab = b - a;
+        let s = ((p - a).dot(ab) / ab.length_squared().max(1e-30)).clamp(0.0, 1.0);
+        let q = a + ab * s;
+        if q.distance_squared(p) < best.distance_squared(p) {
+            best = q;
+        }
+    }
+    best
+}
+
+/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted is what the vertex's colour
+/// stands for once it is interpolated.
+pub struct VertexFootprint<'w, 'a> {
+    /// The world.
+    pub world: &'w World<'a>,
+    /// Triangle and which of its world corners is the vertex, with running area.
+    pub around: Vec<(u32, u8, f32)>,
+    /// Scrambles the points.
+    pub seed: u32,
+}
+
+impl Footprint for VertexFootprint<'_, '_> {
+    fn candidate(&self, i: u32) -> Option<SurfacePoint> {
+        let s = radiosity::sample_4d(i, 62, self.seed);
+        let total = self.around[self.around.len() - 1].2;
+        let k = self
+            .around
+            .partition_point(|a| a.2 <= s[0] * total)
+            .min(self.around.len() - 1);
+        let (triangle, corner, _) = self.around[k];
+        // Density ∝ b over the triangle: b has density 6b(1−b), whose distribution 3b² − 2b³ inverts in closed form.
+        let b = 0.5 - ((1.0 - 2.0 * s[1]).clamp(-1.0, 1.0).asin() / 3.0).sin();
+        let mut w = [0.0; 3];
+        w[corner as usize] = b;
+        w[(corner as usize + 1) % 3] = (1.0 - b) * (1.0 - s[2]);
+        w[(corner as usize + 2) % 3] = (1.0 - b) * s[2];
+        Some(inset_point(self.world, triangle, w[1], w[2]))
+    }
+
+    fn fallback(&self) -> SurfacePoint {
+        inset_point(self.world, self.around[0].0, 1.0 / 3.0, 1.0 / 3.0)
+    }
+
+    fn size(&self) -> f32 {
+        let (t, ..) = self.around[0];
+        let corners: [Vec3; 3] = self.world.soup.triangles[t as usize];
+        (corners[1] - corners[0]).length()
+    }
+}

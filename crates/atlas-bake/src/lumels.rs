@@ -1,0 +1,148 @@
+//! Finds the lumels: texels with a surface, and the triangles under each.
+
+use glam::{DVec2, Vec2};
+use mesh_ingest::{Scene, Soup};
+use patch_subdivision::raster::cover_triangle;
+use rayon::prelude::*;
+
+use crate::atlas::{Layout, MeshAtlas};
+
+/// A texel that lies at least in part on a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Lumel {
+    /// Page.
+    pub page: u32,
+    /// Column and row on the page.
+    pub texel: [u32; 2],
+    /// Instance of the scene.
+    pub instance: u32,
+    /// First of its `count` fragments.
+    pub first: u32,
+    /// How many triangles it touches.
+    pub count: u32,
+    /// Share of the texel that lies on the surface, 0..=1.
+    pub coverage: f32,
+}
+
+/// A soup triangle with its corners on the page, in texels.
+#[derive(Debug, Clone, Copy)]
+pub struct Fragment {
+    /// Index into the [`Soup`].
+    pub triangle: u32,
+    /// Page position of world corners 0, 1, 2.
+    pub corners: [Vec2; 3],
+}
+
+/// All lumels of a layout, in the order of instances, rows, columns.
+#[derive(Debug, Default)]
+pub struct Lumels {
+    /// The lumels.
+    pub lumels: Vec<Lumel>,
+    /// Soup triangles under them, by [`Lumel::first`] and [`Lumel::count`].
+    pub triangles: Vec<u32>,
+    /// Page corners of each soup triangle, by triangle; unused ones are NaN.
+    corners: Vec<[Vec2; 3]>,
+}
+
+impl Lumels {
+    /// Rasterises every instance's charts. Memory: 24 bytes a soup triangle, 32 a lumel, 4 a fragment.
+    pub fn find(scene: &Scene, soup: &Soup, layout: &Layout) -> Self {
+        let parts: Vec<InstanceLumels> = (0..scene.instances.len())
+            .into_par_iter()
+            .map(|i| rasterise_instance(scene, soup, layout, i))
+            .collect();
+        let mut all = Lumels::default();
+        all.corners = vec![[Vec2::NAN; 3]; soup.triangles.len()];
+        for (i, part) in parts.into_iter().enumerate() {
+            let base = all.triangles.len() as u32;
+            all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {
+                first: l.first + base,
+                ..l
+            }));
+            all.triangles.extend(part.triangles);
+            let start = soup.instance_ranges[i][0] as usize;
+            all.corners[start..start + part.corners.len()].copy_from_slice(&part.corners);
+        }
+        all
+    }
+
+    /// The triangles under a lumel.
+    pub fn fragments(&self, lumel: &Lumel) -> impl Iterator<Item = Fragment> + '_ {
+        self.triangles[lumel.first as usize..(lumel.first + lumel.count) as usize]
+            .iter()
+            .map(|&t| Fragment {
+                triangle: t,
+                corners: self.corners[t as usize],
+            })
+    }
+
+    /// Memory, bytes.
+    pub fn bytes(&self) -> u64 {
+        (self.lumels.len() * size_of::<Lumel>() + self.triangles.len() * 4 + self.corners.len() * 24) as u64
+    }
+}
+
+struct InstanceLumels {
+    lumels: Vec<Lumel>,
+    triangles: Vec<u32>,
+    corners: Vec<[Vec2; 3]>,
+}
+
+/// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and dilation gives it a value.
+const LEAST_COVERAGE: f64 = 1e-4;
+
+fn rasterise_instance(scene: &Scene, soup: &Soup, layout: &Layout, instance: usize) -> InstanceLumels {
+    let placement = layout.placements[instance];
+    let atlas = &layout.meshes[scene.instances[instance].mesh];
+    let [start, end] = soup.instance_ranges[instance];
+    let size = [placement.rect.w, placement.rect.h];
+    let mut corners = Vec::with_capacity((end - start) as usize);
+    // (texel in the rectangle, triangle, covered texel area)
+    let mut covered: Vec<(u32, u32, f32)> = Vec::new();
+    for t in start..end {
+        let uv = corners_of(soup, atlas, t);
+        let d = uv.map(|p| DVec2::new(p.x as f64, p.y as f64));
+        let area = 0.5 * (d[1] - d[0]).perp_dot(d[2] - d[0]).abs();
+        if size[0] > 0 && size[1] > 0 && d.iter().all(|p| p.is_finite()) {
+            cover_triangle(d, size, |c, r, share| {
+                covered.push((r * size[0] + c, t, (share * area) as f32));
+            });
+        }
+        let offset = Vec2::new(placement.rect.x as f32, placement.rect.y as f32);
+        corners.push(uv.map(|p| p + offset));
+    }
+    covered.sort_by_key(|c| c.0); // stable: triangles stay in order
+    let mut out = InstanceLumels {
+        lumels: Vec::new(),
+        triangles: Vec::with_capacity(covered.len()),
+        corners,
+    };
+    for run in covered.chunk_by(|a, b| a.0 == b.0) {
+        let coverage: f64 = run.iter().map(|c| c.2 as f64).sum();
+        if coverage < LEAST_COVERAGE {
+            continue;
+        }
+        let first = out.triangles.len() as u32;
+        out.triangles.extend(run.iter().map(|c| c.1));
+        out.lumels.push(Lumel {
+            page: placement.page,
+            texel: [
+                placement.rect.x + run[0].0 % size[0],
+                placement.rect.y + run[0].0 / size[0],
+            ],
+            instance: instance as u32,
+            first,
+            count: run.len() as u32,
+            coverage: coverage.min(1.0) as f32,
+        });
+    }
+    out
+}
+
+/// Positions of world corners 0, 1, 2 in the mesh's rectangle.
+fn corners_of(soup: &Soup, atlas: &MeshAtlas, triangle: u32) -> [Vec2; 3] {
+    let source = soup.sources[triangle as usize];
+    let primitive = &atlas.primitives[source.primitive as usize];
+    let [a, b, c] = primitive.triangles[source.triangle as usize].map(|v| primitive.uv[v as usize]);
+    if source.mirrored { [a, c, b] } else { [a, b, c] }
+}

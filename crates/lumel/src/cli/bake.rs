@@ -1,0 +1,117 @@
+//! `lumel bake`.
+
+use std::io::Write;
+
+use lumel::atlas_bake::OutputSet;
+use lumel::{Monitor, Phase, Report};
+
+use super::Failure;
+use super::args::Bake;
+use super::interrupt;
+use super::progress::Display;
+
+/// Bakes and writes.
+pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
+    let settings = a.settings()?;
+    if let Some(n) = a.threads {
+        if n == 0 || n > 1024 {
+            return Err(
+                lumel::Error::Setting(format!("--threads is {n}, expected 1 to 1024")).into(),
+            );
+        }
+        // Fails only if a pool exists already, and none does.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(n)
+            .build_global();
+    }
+    let display = Display::new(a.quiet);
+    let outcome = interrupt::under_control(Some(a.output.clone()), || bake(a, &settings, &display));
+    display.finish();
+    let report = outcome?;
+    for w in &report.warnings {
+        display.say(&format!("warning: {w}"));
+    }
+    summary(a, &report, &display);
+    if a.json {
+        std::io::stdout().lock().write_all(&report.to_json())?;
+    }
+    if a.strict && !report.warnings.is_empty() {
+        return Err(Failure::Strict(report.warnings.len()));
+    }
+    Ok(())
+}
+
+fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Report, Failure> {
+    let bake = lumel::bake(&a.scene, settings, display)?;
+    let layout = &bake.report.layout;
+    let pages: Vec<String> = layout
+        .pages
+        .iter()
+        .map(|[w, h]| format!("{w} x {h}"))
+        .collect();
+    display.say(&format!(
+        "  lightmap  {:.4} texels per unit, {} lumels, pages {}",
+        layout.texels_per_unit,
+        bake.report.gather.lumels,
+        pages.join(", ")
+    ));
+    display.progress(Phase::Write, 0, 0);
+    let (files, report) = bake.files()?;
+    if interrupt::cancelled() {
+        return Err(lumel::Error::Cancelled.into());
+    }
+    let mut set = OutputSet::create(&a.output)?;
+    for (name, bytes) in &files {
+        set.add(name, bytes)?;
+        if interrupt::cancelled() {
+            return Err(lumel::Error::Cancelled.into());
+        }
+    }
+    if let Some(path) = &a.report {
+        set.add_path(path, &report.to_json())?;
+    }
+    bake.retire_pages(&mut set);
+    let written = interrupt::committing(|| set.commit())?;
+    if a.verbose {
+        for path in written {
+            display.say(&format!("  wrote     {}", path.display()));
+        }
+    }
+    Ok(report)
+}
+
+fn summary(a: &Bake, report: &Report, display: &Display) {
+    let m = &report.measured;
+    let audit = &report.solve.audit;
+    if a.verbose {
+        display.say(&format!(
+            "  solve     {} patches, {} elements, {} rays a patch, {} shots, {} iterations, rows {:.4} mean, {:.4} least",
+            report.solve.subdivision.patches,
+            report.solve.subdivision.elements,
+            report.solve.rays_per_patch,
+            report.solve.relaxation.shots,
+            report.solve.relaxation.iterations,
+            audit.row_sum_mean,
+            audit.row_sum_min,
+        ));
+        display.say(&format!(
+            "  energy    in {:.4}, absorbed {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} %",
+            audit.flux_in.iter().sum::<f64>(),
+            audit.flux_absorbed.iter().sum::<f64>(),
+            audit.flux_escaped.iter().sum::<f64>(),
+            100.0 * audit.imbalance
+        ));
+    }
+    let peak = m
+        .peak_bytes
+        .map(|b| format!(", {} MiB", b >> 20))
+        .unwrap_or_default();
+    display.say(&format!(
+        "baked {} in {:.2} s ({:.1} M rays/s{peak}), estimated error {:.2} %: {}",
+        report.scene,
+        m.seconds,
+        m.mrays_per_second,
+        100.0 * report.gather.estimated_error,
+        a.output.display()
+    ));
+}

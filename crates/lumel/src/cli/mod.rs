@@ -1,0 +1,93 @@
+//! Commands, and the one place that prints and exits.
+
+mod args;
+mod bake;
+mod diff;
+mod interrupt;
+mod progress;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Arguments, Command};
+
+/// Why a command ends without success.
+pub(crate) enum Failure {
+    /// The pipeline's.
+    Lumel(lumel::Error),
+    /// Done, but `--strict` and there were warnings.
+    Strict(usize),
+    /// Standard output is gone; nobody is left to tell.
+    Output(std::io::Error),
+}
+
+impl From<lumel::Error> for Failure {
+    fn from(e: lumel::Error) -> Self {
+        Failure::Lumel(e)
+    }
+}
+
+impl From<atlas_bake::Error> for Failure {
+    fn from(e: atlas_bake::Error) -> Self {
+        Failure::Lumel(e.into())
+    }
+}
+
+impl From<std::io::Error> for Failure {
+    fn from(e: std::io::Error) -> Self {
+        Failure::Output(e)
+    }
+}
+
+/// Parses the command line, runs the command, reports its failure on stderr in one message.
+pub(crate) fn run() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(a) => a,
+        Err(e) => {
+            // --help and --version are no errors; clap's own code for wrong usage is 2, ours is 1.
+            let code = u8::from(e.use_stderr());
+            let _ = e.print();
+            return ExitCode::from(code);
+        }
+    };
+    let outcome = match arguments.command {
+        Command::Bake(a) => bake::run(&a),
+        Command::Inspect(a) => inspect(&a),
+        Command::Diff(a) => diff::run(&a),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Lumel(e)) => {
+            let _ = writeln!(std::io::stderr(), "error: {e}");
+            ExitCode::from(e.exit_code() as u8)
+        }
+        Err(Failure::Strict(n)) => {
+            let _ = writeln!(
+                std::io::stderr(),
+                "error: {n} warnings, and --strict was given"
+            );
+            ExitCode::from(5)
+        }
+        Err(Failure::Output(e)) => {
+            let _ = writeln!(std::io::stderr(), "error: standard output: {e}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn inspect(a: &args::Inspect) -> Result<(), Failure> {
+    let settings = a.settings()?;
+    let report = interrupt::under_control(None, || {
+        lumel::inspect(&a.scene, &settings, &interrupt::Cancel).map_err(Failure::from)
+    })?;
+    let mut out = std::io::stdout().lock();
+    if a.json {
+        let text = serde_json::to_string_pretty(&report).unwrap_or_default();
+        writeln!(out, "{text}")?;
+    } else {
+        out.write_all(report.to_text().as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! What can go wrong in a bake.
+
+use std::path::PathBuf;
+
+/// Failure of a bake, by fault; [`exit_code`](Error::exit_code) is what the command line returns for it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The scene cannot be read.
+    #[error(transparent)]
+    Ingest(#[from] mesh_ingest::Error),
+    /// The lightmap cannot be planned.
+    #[error("{}: {source}", file.display())]
+    Layout {
+        /// The scene.
+        file: PathBuf,
+        /// Why.
+        source: atlas_bake::LayoutError,
+    },
+    /// Results cannot be put into files.
+    #[error(transparent)]
+    Output(#[from] atlas_bake::Error),
+    /// The sky image cannot be used.
+    #[error("{}: {message}", file.display())]
+    Sky {
+        /// The image.
+        file: PathBuf,
+        /// Why.
+        message: String,
+        /// It could not be read at all.
+        io: bool,
+    },
+    /// A setting is out of its range.
+    #[error("{0}")]
+    Setting(String),
+    /// The work was stopped.
+    #[error("cancelled; files of earlier bakes are as they were")]
+    Cancelled,
+    /// An invariant of Lumel's own does not hold.
+    #[error("internal error: {0}")]
+    Internal(String),
+}
+
+impl Error {
+    /// Exit code by DESIGN.md §1.1: 1 usage, 2 input/output, 3 invalid input, 4 unsupported feature, 75 stopped and worth retrying.
+    pub fn exit_code(&self) -> i32 {
+        match self {
+            Error::Ingest(e) => e.exit_code(),
+            Error::Layout { source, .. } => match source {
+                atlas_bake::LayoutError::Cancelled => 75,
+                atlas_bake::LayoutError::Option { .. } => 1,
+                _ => 3,
+            },
+            Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
+            Error::Output(atlas_bake::Error::Limit { .. }) => 3,
+            Error::Output(_) => 2,
+            Error::Sky { io, .. } => {
+                if *io {
+                    2
+                } else {
+                    3
+                }
+            }
+            Error::Setting(_) => 1,
+            Error::Cancelled => 75,
+            // EX_SOFTWARE of sysexits.h: no promise of DESIGN.md covers a bug.
+            Error::Internal(_) => 70,
+        }
+    }
+}

@@ -1,0 +1,206 @@
+//! `lumel inspect`: what a bake would do, and everything found wrong.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use atlas_bake::{LayoutReport, UvOrigin};
+use mesh_ingest::{IngestReport, LightKind, LoadOptions, Soup};
+use radiosity::Monitor;
+use serde::Serialize;
+
+use crate::error::Error;
+use crate::pipeline::plan_layout;
+use crate::settings::Settings;
+
+/// What is known of a scene before it is baked.
+#[derive(Debug, Clone, Serialize)]
+pub struct Inspection {
+    /// File name.
+    pub scene: String,
+    /// What was read, dropped, clamped and left out.
+    pub ingest: IngestReport,
+    /// World-space triangles left out: zero area, duplicates.
+    pub dropped_triangles: [u64; 2],
+    /// Size of the scene, metres.
+    pub extent: [f32; 3],
+    /// Surface area, m².
+    pub area: f64,
+    /// Emissive triangles.
+    pub emissive_triangles: u64,
+    /// Lights in words.
+    pub lights: Vec<String>,
+    /// Charts and pages that a bake with these settings would have.
+    pub layout: LayoutReport,
+}
+
+/// Reads the scene and plans its lightmap; writes nothing.
+///
+/// # Errors
+/// As [`bake`](crate::bake).
+pub fn inspect(
+    file: &Path,
+    settings: &Settings,
+    monitor: &dyn Monitor,
+) -> Result<Inspection, Error> {
+    let loaded = mesh_ingest::load(
+        file,
+        &LoadOptions {
+            scene: settings.scene,
+            ..LoadOptions::default()
+        },
+    )?;
+    let scene = &loaded.scene;
+    let soup = Soup::build(scene);
+    let (_, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
+    let mut low = glam::Vec3::INFINITY;
+    let mut high = glam::Vec3::NEG_INFINITY;
+    for p in soup.triangles.iter().flatten() {
+        low = low.min(*p);
+        high = high.max(*p);
+    }
+    let glows = |t: usize| scene.materials[soup.materials[t] as usize].emissive != glam::Vec3::ZERO;
+    Ok(Inspection {
+        scene: file
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned(),
+        dropped_triangles: [soup.dropped_zero_area, soup.dropped_duplicate],
+        extent: (high - low).max(glam::Vec3::ZERO).to_array(),
+        area: soup.areas.iter().map(|&a| a as f64).sum(),
+        emissive_triangles: (0..soup.triangles.len()).filter(|&t| glows(t)).count() as u64,
+        lights: scene.lights.iter().map(describe).collect(),
+        ingest: loaded.report.clone(),
+        layout,
+    })
+}
+
+fn describe(light: &mesh_ingest::Light) -> String {
+    let i = light.intensity.max_element();
+    let kind = match light.kind {
+        LightKind::Directional { .. } => format!("directional, {i} lx"),
+        LightKind::Point { .. } => format!("point, {i} cd"),
+        LightKind::Spot { outer, .. } => {
+            format!("spot, {i} cd, {:.0} degrees", 2.0 * outer.to_degrees())
+        }
+    };
+    if light.name.is_empty() {
+        kind
+    } else {
+        format!("{}: {kind}", light.name)
+    }
+}
+
+impl Inspection {
+    /// For people.
+    pub fn to_text(&self) -> String {
+        let mut s = String::new();
+        // Writing to a String cannot fail.
+        let _ = self.write_text(&mut s);
+        s
+    }
+
+    fn write_text(&self, s: &mut String) -> std::fmt::Result {
+        let t = &self.ingest.totals;
+        let [x, y, z] = self.extent;
+        writeln!(s, "{}", self.scene)?;
+        writeln!(
+            s,
+            "  size        {x:.3} x {y:.3} x {z:.3} m, surface {:.2} m2",
+            self.area
+        )?;
+        writeln!(
+            s,
+            "  geometry    {} meshes, {} primitives, {} instances, {} triangles ({} unique)",
+            t.meshes, t.primitives, t.instances, t.triangles_instanced, t.triangles
+        )?;
+        writeln!(s, "  materials   {}, images {}", t.materials, t.images)?;
+        writeln!(
+            s,
+            "  light       {} emissive triangles, {} lamps",
+            self.emissive_triangles,
+            self.lights.len()
+        )?;
+        for light in &self.lights {
+            writeln!(s, "              {light}")?;
+        }
+        if !self.ingest.extensions_used.is_empty() {
+            writeln!(
+                s,
+                "  extensions  {}",
+                self.ingest.extensions_used.join(", ")
+            )?;
+        }
+        let pages: Vec<String> = self
+            .layout
+            .pages
+            .iter()
+            .map(|[w, h]| format!("{w} x {h}"))
+            .collect();
+        writeln!(
+            s,
+            "  lightmap    {:.4} texels per metre, about {:.0} lumels, pages {} ({:.0} % used)",
+            self.layout.texels_per_unit,
+            self.layout.lumels,
+            pages.join(", "),
+            100.0 * self.layout.coverage
+        )?;
+        let kept = self
+            .layout
+            .meshes
+            .iter()
+            .filter(|m| m.origin == UvOrigin::Kept)
+            .count();
+        writeln!(
+            s,
+            "  uv          {kept} meshes keep their TEXCOORD_1, {} get new charts",
+            self.layout.meshes.len() - kept
+        )?;
+        for m in &self.layout.meshes {
+            if let UvOrigin::Replaced { why } = &m.origin {
+                writeln!(
+                    s,
+                    "              meshes[{}] {:?}: TEXCOORD_1 unusable: {why}",
+                    m.gltf_mesh, m.name
+                )?;
+            }
+        }
+        let mut problems: Vec<String> = Vec::new();
+        for (what, n) in &self.ingest.counts {
+            problems.push(format!("{what}: {n}"));
+        }
+        for (what, n) in [
+            "world triangles of zero area",
+            "world triangles that duplicate others",
+        ]
+        .iter()
+        .zip(self.dropped_triangles)
+        {
+            if n > 0 {
+                problems.push(format!("{what}: {n}"));
+            }
+        }
+        for w in &self.ingest.warnings {
+            problems.push(format!("{}: {}", w.path, w.message));
+        }
+        for l in &self.ingest.left_out {
+            problems.push(
+                format!("nodes[{}] {:?} is left out: {:?}", l.node, l.name, l.reason)
+                    .to_lowercase(),
+            );
+        }
+        problems.extend(self.layout.warnings.iter().cloned());
+        if self.emissive_triangles == 0 && self.lights.is_empty() {
+            problems.push("no light: a bake needs --sky or --sun".into());
+        }
+        if problems.is_empty() {
+            writeln!(s, "  problems    none")?;
+        } else {
+            writeln!(s, "  problems    {}", problems.len())?;
+            for p in problems {
+                writeln!(s, "    - {p}")?;
+            }
+        }
+        Ok(())
+    }
+}

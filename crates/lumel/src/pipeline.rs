@@ -1,0 +1,406 @@
+//! The bake from file to files.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use atlas_bake::{
+    BakeOptions, Baked, ExrOptions, Layout, LayoutError, LayoutOptions, LayoutProgress,
+    LayoutReport, Manifest, OutputSet, ValueKind, VertexLight, write_lightmap_exr,
+    write_lightmapped_glb, write_vertex_glb,
+};
+use glam::Vec3;
+use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
+use radiosity::{Emitters, Monitor, Phase, Solution, World, WorldOptions};
+
+use crate::error::Error;
+use crate::memory;
+use crate::report::{Measured, PhaseTime, Report};
+use crate::settings::Settings;
+use crate::sky;
+
+/// A finished bake, in memory.
+pub struct Bake {
+    /// The scene as it was read.
+    pub loaded: Loaded,
+    /// Charts and pages.
+    pub layout: Layout,
+    /// Light.
+    pub baked: Baked,
+    /// Report so far; [`files`](Bake::files) completes a copy of it.
+    pub report: Report,
+    stem: String,
+    value: ValueKind,
+    clock: Clock,
+}
+
+/// Wall time by phase.
+#[derive(Debug, Clone)]
+struct Clock {
+    start: Instant,
+    last: Instant,
+    phases: Vec<PhaseTime>,
+}
+
+impl Clock {
+    fn new() -> Self {
+        let now = Instant::now();
+        Clock {
+            start: now,
+            last: now,
+            phases: Vec::new(),
+        }
+    }
+
+    fn lap(&mut self, phase: Phase) {
+        let now = Instant::now();
+        self.phases.push(PhaseTime {
+            phase: phase.name(),
+            seconds: (now - self.last).as_secs_f64(),
+        });
+        self.last = now;
+    }
+}
+
+/// Begins a phase: tells the monitor, and stops if it says so.
+fn begin(monitor: &dyn Monitor, phase: Phase) -> Result<(), Error> {
+    monitor.progress(phase, 0, 0);
+    if monitor.cancelled() {
+        return Err(Error::Cancelled);
+    }
+    Ok(())
+}
+
+/// Bakes the scene in `file`.
+///
+/// The result is the same for any number of threads of the current rayon pool. `monitor` sees phases and may cancel.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<Bake, Error> {
+    check(settings)?;
+    let mut clock = Clock::new();
+    begin(monitor, Phase::Ingest)?;
+    let mut loaded = mesh_ingest::load(
+        file,
+        &LoadOptions {
+            scene: settings.scene,
+            ..LoadOptions::default()
+        },
+    )?;
+    let sky = sky::load(&settings.sky, settings.sky_intensity)?;
+    add_suns(&mut loaded.scene, settings);
+    let clamped_materials = clamp_reflectance(&mut loaded.scene, settings.max_reflectance);
+    let soup = Soup::build(&loaded.scene);
+    clock.lap(Phase::Ingest);
+
+    begin(monitor, Phase::Atlas)?;
+    let (layout, layout_report) = plan_layout(file, &loaded.scene, &soup, settings, monitor)?;
+    clock.lap(Phase::Atlas);
+
+    begin(monitor, Phase::Tree)?;
+    let world = World::build(
+        &loaded.scene,
+        &soup,
+        WorldOptions {
+            sky,
+            ..WorldOptions::default()
+        },
+    )
+    .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+    let emitters = Emitters::collect(&world);
+    clock.lap(Phase::Tree);
+
+    begin(monitor, Phase::Solve)?;
+    let solution = radiosity::solve(&world, &emitters, &settings.solve_options(), monitor);
+    if solution.report.cancelled {
+        return Err(Error::Cancelled);
+    }
+    clock.lap(Phase::Solve);
+
+    begin(monitor, Phase::Gather)?;
+    let options = BakeOptions {
+        lumels: settings.lumel_options(),
+        vertices: settings.vertex_options(),
+        layers: settings.layers.clone(),
+        padding: settings.padding,
+        value: settings.value,
+    };
+    let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
+        .map_err(|_| Error::Cancelled)?;
+    clock.lap(Phase::Gather);
+    let dark = world.sky.is_black() && emitters.is_empty() && loaded.scene.lights.is_empty();
+    let warnings = warnings(&loaded, &layout_report, &solution, &baked, dark);
+    drop(world);
+
+    let name = file
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let stem = file
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let report = Report {
+        generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
+        scene: name,
+        settings: settings.clone(),
+        ingest: loaded.report.clone(),
+        dropped_triangles: [soup.dropped_zero_area, soup.dropped_duplicate],
+        clamped_materials,
+        layout: layout_report,
+        solve: solution.report.clone(),
+        gather: baked.report.clone(),
+        clamped: Vec::new(),
+        warnings,
+        measured: Measured::default(),
+    };
+    Ok(Bake {
+        loaded,
+        layout,
+        baked,
+        report,
+        stem,
+        value: settings.value,
+        clock,
+    })
+}
+
+/// Charts and pages of a scene, under the monitor.
+pub(crate) fn plan_layout(
+    file: &Path,
+    scene: &Scene,
+    soup: &Soup,
+    settings: &Settings,
+    monitor: &dyn Monitor,
+) -> Result<(Layout, LayoutReport), Error> {
+    let options = LayoutOptions {
+        texels_per_unit: settings.texels_per_unit,
+        max_page: settings.max_page,
+        padding: settings.padding,
+        uv_mode: settings.uv,
+        unwrapper: settings.unwrapper,
+        ..LayoutOptions::default()
+    };
+    let progress = |p: LayoutProgress| {
+        monitor.progress(Phase::Atlas, p.done as u64, p.total as u64);
+        !monitor.cancelled()
+    };
+    atlas_bake::layout(scene, soup, &options, &progress).map_err(|source| match source {
+        LayoutError::Cancelled => Error::Cancelled,
+        source => Error::Layout {
+            file: file.to_owned(),
+            source,
+        },
+    })
+}
+
+fn check(settings: &Settings) -> Result<(), Error> {
+    let positive = |name: &str, x: f32| {
+        if x.is_finite() && x > 0.0 {
+            Ok(())
+        } else {
+            Err(Error::Setting(format!(
+                "{name} is {x}, expected a number above 0"
+            )))
+        }
+    };
+    if let Some(t) = settings.texels_per_unit {
+        positive("texels per unit", t)?;
+    }
+    if let Some(e) = settings.error {
+        positive("error", e)?;
+    }
+    if !(settings.sky_intensity.is_finite() && settings.sky_intensity >= 0.0) {
+        return Err(Error::Setting(format!(
+            "sky intensity is {}, expected a number of at least 0",
+            settings.sky_intensity
+        )));
+    }
+    for s in &settings.suns {
+        positive("the sun's illuminance", s.lux)?;
+        if Vec3::from_array(s.direction).try_normalize().is_none() {
+            return Err(Error::Setting(format!(
+                "the sun's direction is {:?}, expected a vector that is not zero",
+                s.direction
+            )));
+        }
+    }
+    if !(8..=16384).contains(&settings.max_page) {
+        return Err(Error::Setting(format!(
+            "the largest page is {}, expected 8 to 16384",
+            settings.max_page
+        )));
+    }
+    if settings.padding > 64 {
+        return Err(Error::Setting(format!(
+            "padding is {}, expected at most 64",
+            settings.padding
+        )));
+    }
+    Ok(())
+}
+
+fn add_suns(scene: &mut Scene, settings: &Settings) {
+    for s in &settings.suns {
+        scene.lights.push(Light {
+            name: "sun".into(),
+            node: None,
+            intensity: Vec3::splat(s.lux),
+            kind: LightKind::Directional {
+                direction: Vec3::from_array(s.direction).normalize(),
+            },
+        });
+    }
+}
+
+/// Lowers base colours above `max`; how many materials that touched. Textures multiply with the factor, so they are covered
+/// too; vertex colours are at most 1 after ingest.
+fn clamp_reflectance(scene: &mut Scene, max: f32) -> u64 {
+    let mut clamped = 0;
+    for m in &mut scene.materials {
+        let c = m.base_color.truncate();
+        if c.max_element() > max {
+            m.base_color = c.min(Vec3::splat(max)).extend(m.base_color.w);
+            clamped += 1;
+        }
+    }
+    clamped
+}
+
+fn warnings(
+    loaded: &Loaded,
+    layout: &LayoutReport,
+    solution: &Solution,
+    baked: &Baked,
+    dark: bool,
+) -> Vec<String> {
+    let mut out: Vec<String> = loaded
+        .report
+        .warnings
+        .iter()
+        .map(|w| format!("{}: {}", w.path, w.message))
+        .collect();
+    for (reason, n) in loaded.report.left_out_by_reason() {
+        out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
+    }
+    out.extend(layout.warnings.iter().cloned());
+    if dark {
+        out.push(
+            "the scene has no light: no lamp, no emissive material, and no --sky or --sun was given; the lightmap is black"
+                .into(),
+        );
+    }
+    if !solution.report.relaxation.converged {
+        out.push(format!(
+            "the solve did not converge: up to {:.2} % of the light is not distributed",
+            100.0 * solution.report.relaxation.residual
+        ));
+    }
+    let hidden = baked.report.hidden_lumels;
+    if hidden * 20 > baked.report.lumels {
+        out.push(format!(
+            "{hidden} of {} lumels lie inside or behind single-sided faces",
+            baked.report.lumels
+        ));
+    }
+    out
+}
+
+impl Bake {
+    /// Names of the page files, in order.
+    pub fn page_names(&self) -> Vec<String> {
+        (0..self.layout.pages.len())
+            .map(|i| match i {
+                0 => format!("{}.lightmap.exr", self.stem),
+                i => format!("{}.lightmap.{i}.exr", self.stem),
+            })
+            .collect()
+    }
+
+    /// Name of the report file.
+    pub fn report_name(&self) -> String {
+        format!("{}.report.json", self.stem)
+    }
+
+    /// All output files by name, and the completed report (which is the last of them).
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn files(&self) -> Result<(Vec<(String, Vec<u8>)>, Report), Error> {
+        let mut clock = self.clock.clone();
+        let mut report = self.report.clone();
+        let uris = self.page_names();
+        let scene = &self.loaded.scene;
+        let mut files = Vec::new();
+        for (page, name) in self.baked.pages.iter().zip(&uris) {
+            let (bytes, stats) = write_lightmap_exr(page, &ExrOptions::default())?;
+            files.push((name.clone(), bytes));
+            report.clamped.push(stats);
+        }
+        let glb = format!("{}.glb", self.stem);
+        let (bytes, _) = write_lightmapped_glb(
+            &self.loaded.document,
+            scene,
+            &self.layout,
+            &uris,
+            self.value,
+        )?;
+        files.push((glb.clone(), bytes));
+        let light = VertexLight {
+            instances: self.baked.vertices.clone(),
+        };
+        let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &light)?;
+        files.push((format!("{}.vertex.glb", self.stem), bytes));
+        let manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
+        clock.lap(Phase::Write);
+        report.measured = self.measure(clock);
+        files.push((self.report_name(), report.to_json()));
+        Ok((files, report))
+    }
+
+    /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay as they are.
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn write(&self, dir: &Path) -> Result<Vec<PathBuf>, Error> {
+        let (files, _) = self.files()?;
+        let mut set = OutputSet::create(dir)?;
+        for (name, bytes) in &files {
+            set.add(name, bytes)?;
+        }
+        self.retire_pages(&mut set);
+        Ok(set.commit()?)
+    }
+
+    /// Pages of an earlier bake that had more of them would be left over.
+    pub fn retire_pages(&self, set: &mut OutputSet) {
+        for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
+            set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
+        }
+    }
+
+    fn measure(&self, clock: Clock) -> Measured {
+        let seconds_in = |names: &[&str]| -> f64 {
+            clock
+                .phases
+                .iter()
+                .filter(|p| names.contains(&p.phase))
+                .map(|p| p.seconds)
+                .sum()
+        };
+        let rays = self.report.solve.link_rays
+            + self.report.solve.shadow_rays
+            + self.report.gather.lumel_rays
+            + self.report.gather.vertex_rays;
+        Measured {
+            threads: rayon::current_num_threads(),
+            seconds: (clock.last - clock.start).as_secs_f64(),
+            mrays_per_second: rays as f64 * 1e-6 / seconds_in(&["solve", "gather"]).max(1e-9),
+            peak_bytes: memory::peak_bytes(),
+            phases: clock.phases,
+        }
+    }
+}

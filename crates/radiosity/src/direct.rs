@@ -1,0 +1,415 @@
+//! Light that arrives straight from lamps and emissive surfaces.
+
+use glam::{DVec3, Vec3};
+use mesh_ingest::{Light, LightKind};
+
+use crate::emitters::{Emitter, Emitters};
+use crate::form_factor::form_factor_polygon;
+use crate::sampling::{SphericalTriangle, sample_4d};
+use crate::world::{SurfacePoint, World, luminance};
+
+/// How many shadow rays a light gets.
+#[derive(Debug, Clone, Copy)]
+pub struct DirectOptions {
+    /// Points (with one shadow ray each) for every light that matters.
+    pub base: u32,
+    /// Points where the first ones disagree about visibility: a shadow's edge crosses the receiver.
+    pub penumbra: u32,
+}
+
+/// Direct irradiance at a receiver.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct DirectEstimate {
+    /// E, W/m² or lx.
+    pub irradiance: Vec3,
+    /// Variance of the luminance of `irradiance` due to sampled visibility, as if samples were independent: an upper
+    /// bound, since they are stratified.
+    pub variance: f32,
+    /// Shadow rays cast.
+    pub rays: u32,
+}
+
+/// A group of emitters is taken as one when it is seen under less than this angle (radius over distance). At 0.1 the
+/// point-to-point kernel varies by at most (1.1/0.9)² over it; the sampling of points inside averages that out.
+const FAR_GROUP: f32 = 0.1;
+
+/// Computes direct light.
+///
+/// Each punctual light and each near emissive triangle is computed unoccluded in closed form, and multiplied with the share of it
+/// that shadow rays find visible. The share is a ratio of sums over the same weights (self-normalised), so a fully visible light
+/// is exact and a hidden one exactly 0.
+pub struct DirectLight<'w, 'a> {
+    world: &'w World<'a>,
+    emitters: &'w Emitters,
+}
+
+/// A light as one receiver sees it.
+enum Term<'e> {
+    Punctual(&'e Light),
+    Triangle(&'e Emitter),
+    Group(u32, u32),
+}
+
+impl<'w, 'a> DirectLight<'w, 'a> {
+    /// Direct light of `world`'s lamps and of `emitters`, which were collected from it.
+    pub fn new(world: &'w World<'a>, emitters: &'w Emitters) -> Self {
+        DirectLight { world, emitters }
+    }
+
+    /// Mean irradiance over a receiver.
+    ///
+    /// `point(i)` gives point *i* of the receiver, i < [`DirectOptions::penumbra`]; any prefix should cover it evenly. `scale` is the
+    /// receiver's size in metres (0 for a point) and `seed` decides the random numbers.
+    pub fn irradiance(
+        &self,
+        mut point: impl FnMut(u32) -> SurfacePoint,
+        scale: f32,
+        seed: u32,
+        options: &DirectOptions,
+    ) -> DirectEstimate {
+        let mut out = DirectEstimate::default();
+        let scene = self.world.scene;
+        if scene.lights.is_empty() && self.emitters.is_empty() {
+            return out;
+        }
+        let first = point(0);
+        let mut set = 1;
+        for light in &scene.lights {
+            self.add(
+                Term::Punctual(light),
+                1.0,
+                &mut point,
+                set,
+                seed,
+                options,
+                &mut out,
+            );
+            set += 1;
+        }
+        if self.emitters.is_empty() {
+            return out;
+        }
+        // Which triangles singly, which groups whole; and roughly how much each brings.
+        let mut stack = [0u32; 64];
+        let mut depth = 1;
+        let mut terms: Vec<(Term, f32)> = Vec::new();
+        let mut total = 0.0;
+        while depth > 0 {
+            depth -= 1;
+            let id = stack[depth];
+            let node = &self.emitters.nodes[id as usize];
+            let to = node.centre - first.position;
+            let reach = node.radius + scale;
+            if to.dot(first.normal) < -reach * 1.01 {
+                continue; // all of it below the horizon
+            }
+            let d2 = to.length_squared();
+            let weight = node.power / d2.max(node.radius * node.radius).max(1e-30);
+            if node.second == 0 {
+                let e = &self.emitters.emitters[node.start as usize];
+                if e.two_sided || e.normal.dot(first.position - e.corners[0]) > -scale {
+                    terms.push((Term::Triangle(e), weight));
+                    total += weight;
+                }
+            } else if reach * reach < FAR_GROUP * FAR_GROUP * d2 {
+                terms.push((Term::Group(node.start, node.end), weight));
+                total += weight;
+            } else {
+                stack[depth] = node.second;
+                stack[depth + 1] = id + 1;
+                depth += 2;
+            }
+        }
+        for (term, weight) in terms {
+            self.add(
+                term,
+                weight / total,
+                &mut point,
+                set,
+                seed,
+                options,
+                &mut out,
+            );
+            set += 1;
+        }
+        out
+    }
+
+    /// Adds one light. `share` is roughly its part of the light, which decides how much work it is worth.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one private call site each; a struct would only rename them"
+    )]
+    fn add(
+        &self,
+        term: Term,
+        share: f32,
+        point: &mut impl FnMut(u32) -> SurfacePoint,
+        set: u32,
+        seed: u32,
+        options: &DirectOptions,
+        out: &mut DirectEstimate,
+    ) {
+        let divide = if share > 0.02 {
+            1
+        } else if share > 0.001 {
+            4
+        } else {
+            16
+        };
+        let base = (options.base / divide).max(1);
+        let most = (options.penumbra / divide).max(base);
+        let mut acc = Accumulator::default();
+        let mut n = 0;
+        let mut target = base;
+        while n < target {
+            let p = point(n);
+            match &term {
+                Term::Punctual(light) => self.punctual(light, &p, &mut acc),
+                Term::Triangle(e) => self.triangle(e, &p, sample_4d(n, set, seed), &mut acc),
+                Term::Group(s, e) => self.group(*s, *e, &p, sample_4d(n, set, seed), &mut acc),
+            }
+            n += 1;
+            // Seen from some points and hidden from others: look closer.
+            if n == target && acc.hidden > 0 && acc.seen > 0 {
+                target = most;
+            }
+        }
+        acc.finish(n, out);
+    }
+
+    fn punctual(&self, light: &Light, p: &SurfacePoint, acc: &mut Accumulator) {
+        let (to, t_max, intensity) = match light.kind {
+            LightKind::Directional { direction } => (-direction, f32::INFINITY, light.intensity),
+            LightKind::Point { position, range } => {
+                let d = position - p.position;
+                (
+                    position - p.origin,
+                    1.0,
+                    light.intensity * falloff(d, range),
+                )
+            }
+            LightKind::Spot {
+                position,
+                direction,
+                range,
+                inner,
+                outer,
+            } => {
+                let d = position - p.position;
+                // The cone of KHR_lights_punctual: linear in the cosine between the angles, squared.
+                let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
+                let cone =
+                    ((direction.dot(-d.normalize_or_zero()) - outer.cos()) * scale).clamp(0.0, 1.0);
+                (
+                    position - p.origin,
+                    1.0,
+                    light.intensity * (cone * cone * falloff(d, range)),
+                )
+            }
+        };
+        let axis = match light.kind {
+            LightKind::Directional { .. } => to,
+            LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+                (position - p.position).normalize_or_zero()
+            }
+        };
+        let cos = p.normal.dot(axis);
+        if cos <= 0.0 || p.geometric.dot(axis) <= 0.0 || intensity == Vec3::ZERO {
+            acc.nothing();
+            return;
+        }
+        let visible = !self.world.occluded(p.origin, to, t_max);
+        acc.rays += 1;
+        acc.plain(intensity * cos, visible);
+    }
+
+    fn triangle(&self, e: &Emitter, p: &SurfacePoint, random: [f32; 4], acc: &mut Accumulator) {
+        let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
+        // In f64 and relative to the receiver from the start: near contact everything cancels.
+        let f = form_factor_polygon(
+            DVec3::ZERO,
+            d(p.normal),
+            &e.corners.map(|c| d(c) - d(p.position)),
+        ) as f32;
+        let f = if e.two_sided { f.abs() } else { f };
+        // Edge terms of order 1 cancel to rounding 1e-16; what is left below 1e-12 is noise.
+        if f <= 1e-12 {
+            acc.nothing();
+            return;
+        }
+        let unoccluded = f * std::f32::consts::PI;
+        // A point on the triangle, its weight ∝ the light that comes from there.
+        let spherical =
+            SphericalTriangle::new(e.corners, p.origin).filter(|s| s.solid_angle > 2e-4);
+        let (target, weight) = match &spherical {
+            Some(s) => {
+                let dir = s.sample(random[0], random[1]);
+                let det = e.normal.dot(dir);
+                let t = e.normal.dot(e.corners[0] - p.origin) / det;
+                if !(t.is_finite() && t > 0.0) {
+                    (e.corners[0], 0.0)
+                } else {
+                    (
+                        p.origin + dir * t,
+                        p.normal.dot(dir).max(0.0) * s.solid_angle,
+                    )
+                }
+            }
+            None => {
+                let q = on_triangle(e, random[0], random[1]);
+                let v = q - p.origin;
+                let d2 = v.length_squared().max(1e-30);
+                let cos = p.normal.dot(v).max(0.0) * e.normal.dot(v).abs() / d2;
+                (q, cos / d2 * e.area)
+            }
+        };
+        let to = target - p.origin;
+        if weight <= 0.0 || p.geometric.dot(to) <= 0.0 {
+            acc.weighted(unoccluded, 0.0, Vec3::ZERO, None);
+            return;
+        }
+        let radiance = self.radiance_at(e, target);
+        let visible = self.visible(p, target, e);
+        acc.rays += 1;
+        acc.weighted(unoccluded, weight, radiance, Some(visible));
+    }
+
+    fn group(
+        &self,
+        start: u32,
+        end: u32,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        acc: &mut Accumulator,
+    ) {
+        let (e, probability) = self.emitters.pick(start, end, random[2]);
+        let q = on_triangle(e, random[0], random[1]);
+        let v = q - p.origin;
+        let d2 = v.length_squared();
+        let facing = -e.normal.dot(v);
+        let facing = if e.two_sided { facing.abs() } else { facing };
+        let cos = p.normal.dot(v);
+        if facing <= 0.0 || cos <= 0.0 || p.geometric.dot(v) <= 0.0 {
+            acc.nothing();
+            return;
+        }
+        let k = cos * facing / (d2 * d2) * e.area / probability;
+        let visible = self.visible(p, q, e);
+        acc.rays += 1;
+        acc.plain(self.radiance_at(e, q) * k, visible);
+    }
+
+    /// Whether the point `q` of emitter `e` is seen from `p`. The ray ends just before the emitter, which must not hide itself.
+    fn visible(&self, p: &SurfacePoint, q: Vec3, e: &Emitter) -> bool {
+        let to = q - p.origin;
+        // Stop as far off the emitter's plane as a receiver there would start.
+        let height = e.normal.dot(to).abs();
+        let stop = 2.0 * self.world.offset(q);
+        let t_max = 1.0 - (stop / height.max(1e-30)).min(1.0);
+        t_max <= 0.0 || !self.world.occluded(p.origin, to, t_max)
+    }
+
+    fn radiance_at(&self, e: &Emitter, q: Vec3) -> Vec3 {
+        if !e.textured {
+            return e.radiance;
+        }
+        let (ab, ac, ap) = (
+            e.corners[1] - e.corners[0],
+            e.corners[2] - e.corners[0],
+            q - e.corners[0],
+        );
+        let (d11, d12, d22) = (ab.dot(ab), ab.dot(ac), ac.dot(ac));
+        let (p1, p2) = (ap.dot(ab), ap.dot(ac));
+        let det = (d11 * d22 - d12 * d12).max(1e-30);
+        let u = ((d22 * p1 - d12 * p2) / det).clamp(0.0, 1.0);
+        let v = ((d11 * p2 - d12 * p1) / det).clamp(0.0, 1.0 - u);
+        self.world.scene.emission(self.world.soup, e.triangle, u, v)
+    }
+}
+
+/// A point uniform on the triangle.
+fn on_triangle(e: &Emitter, u: f32, v: f32) -> Vec3 {
+    let s = u.sqrt();
+    e.corners[0] * (1.0 - s) + e.corners[1] * (s * (1.0 - v)) + e.corners[2] * (s * v)
+}
+
+/// 1/d², windowed to 0 at `range` as KHR_lights_punctual recommends.
+fn falloff(d: Vec3, range: Option<f32>) -> f32 {
+    let d2 = d.length_squared();
+    if d2 == 0.0 {
+        return 0.0;
+    }
+    let window = match range {
+        Some(r) if r > 0.0 => {
+            let q = d2 / (r * r);
+            (1.0 - q * q).clamp(0.0, 1.0)
+        }
+        _ => 1.0,
+    };
+    window / d2
+}
+
+/// Sums of one light's samples.
+#[derive(Default)]
+struct Accumulator {
+    /// Samples that see light or would.
+    seen: u32,
+    hidden: u32,
+    rays: u32,
+    /// Σ over visible samples, for lights estimated sample by sample.
+    lit: Vec3,
+    /// Σ over all samples, visible or not.
+    all: Vec3,
+    /// Σ of closed-form values (per unit radiance), and of the weights.
+    unoccluded: f32,
+    weight: f32,
+    weight_seen: Vec3,
+}
+
+impl Accumulator {
+    /// The sample gets nothing whatever the visibility.
+    fn nothing(&mut self) {}
+
+    fn mark(&mut self, visible: bool) {
+        self.seen += visible as u32;
+        self.hidden += !visible as u32;
+    }
+
+    fn plain(&mut self, value: Vec3, visible: bool) {
+        self.mark(visible);
+        self.all += value;
+        if visible {
+            self.lit += value;
+        }
+    }
+
+    fn weighted(&mut self, unoccluded: f32, weight: f32, radiance: Vec3, visible: Option<bool>) {
+        self.unoccluded += unoccluded;
+        let Some(visible) = visible else { return };
+        self.mark(visible);
+        self.weight += weight;
+        if visible {
+            self.weight_seen += radiance * weight;
+        }
+    }
+
+    fn finish(self, n: u32, out: &mut DirectEstimate) {
+        out.rays += self.rays;
+        let mut e = self.lit / n as f32;
+        let mut full = self.all / n as f32;
+        if self.weight > 0.0 {
+            let k = self.unoccluded / n as f32 / self.weight;
+            e += self.weight_seen * k;
+            full +=
+                self.weight_seen * k * ((self.seen + self.hidden) as f32 / self.seen.max(1) as f32);
+        }
+        out.irradiance += e;
+        if self.seen > 0 && self.hidden > 0 {
+            let m = (self.seen + self.hidden) as f32;
+            let p = self.seen as f32 / m;
+            let l = luminance(full);
+            out.variance += l * l * p * (1.0 - p) / m;
+        }
+    }
+}

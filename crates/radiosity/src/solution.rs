@@ -1,0 +1,107 @@
+//! The solved light of a scene.
+
+use glam::{DVec3, Vec3};
+use patch_subdivision::{Stats, Subdivision};
+use serde::Serialize;
+use visibility::Hit;
+
+use crate::relax::RelaxReport;
+use crate::world::World;
+
+/// Irradiance of every element and patch, ready to be gathered from.
+pub struct Solution {
+    /// The surfaces' subdivision.
+    pub cut: Subdivision,
+    /// Direct irradiance per element.
+    pub direct: Vec<Vec3>,
+    /// Mean direct irradiance per patch.
+    pub direct_mean: Vec<Vec3>,
+    /// Indirect irradiance per patch: reflected light, the sky, and emission that rays gather.
+    pub indirect: Vec<Vec3>,
+    /// How it was reached.
+    pub report: SolveReport,
+}
+
+/// What the solve did.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct SolveReport {
+    /// Regions, patches, elements.
+    pub subdivision: Stats,
+    /// Emissive triangles that direct light samples.
+    pub emitters: usize,
+    /// Rays cast from each patch.
+    pub rays_per_patch: u32,
+    /// Rays between patches, in all.
+    pub link_rays: u64,
+    /// Shadow rays for direct light on elements.
+    pub shadow_rays: u64,
+    /// The relaxation.
+    pub relaxation: RelaxReport,
+    /// Where the energy went.
+    pub audit: Audit,
+    /// The solve was stopped early; what is here is what had been reached.
+    pub cancelled: bool,
+    /// Memory of links and subdivision, bytes.
+    pub bytes: u64,
+}
+
+/// Flux balance and row sums.
+///
+/// Every row of the form-factor matrix is a set of rays, so its parts sum to 1 by construction; what can go wrong is that rays
+/// which should hit a surface escape.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Audit {
+    /// Flux that surfaces receive from lamps, emitters and sky (RGB, W or lm).
+    pub flux_in: [f64; 3],
+    /// Flux absorbed.
+    pub flux_absorbed: [f64; 3],
+    /// Flux that left the scene or ended on black back faces.
+    pub flux_escaped: [f64; 3],
+    /// (in − absorbed − escaped) / in, luminance: the sampling error of the form factors' reciprocity.
+    pub imbalance: f64,
+    /// Mean share of a row that reaches surfaces.
+    pub row_sum_mean: f64,
+    /// Smallest share of a row that reaches surfaces; 1 everywhere in a closed scene.
+    pub row_sum_min: f64,
+    /// Rows with at least one ray that escaped.
+    pub rows_open: u64,
+}
+
+impl Solution {
+    /// Irradiance at a point `p` that a ray found as `hit`. Direct light comes from the point's element, indirect light is
+    /// interpolated between patches.
+    #[inline]
+    pub fn irradiance(&self, hit: &Hit, p: Vec3) -> Vec3 {
+        let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
+            return Vec3::ZERO;
+        };
+        let direct = match at.element {
+            Some(e) => self.direct[e.0 as usize],
+            None => self.direct_mean[at.patch.0 as usize],
+        };
+        let (taps, n) = self.cut.taps(hit.triangle, p, at);
+        let mut indirect = Vec3::ZERO;
+        for t in &taps[..n] {
+            indirect += self.indirect[t.patch.0 as usize] * t.weight;
+        }
+        direct + indirect
+    }
+
+    /// Radiance that leaves the hit point towards the ray's origin: ρE/π and gathered emission.
+    #[inline]
+    pub fn radiance(&self, world: &World, hit: &Hit, p: Vec3) -> Vec3 {
+        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
+        reflectance * self.irradiance(hit, p) * std::f32::consts::FRAC_1_PI
+            + world.gathered_emission(hit.triangle, hit.u, hit.v)
+    }
+
+    /// Area-weighted mean irradiance.
+    pub fn mean_irradiance(&self) -> DVec3 {
+        let (mut sum, mut area) = (DVec3::ZERO, 0.0);
+        for (i, p) in self.cut.patches().iter().enumerate() {
+            sum += (self.direct_mean[i] + self.indirect[i]).as_dvec3() * p.area as f64;
+            area += p.area as f64;
+        }
+        sum / area.max(1e-300)
+    }
+}

@@ -1,0 +1,260 @@
+//! The whole solve: direct light, links, relaxation.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use glam::{DVec3, Vec3};
+use patch_subdivision::{Options as CutOptions, PatchId, Subdivision};
+use rayon::prelude::*;
+
+use crate::direct::{DirectLight, DirectOptions};
+use crate::emitters::Emitters;
+use crate::links::{BLACK, ESCAPED, Links};
+use crate::monitor::{Cancelled, Monitor, Phase};
+use crate::relax::{RelaxOptions, System};
+use crate::sampling::hash_u32;
+use crate::solution::{Audit, Solution, SolveReport};
+use crate::world::World;
+
+/// How finely a scene is solved.
+#[derive(Debug, Clone, Copy)]
+pub struct SolveOptions {
+    /// Patches and elements.
+    pub cut: CutOptions,
+    /// Rays from each patch; fewer where their memory would pass `link_bytes`.
+    pub rays: u32,
+    /// Most memory for links, bytes.
+    pub link_bytes: u64,
+    /// Direct light on elements.
+    pub direct: DirectOptions,
+    /// When to stop.
+    pub relax: RelaxOptions,
+}
+
+impl Default for SolveOptions {
+    fn default() -> Self {
+        SolveOptions {
+            cut: CutOptions::default(),
+            rays: 256,
+            link_bytes: 512 << 20,
+            direct: DirectOptions {
+                base: 4,
+                penumbra: 8,
+            },
+            relax: RelaxOptions::default(),
+        }
+    }
+}
+
+/// Rays a patch has after the first pass; each later pass quadruples them.
+const FIRST_PASS: u32 = 16;
+
+/// Solves the scene's light.
+///
+/// Progressive: passes with ever more rays, each relaxed until its residual is below the tolerance, starting from the last pass's
+/// answer. When the monitor cancels, the last answer stands (at least direct light on the elements done), and
+/// [`SolveReport::cancelled`] is set.
+///
+/// The same input gives the same bits for any number of threads.
+pub fn solve(
+    world: &World,
+    emitters: &Emitters,
+    options: &SolveOptions,
+    monitor: &dyn Monitor,
+) -> Solution {
+    let cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
+    let n = cut.patches().len();
+    let mut report = SolveReport {
+        subdivision: cut.stats(),
+        emitters: emitters.len(),
+        ..SolveReport::default()
+    };
+    let (direct, shadow_rays, finished) =
+        direct_light(world, emitters, &cut, &options.direct, monitor);
+    report.shadow_rays = shadow_rays;
+    report.cancelled = !finished;
+    let surfaces = PatchSurfaces::average(world, &cut, &direct);
+
+    // Links take 4 bytes a ray, and as much again while they are transposed.
+    let affordable = (options.link_bytes / (8 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
+    let most = options.rays.min(affordable).max(FIRST_PASS);
+    let mut links = Links::new(n, most);
+    let mut indirect = vec![DVec3::ZERO; n];
+    let mut rays = FIRST_PASS.min(most);
+    while !report.cancelled {
+        if let Err(Cancelled) = links.extend(world, &cut, rays, monitor) {
+            report.cancelled = true;
+            break;
+        }
+        let source: Vec<DVec3> = (0..n)
+            .into_par_iter()
+            .map(|i| {
+                let mut sum = DVec3::ZERO;
+                for &j in links.row(i) {
+                    if let Some(b) = surfaces.direct_radiosity.get(j as usize) {
+                        sum += *b;
+                    }
+                }
+                sum / links.rays as f64 + links.source(i).as_dvec3()
+            })
+            .collect();
+        let system = System {
+            links: &links,
+            reflectance: &surfaces.reflectance,
+            area: &surfaces.area,
+            source: &source,
+        };
+        report.relaxation = system.relax(&mut indirect, &options.relax, monitor);
+        report.cancelled = monitor.cancelled();
+        if rays == most {
+            break;
+        }
+        rays = (rays * 4).min(most);
+    }
+    report.rays_per_patch = links.rays;
+    report.link_rays = links.rays as u64 * n as u64;
+    report.bytes =
+        links.bytes() + report.subdivision.bytes + (direct.len() * size_of::<Vec3>()) as u64;
+    report.audit = audit(&links, &surfaces, &indirect);
+    Solution {
+        direct_mean: surfaces.direct.iter().map(|e| e.as_vec3()).collect(),
+        indirect: indirect.iter().map(|e| e.as_vec3()).collect(),
+        cut,
+        direct,
+        report,
+    }
+}
+
+/// Direct irradiance of every element, the shadow rays cast, and whether it was finished.
+fn direct_light(
+    world: &World,
+    emitters: &Emitters,
+    cut: &Subdivision,
+    options: &DirectOptions,
+    monitor: &dyn Monitor,
+) -> (Vec<Vec3>, u64, bool) {
+    const BLOCK: usize = 64;
+    let light = DirectLight::new(world, emitters);
+    let n = cut.patches().len();
+    let mut direct = vec![Vec3::ZERO; cut.elements().len()];
+    if emitters.is_empty() && world.scene.lights.is_empty() {
+        return (direct, 0, true);
+    }
+    let rays = AtomicU64::new(0);
+    let done = AtomicU64::new(0);
+    // Blocks of patches own consecutive elements.
+    let mut blocks = Vec::with_capacity(n / BLOCK + 1);
+    let mut rest = direct.as_mut_slice();
+    for first in (0..n).step_by(BLOCK) {
+        let last = (first + BLOCK).min(n);
+        let count: usize = (first..last)
+            .map(|p| cut.patches()[p].elements as usize)
+            .sum();
+        let (head, tail) = rest.split_at_mut(count);
+        blocks.push((first..last, head));
+        rest = tail;
+    }
+    blocks.into_par_iter().for_each(|(patches, out)| {
+        if monitor.cancelled() {
+            return;
+        }
+        let mut cast = 0u64;
+        let count = patches.len() as u64;
+        let mut out = out.iter_mut();
+        for p in patches {
+            let back = cut.patches()[p].back;
+            for k in cut.elements_of(PatchId(p as u32)) {
+                let e = cut.elements()[k];
+                let point = world.surface_point(e.triangle, e.u, e.v, back, false);
+                let got =
+                    light.irradiance(|_| point, 0.0, hash_u32(k as u32 ^ 0x2545_f491), options);
+                cast += got.rays as u64;
+                if let Some(slot) = out.next() {
+                    *slot = got.irradiance;
+                }
+            }
+        }
+        rays.fetch_add(cast, Ordering::Relaxed);
+        let now = done.fetch_add(count, Ordering::Relaxed) + count;
+        monitor.progress(Phase::Direct, now, n as u64);
+    });
+    let finished = done.load(Ordering::Relaxed) == n as u64;
+    (direct, rays.load(Ordering::Relaxed), finished)
+}
+
+/// Means over patches.
+struct PatchSurfaces {
+    area: Vec<f64>,
+    reflectance: Vec<DVec3>,
+    /// Direct irradiance.
+    direct: Vec<DVec3>,
+    /// Mean of ρE over elements: where light and texture go together, the product of the means would be wrong.
+    direct_radiosity: Vec<DVec3>,
+}
+
+impl PatchSurfaces {
+    fn average(world: &World, cut: &Subdivision, direct: &[Vec3]) -> Self {
+        let rows: Vec<[DVec3; 3]> = (0..cut.patches().len())
+            .into_par_iter()
+            .map(|p| {
+                let (mut rho, mut e, mut b, mut area) =
+                    (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO, 0f64);
+                for k in cut.elements_of(PatchId(p as u32)) {
+                    let x = cut.elements()[k];
+                    let a = x.area as f64;
+                    let r = world.reflectance(x.triangle, x.u, x.v).as_dvec3();
+                    let d = direct[k].as_dvec3();
+                    rho += r * a;
+                    e += d * a;
+                    b += r * d * a;
+                    area += a;
+                }
+                let s = 1.0 / area.max(1e-300);
+                [rho * s, e * s, b * s]
+            })
+            .collect();
+        PatchSurfaces {
+            area: cut.patches().iter().map(|p| p.area as f64).collect(),
+            reflectance: rows.iter().map(|r| r[0]).collect(),
+            direct: rows.iter().map(|r| r[1]).collect(),
+            direct_radiosity: rows.iter().map(|r| r[2]).collect(),
+        }
+    }
+}
+
+fn audit(links: &Links, surfaces: &PatchSurfaces, indirect: &[DVec3]) -> Audit {
+    let n = links.patches;
+    let rays = links.rays.max(1) as f64;
+    let (mut flux_in, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
+    let (mut sum, mut least, mut open) = (0f64, 1f64, 0u64);
+    for i in 0..n {
+        let (mut lost, mut left) = (0u32, 0u32);
+        for &j in links.row(i) {
+            lost += (j == ESCAPED || j == BLACK) as u32;
+            left += (j == ESCAPED) as u32;
+        }
+        let reach = 1.0 - lost as f64 / rays;
+        sum += reach;
+        least = least.min(reach);
+        open += (left > 0) as u64;
+        let (a, rho) = (surfaces.area[i], surfaces.reflectance[i]);
+        let b = surfaces.direct_radiosity[i] + rho * indirect[i];
+        flux_in += (surfaces.direct[i] + links.source(i).as_dvec3()) * a;
+        absorbed += (surfaces.direct[i] + indirect[i] - b) * a;
+        escaped += b * (a * (1.0 - reach));
+    }
+    let l = |c: DVec3| crate::luminance(c.as_vec3()) as f64;
+    let total = l(flux_in);
+    Audit {
+        flux_in: flux_in.to_array(),
+        flux_absorbed: absorbed.to_array(),
+        flux_escaped: escaped.to_array(),
+        imbalance: if total > 0.0 {
+            (total - l(absorbed) - l(escaped)) / total
+        } else {
+            0.0
+        },
+        row_sum_mean: sum / n.max(1) as f64,
+        row_sum_min: least,
+        rows_open: open,
+    }
+}
