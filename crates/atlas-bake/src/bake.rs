@@ -10,10 +10,11 @@ use radiosity::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::atlas::{Layout, Page};
-use crate::dilate::dilate;
+use crate::atlas::{Layout, Page, Rect};
+use crate::dilate::{dilate, mean_of_neighbours};
 use crate::footprint::{LumelFootprint, VertexFootprint};
 use crate::gather::{GatherOptions, Gatherer, Received};
+use crate::gltf_out::VertexLight;
 use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
 
@@ -53,7 +54,7 @@ pub struct BakeOptions {
 pub struct BakeReport {
     /// Texels with a surface.
     pub lumels: u64,
-    /// Lumels that lie wholly inside or behind something; their value is their neighbours'.
+    /// Lumels that lie wholly inside or behind something; those beside open ones take the open ones' value.
     pub hidden_lumels: u64,
     /// Lumels of which a part does; their value is that of the other part.
     pub partly_hidden_lumels: u64,
@@ -77,7 +78,7 @@ pub struct Baked {
     /// Lightmap pages.
     pub pages: Vec<Page>,
     /// Irradiance per instance, primitive and vertex of the primitive.
-    pub vertices: Vec<Vec<Vec<[f32; 3]>>>,
+    pub vertices: VertexLight,
     /// What was done.
     pub report: BakeReport,
 }
@@ -121,7 +122,8 @@ pub fn bake(
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
             .sum::<u64>();
     drop((received, lumels));
-    out.vertices = bake_vertices(world, gatherer, options.vertices, monitor, &mut out.report)?;
+    out.vertices.instances =
+        bake_vertices(world, gatherer, options.vertices, monitor, &mut out.report)?;
     Ok(out)
 }
 
@@ -134,16 +136,19 @@ fn in_blocks(
 ) -> Result<Vec<Received>, Cancelled> {
     let mut received = vec![Received::default(); n];
     let done = AtomicU64::new(0);
-    received.par_chunks_mut(BLOCK).enumerate().for_each(|(b, out)| {
-        if monitor.cancelled() {
-            return;
-        }
-        for (k, r) in out.iter_mut().enumerate() {
-            *r = gather(b * BLOCK + k);
-        }
-        let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
-        monitor.progress(phase, now, n as u64);
-    });
+    received
+        .par_chunks_mut(BLOCK)
+        .enumerate()
+        .for_each(|(b, out)| {
+            if monitor.cancelled() {
+                return;
+            }
+            for (k, r) in out.iter_mut().enumerate() {
+                *r = gather(b * BLOCK + k);
+            }
+            let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
+            monitor.progress(phase, now, n as u64);
+        });
     if done.load(Ordering::Relaxed) < n as u64 {
         return Err(Cancelled);
     }
@@ -200,7 +205,8 @@ fn fill_pages(
             }
         })
         .collect();
-    // Which texels hold a value of their own.
+    // Which texels hold a value of their own, and which of the others are lumels in the dark.
+    let mut hidden: Vec<(u32, usize, Rect)> = Vec::new();
     let mut own: Vec<Vec<bool>> = pages.iter().map(|p| vec![false; p.value.len()]).collect();
     let inverse_pi = std::f32::consts::FRAC_1_PI;
     let scale = match options.value {
@@ -211,10 +217,10 @@ fn fill_pages(
         let page = &mut pages[l.page as usize];
         let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
         page.coverage[at] = l.coverage;
+        own[l.page as usize][at] = r.open > 0.0;
         if r.open == 0.0 {
-            continue;
+            hidden.push((l.page, at, layout.placements[l.instance as usize].rect));
         }
-        own[l.page as usize][at] = true;
         let reflectance = || LumelFootprint::new(world, lumels, *l, 0).mean_reflectance();
         let tint = match options.value {
             ValueKind::Radiosity => reflectance(),
@@ -226,7 +232,9 @@ fn fill_pages(
             let values: &[f32] = &match layer {
                 Layer::Direct => (r.direct * tint * scale).to_array().to_vec(),
                 Layer::Indirect => (r.indirect * tint * scale).to_array().to_vec(),
-                Layer::Radiosity => (reflectance() * (r.direct + r.indirect) * inverse_pi).to_array().to_vec(),
+                Layer::Radiosity => (reflectance() * (r.direct + r.indirect) * inverse_pi)
+                    .to_array()
+                    .to_vec(),
                 Layer::Error => vec![r.error * luminance(tint) * scale],
                 Layer::Coverage => vec![l.coverage],
             };
@@ -236,13 +244,42 @@ fn fill_pages(
             }
         }
     }
+    light_hidden_borders(&mut pages, &mut own, &hidden);
     for (instance, placement) in layout.placements.iter().enumerate() {
-        if !world.scene.meshes[world.scene.instances[instance].mesh].primitives.is_empty() {
+        if !world.scene.meshes[world.scene.instances[instance].mesh]
+            .primitives
+            .is_empty()
+        {
             let p = placement.page as usize;
-            dilate(&mut pages[p], &mut own[p], placement.rect, options.padding + 1);
+            dilate(
+                &mut pages[p],
+                &mut own[p],
+                placement.rect,
+                options.padding + 1,
+            );
         }
     }
     pages
+}
+
+/// Gives hidden lumels beside open ones the open ones' light, since bilinear lookups on the visible side read them too (the dark
+/// fringe along the foot of a wall); hidden lumels farther in keep what arrives there.
+fn light_hidden_borders(pages: &mut [Page], own: &mut [Vec<bool>], hidden: &[(u32, usize, Rect)]) {
+    let mut fills = Vec::new();
+    for &(page, at, rect) in hidden {
+        let p = page as usize;
+        let width = pages[p].width as usize;
+        let (x, y) = ((at % width) as u32, (at / width) as u32);
+        if let Some(fill) = mean_of_neighbours(&pages[p], &own[p], rect, x, y) {
+            fills.push((p, at, fill));
+        }
+    }
+    for (p, at, fill) in fills {
+        fill.store(&mut pages[p], at);
+    }
+    for &(page, at, _) in hidden {
+        own[page as usize][at] = true;
+    }
 }
 
 fn channels(layers: &[Layer]) -> impl Iterator<Item = String> {
@@ -270,14 +307,22 @@ fn bake_vertices(
     let corners = VertexCorners::collect(world);
     let received = in_blocks(corners.len(), Phase::Vertices, monitor, |i| {
         let (around, seed) = corners.around(world, i);
-        gatherer.gather(&VertexFootprint { world, around, seed }, seed)
+        gatherer.gather(
+            &VertexFootprint {
+                world,
+                around,
+                seed,
+            },
+            seed,
+        )
     })?;
     report.vertices = received.len() as u64;
     report.vertex_rays = received.iter().map(|r| r.rays).sum();
     let mut out = empty_vertices(world.scene);
     for (i, r) in received.iter().enumerate() {
         let (instance, primitive, vertex) = corners.vertex(i);
-        out[instance as usize][primitive as usize][vertex as usize] = (r.direct + r.indirect).to_array();
+        out[instance as usize][primitive as usize][vertex as usize] =
+            (r.direct + r.indirect).to_array();
     }
     Ok(out)
 }
@@ -311,7 +356,8 @@ impl VertexCorners {
             .flat_map_iter(|t| {
                 let s = world.soup.sources[t as usize];
                 let mesh = &world.scene.meshes[world.scene.instances[s.instance as usize].mesh];
-                let [a, b, c] = mesh.primitives[s.primitive as usize].triangles[s.triangle as usize];
+                let [a, b, c] =
+                    mesh.primitives[s.primitive as usize].triangles[s.triangle as usize];
                 let order = if s.mirrored { [a, c, b] } else { [a, b, c] };
                 (0..3u8).map(move |k| (s.instance, s.primitive, order[k as usize], t, k))
             })

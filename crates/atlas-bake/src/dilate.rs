@@ -19,33 +19,12 @@ pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) 
         }
     }
     for ring in 0..rings {
-        let mut filled = Vec::with_capacity(frontier.len());
-        for &(x, y) in &frontier {
-            let (mut sum, mut weight) = ([0f32; 3], 0f32);
-            let mut layers = vec![0f32; page.layers.len()];
-            for (nx, ny, w) in neighbours(rect, x, y) {
-                let at = index(nx, ny);
-                if own[at] {
-                    for (s, v) in sum.iter_mut().zip(page.value[at]) {
-                        *s += w * v;
-                    }
-                    for (s, l) in layers.iter_mut().zip(&page.layers) {
-                        *s += w * l.1[at];
-                    }
-                    weight += w;
-                }
-            }
-            filled.push((x, y, sum.map(|s| s / weight), layers, weight));
-        }
-        for (x, y, value, layers, weight) in filled {
-            let at = index(x, y);
-            page.value[at] = value;
-            for (l, v) in page.layers.iter_mut().zip(layers) {
-                // Coverage says what is surface: dilation adds none.
-                if l.0 != "coverage.Y" {
-                    l.1[at] = v / weight;
-                }
-            }
+        let filled: Vec<(usize, Fill)> = frontier
+            .iter()
+            .filter_map(|&(x, y)| Some((index(x, y), mean_of_neighbours(page, own, rect, x, y)?)))
+            .collect();
+        for (at, fill) in filled {
+            fill.store(page, at);
             own[at] = true;
         }
         if ring + 1 == rings {
@@ -60,6 +39,52 @@ pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) 
         next.dedup();
         frontier = next.into_iter().map(|(y, x)| (x, y)).collect();
     }
+}
+
+/// Value and layers for one texel.
+pub(crate) struct Fill {
+    value: [f32; 3],
+    layers: Vec<f32>,
+}
+
+impl Fill {
+    /// Writes it to texel `at`. Coverage stays: it says what is surface, and dilation adds none.
+    pub(crate) fn store(self, page: &mut Page, at: usize) {
+        page.value[at] = self.value;
+        for (layer, v) in page.layers.iter_mut().zip(self.layers) {
+            if layer.0 != "coverage.Y" {
+                layer.1[at] = v;
+            }
+        }
+    }
+}
+
+/// Mean of the filled texels about (x, y) in `rect`, diagonal ones counting half; `None` where there is none.
+pub(crate) fn mean_of_neighbours(
+    page: &Page,
+    own: &[bool],
+    rect: Rect,
+    x: u32,
+    y: u32,
+) -> Option<Fill> {
+    let (mut value, mut weight) = ([0f32; 3], 0f32);
+    let mut layers = vec![0f32; page.layers.len()];
+    for (nx, ny, w) in neighbours(rect, x, y) {
+        let at = ny as usize * page.width as usize + nx as usize;
+        if own[at] {
+            for (s, v) in value.iter_mut().zip(page.value[at]) {
+                *s += w * v;
+            }
+            for (s, l) in layers.iter_mut().zip(&page.layers) {
+                *s += w * l.1[at];
+            }
+            weight += w;
+        }
+    }
+    (weight > 0.0).then(|| Fill {
+        value: value.map(|s| s / weight),
+        layers: layers.into_iter().map(|s| s / weight).collect(),
+    })
 }
 
 fn touches(own: &[bool], rect: Rect, x: u32, y: u32, index: impl Fn(u32, u32) -> usize) -> bool {

@@ -24,7 +24,8 @@ fn inset_point(world: &World, triangle: u32, u: f32, v: f32) -> SurfacePoint {
     // Height above each edge is barycentric × altitude; altitude = 2 area / edge.
     let area2 = 2.0 * world.soup.areas[triangle as usize];
     let edge = |i: usize, j: usize| (corners[i] - corners[j]).length();
-    let least = [edge(1, 2), edge(2, 0), edge(0, 1)].map(|e| (margin * e / area2.max(1e-30)).min(1.0 / 3.0));
+    let least = [edge(1, 2), edge(2, 0), edge(0, 1)]
+        .map(|e| (margin * e / area2.max(1e-30)).min(1.0 / 3.0));
     let mut w = [1.0 - u - v, u, v];
     let mut short = false;
     for k in 0..3 {
@@ -86,7 +87,10 @@ impl LumelFootprint<'_, '_, '_> {
     /// Triangle and barycentrics of candidate `i`.
     fn locate(&self, i: u32) -> Option<(u32, f32, f32)> {
         let [x, y] = sample_2d(i, 63, self.seed);
-        let p = Vec2::new(self.lumel.texel[0] as f32 + x, self.lumel.texel[1] as f32 + y);
+        let p = Vec2::new(
+            self.lumel.texel[0] as f32 + x,
+            self.lumel.texel[1] as f32 + y,
+        );
         self.lumels.fragments(&self.lumel).find_map(|f| {
             let (u, v) = barycentrics(f.corners, p)?;
             (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then_some((f.triangle, u, v))
@@ -107,7 +111,11 @@ fn texel_size(world: &World, f: &Fragment) -> f32 {
 
 /// Barycentrics of corners 1 and 2 of the point `p`, if the triangle has any extent on the page.
 fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
-    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
+    let (e1, e2, d) = (
+        corners[1] - corners[0],
+        corners[2] - corners[0],
+        p - corners[0],
+    );
     let det = e1.perp_dot(e2);
     (det != 0.0).then(|| (d.perp_dot(e2) / det, e1.perp_dot(d) / det))
 }
@@ -120,8 +128,16 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
 
     fn fallback(&self) -> SurfacePoint {
         // The nearest surface to the texel's middle: of each triangle, the point of it closest in barycentric terms.
-        let middle = Vec2::new(self.lumel.texel[0] as f32 + 0.5, self.lumel.texel[1] as f32 + 0.5);
-        let mut best = (f32::INFINITY, self.lumels.triangles[self.lumel.first as usize], 1.0 / 3.0, 1.0 / 3.0);
+        let middle = Vec2::new(
+            self.lumel.texel[0] as f32 + 0.5,
+            self.lumel.texel[1] as f32 + 0.5,
+        );
+        let mut best = (
+            f32::INFINITY,
+            self.lumels.triangles[self.lumel.first as usize],
+            1.0 / 3.0,
+            1.0 / 3.0,
+        );
         for f in self.lumels.fragments(&self.lumel) {
             let q = closest_on_triangle(f.corners, middle);
             let d = q.distance_squared(middle);

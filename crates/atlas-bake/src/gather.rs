@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 use radiosity::{
-    DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World, cosine_hemisphere, luminance, sample_4d,
+    DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World, cosine_hemisphere,
+    luminance, sample_4d,
 };
 
 use crate::footprint::Footprint;
@@ -66,7 +67,7 @@ impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
     ///
     /// Sub-points inside closed things (most rays from there meet black back faces) are left out of the mean: what is
-    /// seen of the lumel is its other part.
+    /// seen of the lumel is its other part. Where all are, `open` is 0 and the mean is over all of them.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let points = spread(footprint);
         let mut sums = [Point::default(); POINTS];
@@ -82,13 +83,10 @@ impl Gatherer<'_, '_> {
                 self.indirect(&points[k], base..base + (per_point - from), seed, sum);
             }
             rays += (per_point - from) as u64 * POINTS as u64;
-            let open = sums.map(|s| (s.black as f32) < INSIDE * s.rays as f32);
+            let mut open = sums.map(|s| (s.black as f32) < INSIDE * s.rays as f32);
             let count = open.iter().filter(|&&o| o).count();
             if count == 0 {
-                return Received {
-                    rays,
-                    ..Received::default()
-                };
+                open = [true; POINTS]; // all of it is hidden: what arrives there after all is its value
             }
             let (mean, variance) = mean_and_variance(&sums, &open);
             let (e, direct_variance) = *direct.get_or_insert_with(|| {
@@ -111,7 +109,13 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    fn indirect(&self, p: &SurfacePoint, samples: std::ops::Range<u32>, seed: u32, out: &mut Point) {
+    fn indirect(
+        &self,
+        p: &SurfacePoint,
+        samples: std::ops::Range<u32>,
+        seed: u32,
+        out: &mut Point,
+    ) {
         for i in samples {
             let s = sample_4d(i, 0, seed);
             let direction = cosine_hemisphere(p.normal, s[0], s[1]);
@@ -138,7 +142,10 @@ impl Gatherer<'_, '_> {
         open: &[bool; POINTS],
         seed: u32,
     ) -> radiosity::DirectEstimate {
-        let valid: Vec<SurfacePoint> = (0..POINTS).filter(|&k| open[k]).map(|k| points[k]).collect();
+        let valid: Vec<SurfacePoint> = (0..POINTS)
+            .filter(|&k| open[k])
+            .map(|k| points[k])
+            .collect();
         let all_open = valid.len() == POINTS;
         let mut stream = 0;
         let mut extra: Vec<SurfacePoint> = Vec::new();
@@ -162,8 +169,12 @@ impl Gatherer<'_, '_> {
             }
             extra[i - valid.len()]
         };
-        self.direct
-            .irradiance(point, footprint.size(), seed ^ 0x68bc_21eb, &self.options.direct)
+        self.direct.irradiance(
+            point,
+            footprint.size(),
+            seed ^ 0x68bc_21eb,
+            &self.options.direct,
+        )
     }
 }
 
@@ -186,7 +197,8 @@ fn spread(footprint: &impl Footprint) -> [SurfacePoint; POINTS] {
     let mut k = 0;
     points.map(|p| {
         k += 1;
-        p.or(points[(k - 1) % n]).unwrap_or_else(|| footprint.fallback())
+        p.or(points[(k - 1) % n])
+            .unwrap_or_else(|| footprint.fallback())
     })
 }
 
@@ -217,5 +229,12 @@ fn mean_and_variance(sums: &[Point; POINTS], open: &[bool; POINTS]) -> (Vec3, f3
         let d = luminance(s.sum) * (pi / s.rays as f32) - m;
         square += d * d;
     }
-    (mean, if n > 1.0 { square / (n * (n - 1.0)) } else { m * m })
+    (
+        mean,
+        if n > 1.0 {
+            square / (n * (n - 1.0))
+        } else {
+            m * m
+        },
+    )
 }

@@ -159,7 +159,7 @@ pub fn layout(
             total,
         })
     };
-    let results: Vec<Result<(MeshAtlas, MeshReport, Vec<String>), LayoutError>> = scene
+    let results: Vec<Result<LaidOut, LayoutError>> = scene
         .meshes
         .par_iter()
         .zip(&plan.meshes)
@@ -224,12 +224,15 @@ fn triangle_count(mesh: &Mesh) -> usize {
     mesh.primitives.iter().map(|p| p.triangles.len()).sum()
 }
 
+/// Charts of a mesh, what the report says of it, and its warnings.
+type LaidOut = (MeshAtlas, MeshReport, Vec<String>);
+
 fn lay_out_mesh(
     mesh: &Mesh,
     density: &MeshDensity,
     options: &LayoutOptions,
     cancel: Cancel<'_>,
-) -> Result<(MeshAtlas, MeshReport, Vec<String>), LayoutError> {
+) -> Result<LaidOut, LayoutError> {
     if cancel() {
         return Err(LayoutError::Cancelled);
     }

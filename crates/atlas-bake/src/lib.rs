@@ -17,8 +17,8 @@ mod manifest;
 mod output;
 mod pack;
 mod preview;
-pub mod unwrap;
 mod texture;
+pub mod unwrap;
 mod uv_check;
 
 pub use atlas::*;
@@ -26,15 +26,18 @@ pub use bake::{BakeOptions, BakeReport, Baked, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
-pub use gltf_out::{
-    GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats, write_lightmapped_glb, write_vertex_glb,
-};
 pub use footprint::{Footprint, LumelFootprint, VertexFootprint};
 pub use gather::{GatherOptions, Gatherer, Received};
+pub use gltf_out::{
+    GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats, write_lightmapped_glb,
+    write_vertex_glb,
+};
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{Manifest, ManifestNode, ManifestPage, UvTransform, ValueKind};
 pub use output::{OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
-pub use preview::{Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera};
+pub use preview::{
+    Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
+};
 pub use uv_check::{UvMode, keep_uvs, overlap_share};

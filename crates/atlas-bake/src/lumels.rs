@@ -78,7 +78,9 @@ impl Lumels {
 
     /// Memory, bytes.
     pub fn bytes(&self) -> u64 {
-        (self.lumels.len() * size_of::<Lumel>() + self.triangles.len() * 4 + self.corners.len() * 24) as u64
+        (self.lumels.len() * size_of::<Lumel>()
+            + self.triangles.len() * 4
+            + self.corners.len() * 24) as u64
     }
 }
 
@@ -91,7 +93,12 @@ struct InstanceLumels {
 /// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and dilation gives it a value.
 const LEAST_COVERAGE: f64 = 1e-4;
 
-fn rasterise_instance(scene: &Scene, soup: &Soup, layout: &Layout, instance: usize) -> InstanceLumels {
+fn rasterise_instance(
+    scene: &Scene,
+    soup: &Soup,
+    layout: &Layout,
+    instance: usize,
+) -> InstanceLumels {
     let placement = layout.placements[instance];
     let atlas = &layout.meshes[scene.instances[instance].mesh];
     let [start, end] = soup.instance_ranges[instance];
@@ -144,5 +151,9 @@ fn corners_of(soup: &Soup, atlas: &MeshAtlas, triangle: u32) -> [Vec2; 3] {
     let source = soup.sources[triangle as usize];
     let primitive = &atlas.primitives[source.primitive as usize];
     let [a, b, c] = primitive.triangles[source.triangle as usize].map(|v| primitive.uv[v as usize]);
-    if source.mirrored { [a, c, b] } else { [a, b, c] }
+    if source.mirrored {
+        [a, c, b]
+    } else {
+        [a, b, c]
+    }
 }

@@ -65,7 +65,7 @@ fn xatlas_refuses_what_it_would_choke_on_and_another_takes_over() {
 fn thousands_of_rectangles_are_packed_tight_apart_and_the_same_each_time() {
     let mut r = random(1);
     let mut side = || 3 + (r() * r() * 60.0) as u32;
-    for count in [2, 7, 300, 1400, 6000] {
+    for count in [2, 7, 300, 1400, 9000] {
         let sizes: Vec<[u32; 2]> = (0..count).map(|_| [side(), side()]).collect();
         let packed = pack_pages(&sizes, 1024).expect("a packing");
         assert_eq!(packed, pack_pages(&sizes, 1024).expect("a packing"));
@@ -87,7 +87,7 @@ fn thousands_of_rectangles_are_packed_tight_apart_and_the_same_each_time() {
         }
         let filled = taken.iter().flatten().filter(|&&t| t).count() as f64;
         let total: usize = taken.iter().map(Vec::len).sum();
-        // A regression bound: measured 0.89 to 0.97 for 300 and more.
+        // A regression bound: measured 0.94 to 0.98 for 300 and more.
         if count >= 300 {
             assert!(
                 filled / total as f64 > 0.85,

@@ -5,12 +5,14 @@ use std::time::Instant;
 
 use atlas_bake::{
     BakeOptions, Baked, ExrOptions, Layout, LayoutError, LayoutOptions, LayoutProgress,
-    LayoutReport, Manifest, OutputSet, ValueKind, VertexLight, write_lightmap_exr,
-    write_lightmapped_glb, write_vertex_glb,
+    LayoutReport, LitScene, Manifest, OutputSet, ValueKind, choose_camera, render_preview,
+    scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
 use radiosity::{Emitters, Monitor, Phase, Solution, World, WorldOptions};
+
+use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
 use crate::memory;
@@ -128,8 +130,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
     clock.lap(Phase::Gather);
-    let dark = world.sky.is_black() && emitters.is_empty() && loaded.scene.lights.is_empty();
-    let warnings = warnings(&loaded, &layout_report, &solution, &baked, dark);
+    let warnings = warnings(&loaded, &layout_report, &solution, &baked);
     drop(world);
 
     let name = file
@@ -274,7 +275,6 @@ fn warnings(
     layout: &LayoutReport,
     solution: &Solution,
     baked: &Baked,
-    dark: bool,
 ) -> Vec<String> {
     let mut out: Vec<String> = loaded
         .report
@@ -286,9 +286,9 @@ fn warnings(
         out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
     }
     out.extend(layout.warnings.iter().cloned());
-    if dark {
+    if solution.report.audit.flux_in.iter().all(|f| *f == 0.0) {
         out.push(
-            "the scene has no light: no lamp, no emissive material, and no --sky or --sun was given; the lightmap is black"
+            "no light reaches any surface: no lamp or emissive material shines on one, and no --sky or --sun was given; the lightmap is black"
                 .into(),
         );
     }
@@ -348,10 +348,7 @@ impl Bake {
             self.value,
         )?;
         files.push((glb.clone(), bytes));
-        let light = VertexLight {
-            instances: self.baked.vertices.clone(),
-        };
-        let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &light)?;
+        let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
         files.push((format!("{}.vertex.glb", self.stem), bytes));
         let manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
         files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
@@ -380,6 +377,33 @@ impl Bake {
         for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
             set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
         }
+    }
+
+    /// A picture of the lit level, PNG: from the document's first camera, or a place that sees much of it.
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn preview(&self, size: [u32; 2]) -> Result<Vec<u8>, Error> {
+        let scene = &self.loaded.scene;
+        // Built anew: a bake does not hold its tree, which a large level would pay for while files are written.
+        let soup = Soup::build(scene);
+        let bvh = Bvh::build(
+            &soup.triangles,
+            |t| scene.needs_alpha(soup.materials[t as usize]),
+            &BuildOptions::default(),
+        )
+        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        let lit = LitScene {
+            scene,
+            soup: &soup,
+            bvh: &bvh,
+            layout: &self.layout,
+            pages: &self.baked.pages,
+            value: self.value,
+        };
+        let camera =
+            scene_camera(&self.loaded.document, scene).unwrap_or_else(|| choose_camera(&lit));
+        Ok(render_preview(&lit, &camera, size)?)
     }
 
     fn measure(&self, clock: Clock) -> Measured {

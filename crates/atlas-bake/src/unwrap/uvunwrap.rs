@@ -8,9 +8,9 @@ use uvunwrap::{Density, Error, MeshInput, Options, Packing};
 use super::measure::snap_rectangles;
 use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
 
-/// From how many charts on to pack by outline rows instead of by shape: packing by shape takes 1 ms a chart there, and
-/// small charts nest no better by shape.
-const FAST_PACKING_CHARTS: u32 = 400;
+/// From how many charts on to pack by outline rows instead of by shape. Packing by shape fills 2 to 8 % more of the page at
+/// 400 to 2500 charts and costs a quarter of a second there, growing quadratic (`docs/unwrap.md`).
+const FAST_PACKING_CHARTS: u32 = 4000;
 
 /// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps, packing by shape.
 #[derive(Debug, Clone, Copy, Default)]
@@ -64,7 +64,8 @@ pub(super) fn pack(
 }
 
 /// Packs again into a square where the charts were laid into a strip more than twice as long as wide (six equal sides of
-/// a box fill 1 × 6 as well as 2 × 3); keeps the strip where the square would waste more than an eighth.
+/// a box fill 1 × 6 as well as 2 × 3); keeps the strip where the square would waste more than a quarter
+/// (five equal sides in 2 × 3 waste a fifth, which a strip across the page would waste as well).
 fn squarer(
     layers: &Layers<'_>,
     strip: UnwrappedMesh,
@@ -90,7 +91,7 @@ fn squarer(
                 crop(&mut result, options.padding.div_ceil(2));
                 let cropped = f64::from(result.size[0]) * f64::from(result.size[1]);
                 let [w, h] = result.size;
-                if cropped <= area * 1.125 && w.max(h) <= 2 * w.min(h) {
+                if cropped <= area * 1.25 && w.max(h) <= 2 * w.min(h) {
                     return Ok(result);
                 }
             }

@@ -10,6 +10,9 @@ use super::args::Bake;
 use super::interrupt;
 use super::progress::Display;
 
+/// Size of the preview picture.
+const PREVIEW: [u32; 2] = [1280, 720];
+
 /// Bakes and writes.
 pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     let settings = a.settings()?;
@@ -57,6 +60,10 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
     ));
     display.progress(Phase::Write, 0, 0);
     let (files, report) = bake.files()?;
+    let preview = match &a.preview {
+        Some(path) => Some((path, bake.preview(PREVIEW)?)),
+        None => None,
+    };
     if interrupt::cancelled() {
         return Err(lumel::Error::Cancelled.into());
     }
@@ -69,6 +76,9 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
     }
     if let Some(path) = &a.report {
         set.add_path(path, &report.to_json())?;
+    }
+    if let Some((path, bytes)) = preview {
+        set.add_path(path, &bytes)?;
     }
     bake.retire_pages(&mut set);
     let written = interrupt::committing(|| set.commit())?;
