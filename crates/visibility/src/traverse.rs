@@ -276,7 +276,8 @@ fn occluded<K: Kernel>(
             let node = &bvh.nodes[child.0 as usize];
             // SAFETY: the caller chose the kernel by detection.
             let mut mask = unsafe { K::boxes(node, prepared, prepared.t_max, &mut near) };
-            // In the order of the slots, which the collapse arranged: by distance it was 1.5 to 2 times slower.
+            // In the order of the slots, which the collapse arranged. By distance it was 1.6 times slower even than in the
+            // order that the collapse happened to leave.
             while mask != 0 {
                 let slot = mask.trailing_zeros() as usize & (WIDTH - 1);
                 mask &= mask - 1;
