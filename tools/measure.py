@@ -8,7 +8,8 @@ Steps : 1 bake with lumel; without --texels-per-unit the density at which the sc
           (truth.py --area --backface twosided: over the whole texel, which is what lumel means, and over its middle half, which is
           what Cycles was measured to average); 4 bake again, lumel and Cycles in turn, --repeat times; 5 compare.py for both, each
           against its own footprint; score.py on the unflattened bake with points.py when --points is given.
-Output: a Markdown table and OUT/measure.json.  References are kept under LUMEL_REF by the hash of scene and settings.
+Output: a Markdown table (all chosen lumels; and those that are lit and through which no shadow or contact edge runs, where the answer does
+        not hang on what a baker does with the buried part of a texel) and OUT/NAME.measure.json.  References are kept under LUMEL_REF by the hash of scene and settings.
 Note  : Cycles treats every surface as two-sided, lumel a single-sided back as black.  So the truth is two-sided, and a scene is a fair one only
         where lit backs are not seen: the Cornell box is (its backs lie outside and nothing there reflects light back in).
         Nothing else should run meanwhile: the load average is printed.
@@ -18,6 +19,8 @@ import json
 import os
 import statistics
 import sys
+
+import numpy as np
 
 import common
 
@@ -97,7 +100,16 @@ def main():
             os.replace(path + ".part.npz", path)
         return path
     whole = truth(1.0)
-    half = None if a.no_cycles else truth(0.5)
+    half = truth(0.5)
+
+    def clear(reference, other, exr):
+        """compare.py's figures over lumels that are lit and through which no shadow or contact edge runs"""
+        sys.path.insert(0, common.SHARED)
+        import compare
+        ref, alt = dict(np.load(reference)), np.load(other)
+        y, z, s = ref["irradiance"] @ compare.LUM, alt["irradiance"] @ compare.LUM, np.hypot(ref["stderr"], alt["stderr"]) @ compare.LUM
+        keep = (np.abs(y - z) <= 0.1 * np.maximum(y, z) + 5 * s) & (y > 1e-3 * y.mean())
+        return compare.measure({k: ref[k][keep] for k in ("texel", "irradiance", "stderr")}, compare.read_exr(exr), np.pi)
 
     load = os.getloadavg()[0]
     peers, process = [], []
@@ -110,19 +122,21 @@ def main():
     reports = [b["report_json"] for b in timed]
     seconds = [r["measured"]["seconds"] for r in reports]
     rows = [("lumel %s" % a.quality, statistics.median(seconds), [b["seconds"] for b in timed],
-             max(b["peak_mb"] for b in timed), common.tool("compare.py", whole, bakes[0]["pages"][0]))]
+             max(b["peak_mb"] for b in timed), common.tool("compare.py", whole, bakes[0]["pages"][0]), clear(whole, half, bakes[0]["pages"][0]))]
     if peers:
         rows.append(("Cycles %d samples" % a.cycles_samples, statistics.median(p["bake_s"] for p in peers), [p["process_s"] for p in peers],
-                     max(p["peak_rss_mb"] for p in peers), common.tool("compare.py", half, os.path.join(out + ".cycles", "lightmap.exr"))))
+                     max(p["peak_rss_mb"] for p in peers), common.tool("compare.py", half, os.path.join(out + ".cycles", "lightmap.exr")),
+                     clear(half, whole, os.path.join(out + ".cycles", "lightmap.exr"))))
     print("%s, %d² page, %.4g texels per unit, %d threads, load average %.2f, %d runs in turn\n" % (name, side, density, a.threads, load, a.repeat))
-    print("| | bake s (median) | process s | peak MB | relRMSE | lit | p50 | p95 | p99 | bias | truth's own |")
+    print("| | bake s (median) | process s | peak MB | lumels | relRMSE | p50 | p95 | p99 | bias | truth's own |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")
-    for label, s, wall, mb, c in rows:
-        print("| %s | %.2f | %.2f | %.0f | %.2f %% | %.2f %% | %.2f %% | %.2f %% | %.2f %% | %+.2f %% | %.2f %% |" % (
-            label, s, statistics.median(wall), mb, 100 * c["relRMSE"], 100 * c["relRMSE0"], 100 * c["p50"], 100 * c["p95"], 100 * c["p99"], 100 * c["bias"], 100 * c["own"]))
+    for label, s, wall, mb, every, lit in rows:
+        for kind, c in (("all", every), ("lit, no edge: %d of %d" % (lit["n"], every["n"]), lit)):
+            print("| %s | %.2f | %.2f | %.0f | %s | %.2f %% | %.2f %% | %.2f %% | %.2f %% | %+.2f %% | %.2f %% |" % (
+                label, s, statistics.median(wall), mb, kind, 100 * c["relRMSE"], 100 * c["p50"], 100 * c["p95"], 100 * c["p99"], 100 * c["bias"], 100 * c["own"]))
     print("\nphases (last run): " + ", ".join("%s %.2f" % kv for kv in common.phases(reports[-1]).items()))
     result = dict(scene=name, res=side, texels_per_unit=density, quality=a.quality, threads=a.threads, load=load, runs=seconds,
-                  peer_runs=[p["bake_s"] for p in peers], rows=[dict(label=r[0], bake_s=r[1], process_s=r[2], peak_mb=r[3], **r[4]) for r in rows], phases=common.phases(reports[-1]))
+                  peer_runs=[p["bake_s"] for p in peers], rows=[dict(label=r[0], bake_s=r[1], process_s=r[2], peak_mb=r[3], all=r[4], clear=r[5]) for r in rows], phases=common.phases(reports[-1]))
     if a.points:
         result["score"] = common.tool("score.py", bakes[0]["glb"], a.points)
         print("\nscore.py at fixed points: " + json.dumps(result["score"]))

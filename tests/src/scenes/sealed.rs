@@ -1,8 +1,8 @@
 //! A bright room that holds a sealed box with nothing but darkness in it.
 
-use glam::Vec3;
+use glam::{Vec3, Vec3Swizzles};
 
-use crate::geometry::{Geometry, cuboid, quad, room};
+use crate::geometry::{Geometry, box_faces, cuboid, room};
 use crate::gltf::{GltfBuilder, Material, Node};
 
 /// A bright room with a sealed box inside it, as GLB; E is exactly 0 on every face of `dark_inside`.
@@ -15,15 +15,18 @@ pub fn sealed_dark_box(wall: f32) -> Vec<u8> {
     let white = b.material(&Material::diffuse("white", [0.7; 3]));
     let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
     let lamp = b.material(&Material::emitter("lamp", [10.0; 3], [0.0; 3]));
-    let shell = room(Vec3::new(-3.0, 0.0, -3.0), Vec3::new(3.0, 3.0, 3.0), 2);
-    // 1 cm below the ceiling: the panel is a separate object, as fixtures are.
-    let (l, y) = (1.0, 2.99);
-    let panel = quad([
-        Vec3::new(-l, y, -l),
-        Vec3::new(l, y, -l),
-        Vec3::new(l, y, l),
-        Vec3::new(-l, y, l),
-    ]);
+    // The lamp is the middle square of the ceiling's three by three: nothing is hidden behind it, and no edge is split.
+    let mut faces =
+        box_faces(Vec3::new(-3.0, 0.0, -3.0), Vec3::new(3.0, 3.0, 3.0), 3).map(Geometry::flipped);
+    let mut panel = faces[3].clone();
+    let middle = |g: &Geometry, t: &[u32; 3]| {
+        t.iter()
+            .all(|&i| g.positions[i as usize].xz().abs().max_element() < 1.5)
+    };
+    panel.triangles.retain(|t| middle(&faces[3], t));
+    let ceiling = faces[3].clone();
+    faces[3].triangles.retain(|t| !middle(&ceiling, t));
+    let (shell, panel) = (Geometry::union(&faces), quad_of(&panel));
     let centre = Vec3::new(0.0, 1.25, 0.0);
     let half = Vec3::splat(0.75);
     let outside = cuboid(centre - half, centre + half, 1);
@@ -43,4 +46,19 @@ pub fn sealed_dark_box(wall: f32) -> Vec<u8> {
         70.0,
     );
     b.finish()
+}
+
+/// `g` without the vertices that its triangles do not use.
+fn quad_of(g: &Geometry) -> Geometry {
+    let mut used: Vec<u32> = g.triangles.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    let at = |i: u32| used.binary_search(&i).unwrap_or(0) as u32;
+    Geometry {
+        positions: used.iter().map(|&i| g.positions[i as usize]).collect(),
+        normals: used.iter().map(|&i| g.normals[i as usize]).collect(),
+        uv: used.iter().map(|&i| g.uv[i as usize]).collect(),
+        triangles: g.triangles.iter().map(|t| t.map(at)).collect(),
+        ..Geometry::default()
+    }
 }
