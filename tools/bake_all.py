@@ -21,8 +21,9 @@ UNLIT = {"sponza": ["--sun", "-0.3,-1,0.2,6", "--sky", "0.5,0.6,0.8"], "default"
 
 
 def has_light(path):
-    data = open(path, "rb").read()
-    return b"KHR_lights_punctual" in data or b"emissiveFactor" in data or b"emissiveTexture" in data
+    """a lamp, or a material that emits"""
+    js = common.read_glb(path)[0] if path.lower().endswith(".glb") else json.load(open(path, encoding="utf-8"))
+    return bool(js.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights")) or any(any(m.get("emissiveFactor", [])) for m in js.get("materials", []))
 
 
 def scan_exr(path):
