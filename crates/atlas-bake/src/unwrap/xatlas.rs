@@ -3,12 +3,15 @@
 //! The crate's own bindings carry names as MSVC mangles them and do not link elsewhere, so the few functions needed are
 //! declared here. All `unsafe` code of atlas-bake is in this file.
 //!
-//! xatlas cannot be cancelled and may run for minutes or hang. It therefore works in a thread of its own; when it is not wanted any more,
-//! its progress callback puts that thread to sleep for good and its memory is lost. A mesh of more than
+//! xatlas cannot be cancelled and may run for minutes or hang. It therefore works in a thread of its own; when it is not
+//! wanted any more, its progress callback puts that thread to sleep for good and its memory is lost. A mesh of more than
 //! [`MAX_TRIANGLES`] triangles is refused beforehand, so that in practice the outcome depends on the input and not on
-//! the clock. It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so the mesh is scaled up), may
-//! mirror charts and does not scale conformal charts to their true area: packing its charts anew cures the last two, and replaces
-//! charts that overlap themselves.
+//! the clock. Its scheduler loses the wake-up of a worker that is just going to sleep: destroying an atlas hung once in
+//! about a thousand runs, so the result is handed over before that.
+//!
+//! It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so the mesh is scaled up),
+//! may mirror charts and does not scale conformal charts to their true area: packing its charts anew cures the last two,
+//! and replaces charts that overlap themselves.
 
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
@@ -126,8 +129,14 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
         .name("xatlas".into())
         .stack_size(64 << 20)
         .spawn(move || {
+            let outcome = run(&regions, &flag);
+            // The handle goes with the other half of the pair, after the result is out: destroying it may hang.
             // The receiver is gone if the wait was given up; nobody misses the result then.
-            let _ = sender.send(run(&regions, &flag));
+            let (result, _handle) = match outcome {
+                Ok((charted, handle)) => (Ok(charted), Some(handle)),
+                Err(error) => (Err(error), None),
+            };
+            let _ = sender.send(result);
         })
         .map_err(|e| UnwrapError::Failed(format!("no thread for xatlas: {e}")))?;
     let start = Instant::now();
@@ -151,14 +160,15 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
     }
 }
 
-/// Charts of all regions, by xatlas's defaults.
-fn run(regions: &[Region], abandoned: &AtomicBool) -> Result<Charted, String> {
+/// Charts of all regions, by xatlas's defaults, and the handle, still to be destroyed.
+fn run(regions: &[Region], abandoned: &AtomicBool) -> Result<(Charted, Handle), String> {
     let atlas = Handle::new()?;
     for region in regions {
         atlas.add(region)?;
     }
     atlas.generate(abandoned);
-    atlas.read(regions)
+    let charted = atlas.read(regions)?;
+    Ok((charted, atlas))
 }
 
 /// An owned `xatlas::Atlas`.
