@@ -10,8 +10,8 @@ use radiosity::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::atlas::{Layout, Page, Rect};
-use crate::dilate::{dilate, mean_of_neighbours};
+use crate::atlas::{Layout, Page};
+use crate::dilate::dilate;
 use crate::footprint::{LumelFootprint, VertexFootprint};
 use crate::gather::{GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
@@ -54,9 +54,9 @@ pub struct BakeOptions {
 pub struct BakeReport {
     /// Texels with a surface.
     pub lumels: u64,
-    /// Lumels that lie wholly inside or behind something; those beside open ones take the open ones' value.
+    /// Lumels that lie wholly inside or right behind something single-sided: nearly all rays from there meet back faces.
     pub hidden_lumels: u64,
-    /// Lumels of which a part does; their value is that of the other part.
+    /// Lumels of which a part does; their value is the mean over all of it.
     pub partly_hidden_lumels: u64,
     /// Gathering and shadow rays, lumels.
     pub lumel_rays: u64,
@@ -205,8 +205,7 @@ fn fill_pages(
             }
         })
         .collect();
-    // Which texels hold a value of their own, and which of the others are lumels in the dark.
-    let mut hidden: Vec<(u32, usize, Rect)> = Vec::new();
+    // Which texels hold a value of their own.
     let mut own: Vec<Vec<bool>> = pages.iter().map(|p| vec![false; p.value.len()]).collect();
     let inverse_pi = std::f32::consts::FRAC_1_PI;
     let scale = match options.value {
@@ -217,10 +216,7 @@ fn fill_pages(
         let page = &mut pages[l.page as usize];
         let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
         page.coverage[at] = l.coverage;
-        own[l.page as usize][at] = r.open > 0.0;
-        if r.open == 0.0 {
-            hidden.push((l.page, at, layout.placements[l.instance as usize].rect));
-        }
+        own[l.page as usize][at] = true;
         let reflectance = || LumelFootprint::new(world, lumels, *l, 0).mean_reflectance();
         let tint = match options.value {
             ValueKind::Radiosity => reflectance(),
@@ -244,7 +240,6 @@ fn fill_pages(
             }
         }
     }
-    light_hidden_borders(&mut pages, &mut own, &hidden);
     for (instance, placement) in layout.placements.iter().enumerate() {
         if !world.scene.meshes[world.scene.instances[instance].mesh]
             .primitives
@@ -260,26 +255,6 @@ fn fill_pages(
         }
     }
     pages
-}
-
-/// Gives hidden lumels beside open ones the open ones' light, since bilinear lookups on the visible side read them too (the dark
-/// fringe along the foot of a wall); hidden lumels farther in keep what arrives there.
-fn light_hidden_borders(pages: &mut [Page], own: &mut [Vec<bool>], hidden: &[(u32, usize, Rect)]) {
-    let mut fills = Vec::new();
-    for &(page, at, rect) in hidden {
-        let p = page as usize;
-        let width = pages[p].width as usize;
-        let (x, y) = ((at % width) as u32, (at / width) as u32);
-        if let Some(fill) = mean_of_neighbours(&pages[p], &own[p], rect, x, y) {
-            fills.push((p, at, fill));
-        }
-    }
-    for (p, at, fill) in fills {
-        fill.store(&mut pages[p], at);
-    }
-    for &(page, at, _) in hidden {
-        own[page as usize][at] = true;
-    }
 }
 
 fn channels(layers: &[Layer]) -> impl Iterator<Item = String> {

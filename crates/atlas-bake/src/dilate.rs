@@ -42,14 +42,14 @@ pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) 
 }
 
 /// Value and layers for one texel.
-pub(crate) struct Fill {
+struct Fill {
     value: [f32; 3],
     layers: Vec<f32>,
 }
 
 impl Fill {
     /// Writes it to texel `at`. Coverage stays: it says what is surface, and dilation adds none.
-    pub(crate) fn store(self, page: &mut Page, at: usize) {
+    fn store(self, page: &mut Page, at: usize) {
         page.value[at] = self.value;
         for (layer, v) in page.layers.iter_mut().zip(self.layers) {
             if layer.0 != "coverage.Y" {
@@ -60,13 +60,7 @@ impl Fill {
 }
 
 /// Mean of the filled texels about (x, y) in `rect`, diagonal ones counting half; `None` where there is none.
-pub(crate) fn mean_of_neighbours(
-    page: &Page,
-    own: &[bool],
-    rect: Rect,
-    x: u32,
-    y: u32,
-) -> Option<Fill> {
+fn mean_of_neighbours(page: &Page, own: &[bool], rect: Rect, x: u32, y: u32) -> Option<Fill> {
     let (mut value, mut weight) = ([0f32; 3], 0f32);
     let mut layers = vec![0f32; page.layers.len()];
     for (nx, ny, w) in neighbours(rect, x, y) {

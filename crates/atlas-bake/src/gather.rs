@@ -19,6 +19,9 @@ pub struct GatherOptions {
     pub error: f32,
     /// Direct light.
     pub direct: DirectOptions,
+    /// Leave sub-points inside closed things out of the mean. A lumel is by definition the mean over all of its part of the
+    /// surface, buried or not; a vertex in a corner stands for what is seen of its faces.
+    pub open_only: bool,
 }
 
 /// Light that a footprint receives.
@@ -66,8 +69,8 @@ struct Point {
 impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
     ///
-    /// Sub-points inside closed things (most rays from there meet black back faces) are left out of the mean: what is
-    /// seen of the lumel is its other part. Where all are, `open` is 0 and the mean is over all of them.
+    /// Sub-points inside closed things are those from which nearly all rays meet black back faces. Where all of the footprint is
+    /// inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let points = spread(footprint);
         let mut sums = [Point::default(); POINTS];
@@ -85,8 +88,8 @@ impl Gatherer<'_, '_> {
             rays += (per_point - from) as u64 * POINTS as u64;
             let mut open = sums.map(|s| (s.black as f32) < INSIDE * s.rays as f32);
             let count = open.iter().filter(|&&o| o).count();
-            if count == 0 {
-                open = [true; POINTS]; // all of it is hidden: what arrives there after all is its value
+            if count == 0 || !self.options.open_only {
+                open = [true; POINTS];
             }
             let (mean, variance) = mean_and_variance(&sums, &open);
             let (e, direct_variance) = *direct.get_or_insert_with(|| {

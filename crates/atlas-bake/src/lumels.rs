@@ -51,8 +51,10 @@ impl Lumels {
             .into_par_iter()
             .map(|i| rasterise_instance(scene, soup, layout, i))
             .collect();
-        let mut all = Lumels::default();
-        all.corners = vec![[Vec2::NAN; 3]; soup.triangles.len()];
+        let mut all = Lumels {
+            corners: vec![[Vec2::NAN; 3]; soup.triangles.len()],
+            ..Lumels::default()
+        };
         for (i, part) in parts.into_iter().enumerate() {
             let base = all.triangles.len() as u32;
             all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {

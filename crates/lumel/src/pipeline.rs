@@ -35,6 +35,9 @@ pub struct Bake {
     clock: Clock,
 }
 
+/// An output file: name and bytes.
+pub type NamedFile = (String, Vec<u8>);
+
 /// Wall time by phase.
 #[derive(Debug, Clone)]
 struct Clock {
@@ -328,7 +331,7 @@ impl Bake {
     ///
     /// # Errors
     /// [`Error::Output`].
-    pub fn files(&self) -> Result<(Vec<(String, Vec<u8>)>, Report), Error> {
+    pub fn files(&self) -> Result<(Vec<NamedFile>, Report), Error> {
         let mut clock = self.clock.clone();
         let mut report = self.report.clone();
         let uris = self.page_names();

@@ -135,6 +135,7 @@ impl Settings {
             most_rays: most,
             error,
             direct: DirectOptions { base, penumbra },
+            open_only: false,
         }
     }
 
@@ -148,6 +149,7 @@ impl Settings {
         GatherOptions {
             rays,
             most_rays: rays,
+            open_only: true,
             ..self.lumel_options()
         }
     }

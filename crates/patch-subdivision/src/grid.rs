@@ -123,7 +123,7 @@ fn boundary_direction(soup: &Soup, triangles: &[u32], x: Vec3, y: Vec3) -> (f64,
             edges.push((if ka < kb { (ka, kb) } else { (kb, ka) }, b - a));
         }
     }
-    edges.sort_unstable_by(|a, b| a.0.cmp(&b.0));
+    edges.sort_unstable_by_key(|e| e.0);
     let (mut s, mut c) = (0f64, 0f64);
     for run in edges.chunk_by(|a, b| a.0 == b.0) {
         if run.len() > 1 {

@@ -222,11 +222,10 @@ impl PatchSurfaces {
 }
 
 fn audit(links: &Links, surfaces: &PatchSurfaces, indirect: &[DVec3]) -> Audit {
-    let n = links.patches;
     let rays = links.rays.max(1) as f64;
     let (mut flux_in, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
     let (mut sum, mut least, mut open) = (0f64, 1f64, 0u64);
-    for i in 0..n {
+    for (i, &indirect) in indirect.iter().enumerate() {
         let (mut lost, mut left) = (0u32, 0u32);
         for &j in links.row(i) {
             lost += (j == ESCAPED || j == BLACK) as u32;
@@ -237,9 +236,9 @@ fn audit(links: &Links, surfaces: &PatchSurfaces, indirect: &[DVec3]) -> Audit {
         least = least.min(reach);
         open += (left > 0) as u64;
         let (a, rho) = (surfaces.area[i], surfaces.reflectance[i]);
-        let b = surfaces.direct_radiosity[i] + rho * indirect[i];
+        let b = surfaces.direct_radiosity[i] + rho * indirect;
         flux_in += (surfaces.direct[i] + links.source(i).as_dvec3()) * a;
-        absorbed += (surfaces.direct[i] + indirect[i] - b) * a;
+        absorbed += (surfaces.direct[i] + indirect - b) * a;
         escaped += b * (a * (1.0 - reach));
     }
     let l = |c: DVec3| crate::luminance(c.as_vec3()) as f64;
@@ -253,7 +252,7 @@ fn audit(links: &Links, surfaces: &PatchSurfaces, indirect: &[DVec3]) -> Audit {
         } else {
             0.0
         },
-        row_sum_mean: sum / n.max(1) as f64,
+        row_sum_mean: sum / links.patches.max(1) as f64,
         row_sum_min: least,
         rows_open: open,
     }
