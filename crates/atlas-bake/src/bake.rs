@@ -17,6 +17,7 @@ use crate::gather::{GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
 use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
+use crate::smooth::smooth_indirect;
 
 /// Extra channels of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -108,11 +109,14 @@ pub fn bake(
         direct: DirectLight::new(world, emitters),
         options: options.lumels,
     };
-    let received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
+    let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
         let lumel = lumels.lumels[i];
         let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
         gatherer.gather(&LumelFootprint::new(world, &lumels, lumel, seed), seed)
     })?;
+    if std::env::var("NOSMOOTH").is_err() {
+        smooth_indirect(&lumels, layout, &mut received);
+    }
     summarise(&lumels.lumels, &received, &mut out.report);
     out.pages = fill_pages(world, layout, &lumels, &received, options);
     out.report.bytes = lumels.bytes()

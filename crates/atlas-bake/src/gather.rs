@@ -33,6 +33,14 @@ pub struct Received {
     pub indirect: Vec3,
     /// Estimated standard error of the sum's luminance.
     pub error: f32,
+    /// The part of `error`² that comes from `indirect`.
+    pub indirect_variance: f32,
+    /// Mean position of the footprint's points, metres, recentred.
+    pub position: Vec3,
+    /// Mean shading normal, unit.
+    pub normal: Vec3,
+    /// Size of the footprint, metres.
+    pub size: f32,
     /// Share of the footprint that lies in the open, 0..=1; 0 if all of it is inside or behind something.
     pub open: f32,
     /// Gathering and shadow rays cast.
@@ -103,6 +111,14 @@ impl Gatherer<'_, '_> {
                     direct: e,
                     indirect: mean,
                     error: (variance + direct_variance).sqrt(),
+                    indirect_variance: variance,
+                    position: points.iter().map(|p| p.position).sum::<Vec3>() / POINTS as f32,
+                    normal: points
+                        .iter()
+                        .map(|p| p.normal)
+                        .sum::<Vec3>()
+                        .normalize_or(points[0].normal),
+                    size: footprint.size(),
                     open: count as f32 / POINTS as f32,
                     rays,
                 };
