@@ -114,9 +114,7 @@ pub fn bake(
         let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
         gatherer.gather(&LumelFootprint::new(world, &lumels, lumel, seed), seed)
     })?;
-    if std::env::var("NOSMOOTH").is_err() {
-        smooth_indirect(&lumels, layout, &mut received);
-    }
+    smooth_indirect(&lumels, layout, &mut received);
     summarise(&lumels.lumels, &received, &mut out.report);
     out.pages = fill_pages(world, layout, &lumels, &received, options);
     out.report.bytes = lumels.bytes()

@@ -80,6 +80,12 @@ impl Gatherer<'_, '_> {
     /// Sub-points inside closed things are those from which nearly all rays meet black back faces. Where all of the footprint is
     /// inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        if self.world.is_dark() {
+            return Received {
+                open: 1.0,
+                ..Received::default()
+            };
+        }
         let points = spread(footprint);
         let mut sums = [Point::default(); POINTS];
         let mut per_point = (self.options.rays / POINTS as u32).max(1);

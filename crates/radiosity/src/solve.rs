@@ -76,7 +76,11 @@ pub fn solve(
 
     // Links take 4 bytes a ray, and as much again while they are transposed.
     let affordable = (options.link_bytes / (8 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
-    let most = options.rays.min(affordable).max(FIRST_PASS);
+    let most = if world.is_dark() {
+        FIRST_PASS // for the row sums; there is no light to distribute
+    } else {
+        options.rays.min(affordable).max(FIRST_PASS)
+    };
     let mut links = Links::new(n, most);
     let mut indirect = vec![DVec3::ZERO; n];
     let mut rays = FIRST_PASS.min(most);

@@ -181,6 +181,13 @@ impl<'a> World<'a> {
         self.two_sided[self.soup.materials[triangle as usize] as usize]
     }
 
+    /// Whether nothing at all shines: no lamp, no emissive surface, a black sky.
+    pub fn is_dark(&self) -> bool {
+        self.scene.lights.is_empty()
+            && self.sky.is_black()
+            && self.emission.iter().all(|e| *e == Emission::None)
+    }
+
     #[inline]
     pub(crate) fn emission(&self, triangle: u32) -> Emission {
         match self.emission.get(triangle as usize) {
