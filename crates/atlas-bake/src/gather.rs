@@ -3,7 +3,7 @@
 use glam::Vec3;
 use radiosity::{
     DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World, cosine_hemisphere,
-    luminance, sample_4d,
+    hash_u32, luminance, sample_4d,
 };
 
 use crate::footprint::Footprint;
@@ -154,7 +154,13 @@ impl Gatherer<'_, '_> {
                 Incoming::Black => out.black += 1,
                 Incoming::Surface(hit) => {
                     let at = p.origin + direction * hit.t;
-                    out.sum += self.solution.radiance(self.world, &hit, at);
+                    out.sum += self.solution.radiance(
+                        self.world,
+                        &self.direct,
+                        &hit,
+                        at,
+                        hash_u32(seed ^ i),
+                    );
                 }
             }
         }

@@ -5,7 +5,7 @@ use mesh_ingest::{Light, LightKind};
 
 use crate::emitters::{Emitter, Emitters};
 use crate::form_factor::form_factor_polygon;
-use crate::sampling::{SphericalTriangle, sample_4d};
+use crate::sampling::{SphericalTriangle, hash_u32, sample_4d};
 use crate::world::{SurfacePoint, World, luminance};
 
 /// How many shadow rays a light gets.
@@ -89,11 +89,64 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         if self.emitters.is_empty() {
             return out;
         }
-        // Which triangles singly, which groups whole; and roughly how much each brings.
-        let mut stack = [0u32; 64];
+        let mut terms = Vec::new();
+        self.emitter_terms(&first, scale, &mut terms);
+        let total: f32 = terms.iter().map(|t| t.1).sum();
+        for (term, weight) in terms {
+            self.add(
+                term,
+                weight / total,
+                &mut point,
+                set,
+                seed,
+                options,
+                &mut out,
+            );
+            set += 1;
+        }
+        out
+    }
+
+    /// Unbiased estimate of the direct irradiance at one point with a single shadow ray: one light is drawn, about in proportion to what
+    /// it would bring unoccluded.
+    pub fn sample_one(&self, point: &SurfacePoint, seed: u32) -> Vec3 {
+        let mut terms = Vec::new();
+        for light in &self.world.scene.lights {
+            if let Some((_, _, value)) = arrival(light, point) {
+                terms.push((Term::Punctual(light), luminance(value)));
+            }
+        }
+        self.emitter_terms(point, 0.0, &mut terms);
+        let total: f32 = terms.iter().map(|t| t.1).sum();
+        if total <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let mut left = hash_u32(seed) as f32 / 4294967296.0 * total;
+        let mut chosen = terms.len() - 1;
+        for (k, t) in terms.iter().enumerate() {
+            if left < t.1 {
+                chosen = k;
+                break;
+            }
+            left -= t.1;
+        }
+        let (term, weight) = terms.swap_remove(chosen);
+        let mut out = DirectEstimate::default();
+        let once = DirectOptions {
+            base: 1,
+            penumbra: 1,
+        };
+        self.add(term, 1.0, &mut |_| *point, 1, seed, &once, &mut out);
+        out.irradiance * (total / weight)
+    }
+
+    /// Which emissive triangles count singly and which groups whole, with roughly how much each brings.
+    fn emitter_terms(&self, first: &SurfacePoint, scale: f32, terms: &mut Vec<(Term<'w>, f32)>) {
+        if self.emitters.is_empty() {
+            return;
+        }
+        let mut stack = [0u32; 64]; // the tree's depth is log2 of the triangles
         let mut depth = 1;
-        let mut terms: Vec<(Term, f32)> = Vec::new();
-        let mut total = 0.0;
         while depth > 0 {
             depth -= 1;
             let id = stack[depth];
@@ -109,30 +162,15 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let e = &self.emitters.emitters[node.start as usize];
                 if e.two_sided || e.normal.dot(first.position - e.corners[0]) > -scale {
                     terms.push((Term::Triangle(e), weight));
-                    total += weight;
                 }
             } else if reach * reach < FAR_GROUP * FAR_GROUP * d2 {
                 terms.push((Term::Group(node.start, node.end), weight));
-                total += weight;
             } else {
                 stack[depth] = node.second;
                 stack[depth + 1] = id + 1;
                 depth += 2;
             }
         }
-        for (term, weight) in terms {
-            self.add(
-                term,
-                weight / total,
-                &mut point,
-                set,
-                seed,
-                options,
-                &mut out,
-            );
-            set += 1;
-        }
-        out
     }
 
     /// Adds one light. `share` is roughly its part of the light, which decides how much work it is worth.
@@ -179,49 +217,13 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     fn punctual(&self, light: &Light, p: &SurfacePoint, acc: &mut Accumulator) {
-        let (to, t_max, intensity) = match light.kind {
-            LightKind::Directional { direction } => (-direction, f32::INFINITY, light.intensity),
-            LightKind::Point { position, range } => {
-                let d = position - p.position;
-                (
-                    position - p.origin,
-                    1.0,
-                    light.intensity * falloff(d, range),
-                )
-            }
-            LightKind::Spot {
-                position,
-                direction,
-                range,
-                inner,
-                outer,
-            } => {
-                let d = position - p.position;
-                // The cone of KHR_lights_punctual: linear in the cosine between the angles, squared.
-                let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
-                let cone =
-                    ((direction.dot(-d.normalize_or_zero()) - outer.cos()) * scale).clamp(0.0, 1.0);
-                (
-                    position - p.origin,
-                    1.0,
-                    light.intensity * (cone * cone * falloff(d, range)),
-                )
-            }
-        };
-        let axis = match light.kind {
-            LightKind::Directional { .. } => to,
-            LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
-                (position - p.position).normalize_or_zero()
-            }
-        };
-        let cos = p.normal.dot(axis);
-        if cos <= 0.0 || p.geometric.dot(axis) <= 0.0 || intensity == Vec3::ZERO {
+        let Some((to, t_max, value)) = arrival(light, p) else {
             acc.nothing();
             return;
-        }
+        };
         let visible = !self.world.occluded(p.origin, to, t_max);
         acc.rays += 1;
-        acc.plain(intensity * cos, visible);
+        acc.plain(value, visible);
     }
 
     fn triangle(&self, e: &Emitter, p: &SurfacePoint, random: [f32; 4], acc: &mut Accumulator) {
@@ -326,6 +328,38 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let v = ((d11 * p2 - d12 * p1) / det).clamp(0.0, 1.0 - u);
         self.world.scene.emission(self.world.soup, e.triangle, u, v)
     }
+}
+
+/// The shadow ray's direction and end, and the irradiance at `p` if nothing is in between; `None` where it is 0.
+fn arrival(light: &Light, p: &SurfacePoint) -> Option<(Vec3, f32, Vec3)> {
+    let from = |position: Vec3| (position - p.origin, 1.0, position - p.position);
+    let (to, t_max, d) = match light.kind {
+        LightKind::Directional { direction } => (-direction, f32::INFINITY, -direction),
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => from(position),
+    };
+    let axis = d.normalize_or_zero();
+    let cos = p.normal.dot(axis);
+    if cos <= 0.0 || p.geometric.dot(axis) <= 0.0 {
+        return None;
+    }
+    let factor = match light.kind {
+        LightKind::Directional { .. } => 1.0,
+        LightKind::Point { range, .. } => falloff(d, range),
+        LightKind::Spot {
+            direction,
+            range,
+            inner,
+            outer,
+            ..
+        } => {
+            // The cone of KHR_lights_punctual: linear in the cosine between the angles, squared.
+            let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
+            let cone = ((direction.dot(-axis) - outer.cos()) * scale).clamp(0.0, 1.0);
+            cone * cone * falloff(d, range)
+        }
+    };
+    let value = light.intensity * (cos * factor);
+    (value != Vec3::ZERO).then_some((to, t_max, value))
 }
 
 /// A point uniform on the triangle.

@@ -5,6 +5,7 @@ use patch_subdivision::{Stats, Subdivision};
 use serde::Serialize;
 use visibility::Hit;
 
+use crate::direct::DirectLight;
 use crate::relax::RelaxReport;
 use crate::world::World;
 
@@ -18,6 +19,9 @@ pub struct Solution {
     pub direct_mean: Vec<Vec3>,
     /// Indirect irradiance per patch: reflected light, the sky, and emission that rays gather.
     pub indirect: Vec<Vec3>,
+    /// Patches over which direct light changes too much for their elements to stand for it: a shadow's edge, a lamp close
+    /// by, a wall that stands on them.
+    pub rough: Vec<bool>,
     /// How it was reached.
     pub report: SolveReport,
 }
@@ -29,6 +33,8 @@ pub struct SolveReport {
     pub subdivision: Stats,
     /// Emissive triangles that direct light samples.
     pub emitters: usize,
+    /// Patches whose direct light is computed anew at each hit.
+    pub rough_patches: u64,
     /// Rays cast from each patch.
     pub rays_per_patch: u32,
     /// Rays between patches, in all.
@@ -68,30 +74,40 @@ pub struct Audit {
 }
 
 impl Solution {
-    /// Irradiance at a point `p` that a ray found as `hit`. Direct light comes from the point's element, indirect light is
-    /// interpolated between patches.
+    /// Radiance that leaves the point `p`, which a ray found as `hit`, towards the ray's origin: ρE/π and gathered emission.
+    ///
+    /// Indirect light is interpolated between patches. Direct light comes from the point's element, or, on
+    /// [`rough`](Solution::rough) patches, from the lights themselves with one shadow ray: else what an element's one point
+    /// happened to see would shine from all of it (the ceiling just above a hanging lamp, the floor under a box's edge).
+    /// `seed` decides where those rays go.
     #[inline]
-    pub fn irradiance(&self, hit: &Hit, p: Vec3) -> Vec3 {
+    pub fn radiance(
+        &self,
+        world: &World,
+        lights: &DirectLight,
+        hit: &Hit,
+        p: Vec3,
+        seed: u32,
+    ) -> Vec3 {
         let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
             return Vec3::ZERO;
         };
-        let direct = match at.element {
-            Some(e) => self.direct[e.0 as usize],
-            None => self.direct_mean[at.patch.0 as usize],
+        let direct = if self.rough[at.patch.0 as usize] {
+            let point = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+            lights.sample_one(&point, seed)
+        } else {
+            match at.element {
+                Some(e) => self.direct[e.0 as usize],
+                None => self.direct_mean[at.patch.0 as usize],
+            }
         };
         let (taps, n) = self.cut.taps(hit.triangle, p, at);
         let mut indirect = Vec3::ZERO;
         for t in &taps[..n] {
             indirect += self.indirect[t.patch.0 as usize] * t.weight;
         }
-        direct + indirect
-    }
-
-    /// Radiance that leaves the hit point towards the ray's origin: ρE/π and gathered emission.
-    #[inline]
-    pub fn radiance(&self, world: &World, hit: &Hit, p: Vec3) -> Vec3 {
         let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
-        reflectance * self.irradiance(hit, p) * std::f32::consts::FRAC_1_PI
+        reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI
             + world.gathered_emission(hit.triangle, hit.u, hit.v)
     }
 
