@@ -24,8 +24,9 @@ const REACH: i64 = 2;
 /// A difference of this many standard errors halves a neighbour's weight and more: exp(−d²/2K²) = 0.61 at K.
 const SIGMAS: f32 = 2.0;
 
-/// Cosine between normals below which two lumels see different hemispheres.
-const SAME_FACING: f32 = 0.98;
+/// Cosine between normals below which two lumels see too different hemispheres. About 30°: along a curve light changes steadily, which
+/// the plane follows, and pillars are a few lumels around.
+const SAME_FACING: f32 = 0.85;
 
 /// Smooths `received` in place; only `indirect` and `error` change.
 pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [Received]) {
@@ -99,7 +100,7 @@ fn fit(i: usize, lumels: &[Lumel], index: &Index, received: &[Received]) -> (Vec
                 || r.normal.dot(own.normal) < SAME_FACING
                 || r.position.distance(own.position) > 1.5 * (steps + 0.5) * own.size
                 || (r.position - own.position).dot(own.normal).abs()
-                    > 0.25 * (steps + 1.0) * own.size
+                    > 0.5 * (steps + 1.0) * own.size
             {
                 continue;
             }
