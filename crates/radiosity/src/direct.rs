@@ -29,7 +29,7 @@ pub struct DirectEstimate {
     pub rays: u32,
 }
 
-/// A group of emitters is taken as one when it is seen under less than this angle (radius over distance). At 0.1 the
+/// A group of emitters is always taken as one when it is seen under less than this angle (radius over distance). At 0.1 the
 /// point-to-point kernel varies by at most (1.1/0.9)² over it; the sampling of points inside averages that out.
 const FAR_GROUP: f32 = 0.1;
 
@@ -90,7 +90,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             return out;
         }
         let mut terms = Vec::new();
-        self.emitter_terms(&first, scale, &mut terms);
+        self.emitter_terms(&first, scale, options.base.max(4) as usize * 2, &mut terms);
         let total: f32 = terms.iter().map(|t| t.1).sum();
         for (term, weight) in terms {
             self.add(
@@ -116,7 +116,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 terms.push((Term::Punctual(light), luminance(value)));
             }
         }
-        self.emitter_terms(point, 0.0, &mut terms);
+        self.emitter_terms(point, 0.0, 8, &mut terms);
         let total: f32 = terms.iter().map(|t| t.1).sum();
         if total <= 0.0 {
             return Vec3::ZERO;
@@ -140,37 +140,67 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         out.irradiance * (total / weight)
     }
 
-    /// Which emissive triangles count singly and which groups whole, with roughly how much each brings.
-    fn emitter_terms(&self, first: &SurfacePoint, scale: f32, terms: &mut Vec<(Term<'w>, f32)>) {
+    /// Which emissive triangles count singly and which groups whole, at most `most` of both, with roughly how much each brings.
+    ///
+    /// Starts from all emitters as one group and splits the one whose light is spread widest, until what is left is either a single
+    /// triangle or far away, or there are enough (Walter and others, *Lightcuts*, 2005).
+    fn emitter_terms(
+        &self,
+        first: &SurfacePoint,
+        scale: f32,
+        most: usize,
+        terms: &mut Vec<(Term<'w>, f32)>,
+    ) {
         if self.emitters.is_empty() {
             return;
         }
-        let mut stack = [0u32; 64]; // the tree's depth is log2 of the triangles
-        let mut depth = 1;
-        while depth > 0 {
-            depth -= 1;
-            let id = stack[depth];
+        /// A node with its weight, and how much there is to gain from splitting it.
+        type Candidate = (u32, f32, f32);
+        let judge = |id: u32| -> Option<Candidate> {
             let node = &self.emitters.nodes[id as usize];
             let to = node.centre - first.position;
             let reach = node.radius + scale;
             if to.dot(first.normal) < -reach * 1.01 {
-                continue; // all of it below the horizon
+                return None; // all of it below the horizon
             }
             let d2 = to.length_squared();
             let weight = node.power / d2.max(node.radius * node.radius).max(1e-30);
             if node.second == 0 {
                 let e = &self.emitters.emitters[node.start as usize];
-                if e.two_sided || e.normal.dot(first.position - e.corners[0]) > -scale {
-                    terms.push((Term::Triangle(e), weight));
-                }
-            } else if reach * reach < FAR_GROUP * FAR_GROUP * d2 {
-                terms.push((Term::Group(node.start, node.end), weight));
-            } else {
-                stack[depth] = node.second;
-                stack[depth + 1] = id + 1;
-                depth += 2;
+                let faces = e.two_sided || e.normal.dot(first.position - e.corners[0]) > -scale;
+                return faces.then_some((id, weight, 0.0));
             }
+            let far = reach * reach < FAR_GROUP * FAR_GROUP * d2;
+            let gain = if far {
+                0.0
+            } else {
+                weight * reach * reach / d2.max(1e-30)
+            };
+            Some((id, weight, gain))
+        };
+        let mut cut: Vec<Candidate> = Vec::with_capacity(most + 1);
+        cut.extend(judge(0));
+        while cut.len() < most {
+            let Some(widest) = (0..cut.len()).max_by(|&a, &b| cut[a].2.total_cmp(&cut[b].2)) else {
+                break;
+            };
+            let (id, _, gain) = cut[widest];
+            if gain <= 0.0 {
+                break;
+            }
+            cut.swap_remove(widest);
+            cut.extend(judge(id + 1));
+            cut.extend(judge(self.emitters.nodes[id as usize].second));
         }
+        terms.extend(cut.into_iter().map(|(id, weight, _)| {
+            let node = &self.emitters.nodes[id as usize];
+            let term = if node.second == 0 {
+                Term::Triangle(&self.emitters.emitters[node.start as usize])
+            } else {
+                Term::Group(node.start, node.end)
+            };
+            (term, weight)
+        }));
     }
 
     /// Adds one light. `share` is roughly its part of the light, which decides how much work it is worth.
@@ -188,15 +218,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         options: &DirectOptions,
         out: &mut DirectEstimate,
     ) {
-        let divide = if share > 0.02 {
-            1
-        } else if share > 0.001 {
-            4
-        } else {
-            16
-        };
-        let base = (options.base / divide).max(1);
-        let most = (options.penumbra / divide).max(base);
+        // Up to four lights of equal strength get the whole number of points each; more share four times that number, by what
+        // they bring, so that a hundred emissive triangles cost little more than four.
+        let part = (4.0 * share).min(1.0);
+        let base = ((options.base as f32 * part).ceil() as u32).max(1);
+        let most = ((options.penumbra as f32 * part).ceil() as u32).max(base);
         let mut acc = Accumulator::default();
         let mut n = 0;
         let mut target = base;
