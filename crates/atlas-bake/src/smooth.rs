@@ -28,13 +28,25 @@ const SIGMAS: f32 = 2.0;
 /// the plane follows, and pillars are a few lumels around.
 const SAME_FACING: f32 = 0.85;
 
-/// Smooths `received` in place; only `indirect` and `error` change.
+/// Lumels of a window.
+const SIDE: usize = (2 * REACH + 1) as usize;
+
+/// Smooths `received` in place; only `indirect`, its variance and `error` change.
 pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [Received]) {
-    let index = Index::build(&lumels.lumels, layout);
+    let window = Window {
+        lumels: &lumels.lumels,
+        index: Index::build(&lumels.lumels, layout),
+        received,
+    };
+    let pooled: Vec<f32> = (0..received.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|i| window.pooled_variance(i))
+        .collect();
     let smoothed: Vec<(Vec3, f32)> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
-        .map(|i| fit(i, &lumels.lumels, &index, received))
+        .map(|i| window.fit(i, &pooled))
         .collect();
     for (r, (indirect, variance)) in received.iter_mut().zip(smoothed) {
         let direct = (r.error * r.error - r.indirect_variance).max(0.0);
@@ -74,61 +86,95 @@ impl Index {
     }
 }
 
-/// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance.
-fn fit(i: usize, lumels: &[Lumel], index: &Index, received: &[Received]) -> (Vec3, f32) {
-    const SIDE: usize = (2 * REACH + 1) as usize;
-    let own = &received[i];
-    let keep = (own.indirect, own.indirect_variance);
-    if own.indirect_variance <= 0.0 || own.open < 1.0 {
-        return keep;
-    }
-    let l = &lumels[i];
-    let value = luminance(own.indirect);
-    let mut used = [(0usize, DVec3::ZERO, 0f64); SIDE * SIDE];
-    let mut n = 0;
-    let mut normal_matrix = DMat3::ZERO;
-    for dy in -REACH..=REACH {
-        for dx in -REACH..=REACH {
-            let (x, y) = (l.texel[0] as i64 + dx, l.texel[1] as i64 + dy);
-            let Some(j) = index.at(l.page, x, y) else {
-                continue;
-            };
-            let (other, r) = (&lumels[j], &received[j]);
-            let steps = ((dx * dx + dy * dy) as f32).sqrt();
-            if other.instance != l.instance
-                || r.open < 1.0
-                || r.normal.dot(own.normal) < SAME_FACING
-                || r.position.distance(own.position) > 1.5 * (steps + 0.5) * own.size
-                || (r.position - own.position).dot(own.normal).abs()
-                    > 0.5 * (steps + 1.0) * own.size
-            {
-                continue;
+/// A neighbour and its offset in texels.
+type Neighbour = (usize, i64, i64);
+
+struct Window<'a> {
+    lumels: &'a [Lumel],
+    index: Index,
+    received: &'a [Received],
+}
+
+impl Window<'_> {
+    /// Lumels about `i`, itself among them, on the same piece of surface and wholly in the open.
+    fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
+        let (l, own) = (&self.lumels[i], &self.received[i]);
+        let mut found = [(0, 0, 0); SIDE * SIDE];
+        let mut n = 0;
+        for dy in -REACH..=REACH {
+            for dx in -REACH..=REACH {
+                let (x, y) = (l.texel[0] as i64 + dx, l.texel[1] as i64 + dy);
+                let Some(j) = self.index.at(l.page, x, y) else {
+                    continue;
+                };
+                let r = &self.received[j];
+                let steps = ((dx * dx + dy * dy) as f32).sqrt();
+                let between = r.position - own.position;
+                if self.lumels[j].instance == l.instance
+                    && r.open == 1.0
+                    && r.normal.dot(own.normal) >= SAME_FACING
+                    && between.length() <= 1.5 * (steps + 0.5) * own.size
+                    && between.dot(own.normal).abs() <= 0.5 * (steps + 1.0) * own.size
+                {
+                    found[n] = (j, dx, dy);
+                    n += 1;
+                }
             }
-            let d = luminance(r.indirect) - value;
-            let noise = own.indirect_variance + r.indirect_variance;
-            let likely = (-d * d / (2.0 * SIGMAS * SIGMAS * noise)).exp();
-            let near = (-0.5 * steps * steps / (REACH * REACH) as f32).exp();
-            let w = (likely * near * other.coverage.max(0.05)) as f64;
-            let row = DVec3::new(1.0, dx as f64, dy as f64);
-            normal_matrix += DMat3::from_cols(row * row.x, row * row.y, row * row.z) * w;
-            used[n] = (j, row, w);
-            n += 1;
+        }
+        (found, n)
+    }
+
+    /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that
+    /// chanced to miss it finds itself dark and certain, and would stay a dark dot.
+    fn pooled_variance(&self, i: usize) -> f32 {
+        let (around, n) = self.around(i);
+        let sum: f32 = around[..n]
+            .iter()
+            .map(|a| self.received[a.0].indirect_variance)
+            .sum();
+        if n > 0 {
+            sum / n as f32
+        } else {
+            self.received[i].indirect_variance
         }
     }
-    // Too few for a plane: a strip one or two lumels wide.
-    let (determinant, trace) = (normal_matrix.determinant(), normal_matrix.x_axis.x);
-    if n < 6 || determinant < 1e-3 * trace * trace * trace {
-        return keep;
+
+    /// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance.
+    fn fit(&self, i: usize, variance: &[f32]) -> (Vec3, f32) {
+        let own = &self.received[i];
+        let keep = (own.indirect, variance[i]);
+        if variance[i] <= 0.0 || own.open < 1.0 {
+            return (own.indirect, own.indirect_variance);
+        }
+        let value = luminance(own.indirect);
+        let (around, n) = self.around(i);
+        let mut rows = [(DVec3::ZERO, 0f64); SIDE * SIDE];
+        let mut normal_matrix = DMat3::ZERO;
+        for (k, &(j, dx, dy)) in around[..n].iter().enumerate() {
+            let d = luminance(self.received[j].indirect) - value;
+            let noise = variance[i] + variance[j];
+            let likely = (-d * d / (2.0 * SIGMAS * SIGMAS * noise)).exp();
+            let near = (-0.5 * (dx * dx + dy * dy) as f32 / (REACH * REACH) as f32).exp();
+            let w = (likely * near * self.lumels[j].coverage.max(0.05)) as f64;
+            let row = DVec3::new(1.0, dx as f64, dy as f64);
+            normal_matrix += DMat3::from_cols(row * row.x, row * row.y, row * row.z) * w;
+            rows[k] = (row, w);
+        }
+        // Too few for a plane: a strip one or two lumels wide.
+        let (determinant, total) = (normal_matrix.determinant(), normal_matrix.x_axis.x);
+        if n < 6 || determinant < 1e-3 * total * total * total {
+            return keep;
+        }
+        let first = normal_matrix.inverse().x_axis; // symmetric, so this is the first row
+        let (mut sum, mut fitted) = (Vec3::ZERO, 0f32);
+        for (&(row, w), &(j, ..)) in rows[..n].iter().zip(&around) {
+            let h = (first.dot(row) * w) as f32;
+            sum += self.received[j].indirect * h;
+            fitted += h * h * variance[j];
+        }
+        if fitted >= variance[i] || sum.min_element() < 0.0 {
+            return keep;
+        }
+        (sum, fitted)
     }
-    let first = normal_matrix.inverse().x_axis; // symmetric, so this is the first row
-    let (mut sum, mut variance) = (Vec3::ZERO, 0f32);
-    for &(j, row, w) in &used[..n] {
-        let h = (first.dot(row) * w) as f32;
-        sum += received[j].indirect * h;
-        variance += h * h * received[j].indirect_variance;
-    }
-    if variance >= own.indirect_variance || sum.min_element() < 0.0 {
-        return keep;
-    }
-    (sum, variance)
 }
