@@ -9,6 +9,8 @@
 
 mod direct;
 mod emitters;
+#[cfg(test)]
+mod fixtures;
 mod form_factor;
 mod links;
 mod monitor;

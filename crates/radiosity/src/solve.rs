@@ -287,3 +287,6 @@ fn audit(links: &Links, surfaces: &PatchSurfaces, indirect: &[DVec3]) -> Audit {
         rows_open: open,
     }
 }
+
+#[cfg(test)]
+mod tests;

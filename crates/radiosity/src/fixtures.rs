@@ -1,0 +1,98 @@
+//! Scenes made by hand for this crate's tests.
+
+use glam::{DAffine3, DVec3, Vec3, Vec4};
+use mesh_ingest::{AlphaMode, Instance, Light, Material, Mesh, Primitive, Scene};
+
+/// A grey, single-sided material.
+pub(crate) fn material(reflectance: f32, emissive: Vec3) -> Material {
+    Material {
+        name: String::new(),
+        gltf_material: None,
+        base_color: Vec4::new(reflectance, reflectance, reflectance, 1.0),
+        base_texture: None,
+        emissive,
+        emissive_texture: None,
+        alpha: AlphaMode::Opaque,
+        double_sided: false,
+    }
+}
+
+/// Adds a one-primitive mesh with one instance; positions are world positions.
+pub(crate) fn add_triangles(
+    scene: &mut Scene,
+    material: Material,
+    positions: Vec<Vec3>,
+    triangles: Vec<[u32; 3]>,
+) {
+    scene.materials.push(material);
+    scene.instances.push(Instance {
+        node: scene.instances.len(),
+        name: String::new(),
+        copy: None,
+        mesh: scene.meshes.len(),
+        transform: DAffine3::IDENTITY,
+        extras: None,
+    });
+    scene.meshes.push(Mesh {
+        gltf_mesh: scene.meshes.len(),
+        name: String::new(),
+        primitives: vec![Primitive {
+            positions,
+            source_triangles: (0..triangles.len() as u32).collect(),
+            triangles,
+            material: scene.materials.len() - 1,
+            ..Primitive::default()
+        }],
+    });
+}
+
+/// Adds the parallelogram `corner`, `corner + x`, `corner + x + y`, `corner + y` as two triangles; its front is `x × y`.
+pub(crate) fn add_quad(scene: &mut Scene, material: Material, corner: Vec3, x: Vec3, y: Vec3) {
+    add_triangles(
+        scene,
+        material,
+        vec![corner, corner + x, corner + x + y, corner + y],
+        vec![[0, 1, 2], [0, 2, 3]],
+    );
+}
+
+/// The unit cube [0, 1]³ seen from inside, all of one material, twelve triangles that share their corners.
+pub(crate) fn cube(reflectance: f32, emissive: Vec3) -> Scene {
+    let mut scene = Scene {
+        origin: DVec3::ZERO,
+        ..Scene::default()
+    };
+    let corners = (0..8u32)
+        .map(|i| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2 & 1) as f32))
+        .collect();
+    // Counter-clockwise from inside.
+    let faces: [[u32; 4]; 6] = [
+        [0, 2, 6, 4],
+        [1, 5, 7, 3],
+        [0, 4, 5, 1],
+        [2, 3, 7, 6],
+        [0, 1, 3, 2],
+        [4, 6, 7, 5],
+    ];
+    let triangles = faces
+        .iter()
+        .flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]])
+        .collect();
+    add_triangles(
+        &mut scene,
+        material(reflectance, emissive),
+        corners,
+        triangles,
+    );
+    scene
+}
+
+/// A white punctual light.
+pub(crate) fn light(intensity: f32, kind: mesh_ingest::LightKind) -> Light {
+    Light {
+        name: String::new(),
+        node: None,
+        intensity: Vec3::splat(intensity),
+        kind,
+    }
+}

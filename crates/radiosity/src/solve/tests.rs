@@ -1,0 +1,325 @@
+use std::f64::consts::PI;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use glam::Vec3;
+use mesh_ingest::{LightKind, Scene, Soup};
+
+use super::*;
+use crate::fixtures::{add_quad, cube, light, material};
+use crate::monitor::Silent;
+use crate::world::{Sky, WorldOptions};
+
+fn options(patches: u32, rays: u32) -> SolveOptions {
+    SolveOptions {
+        cut: CutOptions {
+            patches,
+            ..CutOptions::default()
+        },
+        rays,
+        ..SolveOptions::default()
+    }
+}
+
+fn solve_scene(scene: &Scene, sky: Sky, options: &SolveOptions, monitor: &dyn Monitor) -> Solution {
+    let soup = Soup::build(scene);
+    let world = World::build(
+        scene,
+        &soup,
+        WorldOptions {
+            sky,
+            ..WorldOptions::default()
+        },
+    )
+    .unwrap();
+    solve(&world, &Emitters::collect(&world), options, monitor)
+}
+
+/// A closed room with a lamp off its centre.
+fn lit_room(reflectance: f32) -> Scene {
+    let mut scene = cube(reflectance, Vec3::ZERO);
+    scene.lights.push(light(
+        3.0,
+        LightKind::Point {
+            position: Vec3::new(0.4, 0.5, 0.7),
+            range: None,
+        },
+    ));
+    scene
+}
+
+#[test]
+fn a_furnace_is_as_bright_everywhere_as_the_geometric_series_says() {
+    for rho in [0.5f32, 0.9, 0.99] {
+        let emitted = Vec3::new(1.0, 2.0, 0.25);
+        let s = solve_scene(&cube(rho, emitted), Sky::Black, &options(96, 64), &Silent);
+        assert!(s.report.relaxation.converged, "{:?}", s.report);
+        for (i, (d, x)) in s.direct_mean.iter().zip(&s.indirect).enumerate() {
+            // E = πL/(1−ρ), exact for any rays because rows sum to 1. What is left is the relaxation: its 1e-4 bounds the mean;
+            // the residual of a furnace is about uniform, so 1e-3 leaves a factor of ten for the worst patch.
+            let exact = emitted * (std::f32::consts::PI / (1.0 - rho));
+            let off = ((*d + *x - exact) / exact).abs().max_element();
+            assert!(off < 1e-3, "rho {rho}, patch {i}: {} not {exact}", *d + *x);
+        }
+        assert_eq!(s.report.audit.row_sum_min, 1.0);
+        assert_eq!(s.report.audit.rows_open, 0);
+    }
+}
+
+#[test]
+fn a_plate_under_a_constant_sky_receives_pi_l() {
+    let mut scene = Scene::default();
+    add_quad(
+        &mut scene,
+        material(0.7, Vec3::ZERO),
+        Vec3::ZERO,
+        Vec3::Z,
+        Vec3::X,
+    );
+    let l = Vec3::new(0.5, 1.0, 2.0);
+    let s = solve_scene(&scene, Sky::Constant(l), &options(16, 64), &Silent);
+    assert!(!s.indirect.is_empty());
+    for e in &s.indirect {
+        // Every ray escapes; 64 equal numbers are added in f32 (64 × 6e-8).
+        let off = (*e / (l * std::f32::consts::PI) - 1.0).abs().max_element();
+        assert!(off < 4e-6, "{e}");
+    }
+    let a = &s.report.audit;
+    assert_eq!(a.rows_open as usize, s.indirect.len());
+    assert_eq!((a.row_sum_min, a.row_sum_mean), (0.0, 0.0));
+    // Area 1, and the share ρ of what comes goes away again.
+    for c in 0..3 {
+        let flux = PI * l[c] as f64;
+        assert!((a.flux_in[c] / flux - 1.0).abs() < 1e-5, "{a:?}");
+        assert!(
+            (a.flux_escaped[c] / (0.7 * flux) - 1.0).abs() < 1e-5,
+            "{a:?}"
+        );
+        assert!(
+            (a.flux_absorbed[c] / (0.3 * flux) - 1.0).abs() < 1e-5,
+            "{a:?}"
+        );
+    }
+}
+
+#[test]
+fn a_closed_room_absorbs_what_its_lamp_sends() {
+    let s = solve_scene(&lit_room(0.5), Sky::Black, &options(96, 1024), &Silent);
+    let a = &s.report.audit;
+    // All of Φ = 4πI reaches the walls. Elements sample E at one random point each: 96 patches of up to 16 elements, E varying by
+    // some 10 % over one (2 × size/distance = 2 × 0.06/0.3 at worst), so 0.1/√1500 = 0.3 %; four times that.
+    assert!(
+        (a.flux_in[1] / (4.0 * PI * 3.0) - 1.0).abs() < 0.012,
+        "{a:?}"
+    );
+    assert_eq!(a.flux_escaped, [0.0; 3]);
+    // Reciprocity holds within noise: each of some 96 columns has about 1024 rays, 3 % each, over columns 0.3 %, weighted by a
+    // light that varies about threefold: 1 %.
+    assert!(a.imbalance.abs() < 0.01, "{a:?}");
+    // Absorbed = Φ in all, by the same token.
+    assert!(
+        (a.flux_absorbed[1] / a.flux_in[1] - 1.0).abs() < 0.01,
+        "{a:?}"
+    );
+    assert!(!s.report.cancelled && s.report.relaxation.converged);
+}
+
+/// Cancels from its n-th question on.
+struct CancelAfter(AtomicU32);
+
+impl Monitor for CancelAfter {
+    fn cancelled(&self) -> bool {
+        self.0
+            .fetch_update(Ordering::SeqCst, Ordering::SeqCst, |n| n.checked_sub(1))
+            .is_err()
+    }
+}
+
+#[test]
+fn a_cancelled_solve_says_so_and_leaves_usable_numbers() {
+    let scenes = [
+        lit_room(0.9),
+        cube(0.9, Vec3::ONE), // has no direct phase
+    ];
+    for (k, scene) in scenes.iter().enumerate() {
+        let mut distinct = std::collections::BTreeSet::new();
+        for calls in [0, 1, 2, 3, 4, 5, 6, 8, 10, 12] {
+            let monitor = CancelAfter(AtomicU32::new(calls));
+            let s = solve_scene(scene, Sky::Black, &options(200, 1024), &monitor);
+            assert!(s.report.cancelled, "scene {k}, {calls} calls");
+            assert_eq!(s.indirect.len(), s.cut.patches().len());
+            assert_eq!(s.direct.len(), s.cut.elements().len());
+            let values = s.direct.iter().chain(&s.direct_mean).chain(&s.indirect);
+            for e in values {
+                assert!(e.is_finite() && e.min_element() >= 0.0, "{e}");
+            }
+            assert!(s.report.audit.imbalance.is_finite());
+            distinct.insert(s.report.rays_per_patch);
+        }
+        // Cancelled before the first links and after some.
+        assert!(distinct.len() > 1, "{distinct:?}");
+        assert!(distinct.contains(&0));
+    }
+}
+
+#[test]
+fn the_number_of_threads_does_not_change_a_bit() {
+    let mut scene = lit_room(0.8);
+    // A lamp and an occluder inside, so that all kinds of light take part.
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::splat(40.0)),
+        Vec3::new(0.2, 0.9, 0.2),
+        Vec3::X * 0.2,
+        Vec3::Z * 0.2,
+    );
+    let run = |threads: usize| {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap()
+            .install(|| solve_scene(&scene, Sky::Black, &options(150, 64), &Silent))
+    };
+    let bits = |s: &Solution| -> Vec<u32> {
+        s.direct
+            .iter()
+            .chain(&s.direct_mean)
+            .chain(&s.indirect)
+            .flat_map(|v| v.to_array().map(f32::to_bits))
+            .collect()
+    };
+    let (one, two) = (run(1), run(2));
+    assert!(one.report.emitters == 2 && one.direct.iter().any(|e| *e != Vec3::ZERO));
+    assert_eq!(bits(&one), bits(&two));
+    assert_eq!(one.rough, two.rough);
+    assert_eq!(
+        format!("{:?}", one.report),
+        format!("{:?}", two.report),
+        "the reports differ"
+    );
+}
+
+#[test]
+fn nothing_to_light_gives_nothing() {
+    let s = solve_scene(
+        &cube(0.5, Vec3::ZERO),
+        Sky::Black,
+        &options(24, 256),
+        &Silent,
+    );
+    assert!(s.indirect.iter().chain(&s.direct).all(|e| *e == Vec3::ZERO));
+    assert!(!s.report.cancelled && s.report.rays_per_patch == FIRST_PASS);
+    let empty = solve_scene(
+        &Scene::default(),
+        Sky::Constant(Vec3::ONE),
+        &options(24, 256),
+        &Silent,
+    );
+    assert!(empty.indirect.is_empty() && empty.direct.is_empty());
+}
+
+/// The cube's face (0..6) of every patch.
+fn faces(soup: &Soup, cut: &Subdivision) -> Vec<usize> {
+    (0..cut.patches().len() as u32)
+        .map(|p| {
+            let n =
+                soup.normals[cut.elements()[cut.elements_of(PatchId(p)).start].triangle as usize];
+            let axis = n.abs().max_position();
+            2 * axis + (n[axis] < 0.0) as usize
+        })
+        .collect()
+}
+
+#[test]
+fn links_of_a_cube_are_its_form_factors() {
+    let scene = cube(0.5, Vec3::ONE);
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+    let cut = Subdivision::build(&soup, |_| false, &options(96, 0).cut);
+    let n = cut.patches().len();
+    let face = faces(&soup, &cut);
+    let mut links = Links::new(n, 1024);
+    // In two steps, as the solver does: the second continues the sequence of the first.
+    for rays in [100, 1024] {
+        links.extend(&world, &cut, rays, &Silent).unwrap();
+        assert_eq!(links.rays, rays);
+    }
+    let (mut from, mut to) = ([0f64; 6], [[0f64; 6]; 6]);
+    let mut squares = [0f64; 6];
+    for i in 0..n {
+        let area = cut.patches()[i].area as f64;
+        from[face[i]] += area;
+        squares[face[i]] += area * area;
+        // Closed: all rays end on patches, so the row sums to exactly 1, and what they see is the emission.
+        assert_eq!(links.row(i).len(), 1024);
+        assert!(
+            (links.source(i) / std::f32::consts::PI - 1.0)
+                .abs()
+                .max_element()
+                < 1e-5
+        );
+        for &j in links.row(i) {
+            assert!((j as usize) < n, "patch {i}: target {j:#x} is no patch");
+            to[face[i]][face[j as usize]] += area / 1024.0;
+        }
+    }
+    for a in 0..6 {
+        assert!(
+            (from[a] - 1.0).abs() < 1e-5,
+            "face {a} has area {}",
+            from[a]
+        );
+        for b in 0..6 {
+            // Howell, catalogue C-11 and C-14, for the cube; faces 2k and 2k + 1 are opposite.
+            let exact = match (a == b, a / 2 == b / 2) {
+                (true, _) => 0.0,
+                (_, true) => 0.199_825,
+                _ => 0.200_044,
+            };
+            // Binomial, for rays that count by their patch's area; stratification only lowers it.
+            let effective = from[a] * from[a] / squares[a] * 1024.0;
+            let sigma = (exact * (1.0 - exact) / effective).sqrt();
+            let f = to[a][b] / from[a];
+            assert!(
+                (f - exact).abs() <= 3.0 * sigma,
+                "F {a}→{b}: {f} ± {sigma}, not {exact}"
+            );
+            // A_a F_ab = A_b F_ba: both have that error.
+            assert!(
+                (to[a][b] - to[b][a]).abs() <= 3.0 * 2f64.sqrt() * sigma,
+                "{a} {b}: {} {}",
+                to[a][b],
+                to[b][a]
+            );
+        }
+    }
+}
+
+#[test]
+fn cancelled_links_stay_as_they_were() {
+    let scene = cube(0.5, Vec3::ONE);
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+    let cut = Subdivision::build(&soup, |_| false, &options(200, 0).cut);
+    let n = cut.patches().len();
+    let mut links = Links::new(n, 64);
+    links.extend(&world, &cut, 16, &Silent).unwrap();
+    let before: Vec<_> = (0..n)
+        .map(|i| (links.row(i).to_vec(), links.source(i)))
+        .collect();
+    // The first block of 64 patches is cast, the others are not.
+    let monitor = CancelAfter(AtomicU32::new(1));
+    assert!(links.extend(&world, &cut, 64, &monitor).is_err());
+    for (i, (row, source)) in before.iter().enumerate() {
+        assert_eq!(links.row(i), row);
+        assert_eq!(links.source(i), *source);
+    }
+    // And they can go on from there to what an uncancelled run gives.
+    links.extend(&world, &cut, 64, &Silent).unwrap();
+    let mut fresh = Links::new(n, 64);
+    fresh.extend(&world, &cut, 16, &Silent).unwrap();
+    fresh.extend(&world, &cut, 64, &Silent).unwrap();
+    for i in 0..n {
+        assert_eq!(links.row(i), fresh.row(i));
+        assert_eq!(links.source(i), fresh.source(i));
+    }
+}
