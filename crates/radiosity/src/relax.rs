@@ -251,3 +251,6 @@ impl System<'_> {
         *x = best;
     }
 }
+
+#[cfg(test)]
+mod tests;
