@@ -1,0 +1,111 @@
+//! Runs the real binary in folders of its own.
+
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+/// What a run of the binary left behind.
+#[derive(Debug)]
+pub struct Run {
+    /// Exit code; `None` where a signal ended it.
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Run {
+    /// The run, if it went well.
+    #[track_caller]
+    pub fn ok(self) -> Run {
+        assert_eq!(self.code, Some(0), "stderr: {}", self.stderr);
+        self
+    }
+
+    /// Asserts a failure with `code`: nothing on stdout, and one message that holds each of `words`. Meant for runs with
+    /// `-q` or of commands without progress, where nothing else may be on stderr.
+    #[track_caller]
+    pub fn fails(&self, code: i32, words: &[&str]) {
+        assert_eq!(self.code, Some(code), "stderr: {}", self.stderr);
+        assert_eq!(self.stdout, "");
+        assert!(self.stderr.starts_with("error: "), "{}", self.stderr);
+        let messages = self.stderr.lines().filter(|l| l.starts_with("error: "));
+        assert_eq!(messages.count(), 1, "{}", self.stderr);
+        for word in words {
+            assert!(
+                self.stderr.contains(word),
+                "{word} is not in: {}",
+                self.stderr
+            );
+        }
+    }
+}
+
+/// The binary, not yet started.
+pub fn command() -> Command {
+    let mut c = Command::new(env!("CARGO_BIN_EXE_lumel"));
+    c.stdin(Stdio::null());
+    c
+}
+
+/// Runs the binary with `arguments`.
+pub fn lumel<I: IntoIterator<Item = S>, S: AsRef<OsStr>>(arguments: I) -> Run {
+    let out = command()
+        .args(arguments)
+        .output()
+        .expect("the binary starts");
+    Run {
+        code: out.status.code(),
+        stdout: String::from_utf8(out.stdout).expect("stdout is UTF-8"),
+        stderr: String::from_utf8(out.stderr).expect("stderr is UTF-8"),
+    }
+}
+
+/// `lumel bake SCENE -o OUT`, as cheap as it gets, with further `options` (separated by spaces).
+pub fn bake(scene: &Path, out: &Path, options: &str) -> Run {
+    let mut a: Vec<&OsStr> = vec!["bake".as_ref(), scene.as_ref(), "-o".as_ref(), out.as_ref()];
+    a.extend(CHEAP.iter().map(OsStr::new));
+    a.extend(options.split_whitespace().map(OsStr::new));
+    lumel(a)
+}
+
+/// Options that keep a bake of the Cornell box at a tenth of a second.
+const CHEAP: [&str; 4] = ["--quality", "draft", "--texels-per-unit", "4"];
+
+/// A scene of `assets/`.
+pub fn asset(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../assets")
+        .join(name)
+}
+
+/// Names and bytes of the files in a folder, hidden ones too.
+pub fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
+    let entries = std::fs::read_dir(dir).expect("the folder exists");
+    entries
+        .map(|e| {
+            let path = e.expect("the folder can be listed").path();
+            let name = path.file_name().expect("it has a name").to_string_lossy();
+            let bytes = std::fs::read(&path).expect("only files are in the folder");
+            (name.into_owned(), bytes)
+        })
+        .collect()
+}
+
+/// Names of the files in a folder, sorted.
+pub fn names(dir: &Path) -> Vec<String> {
+    files(dir).into_keys().collect()
+}
+
+/// The five files that a bake of `stem.glb` with one page writes (DESIGN.md §1.2), sorted.
+pub fn outputs(stem: &str) -> Vec<String> {
+    [
+        "glb",
+        "lightmap.exr",
+        "lightmap.json",
+        "report.json",
+        "vertex.glb",
+    ]
+    .map(|ending| format!("{stem}.{ending}"))
+    .to_vec()
+}
