@@ -131,13 +131,17 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             left -= t.1;
         }
         let (term, weight) = terms.swap_remove(chosen);
-        let mut out = DirectEstimate::default();
-        let once = DirectOptions {
-            base: 1,
-            penumbra: 1,
+        let mut acc = Accumulator {
+            plainly: true,
+            ..Accumulator::default()
         };
-        self.add(term, 1.0, &mut |_| *point, 1, seed, &once, &mut out);
-        out.irradiance * (total / weight)
+        let random = sample_4d(0, 1, seed);
+        match &term {
+            Term::Punctual(light) => self.punctual(light, point, &mut acc),
+            Term::Triangle(e) => self.triangle(e, point, random, &mut acc),
+            Term::Group(s, e) => self.group(*s, *e, point, random, &mut acc),
+        }
+        acc.lit * (total / weight)
     }
 
     /// Which emissive triangles count singly and which groups whole, at most `most` of both, with roughly how much each brings.
@@ -267,30 +271,40 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             return;
         }
         let unoccluded = f * std::f32::consts::PI;
-        // A point on the triangle, its weight ∝ the light that comes from there.
-        let spherical =
-            SphericalTriangle::new(e.corners, p.origin).filter(|s| s.solid_angle > 2e-4);
-        let (target, weight) = match &spherical {
-            Some(s) => {
-                let dir = s.sample(random[0], random[1]);
-                let det = e.normal.dot(dir);
-                let t = e.normal.dot(e.corners[0] - p.origin) / det;
-                if !(t.is_finite() && t > 0.0) {
-                    (e.corners[0], 0.0)
-                } else {
-                    (
-                        p.origin + dir * t,
-                        p.normal.dot(dir).max(0.0) * s.solid_angle,
-                    )
+        // A point on the triangle, its weight ∝ the light that comes from there. The part below the horizon is cut off, as it is
+        // from the closed form: else few samples might all fall there and lose the light.
+        let (pieces, count) = above_horizon(e.corners, p);
+        let spherical = pieces.map(|c| SphericalTriangle::new(c, p.origin));
+        let spherical = &spherical[..count];
+        let solid_angle: f32 = spherical.iter().flatten().map(|s| s.solid_angle).sum();
+        let (target, weight) = if solid_angle > 2e-4 {
+            let mut left = random[2] * solid_angle;
+            let mut chosen = None;
+            for s in spherical.iter().flatten() {
+                chosen = Some(s);
+                if left < s.solid_angle {
+                    break;
                 }
+                left -= s.solid_angle;
             }
-            None => {
-                let q = on_triangle(e, random[0], random[1]);
-                let v = q - p.origin;
-                let d2 = v.length_squared().max(1e-30);
-                let cos = p.normal.dot(v).max(0.0) * e.normal.dot(v).abs() / d2;
-                (q, cos / d2 * e.area)
+            let dir = chosen.map_or(Vec3::ZERO, |s| s.sample(random[0], random[1]));
+            let det = e.normal.dot(dir);
+            let t = e.normal.dot(e.corners[0] - p.origin) / det;
+            if !(t.is_finite() && t > 0.0) {
+                (e.corners[0], 0.0)
+            } else {
+                let cos = p.normal.dot(dir).max(0.0);
+                (p.origin + dir * t, cos * solid_angle)
             }
+        } else {
+            let area = |c: [Vec3; 3]| 0.5 * (c[1] - c[0]).cross(c[2] - c[0]).length();
+            let whole: f32 = pieces[..count].iter().map(|c| area(*c)).sum();
+            let first = count < 2 || random[2] * whole < area(pieces[0]);
+            let q = on_triangle(pieces[if first { 0 } else { 1 }], random[0], random[1]);
+            let v = q - p.origin;
+            let d2 = v.length_squared().max(1e-30);
+            let cos = p.normal.dot(v).max(0.0) * e.normal.dot(v).abs() / d2;
+            (q, cos / d2 * whole)
         };
         let to = target - p.origin;
         if weight <= 0.0 || p.geometric.dot(to) <= 0.0 {
@@ -312,7 +326,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         acc: &mut Accumulator,
     ) {
         let (e, probability) = self.emitters.pick(start, end, random[2]);
-        let q = on_triangle(e, random[0], random[1]);
+        let q = on_triangle(e.corners, random[0], random[1]);
         let v = q - p.origin;
         let d2 = v.length_squared();
         let facing = -e.normal.dot(v);
@@ -389,9 +403,34 @@ fn arrival(light: &Light, p: &SurfacePoint) -> Option<(Vec3, f32, Vec3)> {
 }
 
 /// A point uniform on the triangle.
-fn on_triangle(e: &Emitter, u: f32, v: f32) -> Vec3 {
+fn on_triangle([a, b, c]: [Vec3; 3], u: f32, v: f32) -> Vec3 {
     let s = u.sqrt();
-    e.corners[0] * (1.0 - s) + e.corners[1] * (s * (1.0 - v)) + e.corners[2] * (s * v)
+    a * (1.0 - s) + b * (s * (1.0 - v)) + c * (s * v)
+}
+
+/// The part of a triangle above the receiver's horizon, as up to two triangles, and how many.
+fn above_horizon(corners: [Vec3; 3], p: &SurfacePoint) -> ([[Vec3; 3]; 2], usize) {
+    let height = corners.map(|c| p.normal.dot(c - p.origin));
+    if height.iter().all(|h| *h >= 0.0) {
+        return ([corners; 2], 1);
+    }
+    let mut kept = [Vec3::ZERO; 4];
+    let mut n = 0;
+    for i in 0..3 {
+        let (j, k) = (i, (i + 1) % 3);
+        if height[j] >= 0.0 {
+            kept[n] = corners[j];
+            n += 1;
+        }
+        if (height[j] >= 0.0) != (height[k] >= 0.0) {
+            let t = height[j] / (height[j] - height[k]);
+            kept[n] = corners[j].lerp(corners[k], t);
+            n += 1;
+        }
+    }
+    let [a, b, c, d] = kept;
+    // Nothing above (only by rounding, since the closed form found light): its corners get weight 0.
+    ([[a, b, c], [a, c, d]], n.saturating_sub(2))
 }
 
 /// 1/d², windowed to 0 at `range` as KHR_lights_punctual recommends.
@@ -425,6 +464,9 @@ struct Accumulator {
     unoccluded: f32,
     weight: f32,
     weight_seen: Vec3,
+    /// Take samples for what they are. The ratio has a bias of order 1/n at the edges of shadows, which is nothing for a lumel with its
+    /// many samples but not for the one of `sample_one`.
+    plainly: bool,
 }
 
 impl Accumulator {
@@ -445,8 +487,15 @@ impl Accumulator {
     }
 
     fn weighted(&mut self, unoccluded: f32, weight: f32, radiance: Vec3, visible: Option<bool>) {
+        let Some(visible) = visible else {
+            self.unoccluded += unoccluded;
+            return;
+        };
+        if self.plainly {
+            self.plain(radiance * weight, visible);
+            return;
+        }
         self.unoccluded += unoccluded;
-        let Some(visible) = visible else { return };
         self.mark(visible);
         self.weight += weight;
         if visible {
@@ -473,3 +522,6 @@ impl Accumulator {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -63,7 +63,7 @@ impl Problem {
     fn eliminate(&self) -> Vec<DVec3> {
         let n = self.area.len();
         let mut out = vec![DVec3::ZERO; n];
-        for channel in 0..3 {
+        for (channel, axis) in DVec3::AXES.into_iter().enumerate() {
             let mut m = vec![vec![0f64; n + 1]; n];
             for (i, row) in m.iter_mut().enumerate() {
                 row[i] = 1.0;
@@ -88,7 +88,7 @@ impl Problem {
             }
             for k in (0..n).rev() {
                 let known: f64 = (k + 1..n).map(|j| m[k][j] * out[j][channel]).sum();
-                out[k][channel] = (m[k][n] - known) / m[k][k];
+                out[k] += axis * ((m[k][n] - known) / m[k][k]);
             }
         }
         out

@@ -1,0 +1,438 @@
+use std::f64::consts::PI;
+
+use glam::Vec3;
+use mesh_ingest::{Scene, Soup};
+
+use super::*;
+use crate::fixtures::{add_quad, light, material};
+use crate::world::WorldOptions;
+
+const FEW: DirectOptions = DirectOptions {
+    base: 4,
+    penumbra: 16,
+};
+const MANY: DirectOptions = DirectOptions {
+    base: 64,
+    penumbra: 1024,
+};
+
+fn with_light<R>(scene: &Scene, test: impl FnOnce(&DirectLight) -> R) -> R {
+    let soup = Soup::build(scene);
+    let world = World::build(scene, &soup, WorldOptions::default()).unwrap();
+    let emitters = Emitters::collect(&world);
+    test(&DirectLight::new(&world, &emitters))
+}
+
+/// A receiver that belongs to no triangle.
+fn receiver(position: Vec3, normal: Vec3) -> SurfacePoint {
+    SurfacePoint {
+        position,
+        origin: position + normal * 1e-6,
+        normal,
+        geometric: normal,
+    }
+}
+
+fn estimate(scene: &Scene, point: SurfacePoint, options: &DirectOptions) -> DirectEstimate {
+    with_light(scene, |l| l.irradiance(|_| point, 0.0, 1, options))
+}
+
+/// A black floor in z = 0 and room above it; large, so that a lamp over it is a small part of the scene and is sampled.
+fn floor() -> Scene {
+    let mut scene = Scene::default();
+    add_quad(
+        &mut scene,
+        material(0.0, Vec3::ZERO),
+        Vec3::new(-5.0, -5.0, 0.0),
+        Vec3::X * 10.0,
+        Vec3::Y * 10.0,
+    );
+    scene
+}
+
+/// A rectangle |x| ≤ a/2, |y| ≤ b/2 at height z that looks down.
+fn add_panel(scene: &mut Scene, a: f32, b: f32, z: f32, radiance: f32, double_sided: bool) {
+    let mut m = material(0.0, Vec3::splat(radiance));
+    m.double_sided = double_sided;
+    add_quad(
+        scene,
+        m,
+        Vec3::new(-0.5 * a, -0.5 * b, z),
+        Vec3::Y * b,
+        Vec3::X * a,
+    );
+}
+
+/// Form factor of [`add_panel`]'s rectangle from the origin, axis up: four corner rectangles (Howell, catalogue B-3).
+fn panel_form_factor(a: f64, b: f64, z: f64) -> f64 {
+    let (x, y) = (0.5 * a / z, 0.5 * b / z);
+    let (p, q) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
+    4.0 * (x / p * (y / p).atan() + y / q * (x / q).atan()) / (2.0 * PI)
+}
+
+fn close(e: Vec3, exact: f64, relative: f64) {
+    for c in e.to_array() {
+        assert!(
+            (c as f64 / exact - 1.0).abs() <= relative,
+            "{e}, not {exact}"
+        );
+    }
+}
+
+/// Six roundings of f32 and one cosine.
+const ROUNDING: f64 = 2e-6;
+
+#[test]
+fn a_point_light_follows_the_cosine_and_the_inverse_square() {
+    for position in [
+        Vec3::new(0.0, 0.0, 2.0),
+        Vec3::new(1.0, -2.0, 0.5),
+        Vec3::new(-30.0, 4.0, 7.0),
+    ] {
+        let mut scene = floor();
+        scene.lights.push(light(
+            5.0,
+            LightKind::Point {
+                position,
+                range: None,
+            },
+        ));
+        let d = position.as_dvec3();
+        let exact = 5.0 * d.z / d.length().powi(3);
+        let e = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW);
+        close(e.irradiance, exact, ROUNDING);
+        assert_eq!((e.variance, e.rays), (0.0, FEW.base));
+        // From below the horizon of the receiver: nothing, and no rays for it.
+        let away = estimate(&scene, receiver(Vec3::new(0.0, 0.0, 0.1), -Vec3::Z), &FEW);
+        assert_eq!((away.irradiance, away.rays), (Vec3::ZERO, 0));
+    }
+}
+
+#[test]
+fn a_range_is_a_window_that_ends_there() {
+    for (z, range) in [(1.0f32, 4.0f32), (2.0, 2.5), (3.0, 3.0), (3.0, 2.0)] {
+        let mut scene = floor();
+        scene.lights.push(light(
+            5.0,
+            LightKind::Point {
+                position: Vec3::new(0.0, 0.0, z),
+                range: Some(range),
+            },
+        ));
+        let e = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW).irradiance;
+        // KHR_lights_punctual: max(min(1 − (d/r)⁴, 1), 0) / d².
+        let window = 1.0 - (z as f64 / range as f64).powi(4);
+        if window <= 0.0 {
+            assert_eq!(e, Vec3::ZERO);
+        } else {
+            close(e, 5.0 * window / (z * z) as f64, ROUNDING);
+        }
+    }
+}
+
+#[test]
+fn a_spot_is_full_inside_falls_off_at_its_edge_and_ends() {
+    let (inner, outer) = (0.3f64, 0.5f64);
+    for angle in [0.0f64, 0.2, 0.29, 0.35, 0.4, 0.45, 0.51, 1.0, 2.5] {
+        let mut scene = floor();
+        scene.lights.push(light(
+            5.0,
+            LightKind::Spot {
+                position: Vec3::new(0.0, 0.0, 2.0),
+                direction: Vec3::new(angle.sin() as f32, 0.0, -angle.cos() as f32),
+                range: None,
+                inner: inner as f32,
+                outer: outer as f32,
+            },
+        ));
+        let e = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW).irradiance;
+        let t = (angle.cos() - outer.cos()) / (inner.cos() - outer.cos());
+        let cone = t.clamp(0.0, 1.0).powi(2);
+        if cone == 0.0 {
+            assert_eq!(e, Vec3::ZERO, "{angle}");
+        } else {
+            // cos θ − cos outer is off by 1e-7, over their distance of 0.01 at least, squared.
+            close(e, 5.0 / 4.0 * cone, 3e-5);
+        }
+    }
+}
+
+#[test]
+fn a_directional_light_has_the_cosine_only_and_is_stopped_by_anything() {
+    let mut scene = floor();
+    scene.lights.push(light(
+        5.0,
+        LightKind::Directional {
+            direction: Vec3::new(0.6, 0.0, -0.8),
+        },
+    ));
+    let at = receiver(Vec3::ZERO, Vec3::Z);
+    close(estimate(&scene, at, &FEW).irradiance, 4.0, ROUNDING);
+    // A sheet in the way, a kilometre off: (−750, 0, 1000) is where the light comes from.
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::ZERO),
+        Vec3::new(-800.0, -50.0, 1000.0),
+        Vec3::X * 100.0,
+        Vec3::Y * 100.0,
+    );
+    let e = estimate(&scene, at, &FEW);
+    assert_eq!((e.irradiance, e.variance), (Vec3::ZERO, 0.0));
+}
+
+#[test]
+fn a_free_panel_is_exact_whatever_the_samples() {
+    for (a, b, z) in [(1.0, 1.0, 1.0), (2.0, 0.5, 0.1), (0.2, 0.1, 0.5)] {
+        let mut scene = floor();
+        add_panel(&mut scene, a, b, z, 3.0, false);
+        let exact = 3.0 * PI * panel_form_factor(a as f64, b as f64, z as f64);
+        with_light(&scene, |l| {
+            assert_eq!(l.emitters.len(), 2);
+            for seed in 0..20 {
+                let at = receiver(Vec3::ZERO, Vec3::Z);
+                let e = l.irradiance(|_| at, 0.0, seed, &FEW);
+                // The closed form is f64; f32 sums of four weights and their ratio are left.
+                close(e.irradiance, exact, 1e-5);
+                assert_eq!(e.variance, 0.0);
+            }
+        });
+    }
+}
+
+#[test]
+fn a_hidden_panel_gives_exactly_nothing() {
+    let mut scene = floor();
+    add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, false);
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::ZERO),
+        Vec3::new(-1.0, -1.0, 0.5),
+        Vec3::X * 2.0,
+        Vec3::Y * 2.0,
+    );
+    let e = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &MANY);
+    assert_eq!((e.irradiance, e.variance), (Vec3::ZERO, 0.0));
+    assert!(e.rays > 0);
+}
+
+#[test]
+fn an_edge_over_the_middle_hides_half() {
+    let mut scene = floor();
+    add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, false);
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::ZERO),
+        Vec3::new(-1.0, -1.0, 0.5),
+        Vec3::X, // to x = 0
+        Vec3::Y * 2.0,
+    );
+    let exact = 0.5 * 3.0 * PI * panel_form_factor(1.0, 1.0, 1.0);
+    for options in [FEW, MANY] {
+        for seed in 0..10 {
+            let at = receiver(Vec3::ZERO, Vec3::Z);
+            let e = with_light(&scene, |l| l.irradiance(|_| at, 0.0, seed, &options));
+            // Each of the two triangles has `penumbra` rays, each a coin of spread ½ of that triangle's light: the sum of both has
+            // ½/√2 of it over √penumbra. Four of these; stratification only helps.
+            let sigma = 2.0 * exact * 0.5 / 2f64.sqrt() / (options.penumbra as f64).sqrt();
+            let off = (e.irradiance.x as f64 - exact).abs();
+            assert!(off < 4.0 * sigma, "{} {exact} {sigma}", e.irradiance);
+            assert!(e.rays <= 2 * options.penumbra);
+            // Once it has looked closely at both triangles, the estimator's own figure is that same bound.
+            if e.rays == 2 * options.penumbra {
+                let claimed = (e.variance as f64).sqrt();
+                assert!((0.5..1.3).contains(&(claimed / sigma)), "{claimed} {sigma}");
+            }
+        }
+    }
+}
+
+#[test]
+fn only_a_two_sided_panel_shines_backwards() {
+    for double_sided in [false, true] {
+        let mut scene = floor();
+        add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, double_sided);
+        let exact = 3.0 * PI * panel_form_factor(1.0, 1.0, 1.0);
+        let below = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW);
+        close(below.irradiance, exact, 1e-5);
+        // Mirrored in the panel's plane.
+        let at = receiver(Vec3::new(0.0, 0.0, 2.0), -Vec3::Z);
+        let above = estimate(&scene, at, &FEW);
+        if double_sided {
+            close(above.irradiance, exact, 1e-5);
+        } else {
+            assert_eq!((above.irradiance, above.rays), (Vec3::ZERO, 0));
+        }
+    }
+}
+
+#[test]
+fn a_receiver_in_the_panels_plane_or_turned_away_gets_nothing() {
+    let mut scene = floor();
+    add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, false);
+    for (p, n) in [
+        (Vec3::new(2.0, 0.0, 1.0), -Vec3::X),
+        (Vec3::new(0.0, 0.0, 0.5), -Vec3::Z),
+        (Vec3::new(2.0, 0.0, 0.5), Vec3::X),
+    ] {
+        let e = estimate(&scene, receiver(p, n), &FEW);
+        assert_eq!(e.irradiance, Vec3::ZERO, "{p} {n}");
+    }
+}
+
+#[test]
+fn a_wall_lamp_that_crosses_the_horizon_counts_its_upper_half() {
+    // The receiver looks along x at a panel whose middle it stands under: half of it is behind.
+    let mut scene = floor();
+    add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, false);
+    let at = receiver(Vec3::new(0.0, 0.1, 0.5), Vec3::X);
+    let corners = [
+        Vec3::new(0.0, -0.5, 1.0),
+        Vec3::new(0.0, 0.5, 1.0),
+        Vec3::new(0.5, 0.5, 1.0),
+        Vec3::new(0.5, -0.5, 1.0),
+    ]
+    .map(|c| c.as_dvec3());
+    let f = form_factor_polygon(at.position.as_dvec3(), DVec3::X, &corners);
+    for seed in 0..20 {
+        let e = with_light(&scene, |l| l.irradiance(|_| at, 0.0, seed, &FEW));
+        // Nothing hides it, so it is exact, up to f32 in the weights.
+        close(e.irradiance, 3.0 * PI * f, 1e-5);
+    }
+}
+
+#[test]
+fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
+    let mut one = floor();
+    add_panel(&mut one, 1.0, 1.0, 2.0, 3.0, false);
+    let mut many = floor();
+    for i in 0..20 {
+        for j in 0..10 {
+            add_quad(
+                &mut many,
+                material(0.0, Vec3::splat(3.0)),
+                Vec3::new(-0.5 + 0.05 * i as f32, -0.5 + 0.1 * j as f32, 2.0),
+                Vec3::Y * 0.1,
+                Vec3::X * 0.05,
+            );
+        }
+    }
+    let at = receiver(Vec3::new(0.5, 0.2, 0.0), Vec3::Z);
+    let exact = estimate(&one, at, &FEW).irradiance.x as f64;
+    let options = DirectOptions {
+        base: 16,
+        penumbra: 64,
+    };
+    with_light(&many, |l| {
+        assert_eq!(l.emitters.len(), 400);
+        let mut terms = Vec::new();
+        l.emitter_terms(&at, 0.0, 32, &mut terms);
+        assert!(terms.len() <= 32, "{} terms", terms.len());
+        // No emitter is counted twice or left out.
+        let mut taken: Vec<u32> = Vec::new();
+        for (term, _) in &terms {
+            match term {
+                Term::Group(s, e) => {
+                    taken.extend((*s..*e).map(|k| l.emitters.emitters[k as usize].triangle))
+                }
+                Term::Triangle(e) => taken.push(e.triangle),
+                Term::Punctual(_) => panic!("there is none"),
+            }
+        }
+        taken.sort_unstable();
+        let all: Vec<u32> = (2..402).collect(); // after the floor's two
+        assert_eq!(taken, all);
+        let mut mean = 0.0;
+        for seed in 0..64 {
+            let e = l.irradiance(|_| at, 0.0, seed, &options);
+            // 32 groups of an 8th to a 6th of a unit seen from 2: the kernel cos²/d² varies by ±10 % over one, which some 64 samples in
+            // all bring to 0.1/√64 = 1.2 %; four times that.
+            close(e.irradiance, exact, 0.05);
+            assert!(e.rays <= 4 * 16 + 32, "{} rays", e.rays);
+            mean += e.irradiance.x as f64 / 64.0;
+        }
+        // No bias: the mean of 64 has an eighth of that.
+        assert!((mean / exact - 1.0).abs() < 0.006, "{mean} {exact}");
+    });
+}
+
+/// Mean of `sample_one` over many seeds against `exact`, in standard errors, and relative.
+fn one_sample(scene: &Scene, at: SurfacePoint, exact: f64) -> (f64, f64) {
+    with_light(scene, |l| {
+        let n = 40_000;
+        let (mut sum, mut squares) = (0f64, 0f64);
+        for k in 0..n {
+            let e = l.sample_one(&at, hash_u32(k)).x as f64;
+            sum += e;
+            squares += e * e;
+        }
+        let mean = sum / n as f64;
+        let variance = squares / n as f64 - mean * mean;
+        let error = (variance / n as f64).sqrt();
+        ((mean - exact) / error.max(1e-6 * exact), mean / exact - 1.0)
+    })
+}
+
+#[test]
+fn one_sample_is_right_on_average_where_all_is_seen() {
+    let mut scene = floor();
+    add_panel(&mut scene, 1.0, 2.0, 1.0, 3.0, false);
+    for (x, intensity) in [(1.0, 2.0), (-2.0, 5.0)] {
+        scene.lights.push(light(
+            intensity,
+            LightKind::Point {
+                position: Vec3::new(x, 1.0, 0.9),
+                range: None,
+            },
+        ));
+    }
+    for p in [Vec3::ZERO, Vec3::new(0.4, 1.5, 0.0)] {
+        let at = receiver(p, Vec3::Z);
+        let exact = estimate(&scene, at, &FEW).irradiance.x as f64;
+        let (z, relative) = one_sample(&scene, at, exact);
+        // |z| > 4 happens once in 16000.
+        assert!(z.abs() < 4.0, "at {p}: {z} standard errors, {relative:+.4}");
+    }
+}
+
+#[test]
+fn one_sample_is_right_on_average_under_an_edge_and_at_the_horizon() {
+    // An edge over a part of the panel, seen obliquely: what is hidden is not like what is seen.
+    let mut scene = floor();
+    add_panel(&mut scene, 2.0, 2.0, 1.0, 3.0, false);
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::ZERO),
+        Vec3::new(-2.0, -2.0, 0.5),
+        Vec3::X * 2.2, // to x = 0.2
+        Vec3::Y * 4.0,
+    );
+    // What is seen from the origin is x > 0.4.
+    let upper = [
+        Vec3::new(0.4, -1.0, 1.0),
+        Vec3::new(0.4, 1.0, 1.0),
+        Vec3::new(1.0, 1.0, 1.0),
+        Vec3::new(1.0, -1.0, 1.0),
+    ]
+    .map(|c| c.as_dvec3());
+    let at = receiver(Vec3::ZERO, Vec3::Z);
+    let exact = 3.0 * PI * form_factor_polygon(DVec3::ZERO, DVec3::Z, &upper);
+    let (z, relative) = one_sample(&scene, at, exact);
+    assert!(z.abs() < 4.0, "edge: {z} standard errors, {relative:+.4}");
+
+    let mut scene = floor();
+    add_panel(&mut scene, 2.0, 2.0, 1.0, 3.0, false);
+    let at = receiver(Vec3::new(0.0, 0.1, 0.5), Vec3::X);
+    let front = [
+        Vec3::new(0.0, -1.0, 1.0),
+        Vec3::new(0.0, 1.0, 1.0),
+        Vec3::new(1.0, 1.0, 1.0),
+        Vec3::new(1.0, -1.0, 1.0),
+    ]
+    .map(|c| c.as_dvec3());
+    let exact = 3.0 * PI * form_factor_polygon(at.position.as_dvec3(), DVec3::X, &front);
+    let (z, relative) = one_sample(&scene, at, exact);
+    assert!(
+        z.abs() < 4.0,
+        "horizon: {z} standard errors, {relative:+.4}"
+    );
+}
