@@ -258,6 +258,15 @@ impl<'w, 'a> DirectLight<'w, 'a> {
 
     fn triangle(&self, e: &Emitter, p: &SurfacePoint, random: [f32; 4], acc: &mut Accumulator) {
         let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
+        // On the emitter's own face: rounding puts the point above or below it, and a polygon about the point has F = ±1.
+        let height = e.normal.dot(p.position - e.corners[0]).abs();
+        if height <= self.world.offset(p.position) && e.normal.dot(p.geometric).abs() > 0.99 {
+            let faces_away = e.normal.dot(p.geometric) > 0.0;
+            if faces_away || height == 0.0 {
+                acc.nothing();
+                return;
+            }
+        }
         // In f64 and relative to the receiver from the start: near contact everything cancels.
         let f = form_factor_polygon(
             DVec3::ZERO,
@@ -274,8 +283,12 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         // A point on the triangle, its weight ∝ the light that comes from there. The part below the horizon is cut off, as it is
         // from the closed form: else few samples might all fall there and lose the light.
         let (pieces, count) = above_horizon(e.corners, p);
-        let spherical = pieces.map(|c| SphericalTriangle::new(c, p.origin));
-        let spherical = &spherical[..count];
+        let seen = |k: usize| {
+            (k < count)
+                .then(|| SphericalTriangle::new(pieces[k], p.origin))
+                .flatten()
+        };
+        let spherical = [seen(0), seen(1)];
         let solid_angle: f32 = spherical.iter().flatten().map(|s| s.solid_angle).sum();
         let (target, weight) = if solid_angle > 2e-4 {
             let mut left = random[2] * solid_angle;
