@@ -5,6 +5,9 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use serde_json::Value;
+use tempfile::TempDir;
+
 /// What a run of the binary left behind.
 #[derive(Debug)]
 pub struct Run {
@@ -108,4 +111,29 @@ pub fn outputs(stem: &str) -> Vec<String> {
     ]
     .map(|ending| format!("{stem}.{ending}"))
     .to_vec()
+}
+
+/// A folder of the test's own.
+pub fn temp() -> TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+/// Writes a file, and returns its path.
+pub fn write(path: PathBuf, bytes: impl AsRef<[u8]>) -> PathBuf {
+    std::fs::write(&path, bytes).expect("temporary folders can be written to");
+    path
+}
+
+/// Parses JSON.
+#[track_caller]
+pub fn parse(bytes: impl AsRef<[u8]>) -> Value {
+    serde_json::from_slice(bytes.as_ref()).expect("JSON")
+}
+
+/// A report without what differs from run to run.
+pub fn comparable(report: impl AsRef<[u8]>) -> Value {
+    let mut v = parse(report);
+    let gone = v.as_object_mut().and_then(|o| o.shift_remove("measured"));
+    assert!(gone.is_some(), "the report says what it measured");
+    v
 }
