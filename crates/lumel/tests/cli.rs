@@ -137,7 +137,7 @@ fn wrong_usage_is_1() {
 fn a_reflectance_limit_out_of_range_is_1() {
     let t = temp();
     for value in ["nan", "-1", "1.5"] {
-        let option = format!("--max-reflectance={value}");
+        let option = format!("-q --max-reflectance={value}");
         bake(
             &asset("furnace_cube_50.glb"),
             &t.path().join("out"),
