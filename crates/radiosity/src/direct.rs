@@ -33,6 +33,12 @@ pub struct DirectEstimate {
 /// point-to-point kernel varies by at most (1.1/0.9)² over it; the sampling of points inside averages that out.
 const FAR_GROUP: f32 = 0.1;
 
+/// Marks groups that must be split; above any weight.
+const INSIDE: f32 = f32::MAX;
+
+/// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen nested groups about it.
+const MOST_TERMS: usize = 256;
+
 /// Computes direct light.
 ///
 /// Each punctual light and each near emissive triangle is computed unoccluded in closed form, and multiplied with the share of it
@@ -146,6 +152,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
 
     /// Which emissive triangles count singly and which groups whole, at most `most` of both, with roughly how much each brings.
     ///
+    /// A group that the receiver lies within is always split: a point drawn from it may be arbitrarily near, and 1/d² of that is a spark.
+    ///
     /// Starts from all emitters as one group and splits the one whose light is spread widest, until what is left is either a single
     /// triangle or far away, or there are enough (Walter and others, *Lightcuts*, 2005).
     fn emitter_terms(
@@ -177,19 +185,21 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let far = reach * reach < FAR_GROUP * FAR_GROUP * d2;
             let gain = if far {
                 0.0
+            } else if reach * reach > d2 {
+                INSIDE
             } else {
-                weight * reach * reach / d2.max(1e-30)
+                weight * reach * reach / d2
             };
             Some((id, weight, gain))
         };
-        let mut cut: Vec<Candidate> = Vec::with_capacity(most + 1);
+        let mut cut: Vec<Candidate> = Vec::with_capacity(most + 2);
         cut.extend(judge(0));
-        while cut.len() < most {
+        while cut.len() < MOST_TERMS {
             let Some(widest) = (0..cut.len()).max_by(|&a, &b| cut[a].2.total_cmp(&cut[b].2)) else {
                 break;
             };
             let (id, _, gain) = cut[widest];
-            if gain <= 0.0 {
+            if gain <= 0.0 || (cut.len() >= most && gain < INSIDE) {
                 break;
             }
             cut.swap_remove(widest);
