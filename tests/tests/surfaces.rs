@@ -1,0 +1,219 @@
+//! Surfaces that modelling tools and exporters leave behind: slivers, doubles, overlaps, flipped faces, near contact.
+
+mod common;
+
+use std::f64::consts::PI;
+
+use common::{Seen, at, bake, lumels_of};
+use glam::Vec3;
+use lumel::{Bake, Quality, Settings};
+use lumel_tests::geometry::{Geometry, grid, quad};
+use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
+use lumel_tests::scenes::closed_form;
+
+/// A floor of 2 m about the origin, front up.
+fn floor() -> Geometry {
+    grid(
+        Vec3::new(-1.0, 0.0, 1.0),
+        Vec3::X * 2.0,
+        Vec3::Z * -2.0,
+        [1, 1],
+    )
+    .bare()
+}
+
+/// Bakes `parts` (a node each) of reflectance 0 under a sun of 2 lux straight down, 8 lumels a metre.
+fn under_the_sun(parts: &[(&str, &Geometry)]) -> Bake {
+    let mut b = GltfBuilder::new();
+    let black = b.material(&Material::diffuse("black", [0.0; 3]));
+    for (name, g) in parts {
+        let mesh = b.mesh(name, &[(g, black)]);
+        b.node(Node::of_mesh(name, mesh));
+    }
+    let sun = b.light("sun", Light::Directional([2.0; 3]));
+    b.node(Node {
+        name: "sun".into(),
+        rotation: glam::Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2),
+        light: Some(sun),
+        ..Node::default()
+    });
+    let out = bake(&b.finish(), &at(8.0));
+    let finite = |p: &lumel::atlas_bake::Page| p.value.iter().flatten().all(|x| x.is_finite());
+    assert!(out.baked.pages.iter().all(finite));
+    let vertices = out.baked.vertices.instances.iter().flatten().flatten();
+    assert!(vertices.into_iter().flatten().all(|v| v.is_finite()));
+    out
+}
+
+/// All of these lumels hold `e`; nothing is sampled, so only half float rounds (2⁻¹¹).
+fn all_hold(lumels: &[Seen], e: f64) {
+    for l in lumels {
+        assert!(
+            (l.red() - e).abs() <= 5e-4 * e,
+            "{} at {}",
+            l.red(),
+            l.points[0]
+        );
+    }
+}
+
+#[test]
+fn a_face_given_twice_is_lit_once_and_counted() {
+    let twice = Geometry::union(&[floor(), floor()]);
+    let b = under_the_sun(&[("floor", &twice)]);
+    let dropped = b.report.dropped_triangles[1]
+        + b.report
+            .ingest
+            .counts
+            .iter()
+            .filter(|(k, _)| k.contains("duplicate"))
+            .map(|(_, n)| n)
+            .sum::<u64>();
+    assert_eq!(dropped, 2, "{:?}", b.report.ingest.counts);
+    all_hold(&lumels_of(&b, "floor"), 2.0);
+}
+
+#[test]
+fn the_same_face_in_two_nodes_does_not_shadow_itself() {
+    let b = under_the_sun(&[("floor", &floor()), ("copy", &floor())]);
+    assert_eq!(b.report.dropped_triangles[1], 2);
+    all_hold(&lumels_of(&b, "floor"), 2.0);
+}
+
+#[test]
+fn coplanar_faces_that_overlap_are_both_lit() {
+    // Other triangles in the same plane, moved by a third of a metre: z-fighting.
+    let over = floor().moved(Vec3::new(0.37, 0.0, 0.21));
+    let b = under_the_sun(&[("floor", &floor()), ("over", &over)]);
+    all_hold(&lumels_of(&b, "floor"), 2.0);
+    all_hold(&lumels_of(&b, "over"), 2.0);
+}
+
+#[test]
+fn a_flipped_face_in_the_same_place_takes_no_light_from_the_right_one() {
+    let b = under_the_sun(&[("floor", &floor()), ("flipped", &floor().flipped())]);
+    all_hold(&lumels_of(&b, "floor"), 2.0);
+    all_hold(&lumels_of(&b, "flipped"), 0.0);
+}
+
+#[test]
+fn crossing_faces_shade_each_other_where_they_should() {
+    // A plate tilted through the floor: over it where x > 0. It is single-sided and faces up; its shadow falls on x > 0.
+    let s = 0.5;
+    let plate = quad([
+        Vec3::new(-s, -0.3, s),
+        Vec3::new(s, 0.3, s),
+        Vec3::new(s, 0.3, -s),
+        Vec3::new(-s, -0.3, -s),
+    ])
+    .bare();
+    let b = under_the_sun(&[("floor", &floor()), ("plate", &plate)]);
+    let (mut dark, mut bright) = (0, 0);
+    for l in lumels_of(&b, "floor") {
+        // Rays start some 1e-6 m above: 1e-4 off the edges is clear of them.
+        if l.all(|p| p.x > 1e-4 && p.x < 0.4999 && p.z.abs() < 0.4999) {
+            assert_eq!(l.red(), 0.0, "{}", l.points[0]);
+            dark += 1;
+        } else if l.all(|p| p.x < -1e-4 || p.x > 0.5001 || p.z.abs() > 0.5001) {
+            all_hold(&[l], 2.0);
+            bright += 1;
+        }
+    }
+    assert!(dark > 10 && bright > 100, "{dark} {bright}");
+    // The part of the plate above the floor is lit, the part below is not.
+    let cos = 1.0 / 1.0f64.hypot(0.6);
+    for l in lumels_of(&b, "plate") {
+        if l.all(|p| p.y > 1e-4) {
+            all_hold(&[l], 2.0 * cos);
+        } else if l.all(|p| p.y < -1e-4) {
+            assert_eq!(l.red(), 0.0);
+        }
+    }
+}
+
+#[test]
+fn slivers_of_aspect_a_million_harm_nobody() {
+    // A fan whose last corner lies 1e-6 off an edge of 2 m, T-junctions on both sides, and a lone needle over the floor.
+    let mut g = Geometry {
+        positions: vec![
+            Vec3::new(-1.0, 0.0, 1.0),
+            Vec3::new(1.0, 0.0, 1.0),
+            Vec3::new(1.0, 0.0, -1.0),
+            Vec3::new(-1.0, 0.0, -1.0),
+            Vec3::new(0.0, 0.0, 1.0 - 1e-6),
+        ],
+        triangles: vec![[0, 1, 4], [0, 4, 3], [4, 1, 2], [4, 2, 3]],
+        ..Geometry::default()
+    };
+    let wide = under_the_sun(&[("floor", &g)]);
+    let lumels = lumels_of(&wide, "floor");
+    // 2 m × 2 m at 8 a metre, whatever the charts: at least the inner ones.
+    assert!(lumels.len() >= 200, "{}", lumels.len());
+    all_hold(&lumels, 2.0);
+    g.append(&Geometry {
+        positions: vec![
+            Vec3::new(-0.9, 0.5, 0.0),
+            Vec3::new(0.9, 0.5, 0.0),
+            Vec3::new(0.9, 0.5, -2e-6),
+        ],
+        triangles: vec![[0, 1, 2]],
+        ..Geometry::default()
+    });
+    let b = under_the_sun(&[("floor", &g)]);
+    let floor: Vec<Seen> = lumels_of(&b, "floor")
+        .into_iter()
+        .filter(|l| l.points[0].y < 0.1)
+        .collect();
+    // The needle's shadow is 2 µm wide: of 16 points in a lumel of 12.5 cm it may catch one by chance in ten thousand.
+    all_hold(&floor, 2.0);
+}
+
+#[test]
+fn plates_a_tenth_of_a_millimetre_apart_exchange_light_as_infinite_ones_do() {
+    // A lamp (M_e = πL, ρ₁) over a plate (ρ₂): on the plate E₂ = B₁ = πL/(1 − ρ₁ρ₂), on the lamp E₁ = ρ₂ E₂.
+    let (r1, r2, gap) = (0.6, 0.5, 1e-4);
+    let mut b = GltfBuilder::new();
+    let lamp = b.material(&Material::emitter("lamp", [1.0; 3], [r1; 3]));
+    let grey = b.material(&Material::diffuse("grey", [r2; 3]));
+    let down = floor().flipped().moved(Vec3::Y * gap);
+    for (name, g, m) in [("plate", &floor(), grey), ("lamp", &down, lamp)] {
+        let mesh = b.mesh(name, &[(g, m)]);
+        b.node(Node::of_mesh(name, mesh));
+    }
+    let bake = bake(&b.finish(), &at(8.0));
+    let e2 = PI / (1.0 - f64::from(r1 * r2));
+    for (name, exact) in [("plate", e2), ("lamp", e2 * f64::from(r2))] {
+        for l in lumels_of(&bake, name) {
+            if l.all(|p| p.x.abs() < 0.9 && p.z.abs() < 0.9) {
+                // A thousand gaps from the edge nothing escapes, but light comes back from patches of 0.1 m, whose outermost lose up
+                // to half of their outermost gap's width: below 1e-3. Rays that graze: 2 %.
+                assert!(
+                    (l.red() / exact - 1.0).abs() < 0.02,
+                    "{name}: {} {exact}",
+                    l.red()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn brighter_lamps_scale_every_lumel_alike() {
+    let settings = Settings {
+        quality: Quality::Draft,
+        ..at(6.0)
+    };
+    let page = |radiance: f32| {
+        let (glb, _) = closed_form::sphere_interior(radiance, 0.7, 0.5, 2);
+        bake(&glb, &settings).baked.pages.remove(0).value
+    };
+    let one = page(1.0);
+    for radiance in [1e-3f32, 1e6] {
+        for (x, y) in one.iter().zip(page(radiance)) {
+            // Draft takes the same samples; f32 sums of some 500 terms, smoothing weights that see rounding: 1e-3 is ample
+            // for both and small against any noise.
+            let d = (y[0] / radiance - x[0]).abs();
+            assert!(d <= 1e-3 * x[0], "{radiance}: {} {}", x[0], y[0] / radiance);
+        }
+    }
+}
