@@ -106,7 +106,12 @@ fn try_keep(
     let limit = max_size.max(1);
     let size = (ideal * fit)
         .to_array()
-        .map(|s| (s.round() as u32).next_multiple_of(4).clamp(1, limit));
+        // To a thousandth first: a scene in other units, whose sizes differ by rounding, gets the same texels.
+        .map(|s| {
+            (((s * 1e3).round() * 1e-3).round() as u32)
+                .next_multiple_of(4)
+                .clamp(1, limit)
+        });
     let scale = Vec2::new(size[0] as f32, size[1] as f32);
     // A small atlas hides overlaps between its texel centres; judge on at least 256.
     let factor = (256.0 / scale.min_element()).max(1.0);

@@ -30,6 +30,16 @@ pub enum Error {
         /// It could not be read at all.
         io: bool,
     },
+    /// Two images cannot be compared.
+    #[error("{} and {}: {source}", a.display(), b.display())]
+    Compare {
+        /// The reference.
+        a: PathBuf,
+        /// The other.
+        b: PathBuf,
+        /// Why.
+        source: atlas_bake::Error,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -52,7 +62,8 @@ impl Error {
                 _ => 3,
             },
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
-            Error::Output(atlas_bake::Error::Limit { .. }) => 3,
+            Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
+            | Error::Compare { .. } => 3,
             Error::Output(_) => 2,
             Error::Sky { io, .. } => {
                 if *io {

@@ -28,7 +28,7 @@ pub use visibility;
 pub use atlas_bake::{Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
 pub use error::Error;
 pub use inspect::{Inspection, inspect};
-pub use pipeline::{Bake, NamedFile, bake};
+pub use pipeline::{Bake, NamedFile, bake, output_names};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use report::{Measured, PhaseTime, Report};
 pub use settings::{Quality, Settings, SkySource, Sun};

@@ -216,6 +216,12 @@ fn check(settings: &Settings) -> Result<(), Error> {
     if let Some(e) = settings.error {
         positive("error", e)?;
     }
+    if !(settings.max_reflectance > 0.0 && settings.max_reflectance <= 1.0) {
+        return Err(Error::Setting(format!(
+            "the largest reflectance is {}, expected a number above 0 and at most 1",
+            settings.max_reflectance
+        )));
+    }
     if !(settings.sky_intensity.is_finite() && settings.sky_intensity >= 0.0) {
         return Err(Error::Setting(format!(
             "sky intensity is {}, expected a number of at least 0",
@@ -309,6 +315,19 @@ fn warnings(
         ));
     }
     out
+}
+
+/// Names of the files that a bake of `scene` writes, first page only.
+pub fn output_names(scene: &Path) -> [String; 5] {
+    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
+    [
+        "lightmap.exr",
+        "glb",
+        "vertex.glb",
+        "lightmap.json",
+        "report.json",
+    ]
+    .map(|end| format!("{stem}.{end}"))
 }
 
 impl Bake {

@@ -1,6 +1,7 @@
 //! `lumel bake`.
 
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
 use lumel::atlas_bake::OutputSet;
 use lumel::{Monitor, Phase, Report};
@@ -16,6 +17,7 @@ const PREVIEW: [u32; 2] = [1280, 720];
 /// Bakes and writes.
 pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     let settings = a.settings()?;
+    check_outputs(a)?;
     if let Some(n) = a.threads {
         if n == 0 || n > 1024 {
             return Err(
@@ -44,7 +46,50 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Refuses, before any work, outputs that would replace the scene or each other.
+fn check_outputs(a: &Bake) -> Result<(), lumel::Error> {
+    let place = |path: &Path| -> PathBuf {
+        let folder = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        // A folder that is not there yet holds nothing that could be replaced.
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        folder.join(path.file_name().unwrap_or_default())
+    };
+    let outputs: Vec<PathBuf> = lumel::output_names(&a.scene)
+        .iter()
+        .map(|name| place(&a.output.join(name)))
+        .collect();
+    if outputs.contains(&place(&a.scene)) {
+        return Err(lumel::Error::Setting(format!(
+            "{}: the bake would replace its own scene; give another folder with -o",
+            a.scene.display()
+        )));
+    }
+    let mut taken = outputs;
+    taken.push(place(&a.scene));
+    // The report may be asked for where it goes anyway.
+    let report = a
+        .report
+        .iter()
+        .filter(|path| place(path) != place(&a.output.join(&lumel::output_names(&a.scene)[4])));
+    for path in report.chain(&a.preview) {
+        let path = place(path);
+        if taken.contains(&path) {
+            return Err(lumel::Error::Setting(format!(
+                "{}: this file is already the scene or another output of the bake",
+                path.display()
+            )));
+        }
+        taken.push(path);
+    }
+    Ok(())
+}
+
 fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Report, Failure> {
+    // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit, it goes again.
+    let mut set = OutputSet::create(&a.output)?;
     let bake = lumel::bake(&a.scene, settings, display)?;
     let layout = &bake.report.layout;
     let pages: Vec<String> = layout
@@ -67,7 +112,6 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
     if interrupt::cancelled() {
         return Err(lumel::Error::Cancelled.into());
     }
-    let mut set = OutputSet::create(&a.output)?;
     for (name, bytes) in &files {
         set.add(name, bytes)?;
         if interrupt::cancelled() {

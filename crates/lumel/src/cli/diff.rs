@@ -10,7 +10,11 @@ use super::args::Diff;
 /// Compares two lightmaps.
 pub(crate) fn run(a: &Diff) -> Result<(), Failure> {
     let (reference, map) = (read_exr(&a.a)?, read_exr(&a.b)?);
-    let report = diff(&reference, &map)?;
+    let report = diff(&reference, &map).map_err(|source| lumel::Error::Compare {
+        a: a.a.clone(),
+        b: a.b.clone(),
+        source,
+    })?;
     if let Some(path) = &a.picture {
         let png = error_png(&reference, &map)?;
         let parent = match path.parent() {

@@ -66,10 +66,12 @@ pub(crate) fn run() -> ExitCode {
         Err(Failure::Strict(n)) => {
             let _ = writeln!(
                 std::io::stderr(),
-                "error: {n} warnings, and --strict was given"
+                "error: --strict was given and the bake has warnings: {n}"
             );
             ExitCode::from(5)
         }
+        // `lumel inspect … | head` has seen enough.
+        Err(Failure::Output(e)) if e.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(Failure::Output(e)) => {
             let _ = writeln!(std::io::stderr(), "error: standard output: {e}");
             ExitCode::from(2)
