@@ -217,3 +217,13 @@ fn brighter_lamps_scale_every_lumel_alike() {
         }
     }
 }
+
+#[test]
+#[ignore = "known weakness: faces left out as duplicates get no light of their own, in the lightmap and at vertices"]
+fn a_face_that_coincides_with_another_is_no_blacker_than_that() {
+    let b = under_the_sun(&[("floor", &floor()), ("copy", &floor())]);
+    for instance in &b.baked.vertices.instances {
+        assert!(instance.iter().flatten().all(|e| (e[0] - 2.0).abs() < 1e-4));
+    }
+    all_hold(&lumels_of(&b, "copy"), 2.0);
+}
