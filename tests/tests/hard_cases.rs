@@ -31,9 +31,16 @@ fn moved(glb: &[u8], transform: Mat4) -> Vec<u8> {
     out
 }
 
-/// The sealed-box room, lit by a panel: radiances do not change with scale. Mean relative difference of its floor and walls.
+/// The Cornell box, lit by a panel: radiances do not change with scale. Mean relative difference over the lightmap.
+///
+/// Both bakes keep the coordinates that a first one made: an unwrapper may turn or swap equal charts when rounding changes.
 fn difference(transform: Mat4, scale: f32) -> f64 {
-    let glb = scenes::sealed_dark_box(0.05);
+    let first = bake(&scenes::cornell_box(), &at(6.0));
+    let (files, _) = first.files().expect("files");
+    let (_, glb) = files
+        .into_iter()
+        .find(|f| f.0 == "scene.glb")
+        .expect("the lightmapped scene");
     let settings = |density: f32| Settings {
         quality: Quality::Draft,
         ..at(density)
@@ -41,9 +48,6 @@ fn difference(transform: Mat4, scale: f32) -> f64 {
     let here = bake(&glb, &settings(6.0));
     let there = bake(&moved(&glb, transform), &settings(6.0 / scale));
     assert_eq!(here.layout.pages, there.layout.pages, "the same atlas");
-    for l in lumels_of(&there, "dark_inside") {
-        assert_eq!(l.irradiance, [0.0; 3], "a leak");
-    }
     let (a, b) = (&here.baked.pages[0].value, &there.baked.pages[0].value);
     let (mut d, mut sum) = (0.0, 0.0);
     for (x, y) in a.iter().zip(b) {
@@ -87,8 +91,17 @@ fn light_is_linear_over_nine_decades() {
 }
 
 #[test]
-fn one_triangle_without_light_is_black_and_says_so() {
+fn one_triangle_is_lit_evenly() {
     let b = bake(&closed_form::one_triangle(), &at(8.0));
+    // E = 1 lx; half float.
+    let lumels = lumels_of(&b, "triangle");
+    assert!(common::worst(&lumels, 0.0, |_| 1.0) < 1e-3);
+}
+
+#[test]
+fn a_scene_without_light_is_black_and_says_so() {
+    // Without the sky that it is meant for.
+    let b = bake(&closed_form::sky_over_open_box(1.0, 1.0), &at(8.0));
     assert!(
         b.baked
             .pages
