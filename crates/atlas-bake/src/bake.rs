@@ -69,6 +69,8 @@ pub struct BakeReport {
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean).
     pub estimated_error: f64,
+    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners.
+    pub median_error: f64,
     /// Memory of pages and lumel lists, bytes.
     pub bytes: u64,
 }
@@ -173,15 +175,19 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     }
     report.mean = sum.map(|s| s / weight.max(1e-300));
     let mean = luminance(Vec3::from_array(report.mean.map(|m| m as f32))) * std::f32::consts::PI;
-    let (mut square, mut lit) = (0f64, 0u64);
+    let mut errors = Vec::with_capacity(received.len());
     for r in received {
         let e = luminance(r.direct + r.indirect);
         if e > 1e-3 * mean {
-            square += ((r.error / (e + 0.01 * mean)) as f64).powi(2);
-            lit += 1;
+            errors.push((r.error / (e + 0.01 * mean)) as f64);
         }
     }
-    report.estimated_error = (square / lit.max(1) as f64).sqrt();
+    let square: f64 = errors.iter().map(|e| e * e).sum();
+    report.estimated_error = (square / errors.len().max(1) as f64).sqrt();
+    let middle = errors.len() / 2;
+    if !errors.is_empty() {
+        report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
+    }
 }
 
 fn fill_pages(

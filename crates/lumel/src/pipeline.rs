@@ -133,7 +133,13 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
     clock.lap(Phase::Gather);
-    let warnings = warnings(&loaded, &layout_report, &solution, &baked);
+    let warnings = warnings(
+        &loaded,
+        soup.dropped_duplicate,
+        &layout_report,
+        &solution,
+        &baked,
+    );
     drop(world);
 
     let name = file
@@ -281,6 +287,7 @@ fn clamp_reflectance(scene: &mut Scene, max: f32) -> u64 {
 
 fn warnings(
     loaded: &Loaded,
+    duplicates: u64,
     layout: &LayoutReport,
     solution: &Solution,
     baked: &Baked,
@@ -295,6 +302,11 @@ fn warnings(
         out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
     }
     out.extend(layout.warnings.iter().cloned());
+    if duplicates > 0 {
+        out.push(format!(
+            "{duplicates} triangles coincide with others of another mesh or node; they get no light of their own and stay black"
+        ));
+    }
     if solution.report.audit.flux_in.iter().all(|f| *f == 0.0) {
         out.push(
             "no light reaches any surface: no lamp or emissive material shines on one, and no --sky or --sun was given; the lightmap is black"

@@ -3,7 +3,7 @@
 //! substructuring).
 //!
 //! Patches are sized in world units and do not follow the tessellation: triangles are first gathered into
-//! [regions](region), each about flat, and a square grid in the region's own plane cuts it. A wall of two triangles
+//! regions, each about flat, and a square grid in the region's own plane cuts it. A wall of two triangles
 //! becomes many patches; a statue of a hundred thousand becomes some dozens. A point on the surface finds its patch and its
 //! element in constant time, by projection ([`Subdivision::locate`]).
 

@@ -161,10 +161,11 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
         .map(|b| format!(", {} MiB", b >> 20))
         .unwrap_or_default();
     display.say(&format!(
-        "baked {} in {:.2} s ({:.1} M rays/s{peak}), estimated error {:.2} %: {}",
+        "baked {} in {:.2} s ({:.1} M rays/s{peak}), estimated error {:.2} % (median; {:.1} % root mean square): {}",
         report.scene,
         m.seconds,
         m.mrays_per_second,
+        100.0 * report.gather.median_error,
         100.0 * report.gather.estimated_error,
         a.output.display()
     ));
