@@ -182,7 +182,8 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
             errors.push((r.error / (e + 0.01 * mean)) as f64);
         }
     }
-    let square: f64 = errors.iter().map(|e| e * e).sum();
+    // Not `sum()`, which is −0 for an unlit scene.
+    let square: f64 = errors.iter().fold(0.0, |s, e| s + e * e);
     report.estimated_error = (square / errors.len().max(1) as f64).sqrt();
     let middle = errors.len() / 2;
     if !errors.is_empty() {
