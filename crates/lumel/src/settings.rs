@@ -102,8 +102,8 @@ impl Default for Settings {
 impl Settings {
     /// Patches, links and direct light of the solve.
     ///
-    /// Measured on the Cornell box (docs/measurements.md): from 6,000 to 24,000 patches the bias halves, −0.22 to −0.12 %, while rays a patch
-    /// hardly matter between 128 and 256, since the gather averages over many patches.
+    /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 % (docs/measurements.md, which says what has changed
+    /// since); rays a patch hardly mattered between 128 and 256, since the gather averages over many patches.
     pub(crate) fn solve_options(&self) -> SolveOptions {
         let (patches, rays) = match self.quality {
             Quality::Draft => (3_000, 64),
