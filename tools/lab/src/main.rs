@@ -1,0 +1,3 @@
+//! Runs the method laboratory and writes its tables.
+
+fn main() {}
