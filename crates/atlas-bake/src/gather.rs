@@ -2,8 +2,8 @@
 
 use glam::Vec3;
 use radiosity::{
-    DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World, cosine_hemisphere,
-    hash_u32, luminance, sample_4d,
+    DirectEstimate, DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World,
+    cosine_hemisphere, hash_u32, luminance, sample_4d,
 };
 
 use crate::footprint::Footprint;
@@ -11,8 +11,12 @@ use crate::footprint::Footprint;
 /// How carefully light is gathered.
 #[derive(Debug, Clone, Copy)]
 pub struct GatherOptions {
-    /// Gathering rays a footprint gets at least; a multiple of 16.
+    /// Gathering rays a footprint gets at least; a multiple of `points`.
     pub rays: u32,
+    /// Points of the footprint that share those rays, at most 64, a power of two. Contacts smaller than one part in so many go unseen.
+    pub points: u32,
+    /// Points of a footprint that an edge crosses, where its first `points` disagree; see [`Gatherer::gather`].
+    pub edge_points: u32,
     /// Rays it gets at most; `rays` doubles up to here until the estimate is good enough.
     pub most_rays: u32,
     /// Good enough: estimated standard error of the indirect light over the total.
@@ -31,6 +35,8 @@ pub struct Received {
     pub direct: Vec3,
     /// Irradiance reflected from surfaces, from the sky, and from wide dim emitters.
     pub indirect: Vec3,
+    /// `indirect` from the first half of the points alone; the other half has 2 × `indirect` − this. The two are independent estimates.
+    pub first_half: Vec3,
     /// Estimated standard error of the sum's luminance.
     pub error: f32,
     /// The part of `error`² that comes from `indirect`.
@@ -47,12 +53,29 @@ pub struct Received {
     pub rays: u64,
 }
 
-/// Sub-points of a footprint, each with its share of gathering rays.
-const POINTS: usize = 16;
+impl Received {
+    /// Two independent estimates of `indirect`.
+    pub(crate) fn halves(&self) -> [Vec3; 2] {
+        [self.first_half, 2.0 * self.indirect - self.first_half]
+    }
+}
+
+/// Most [`GatherOptions::points`].
+const MOST_POINTS: usize = 64;
 
 /// A sub-point is inside something when this share of its rays meets black back faces. Not all: a ray may slip out through a seam of
 /// what it is in. A sub-point that is merely near the back of things sees them in half of its hemisphere at most.
 const INSIDE: f32 = 0.9;
+
+/// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
+const EDGE_RAYS: u32 = 2;
+
+/// Points looked at with one ray each before a lumel that seems wholly inside something is left at that.
+const PROBES: u32 = 64;
+
+/// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
+/// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
+const DISAGREE: f32 = 4.0;
 
 /// Gathers light at footprints.
 pub struct Gatherer<'w, 'a> {
@@ -70,12 +93,37 @@ pub struct Gatherer<'w, 'a> {
 #[derive(Clone, Copy, Default)]
 struct Point {
     sum: Vec3,
+    /// Σ of squared luminances.
+    square: f32,
     rays: u32,
     black: u32,
 }
 
+impl Point {
+    fn add(&mut self, radiance: Vec3) {
+        self.sum += radiance;
+        let l = luminance(radiance);
+        self.square += l * l;
+    }
+
+    fn inside(&self) -> bool {
+        self.black as f32 >= INSIDE * self.rays as f32
+    }
+
+    /// Variance of the mean luminance over this point's own rays.
+    fn variance_of_mean(&self) -> f32 {
+        let n = self.rays as f32;
+        let mean = luminance(self.sum) / n;
+        (self.square / n - mean * mean).max(0.0) / (n - 1.0).max(1.0)
+    }
+}
+
 impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
+    ///
+    /// First a few points share many rays. Where they disagree (some lie inside a closed thing, or see much more light than others) an edge
+    /// crosses the footprint, and the mean is only as good as the share of points on either side: these footprints are gathered anew, with
+    /// [`GatherOptions::edge_points`] points of two rays each.
     ///
     /// Sub-points inside closed things are those from which nearly all rays meet black back faces. Where all of the footprint is
     /// inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
@@ -86,52 +134,95 @@ impl Gatherer<'_, '_> {
                 ..Received::default()
             };
         }
-        let points = spread(footprint);
-        let mut sums = [Point::default(); POINTS];
-        let mut per_point = (self.options.rays / POINTS as u32).max(1);
-        let most = (self.options.most_rays / POINTS as u32).max(per_point);
+        let options = &self.options;
+        let count = (options.points as usize).clamp(1, MOST_POINTS);
+        let points = spread(footprint, count);
+        let mut sums = vec![Point::default(); count];
+        let mut per_point = (options.rays / count as u32).max(1);
+        let most = (options.most_rays / count as u32).max(per_point);
         let mut from = 0;
-        let mut direct: Option<(Vec3, f32)> = None;
+        let mut direct: Option<DirectEstimate> = None;
         let mut rays = 0u64;
         loop {
             for (k, sum) in sums.iter_mut().enumerate() {
                 // Aligned blocks of a Sobol sequence are well distributed, each by itself and all together.
-                let base = from * POINTS as u32 + k as u32 * (per_point - from);
+                let base = from * count as u32 + k as u32 * (per_point - from);
                 self.indirect(&points[k], base..base + (per_point - from), seed, sum);
             }
-            rays += (per_point - from) as u64 * POINTS as u64;
-            let mut open = sums.map(|s| (s.black as f32) < INSIDE * s.rays as f32);
-            let count = open.iter().filter(|&&o| o).count();
-            if count == 0 || !self.options.open_only {
-                open = [true; POINTS];
+            rays += u64::from(per_point - from) * count as u64;
+            let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
+            let in_the_open = open.iter().filter(|&&o| o).count();
+            if in_the_open == 0 || !options.open_only {
+                open.fill(true);
             }
-            let (mean, variance) = mean_and_variance(&sums, &open);
-            let (e, direct_variance) = *direct.get_or_insert_with(|| {
-                let d = self.direct_light(footprint, &points, &open, seed);
-                rays += d.rays as u64;
-                (d.irradiance, d.variance)
-            });
-            let total = luminance(e + mean);
-            if 2 * per_point > most || variance.sqrt() <= self.options.error * total {
-                return Received {
-                    direct: e,
-                    indirect: mean,
-                    error: (variance + direct_variance).sqrt(),
-                    indirect_variance: variance,
-                    position: points.iter().map(|p| p.position).sum::<Vec3>() / POINTS as f32,
-                    normal: points
-                        .iter()
-                        .map(|p| p.normal)
-                        .sum::<Vec3>()
-                        .normalize_or(points[0].normal),
-                    size: footprint.size(),
-                    open: count as f32 / POINTS as f32,
-                    rays,
+            let estimate = mean_and_spread(&sums, &open);
+            if direct.is_none() && !options.open_only && options.edge_points > count as u32 {
+                let edge = if in_the_open == 0 {
+                    rays += u64::from(PROBES);
+                    self.anything_open(footprint, seed)
+                } else {
+                    in_the_open < count || estimate.disagree
                 };
+                if edge {
+                    let mut out = self.gather_edge(footprint, seed);
+                    out.rays += rays;
+                    if in_the_open < count {
+                        // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
+                        out.open = out.open.min(1.0 - 1.0 / count as f32);
+                    }
+                    return out;
+                }
+            }
+            let direct = *direct.get_or_insert_with(|| {
+                let d = self.direct_light(footprint, &points, &open, seed, &options.direct);
+                rays += u64::from(d.rays);
+                d
+            });
+            let total = luminance(direct.irradiance + estimate.mean);
+            if 2 * per_point > most || estimate.variance.sqrt() <= options.error * total {
+                let open = in_the_open as f32 / count as f32;
+                return received(footprint, &points, direct, &estimate, open, rays);
             }
             from = per_point;
             per_point *= 2;
         }
+    }
+
+    /// Mean irradiance over a footprint that an edge crosses: many points, few rays each, and as many shadow rays as a penumbra gets.
+    fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        let count = self.options.edge_points as usize;
+        let points = spread(footprint, count);
+        // Its own random numbers: what made the first points disagree should not decide again.
+        let seed = hash_u32(seed ^ 0x2545_f491);
+        let mut sums = vec![Point::default(); count];
+        for (k, sum) in sums.iter_mut().enumerate() {
+            let base = k as u32 * EDGE_RAYS;
+            self.indirect(&points[k], base..base + EDGE_RAYS, seed, sum);
+        }
+        let everywhere = vec![true; count];
+        let estimate = mean_and_spread(&sums, &everywhere);
+        let most = self.options.direct.penumbra;
+        let direct = DirectOptions {
+            base: most,
+            penumbra: most,
+        };
+        let direct = self.direct_light(footprint, &points, &everywhere, seed, &direct);
+        let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
+        let rays = u64::from(EDGE_RAYS) * count as u64 + u64::from(direct.rays);
+        received(footprint, &points, direct, &estimate, open, rays)
+    }
+
+    /// Whether a ray from any of some more points of the footprint meets anything but black back faces.
+    fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
+        (0..PROBES).any(|i| {
+            footprint
+                .candidate(self.options.points + i)
+                .is_some_and(|p| {
+                    let mut probe = Point::default();
+                    self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe);
+                    probe.black == 0
+                })
+        })
     }
 
     fn indirect(
@@ -150,16 +241,14 @@ impl Gatherer<'_, '_> {
                 continue;
             }
             match self.world.incoming(p.origin, direction) {
-                Incoming::Escaped => out.sum += self.world.sky.radiance(direction),
+                Incoming::Escaped => out.add(self.world.sky.radiance(direction)),
                 Incoming::Black => out.black += 1,
                 Incoming::Surface(hit) => {
                     let at = p.origin + direction * hit.t;
-                    out.sum += self.solution.radiance(
-                        self.world,
-                        &self.direct,
-                        &hit,
-                        at,
-                        hash_u32(seed ^ i),
+                    let seed = hash_u32(seed ^ i);
+                    out.add(
+                        self.solution
+                            .radiance(self.world, &self.direct, &hit, at, seed),
                     );
                 }
             }
@@ -169,15 +258,18 @@ impl Gatherer<'_, '_> {
     fn direct_light(
         &self,
         footprint: &impl Footprint,
-        points: &[SurfacePoint; POINTS],
-        open: &[bool; POINTS],
+        points: &[SurfacePoint],
+        open: &[bool],
         seed: u32,
-    ) -> radiosity::DirectEstimate {
-        let valid: Vec<SurfacePoint> = (0..POINTS)
-            .filter(|&k| open[k])
-            .map(|k| points[k])
+        options: &DirectOptions,
+    ) -> DirectEstimate {
+        let valid: Vec<SurfacePoint> = points
+            .iter()
+            .zip(open)
+            .filter(|(_, open)| **open)
+            .map(|(p, _)| *p)
             .collect();
-        let all_open = valid.len() == POINTS;
+        let all_open = valid.len() == points.len();
         let mut stream = 0;
         let mut extra: Vec<SurfacePoint> = Vec::new();
         let point = |i: u32| -> SurfacePoint {
@@ -189,7 +281,7 @@ impl Gatherer<'_, '_> {
             while extra.len() <= i - valid.len() {
                 let mut found = None;
                 for _ in 0..8 {
-                    let c = footprint.candidate(stream + POINTS as u32);
+                    let c = footprint.candidate(stream + points.len() as u32);
                     stream += 1;
                     found = c.filter(|c| all_open || nearest_is_open(points, open, c.position));
                     if found.is_some() {
@@ -200,72 +292,110 @@ impl Gatherer<'_, '_> {
             }
             extra[i - valid.len()]
         };
-        self.direct.irradiance(
-            point,
-            footprint.size(),
-            seed ^ 0x68bc_21eb,
-            &self.options.direct,
-        )
+        self.direct
+            .irradiance(point, footprint.size(), seed ^ 0x68bc_21eb, options)
+    }
+}
+
+fn received(
+    footprint: &impl Footprint,
+    points: &[SurfacePoint],
+    direct: DirectEstimate,
+    indirect: &Estimate,
+    open: f32,
+    rays: u64,
+) -> Received {
+    let n = points.len() as f32;
+    Received {
+        direct: direct.irradiance,
+        indirect: indirect.mean,
+        first_half: indirect.first_half,
+        error: (indirect.variance + direct.variance).sqrt(),
+        indirect_variance: indirect.variance,
+        position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
+        normal: points
+            .iter()
+            .map(|p| p.normal)
+            .sum::<Vec3>()
+            .normalize_or(points[0].normal),
+        size: footprint.size(),
+        open,
+        rays,
     }
 }
 
 /// The first points of the stream that lie on the surface, repeated where it has fewer.
-fn spread(footprint: &impl Footprint) -> [SurfacePoint; POINTS] {
-    let mut points = [None; POINTS];
-    let mut n = 0;
-    for i in 0..8 * POINTS as u32 {
-        if n == POINTS || (n == 0 && i == 4 * POINTS as u32) {
+fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
+    let mut points = Vec::with_capacity(count);
+    for i in 0..8 * count as u32 {
+        if points.len() == count || (points.is_empty() && i == 4 * count.min(16) as u32) {
             break;
         }
-        if let Some(p) = footprint.candidate(i) {
-            points[n] = Some(p);
-            n += 1;
-        }
+        points.extend(footprint.candidate(i));
     }
-    if n == 0 {
-        return [footprint.fallback(); POINTS];
+    if points.is_empty() {
+        points.push(footprint.fallback());
     }
-    let mut k = 0;
-    points.map(|p| {
-        k += 1;
-        p.or(points[(k - 1) % n])
-            .unwrap_or_else(|| footprint.fallback())
-    })
+    let found = points.len();
+    for k in found..count {
+        points.push(points[k % found]);
+    }
+    points
 }
 
-fn nearest_is_open(points: &[SurfacePoint; POINTS], open: &[bool; POINTS], p: Vec3) -> bool {
+fn nearest_is_open(points: &[SurfacePoint], open: &[bool], p: Vec3) -> bool {
     let mut best = (f32::INFINITY, true);
-    for k in 0..POINTS {
-        let d = points[k].position.distance_squared(p);
+    for (q, open) in points.iter().zip(open) {
+        let d = q.position.distance_squared(p);
         if d < best.0 {
-            best = (d, open[k]);
+            best = (d, *open);
         }
     }
     best.1
 }
 
-/// Mean irradiance over open points, and the variance of its luminance as if the points were independent. They are stratified
-/// against each other, so the variance is on the safe side.
-fn mean_and_variance(sums: &[Point; POINTS], open: &[bool; POINTS]) -> (Vec3, f32) {
+/// Indirect irradiance from the sub-points.
+struct Estimate {
+    mean: Vec3,
+    /// The same from the first half of the points.
+    first_half: Vec3,
+    /// Variance of the mean's luminance as if the points were independent. They are stratified against each other, so it is on the safe
+    /// side.
+    variance: f32,
+    /// The points differ by more than their rays' noise.
+    disagree: bool,
+}
+
+/// Mean irradiance over open points, and how far they spread.
+fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
     let pi = std::f32::consts::PI;
     let (mut mean, mut n) = (Vec3::ZERO, 0.0f32);
-    for (s, _) in sums.iter().zip(open).filter(|(_, o)| **o) {
+    let (mut first_half, mut in_half) = (Vec3::ZERO, 0.0f32);
+    for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
         mean += s.sum * (pi / s.rays as f32);
         n += 1.0;
+        if 2 * k < sums.len() {
+            (first_half, in_half) = (mean, n);
+        }
     }
     mean /= n;
+    first_half = if in_half > 0.0 && in_half < n {
+        first_half / in_half
+    } else {
+        mean
+    };
     let m = luminance(mean);
-    let mut square = 0.0;
+    let (mut square, mut noise) = (0.0, 0.0);
     for (s, _) in sums.iter().zip(open).filter(|(_, o)| **o) {
         let d = luminance(s.sum) * (pi / s.rays as f32) - m;
         square += d * d;
+        noise += pi * pi * s.variance_of_mean();
     }
-    (
+    let spread = square / (n - 1.0).max(1.0);
+    Estimate {
         mean,
-        if n > 1.0 {
-            square / (n * (n - 1.0))
-        } else {
-            m * m
-        },
-    )
+        first_half,
+        variance: if n > 1.0 { spread / n } else { m * m },
+        disagree: n > 1.0 && spread > DISAGREE * noise / n,
+    }
 }

@@ -128,6 +128,11 @@ impl Settings {
             Quality::Preview => (128, 256, 0.03, 16, 128),
             Quality::Production => (512, 2048, 0.01, 32, 512),
         };
+        let (points, edge_points) = match self.quality {
+            Quality::Draft => (16, 16),
+            Quality::Preview => (16, 128),
+            Quality::Production => (32, 1024),
+        };
         let (most, error) = match self.error {
             None => (most, error),
             // 8192 rays a lumel: the last that the 16-bit Sobol index leaves room for beside the blocks.
@@ -135,6 +140,8 @@ impl Settings {
         };
         GatherOptions {
             rays,
+            points,
+            edge_points,
             most_rays: most,
             error,
             direct: DirectOptions { base, penumbra },
@@ -151,6 +158,8 @@ impl Settings {
         };
         GatherOptions {
             rays,
+            points: 16,
+            edge_points: 0,
             most_rays: rays,
             open_only: true,
             ..self.lumel_options()
