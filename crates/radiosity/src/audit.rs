@@ -24,6 +24,9 @@ const SIGMAS: f64 = 4.0;
 /// model whose vertices do not quite meet some are.
 const ROW_BOUND: f64 = 0.01;
 
+/// A scene is nearly closed where fewer than one in so many rays leave it.
+const NEARLY_CLOSED: u64 = 100;
+
 /// So many nodes are named, those with the most rows.
 const MOST_NODES: usize = 32;
 
@@ -72,7 +75,7 @@ pub struct Audit {
     pub rows_beyond: u64,
     /// Nodes that have such rows, most rows first, 32 at most.
     pub beyond: Vec<RowsOfNode>,
-    /// Nodes with open rows, where fewer than a twentieth of all rows are: gaps in a scene that is nearly closed.
+    /// Nodes with open rows, where less than a hundredth of all rays escape: gaps in a scene that is nearly closed.
     pub gaps: Vec<RowsOfNode>,
 }
 
@@ -398,7 +401,8 @@ fn balance(
         let sum = |r: &Row| beyond(r, rays).then(|| (r.hits + r.open) as f64 / rays);
         out.beyond = by_node(world, cut, rows, sum);
     }
-    if out.rows_open > 0 && out.rows_open * 20 < rows.len() as u64 {
+    let all = links.rays as u64 * rows.len() as u64;
+    if out.rays_escaped > 0 && out.rays_escaped < all / NEARLY_CLOSED {
         let sum = |r: &Row| (r.open > 0).then(|| (r.hits as f64 + r.black as f64) / rays);
         out.gaps = by_node(world, cut, rows, sum);
     }
@@ -442,3 +446,6 @@ fn by_node(
     nodes.truncate(MOST_NODES);
     nodes
 }
+
+#[cfg(test)]
+mod tests;
