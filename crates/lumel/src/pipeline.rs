@@ -16,7 +16,7 @@ use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
 use crate::memory;
-use crate::report::{Measured, PhaseTime, Report};
+use crate::report::{Measured, PhaseTime, Report, audit_warnings};
 use crate::settings::Settings;
 use crate::sky;
 
@@ -313,6 +313,7 @@ fn warnings(
                 .into(),
         );
     }
+    out.extend(audit_warnings(&solution.report.audit));
     if !solution.report.relaxation.converged {
         out.push(format!(
             "the solve did not converge: up to {:.2} % of the light is not distributed",

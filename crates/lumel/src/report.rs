@@ -2,7 +2,7 @@
 
 use atlas_bake::{BakeReport, ExrStats, LayoutReport};
 use mesh_ingest::IngestReport;
-use radiosity::SolveReport;
+use radiosity::{Audit, SolveReport};
 use serde::Serialize;
 
 use crate::settings::Settings;
@@ -71,3 +71,42 @@ impl Report {
         bytes
     }
 }
+
+/// What a user should know about the balance of energy; nothing where it is sound.
+pub(crate) fn audit_warnings(audit: &Audit) -> Vec<String> {
+    let mut out = Vec::new();
+    let percent = |x: f64| 100.0 * x;
+    if !audit.within_bound {
+        let (few, side) = if audit.imbalance > 0.0 {
+            (
+                "less",
+                "a lamp nearer to a surface than the solve resolves loses light so",
+            )
+        } else {
+            (
+                "more",
+                "faces that lie in one another's plane receive light that none of them takes from the other",
+            )
+        };
+        out.push(format!(
+            "energy does not balance: surfaces account for {:.2} % {few} light than is emitted, sampling explains {:.2} % ({side})",
+            percent(audit.imbalance.abs()),
+            percent(audit.bound),
+        ));
+    }
+    let sum = |rgb: [f64; 3]| rgb.iter().sum::<f64>();
+    let behind = sum(audit.flux_behind) / sum(audit.flux_emitted).max(1e-300);
+    if behind > LOST_BEHIND {
+        let most = audit.beyond.first().map_or(String::new(), |n| {
+            format!(", most seen from {} near {:.3?}", n.node, n.at)
+        });
+        out.push(format!(
+            "{:.1} % of the light ends on the backs of single-sided faces, which are black{most}",
+            percent(behind)
+        ));
+    }
+    out
+}
+
+/// Share of the light that may end on backs of faces without a word: a floor's underside beyond a level's edge takes a little.
+const LOST_BEHIND: f64 = 0.05;

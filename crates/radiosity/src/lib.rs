@@ -7,11 +7,13 @@
 //! [`World`] answers rays, [`DirectLight`] gives the light that arrives straight from lamps and emissive surfaces, [`solve`]
 //! finds what the surfaces exchange, and [`Solution`] holds the result, ready to be gathered from.
 
+mod audit;
 mod direct;
 mod emitters;
 #[cfg(test)]
 mod fixtures;
 mod form_factor;
+mod lamps;
 mod links;
 mod monitor;
 mod relax;
@@ -20,12 +22,13 @@ mod solution;
 mod solve;
 mod world;
 
+pub use audit::{Audit, AuditBounds, RowsOfNode};
 pub use direct::{DirectEstimate, DirectLight, DirectOptions};
 pub use emitters::Emitters;
 pub use form_factor::form_factor_polygon;
 pub use monitor::{Cancelled, Monitor, Phase, Silent};
 pub use relax::{RelaxOptions, RelaxReport};
 pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
-pub use solution::{Audit, Solution, SolveReport};
+pub use solution::{Solution, SolveReport};
 pub use solve::{SolveOptions, solve};
 pub use world::{Incoming, Sky, SurfacePoint, World, WorldOptions, luminance};

@@ -11,6 +11,9 @@ use serde::Serialize;
 use crate::links::Links;
 use crate::monitor::Monitor;
 
+/// The highest reflectance that the bound believes: beyond, 1/(1 − ρ) would call any solve unfinished.
+const HIGHEST: f64 = 0.9999;
+
 /// When relaxation stops.
 #[derive(Debug, Clone, Copy)]
 pub struct RelaxOptions {
@@ -37,7 +40,9 @@ pub struct RelaxReport {
     pub shots: u64,
     /// Bi-CGSTAB iterations.
     pub iterations: u32,
-    /// Upper bound on the light still to be distributed, as a share of all light that arrives.
+    /// Upper bound on the light still to be distributed, as a share of all light that arrives: with four standard errors of the rays'
+    /// noise in reciprocity, so that one solve in some 16,000 may leave more. Reflectances above 0.9999 count as that; where
+    /// such surfaces close a scene in, nothing bounds their light.
     pub residual: f64,
     /// `residual` is within the tolerance.
     pub converged: bool,
@@ -83,20 +88,31 @@ impl System<'_> {
             .collect()
     }
 
-    /// Bound on the light left over, as a share of all: residual r leaves at most Σ A|r| / (1 − ρ_max) of irradiated flux.
+    /// Bound on the light left over, as a share of all.
+    ///
+    /// A residual r leaves Σ A e = Aᵀ(I − Fρ)⁻¹ r of irradiated flux. Were Aᵀ F = Aᵀ (reciprocity in a closed scene, and less than that in
+    /// an open one), it would be at most Σ A|r| / (1 − ρ). Rays keep that up to noise: with d = AᵀF − Aᵀ, ρ/(1 − ρ) Σ d_j e_j comes
+    /// on top, of which each d_j has a variance of A_j Ā/rays (a column is a count of rays, each worth Ā/rays, the area-weighted mean
+    /// patch) and Σ d_j = 0, so that only the uneven part of e counts, which is about |r|. Four standard errors of it are added.
     fn bound(&self, r: &[DVec3], x: &[DVec3]) -> f64 {
-        let (mut left, mut all) = (DVec3::ZERO, DVec3::ZERO);
-        let mut most: f64 = 0.0;
+        let (mut left, mut all) = (0f64, DVec3::ZERO);
+        let (mut most, mut uneven, mut area, mut squares) = (0f64, 0f64, 0f64, 0f64);
         for i in 0..self.len() {
-            left += r[i].abs() * self.area[i];
-            all += x[i].abs().max(self.source[i]) * self.area[i];
+            let (a, w) = (self.area[i], r[i].abs().element_sum());
+            left += w * a;
+            uneven += w * w * a;
+            area += a;
+            squares += a * a;
+            all += x[i].abs().max(self.source[i]) * a;
             most = most.max(self.reflectance[i].max_element());
         }
-        if left == DVec3::ZERO {
+        if left == 0.0 {
             return 0.0;
         }
-        let share = left.element_sum() / all.element_sum().max(1e-300);
-        share / (1.0 - most.min(0.9999)).max(1e-4)
+        let most = most.min(HIGHEST);
+        let mean = squares / area.max(1e-300) / self.links.rays.max(1) as f64;
+        let noise = 4.0 * most * (uneven * mean).sqrt();
+        (left + noise) / (1.0 - most) / all.element_sum().max(1e-300)
     }
 
     /// Improves `x`, which is updated in place and usable whenever this returns.

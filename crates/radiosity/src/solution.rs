@@ -5,6 +5,7 @@ use patch_subdivision::{Stats, Subdivision};
 use serde::Serialize;
 use visibility::Hit;
 
+use crate::audit::Audit;
 use crate::direct::DirectLight;
 use crate::relax::RelaxReport;
 use crate::world::World;
@@ -49,28 +50,6 @@ pub struct SolveReport {
     pub cancelled: bool,
     /// Memory of links and subdivision, bytes.
     pub bytes: u64,
-}
-
-/// Flux balance and row sums.
-///
-/// Every row of the form-factor matrix is a set of rays, so its parts sum to 1 by construction; what can go wrong is that rays
-/// which should hit a surface escape.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct Audit {
-    /// Flux that surfaces receive from lamps, emitters and sky (RGB, W or lm).
-    pub flux_in: [f64; 3],
-    /// Flux absorbed.
-    pub flux_absorbed: [f64; 3],
-    /// Flux that left the scene or ended on black back faces.
-    pub flux_escaped: [f64; 3],
-    /// (in − absorbed − escaped) / in, luminance: the sampling error of the form factors' reciprocity.
-    pub imbalance: f64,
-    /// Mean share of a row that reaches surfaces.
-    pub row_sum_mean: f64,
-    /// Smallest share of a row that reaches surfaces; 1 everywhere in a closed scene.
-    pub row_sum_min: f64,
-    /// Rows with at least one ray that escaped.
-    pub rows_open: u64,
 }
 
 impl Solution {

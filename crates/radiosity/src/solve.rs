@@ -6,13 +6,14 @@ use glam::{DVec3, Vec3};
 use patch_subdivision::{Options as CutOptions, PatchId, Subdivision};
 use rayon::prelude::*;
 
+use crate::audit::audit;
 use crate::direct::{DirectLight, DirectOptions};
 use crate::emitters::Emitters;
-use crate::links::{BLACK, ESCAPED, Links};
+use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::relax::{RelaxOptions, System};
 use crate::sampling::hash_u32;
-use crate::solution::{Audit, Solution, SolveReport};
+use crate::solution::{Solution, SolveReport};
 use crate::world::{World, luminance};
 
 /// How finely a scene is solved.
@@ -118,7 +119,15 @@ pub fn solve(
     report.link_rays = links.rays as u64 * n as u64;
     report.bytes =
         links.bytes() + report.subdivision.bytes + (direct.len() * size_of::<Vec3>()) as u64;
-    report.audit = audit(&links, &surfaces, &indirect);
+    report.audit = audit(
+        world,
+        &cut,
+        &links,
+        &surfaces,
+        &direct,
+        &indirect,
+        &report.relaxation,
+    );
     let rough = find_rough(&cut, &direct);
     report.rough_patches = rough.iter().filter(|r| **r).count() as u64;
     Solution {
@@ -212,13 +221,14 @@ fn direct_light(
 }
 
 /// Means over patches.
-struct PatchSurfaces {
-    area: Vec<f64>,
-    reflectance: Vec<DVec3>,
+pub(crate) struct PatchSurfaces {
+    /// m².
+    pub area: Vec<f64>,
+    pub reflectance: Vec<DVec3>,
     /// Direct irradiance.
-    direct: Vec<DVec3>,
+    pub direct: Vec<DVec3>,
     /// Mean of ρE over elements: where light and texture go together, the product of the means would be wrong.
-    direct_radiosity: Vec<DVec3>,
+    pub direct_radiosity: Vec<DVec3>,
 }
 
 impl PatchSurfaces {
@@ -248,43 +258,6 @@ impl PatchSurfaces {
             direct: rows.iter().map(|r| r[1]).collect(),
             direct_radiosity: rows.iter().map(|r| r[2]).collect(),
         }
-    }
-}
-
-fn audit(links: &Links, surfaces: &PatchSurfaces, indirect: &[DVec3]) -> Audit {
-    let rays = links.rays.max(1) as f64;
-    let (mut flux_in, mut absorbed, mut escaped) = (DVec3::ZERO, DVec3::ZERO, DVec3::ZERO);
-    let (mut sum, mut least, mut open) = (0f64, 1f64, 0u64);
-    for (i, &indirect) in indirect.iter().enumerate() {
-        let (mut lost, mut left) = (0u32, 0u32);
-        for &j in links.row(i) {
-            lost += (j == ESCAPED || j == BLACK) as u32;
-            left += (j == ESCAPED) as u32;
-        }
-        let reach = 1.0 - lost as f64 / rays;
-        sum += reach;
-        least = least.min(reach);
-        open += (left > 0) as u64;
-        let (a, rho) = (surfaces.area[i], surfaces.reflectance[i]);
-        let b = surfaces.direct_radiosity[i] + rho * indirect;
-        flux_in += (surfaces.direct[i] + links.source(i).as_dvec3()) * a;
-        absorbed += (surfaces.direct[i] + indirect - b) * a;
-        escaped += b * (a * (1.0 - reach));
-    }
-    let l = |c: DVec3| luminance(c.as_vec3()) as f64;
-    let total = l(flux_in);
-    Audit {
-        flux_in: flux_in.to_array(),
-        flux_absorbed: absorbed.to_array(),
-        flux_escaped: escaped.to_array(),
-        imbalance: if total > 0.0 {
-            (total - l(absorbed) - l(escaped)) / total
-        } else {
-            0.0
-        },
-        row_sum_mean: sum / links.patches.max(1) as f64,
-        row_sum_min: least,
-        rows_open: open,
     }
 }
 

@@ -149,11 +149,13 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
             audit.row_sum_min,
         ));
         display.say(&format!(
-            "  energy    in {:.4}, absorbed {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} %",
-            audit.flux_in.iter().sum::<f64>(),
+            "  energy    emitted {:.4}, absorbed {:.4}, lost behind {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} % of at most {:.3} %",
+            audit.flux_emitted.iter().sum::<f64>(),
             audit.flux_absorbed.iter().sum::<f64>(),
+            audit.flux_behind.iter().sum::<f64>(),
             audit.flux_escaped.iter().sum::<f64>(),
-            100.0 * audit.imbalance
+            100.0 * audit.imbalance,
+            100.0 * audit.bound
         ));
     }
     let peak = m

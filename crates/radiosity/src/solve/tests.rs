@@ -322,3 +322,69 @@ fn cancelled_links_stay_as_they_were() {
         assert_eq!(links.source(i), fresh.source(i));
     }
 }
+
+/// Scenes for the bound: a closed room with a lamp, the same with a wall across it that leaves a slit, without its lid, and with dark
+/// shelves on one side.
+fn bounded_scenes(rho: f32) -> [(&'static str, Scene); 4] {
+    let lit = lit_room(rho);
+    let mut divided = lit_room(rho);
+    let mut wall = material(rho, Vec3::ZERO);
+    wall.double_sided = true;
+    let corner = Vec3::new(0.5, 0.0, 0.0);
+    add_quad(&mut divided, wall, corner, Vec3::Y * 0.9, Vec3::Z);
+    let mut open = lit_room(rho);
+    let primitive = &mut open.meshes[0].primitives[0];
+    primitive.triangles.truncate(10);
+    primitive.source_triangles.truncate(10);
+    let mut mixed = lit_room(rho);
+    for k in 0..4 {
+        let shelf = material(0.2 * rho, Vec3::ZERO);
+        let corner = Vec3::new(0.1, 0.1 + 0.2 * k as f32, 0.2);
+        add_quad(&mut mixed, shelf, corner, Vec3::X * 0.8, Vec3::Z * 0.1);
+    }
+    [
+        ("lit", lit),
+        ("divided", divided),
+        ("open", open),
+        ("mixed", mixed),
+    ]
+}
+
+#[test]
+fn the_residual_bounds_what_a_coarse_solve_leaves() {
+    let mut nearest = 0f64;
+    for rho in [0.0f32, 0.5, 0.9, 0.99, 0.999] {
+        for (name, scene) in bounded_scenes(rho) {
+            for rays in [16, 256] {
+                let run = |tolerance: f64| {
+                    let mut o = options(96, rays);
+                    o.relax.tolerance = tolerance;
+                    solve_scene(&scene, Sky::Black, &o, &Silent)
+                };
+                let tight = run(1e-9);
+                assert!(tight.report.relaxation.converged);
+                for tolerance in [1.0, 0.1, 1e-2, 1e-3] {
+                    let coarse = run(tolerance);
+                    let (mut off, mut all) = (0f64, 0f64);
+                    for (i, p) in coarse.cut.patches().iter().enumerate() {
+                        let area = p.area as f64;
+                        let (c, t) = (coarse.indirect[i].as_dvec3(), tight.indirect[i].as_dvec3());
+                        off += (c - t).abs().element_sum() * area;
+                        all += t.element_sum() * area;
+                    }
+                    let bound = coarse.report.relaxation.residual;
+                    assert!(bound <= tolerance);
+                    // Irradiances are kept in f32: 2⁻²⁴ of each. The tight solve leaves 1e-9.
+                    let error = off / all.max(1e-300);
+                    assert!(
+                        error <= bound + 2f64.powi(-24) + 1e-9,
+                        "{name}, rho {rho}, {rays} rays, {tolerance}: {error:e} beyond {bound:e}"
+                    );
+                    nearest = nearest.max(error / bound.max(1e-300));
+                }
+            }
+        }
+    }
+    // A bound that is always huge would pass as well; measured: 0.974, a lit room at rho 0.9.
+    assert!(nearest > 0.9, "{nearest}");
+}

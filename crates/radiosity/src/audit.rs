@@ -1,0 +1,451 @@
+//! Where the energy went: emitted = absorbed + escaped, within a bound that comes with it.
+//!
+//! The two sides are measured in different ways, so that what is lost on the way shows. What is sent is exact (Φ = 4πI, Φ = πLA), and where it
+//! goes is seen by rays *from* the lamps and from each patch; what arrives is what the solver found *at* each element and patch. That
+//! they agree is reciprocity, A_i F_ij = A_j F_ji, which rays keep up to their noise: the bound is four standard errors of that
+//! noise, taken from the rays themselves, and what relaxation and rounding may leave.
+
+use glam::{DVec3, Vec3};
+use mesh_ingest::AlphaMode;
+use patch_subdivision::{PatchId, Subdivision};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::lamps::LampFlux;
+use crate::links::{BLACK, ESCAPED, Links, NOWHERE, origins};
+use crate::relax::RelaxReport;
+use crate::solve::PatchSurfaces;
+use crate::world::{Emission, World, luminance};
+
+/// Standard errors that the bound allows: a sum over thousands of rows is about normal, and beyond four lies one in 16,000.
+const SIGMAS: f64 = 4.0;
+
+/// Share of a row's rays that may be lost before the row is named. Rays of a sound scene are never lost; along the edges of a
+/// model whose vertices do not quite meet some are.
+const ROW_BOUND: f64 = 0.01;
+
+/// A scene is nearly closed where fewer than one in so many rays leave it.
+const NEARLY_CLOSED: u64 = 100;
+
+/// So many nodes are named, those with the most rows.
+const MOST_NODES: usize = 32;
+
+/// Flux balance and row sums of the form-factor matrix.
+///
+/// Fluxes are in W, or lm where the scene is photometric. Imbalance and bounds are shares of the emitted flux, by luminance.
+///
+/// A sun emits what meets the scene's surfaces, the sky what arrives on them: neither has a flux of its own, and for the sky
+/// alone arrival is not compared with anything. A lamp with a `range` loses light on its way (the glTF extension says so): it emits
+/// what arrives.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Audit {
+    /// Flux that lamps, emissive surfaces, suns and the sky send into the scene (RGB).
+    pub flux_emitted: [f64; 3],
+    /// Flux that surfaces receive from these before any reflection (RGB).
+    pub flux_in: [f64; 3],
+    /// Flux that surfaces absorb, all reflections counted (RGB).
+    pub flux_absorbed: [f64; 3],
+    /// Flux that ends on the backs of single-sided faces, which are black (RGB).
+    pub flux_behind: [f64; 3],
+    /// Flux that leaves the scene (RGB).
+    pub flux_escaped: [f64; 3],
+    /// (emitted − absorbed − behind − escaped) / emitted.
+    pub imbalance: f64,
+    /// What the imbalance may be: the sum of `bounds`.
+    pub bound: f64,
+    /// Where the bound comes from.
+    pub bounds: AuditBounds,
+    /// `imbalance` is not larger than `bound`.
+    pub within_bound: bool,
+    /// Mean share of a row that reaches surfaces.
+    pub row_sum_mean: f64,
+    /// Smallest share of a row that reaches surfaces; 1 everywhere in a closed scene.
+    pub row_sum_min: f64,
+    /// Rays that left the scene.
+    pub rays_escaped: u64,
+    /// Rays lost on the backs of single-sided faces.
+    pub rays_behind: u64,
+    /// Rays lost on surfaces that no patch stands for.
+    pub rays_nowhere: u64,
+    /// Rows with at least one ray that escaped.
+    pub rows_open: u64,
+    /// A row's sum, surfaces and sky together, may fall short of 1 by so much; it does by what backs of faces take.
+    pub row_bound: f64,
+    /// Rows that fall short by more.
+    pub rows_beyond: u64,
+    /// Nodes that have such rows, most rows first, 32 at most.
+    pub beyond: Vec<RowsOfNode>,
+    /// Nodes with open rows, where less than a hundredth of all rays escape: gaps in a scene that is nearly closed.
+    pub gaps: Vec<RowsOfNode>,
+}
+
+/// The parts of [`Audit::bound`], shares of the emitted flux.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct AuditBounds {
+    /// Four standard errors of reciprocity, from the spread of each row's rays about their mean, element by element.
+    pub rays: f64,
+    /// Four standard errors of direct light, which each element takes at one point: from the spread over the elements of a patch.
+    pub direct: f64,
+    /// Four standard errors of where the light of lamps goes, from the rays that are cast from them.
+    pub lamps: f64,
+    /// What relaxation left.
+    pub residual: f64,
+    /// Rounding of sums of `f32`.
+    pub rounding: f64,
+}
+
+/// A node's rows that fall short or stand open.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct RowsOfNode {
+    /// The node's name, or `node` and its number in the document.
+    pub node: String,
+    /// How many rows.
+    pub rows: u64,
+    /// The least of their sums: surfaces and sky (`beyond`), or surfaces alone (`gaps`).
+    pub least: f64,
+    /// Where the patch of that row lies, world space of the document, metres.
+    pub at: [f64; 3],
+}
+
+/// One patch's part.
+#[derive(Default, Clone, Copy)]
+struct Row {
+    emitted: DVec3,
+    received: DVec3,
+    absorbed: DVec3,
+    behind: DVec3,
+    escaped: DVec3,
+    /// Variances of luminous flux.
+    rays: f64,
+    direct: f64,
+    hits: u32,
+    open: u32,
+    black: u32,
+    nowhere: u32,
+}
+
+/// What a patch sends out, by surface area: means over its elements.
+struct Outgoing {
+    /// Share of the area that is there (alpha).
+    solid: f64,
+    /// π × radiance that gathering rays see.
+    glow: DVec3,
+    /// π × radiance that direct light samples.
+    lamp: DVec3,
+    /// ρE.
+    reflected: DVec3,
+    /// Flux per area of emission that varies within triangles, which is known at the elements' points only.
+    textured: DVec3,
+    /// Variances of luminous flux due to taking things at one point an element: direct irradiance with `textured`, and other
+    /// emission, which only matters where some of it is lost.
+    spread: f64,
+    spread_plain: f64,
+}
+
+impl Outgoing {
+    fn new(
+        world: &World,
+        cut: &Subdivision,
+        surfaces: &PatchSurfaces,
+        direct: &[Vec3],
+        indirect: DVec3,
+        patch: usize,
+    ) -> Self {
+        let range = cut.elements_of(PatchId(patch as u32));
+        let m = range.len() as f64;
+        let (mut solid, mut glow, mut lamp, mut area) = (0f64, DVec3::ZERO, DVec3::ZERO, 0f64);
+        let mut textured = DVec3::ZERO;
+        // Luminance received directly and sent by each element, per area.
+        let (mut got, mut varied, mut plain) = ([0f64; 16], [0f64; 16], [0f64; 16]);
+        let mut areas = [0f64; 16];
+        for (slot, k) in range.enumerate() {
+            let e = cut.elements()[k];
+            let a = e.area as f64;
+            area += a;
+            solid += a * opacity(world, e.triangle, e.u, e.v);
+            let emission = world.emission(e.triangle);
+            let mut out = DVec3::ZERO;
+            if emission != Emission::None {
+                let l = world.scene.emission(world.soup, e.triangle, e.u, e.v);
+                out = l.as_dvec3() * std::f64::consts::PI;
+            }
+            if emission == Emission::Sampled {
+                lamp += out * a;
+            } else {
+                glow += out * a;
+            }
+            let slot = slot.min(15);
+            (got[slot], areas[slot]) = (luminance(direct[k]) as f64, a);
+            if varies(world, e.triangle) {
+                textured += out * a;
+                varied[slot] = lum(out);
+            } else {
+                plain[slot] = lum(out);
+            }
+        }
+        let s = 1.0 / area.max(1e-300);
+        let spread = |x: &[f64; 16]| -> f64 {
+            if m < 2.0 {
+                // Nothing to compare with: the value itself, as if it might as well be twice that or nothing.
+                return (areas[0] * x[0]).powi(2);
+            }
+            let mean: f64 = x.iter().zip(&areas).map(|(x, a)| x * a).sum::<f64>() * s;
+            let squares = x.iter().zip(&areas).map(|(x, a)| (a * (x - mean)).powi(2));
+            squares.sum::<f64>() * m / (m - 1.0)
+        };
+        Outgoing {
+            solid: solid * s,
+            glow: glow * s,
+            lamp: lamp * s,
+            reflected: surfaces.direct_radiosity[patch] + surfaces.reflectance[patch] * indirect,
+            textured: textured * s,
+            spread: spread(&got) + spread(&varied),
+            // A patch of one element is all of one material, nearly always.
+            spread_plain: if m < 2.0 { 0.0 } else { spread(&plain) },
+        }
+    }
+}
+
+fn lum(c: DVec3) -> f64 {
+    c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
+}
+
+/// Whether emission, or how much of the surface is there, changes over the triangle.
+fn varies(world: &World, triangle: u32) -> bool {
+    let material = &world.scene.materials[world.soup.materials[triangle as usize] as usize];
+    material.emissive_texture.is_some() || material.alpha != AlphaMode::Opaque
+}
+
+/// Flux of all emissive triangles whose emission does not vary: π L A, for each side that shines.
+fn plain_emission(world: &World) -> DVec3 {
+    let mut sum = DVec3::ZERO;
+    for (t, area) in world.soup.areas.iter().enumerate() {
+        let t = t as u32;
+        if world.emission(t) != Emission::None && !varies(world, t) {
+            let l = world.scene.emission(world.soup, t, 1.0 / 3.0, 1.0 / 3.0);
+            let sides = 1.0 + world.two_sided(t) as u32 as f64;
+            sum += l.as_dvec3() * (std::f64::consts::PI * sides * *area as f64);
+        }
+    }
+    sum
+}
+
+/// Share of rays that the surface stops at a point.
+fn opacity(world: &World, triangle: u32, u: f32, v: f32) -> f64 {
+    let material = &world.scene.materials[world.soup.materials[triangle as usize] as usize];
+    let alpha = || world.scene.base_color(world.soup, triangle, u, v).w;
+    match material.alpha {
+        AlphaMode::Opaque => 1.0,
+        AlphaMode::Mask { cutoff } => (alpha() >= cutoff) as u32 as f64,
+        AlphaMode::Blend => alpha() as f64,
+    }
+}
+
+/// Balances what was emitted against what `direct` (per element) and `indirect` (per patch) say arrived.
+pub(crate) fn audit(
+    world: &World,
+    cut: &Subdivision,
+    links: &Links,
+    surfaces: &PatchSurfaces,
+    direct: &[Vec3],
+    indirect: &[DVec3],
+    relaxation: &RelaxReport,
+) -> Audit {
+    let n = links.patches;
+    let rays = links.rays.max(1) as f64;
+    let outgoing: Vec<Outgoing> = (0..n)
+        .into_par_iter()
+        .map(|i| Outgoing::new(world, cut, surfaces, direct, indirect[i], i))
+        .collect();
+    let seen: Vec<f64> = outgoing.iter().map(|o| lum(o.reflected + o.glow)).collect();
+    let rows: Vec<Row> = (0..n)
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|i| {
+            let (o, area) = (&outgoing[i], surfaces.area[i] * outgoing[i].solid);
+            let out = o.reflected + o.glow + o.lamp;
+            let mut row = Row::default();
+            // What a ray takes along less what it would bring back; reciprocity says that it is 0 on average over all patches.
+            let level = lum(out);
+            let (mut sum, mut squares) = (0f64, 0f64);
+            let (mut by_element, mut count) = ([0f64; 16], [0f64; 16]);
+            for (&j, e) in links
+                .row(i)
+                .iter()
+                .zip(origins(cut, PatchId(i as u32), links.rays))
+            {
+                let gain = match j {
+                    ESCAPED => {
+                        row.open += 1;
+                        0.0
+                    }
+                    BLACK => {
+                        row.black += 1;
+                        0.0
+                    }
+                    NOWHERE => {
+                        row.nowhere += 1;
+                        0.0
+                    }
+                    j => {
+                        row.hits += 1;
+                        level - seen[j as usize]
+                    }
+                };
+                sum += gain;
+                squares += gain * gain;
+                by_element[e.min(15)] += gain;
+                count[e.min(15)] += 1.0;
+            }
+            let mean = sum / rays;
+            let independent = squares - sum * mean;
+            // Rays from one point of one element are alike; the point is as random as they are.
+            let clustered: f64 = (by_element.iter().zip(&count))
+                .map(|(s, n)| (s - n * mean).powi(2))
+                .sum();
+            let weight = area / rays;
+            row.rays = independent.max(clustered) * weight * weight;
+            let lost = 1.0 - row.hits as f64 / rays;
+            row.direct = (o.spread + o.spread_plain * lost * lost) * o.solid * o.solid;
+            let (direct, source) = (surfaces.direct[i], links.source(i).as_dvec3());
+            row.emitted = (o.textured + links.sky(i).as_dvec3()) * area;
+            row.received = (direct + source) * area;
+            row.absorbed = (direct + indirect[i] - o.reflected) * area;
+            row.behind = out * (area * (row.black + row.nowhere) as f64 / rays);
+            row.escaped = out * (area * row.open as f64 / rays);
+            row
+        })
+        .collect();
+    let lamps = LampFlux::measure(world);
+    balance(
+        world, cut, links, surfaces, indirect, relaxation, &rows, &lamps,
+    )
+}
+
+#[allow(
+    clippy::too_many_arguments,
+    reason = "the second half of `audit`, apart for length only"
+)]
+fn balance(
+    world: &World,
+    cut: &Subdivision,
+    links: &Links,
+    surfaces: &PatchSurfaces,
+    indirect: &[DVec3],
+    relaxation: &RelaxReport,
+    rows: &[Row],
+    lamps: &LampFlux,
+) -> Audit {
+    let rays = links.rays.max(1) as f64;
+    let mut total = Row {
+        emitted: lamps.emitted + plain_emission(world),
+        behind: lamps.behind,
+        escaped: lamps.escaped,
+        ..Row::default()
+    };
+    let mut out = Audit {
+        row_sum_min: 1.0,
+        row_bound: ROW_BOUND,
+        ..Audit::default()
+    };
+    let (mut reach, mut left, mut indirect_flux) = (0f64, 0f64, 0f64);
+    let mut most_reflecting = 0f64;
+    for (i, r) in rows.iter().enumerate() {
+        total.emitted += r.emitted;
+        total.received += r.received;
+        total.absorbed += r.absorbed;
+        total.behind += r.behind;
+        total.escaped += r.escaped;
+        total.rays += r.rays;
+        total.direct += r.direct;
+        let share = r.hits as f64 / rays;
+        reach += share;
+        out.row_sum_min = out.row_sum_min.min(share);
+        out.rays_escaped += r.open as u64;
+        out.rays_behind += r.black as u64;
+        out.rays_nowhere += r.nowhere as u64;
+        out.rows_open += (r.open > 0) as u64;
+        out.rows_beyond += beyond(r, rays) as u64;
+        most_reflecting = most_reflecting.max(surfaces.reflectance[i].max_element());
+        indirect_flux += lum(indirect[i]) * surfaces.area[i];
+    }
+    out.row_sum_mean = reach / rows.len().max(1) as f64;
+    out.flux_emitted = total.emitted.to_array();
+    out.flux_in = total.received.to_array();
+    out.flux_absorbed = total.absorbed.to_array();
+    out.flux_behind = total.behind.to_array();
+    out.flux_escaped = total.escaped.to_array();
+    let emitted = lum(total.emitted);
+    if emitted > 0.0 && links.rays > 0 {
+        let balance = total.emitted - total.absorbed - total.behind - total.escaped;
+        out.imbalance = lum(balance) / emitted;
+        // `residual` bounds Σ A|r| / (1 − ρ), as a share of what arrives; r is what is missing in the balance.
+        left += relaxation.residual * (1.0 - most_reflecting.min(0.9999)) * indirect_flux;
+        let sigmas = |variance: f64| SIGMAS * variance.sqrt() / emitted;
+        out.bounds = AuditBounds {
+            rays: sigmas(total.rays),
+            direct: sigmas(total.direct),
+            lamps: sigmas(lamps.variance),
+            residual: left / emitted,
+            // A row's light from outside is a sum of `rays` numbers in f32, some ten more operations follow, and E is as many times
+            // larger than what is emitted as light is reflected.
+            rounding: (rays + 10.0) * 2f64.powi(-24) * (1.0 + indirect_flux / emitted),
+        };
+        let b = &out.bounds;
+        // The three samplings are independent of one another.
+        out.bound =
+            (b.rays.powi(2) + b.direct.powi(2) + b.lamps.powi(2)).sqrt() + b.residual + b.rounding;
+    }
+    out.within_bound = out.imbalance.abs() <= out.bound;
+    if out.rows_beyond > 0 {
+        let sum = |r: &Row| beyond(r, rays).then(|| (r.hits + r.open) as f64 / rays);
+        out.beyond = by_node(world, cut, rows, sum);
+    }
+    let all = links.rays as u64 * rows.len() as u64;
+    if out.rays_escaped > 0 && out.rays_escaped < all / NEARLY_CLOSED {
+        let sum = |r: &Row| (r.open > 0).then(|| (r.hits as f64 + r.black as f64) / rays);
+        out.gaps = by_node(world, cut, rows, sum);
+    }
+    out
+}
+
+fn beyond(r: &Row, rays: f64) -> bool {
+    (r.black + r.nowhere) as f64 > ROW_BOUND * rays
+}
+
+/// Collects the rows for which `sum` has an answer under their nodes.
+fn by_node(
+    world: &World,
+    cut: &Subdivision,
+    rows: &[Row],
+    sum: impl Fn(&Row) -> Option<f64>,
+) -> Vec<RowsOfNode> {
+    let mut nodes = vec![RowsOfNode::default(); world.scene.instances.len()];
+    for (i, row) in rows.iter().enumerate() {
+        let Some(sum) = sum(row) else { continue };
+        let e = cut.elements()[cut.patches()[i].first_element as usize];
+        let instance = world.soup.sources[e.triangle as usize].instance as usize;
+        let node = &mut nodes[instance];
+        if node.rows == 0 || sum < node.least {
+            let p = world.surface_point(e.triangle, e.u, e.v, false, false);
+            node.least = sum;
+            node.at = (p.position.as_dvec3() + world.scene.origin).to_array();
+        }
+        node.rows += 1;
+    }
+    for (node, instance) in nodes.iter_mut().zip(&world.scene.instances) {
+        node.node = if instance.name.is_empty() {
+            format!("node {}", instance.node)
+        } else {
+            instance.name.clone()
+        };
+    }
+    nodes.retain(|n| n.rows > 0);
+    // Stable: nodes with equally many rows stay in the scene's order.
+    nodes.sort_by_key(|n| std::cmp::Reverse(n.rows));
+    nodes.truncate(MOST_NODES);
+    nodes
+}
+
+#[cfg(test)]
+mod tests;
