@@ -53,6 +53,8 @@ pub struct Patch {
     pub mask: u16,
     /// The patch stands for the back of its surface.
     pub back: bool,
+    /// All of it lies where no light comes and from where none is seen; see [`Subdivision::hide`].
+    pub hidden: bool,
 }
 
 /// The finest piece of surface: it records direct light, at one point drawn uniformly from it.
@@ -233,7 +235,7 @@ impl Subdivision {
         })
     }
 
-    /// Bilinear weights over the patches about `p`, those that exist in its region; at least one. Arguments as for
+    /// Bilinear weights over the patches about `p`, those that exist in its region and are not hidden; at least one. Arguments as for
     /// [`locate`](Self::locate), which must have answered for them.
     #[inline]
     pub fn taps(&self, triangle: u32, p: Vec3, at: Locus) -> ([Tap; 4], usize) {
@@ -269,7 +271,7 @@ impl Subdivision {
                 continue;
             }
             let front = self.tables[region.table + (r as u32 * f.cells[0] + c as u32) as usize];
-            if front != NONE {
+            if front != NONE && !self.patches[(front + back) as usize].hidden {
                 taps[n] = Tap {
                     patch: PatchId(front + back),
                     weight: w,
@@ -306,6 +308,41 @@ impl Subdivision {
             }
         }
         None
+    }
+
+    /// Takes elements out that `hidden` (one flag an element) names: parts of surfaces inside of other things. Light falls on, and is seen
+    /// from, the rest of their patch, and a mean over both would darken it. Patches of which nothing is left keep their elements, and other
+    /// patches no longer interpolate towards them.
+    ///
+    /// # Panics
+    /// When `hidden` has another length than [`elements`](Self::elements).
+    pub fn hide(&mut self, hidden: &[bool]) {
+        assert_eq!(hidden.len(), self.elements.len(), "one flag an element");
+        let mut kept = Vec::with_capacity(self.elements.len());
+        for patch in &mut self.patches {
+            let first = patch.first_element as usize;
+            let range = first..first + patch.elements as usize;
+            patch.first_element = kept.len() as u32;
+            patch.hidden = hidden[range.clone()].iter().all(|h| *h);
+            if patch.hidden {
+                kept.extend_from_slice(&self.elements[range]);
+                continue;
+            }
+            // Element k of the patch is its mask's k-th bit.
+            let mut cells = (0..16u16).filter(|b| patch.mask >> b & 1 == 1);
+            let (mut mask, mut area) = (0u16, 0.0f32);
+            for k in range {
+                let cell = cells.next().unwrap_or(0);
+                if !hidden[k] {
+                    mask |= 1 << cell;
+                    area += self.elements[k].area;
+                    kept.push(self.elements[k]);
+                }
+            }
+            (patch.mask, patch.area) = (mask, area);
+            patch.elements = (kept.len() - patch.first_element as usize) as u16;
+        }
+        self.elements = kept;
     }
 
     /// Sizes for the report.
@@ -391,6 +428,7 @@ fn cut_region(
                 elements: 0,
                 mask: 0,
                 back: false,
+                hidden: false,
             });
         }
         let patch = &mut piece.patches[piece.table[cell] as usize];

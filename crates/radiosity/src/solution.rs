@@ -32,6 +32,8 @@ pub struct Solution {
 pub struct SolveReport {
     /// Regions, patches, elements.
     pub subdivision: Stats,
+    /// Elements inside of things, which stand for nothing.
+    pub buried_elements: u64,
     /// Emissive triangles that direct light samples.
     pub emitters: usize,
     /// Patches whose direct light is computed anew at each hit.

@@ -12,9 +12,9 @@ use crate::emitters::Emitters;
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::relax::{RelaxOptions, System};
-use crate::sampling::hash_u32;
+use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Solution, SolveReport};
-use crate::world::{World, luminance};
+use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
 #[derive(Debug, Clone, Copy)]
@@ -62,10 +62,13 @@ pub fn solve(
     options: &SolveOptions,
     monitor: &dyn Monitor,
 ) -> Solution {
-    let cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
+    let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
+    let buried = find_buried(world, &cut);
+    cut.hide(&buried);
     let n = cut.patches().len();
     let mut report = SolveReport {
         subdivision: cut.stats(),
+        buried_elements: buried.iter().filter(|b| **b).count() as u64,
         emitters: emitters.len(),
         ..SolveReport::default()
     };
@@ -159,6 +162,38 @@ fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
                 high = high.max(l);
             }
             high > floor && high - low > 0.5 * high
+        })
+        .collect()
+}
+
+/// Which elements lie inside something: all of some rays from there meet black back faces.
+///
+/// What stands on a floor hides the part of a patch under it. Rays from other surfaces never hit that part, so the patch's light must
+/// be the mean over the rest: with the dark part in it, every foot of a pillar takes light out of the room. The demo level's hall
+/// lost 3 % by it (35,000 patches), 6 % (13,000).
+fn find_buried(world: &World, cut: &Subdivision) -> Vec<bool> {
+    // An open point near the backs of things sees them in half of its hemisphere at most: it is mistaken once in 256, and then
+    // fifteen others stand for it. Nearly every open point is told by its first ray.
+    const RAYS: u32 = 8;
+    let buried_at = |p: PatchId, k: usize| {
+        let e = cut.elements()[k];
+        if world.emission(e.triangle) != Emission::None {
+            return false; // its own light is counted where it starts
+        }
+        let back = cut.patches()[p.0 as usize].back;
+        let point = world.surface_point(e.triangle, e.u, e.v, back, false);
+        let seed = hash_u32(k as u32 ^ 0x7f4a_7c15);
+        (0..RAYS).all(|i| {
+            let [u, v] = sample_2d(i, 2, seed);
+            let direction = cosine_hemisphere(point.normal, u, v);
+            matches!(world.incoming(point.origin, direction), Incoming::Black)
+        })
+    };
+    (0..cut.patches().len() as u32)
+        .into_par_iter()
+        .flat_map_iter(|p| {
+            cut.elements_of(PatchId(p))
+                .map(move |k| buried_at(PatchId(p), k))
         })
         .collect()
 }
