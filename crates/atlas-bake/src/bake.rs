@@ -59,6 +59,8 @@ pub struct BakeReport {
     pub hidden_lumels: u64,
     /// Lumels of which a part does; their value is the mean over all of it.
     pub partly_hidden_lumels: u64,
+    /// Lumels that a contact or another edge crosses, which were gathered at many points.
+    pub edge_lumels: u64,
     /// Gathering and shadow rays, lumels.
     pub lumel_rays: u64,
     /// Vertices gathered at.
@@ -164,6 +166,7 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     let (mut sum, mut weight) = ([0f64; 3], 0f64);
     for (l, r) in lumels.iter().zip(received) {
         report.lumel_rays += r.rays;
+        report.edge_lumels += r.edge as u64;
         report.hidden_lumels += (r.open == 0.0) as u64;
         report.partly_hidden_lumels += (r.open > 0.0 && r.open < 1.0) as u64;
         let w = l.coverage as f64;

@@ -51,6 +51,8 @@ pub struct Received {
     pub open: f32,
     /// Gathering and shadow rays cast.
     pub rays: u64,
+    /// An edge crosses the footprint: it got [`GatherOptions::edge_points`].
+    pub edge: bool,
 }
 
 impl Received {
@@ -69,9 +71,6 @@ const INSIDE: f32 = 0.9;
 
 /// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
 const EDGE_RAYS: u32 = 2;
-
-/// Points looked at with one ray each before a lumel that seems wholly inside something is left at that.
-const PROBES: u32 = 64;
 
 /// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
 /// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
@@ -158,7 +157,8 @@ impl Gatherer<'_, '_> {
             let estimate = mean_and_spread(&sums, &open);
             if direct.is_none() && !options.open_only && options.edge_points > count as u32 {
                 let edge = if in_the_open == 0 {
-                    rays += u64::from(PROBES);
+                    // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
+                    rays += u64::from(options.edge_points);
                     self.anything_open(footprint, seed)
                 } else {
                     in_the_open < count || estimate.disagree
@@ -166,6 +166,7 @@ impl Gatherer<'_, '_> {
                 if edge {
                     let mut out = self.gather_edge(footprint, seed);
                     out.rays += rays;
+                    out.edge = true;
                     if in_the_open < count {
                         // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
                         out.open = out.open.min(1.0 - 1.0 / count as f32);
@@ -201,7 +202,7 @@ impl Gatherer<'_, '_> {
         }
         let everywhere = vec![true; count];
         let estimate = mean_and_spread(&sums, &everywhere);
-        let most = self.options.direct.penumbra;
+        let most = self.options.direct.penumbra.max(self.options.edge_points);
         let direct = DirectOptions {
             base: most,
             penumbra: most,
@@ -212,16 +213,14 @@ impl Gatherer<'_, '_> {
         received(footprint, &points, direct, &estimate, open, rays)
     }
 
-    /// Whether a ray from any of some more points of the footprint meets anything but black back faces.
+    /// Whether a ray from any of the points that an edge would get meets anything but black back faces.
     fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
-        (0..PROBES).any(|i| {
-            footprint
-                .candidate(self.options.points + i)
-                .is_some_and(|p| {
-                    let mut probe = Point::default();
-                    self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe);
-                    probe.black == 0
-                })
+        (self.options.points..self.options.edge_points).any(|i| {
+            footprint.candidate(i).is_some_and(|p| {
+                let mut probe = Point::default();
+                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe);
+                probe.black == 0
+            })
         })
     }
 
@@ -321,6 +320,7 @@ fn received(
         size: footprint.size(),
         open,
         rays,
+        edge: false,
     }
 }
 
@@ -359,12 +359,15 @@ struct Estimate {
     mean: Vec3,
     /// The same from the first half of the points.
     first_half: Vec3,
-    /// Variance of the mean's luminance as if the points were independent. They are stratified against each other, so it is on the safe
-    /// side.
+    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a Sobol sequence are stratified against
+    /// each other, and so are the groups, which this does not see: it is on the safe side.
     variance: f32,
     /// The points differ by more than their rays' noise.
     disagree: bool,
 }
+
+/// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see less of the stratification.
+const GROUPS: usize = 8;
 
 /// Mean irradiance over open points, and how far they spread.
 fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
@@ -386,16 +389,28 @@ fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
     };
     let m = luminance(mean);
     let (mut square, mut noise) = (0.0, 0.0);
-    for (s, _) in sums.iter().zip(open).filter(|(_, o)| **o) {
-        let d = luminance(s.sum) * (pi / s.rays as f32) - m;
-        square += d * d;
+    let mut groups = [(0f32, 0f32); GROUPS];
+    for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
+        let value = luminance(s.sum) * (pi / s.rays as f32);
+        square += (value - m) * (value - m);
         noise += pi * pi * s.variance_of_mean();
+        let group = &mut groups[k * GROUPS / sums.len()];
+        *group = (group.0 + value, group.1 + 1.0);
     }
+    let used = groups.iter().filter(|g| g.1 > 0.0).count() as f32;
+    let between: f32 = groups
+        .iter()
+        .map(|g| (g.0 - g.1 * m) * (g.0 - g.1 * m))
+        .sum();
     let spread = square / (n - 1.0).max(1.0);
     Estimate {
         mean,
         first_half,
-        variance: if n > 1.0 { spread / n } else { m * m },
+        variance: if used > 1.0 {
+            between / (n * n) * (used / (used - 1.0))
+        } else {
+            m * m
+        },
         disagree: n > 1.0 && spread > DISAGREE * noise / n,
     }
 }
