@@ -13,9 +13,9 @@ use serde::Serialize;
 use crate::atlas::{Layout, Page};
 use crate::dilate::dilate;
 use crate::footprint::{LumelFootprint, VertexFootprint};
-use crate::gather::{GatherOptions, Gatherer, Received};
+use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
-use crate::lumels::{Lumel, Lumels};
+use crate::lumels::{Lumel, Lumels, TexelIndex};
 use crate::manifest::ValueKind;
 use crate::smooth::smooth_indirect;
 
@@ -59,8 +59,10 @@ pub struct BakeReport {
     pub hidden_lumels: u64,
     /// Lumels of which a part does; their value is the mean over all of it.
     pub partly_hidden_lumels: u64,
-    /// Lumels that a contact or another edge crosses, which were gathered at many points.
+    /// Lumels at a contact, which were gathered at many points.
     pub edge_lumels: u64,
+    /// Lumels in or beside the edge of a shadow.
+    pub shadow_edge_lumels: u64,
     /// Gathering and shadow rays, lumels.
     pub lumel_rays: u64,
     /// Vertices gathered at.
@@ -113,10 +115,29 @@ pub fn bake(
         direct: DirectLight::new(world, emitters),
         options: options.lumels,
     };
-    let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
+    let footprint_at = |i: usize| {
         let lumel = lumels.lumels[i];
         let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
-        gatherer.gather(&LumelFootprint::new(world, &lumels, lumel, seed), seed)
+        (LumelFootprint::new(world, &lumels, lumel, seed), seed)
+    };
+    let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
+        let (footprint, seed) = footprint_at(i);
+        gatherer.gather(&footprint, seed)
+    })?;
+    follow_edges(&lumels, layout, &mut received, monitor, |i, edge, first| {
+        let (footprint, seed) = footprint_at(i);
+        match edge {
+            Edge::Contact => {
+                let again = gatherer.gather_edge(&footprint, seed);
+                Received {
+                    // What the smoothing goes by, which the many points know better.
+                    open: first.open.min(again.open),
+                    rays: first.rays + again.rays,
+                    ..again
+                }
+            }
+            Edge::Shadow | Edge::None => gatherer.refine_direct(&footprint, seed, first),
+        }
     })?;
     smooth_indirect(&lumels, layout, &mut received);
     summarise(&lumels.lumels, &received, &mut out.report);
@@ -131,6 +152,44 @@ pub fn bake(
     out.vertices.instances =
         bake_vertices(world, gatherer, options.vertices, monitor, &mut out.report)?;
     Ok(out)
+}
+
+/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
+/// of their first points stands for.
+///
+/// `refine` gets the lumel, the edge next to it and what was gathered.
+fn follow_edges(
+    lumels: &Lumels,
+    layout: &Layout,
+    received: &mut [Received],
+    monitor: &dyn Monitor,
+    refine: impl Fn(usize, Edge, &Received) -> Received + Sync,
+) -> Result<(), Cancelled> {
+    let index = TexelIndex::build(&lumels.lumels, layout);
+    let beside: Vec<(usize, Edge)> = (0..received.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .filter_map(|i| {
+            let l = &lumels.lumels[i];
+            let [x, y] = l.texel.map(i64::from);
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            let edge = around
+                .filter_map(|(x, y)| index.at(l.page, x, y))
+                .filter(|&j| lumels.lumels[j].instance == l.instance)
+                .map(|j| received[j].edge)
+                .max()?;
+            // Buried ones were searched through.
+            (edge > received[i].edge && received[i].open > 0.0).then_some((i, edge))
+        })
+        .collect();
+    let refined = in_blocks(beside.len(), Phase::Gather, monitor, |k| {
+        let (i, edge) = beside[k];
+        refine(i, edge, &received[i])
+    })?;
+    for ((i, _), again) in beside.into_iter().zip(refined) {
+        received[i] = again;
+    }
+    Ok(())
 }
 
 /// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
@@ -166,7 +225,8 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     let (mut sum, mut weight) = ([0f64; 3], 0f64);
     for (l, r) in lumels.iter().zip(received) {
         report.lumel_rays += r.rays;
-        report.edge_lumels += r.edge as u64;
+        report.edge_lumels += (r.edge == Edge::Contact) as u64;
+        report.shadow_edge_lumels += (r.edge == Edge::Shadow) as u64;
         report.hidden_lumels += (r.open == 0.0) as u64;
         report.partly_hidden_lumels += (r.open > 0.0 && r.open < 1.0) as u64;
         let w = l.coverage as f64;

@@ -51,8 +51,21 @@ pub struct Received {
     pub open: f32,
     /// Gathering and shadow rays cast.
     pub rays: u64,
-    /// An edge crosses the footprint: it got [`GatherOptions::edge_points`].
-    pub edge: bool,
+    /// What crosses the footprint.
+    pub edge: Edge,
+}
+
+/// An edge across a footprint.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Edge {
+    /// None was seen.
+    #[default]
+    None,
+    /// Of a shadow: a light is seen from a part of the footprint, or partly.
+    Shadow,
+    /// Of a thing that touches the surface or stands close to it: what is seen from the points of the footprint differs. It got
+    /// [`GatherOptions::edge_points`].
+    Contact,
 }
 
 impl Received {
@@ -166,7 +179,6 @@ impl Gatherer<'_, '_> {
                 if edge {
                     let mut out = self.gather_edge(footprint, seed);
                     out.rays += rays;
-                    out.edge = true;
                     if in_the_open < count {
                         // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
                         out.open = out.open.min(1.0 - 1.0 / count as f32);
@@ -190,7 +202,7 @@ impl Gatherer<'_, '_> {
     }
 
     /// Mean irradiance over a footprint that an edge crosses: many points, few rays each, and as many shadow rays as a penumbra gets.
-    fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
+    pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let count = self.options.edge_points as usize;
         let points = spread(footprint, count);
         // Its own random numbers: what made the first points disagree should not decide again.
@@ -210,7 +222,38 @@ impl Gatherer<'_, '_> {
         let direct = self.direct_light(footprint, &points, &everywhere, seed, &direct);
         let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
         let rays = u64::from(EDGE_RAYS) * count as u64 + u64::from(direct.rays);
-        received(footprint, &points, direct, &estimate, open, rays)
+        Received {
+            edge: Edge::Contact,
+            ..received(footprint, &points, direct, &estimate, open, rays)
+        }
+    }
+
+    /// Direct light once more, with as many points as a penumbra gets: for footprints next to one that a shadow's edge crosses, of which the
+    /// edge may cut a corner.
+    pub(crate) fn refine_direct(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        first: &Received,
+    ) -> Received {
+        let points = spread(footprint, self.options.points as usize);
+        let options = DirectOptions {
+            base: self.options.direct.penumbra,
+            ..self.options.direct
+        };
+        let open = vec![true; points.len()];
+        let direct = self.direct_light(footprint, &points, &open, seed, &options);
+        Received {
+            direct: direct.irradiance,
+            error: (first.indirect_variance + direct.variance).sqrt(),
+            rays: first.rays + u64::from(direct.rays),
+            edge: if direct.variance > 0.0 {
+                Edge::Shadow
+            } else {
+                Edge::None
+            },
+            ..*first
+        }
     }
 
     /// Whether a ray from any of the points that an edge would get meets anything but black back faces.
@@ -320,7 +363,12 @@ fn received(
         size: footprint.size(),
         open,
         rays,
-        edge: false,
+        // Only a light that is seen and hidden both leaves a doubt.
+        edge: if direct.variance > 0.0 {
+            Edge::Shadow
+        } else {
+            Edge::None
+        },
     }
 }
 

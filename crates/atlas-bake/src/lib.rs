@@ -28,7 +28,7 @@ pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
 pub use footprint::{Footprint, LumelFootprint, VertexFootprint};
-pub use gather::{GatherOptions, Gatherer, Received};
+pub use gather::{Edge, GatherOptions, Gatherer, Received};
 pub use gltf_out::{
     GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats, write_lightmapped_glb,
     write_vertex_glb,

@@ -86,6 +86,37 @@ impl Lumels {
     }
 }
 
+/// Lumel at each texel.
+pub(crate) struct TexelIndex {
+    /// By page: width, height, lumel number or `u32::MAX`.
+    pages: Vec<(i64, i64, Vec<u32>)>,
+}
+
+impl TexelIndex {
+    pub(crate) fn build(lumels: &[Lumel], layout: &Layout) -> Self {
+        let mut pages: Vec<(i64, i64, Vec<u32>)> = layout
+            .pages
+            .iter()
+            .map(|&[w, h]| (w as i64, h as i64, vec![u32::MAX; w as usize * h as usize]))
+            .collect();
+        for (i, l) in lumels.iter().enumerate() {
+            let (w, _, texels) = &mut pages[l.page as usize];
+            texels[l.texel[1] as usize * *w as usize + l.texel[0] as usize] = i as u32;
+        }
+        TexelIndex { pages }
+    }
+
+    /// The lumel at a texel, if there is one; the texel may lie outside of the page.
+    pub(crate) fn at(&self, page: u32, x: i64, y: i64) -> Option<usize> {
+        let (w, h, texels) = &self.pages[page as usize];
+        if x < 0 || y < 0 || x >= *w || y >= *h {
+            return None;
+        }
+        let i = texels[(y * w + x) as usize];
+        (i != u32::MAX).then_some(i as usize)
+    }
+}
+
 struct InstanceLumels {
     lumels: Vec<Lumel>,
     triangles: Vec<u32>,

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use crate::atlas::Layout;
 use crate::gather::Received;
-use crate::lumels::{Lumel, Lumels};
+use crate::lumels::{Lumel, Lumels, TexelIndex};
 
 /// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which leaves about a tenth of the
 /// variance, a third of the noise.
@@ -43,7 +43,7 @@ const SIDE: usize = (2 * REACH + 1) as usize;
 pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [Received]) {
     let window = Window {
         lumels: &lumels.lumels,
-        index: Index::build(&lumels.lumels, layout),
+        index: TexelIndex::build(&lumels.lumels, layout),
         received,
     };
     let pooled: Vec<f32> = (0..received.len())
@@ -64,42 +64,12 @@ pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [
     }
 }
 
-/// Lumel at each texel.
-struct Index {
-    /// By page: width, height, lumel number or `u32::MAX`.
-    pages: Vec<(i64, i64, Vec<u32>)>,
-}
-
-impl Index {
-    fn build(lumels: &[Lumel], layout: &Layout) -> Self {
-        let mut pages: Vec<(i64, i64, Vec<u32>)> = layout
-            .pages
-            .iter()
-            .map(|&[w, h]| (w as i64, h as i64, vec![u32::MAX; w as usize * h as usize]))
-            .collect();
-        for (i, l) in lumels.iter().enumerate() {
-            let (w, _, texels) = &mut pages[l.page as usize];
-            texels[l.texel[1] as usize * *w as usize + l.texel[0] as usize] = i as u32;
-        }
-        Index { pages }
-    }
-
-    fn at(&self, page: u32, x: i64, y: i64) -> Option<usize> {
-        let (w, h, texels) = &self.pages[page as usize];
-        if x < 0 || y < 0 || x >= *w || y >= *h {
-            return None;
-        }
-        let i = texels[(y * w + x) as usize];
-        (i != u32::MAX).then_some(i as usize)
-    }
-}
-
 /// A neighbour and its offset in texels.
 type Neighbour = (usize, i64, i64);
 
 struct Window<'a> {
     lumels: &'a [Lumel],
-    index: Index,
+    index: TexelIndex,
     received: &'a [Received],
 }
 
