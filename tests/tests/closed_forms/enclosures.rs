@@ -168,14 +168,15 @@ fn concentric_spheres_of_every_ratio() {
         let rho = f64::from(rho);
         let outer = PI * a / (1.0 - rho * (1.0 - a));
         for (name, exact) in [("outer", outer), ("inner", rho * outer)] {
-            println!(
-                "r {r} rho {rho} {name}: {} {exact}",
-                mean(&lumels_of(&b, name)) / exact
-            );
             let m = mean(&lumels_of(&b, name));
-            // Facets again: 1280 each, 1.6 % and a quarter of that; the ratio of areas is that of the facets.
+            // Facets again: 1280 each, 1.6 % and a quarter of that; the ratio of areas is that of the facets. What the inner one gets back
+            // comes from patches whose direct light is drawn with one ray from 1280 lamps in a few groups: measured −1.0 to +0.4 %.
+            let tolerance = if name == "inner" { 0.02 } else { 0.006 };
             let off = (m - exact).abs();
-            assert!(off <= 0.06 * exact, "r {r}, ρ {rho}, {name}: {m} {exact}");
+            assert!(
+                off <= tolerance * exact,
+                "r {r}, ρ {rho}, {name}: {m} {exact}"
+            );
         }
         assert!(b.report.solve.audit.within_bound);
     }
