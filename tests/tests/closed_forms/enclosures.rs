@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use lumel::Bake;
+use lumel::{Bake, Quality, Settings};
 use lumel_tests::scenes::closed_form as scenes;
 use lumel_tests::scenes::{FurnaceShape, furnace, sealed_dark_box};
 
@@ -80,6 +80,14 @@ fn the_inside_of_a_sphere_is_lit_evenly_by_its_cap() {
     assert!(w < 0.1, "{w}");
 }
 
+/// Draft quality, for sweeps that look at means: patches and rays are fewer, what is exact stays so.
+fn draft(density: f32) -> Settings {
+    Settings {
+        quality: Quality::Draft,
+        ..at(density)
+    }
+}
+
 /// Names of all nodes with geometry.
 fn names(b: &Bake) -> Vec<String> {
     b.loaded
@@ -94,7 +102,7 @@ fn names(b: &Bake) -> Vec<String> {
 fn furnaces_of_every_reflectance() {
     for rho in [0.0f32, 0.1, 0.3, 0.7, 0.97, 0.999] {
         for shape in [FurnaceShape::Cube, FurnaceShape::NonConvex] {
-            let b = bake(&furnace(rho, 0.1, shape), &at(3.0));
+            let b = bake(&furnace(rho, 0.1, shape), &draft(3.0));
             let exact = 0.1 * PI / (1.0 - f64::from(rho));
             for name in names(&b) {
                 let w = worst(&lumels_of(&b, &name), 0.0, |_| exact);
@@ -131,7 +139,7 @@ fn spheres_lit_by_caps_of_every_size_and_reflectance() {
         (0.6, 0.999),
     ] {
         let (glb, share) = scenes::sphere_interior(1.0, rho, cap, 3);
-        let b = bake(&glb, &at(6.0));
+        let b = bake(&glb, &draft(6.0));
         let exact = PI * share / (1.0 - f64::from(rho));
         let m = mean(&lumels_of(&b, "sphere"));
         // As above: a quarter of 1.6 % for facets; at high ρ all that is emitted is absorbed, whatever the facets.
@@ -164,7 +172,7 @@ fn a_cube_shares_the_light_of_its_ceiling_between_floor_and_walls() {
 fn concentric_spheres_of_every_ratio() {
     for (r, rho) in [(0.1, 0.0), (0.5, 0.0), (0.5, 0.5), (0.9, 0.5), (0.5, 0.99)] {
         let (glb, a) = scenes::concentric_spheres(1.0, r, rho);
-        let b = bake(&glb, &at(8.0));
+        let b = bake(&glb, &draft(8.0));
         let rho = f64::from(rho);
         let outer = PI * a / (1.0 - rho * (1.0 - a));
         for (name, exact) in [("outer", outer), ("inner", rho * outer)] {

@@ -147,15 +147,23 @@ fn discs_over_a_floor() {
             let lumels = lumels_of(&bake(&glb, &at(12.0)), "floor");
             let exact = |l: &Seen| l.mean(|p| scenes::disc_irradiance(5.0, r, h, p.x.hypot(p.z)));
             let w = worst(&lumels, 1e-3, exact);
-            // A polygon with the disc's area differs from it by some (2π/n)²/12 of the light next to the rim: 0.6 % and 0.1 %. Up to 32
-            // triangles are computed in closed form, each at a few of the footprint's points; 64 are sampled in 32 groups: here and there 5 %.
-            let tolerance = if sides > 32 { 0.06 } else { 0.03 };
-            assert!(w < tolerance, "r {r}, h {h}, {sides} sides: {w}");
+            // A polygon with the disc's area differs from it by some (2π/n)²/12 of the light next to the rim: 0.6 % and 0.1 %. Triangles
+            // share 64 points of the footprint, so that many lamps cost little more than few: three each for 24. E changes by up to 1.4 a
+            // metre, 12 % over a lumel, a spread of 3.4 %, 2 % for three points; the worst of some thousand lumels is 3.5 of these.
+            // Beyond 32 triangles groups of them are sampled, 64 points in all: over a triangle from axis to rim the kernel falls to a quarter
+            // (r = h), a spread of 30 %, 4 % for 64 points. Then one lumel is noise and the mean says more.
+            if sides <= 32 {
+                assert!(w < 0.07, "r {r}, h {h}, {sides} sides: {w}");
+            }
+            let sum = |f: &dyn Fn(&Seen) -> f64| lumels.iter().map(f).sum::<f64>();
+            let bias = sum(&|l| l.red()) / sum(&exact) - 1.0;
+            assert!(bias.abs() < 2e-3, "r {r}, h {h}, {sides} sides: {bias}");
             let squares = |l: &Seen| (l.red() - exact(l)).powi(2);
             let rms = (lumels.iter().map(squares).sum::<f64>()
                 / lumels.iter().map(|l| exact(l).powi(2)).sum::<f64>())
             .sqrt();
-            assert!(rms < tolerance / 3.0, "r {r}, h {h}, {sides} sides: {rms}");
+            let noise = if sides > 32 { 0.04 } else { 0.02 };
+            assert!(rms < noise, "r {r}, h {h}, {sides} sides: {rms}");
         }
     }
 }
