@@ -260,13 +260,32 @@ fn rays_leave_thin_strips_too() {
 }
 
 #[test]
-fn no_ray_starts_behind_the_wall_in_a_corner() {
-    // A closed cube of 1 m, a kilometre from the origin: rays start 1.2 mm off their surface, and one point in ten of the outermost
-    // elements is nearer to the next wall than that.
-    let mut scene = cube(0.5, Vec3::ZERO);
-    for p in &mut scene.meshes[0].primitives[0].positions {
-        *p += Vec3::splat(1000.0);
-    }
-    let x = exchange(&scene, 600, 1, |_, _| 0);
+fn no_ray_starts_behind_the_roof_in_an_acute_corner() {
+    // A closed wedge of 20°, a kilometre from the origin: rays start 1.2 mm off their surface, which within 3.3 mm of the edge is beyond
+    // the roof. Points are drawn in by four offsets, enough for corners of more than atan ¼ = 14°.
+    let mut scene = Scene::default();
+    let at = |x: f32, y: f32, z: f32| Vec3::splat(1000.0) + Vec3::new(x, y, z);
+    let h = 20f32.to_radians().tan();
+    let positions = vec![
+        at(0.0, 0.0, 0.0),
+        at(1.0, 0.0, 0.0),
+        at(1.0, 0.0, h),
+        at(0.0, 1.0, 0.0),
+        at(1.0, 1.0, 0.0),
+        at(1.0, 1.0, h),
+    ];
+    // Fronts inside: floor, roof, the end at x = 1, the two sides.
+    let triangles = vec![
+        [0, 1, 4],
+        [0, 4, 3],
+        [0, 5, 2],
+        [0, 3, 5],
+        [1, 2, 5],
+        [1, 5, 4],
+        [0, 2, 1],
+        [3, 4, 5],
+    ];
+    crate::fixtures::add_triangles(&mut scene, material(0.5, Vec3::ZERO), positions, triangles);
+    let x = exchange(&scene, 2000, 1, |_, _| 0);
     assert_eq!(x.share[0][1..], [0.0; 2]);
 }
