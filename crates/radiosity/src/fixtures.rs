@@ -96,3 +96,42 @@ pub(crate) fn light(intensity: f32, kind: mesh_ingest::LightKind) -> Light {
         kind,
     }
 }
+
+/// A sphere about the origin, an octahedron whose faces are split `level` times: 8·4^level facets, fronts inside or outside.
+pub(crate) fn add_sphere(
+    scene: &mut Scene,
+    material: Material,
+    radius: f32,
+    level: u32,
+    inside: bool,
+) {
+    let n = 1 << level;
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    // Each octant's face is a triangular grid of directions, pushed out to the sphere.
+    for octant in 0..8u32 {
+        let sign = |k: u32| if octant >> k & 1 == 0 { 1.0 } else { -1.0 };
+        let axes = [Vec3::X * sign(0), Vec3::Y * sign(1), Vec3::Z * sign(2)];
+        let flipped = (octant.count_ones() % 2 == 1) != inside;
+        let base = positions.len() as u32;
+        let row = |j: u32| base + j * (n + 1) - j * j.saturating_sub(1) / 2;
+        for j in 0..=n {
+            for i in 0..=n - j {
+                let p = axes[0] * (n - i - j) as f32 + axes[1] * i as f32 + axes[2] * j as f32;
+                positions.push(p.normalize() * radius);
+            }
+        }
+        let mut add = |[a, b, c]: [u32; 3]| {
+            triangles.push(if flipped { [a, c, b] } else { [a, b, c] });
+        };
+        for j in 0..n {
+            for i in 0..n - j {
+                add([row(j) + i, row(j) + i + 1, row(j + 1) + i]);
+                if i + j + 1 < n {
+                    add([row(j) + i + 1, row(j + 1) + i + 1, row(j + 1) + i]);
+                }
+            }
+        }
+    }
+    add_triangles(scene, material, positions, triangles);
+}

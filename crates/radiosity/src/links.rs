@@ -153,7 +153,7 @@ fn cast(world: &World, cut: &Subdivision, patch: PatchId, from: u32, row: &mut [
     for (k, target) in row.iter_mut().enumerate() {
         let s = sample_4d(from + k as u32, 0, seed);
         let e = &elements[pick(elements, area, s[2])];
-        let p = world.surface_point(e.triangle, e.u, e.v, back, false);
+        let p = world.inset_point(e.triangle, e.u, e.v, back, false);
         let direction = cosine_hemisphere(p.normal, s[0], s[1]);
         *target = match world.incoming(p.origin, direction) {
             Incoming::Escaped => {
@@ -174,3 +174,6 @@ fn cast(world: &World, cut: &Subdivision, patch: PatchId, from: u32, row: &mut [
     }
     [source, sky]
 }
+
+#[cfg(test)]
+mod tests;

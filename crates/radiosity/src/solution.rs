@@ -74,7 +74,7 @@ impl Solution {
             return Vec3::ZERO;
         };
         let direct = if self.rough[at.patch.0 as usize] {
-            let point = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+            let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             lights.sample_one(&point, seed)
         } else {
             match at.element {

@@ -238,7 +238,7 @@ fn direct_light(
             let back = cut.patches()[p].back;
             for k in cut.elements_of(PatchId(p as u32)) {
                 let e = cut.elements()[k];
-                let point = world.surface_point(e.triangle, e.u, e.v, back, false);
+                let point = world.inset_point(e.triangle, e.u, e.v, back, false);
                 let got =
                     light.irradiance(|_| point, 0.0, hash_u32(k as u32 ^ 0x2545_f491), options);
                 cast += got.rays as u64;

@@ -223,6 +223,36 @@ impl<'a> World<'a> {
         }
     }
 
+    /// [`surface_point`](Self::surface_point), drawn in from the triangle's edges just enough that, moved off the surface, it stays on
+    /// its own side of a neighbouring face: a point in a corner would see behind the wall. By four times the offset, or to the
+    /// middle of triangles that are smaller than that.
+    pub fn inset_point(
+        &self,
+        triangle: u32,
+        u: f32,
+        v: f32,
+        back: bool,
+        smooth: bool,
+    ) -> SurfacePoint {
+        let corners = self.soup.triangles[triangle as usize];
+        let position = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
+        let margin = 4.0 * self.offset(position);
+        // Height above each edge is barycentric × altitude; altitude = 2 area / edge.
+        let area2 = 2.0 * self.soup.areas[triangle as usize];
+        let edge = |i: usize, j: usize| (corners[i] - corners[j]).length();
+        let least = [edge(1, 2), edge(2, 0), edge(0, 1)]
+            .map(|e| (margin * e / area2.max(1e-30)).min(1.0 / 3.0));
+        let mut w = [1.0 - u - v, u, v];
+        if w.iter().zip(&least).all(|(w, least)| w >= least) {
+            return self.surface_point(triangle, u, v, back, smooth);
+        }
+        for (w, least) in w.iter_mut().zip(least) {
+            *w = w.max(least);
+        }
+        let sum = w[0] + w[1] + w[2];
+        self.surface_point(triangle, w[1] / sum, w[2] / sum, back, smooth)
+    }
+
     /// How far rays start from the surface, metres. A barycentric sum of three `f32` corners is off by at most some
     /// 4 ulp of the largest coordinate (3e-7 of it, Higham's γ₅), and so is the plane that the tree tests against: 1e-6
     /// covers both. The second term is for points near the origin whose triangles reach far from it.

@@ -115,3 +115,15 @@ pub fn worst(lumels: &[Seen], floor: f64, exact: impl Fn(&Seen) -> f64) -> f64 {
     assert!(n > 0, "nothing to compare");
     worst
 }
+
+/// Mean irradiance (red) over the surface that the lumels cover.
+pub fn mean(lumels: &[Seen]) -> f64 {
+    let (mut sum, mut area) = (0.0, 0.0);
+    for l in lumels {
+        let a = f64::from(l.coverage);
+        assert!(l.irradiance.iter().all(|e| e.is_finite()));
+        sum += l.red() * a;
+        area += a;
+    }
+    sum / area
+}

@@ -1,8 +1,6 @@
-//! Inputs at the edge of what numbers can say: right values, or counted omissions; never NaN, never a leak.
+//! Size, place, brightness, and scenes with next to nothing in them.
 
-mod common;
-
-use common::{at, bake, lumels_of};
+use crate::common::{self, at, bake, lumels_of};
 use glam::{Mat4, Vec3};
 use lumel::{Quality, Settings};
 use lumel_tests::scenes::{self, closed_form};
@@ -113,25 +111,6 @@ fn a_scene_without_light_is_black_and_says_so() {
         "{:?}",
         b.report.warnings
     );
-}
-
-#[test]
-fn two_rooms_with_a_millimetre_between_them_share_no_light() {
-    let b = bake(&closed_form::two_rooms(0.001), &at(8.0));
-    let names: Vec<_> = b
-        .loaded
-        .scene
-        .instances
-        .iter()
-        .map(|i| i.name.clone())
-        .collect();
-    let dark = names
-        .iter()
-        .find(|n| n.contains("dark"))
-        .expect("a dark room");
-    for l in lumels_of(&b, dark) {
-        assert_eq!(l.irradiance, [0.0; 3]);
-    }
 }
 
 #[test]

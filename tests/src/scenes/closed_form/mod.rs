@@ -2,6 +2,10 @@
 //!
 //! Every scene says what is where, in metres; floors lie at y = 0 and look up. E is in the units of the lights.
 
+mod exchange;
+
+pub use exchange::*;
+
 use glam::{DVec3, Vec3};
 
 use crate::geometry::{Geometry, box_faces, cuboid, grid, icosphere, quad};

@@ -1,0 +1,130 @@
+//! Plates that face each other or stand on an edge.
+
+use std::f64::consts::PI;
+
+use lumel_tests::scenes::closed_form as scenes;
+
+use crate::SMOOTH;
+use crate::common::{at, bake, lumels_of, mean};
+
+#[test]
+fn plates_that_face_each_other_down_to_a_micrometre() {
+    for gap in [1.0, 0.1, 1e-3, 1e-5] {
+        let b = bake(&scenes::facing_plates(2.0, gap as f32), &at(16.0));
+        let lumels = lumels_of(&b, "plate");
+        let mean = lumels
+            .iter()
+            .map(|l| l.red() * f64::from(l.coverage))
+            .sum::<f64>()
+            / lumels.iter().map(|l| f64::from(l.coverage)).sum::<f64>();
+        let exact = 2.0 * PI * scenes::form_factor_opposed_squares(gap);
+        assert!(
+            (mean / exact - 1.0).abs() < SMOOTH,
+            "gap {gap}: {mean} {exact}"
+        );
+    }
+}
+
+#[test]
+fn opposed_plates_of_every_distance_and_aspect() {
+    for sides in [[1.0, 1.0], [0.1, 10.0], [3.0, 0.3]] {
+        for gap in [1.0, 0.1, 1e-2, 1e-4] {
+            let glb = scenes::opposed_plates(100.0, sides, gap as f32, [0.0; 2]);
+            let b = bake(&glb, &at(8.0));
+            let m = mean(&lumels_of(&b, "plate"));
+            let [x, y] = sides.map(f64::from);
+            let exact = 100.0 * PI * scenes::form_factor_opposed(x, y, gap);
+            // Closed form at 16 points of each lumel: of a lumel that the lamp's rim runs over, half is lit. The mean over hundreds is as
+            // good as SMOOTH; where the gap is small, so is the share of such lumels.
+            let off = (m / exact - 1.0).abs();
+            assert!(off < SMOOTH, "{sides:?} at {gap}: {m} {exact}");
+        }
+    }
+}
+
+#[test]
+#[ignore = "known weakness: a lamp that is a quarter of the scene's area or more is left to gathering rays, however far it is"]
+fn opposed_plates_far_apart() {
+    // At a distance of ten F is 0.0032: of 128 rays 0.4 hit. Measured: 0.26 of the right value, since lumels whose first 128 rays find
+    // nothing stop there, and those that find something go on.
+    let glb = scenes::opposed_plates(100.0, [1.0, 1.0], 10.0, [0.0; 2]);
+    let m = mean(&lumels_of(&bake(&glb, &at(8.0)), "plate"));
+    let exact = 100.0 * PI * scenes::form_factor_opposed(1.0, 1.0, 10.0);
+    assert!((m / exact - 1.0).abs() < SMOOTH, "{m} {exact}");
+}
+
+#[test]
+fn plates_a_micrometre_apart_are_lit_or_dark_but_never_wrong() {
+    // 1e-6 m is less than rays start off the surface at coordinates of 0.5 m (7e-7 m and more). The lamp's light is computed in closed form,
+    // so the right value stands where the receiver is told from the lamp, and what it misses is missing, not made up.
+    let b = bake(
+        &scenes::opposed_plates(2.0, [1.0, 1.0], 1e-6, [0.0; 2]),
+        &at(16.0),
+    );
+    let full = 2.0 * PI;
+    for l in lumels_of(&b, "plate") {
+        assert!(
+            l.red().is_finite() && l.red() <= full * (1.0 + SMOOTH),
+            "{}",
+            l.red()
+        );
+        if l.all(|p| p.x.abs() < 0.45 && p.z.abs() < 0.45) {
+            assert!(
+                (l.red() / full - 1.0).abs() < SMOOTH,
+                "{} at {}",
+                l.red(),
+                l.points[0]
+            );
+        }
+    }
+}
+
+#[test]
+fn perpendicular_plates_of_every_aspect() {
+    for (w, h) in [
+        (1.0, 1.0),
+        (1.0, 0.1),
+        (0.1, 1.0),
+        (1.0, 0.01),
+        (1.0, 10.0),
+        (4.0, 0.5),
+    ] {
+        let glb = scenes::perpendicular_plates(10.0, w as f32, h as f32);
+        let b = bake(&glb, &at(32.0));
+        let m = mean(&lumels_of(&b, "plate"));
+        let exact = 10.0 * PI * scenes::form_factor_perpendicular(w, h);
+        // Along the common edge E rises to πL/2 within the wall's height; lumels of 3 cm average that by 16 points each, so a wall of 1 cm
+        // has its light in one row of 32 lumels: their means scatter by 1/√(16·32) of a peaked function, about 4 %.
+        let tolerance = if h < 0.05 { 0.1 } else { SMOOTH };
+        assert!(
+            (m / exact - 1.0).abs() < tolerance,
+            "w {w}, h {h}: {m} {exact}"
+        );
+    }
+}
+
+#[test]
+fn infinite_plates_reflect_for_ever() {
+    for rho in [0.0, 0.5, 0.9, 0.99] {
+        let glb = scenes::opposed_plates(1.0, [2.0, 2.0], 1e-3, [rho; 2]);
+        let b = bake(&glb, &at(8.0));
+        let exact = PI / (1.0 - f64::from(rho * rho));
+        for (name, e) in [("plate", exact), ("lamp", f64::from(rho) * exact)] {
+            for l in lumels_of(&b, name) {
+                if l.all(|p| p.x.abs() < 0.5 && p.z.abs() < 0.5) {
+                    // Light wanders by a gap or two at each of 1/(1 − ρ²) reflections before it is absorbed, or by √(1/(1 − ρ²)) gaps in all, a
+                    // hundredth of the half metre to the rim at ρ = 0.99. But it wanders over patches of 4 cm: what their rim loses they
+                    // lose, some 1e-3/0.04 of each rim patch, and that spreads inwards.
+                    let tolerance = if rho > 0.95 { 0.03 } else { 0.01 };
+                    let off = (l.red() - e).abs();
+                    assert!(
+                        off <= tolerance * e + 1e-6,
+                        "ρ {rho}, {name}: {} {e}",
+                        l.red()
+                    );
+                }
+            }
+        }
+        assert!(b.report.solve.audit.within_bound);
+    }
+}
