@@ -1,0 +1,157 @@
+//! Two lists of irradiances of the same footprints: is one what the other says, within what is known of their errors?
+
+use std::fmt;
+
+use glam::DVec3;
+
+use super::trace::{Estimate, luminance};
+
+/// One footprint's irradiance by the two methods.
+#[derive(Debug, Clone)]
+pub struct Pair {
+    /// What the footprint belongs to: differences are also looked at label by label.
+    pub label: String,
+    /// Its middle, metres.
+    pub position: DVec3,
+    /// Irradiance to be judged, linear RGB.
+    pub judged: DVec3,
+    /// Standard error that is claimed for its luminance.
+    pub claimed: f64,
+    /// The path tracer's answer.
+    pub traced: Estimate,
+}
+
+impl Pair {
+    /// Judged less traced luminance.
+    pub fn difference(&self) -> f64 {
+        luminance(self.judged) - luminance(self.traced.mean)
+    }
+
+    /// [`difference`](Pair::difference) in standard errors of both; 0 where both are exactly equal.
+    pub fn z(&self) -> f64 {
+        let d = self.difference();
+        if d == 0.0 {
+            0.0
+        } else {
+            d / self.claimed.hypot(self.traced.luminance_error)
+        }
+    }
+}
+
+/// A sum's relative difference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bias {
+    /// Σ judged / Σ traced − 1.
+    pub relative: f64,
+    /// Its standard error from the path tracer's noise alone.
+    pub error: f64,
+}
+
+impl Bias {
+    /// Whether the difference is at most `bound` (relative) as far as `sigmas` standard errors can tell.
+    pub fn within(&self, bound: f64, sigmas: f64) -> bool {
+        self.relative.abs() <= bound + sigmas * self.error
+    }
+}
+
+/// All pairs of one scene.
+#[derive(Debug, Clone, Default)]
+pub struct Comparison {
+    /// The pairs.
+    pub pairs: Vec<Pair>,
+}
+
+impl Comparison {
+    /// Relative difference of the sums of what `channel` picks, over pairs whose label `label` accepts.
+    ///
+    /// The path tracer's estimates have independent errors, so their variances add. NaN where nothing is lit.
+    fn bias(
+        &self,
+        label: impl Fn(&str) -> bool,
+        channel: impl Fn(DVec3) -> f64,
+        error: impl Fn(&Estimate) -> f64,
+    ) -> Bias {
+        let (mut judged, mut traced, mut variance) = (0.0, 0.0, 0.0);
+        for p in self.pairs.iter().filter(|p| label(&p.label)) {
+            judged += channel(p.judged);
+            traced += channel(p.traced.mean);
+            variance += error(&p.traced).powi(2);
+        }
+        Bias {
+            relative: judged / traced - 1.0,
+            error: variance.sqrt() / traced,
+        }
+    }
+
+    /// Difference of the sums of channel 0, 1 or 2.
+    pub fn channel_bias(&self, channel: usize) -> Bias {
+        self.bias(|_| true, |rgb| rgb[channel], |e| e.error[channel])
+    }
+
+    /// Difference of the luminances' sums over pairs of one label.
+    pub fn label_bias(&self, label: &str) -> Bias {
+        self.bias(|l| l == label, luminance, |e| e.luminance_error)
+    }
+
+    /// The labels, each once.
+    pub fn labels(&self) -> Vec<&str> {
+        let mut labels: Vec<&str> = self.pairs.iter().map(|p| p.label.as_str()).collect();
+        labels.sort_unstable();
+        labels.dedup();
+        labels
+    }
+
+    /// Σz²/n: 1 in the mean if errors are normal, independent and as claimed, with standard deviation √(2/n).
+    pub fn chi_square(&self) -> f64 {
+        self.pairs.iter().map(|p| p.z().powi(2)).sum::<f64>() / self.pairs.len() as f64
+    }
+
+    /// The largest |z|.
+    pub fn worst(&self) -> f64 {
+        self.pairs.iter().fold(0.0, |w, p| w.max(p.z().abs()))
+    }
+}
+
+impl fmt::Display for Comparison {
+    /// Sums, sums by label, and a line per pair, worst first.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |b: Bias| format!("{:+.3} % ± {:.3} %", 100.0 * b.relative, 100.0 * b.error);
+        writeln!(
+            f,
+            "{} pairs, chi²/n {:.3}, worst |z| {:.2}",
+            self.pairs.len(),
+            self.chi_square(),
+            self.worst()
+        )?;
+        for (k, name) in ["R", "G", "B"].iter().enumerate() {
+            writeln!(f, "{name:>20} {}", percent(self.channel_bias(k)))?;
+        }
+        for label in self.labels() {
+            writeln!(f, "{label:>20} {}", percent(self.label_bias(label)))?;
+        }
+        let mut order: Vec<&Pair> = self.pairs.iter().collect();
+        order.sort_by(|a, b| b.z().abs().total_cmp(&a.z().abs()));
+        writeln!(
+            f,
+            "{:>20} {:>24} {:>11} {:>11} {:>11} {:>11} {:>6}",
+            "", "position", "judged Y", "claimed", "traced Y", "s.e.", "z"
+        )?;
+        for p in order {
+            let at = format!(
+                "{:.3} {:.3} {:.3}",
+                p.position.x, p.position.y, p.position.z
+            );
+            writeln!(
+                f,
+                "{:>20} {at:>24} {:>11.5e} {:>11.2e} {:>11.5e} {:>11.2e} {:>6.2}",
+                p.label,
+                luminance(p.judged),
+                p.claimed,
+                luminance(p.traced.mean),
+                p.traced.luminance_error,
+                p.z()
+            )?;
+        }
+        Ok(())
+    }
+}
