@@ -47,10 +47,14 @@ pub struct Bias {
     pub error: f64,
 }
 
-impl Bias {
-    /// Whether the difference is at most `bound` (relative) as far as `sigmas` standard errors can tell.
-    pub fn within(&self, bound: f64, sigmas: f64) -> bool {
-        self.relative.abs() <= bound + sigmas * self.error
+impl fmt::Display for Bias {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:+.3} % ± {:.3} %",
+            100.0 * self.relative,
+            100.0 * self.error
+        )
     }
 }
 
@@ -101,6 +105,49 @@ impl Comparison {
         labels
     }
 
+    /// What speaks against the judged values; empty if nothing does.
+    ///
+    /// 1. The sum of a channel differs by more than `bias_bound` (relative) and 3 standard errors of the path tracer's sum.
+    /// 2. The sum over one label differs by more than 4 standard errors, those claimed added up: neighbours' errors
+    ///    are not independent, so their squares may not be.
+    /// 3. χ²/n of the pairs ([`chi_square`](Comparison::chi_square)) is more than 3 standard deviations √(2/n) above 1: errors are larger than claimed.
+    /// 4. One pair differs by more than 4.5 standard errors. Chance alone does that once in 150,000 pairs.
+    ///
+    /// Numbers 2 and 4 are looked at many times, hence the higher bounds; all together fail a right list in about 1 of 100 choices of
+    /// random numbers.
+    pub fn objections(&self, bias_bound: f64) -> Vec<String> {
+        let mut out = Vec::new();
+        for (k, name) in ["red", "green", "blue"].into_iter().enumerate() {
+            let b = self.channel_bias(k);
+            // Where nothing is lit the ratio is NaN and pairs must be equal, which 4 sees to.
+            if b.relative.abs() > bias_bound + 3.0 * b.error {
+                out.push(format!("{name} differs by {b}"));
+            }
+        }
+        for label in self.labels() {
+            let (mut difference, mut claimed, mut variance) = (0.0, 0.0, 0.0);
+            for p in self.pairs.iter().filter(|p| p.label == label) {
+                difference += p.difference();
+                claimed += p.claimed;
+                variance += p.traced.luminance_error.powi(2);
+            }
+            if difference.abs() > 4.0 * claimed.hypot(variance.sqrt()) {
+                out.push(format!("{label} differs by {}", self.label_bias(label)));
+            }
+        }
+        let chi = self.chi_square();
+        if chi > 1.0 + 3.0 * (2.0 / self.pairs.len() as f64).sqrt() {
+            out.push(format!("chi²/n is {chi}"));
+        }
+        if self.worst() > 4.5 {
+            out.push(format!(
+                "a pair differs by {} standard errors",
+                self.worst()
+            ));
+        }
+        out
+    }
+
     /// Σz²/n: 1 in the mean if errors are normal, independent and as claimed, with standard deviation √(2/n).
     pub fn chi_square(&self) -> f64 {
         self.pairs.iter().map(|p| p.z().powi(2)).sum::<f64>() / self.pairs.len() as f64
@@ -115,7 +162,6 @@ impl Comparison {
 impl fmt::Display for Comparison {
     /// Sums, sums by label, and a line per pair, worst first.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let percent = |b: Bias| format!("{:+.3} % ± {:.3} %", 100.0 * b.relative, 100.0 * b.error);
         writeln!(
             f,
             "{} pairs, chi²/n {:.3}, worst |z| {:.2}",
@@ -124,10 +170,10 @@ impl fmt::Display for Comparison {
             self.worst()
         )?;
         for (k, name) in ["R", "G", "B"].iter().enumerate() {
-            writeln!(f, "{name:>20} {}", percent(self.channel_bias(k)))?;
+            writeln!(f, "{name:>20} {}", self.channel_bias(k))?;
         }
         for label in self.labels() {
-            writeln!(f, "{label:>20} {}", percent(self.label_bias(label)))?;
+            writeln!(f, "{label:>20} {}", self.label_bias(label))?;
         }
         let mut order: Vec<&Pair> = self.pairs.iter().collect();
         order.sort_by(|a, b| b.z().abs().total_cmp(&a.z().abs()));

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use glam::{DVec2, DVec3};
 
-use super::scene::{Scene, Triangle};
+use super::random::Random;
+use super::scene::Scene;
 
 /// A part of one triangle: a convex polygon in the triangle's barycentrics (u, v).
 #[derive(Debug, Clone)]
@@ -44,6 +45,32 @@ impl Footprint {
             area: 0.0,
             pieces: vec![piece],
         }
+    }
+
+    /// The point of the scene nearest to `position` on a triangle that faces along `normal` (unit, at most 60° off); `None` if there is none.
+    ///
+    /// For points of other programs, which know no triangle of ours. The point is moved onto the triangle.
+    pub fn nearest(scene: &Scene, position: DVec3, normal: DVec3) -> Option<Footprint> {
+        let mut best: Option<(f64, Footprint)> = None;
+        for (i, triangle) in scene.triangles.iter().enumerate() {
+            if triangle.normal().dot(normal) < 0.5 {
+                continue;
+            }
+            let [a, b, c] = triangle.corners;
+            let n = triangle.cross();
+            let p = position - a;
+            // Barycentrics of the foot on the plane, then of the nearest point of the triangle in their terms: exact for points inside.
+            let u = p.cross(c - a).dot(n) / n.length_squared();
+            let v = (b - a).cross(p).dot(n) / n.length_squared();
+            let (u, v) = (u.max(0.0), v.max(0.0));
+            let over = (u + v).max(1.0);
+            let (u, v) = (u / over, v / over);
+            let distance = triangle.at(u, v).distance(position);
+            if best.as_ref().is_none_or(|b| distance < b.0) {
+                best = Some((distance, Footprint::of_point(i, u, v)));
+            }
+        }
+        best.map(|b| b.1)
     }
 
     /// The triangle of the first piece.
@@ -97,12 +124,16 @@ impl Footprint {
     }
 }
 
+/// Texels that are covered less than this are padding that a chart's edge touches by rounding: coordinates are f32, which on a page
+/// of 2048 texels is 1.2e-4 of a texel. A footprint as thin as a ray's rounding error cannot be traced from, either.
+const LEAST_COVERAGE: f64 = 2e-4;
+
 /// The footprints of all texels of a lightmap whose pages have `sizes` (width, height), ordered by page, row, column.
 ///
-/// A texel's footprint is the part of its square that triangles cover, mapped to space. Parts below 1e-9 of a texel are left out: rounding of the
-/// coordinates, which are f32, makes such slivers. Triangles on pages that do not exist are left out.
+/// A texel's footprint is the part of its square that triangles cover, mapped to space. Texels covered less than 2e-4 are left out, and so
+/// are triangles on pages that do not exist.
 pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
-    let mut found: BTreeMap<(usize, u32, u32), Vec<(Piece, f64, f64)>> = BTreeMap::new();
+    let mut found: BTreeMap<(usize, u32, u32), Footprint> = BTreeMap::new();
     for (index, triangle) in scene.triangles.iter().enumerate() {
         let Some((page, uv)) = triangle.lightmap else {
             continue;
@@ -114,42 +145,50 @@ pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
         let corners = uv.map(|p| p * size);
         for (texel, outline) in texels(corners, [width, height]) {
             let covered = area(&outline);
-            if covered < 1e-9 {
+            if covered == 0.0 {
                 continue;
             }
             let outline: Vec<DVec2> = outline.iter().map(|p| barycentrics(corners, *p)).collect();
-            let metres = area(&outline) * 2.0 * Triangle::area(triangle);
-            let piece = Piece {
+            let key = (page, texel[1], texel[0]);
+            let footprint = found.entry(key).or_insert_with(|| Footprint {
+                page,
+                texel,
+                coverage: 0.0,
+                area: 0.0,
+                pieces: Vec::new(),
+            });
+            footprint.coverage += covered;
+            footprint.area += area(&outline) * 2.0 * triangle.area();
+            footprint.pieces.push(Piece {
                 triangle: index,
                 outline,
-                until: 0.0,
-            };
-            found
-                .entry((page, texel[1], texel[0]))
-                .or_default()
-                .push((piece, covered, metres));
-        }
-    }
-    let whole = |((page, row, column), parts): (_, Vec<(Piece, f64, f64)>)| {
-        let sum: f64 = parts.iter().map(|p| p.2).sum();
-        let mut running = 0.0;
-        let mut out = Footprint {
-            page,
-            texel: [column, row],
-            coverage: parts.iter().map(|p| p.1).sum(),
-            area: sum,
-            pieces: Vec::with_capacity(parts.len()),
-        };
-        for (piece, _, metres) in parts {
-            running += metres;
-            out.pieces.push(Piece {
-                until: running / sum,
-                ..piece
+                until: footprint.area,
             });
         }
-        out
+    }
+    let mut out: Vec<Footprint> = found.into_values().collect();
+    out.retain(|f| f.coverage >= LEAST_COVERAGE);
+    for f in &mut out {
+        for piece in &mut f.pieces {
+            piece.until /= f.area;
+        }
+    }
+    out
+}
+
+/// `count` different ones of `footprints`, chosen by `seed`, in their order; all where there are no more.
+pub fn choose(footprints: Vec<Footprint>, count: usize, seed: u64) -> Vec<Footprint> {
+    let mut rng = Random::new(seed, u64::MAX);
+    let mut left = count;
+    let total = footprints.len();
+    // Selection sampling (Knuth, *The Art of Computer Programming*, vol. 2, §3.4.2, algorithm S).
+    let chosen = |(i, _): &(usize, Footprint)| {
+        let take = rng.next() * ((total - i) as f64) < left as f64;
+        left -= usize::from(take);
+        take
     };
-    found.into_iter().map(whole).collect()
+    let all = footprints.into_iter().enumerate();
+    all.filter(chosen).map(|(_, f)| f).collect()
 }
 
 /// The texels that a triangle (in texels, y down) touches, each with the polygon that it cuts out of the triangle.

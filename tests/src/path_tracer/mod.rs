@@ -14,6 +14,7 @@
 
 mod compare;
 mod footprint;
+mod random;
 mod read;
 mod scene;
 mod trace;
@@ -23,7 +24,7 @@ mod tree;
 mod tests;
 
 pub use compare::{Bias, Comparison, Pair};
-pub use footprint::{Footprint, footprints};
+pub use footprint::{Footprint, choose, footprints};
 pub use scene::{Light, Scene, Surface, Triangle};
 pub use trace::{Effort, EmitterSampling, Estimate, PathTracer, luminance};
 pub use tree::{Hit, Ray, Tree};

@@ -3,11 +3,10 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
-use rand_pcg::Pcg64;
-use rand_pcg::rand_core::Rng;
 use rayon::prelude::*;
 
 use super::footprint::Footprint;
+use super::random::Random;
 use super::scene::{Light, Scene, Triangle};
 use super::tree::{Ray, Tree};
 
@@ -130,7 +129,7 @@ impl PathTracer {
     }
 
     fn estimate(&self, footprint: &Footprint, stream: u64, effort: Effort) -> Estimate {
-        let mut rng = Random(Pcg64::new(u128::from(effort.seed), u128::from(stream)));
+        let mut rng = Random::new(effort.seed, stream);
         // Welford's running mean and squared deviations; luminance as a fourth channel.
         let (mut mean, mut square) = (DVec3::ZERO, DVec3::ZERO);
         let mut luminance_square = 0.0;
@@ -312,16 +311,6 @@ impl PathTracer {
             EmitterSampling::Hits | EmitterSampling::Points => 0.0,
         };
         surface.emission * (cosine / (by_point + by_direction))
-    }
-}
-
-/// Random numbers of one footprint.
-struct Random(Pcg64);
-
-impl Random {
-    /// Uniform in 0..1, from the top 53 bits.
-    fn next(&mut self) -> f64 {
-        (self.0.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 }
 
