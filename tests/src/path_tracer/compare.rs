@@ -201,3 +201,73 @@ impl fmt::Display for Comparison {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::random::Random;
+    use super::*;
+
+    /// 400 pairs in two places whose judged values are right but for noise of `noise` standard errors as claimed, of which
+    /// each side has one, times `factor`.
+    fn made_up(noise: f64, factor: f64) -> Comparison {
+        let mut rng = Random::new(1, 1);
+        // Sum of twelve uniform numbers: nearly normal, variance 1.
+        let mut normal = || (0..12).map(|_| rng.next()).sum::<f64>() - 6.0;
+        let pair = |i: usize| {
+            let truth = 1.0 + (i % 10) as f64;
+            let error = 0.01 * truth;
+            Pair {
+                label: ["here", "there"][i % 2].into(),
+                position: DVec3::ZERO,
+                judged: DVec3::splat(truth * factor + noise * error * normal()),
+                claimed: error,
+                traced: Estimate {
+                    mean: DVec3::splat(truth + error * normal()),
+                    error: DVec3::splat(error),
+                    luminance_error: error,
+                },
+            }
+        };
+        Comparison {
+            pairs: (0..400).map(pair).collect(),
+        }
+    }
+
+    #[test]
+    fn a_right_list_passes() {
+        let c = made_up(1.0, 1.0);
+        assert_eq!(c.objections(0.0), Vec::<String>::new(), "{c}");
+        // Standard deviation √(2/400) = 0.07.
+        assert!((c.chi_square() - 1.0).abs() < 0.21, "{}", c.chi_square());
+    }
+
+    #[test]
+    fn each_fault_is_named() {
+        let of = |c: &Comparison, bound: f64| c.objections(bound).join("; ");
+        // The sum is known to 0.01/√400 = 0.05 %, on both sides; 3 of these and the bound are what it takes.
+        assert!(of(&made_up(1.0, 1.005), 0.0).contains("red differs by"));
+        assert!(of(&made_up(1.0, 0.995), 0.0).contains("blue differs by"));
+        assert!(!of(&made_up(1.0, 1.005), 0.01).contains("red differs by"));
+        // Errors twice as large as claimed: χ²/n becomes (4 + 1)/2.
+        assert!(of(&made_up(2.0, 1.0), 0.0).contains("chi²/n"));
+        let mut c = made_up(1.0, 1.0);
+        c.pairs[7].judged *= 1.2;
+        assert!(of(&c, 0.0).contains("a pair differs"));
+        let mut c = made_up(1.0, 1.0);
+        for p in c.pairs.iter_mut().filter(|p| p.label == "here") {
+            p.judged *= 1.06;
+        }
+        assert!(of(&c, 0.1).contains("here differs") && !of(&c, 0.1).contains("there differs"));
+    }
+
+    #[test]
+    fn darkness_must_be_dark() {
+        let mut c = made_up(1.0, 1.0);
+        for p in &mut c.pairs {
+            (p.judged, p.claimed, p.traced) = (DVec3::ZERO, 0.0, Estimate::default());
+        }
+        assert_eq!(c.objections(0.0), Vec::<String>::new());
+        c.pairs[3].judged.y = 1e-6;
+        assert!(c.objections(0.0).iter().any(|o| o.starts_with("a pair")));
+    }
+}

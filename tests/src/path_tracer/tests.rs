@@ -328,3 +328,112 @@ fn what_is_not_modelled_is_refused() {
         assert!(message.contains(what), "{message}");
     }
 }
+
+/// A turned, moved and mirrored child keeps its front outside, and a light's node turns its axis.
+#[test]
+fn nodes_place_what_they_hold() {
+    use crate::geometry::cuboid;
+    use crate::gltf::{GltfBuilder, Light as Written, Material, Node};
+    use std::f32::consts::FRAC_PI_2;
+    let mut b = GltfBuilder::new();
+    let glow = b.material(&Material::emitter(
+        "glow",
+        [3.0, 2.0, 0.5],
+        [0.25, 0.5, 0.75],
+    ));
+    let mesh = b.mesh(
+        "box",
+        &[(
+            &cuboid(Vec3::ZERO, Vec3::new(1.0, 2.0, 3.0), 1).bare(),
+            glow,
+        )],
+    );
+    let child = b.child(Node {
+        translation: Vec3::X,
+        scale: Vec3::new(-2.0, 1.0, 1.0),
+        ..Node::of_mesh("box", mesh)
+    });
+    let lamp = b.light("lamp", Written::Directional([7.0, 0.0, 0.0]));
+    b.node(Node {
+        translation: Vec3::new(0.0, 0.0, 10.0),
+        rotation: glam::Quat::from_rotation_y(FRAC_PI_2),
+        light: Some(lamp),
+        children: vec![child],
+        ..Node::default()
+    });
+    let scene = Scene::from_glb(&b.finish()).expect("a scene");
+    let volume: f64 = scene
+        .triangles
+        .iter()
+        .map(|t| t.corners[0].dot(t.corners[1].cross(t.corners[2])) / 6.0)
+        .sum();
+    // 6 m³, twice as wide; f32 rotation.
+    assert!((volume - 12.0).abs() < 1e-5, "{volume}");
+    let (low, high) = scene
+        .triangles
+        .iter()
+        .flat_map(|t| t.corners)
+        .fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(p), b.max(p)));
+    // x of −1..1 becomes z of 1..−1, z of 0..3 becomes x.
+    assert!(
+        low.distance(DVec3::new(0.0, 0.0, 9.0)) < 1e-6
+            && high.distance(DVec3::new(3.0, 2.0, 11.0)) < 1e-6,
+        "{low} {high}"
+    );
+    let surface = scene.surfaces[scene.triangles[0].surface];
+    assert!(
+        surface.emission.distance(DVec3::new(3.0, 2.0, 0.5)) < 1e-6
+            && surface.reflectance.distance(DVec3::new(0.25, 0.5, 0.75)) < 1e-6
+    );
+    let [
+        Light::Directional {
+            direction,
+            irradiance,
+        },
+    ] = scene.lights[..]
+    else {
+        panic!("{:?}", scene.lights);
+    };
+    assert!(direction.distance(DVec3::NEG_X) < 1e-6 && irradiance.distance(DVec3::X * 7.0) < 1e-6);
+}
+
+#[test]
+fn points_find_their_surface() {
+    let scene = Scene::from_glb(&cornell_box()).expect("a scene");
+    for (i, t) in scene.triangles.iter().enumerate() {
+        let f = Footprint::nearest(&scene, t.at(0.3, 0.4), t.normal()).expect("a surface");
+        assert_eq!(f.triangle(), i);
+        assert!(f.centre(&scene).distance(t.at(0.3, 0.4)) < 1e-12);
+    }
+    assert!(Footprint::nearest(&Scene::default(), DVec3::ZERO, DVec3::Y).is_none());
+}
+
+#[test]
+fn a_choice_is_a_choice() {
+    let all = || {
+        (0..100)
+            .map(|i| Footprint::of_point(i, 0.1, 0.1))
+            .collect::<Vec<_>>()
+    };
+    let of = |count, seed| {
+        choose(all(), count, seed)
+            .iter()
+            .map(Footprint::triangle)
+            .collect::<Vec<_>>()
+    };
+    let some = of(10, 1);
+    assert!(
+        some.len() == 10 && some.windows(2).all(|w| w[0] < w[1]),
+        "{some:?}"
+    );
+    assert!(some == of(10, 1) && some != of(10, 2));
+    assert_eq!(of(1000, 1).len(), 100);
+    // Every item has the same chance: 2000 of 20 in 100 draws of 20 each, ± 4 standard deviations of √(2000·0.2·0.8) = 18.
+    let mut hits = [0i32; 100];
+    for seed in 0..2000 {
+        for i in of(20, seed) {
+            hits[i] += 1;
+        }
+    }
+    assert!(hits.iter().all(|h| (h - 400).abs() < 72), "{hits:?}");
+}
