@@ -51,9 +51,10 @@ def main():
     # truth.py has no error of luminance. Its channels go up and down together, so their errors add up.
     their_error = t["stderr"] @ LUM
     difference, s = (mean - t["irradiance"]) @ LUM, np.hypot(y_error, their_error)
-    z = np.where(s > 0, difference / np.where(s > 0, s, 1), 0)
+    # Where neither has any error (darkness) they must be equal, and chance has no part.
     exact = np.abs(difference[s == 0]).max(initial=0)
-    n = len(z)
+    keep = s > 0
+    z, n = difference[keep] / s[keep], int(keep.sum())
     bias = mean.sum(0) / t["irradiance"].sum(0) - 1
     bias_error = np.sqrt((error ** 2).sum(0) + (t["stderr"] ** 2).sum(0)) / mean.sum(0)
     y = mean @ LUM
@@ -62,10 +63,10 @@ def main():
         os.path.splitext(os.path.basename(a.scene))[0], n, z.mean(), n ** -0.5, (z ** 2).mean(), (2 / n) ** 0.5, np.abs(z).max(),
         ", ".join("%+.3f ± %.3f" % (100 * b, 100 * c) for b, c in zip(bias, bias_error)),
         100 * np.median(y_error[lit] / y[lit]), 100 * np.median(their_error[lit] / y[lit])))
-    print("path-trace %.1f s; truth.py %.1f s, %d samples a point; points with no error on either side differ by at most %.3g" % (
-        seconds, float(t["seconds"]), int(np.max(t["spp"])), exact), file=sys.stderr)
-    for i in np.argsort(-np.abs(z))[:5]:
-        print("  z %+.2f at %s: %.5g ± %.2g, Mitsuba %.5g ± %.2g" % (z[i], p["position"][i].round(3), y[i], y_error[i], t["irradiance"][i] @ LUM, their_error[i]), file=sys.stderr)
+    print("path-trace %.1f s; truth.py %.1f s, %d samples a point; %d points with no error on either side differ by at most %.3g" % (
+        seconds, float(t["seconds"]), int(np.max(t["spp"])), len(keep) - n, exact), file=sys.stderr)
+    for z_i, i in sorted(zip(z, np.nonzero(keep)[0]), key=lambda x: -abs(x[0]))[:5]:
+        print("  z %+.2f at %s: %.5g ± %.2g, Mitsuba %.5g ± %.2g" % (z_i, p["position"][i].round(3), y[i], y_error[i], t["irradiance"][i] @ LUM, their_error[i]), file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -186,13 +186,18 @@ fn a_door_to_a_second_room_and_a_sealed_one() {
 }
 
 /// All lumels, for the record in docs/second_method.md:
-/// `cargo test --release -p lumel-tests --test second_method -- --ignored --nocapture`.
+/// `[QUALITY=draft|preview] cargo test -p lumel-tests --test second_method -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes; for the record"]
 #[allow(clippy::print_stdout, reason = "its table is what it is for")]
 fn a_long_look() {
     let sky = SkySource::Color(scenes::SKY);
     let none = SkySource::None;
+    let quality = match std::env::var("QUALITY").as_deref() {
+        Ok("draft") => Quality::Draft,
+        Ok("preview") => Quality::Preview,
+        _ => Quality::Production,
+    };
     for (name, glb, settings) in [
         ("Cornell box", cornell_box(), production(8.0, none.clone())),
         ("skylit room", scenes::skylit_room(), production(10.0, sky)),
@@ -207,9 +212,17 @@ fn a_long_look() {
             production(10.0, none),
         ),
     ] {
+        let settings = Settings {
+            quality,
+            ..settings
+        };
         let c = &compare(&glb, &settings, usize::MAX, &[Effort::new(2_000, 3)])[0];
         let table = c.to_string();
         let head: Vec<&str> = table.lines().take(24).collect();
-        println!("== {name}\n{}\n{:#?}", head.join("\n"), c.objections(BIAS));
+        println!(
+            "== {name}, {quality:?}\n{}\n{:#?}",
+            head.join("\n"),
+            c.objections(BIAS)
+        );
     }
 }

@@ -136,7 +136,8 @@ impl Comparison {
             }
         }
         let chi = self.chi_square();
-        if chi > 1.0 + 3.0 * (2.0 / self.pairs.len() as f64).sqrt() {
+        let n = self.uncertain().count().max(1) as f64;
+        if chi > 1.0 + 3.0 * (2.0 / n).sqrt() {
             out.push(format!("chi²/n is {chi}"));
         }
         if self.worst() > 4.5 {
@@ -148,9 +149,17 @@ impl Comparison {
         out
     }
 
-    /// Σz²/n: 1 in the mean if errors are normal, independent and as claimed, with standard deviation √(2/n).
+    /// Pairs that chance had a part in: where both methods are certain there is nothing to count.
+    fn uncertain(&self) -> impl Iterator<Item = &Pair> {
+        let certain = |p: &&Pair| p.z() == 0.0 && p.claimed + p.traced.luminance_error == 0.0;
+        self.pairs.iter().filter(move |p| !certain(p))
+    }
+
+    /// Σz²/n over pairs that are not exactly equal without any error: 1 in the mean if errors are normal, independent and as claimed, with standard
+    /// deviation √(2/n).
     pub fn chi_square(&self) -> f64 {
-        self.pairs.iter().map(|p| p.z().powi(2)).sum::<f64>() / self.pairs.len() as f64
+        let sum: f64 = self.uncertain().map(|p| p.z().powi(2)).sum();
+        sum / self.uncertain().count().max(1) as f64
     }
 
     /// The largest |z|.
