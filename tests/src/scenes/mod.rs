@@ -6,6 +6,7 @@ mod cornell;
 mod demo;
 mod furnace;
 mod sealed;
+pub mod second_method;
 
 use glam::Vec3;
 

@@ -1,0 +1,200 @@
+//! Rays against triangles, in double precision: a textbook test and a tree split at the median.
+
+use glam::DVec3;
+
+use super::scene::Triangle;
+
+/// Triangles a leaf holds at most. Any small number will do; the tree only has to be right.
+const LEAF: usize = 4;
+
+/// A stretch of a line.
+#[derive(Debug, Clone, Copy)]
+pub struct Ray {
+    /// Start, metres.
+    pub origin: DVec3,
+    /// Direction; `t` counts in its lengths.
+    pub direction: DVec3,
+    /// Hits at or beyond this `t` do not count.
+    pub t_max: f64,
+    /// Triangles that the ray passes through: the one that it starts on, and the one that it is aimed at.
+    pub skip: [usize; 2],
+}
+
+/// Where a ray meets a triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Distance in lengths of the direction.
+    pub t: f64,
+    /// Index of the triangle.
+    pub triangle: usize,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    min: DVec3,
+    max: DVec3,
+    /// First child, the second follows its subtree at `right`; or the first item of a leaf.
+    first: usize,
+    right: usize,
+    /// Items of a leaf; 0 in an inner node.
+    count: usize,
+}
+
+/// Triangles in a box hierarchy.
+#[derive(Debug, Clone)]
+pub struct Tree {
+    triangles: Vec<Triangle>,
+    order: Vec<usize>,
+    nodes: Vec<Node>,
+    t_min: f64,
+}
+
+impl Tree {
+    /// A tree over `triangles`, which must be finite.
+    pub fn new(triangles: Vec<Triangle>) -> Tree {
+        let corners = || triangles.iter().flat_map(|t| t.corners);
+        let (min, max) = corners().fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(p), b.max(p)));
+        let size = if triangles.is_empty() {
+            0.0
+        } else {
+            (max - min).length()
+        };
+        let mut tree = Tree {
+            order: (0..triangles.len()).collect(),
+            nodes: Vec::new(),
+            // A ray that starts on a surface may find a neighbour at a distance of rounding, some 1e-16 of the scene's size. 1e-10 of it is
+            // far above that and far below anything that a lumel could see.
+            t_min: size * 1e-10,
+            triangles,
+        };
+        if !tree.triangles.is_empty() {
+            tree.split(0, tree.triangles.len(), size * 1e-12);
+        }
+        tree
+    }
+
+    /// The triangles.
+    pub fn triangles(&self) -> &[Triangle] {
+        &self.triangles
+    }
+
+    /// Adds the node over `order[from..to]`, and all below it; `pad` widens boxes beyond what rounding can cost.
+    fn split(&mut self, from: usize, to: usize, pad: f64) {
+        let me = self.nodes.len();
+        let (mut min, mut max) = (DVec3::MAX, DVec3::MIN);
+        for &i in &self.order[from..to] {
+            for p in self.triangles[i].corners {
+                (min, max) = (min.min(p), max.max(p));
+            }
+        }
+        self.nodes.push(Node {
+            min: min - pad,
+            max: max + pad,
+            first: from,
+            right: 0,
+            count: to - from,
+        });
+        if to - from <= LEAF {
+            return;
+        }
+        let d = max - min;
+        let axis = (0..3).max_by(|&a, &b| d[a].total_cmp(&d[b])).unwrap_or(0);
+        let triangles = &self.triangles;
+        let key = |i: &usize| -> f64 { triangles[*i].corners.iter().map(|p| p[axis]).sum() };
+        // Ties by index, so that the tree is the same everywhere.
+        self.order[from..to].sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+        let middle = usize::midpoint(from, to);
+        self.nodes[me].count = 0;
+        self.split(from, middle, pad);
+        self.nodes[me].right = self.nodes.len();
+        self.split(middle, to, pad);
+    }
+
+    /// The nearest hit, or none.
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        self.search(ray, false)
+    }
+
+    /// Whether anything lies on the stretch.
+    pub fn blocked(&self, ray: &Ray) -> bool {
+        self.search(ray, true).is_some()
+    }
+
+    fn search(&self, ray: &Ray, any: bool) -> Option<Hit> {
+        let inverse = ray.direction.recip();
+        let mut best: Option<Hit> = None;
+        let mut t_max = ray.t_max;
+        // The tree halves its items, so 64 levels are more than memory could hold.
+        let mut stack = [0usize; 64];
+        let mut depth = usize::from(!self.nodes.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let at = stack[depth];
+            let node = &self.nodes[at];
+            if !meets_box(node, ray.origin, inverse, t_max) {
+                continue;
+            }
+            if node.count == 0 {
+                stack[depth] = node.right;
+                stack[depth + 1] = at + 1;
+                depth += 2;
+                continue;
+            }
+            for &i in &self.order[node.first..node.first + node.count] {
+                if ray.skip.contains(&i) {
+                    continue;
+                }
+                if let Some(t) = meets_triangle(&self.triangles[i], ray, self.t_min)
+                    && t < t_max
+                {
+                    t_max = t;
+                    best = Some(Hit { t, triangle: i });
+                    if any {
+                        return best;
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// [`closest`](Tree::closest) by looking at every triangle: what the tree must agree with.
+    pub fn closest_of_all(&self, ray: &Ray) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        for (i, triangle) in self.triangles.iter().enumerate() {
+            if ray.skip.contains(&i) {
+                continue;
+            }
+            if let Some(t) = meets_triangle(triangle, ray, self.t_min)
+                && t < best.map_or(ray.t_max, |b| b.t)
+            {
+                best = Some(Hit { t, triangle: i });
+            }
+        }
+        best
+    }
+}
+
+fn meets_box(node: &Node, origin: DVec3, inverse: DVec3, t_max: f64) -> bool {
+    let (a, b) = ((node.min - origin) * inverse, (node.max - origin) * inverse);
+    a.min(b).max_element() <= a.max(b).min_element().min(t_max) && a.max(b).min_element() >= 0.0
+}
+
+/// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997; no culling.
+///
+/// Rays that pass between two triangles through the rounding error of their shared edge are lost: some 1e-16 of all.
+fn meets_triangle(triangle: &Triangle, ray: &Ray, t_min: f64) -> Option<f64> {
+    let [a, b, c] = triangle.corners;
+    let (e1, e2) = (b - a, c - a);
+    let p = ray.direction.cross(e2);
+    let det = e1.dot(p);
+    if det == 0.0 {
+        return None;
+    }
+    let s = ray.origin - a;
+    let u = s.dot(p) / det;
+    let q = s.cross(e1);
+    let v = ray.direction.dot(q) / det;
+    let t = e2.dot(q) / det;
+    (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > t_min).then_some(t)
+}
