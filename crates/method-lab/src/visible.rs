@@ -47,6 +47,7 @@ struct Sheared {
     axes: [usize; 3],
     shear: [f64; 2],
     direction: DVec3,
+    length: f64,
 }
 
 impl Sheared {
@@ -71,12 +72,17 @@ impl Sheared {
             axes: [x, y, z],
             shear: [direction[x] / direction[z], direction[y] / direction[z]],
             direction,
+            length: direction.length(),
         }
     }
 }
 
 /// Patches in a leaf: small, a polygon test costs about as much as two box tests.
 const LEAF: usize = 4;
+/// Sine below which a ray is in a patch's plane: normals and directions are rounded to 1e-16, a few times over.
+const EDGE_ON: f64 = 1e-14;
+/// Distances this close are the same: an edge of two patches, computed by way of each.
+const SAME: f64 = 1e-12;
 /// Widening of box distances: three roundings on each of the two products (Ize, *Robust BVH ray traversal*, 2013).
 const WIDEN: f64 = 1.0 + 6.0 * f64::EPSILON;
 
@@ -164,7 +170,8 @@ impl Visibility {
     fn intersect(&self, k: usize, ray: &Sheared) -> Option<f64> {
         let normal = self.normals[k];
         let slope = normal.dot(ray.direction);
-        if slope == 0.0 {
+        // In its plane a ray meets no patch; rounding would give it a distance at random.
+        if slope.abs() <= EDGE_ON * ray.length {
             return None;
         }
         let corners = &self.corners[k];
@@ -239,23 +246,33 @@ impl Visibility {
         }
     }
 
-    /// The nearest patch on the ray, other than `skip`; of two at one distance the lower index.
+    /// The nearest patch on the ray, other than `skip`; of two at one distance the lower index. A front goes before a back at the same
+    /// distance: a ray along the edge of a solid meets both there.
     pub fn closest(&self, origin: DVec3, direction: DVec3, skip: usize) -> Option<Hit> {
         let ray = Sheared::new(origin, direction);
-        let mut best: Option<(usize, f64)> = None;
-        let from = self.near / direction.length();
+        let from = self.near / ray.length;
+        let mut best: Option<(usize, f64, f64)> = None;
         self.walk(&ray, from, f64::INFINITY, |k, t| {
-            if k != skip && best.is_none_or(|(p, s)| t < s || (t == s && k < p)) {
-                best = Some((k, t));
+            let key = t * self.handicap(k, direction);
+            if k != skip && best.is_none_or(|(p, _, s)| key < s || (key == s && k < p)) {
+                best = Some((k, t, key));
             }
-            // Just past the best: an equal distance still gets its turn.
-            best.map_or(f64::INFINITY, |(_, s)| s * (1.0 + f64::EPSILON))
+            // Past the best by more than the handicap, so that an equal distance still gets its turn.
+            best.map_or(f64::INFINITY, |(_, _, s)| s * (1.0 + 2.0 * SAME))
         });
-        best.map(|(patch, t)| Hit {
+        best.map(|(patch, t, _)| Hit {
             patch,
             t,
             front: self.normals[patch].dot(direction) < 0.0,
         })
+    }
+
+    fn handicap(&self, patch: usize, direction: DVec3) -> f64 {
+        if self.normals[patch].dot(direction) < 0.0 {
+            1.0
+        } else {
+            1.0 + SAME
+        }
     }
 
     /// Whether nothing lies between point `a` on patch `i` and point `b` on patch `j`; the two patches themselves do not count.
@@ -294,8 +311,13 @@ mod tests {
                 * if k % 2 == 0 { 1.0 } else { -1.0 };
             let ray = Sheared::new(origin, direction);
             let brute = (0..e.patches.len())
-                .filter_map(|p| v.intersect(p, &ray).filter(|t| *t > v.near).map(|t| (p, t)))
-                .min_by(|x, y| x.1.total_cmp(&y.1).then(x.0.cmp(&y.0)));
+                .filter_map(|p| {
+                    v.intersect(p, &ray)
+                        .filter(|t| *t > v.near)
+                        .map(|t| (p, t, t * v.handicap(p, direction)))
+                })
+                .min_by(|x, y| x.2.total_cmp(&y.2).then(x.0.cmp(&y.0)))
+                .map(|(p, t, _)| (p, t));
             let hit = v.closest(origin, direction, usize::MAX);
             assert_eq!(hit.map(|h| (h.patch, h.t)), brute);
             assert!(hit.is_some_and(|h| h.front), "{origin} {direction}");

@@ -54,9 +54,9 @@ fn scenes() -> Vec<Scene> {
             false,
             false,
         ),
-        scene("cube", enclosures::cube(6), true, false),
+        scene("cube", enclosures::cube(5), true, false),
         scene("room", enclosures::room_with_box(2), true, true),
-        scene("l-shape", enclosures::furnace_l(4), true, true),
+        scene("l-shape", enclosures::furnace_l(3), true, true),
         scene(
             "spheres",
             enclosures::concentric_spheres(0.5, 1),
@@ -108,21 +108,21 @@ fn methods(occluded: bool) -> Vec<(&'static str, String, Method)> {
             },
         ));
     }
-    for (resolution, points) in [(16, 1), (64, 1), (64, 2), (64, 4), (128, 4)] {
+    for (resolution, points) in [(16, 1), (64, 1), (64, 2), (64, 4)] {
         all.push((
             "Nusselt",
             format!("{resolution} px, {points}×{points} points"),
             Method::Nusselt { resolution, points },
         ));
     }
-    for (resolution, points) in [(16, 1), (64, 1), (256, 1), (64, 2), (64, 4), (128, 8)] {
+    for (resolution, points) in [(16, 1), (64, 1), (256, 1), (64, 2), (64, 4), (128, 4)] {
         all.push((
             "hemicube",
             format!("{resolution} px, {points}×{points} points"),
             Method::Hemicube { resolution, points },
         ));
     }
-    for tolerance in [1e-2, 1e-3, 1e-4, 1e-5] {
+    for tolerance in [1e-2, 1e-3, 1e-4] {
         all.push((
             "area to area",
             format!("tolerance {tolerance:.0e}"),
@@ -149,6 +149,7 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     let mut table = String::from(
         "| scene | method | setting | RMS error | max error | row sum | reciprocity | ms | KiB | rays |\n|---|---|---|--:|--:|--:|--:|--:|--:|--:|\n",
     );
+    let path = options.out.join("form_factors.csv");
     for scene in scenes() {
         if !keep(scene.name, &options.scene) {
             continue;
@@ -196,8 +197,9 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
                 result.rays,
             )?;
         }
+        // After each scene: a run that is stopped leaves what it has.
+        std::fs::write(&path, &csv)?;
     }
-    std::fs::write(options.out.join("form_factors.csv"), csv)?;
     #[allow(clippy::print_stdout, reason = "the table is what was asked for")]
     {
         print!("{table}");

@@ -4,22 +4,27 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::contour::exchange_contour;
 use super::sample::{centroid, gauss_legendre, polygon_nodes};
 use crate::Visibility;
 
-/// Divisions of a pair after which it is taken as it is: each side is then 2^-8 of the patch. A million rays at most for one pair
-/// that a shadow edge crosses everywhere.
-const DEPTH: u32 = 16;
+/// Divisions of a pair after which it is taken as it is: each side is then 2^-5 of the patch. Some 10,000 rays at most for a pair that
+/// a shadow edge crosses everywhere, and what is left of the edge is a thousandth of the patch.
+const DEPTH: u32 = 10;
 
 /// A_i F_ij of two flat convex polygons by the double area integral `∫∫ cosθ cosθ' V / (π r²) dA dA'`, m², and the number of rays.
 ///
 /// Each of the two is a Gauss–Legendre product rule of `order`² points, each pair of points joined by a ray where `visible` is given
-/// (the tree and the indices of the two patches). A pair of pieces is divided, the larger piece in four, until the sum over the
-/// parts agrees with the undivided value to `tolerance` of the smaller patch's area; a part gets half of its whole's tolerance,
-/// since of four quarters the two at an edge or shadow edge do not agree. After Goral and others 1984; divided by error as Hanrahan,
-/// Salzman, Aupperle, *A rapid hierarchical radiosity algorithm*, 1991, divide by size.
+/// (the tree and the indices of the two patches). Pieces nearer than they are large, patches with a common edge among them, are too
+/// near for that: there the kernel is integrated by [`exchange_contour`], and the rays only say what share of it arrives.
 ///
-/// Not guaranteed: an occluder that no ray of the first two levels meets is missed.
+/// A pair of pieces is divided, the larger piece in four, until the sum over the parts agrees with the undivided value to `tolerance`
+/// of the smaller patch's area; a part gets half of its whole's tolerance, since of four quarters the two at a shadow edge do not
+/// agree. After Goral and others 1984; divided by error as Hanrahan, Salzman, Aupperle, *A rapid hierarchical radiosity algorithm*,
+/// 1991, divide by size.
+///
+/// Not guaranteed: an occluder that no ray of the first two levels meets is missed; errors of a shadow edge that ten divisions do not
+/// resolve stay.
 pub fn exchange_area(
     from: &[DVec3],
     to: &[DVec3],
@@ -31,6 +36,7 @@ pub fn exchange_area(
         rule: gauss_legendre(order),
         visible,
         rays: 0,
+        near: 0.1 * tolerance,
     };
     let (a, b) = (Piece::new(from, &work.rule), Piece::new(to, &work.rule));
     let whole = work.estimate(&a, &b);
@@ -41,6 +47,9 @@ pub fn exchange_area(
 
 struct Piece {
     corners: Vec<DVec3>,
+    centre: DVec3,
+    /// Greatest distance of two corners, metres.
+    size: f64,
     normal: DVec3,
     area: f64,
     nodes: Vec<(DVec3, f64)>,
@@ -53,8 +62,16 @@ impl Piece {
             .map(|k| (corners[k] - corners[0]).cross(corners[k + 1] - corners[0]))
             .sum::<DVec3>()
             .normalize_or_zero();
+        let size = corners
+            .iter()
+            .flat_map(|a| corners.iter().map(|b| (*a - *b).length_squared()))
+            .fold(0.0, f64::max)
+            .sqrt();
+        let whole = centroid(corners);
         Piece {
-            area: centroid(corners).area,
+            area: whole.area,
+            centre: whole.centre,
+            size,
             normal,
             nodes,
             corners: corners.to_vec(),
@@ -92,11 +109,13 @@ struct Work<'a> {
     rule: Vec<(f64, f64)>,
     visible: Option<(&'a Visibility, usize, usize)>,
     rays: u64,
+    /// Tolerance of the contour integral of near pieces: well under the whole's.
+    near: f64,
 }
 
 impl Work<'_> {
     fn estimate(&mut self, a: &Piece, b: &Piece) -> f64 {
-        let mut sum = 0.0;
+        let (mut all, mut seen) = (0.0, 0.0);
         for &(x, wx) in &a.nodes {
             for &(y, wy) in &b.nodes {
                 let d = y - x;
@@ -104,17 +123,24 @@ impl Work<'_> {
                 if c <= 0.0 || c1 <= 0.0 {
                     continue;
                 }
+                let r2 = d.length_squared();
+                let part = wx * wy * c * c1 / (PI * r2 * r2);
+                all += part;
                 if let Some((tree, i, j)) = self.visible {
                     self.rays += 1;
                     if !tree.visible(x, i, y, j) {
                         continue;
                     }
                 }
-                let r2 = d.length_squared();
-                sum += wx * wy * c * c1 / (PI * r2 * r2);
+                seen += part;
             }
         }
-        sum
+        let near = a.size.max(b.size) > (a.centre - b.centre).length();
+        if near && seen > 0.0 {
+            exchange_contour(&a.corners, &b.corners, self.near) * (seen / all)
+        } else {
+            seen
+        }
     }
 
     fn refine(&mut self, a: &Piece, b: &Piece, whole: f64, tolerance: f64, depth: u32) -> f64 {

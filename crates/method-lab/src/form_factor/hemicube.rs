@@ -13,6 +13,10 @@ const NOTHING: u32 = u32::MAX;
 /// Pixels whose centre is this far outside an outline, in pixels, are filled too: two patches with a common edge round it apart by
 /// 1e-13 of the image at most, and the depth buffer settles a pixel that both claim.
 const SLACK: f64 = 1e-9;
+/// Distances this close are the same: an edge of two patches, computed by way of each.
+const SAME: f64 = 1e-12;
+/// Sine below which a patch is edge-on: coordinates are rounded to 1e-16 of their size, a few times over.
+const EDGE_ON: f64 = 1e-13;
 
 /// A hemicube of one resolution: its delta factors, which depend on nothing else.
 ///
@@ -135,10 +139,14 @@ impl Hemicube {
             .sum::<DVec3>();
         // 1/z where the ray (x, y, 1) meets the plane n·p = h is n·(x, y, 1)/h.
         let height = normal.dot(outline[0]);
-        if height == 0.0 {
+        // Seen edge-on it covers nothing; rounding would give it a depth at random along a line of pixels.
+        let size = outline.iter().map(|p| p.length()).fold(0.0, f64::max);
+        if height.abs() <= EDGE_ON * normal.length() * size {
             return;
         }
-        let slope = normal / height;
+        // The front of a solid's edge goes before its back there: both are equally far.
+        let back = if height > 0.0 { 1.0 - SAME } else { 1.0 };
+        let slope = normal * (back / height);
         // The face's pyramid; its planes meet in the point, so nothing behind is left, and clipping needs no near plane of its own.
         for plane in [
             dvec3(1.0, 0.0, 1.0),
