@@ -182,16 +182,14 @@ fn area_to_area_agrees_with_exact_visibility() {
         let error = compare(&coarse, &reference).rms;
         assert!(error < allowed, "{order}: {error}");
     }
-    // Rays find a shadow edge where the estimates of two levels differ: coarse tolerances stop early on pairs that agree by chance.
-    // Measured 9.1e-3, 5.2e-3, AREA.
-    for (tolerance, allowed) in [(1e-2, 1e-2), (1e-3, 6e-3), (1e-4, 1e-3)] {
+    // The tolerance is absolute in F, whose RMS is about 0.05 here: 1e-3 is 2e-2 of that. Measured 9.1e-3 and 4.5e-3.
+    for (tolerance, allowed) in [(1e-2, 1e-2), (1e-3, 5e-3)] {
         let method = Method::AreaToArea {
             order: 2,
             tolerance,
         };
         let m = form_factors(&e, method).unwrap();
         let error = compare(&m.matrix, &reference).rms;
-        eprintln!("area room {tolerance} {error} {}", m.rays);
         assert!(error < allowed, "{tolerance}: {error}");
     }
 }
