@@ -1,7 +1,8 @@
-"""Plots what `lumel-lab form-factors` measured: error against time for each method, one panel a scene, on logarithmic axes.
+"""Plots what `lumel-lab form-factors` measured: error against time for each method, one panel a scene, on logarithmic axes; once the
+error of the single form factors, once that of the irradiance they give.
 
 Usage : python plot_lab.py form-factors CSV OUT_WITHOUT_SUFFIX
-Output: OUT.png and OUT.svg.  Needs matplotlib.
+Output: OUT.png, OUT.svg, OUT_irradiance.png and OUT_irradiance.svg.  Needs matplotlib.
 """
 import csv
 import sys
@@ -38,7 +39,7 @@ TITLE = {
 FLOOR = 1e-6
 
 
-def form_factors(rows, out):
+def form_factors(rows, column, label, out):
     scenes = list(dict.fromkeys(r["scene"] for r in rows))
     columns = 4
     lines = (len(scenes) + columns) // columns
@@ -47,9 +48,12 @@ def form_factors(rows, out):
     for axis, scene in zip(axes, scenes):
         for method, (colour, marker) in STYLE.items():
             points = [r for r in rows if r["scene"] == scene and r["method"] == method]
-            points = sorted((float(r["seconds"]) * 1e3, max(float(r["rms_error"]), FLOOR)) for r in points)
+            points = sorted((float(r["seconds"]) * 1e3, max(float(r[column]), FLOOR)) for r in points)
             if points:
-                axis.loglog(*zip(*points), color=colour, marker=marker, markersize=6, linewidth=1.2, label=method)
+                # The line joins what is worth its time: settings that no quicker one of the same method beats.
+                front = [p for k, p in enumerate(points) if all(q[1] > p[1] for q in points[:k])]
+                axis.loglog(*zip(*points), color=colour, marker=marker, markersize=6, linestyle="none", label=method)
+                axis.loglog(*zip(*front), color=colour, linewidth=1.2)
         patches = next(r["patches"] for r in rows if r["scene"] == scene)
         axis.set_title("%s, %s patches" % (TITLE.get(scene, scene), patches), fontsize=10)
         axis.set_xlabel("time, ms")
@@ -57,7 +61,7 @@ def form_factors(rows, out):
         axis.set_axisbelow(True)
         axis.set_ylim(FLOOR * 0.7, 20)
     for k in range(0, len(scenes), columns):
-        axes[k].set_ylabel("RMS error / RMS form factor")
+        axes[k].set_ylabel(label)
     handles, labels = axes[0].get_legend_handles_labels()
     for axis in axes[len(scenes):]:
         axis.axis("off")
@@ -73,7 +77,8 @@ def main():
         raise SystemExit(__doc__)
     with open(sys.argv[2], newline="") as file:
         rows = list(csv.DictReader(file))
-    form_factors(rows, sys.argv[3])
+    form_factors(rows, "rms_error", "RMS error / RMS form factor", sys.argv[3])
+    form_factors(rows, "irradiance_error", "RMS error / RMS irradiance", sys.argv[3] + "_irradiance")
 
 
 if __name__ == "__main__":

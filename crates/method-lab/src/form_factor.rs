@@ -183,10 +183,10 @@ impl Scene<'_> {
     ) -> FormFactors {
         let mut all = self.by_rows(bytes, |i, row| {
             let mut rays = 0;
-            for j in i + 1..row.len() {
+            for (j, value) in row.iter_mut().enumerate().skip(i + 1) {
                 if self.facing(i, j) {
                     let (g, r) = exchange(i, j);
-                    row[j] = g;
+                    *value = g;
                     rays += r;
                 }
             }

@@ -7,7 +7,9 @@ use std::time::Instant;
 
 use clap::Args;
 use method_lab::reference::reference_matrix;
-use method_lab::{Enclosure, FormFactors, Method, audit, compare, enclosures, form_factors};
+use method_lab::{
+    Enclosure, FormFactors, Matrix, Method, audit, compare, enclosures, form_factors,
+};
 
 /// Options of `form-factors`.
 #[derive(Args)]
@@ -144,10 +146,10 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(&options.out)?;
     let keep = |name: &str, part: &Option<String>| part.as_deref().is_none_or(|p| name.contains(p));
     let mut csv = String::from(
-        "scene,patches,method,setting,rms_error,max_error,row_sum_error,reciprocity_error,seconds,bytes,rays\n",
+        "scene,patches,method,setting,rms_error,max_error,irradiance_error,row_sum_error,reciprocity_error,seconds,bytes,rays\n",
     );
     let mut table = String::from(
-        "| scene | method | setting | RMS error | max error | row sum | reciprocity | ms | KiB | rays |\n|---|---|---|--:|--:|--:|--:|--:|--:|--:|\n",
+        "| scene | method | setting | RMS error | max error | irradiance | row sum | reciprocity | ms | KiB | rays |\n|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|\n",
     );
     let path = options.out.join("form_factors.csv");
     for scene in scenes() {
@@ -171,14 +173,16 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
         for (name, setting, result, seconds) in rows {
             let error = compare(&result.matrix, &reference.matrix);
             let check = audit(&scene.enclosure, &result.matrix);
+            let lit = irradiance_error(&scene.enclosure, &result.matrix, &reference.matrix);
             let row_sum = scene.closed.then_some(check.row_sum_error);
             writeln!(
                 csv,
-                "{},{},{name},\"{setting}\",{:.6e},{:.6e},{},{:.6e},{seconds:.6e},{},{}",
+                "{},{},{name},\"{setting}\",{:.6e},{:.6e},{:.6e},{},{:.6e},{seconds:.6e},{},{}",
                 scene.name,
                 scene.enclosure.patches.len(),
                 error.rms,
                 error.max,
+                lit,
                 row_sum.map_or(String::new(), |e| format!("{e:.6e}")),
                 check.reciprocity_error,
                 result.bytes,
@@ -186,10 +190,11 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
             )?;
             writeln!(
                 table,
-                "| {} | {name} | {setting} | {:.1e} | {:.1e} | {} | {:.1e} | {:.1} | {} | {} |",
+                "| {} | {name} | {setting} | {:.1e} | {:.1e} | {:.1e} | {} | {:.1e} | {:.1} | {} | {} |",
                 scene.name,
                 error.rms,
                 error.max,
+                lit,
                 row_sum.map_or("open".into(), |e| format!("{e:.1e}")),
                 check.reciprocity_error,
                 seconds * 1e3,
@@ -224,5 +229,36 @@ fn timed(
         if runs >= repeat || seconds > 0.5 {
             return Ok((result, best));
         }
+    }
+}
+
+/// What the errors of a matrix come to in light: the RMS error of E_i = Σ_j F_ij B_j over the patches as a share of the RMS of E, where
+/// the half of the scene with the greater x has radiosity 1 and the rest has none. Errors of single pairs that cancel count little,
+/// those that add up count fully.
+fn irradiance_error(enclosure: &Enclosure, matrix: &Matrix, reference: &Matrix) -> f64 {
+    let x: Vec<f64> = enclosure.patches.iter().map(|p| p.centre().x).collect();
+    let (low, high) = x
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| {
+            (l.min(*x), h.max(*x))
+        });
+    let middle = 0.5 * (low + high);
+    let irradiance = |row: &[f64]| -> f64 {
+        row.iter()
+            .zip(&x)
+            .filter(|(_, x)| **x > middle)
+            .map(|(f, _)| f)
+            .sum()
+    };
+    let (mut difference, mut norm) = (0.0, 0.0);
+    for i in 0..matrix.len() {
+        let exact = irradiance(reference.row(i));
+        difference += (irradiance(matrix.row(i)) - exact).powi(2);
+        norm += exact * exact;
+    }
+    if norm > 0.0 {
+        (difference / norm).sqrt()
+    } else {
+        0.0
     }
 }
