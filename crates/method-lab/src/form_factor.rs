@@ -352,20 +352,15 @@ fn check_method(method: Method) -> Result<(), FormFactorError> {
             range("points", 1, 64, "1 to 64", points)
         }
         Method::Hemicube { resolution, points } => {
-            range(
-                "resolution",
-                2,
-                4096,
-                "an even number from 2 to 4096",
-                resolution,
-            )?;
-            range(
-                "resolution / 2 · 2",
-                resolution,
-                resolution,
-                "an even number",
-                resolution / 2 * 2,
-            )?;
+            let expected = "an even number from 2 to 4096";
+            range("resolution", 2, 4096, expected, resolution)?;
+            if resolution % 2 != 0 {
+                return Err(FormFactorError::InvalidSetting {
+                    setting: "resolution",
+                    expected,
+                    got: resolution.to_string(),
+                });
+            }
             range("points", 1, 64, "1 to 64", points)
         }
         Method::AreaToArea { order, tolerance } => {

@@ -8,8 +8,8 @@ use super::contour::exchange_contour;
 use super::sample::{centroid, gauss_legendre, polygon_nodes};
 use crate::Visibility;
 
-/// Divisions of a pair after which it is taken as it is: each side is then 2^-5 of the patch. Some 10,000 rays at most for a pair that
-/// a shadow edge crosses everywhere, and what is left of the edge is a thousandth of the patch.
+/// Divisions of a pair after which it is taken as it is: each side is then 2^-5 of the patch. A few million rays at
+/// most for a pair that a shadow edge crosses everywhere, and what is left of the edge is a thousandth of the patch.
 const DEPTH: u32 = 10;
 
 /// A_i F_ij of two flat convex polygons by the double area integral `∫∫ cosθ cosθ' V / (π r²) dA dA'`, m², and the number of rays.

@@ -82,7 +82,7 @@ pub fn exchange_contour(from: &[DVec3], to: &[DVec3], tolerance: f64) -> f64 {
     (sum / (2.0 * PI)).max(0.0)
 }
 
-/// Twice the signed area goes with the normal; here the area itself.
+/// Normal times area.
 fn vector_area(c: &[DVec3]) -> DVec3 {
     (1..c.len() - 1)
         .map(|k| (c[k] - c[0]).cross(c[k + 1] - c[0]))
