@@ -101,9 +101,12 @@ pub fn row_rays(
     count as u64
 }
 
-/// Share of `rays` rays between points spread over patches `i` and `j` that nothing stops, and the number cast. The same for (j, i).
+/// What share of the exchange between patches `i` and `j` gets through, by `rays` rays between points spread over both, and the
+/// number cast. The same for (j, i).
 ///
-/// Pairs of points below one another's horizon do not count: a form factor in closed form has cut them off already.
+/// Each ray weighs as the kernel cosθ cosθ'/r² does there, a ratio of sums over the same weights (as in the baker's direct light): all
+/// seen is exactly 1, all hidden exactly 0. An even share of rays would take the mean of the product for the product of the means,
+/// which is off wherever the near part of a patch is hidden, however many rays there are. Points below one another's horizon weigh 0.
 pub fn visible_share(
     patches: &[Patch],
     tree: &Visibility,
@@ -114,20 +117,22 @@ pub fn visible_share(
     let (i, j) = (i.min(j), i.max(j));
     let (n_i, n_j) = (patches[i].normal(), patches[j].normal());
     let seed = hash_u32(i as u32 ^ hash_u32(j as u32));
-    let (mut cast, mut free) = (0, 0);
+    let (mut cast, mut all, mut free) = (0, 0.0, 0.0);
     for k in 0..rays {
         let [s, t, u, v] = sample_4d(k as u32, 0, seed).map(f64::from);
         let a = point_on(&patches[i].corners, s, t);
         let b = point_on(&patches[j].corners, u, v);
-        if (b - a).dot(n_i) > 0.0 && (a - b).dot(n_j) > 0.0 {
+        let d = b - a;
+        let (c, c1) = (n_i.dot(d), -n_j.dot(d));
+        if c > 0.0 && c1 > 0.0 {
+            let weight = c * c1 / d.length_squared().powi(2);
             cast += 1;
-            free += u64::from(tree.visible(a, i, b, j));
+            all += weight;
+            if tree.visible(a, i, b, j) {
+                free += weight;
+            }
         }
     }
-    let share = if cast > 0 {
-        free as f64 / cast as f64
-    } else {
-        0.0
-    };
+    let share = if all > 0.0 { free / all } else { 0.0 };
     (share, cast)
 }
