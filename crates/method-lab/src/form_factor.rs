@@ -27,8 +27,8 @@ pub use shadow::form_factor_visible_polygon;
 
 /// A method, with what its accuracy hangs on.
 ///
-/// Where a method has `shadow_rays`, it computes unoccluded form factors and multiplies each by the share of so many rays between
-/// the two patches that arrive; 0 stands for no occlusion at all.
+/// Where a method has `shadow_rays`, it computes unoccluded form factors and multiplies each by the share that gets
+/// through by so many rays between the two patches ([`visible_share`]); 0 stands for no occlusion at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Method {

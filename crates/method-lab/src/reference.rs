@@ -67,7 +67,7 @@ const CONTOUR: f64 = 1e-10;
 /// Pairs with nothing in between: the double contour integral to 1e-10. Pairs that something may come between: `order`² Gauss–Legendre
 /// points on the patch with the smaller area, from each the closed form of what is left visible of the other one
 /// ([`form_factor_visible_polygon`]): no sampling of visibility at all. What `order` is enough for, doubling it shows (with 8 against
-/// 16 the room with a box moves by under 1e-4 of the RMS form factor).
+/// 16 the room with a box moves by 1.7e-4 of the RMS form factor).
 ///
 /// Reciprocal to rounding. Errors as [`crate::form_factors`].
 pub fn reference_matrix(
