@@ -3,6 +3,14 @@
 //!
 //! Everything is in double precision and in world units. Matrices are dense: the laboratory is for some thousand patches.
 
+mod audit;
 mod enclosure;
+pub mod enclosures;
+pub mod form_factor;
+pub mod reference;
+mod visible;
 
+pub use audit::{Audit, MatrixError, audit, compare};
 pub use enclosure::{Enclosure, Matrix, Patch};
+pub use form_factor::{FormFactorError, FormFactors, Method, form_factors};
+pub use visible::{Hit, Visibility};

@@ -1,0 +1,85 @@
+"""Plots what `lumel-lab form-factors` measured: error against time for each method, one panel a scene, on logarithmic axes; once the
+error of the single form factors, once that of the irradiance they give.
+
+Usage : python plot_lab.py form-factors CSV OUT_WITHOUT_SUFFIX
+Output: OUT.png, OUT.svg, OUT_irradiance.png and OUT_irradiance.svg.  Needs matplotlib.
+"""
+import csv
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+# The same picture gives the same bytes: no date, fixed ids.
+plt.rcParams["svg.hashsalt"] = "lumel"
+
+# One colour and marker a method: hues that stay apart for the colour-blind (Okabe and Ito), shapes that stay apart in grey.
+STYLE = {
+    "point to point": ("#000000", "x"),
+    "point to disc": ("#8c8c8c", "+"),
+    "point to polygon": ("#0072b2", "s"),
+    "contour": ("#d55e00", "D"),
+    "Nusselt": ("#cc79a7", "v"),
+    "hemicube": ("#009e73", "^"),
+    "area to area": ("#e69f00", "p"),
+    "rays": ("#56b4e9", "o"),
+}
+TITLE = {
+    "opposed": "opposed squares, distance 1",
+    "near": "opposed squares, distance 0.1",
+    "perpendicular": "perpendicular squares",
+    "cube": "cube",
+    "room": "room with a box",
+    "l-shape": "L-shaped room",
+    "spheres": "concentric spheres",
+}
+# Closer to the reference than this is the reference's own doubt.
+FLOOR = 1e-6
+
+
+def form_factors(rows, column, label, out):
+    scenes = list(dict.fromkeys(r["scene"] for r in rows))
+    columns = 4
+    lines = (len(scenes) + columns) // columns
+    figure, axes = plt.subplots(lines, columns, figsize=(15, 3.7 * lines + 0.3), sharey=True, layout="constrained")
+    axes = list(axes.flat)
+    for axis, scene in zip(axes, scenes):
+        for method, (colour, marker) in STYLE.items():
+            points = [r for r in rows if r["scene"] == scene and r["method"] == method]
+            points = sorted((float(r["seconds"]) * 1e3, max(float(r[column]), FLOOR)) for r in points)
+            if points:
+                # The line joins what is worth its time: settings that no quicker one of the same method beats.
+                front = [p for k, p in enumerate(points) if all(q[1] > p[1] for q in points[:k])]
+                axis.loglog(*zip(*points), color=colour, marker=marker, markersize=6, linestyle="none", label=method)
+                axis.loglog(*zip(*front), color=colour, linewidth=1.2)
+        patches = next(r["patches"] for r in rows if r["scene"] == scene)
+        axis.set_title("%s, %s patches" % (TITLE.get(scene, scene), patches), fontsize=10)
+        axis.set_xlabel("time, ms")
+        axis.grid(True, which="major", color="#dddddd", linewidth=0.6)
+        axis.set_axisbelow(True)
+        axis.set_ylim(FLOOR * 0.7, 20)
+    for k in range(0, len(scenes), columns):
+        axes[k].set_ylabel(label)
+    handles, labels = axes[0].get_legend_handles_labels()
+    for axis in axes[len(scenes):]:
+        axis.axis("off")
+    axes[len(scenes)].legend(handles, labels, loc="center", frameon=False, fontsize=11)
+    axes[len(scenes)].text(0.5, 0.04, "down and left is better;\nbelow 1e-6 drawn at 1e-6", ha="center", va="bottom",
+                           transform=axes[len(scenes)].transAxes, fontsize=9, color="#555555")
+    figure.savefig(out + ".png", dpi=110, metadata={"Software": None})
+    figure.savefig(out + ".svg", metadata={"Date": None})
+
+
+def main():
+    if len(sys.argv) != 4 or sys.argv[1] != "form-factors":
+        raise SystemExit(__doc__)
+    with open(sys.argv[2], newline="") as file:
+        rows = list(csv.DictReader(file))
+    form_factors(rows, "rms_error", "RMS error / RMS form factor", sys.argv[3])
+    form_factors(rows, "irradiance_error", "RMS error / RMS irradiance", sys.argv[3] + "_irradiance")
+
+
+if __name__ == "__main__":
+    main()
