@@ -4,5 +4,7 @@
 //! Everything is in double precision and in world units. Matrices are dense: the laboratory is for some thousand patches.
 
 mod enclosure;
+pub mod solver;
+pub mod study;
 
 pub use enclosure::{Enclosure, Matrix, Patch};
