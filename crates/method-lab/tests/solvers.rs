@@ -43,38 +43,41 @@ fn random_light(n: usize, most: f64, seed: u64) -> (Vec<DVec3>, Vec<DVec3>) {
 
 /// (I − ρF) B = M by Gaussian elimination with partial pivoting, channel by channel.
 fn direct(system: &System<'_>) -> Vec<DVec3> {
+    let channels: [Vec<f64>; 3] = std::array::from_fn(|c| direct_channel(system, c));
+    (0..system.len())
+        .map(|i| DVec3::from(std::array::from_fn(|c| channels[c][i])))
+        .collect()
+}
+
+fn direct_channel(system: &System<'_>, c: usize) -> Vec<f64> {
     let n = system.len();
-    let mut out = vec![DVec3::ZERO; n];
-    for c in 0..3 {
-        let mut rows: Vec<Vec<f64>> = (0..n)
-            .map(|i| {
-                let mut row: Vec<f64> = (0..n)
-                    .map(|j| {
-                        f64::from(i == j) - system.reflectance()[i][c] * system.matrix().row(i)[j]
-                    })
-                    .collect();
-                row.push(system.exitance()[i][c]);
-                row
-            })
-            .collect();
-        for k in 0..n {
-            let pivot = (k..n)
-                .max_by(|&a, &b| rows[a][k].abs().total_cmp(&rows[b][k].abs()))
-                .unwrap();
-            rows.swap(k, pivot);
-            let (done, todo) = rows.split_at_mut(k + 1);
-            let top = &done[k];
-            for row in todo {
-                let f = row[k] / top[k];
-                for j in k..=n {
-                    row[j] -= f * top[j];
-                }
+    let mut rows: Vec<Vec<f64>> = (0..n)
+        .map(|i| {
+            let mut row: Vec<f64> = (0..n)
+                .map(|j| f64::from(i == j) - system.reflectance()[i][c] * system.matrix().row(i)[j])
+                .collect();
+            row.push(system.exitance()[i][c]);
+            row
+        })
+        .collect();
+    for k in 0..n {
+        let pivot = (k..n)
+            .max_by(|&a, &b| rows[a][k].abs().total_cmp(&rows[b][k].abs()))
+            .unwrap();
+        rows.swap(k, pivot);
+        let (done, todo) = rows.split_at_mut(k + 1);
+        let top = &done[k];
+        for row in todo {
+            let f = row[k] / top[k];
+            for j in k..=n {
+                row[j] -= f * top[j];
             }
         }
-        for i in (0..n).rev() {
-            let known: f64 = (i + 1..n).map(|j| rows[i][j] * out[j][c]).sum();
-            out[i][c] = (rows[i][n] - known) / rows[i][i];
-        }
+    }
+    let mut out = vec![0.0; n];
+    for i in (0..n).rev() {
+        let known: f64 = (i + 1..n).map(|j| rows[i][j] * out[j]).sum();
+        out[i] = (rows[i][n] - known) / rows[i][i];
     }
     out
 }
@@ -237,10 +240,10 @@ fn what_is_reported_is_the_residual_of_what_is_returned() {
     // The progressive one reports what it has not shot, U; its radiosity's own residual is ρFU.
     let got = solve(Method::Progressive, &system, &options(1e-6)).unwrap();
     let own = system.residual(&got.radiosity).unwrap();
-    for i in 0..30 {
+    for (i, own) in own.iter().enumerate() {
         let gathered: DVec3 = (0..30).map(|j| got.residual[j] * matrix.row(i)[j]).sum();
         let expected = system.reflectance()[i] * gathered;
-        assert!((own[i] - expected).abs().max_element() < 1e-11);
+        assert!((*own - expected).abs().max_element() < 1e-11);
     }
 }
 
