@@ -23,6 +23,7 @@ pub(super) fn shoot<const PROGRESSIVE: bool>(
 ) -> Solution {
     let n = system.len();
     let (area, rho) = (system.area(), system.reflectance());
+    let per_area: Vec<f64> = area.iter().map(|a| 1.0 / a).collect();
     let columns = if PROGRESSIVE {
         None
     } else {
@@ -81,7 +82,7 @@ pub(super) fn shoot<const PROGRESSIVE: bool>(
         sent_since[pick] += shot;
         for k in 0..n {
             let factor = if PROGRESSIVE {
-                row[k] * (area[pick] / area[k])
+                row[k] * (area[pick] * per_area[k])
             } else {
                 row[k]
             };
@@ -106,7 +107,7 @@ pub(super) fn shoot<const PROGRESSIVE: bool>(
         }
     };
     // `shown` is the observer's and not counted.
-    let memory = 3 * n * size_of::<DVec3>() + columns.map_or(0, |t| t.bytes());
+    let memory = 3 * n * size_of::<DVec3>() + n * size_of::<f64>() + columns.map_or(0, |t| t.bytes());
     if PROGRESSIVE {
         add(&mut sent, &unsent);
     }
