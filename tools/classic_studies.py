@@ -1,13 +1,13 @@
 """The classic studies: the baseline at 1000 and 5760 patches, Lumel, and the truth, as numbers and as pictures.
 
 Usage : python classic_studies.py [--lab PROGRAM] [--out DIR] [--docs DIR] [--cases NAME,…] [--count 1500] [--spp 8192]
-              [--pixel-spp 128] [--density 20] [--quality preview] [--no-solvers]
+              [--pixel-spp 128] [--no-solvers] [-- further options of `lumel bake`]
 Steps : 1 `lumel-lab studies` writes each case as .glb and the baseline's radiosity as .csv; `lumel-lab solvers` its tables;
-        2 `lumel bake` bakes each .glb, with occlusion, at --density lumels a metre;
+        2 `lumel bake` bakes each .glb, with occlusion, at its default settings;
         3 points.py draws --count points by area from the surfaces that do not emit, truth.py gives their irradiance (back faces
           black, unlimited bounces); 4 the same for the pixels of one picture, with fewer samples;
         5 every method's irradiance at those points and pixels, and its error.
-Output: DOCS/images/studies/NAME.png (pictures above, signed error below), DOCS/images/studies/errors.csv (the last run's figures),
+Output: DOCS/images/studies/NAME.png (pictures) and NAME.error.png (signed error of each), DOCS/images/studies/errors.csv (the last run's figures),
         and the tables between the markers `<!-- begin X -->` and `<!-- end X -->` of DOCS/studies.md.  Solver tables: OUT/solvers*.csv.
 Errors: of the luminance of irradiance E, over points with E > 0.001 mean: relRMSE = sqrt(mean(((x − ref) / (ref + 0.01 mean ref))²)),
         p50 and p95 of the same in absolute value, bias = mean(x) / mean(ref) − 1: as score.py.
@@ -31,7 +31,7 @@ import gltf_scene   # noqa: E402
 import score        # noqa: E402
 
 LUM = np.array([0.2126, 0.7152, 0.0722])
-WIDTH, HEIGHT, LABEL = 240, 160, 18
+WIDTH, HEIGHT, LABEL, COLUMNS = 294, 189, 18, 3
 
 
 class Patches:
@@ -195,8 +195,8 @@ def encode(x):
 
 
 def signed_colors(e):
-    """relative error −50 % to +50 % as blue, white, red"""
-    e = np.clip(e / 0.5, -1, 1)[:, None]
+    """relative error in steps of 5 %, −50 % to +50 %, as blue, white, red"""
+    e = np.round(np.clip(e, -0.5, 0.5) * 20)[:, None] / 10
     return np.where(e < 0, 1 + e * np.array([0.8, 0.55, 0.15]), 1 - e * np.array([0.2, 0.7, 0.85]))
 
 
@@ -206,22 +206,32 @@ def tile(colors, seen):
     return (out.reshape(HEIGHT, WIDTH, 3) * 255 + 0.5).astype(np.uint8)
 
 
-def sheet(path, columns):
-    """columns of (label, picture, error picture or None)"""
+def font(size):
     try:
-        font = ImageFont.load_default(size=13)
+        return ImageFont.load_default(size=size)
     except TypeError:       # before Pillow 10.1
-        font = ImageFont.load_default()
-    img = Image.new("RGB", (len(columns) * (WIDTH + 2) - 2, LABEL + 2 * HEIGHT + 2), (255, 255, 255))
+        return ImageFont.load_default()
+
+
+def legend():
+    """the colours of errors, with their ends written on them"""
+    out = Image.fromarray(tile(signed_colors(np.tile(np.linspace(-0.5, 0.5, WIDTH), HEIGHT)), np.arange(WIDTH * HEIGHT)))
+    draw = ImageDraw.Draw(out)
+    for x, text in ((4, "-50 %"), (WIDTH // 2 - 8, "0"), (WIDTH - 42, "+50 %")):
+        draw.text((x, HEIGHT // 2), text, fill=(0, 0, 0), font=font(13))
+    return np.array(out)
+
+
+def sheet(path, tiles):
+    """(label, picture) in rows of three"""
+    rows = -(-len(tiles) // COLUMNS)
+    img = Image.new("RGB", (COLUMNS * (WIDTH + 2) - 2, rows * (HEIGHT + LABEL)), (255, 255, 255))
     draw = ImageDraw.Draw(img)
-    for k, (label, picture, error) in enumerate(columns):
-        x = k * (WIDTH + 2)
-        draw.text((x + 3, 1), label, fill=(0, 0, 0), font=font)
-        img.paste(Image.fromarray(picture), (x, LABEL))
-        if error is not None:
-            img.paste(Image.fromarray(error), (x, LABEL + HEIGHT + 2))
-    # 256 colours are enough for flat tones, and a third of the bytes.
-    img.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+    for k, (label, picture) in enumerate(tiles):
+        x, y = k % COLUMNS * (WIDTH + 2), k // COLUMNS * (HEIGHT + LABEL)
+        draw.text((x + 3, y + 1), label, fill=(0, 0, 0), font=font(13))
+        img.paste(Image.fromarray(picture), (x, y + LABEL))
+    img.save(path, optimize=True)
 
 
 def percent(x):
@@ -237,7 +247,7 @@ def run_case(case, a, camera):
     scene, work = os.path.join(a.out, case["glb"]), os.path.join(a.out, case["name"])
     runs = [(r, Patches(os.path.join(a.out, r["file"]))) for r in case["runs"]]
     coarse = next(p for r, p in runs if r["patches"] == 1000)
-    common_run = common.bake(scene, work + ".bake", "--quality", a.quality, "--texels-per-unit", a.density)
+    common_run = common.bake(scene, work + ".bake", *a.further)
     if common_run["code"] != 0:
         raise SystemExit("lumel bake failed: " + common_run["err"])
     common.tool("points.py", scene, work + ".drawn.npz", "--count", a.count)
@@ -270,7 +280,8 @@ def run_case(case, a, camera):
     for r, p in runs:
         at = p.locate(position, normal)
         label = "%d" % r["patches"] + (", %d iterations" % r["iterations"] if many else "") + (", with occlusion" if r["occlusion"] else "")
-        rows.append((label + ", flat", errors(p.radiosity[at] / p.rho[at], ref, se)))
+        if not many:
+            rows.append((label + ", flat", errors(p.radiosity[at] / p.rho[at], ref, se)))
         rows.append((label + ", interpolated", errors(p.blend(at, position) / p.rho[at], ref, se)))
         if r["occlusion"]:
             continue
@@ -283,14 +294,10 @@ def run_case(case, a, camera):
             columns.append(column("%d, interpolated" % r["patches"], p.blend(at, hit)))
     rows.append(("Lumel", errors(lightmap.irradiance(coarse, where, position), ref, se)))
     columns.append(column("Lumel", glow + rho * lightmap.irradiance(coarse, pixel, hit)))
-    key = np.tile(np.linspace(-0.5, 0.5, WIDTH), HEIGHT)
-    legend = Image.fromarray((signed_colors(key) * 255 + 0.5).astype(np.uint8).reshape(HEIGHT, WIDTH, 3))
-    draw = ImageDraw.Draw(legend)
-    font = ImageFont.load_default()
-    for x, text in ((4, "-50 %"), (WIDTH // 2 - 10, "0"), (WIDTH - 38, "+50 %")):
-        draw.text((x, HEIGHT // 2), text, fill=(0, 0, 0), font=font)
-    columns.append(("truth (path traced)", tile(encode(want * scale), seen), np.array(legend)))
-    sheet(os.path.join(a.docs, "images", "studies", case["name"] + ".png"), columns)
+    columns.append(("truth (path traced)", tile(encode(want * scale), seen), legend()))
+    picture = os.path.join(a.docs, "images", "studies", case["name"])
+    sheet(picture + ".png", [(label, shown) for label, shown, _ in columns])
+    sheet(picture + ".error.png", [(label, error) for label, _, error in columns[:-1]] + [("colours", columns[-1][2])])
     return rows, common_run["seconds"]
 
 
@@ -328,25 +335,28 @@ def main():
     ap.add_argument("--count", type=int, default=1500)
     ap.add_argument("--spp", type=int, default=8192)
     ap.add_argument("--pixel-spp", type=int, default=128)
-    ap.add_argument("--density", type=float, default=20)
-    ap.add_argument("--quality", default="preview")
     ap.add_argument("--no-solvers", action="store_true")
-    a = ap.parse_args()
+    argv, further = sys.argv[1:], []
+    if "--" in argv:
+        i = argv.index("--")
+        argv, further = argv[:i], argv[i + 1:]
+    a = ap.parse_args(argv)
+    a.further = further
     start = time.perf_counter()
     os.makedirs(a.out, exist_ok=True)
     os.makedirs(os.path.join(a.docs, "images", "studies"), exist_ok=True)
     page_path = os.path.join(a.docs, "studies.md")
-    page = open(page_path, encoding="utf-8").read()
+    parts = {}
     r = common.run([a.lab, "studies", "--out", a.out])
     if r["code"] != 0:
         raise SystemExit("lumel-lab studies failed: " + r["err"])
     study = json.load(open(os.path.join(a.out, "study.json")))
-    page = put(page, "rows", row_table(study["meshes"]))
+    parts["rows"] = row_table(study["meshes"])
     if not a.no_solvers:
         r = common.run([a.lab, "solvers", "--out", a.out])
         if r["code"] != 0:
             raise SystemExit("lumel-lab solvers failed: " + r["err"])
-        page = put(page, "solvers", r["out"])
+        parts["solvers"] = r["out"]
     only = a.cases.split(",") if a.cases else None
     lines = ["case,method,relRMSE,p50,p95,bias,truth_noise,points"]
     baked = []
@@ -355,15 +365,20 @@ def main():
             continue
         rows, seconds = run_case(case, a, study["camera"])
         baked.append(seconds)
-        page = put(page, case["name"], markdown(rows))
+        parts[case["name"]] = markdown(rows)
         for label, e in rows:
             lines.append('%s,"%s",%.6g,%.6g,%.6g,%.6g,%.6g,%d' % (case["name"], label, e["relRMSE"], e["p50"], e["p95"], e["bias"], e["own"], e["points"]))
         print("%s: done after %.0f s" % (case["name"], time.perf_counter() - start), flush=True)
     if not only:
         with open(os.path.join(a.docs, "images", "studies", "errors.csv"), "w") as f:
             f.write("\n".join(lines) + "\n")
-        page = put(page, "time", "Whole run %.0f s; a bake by Lumel took %.1f to %.1f s (load average %.1f)." % (
-            time.perf_counter() - start, min(baked), max(baked), os.getloadavg()[0]))
+        parts["time"] = "Whole run %.0f s; a bake by Lumel took %.1f to %.1f s (load average %.1f)." % (
+            time.perf_counter() - start, min(baked), max(baked), os.getloadavg()[0])
+    # Read only now: someone may have edited the page meanwhile.
+    with open(page_path, encoding="utf-8") as f:
+        page = f.read()
+    for name, text in parts.items():
+        page = put(page, name, text)
     with open(page_path, "w", encoding="utf-8") as f:
         f.write(page)
 

@@ -107,7 +107,8 @@ pub(super) fn shoot<const PROGRESSIVE: bool>(
         }
     };
     // `shown` is the observer's and not counted.
-    let memory = 3 * n * size_of::<DVec3>() + n * size_of::<f64>() + columns.map_or(0, |t| t.bytes());
+    let memory =
+        3 * n * size_of::<DVec3>() + n * size_of::<f64>() + columns.map_or(0, |t| t.bytes());
     if PROGRESSIVE {
         add(&mut sent, &unsent);
     }

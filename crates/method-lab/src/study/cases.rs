@@ -123,12 +123,12 @@ pub fn cases() -> Vec<Case> {
                 Lamp {
                     x: [1, 2],
                     z: [2, 3],
-                    exitance: 100.0 * RED,
+                    exitance: 150.0 * RED,
                 },
                 Lamp {
                     x: [4, 5],
                     z: [2, 3],
-                    exitance: 100.0 * YELLOW,
+                    exitance: 60.0 * YELLOW,
                 },
             ],
             0.5,
@@ -148,18 +148,19 @@ pub fn cases() -> Vec<Case> {
             vec![
                 Lamp {
                     x: [1, 2],
-                    z: [1, 2],
-                    exitance: 100.0 * GREEN,
-                },
-                Lamp {
-                    x: [1, 2],
                     z: [2, 3],
-                    exitance: 100.0 * BLUE,
+                    exitance: 60.0 * GREEN,
+                },
+                // A third as wide, and farther from the wall.
+                Lamp {
+                    x: [2, 3],
+                    z: [2, 3],
+                    exitance: 360.0 * BLUE,
                 },
                 Lamp {
                     x: [4, 5],
                     z: [2, 3],
-                    exitance: 60.0 * white,
+                    exitance: 100.0 * white,
                 },
             ],
             0.5,
