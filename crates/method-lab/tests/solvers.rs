@@ -393,6 +393,38 @@ fn the_history_counts_the_work() {
 }
 
 #[test]
+fn southwell_relaxes_the_brightest_and_progressive_radiosity_the_strongest() {
+    let (n, k) = (6, 1.0 / 5.0);
+    let area = vec![1.0, 10.0, 1.0, 1.0, 1.0, 1.0];
+    let mut matrix = Matrix::zeros(n);
+    for i in 0..n {
+        for (j, a) in area.iter().enumerate() {
+            // A_i F_ij = k A_i A_j / 10: reciprocal, with row sums of at most 0.28.
+            matrix.row_mut(i)[j] = if i == j { 0.0 } else { k * a / 10.0 };
+        }
+    }
+    let mut m = vec![DVec3::ZERO; n];
+    // Brighter; ten times as large; as bright as the first and behind it.
+    (m[0].x, m[1].y, m[3].z) = (5.0, 2.0, 5.0);
+    let system = System::from_parts(&matrix, area, m, vec![DVec3::splat(0.5); n]).unwrap();
+    for (method, order) in [
+        (Method::Southwell, [0, 3, 1]),
+        (Method::Progressive, [1, 0, 3]),
+    ] {
+        let mut shot = Vec::new();
+        solve_observed(method, &system, &options(1e-3), &mut |s| {
+            // Only the patch that has just shot has nothing left.
+            let empty: Vec<usize> = (0..n).filter(|&i| s.residual[i] == DVec3::ZERO).collect();
+            if empty.len() == 1 {
+                shot.push(empty[0]);
+            }
+        })
+        .unwrap();
+        assert_eq!(shot[..3], order, "{method:?}");
+    }
+}
+
+#[test]
 fn stopping_early_is_said() {
     let (matrix, area) = random_closed(20, 3);
     let (m, rho) = random_light(20, 0.99, 3);

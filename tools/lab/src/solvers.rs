@@ -18,6 +18,11 @@ const LOOKS: [f64; 6] = [0.04, 0.1, 0.25, 0.5, 1.0, 2.0];
 
 /// Writes `solvers.csv`, `solver_history.csv` and `ambient.csv` into `out`, and prints the tables.
 pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
+    print_out(&tables(out, &REFLECTANCES)?);
+    Ok(())
+}
+
+fn tables(out: &Path, reflectances: &[f64]) -> Result<String, Box<dyn Error>> {
     std::fs::create_dir_all(out)?;
     let room = Room::new(Detail::Coarse);
     let case = cases()
@@ -30,10 +35,9 @@ pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
     // 1e-13: rounding of sums of a thousand terms.
     let closed = close(&raw, &area, 1e-13)?;
     let mut text = heading(&closed, area.len());
-    text += &comparison(out, &room, &case, &closed)?;
-    text += &early_pictures(out, &room, &case, &closed)?;
-    print_out(&text);
-    Ok(())
+    text += &comparison(out, &room, &case, &closed, reflectances)?;
+    text += &early_pictures(out, &room, &case, &closed, reflectances)?;
+    Ok(text)
 }
 
 fn heading(closed: &Closed, n: usize) -> String {
@@ -66,6 +70,7 @@ fn comparison(
     room: &Room,
     case: &Case,
     closed: &Closed,
+    reflectances: &[f64],
 ) -> Result<String, Box<dyn Error>> {
     let n = room.patches.len() as f64;
     let mut csv = String::from(
@@ -76,7 +81,7 @@ fn comparison(
         "| ρ | solver | passes (shots / n) to 1e-2 | 1e-4 | 1e-8 | multiply-adds to 1e-2, 10⁶ | 1e-4 | 1e-8 | s to 1e-8 | \
          bound on the error at 1e-8, W/m² | kB beside F |\n|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
-    for rho in REFLECTANCES {
+    for &rho in reflectances {
         let system = system(room, case, closed, rho)?;
         for method in Method::ALL {
             let shoots = matches!(method, Method::Southwell | Method::Progressive);
@@ -146,6 +151,7 @@ fn early_pictures(
     room: &Room,
     case: &Case,
     closed: &Closed,
+    reflectances: &[f64],
 ) -> Result<String, Box<dyn Error>> {
     let n = room.patches.len();
     let looks = LOOKS.map(|x| (x * n as f64).round() as u64);
@@ -157,7 +163,7 @@ fn early_pictures(
     text += " shots |\n|---|";
     text += &"---|".repeat(looks.len());
     text += "\n";
-    for rho in REFLECTANCES {
+    for &rho in reflectances {
         let system = system(room, case, closed, rho)?;
         let fine = Options {
             tolerance: 1e-10,
@@ -221,4 +227,42 @@ fn short(x: f64) -> String {
 #[allow(clippy::print_stdout, reason = "the tables are this program's result")]
 fn print_out(text: &str) {
     print!("{text}");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_solver_has_its_rows_and_the_ambient_term_helps() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = tables(dir.path(), &[0.3, 0.7]).unwrap();
+        let rows = |file: &str| -> Vec<Vec<String>> {
+            let text = std::fs::read_to_string(dir.path().join(file)).unwrap();
+            let split = |l: &str| l.split(',').map(str::to_owned).collect();
+            text.lines().skip(1).map(split).collect()
+        };
+        let solved = rows("solvers.csv");
+        assert_eq!(solved.len(), 2 * Method::ALL.len() * TOLERANCES.len());
+        for r in &solved {
+            let number = |k: usize| r[k].parse::<f64>().unwrap();
+            assert_eq!((r.len(), r[11].as_str()), (12, "true"));
+            assert!(number(9) <= number(1), "{r:?}");
+        }
+        for method in Method::ALL {
+            assert!(text.contains(&format!("| 0.7 | {} |", method.name())));
+            assert!(
+                rows("solver_history.csv")
+                    .iter()
+                    .any(|r| r[1] == method.name())
+            );
+        }
+        let looks = rows("ambient.csv");
+        assert_eq!(looks.len(), 2 * LOOKS.len());
+        for r in looks {
+            let [plain, ambient] = [2, 3].map(|k: usize| r[k].parse::<f64>().unwrap());
+            // Half is far from what was measured (a fifth at most).
+            assert!(ambient < 0.5 * plain, "{r:?}");
+        }
+    }
 }

@@ -199,3 +199,65 @@ fn scene(case: &Case, room: &Room) -> Vec<u8> {
     });
     b.finish()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn document(glb: &[u8]) -> Value {
+        let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+        serde_json::from_slice(&glb[20..20 + length]).unwrap()
+    }
+
+    #[test]
+    fn a_scene_holds_every_patch_and_its_light() {
+        let room = Room::new(Detail::Coarse);
+        for case in cases() {
+            let doc = document(&scene(&case, &room));
+            let primitives = doc["meshes"][0]["primitives"].as_array().unwrap();
+            let indices: u64 = primitives
+                .iter()
+                .map(|p| {
+                    let accessor = p["indices"].as_u64().unwrap() as usize;
+                    doc["accessors"][accessor]["count"].as_u64().unwrap()
+                })
+                .sum();
+            assert_eq!(indices, 6 * 1000, "{}", case.name);
+            let lamps: Vec<&Value> = doc["materials"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .filter(|m| m["name"].as_str().unwrap().starts_with("lamp"))
+                .collect();
+            assert_eq!(lamps.len(), case.lamps.len(), "{}", case.name);
+            for (lamp, m) in case.lamps.iter().zip(lamps) {
+                let strength =
+                    &m["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"];
+                for k in 0..3 {
+                    let radiance =
+                        m["emissiveFactor"][k].as_f64().unwrap() * strength.as_f64().unwrap_or(1.0);
+                    // glTF holds f32, and factor times strength rounds twice.
+                    let want = lamp.exitance[k] / std::f64::consts::PI;
+                    assert!((radiance - want).abs() <= 3e-7 * want, "{}", case.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_table_has_a_line_per_patch() {
+        let room = Room::new(Detail::Coarse);
+        let case = &cases()[1];
+        let enclosure = case.enclosure(&room);
+        let matrix = barycentre_matrix(&enclosure.patches, |_, _| true);
+        let b = gather_times(&matrix, &enclosure, &[2]).remove(0);
+        let text = table(&room, &enclosure, &matrix, &b);
+        let lines: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
+        assert_eq!(lines.len(), 1001);
+        assert!(lines.iter().all(|l| l.len() == 38));
+        assert_eq!((lines[0][37], lines[0][22]), ("row_sum", "B_r"));
+        // What is written reads back to the bit.
+        let read: Vec<f64> = lines[1..].iter().map(|l| l[22].parse().unwrap()).collect();
+        assert!(read.iter().zip(&b).all(|(x, b)| *x == b.x));
+    }
+}
