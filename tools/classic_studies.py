@@ -7,7 +7,7 @@ Steps : 1 `lumel-lab studies` writes each case as .glb and the baseline's radios
         3 points.py draws --count points by area from the surfaces that do not emit, truth.py gives their irradiance (back faces
           black, unlimited bounces); 4 the same for the pixels of one picture, with fewer samples;
         5 every method's irradiance at those points and pixels, and its error.
-Output: DOCS/images/studies/NAME.png (pictures) and NAME.error.png (signed error of each), DOCS/images/studies/errors.csv (the last run's figures),
+Output: DOCS/images/studies/NAME.png (pictures) and NAME.error.png (signed error of each), DOCS/images/studies/errors.csv (figures),
         and the tables between the markers `<!-- begin X -->` and `<!-- end X -->` of DOCS/studies.md.  Solver tables: OUT/solvers*.csv.
 Errors: of the luminance of irradiance E, over points with E > 0.001 mean: relRMSE = sqrt(mean(((x − ref) / (ref + 0.01 mean ref))²)),
         p50 and p95 of the same in absolute value, bias = mean(x) / mean(ref) − 1: as score.py.
@@ -239,7 +239,8 @@ def percent(x):
 
 
 def signed(x):
-    return ("+" if x > 0 else "−") + percent(abs(x))
+    text = percent(abs(x))
+    return text if float(text[:-2]) == 0 else ("+" if x > 0 else "−") + text
 
 
 def run_case(case, a, camera):
@@ -358,20 +359,29 @@ def main():
             raise SystemExit("lumel-lab solvers failed: " + r["err"])
         parts["solvers"] = r["out"]
     only = a.cases.split(",") if a.cases else None
-    lines = ["case,method,relRMSE,p50,p95,bias,truth_noise,points"]
-    baked = []
+    lines, baked = {}, []
     for case in study["cases"]:
         if only and case["name"] not in only:
             continue
         rows, seconds = run_case(case, a, study["camera"])
         baked.append(seconds)
         parts[case["name"]] = markdown(rows)
+        lines[case["name"]] = []
         for label, e in rows:
-            lines.append('%s,"%s",%.6g,%.6g,%.6g,%.6g,%.6g,%d' % (case["name"], label, e["relRMSE"], e["p50"], e["p95"], e["bias"], e["own"], e["points"]))
+            lines[case["name"]].append('%s,"%s",%.6g,%.6g,%.6g,%.6g,%.6g,%d' % (case["name"], label, e["relRMSE"], e["p50"], e["p95"], e["bias"], e["own"], e["points"]))
         print("%s: done after %.0f s" % (case["name"], time.perf_counter() - start), flush=True)
+    record = os.path.join(a.docs, "images", "studies", "errors.csv")
+    if os.path.exists(record):          # a run of some cases leaves the others' lines
+        with open(record, encoding="utf-8") as f:
+            for line in f.read().splitlines()[1:]:
+                name = line.split(",")[0]
+                if only and name not in only:
+                    lines.setdefault(name, []).append(line)
+    with open(record, "w", encoding="utf-8") as f:
+        f.write("case,method,relRMSE,p50,p95,bias,truth_noise,points\n")
+        for case in study["cases"]:
+            f.writelines(line + "\n" for line in lines.get(case["name"], []))
     if not only:
-        with open(os.path.join(a.docs, "images", "studies", "errors.csv"), "w") as f:
-            f.write("\n".join(lines) + "\n")
         parts["time"] = "Whole run %.0f s; a bake by Lumel took %.1f to %.1f s (load average %.1f)." % (
             time.perf_counter() - start, min(baked), max(baked), os.getloadavg()[0])
     # Read only now: someone may have edited the page meanwhile.

@@ -155,12 +155,12 @@ pub fn cases() -> Vec<Case> {
                 Lamp {
                     x: [2, 3],
                     z: [2, 3],
-                    exitance: 360.0 * BLUE,
+                    exitance: 240.0 * BLUE,
                 },
                 Lamp {
                     x: [4, 5],
                     z: [2, 3],
-                    exitance: 100.0 * white,
+                    exitance: 40.0 * white,
                 },
             ],
             0.5,
