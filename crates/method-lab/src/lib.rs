@@ -8,6 +8,8 @@ mod enclosure;
 pub mod enclosures;
 pub mod form_factor;
 pub mod reference;
+pub mod solver;
+pub mod study;
 mod visible;
 
 pub use audit::{Audit, MatrixError, audit, compare};

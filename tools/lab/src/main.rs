@@ -1,12 +1,15 @@
-//! Runs the method laboratory and writes its tables.
+//! Runs the method laboratory: CSV and scenes into a folder, Markdown tables on stdout.
 
 mod form_factors;
+mod solvers;
+mod study;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Runs the method laboratory: CSV into a folder, a Markdown table on stdout.
+/// Classic radiosity methods side by side: tables and scenes for study.
 #[derive(Parser)]
 #[command(name = "lumel-lab", version)]
 struct Arguments {
@@ -18,11 +21,25 @@ struct Arguments {
 enum Command {
     /// Every form-factor method at several settings on the same scenes: error, time, memory, rays.
     FormFactors(form_factors::Options),
+    /// Solvers on one system: passes, time, memory and work to each residual (writes CSV, prints Markdown).
+    Solvers {
+        /// Folder for the CSV files
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
+    /// The classic studies: rooms as .glb and the baseline's radiosity as CSV (tools/classic_studies.py goes on from there).
+    Studies {
+        /// Folder for the files
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
 }
 
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::FormFactors(options) => form_factors::run(&options),
+        Command::Solvers { out } => solvers::run(&out),
+        Command::Studies { out } => study::run(&out),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
