@@ -53,22 +53,21 @@ def draw(ref, exr, png, crop=None, limit=0.1, title=None):
     return dict(n=int(shown.sum()), rms=float(np.sqrt(np.mean(e * e))), darker=float(np.mean(e < -limit)), brighter=float(np.mean(e > limit)))
 
 
+def truth_of(refs, w):
+    """path of the reference of one of speed_page.WEAKNESSES"""
+    import speed_page
+    return refs.truth(1.0, "black", 0, every=True, region=w["crop"], target=speed_page.CROP_TARGET, seconds=speed_page.CROP_SECONDS)
+
+
 def of_bake(scene, w, png):
-    """One of speed_page.WEAKNESSES for a speed_error.Scene whose settings have been baked."""
-    import speed_error
+    """One of speed_page.WEAKNESSES for a speed_error.Scene whose settings have been baked -> a line about it."""
     exr = scene.map_of(w["setting"])
     if exr is None:
-        speed_error.say("picture %s left out: %s was not baked" % (w["name"], w["setting"]))
-        return None
-    if w.get("every"):
-        # Many lumels, so less precision each: what is shown is tens of per cent.
-        path = scene.refs.truth(1.0, "black", 0, every=True, region=w.get("crop"), target=w["target"], seconds=w["seconds"])
-    else:
-        path = scene.paths[2]
-    out = draw(reference.load(path), exr, png, w.get("crop"), w["limit"], w["title"])
-    speed_error.say("%s: %d lumels, rms %.1f %%, %.1f %% of them too dark and %.1f %% too bright by over %g %%" % (
-        png, out["n"], 100 * out["rms"], 100 * out["darker"], 100 * out["brighter"], 100 * w["limit"]))
-    return out
+        return "picture %s left out: %s was not baked" % (w["name"], w["setting"])
+    ref = reference.load(truth_of(scene.refs, w))
+    out = draw(ref, exr, png, w["crop"], w["limit"], w["title"])
+    return "%s: %d lumels, rms %.1f %% (the truth's own noise %.1f %%), %.1f %% of them too dark and %.1f %% too bright by over %g %%" % (
+        png, out["n"], 100 * out["rms"], 100 * reference.own(ref), 100 * out["darker"], 100 * out["brighter"], 100 * w["limit"])
 
 
 def main():

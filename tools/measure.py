@@ -91,7 +91,8 @@ def main():
 
     def rows_of(mine, other, exr):
         """figures over all chosen lumels, and over those that are lit and through which no shadow or contact edge runs"""
-        return reference.errors(mine, exr), reference.errors(mine, exr, reference.clear(mine, other))
+        on = refs.reflecting(mine)
+        return reference.errors(mine, exr, on), reference.errors(mine, exr, reference.clear(mine, other) & on)
 
     load = os.getloadavg()[0]
     peers, process = [], []

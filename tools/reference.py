@@ -16,7 +16,10 @@ import numpy as np
 import common
 
 sys.path.insert(0, common.SHARED)
-import gltf_scene       # noqa: E402
+try:
+    import gltf_scene   # noqa: E402
+except ModuleNotFoundError:
+    gltf_scene = None   # only what reads no scene, as speed_error.py --page-only, does without
 
 LIT = 1e-3      # a lumel is lit when its reference exceeds this share of the mean: what is darker has no meaningful relative error
 _KEEP = ("texel", "irradiance", "stderr")
@@ -44,7 +47,7 @@ class References:
     def __init__(self, name, flat, side, count=2000, target=0.002, seconds=150, sky="0,0,0", cutouts=True, log=None):
         self.name, self.flat, self.side, self.count, self.target, self.seconds, self.sky = name, flat, side, count, target, seconds, sky
         self.cutouts, self.log, self.made = cutouts, log or (lambda s: None), 0.0
-        self.digest = scene_digest(flat)
+        self.digest, self._base = scene_digest(flat), None
         os.makedirs(common.REF, exist_ok=True)
 
     def path(self, footprint, backface, inset, every, region, target):
@@ -53,33 +56,56 @@ class References:
         return os.path.join(common.REF, "%s-%s.npz" % (self.name, key))
 
     def truth(self, footprint=1.0, backface="twosided", inset=2, every=False, region=None, target=None, seconds=None, refine=0):
-        """-> path of the reference; made if it is not there, improved by `refine` seconds of further samples if it is.
+        """-> path of the reference; made if it is not there, improved by `refine` seconds of further paths if it is.
 
         footprint  share of a texel's side to average over;  inset: see texels.py;  every: all covered lumels (inset 0) instead of a draw
         region     of them only those with (row0 ≤ row < row1, col0 ≤ col < col1)"""
         path = self.path(footprint, backface, inset, every, region, target)
-        if os.path.exists(path) and not refine:
-            return path
         lumels = path + ".texels.npz"
-        if not os.path.exists(lumels):
-            common.tool("texels.py", self.flat, lumels, "--res", self.side, "--count", self.count, "--inset", inset, "--footprint", footprint,
-                        *(["--all"] if every else []))
-            self._drop(lumels, region)
-        old = dict(np.load(path)) if os.path.exists(path) else None
-        parts = int(old["parts"]) if old is not None and "parts" in old else 1 if old is not None else 0
-        said = common.tool("truth.py", self.flat, lumels, path + ".part.npz", "--area", "--backface", backface, "--target", 0.0 if old is not None else target or self.target,
-                           "--spp", 1 << 20, "--time", refine if old is not None else seconds or self.seconds, "--sky", self.sky, "--seed", parts)
+        if os.path.exists(path):
+            if refine:
+                self._refine(path, lumels, backface, refine)
+            return path
+        common.tool("texels.py", self.flat, lumels, "--res", self.side, "--count", self.count, "--inset", inset, "--footprint", footprint,
+                    *(["--all"] if every else []))
+        self._drop(lumels, region)
+        new = self._trace(lumels, path, backface, 0, seconds or self.seconds, target or self.target)
+        new["paths"], new["parts"] = np.full(len(new["texel"]), int(new["spp"])), 1
+        self._keep(path, new)
+        return path
+
+    def _trace(self, lumels, path, backface, seed, seconds, target):
+        said = common.tool("truth.py", self.flat, lumels, path + ".part.npz", "--area", "--backface", backface, "--target", target,
+                           "--spp", 1 << 22, "--time", seconds, "--sky", self.sky, "--seed", seed)
+        self.made += said["seconds"]
         new = dict(np.load(path + ".part.npz"))
         os.remove(path + ".part.npz")
-        if old is not None:
-            new = merge(old, new)
-        new["parts"] = parts + 1
-        np.savez_compressed(path + ".new.npz", **new)
+        return new
+
+    def _keep(self, path, ref):
+        np.savez_compressed(path + ".new.npz", **ref)
         os.replace(path + ".new.npz", path)
-        self.made += said["seconds"]
-        self.log("reference %s: %d lumels, footprint %g, backs %s, %d paths each, own noise %.3f %%, %.0f s" % (
-            os.path.basename(path), len(new["irradiance"]), footprint, backface, int(new["spp"]), 100 * own(new), said["seconds"]))
-        return path
+        self.log("reference %s: %d lumels, %d to %d paths each, own noise %.3f %%, %.0f s in all" % (
+            os.path.basename(path), len(ref["texel"]), ref["paths"].min(), ref["paths"].max(), 100 * own(ref), float(ref["seconds"])))
+
+    def _refine(self, path, lumels, backface, seconds):
+        """Rounds of at most a minute for the lumels whose relative standard error is above half the root mean square of all: few hard
+        ones rule it. Choosing them by the noise of their own earlier paths biases a lumel by a part of its standard error at most."""
+        while seconds > 0:
+            ref, z = load(path), load(lumels)
+            some = relative_noise(ref) > 0.5 * own(ref)
+            np.savez(path + ".some.npz", **{k: v[some] if v.ndim and len(v) == len(some) else v for k, v in z.items()})
+            new = self._trace(path + ".some.npz", path, backface, int(ref["parts"]), min(seconds, 60), 0.0)
+            os.remove(path + ".some.npz")
+            seconds -= 60
+            self._keep(path, merge(ref, some, new))
+
+    def reflecting(self, ref):
+        """mask of a reference's lumels on materials that reflect anything: Cycles' map is light ÷ reflectance and holds 0 on black ones"""
+        if self._base is None:
+            sc = gltf_scene.load(self.flat, images=False)
+            self._base = np.array([max(m["base"][:3]) for m in sc.materials])[sc.mat]
+        return self._base[ref["triangle"]] > 0
 
     def _drop(self, lumels, region):
         if self.cutouts and region is None:
@@ -96,15 +122,16 @@ class References:
         np.savez_compressed(lumels, **{k: v[keep] if v.ndim and len(v) == len(keep) else v for k, v in z.items()})
 
 
-def merge(a, b):
-    """Two independent references of the same lumels as one, weighted by their paths."""
-    if (a["texel"] != b["texel"]).any():
+def merge(ref, some, new):
+    """A reference with independent further paths for the lumels `some`, weighted by their numbers."""
+    if (ref["texel"][some] != new["texel"]).any():
         raise ValueError("references of different lumels")
-    n, m = float(a["spp"]), float(b["spp"])
-    out = dict(a)
-    out["irradiance"] = (n * a["irradiance"] + m * b["irradiance"]) / (n + m)
-    out["stderr"] = np.sqrt((n * a["stderr"]) ** 2 + (m * b["stderr"]) ** 2) / (n + m)
-    out["spp"], out["seconds"] = int(n + m), float(a["seconds"]) + float(b["seconds"])
+    out = {k: v.copy() for k, v in ref.items()}
+    n, m = ref["paths"][some][:, None].astype(float), float(new["spp"])
+    out["irradiance"][some] = (n * ref["irradiance"][some] + m * new["irradiance"]) / (n + m)
+    out["stderr"][some] = np.sqrt((n * ref["stderr"][some]) ** 2 + (m * new["stderr"]) ** 2) / (n + m)
+    out["paths"][some] += int(new["spp"])
+    out["parts"], out["seconds"] = ref["parts"] + 1, float(ref["seconds"]) + float(new["seconds"])
     return out
 
 
@@ -113,13 +140,16 @@ def _compare():
     return compare
 
 
+def relative_noise(ref):
+    """standard error of each lumel over (its truth + 0.01 mean), as compare.py weighs an error; 0 where it is not lit"""
+    lum = _compare().LUM
+    y, s, on = ref["irradiance"] @ lum, ref["stderr"] @ lum, lit(ref)
+    return np.where(on, s / (y + 0.01 * y[on].mean()), 0.0)
+
+
 def own(ref):
     """relRMSE that the reference's own noise would give over its lit lumels"""
-    lum = _compare().LUM
-    y, s = ref["irradiance"] @ lum, ref["stderr"] @ lum
-    lit = y > LIT * y.mean()
-    y, s = y[lit], s[lit]
-    return float(np.sqrt(np.mean((s / (y + 0.01 * y.mean())) ** 2)))
+    return float(np.sqrt(np.mean(relative_noise(ref)[lit(ref)] ** 2)))
 
 
 def load(path):

@@ -23,6 +23,7 @@ import sys
 
 import common
 import cycles_peer
+import error_map
 import reference
 import speed_page
 import speed_scenes
@@ -31,7 +32,7 @@ CSV = os.path.join(common.HERE, "..", "docs", "data", "speed_error.csv")
 COLUMNS = ("scene method setting run seconds process_seconds peak_mb n relRMSE p50 p95 p99 bias own family rays threads load versions "
            "relRMSE_se side lumels texels_per_unit triangles machine").split()
 
-# lumel's settings: name → options of `lumel bake`.  SLOW ones need --full.
+# lumel's settings: name → options of `lumel bake`; a scene's slow_lumel need --full.
 LUMEL = {
     "draft": ["--quality", "draft"],
     "draft, error 0.1": ["--quality", "draft", "--error", 0.1],
@@ -40,7 +41,6 @@ LUMEL = {
     "production": ["--quality", "production"],
     "production, error 0.005": ["--quality", "production", "--error", 0.005],
 }
-SLOW = ("production, error 0.005",)
 LONG = 5.0      # s; what takes longer is run once
 
 
@@ -67,6 +67,12 @@ class Scene:
         self.refs = refs
         self.paths = speed_scenes.three_truths(refs, name, a.reference_time, a.refine)
         self.whole, self.half, self.edges = [reference.load(p) for p in self.paths]
+        on = [refs.reflecting(ref) for ref in (self.whole, self.half, self.edges)]
+        # Which lumels of which reference: lumel's and Cycles' families.
+        self.families = {
+            "lumel": [("all", self.whole, reference.lit(self.whole) & on[0]), ("clear", self.whole, reference.clear(self.whole, self.half) & on[0]),
+                      ("edges", self.edges, reference.lit(self.edges) & on[2])],
+            "cycles": [("all", self.half, reference.lit(self.half) & on[1]), ("clear", self.half, reference.clear(self.half, self.whole) & on[1])]}
         self.maps = {}
 
     def lumel(self, setting, run):
@@ -81,9 +87,7 @@ class Scene:
         base = dict(method="lumel", setting=setting, run=run, seconds=report["measured"]["seconds"], process_seconds=r["seconds"], peak_mb=r["peak_mb"],
                     rays=report["gather"]["lumel_rays"], load=load,
                     versions="%s, binary %s" % (report["generator"], common.digest(common.LUMEL)[:8]))
-        families = [("all", self.whole, reference.lit(self.whole)), ("clear", self.whole, reference.clear(self.whole, self.half)),
-                    ("edges", self.edges, reference.lit(self.edges))]
-        return [self.row(base, family, reference.errors(ref, exr, keep)) for family, ref, keep in families]
+        return [self.row(base, family, reference.errors(ref, exr, keep)) for family, ref, keep in self.families["lumel"]]
 
     def map_of(self, setting):
         """the lightmap of a setting that this run has baked, or None"""
@@ -101,8 +105,7 @@ class Scene:
                 continue
             base = dict(method=method, setting="%d samples" % samples, run=run, seconds=seconds, process_seconds=p["process_s"], peak_mb=p["peak_rss_mb"],
                         rays=samples * p["texels_covered"], load=load, versions="Blender %s" % p["version"])
-            for family, keep in [("all", reference.lit(self.half)), ("clear", reference.clear(self.half, self.whole))]:
-                rows.append(self.row(base, family, reference.errors(self.half, exr, keep)))
+            rows += [self.row(base, family, reference.errors(ref, exr, keep)) for family, ref, keep in self.families["cycles"]]
         return rows
 
     def row(self, base, family, e):
@@ -119,7 +122,7 @@ class Scene:
     def sweep(self, with_cycles):
         """Every setting in turn, then those under LONG seconds again."""
         a, jobs = self.a, []
-        lumel = [s for s in LUMEL if a.full or s not in SLOW]
+        lumel = [s for s in LUMEL if a.full or s not in self.table.get("slow_lumel", ())]
         samples = list(self.table["cycles"]) + (list(self.table["slow_cycles"]) if a.full else []) if with_cycles else []
         if a.smoke:
             lumel, samples = lumel[:3:2], samples[:2]
@@ -174,6 +177,8 @@ def main():
     os.makedirs(a.work, exist_ok=True)
     if a.page_only:
         return speed_page.write(read_csv(table), docs)
+    if reference.gltf_scene is None:
+        raise SystemExit("no truth.py and its companions in %s: set LUMEL_SHARED_TOOLS" % common.SHARED)
     with_cycles = not a.lumel_only and cycles_peer.available()
     if not with_cycles and not a.lumel_only:
         say("WARNING: no module bpy in this Python: Cycles is LEFT OUT; tools/setup.sh installs it")
@@ -185,6 +190,10 @@ def main():
             continue
         ready.append(Scene(name, path, a))
     if a.references_only:
+        for s in ready:
+            for w in speed_page.WEAKNESSES:
+                if w["scene"] == s.name and not a.smoke:
+                    error_map.truth_of(s.refs, w)
         return
     for scene in ready:
         new = scene.sweep(with_cycles)
@@ -193,7 +202,8 @@ def main():
         order = list(speed_scenes.SCENES)
         rows.sort(key=lambda r: (order.index(r["scene"]), r["method"] != "lumel", r["method"]))
         write_csv(table, rows)
-    speed_page.weaknesses({s.name: s for s in ready}, docs)
+    if not a.smoke:
+        speed_page.weaknesses({s.name: s for s in ready}, docs, say)
     speed_page.write(read_csv(table), docs)
 
 

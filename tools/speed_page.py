@@ -178,7 +178,7 @@ def plot(rows, png, svg):
     # Text as text and no dates, so that the same CSV gives the same SVG.
     matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "lumel", "font.size": 9})
     import matplotlib.pyplot as plt
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
     names = scenes_of(rows)
     columns = min(3, len(names) + 1)
     lines = -(-(len(names) + 1) // columns)
@@ -203,6 +203,7 @@ def plot(rows, png, svg):
         ax.margins(x=0.15, y=0.08)
         ax.grid(True, which="both", lw=0.3, color="#cccccc")
         for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=15))
             axis.set_major_formatter(FuncFormatter(lambda x, _: "%g" % x))
             axis.set_minor_formatter(NullFormatter())
     key = cells[len(names)]
@@ -220,16 +221,27 @@ def plot(rows, png, svg):
     plt.close(fig)
 
 
-# Pictures of what is known to be weak: scene, setting of lumel, reference (see error_map.py), crop of the page (rows, columns) or None.
-WEAKNESSES = []
+# Pictures of what is known to be weak (error_map.py): every lumel of a crop (row0, row1, col0, col1) of the page, against a reference of its own.
+# The page's chart edges and the crops belong to the densities of speed_scenes.py.
+WEAKNESSES = [
+    dict(name="contact", scene="cornell", setting="production", crop=(0, 77, 78, 156), limit=0.1,
+         title="Cornell box, production: the floor with the feet of the two blocks"),
+    dict(name="corner", scene="cornell", setting="production", crop=(66, 94, 0, 78), limit=0.1,
+         title="Cornell box, production: where ceiling and wall meet"),
+    dict(name="props", scene="demo", setting="production", crop=(500, 556, 400, 556), limit=0.25,
+         title="Demo level, production: barrels, lanterns and crates at 12.8 cm a lumel"),
+    dict(name="sky", scene="demo", setting="preview", crop=(207, 255, 0, 110), limit=0.1,
+         title="Demo level, preview: outer walls in shade, lit by sky and ground"),
+]
+CROP_TARGET, CROP_SECONDS = 0.01, 60    # what these pictures show is tens of per cent
 
 
-def weaknesses(scenes, docs):
+def weaknesses(scenes, docs, say):
     """Signed error maps of the bakes just made, for the scenes that were run."""
     import error_map
     for w in WEAKNESSES:
         if w["scene"] in scenes:
-            error_map.of_bake(scenes[w["scene"]], w, os.path.join(docs, "images", "weakness_%s.png" % w["name"]))
+            say(error_map.of_bake(scenes[w["scene"]], w, os.path.join(docs, "images", "weakness_%s.png" % w["name"])))
 
 
 def write(rows, docs):
