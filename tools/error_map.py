@@ -2,10 +2,12 @@
 
 Usage : python error_map.py REF.npz MAP.exr OUT.png [--crop ROW0,ROW1,COL0,COL1] [--range 0.1] [--title TEXT]
 Input : a reference of reference.py or truth.py (texel, irradiance, stderr); a map of E/π whose row 0 is the top.
-Output: the bake's own luminance beside (x − ref)/(ref + 0.01 mean ref) of every lumel that the reference holds; texels without one are white, unlit ones grey.
-        A draw of single lumels (not every one) is drawn as dots.  One line of figures on standard output.
+Output: the bake's own luminance beside (x − ref)/(ref + 0.01 mean ref) of every lumel that the reference holds. What lies within two standard errors
+        of the truth is shown as 0; texels without a lumel are white, unlit ones grey. A draw of single lumels (not every one) is
+        drawn as dots. One line of figures on standard output; they are of all errors, the truth's noise included.
 """
 import argparse
+import os
 
 import numpy as np
 
@@ -23,8 +25,10 @@ def draw(ref, exr, png, crop=None, limit=0.1, title=None):
     inside = (r >= r0) & (r < r1) & (c >= c0) & (c < c1)
     error, lit = reference.signed(ref, exr), reference.lit(ref)
     shown = inside & lit
+    e = error[shown]
+    error = np.where(np.abs(error) > 2 * reference.relative_noise(ref), error, 0.0)
     box = (c0 - 0.5, c1 - 0.5, r1 - 0.5, r0 - 0.5)
-    fig, (left, right) = plt.subplots(1, 2, figsize=(10, 10 * 0.46 * max(0.5, min(1.6, (r1 - r0) / (c1 - c0))) + 0.9), layout="constrained")
+    fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4.1 * max(0.4, min(1.6, (r1 - r0) / (c1 - c0))) + 0.9), layout="constrained")
     seen = img[r0:r1, c0:c1]
     left.imshow(np.clip(seen / max(np.percentile(seen[seen > 0], 98), 1e-9), 0, 1) ** (1 / 2.2), cmap="gray", extent=box, interpolation="nearest")
     left.set_title("the bake (luminance)")
@@ -41,33 +45,31 @@ def draw(ref, exr, png, crop=None, limit=0.1, title=None):
         right.scatter(c[inside & ~lit], r[inside & ~lit], s=6, color="#888888", marker="s")
         shot = right.scatter(c[shown][order], r[shown][order], c=100 * error[shown][order], s=10, cmap="RdBu_r", vmin=-100 * limit, vmax=100 * limit, edgecolors="#bbbbbb", linewidths=0.2)
         right.set(xlim=box[:2], ylim=box[2:], aspect="equal")
-    right.set_title("signed error")
+    right.set_title("signed error (0 where it is within two s.e. of the truth)", fontsize=10)
     for ax in (left, right):
         ax.set(xlabel="column", ylabel="row")
     fig.colorbar(shot, ax=right, label="% of the truth (red: too bright)", extend="both", shrink=0.8)
     if title:
         fig.suptitle(title, fontsize=10)
+    os.makedirs(os.path.dirname(os.path.abspath(png)), exist_ok=True)
     fig.savefig(png, dpi=90, metadata={"Software": None})
     plt.close(fig)
-    e = error[shown]
     return dict(n=int(shown.sum()), rms=float(np.sqrt(np.mean(e * e))), darker=float(np.mean(e < -limit)), brighter=float(np.mean(e > limit)))
 
 
-def truth_of(refs, w):
+def truth_of(refs, w, refine=0):
     """path of the reference of one of speed_page.WEAKNESSES"""
     import speed_page
-    return refs.truth(1.0, "black", 0, every=True, region=w["crop"], target=speed_page.CROP_TARGET, seconds=speed_page.CROP_SECONDS)
+    return refs.truth(1.0, "black", 0, every=True, region=w["crop"], target=speed_page.CROP_TARGET, seconds=speed_page.CROP_SECONDS, refine=refine)
 
 
 def of_bake(scene, w, png):
-    """One of speed_page.WEAKNESSES for a speed_error.Scene whose settings have been baked -> a line about it."""
+    """One of speed_page.WEAKNESSES for a speed_error.Scene -> draw()'s figures and the reference's own noise, or None if the setting was not baked"""
     exr = scene.map_of(w["setting"])
     if exr is None:
-        return "picture %s left out: %s was not baked" % (w["name"], w["setting"])
+        return None
     ref = reference.load(truth_of(scene.refs, w))
-    out = draw(ref, exr, png, w["crop"], w["limit"], w["title"])
-    return "%s: %d lumels, rms %.1f %% (the truth's own noise %.1f %%), %.1f %% of them too dark and %.1f %% too bright by over %g %%" % (
-        png, out["n"], 100 * out["rms"], 100 * reference.own(ref), 100 * out["darker"], 100 * out["brighter"], 100 * w["limit"])
+    return dict(draw(ref, exr, png, w["crop"], w["limit"], w["title"]), own=reference.own(ref))
 
 
 def main():

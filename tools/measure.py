@@ -107,8 +107,7 @@ def main():
              max(b["peak_mb"] for b in timed), *rows_of(whole, half, bakes[0]["pages"][0]))]
     if peers:
         rows.append(("Cycles %d samples" % a.cycles_samples, statistics.median(p["bake_s"] for p in peers), [p["process_s"] for p in peers],
-                     max(p["peak_rss_mb"] for p in peers), common.tool("compare.py", half, os.path.join(out + ".cycles", "lightmap.exr")),
-                     clear(half, whole, os.path.join(out + ".cycles", "lightmap.exr"))))
+                     max(p["peak_rss_mb"] for p in peers), *rows_of(half, whole, peers[0]["map"])))
     print("%s, %d² page, %.4g texels per unit, %d threads, load average %.2f, %d runs in turn\n" % (name, side, density, a.threads, load, a.repeat))
     print("| | bake s (median) | process s | peak MB | lumels | relRMSE | p50 | p95 | p99 | bias | truth's own |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")

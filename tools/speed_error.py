@@ -17,7 +17,6 @@ Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that 
 Time  : on a quiet machine of 2 cores with cached references about 15 minutes; --full adds the settings that take minutes each.
 """
 import argparse
-import csv
 import os
 import sys
 
@@ -125,7 +124,7 @@ class Scene:
         lumel = [s for s in LUMEL if a.full or s not in self.table.get("slow_lumel", ())]
         samples = list(self.table["cycles"]) + (list(self.table["slow_cycles"]) if a.full else []) if with_cycles else []
         if a.smoke:
-            lumel, samples = lumel[:3:2], samples[:2]
+            lumel, samples = lumel[:3:2], [2, 8] if samples else []
         for k in range(max(len(lumel), len(samples))):
             jobs += [("lumel", s) for s in lumel[k:k + 1]] + [("cycles", s) for s in samples[k:k + 1]]
         rows, again = [], jobs
@@ -140,22 +139,6 @@ class Scene:
         return rows
 
 
-def read_csv(path):
-    if not os.path.exists(path):
-        return []
-    with open(path, newline="") as f:
-        return list(csv.DictReader(f))
-
-
-def write_csv(path, rows):
-    os.makedirs(os.path.dirname(path), exist_ok=True)
-    with open(path, "w", newline="") as f:
-        w = csv.DictWriter(f, COLUMNS, lineterminator="\n")
-        w.writeheader()
-        for r in rows:
-            w.writerow({k: "%.5g" % r[k] if isinstance(r[k], float) else r[k] for k in COLUMNS})
-
-
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("--scenes", default=",".join(speed_scenes.SCENES))
@@ -164,7 +147,7 @@ def main():
     ap.add_argument("--smoke", action="store_true", help="few settings, few lumels, bad references: does it run?  Writes into --work only")
     ap.add_argument("--references-only", action="store_true")
     ap.add_argument("--reference-time", type=float, default=1.0, help="scales the time limits of references that are made")
-    ap.add_argument("--refine", type=float, default=0, help="seconds of further samples for each scene's references")
+    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each scene's references; with --references-only a quarter as much for each picture's too")
     ap.add_argument("--page-only", action="store_true")
     ap.add_argument("--repeat", type=int, default=3)
     ap.add_argument("--threads", type=int, default=os.cpu_count())
@@ -176,7 +159,7 @@ def main():
         a.reference_time = min(a.reference_time, 0.1)
     os.makedirs(a.work, exist_ok=True)
     if a.page_only:
-        return speed_page.write(read_csv(table), docs)
+        return speed_page.write(speed_page.read_csv(table), docs)
     if reference.gltf_scene is None:
         raise SystemExit("no truth.py and its companions in %s: set LUMEL_SHARED_TOOLS" % common.SHARED)
     with_cycles = not a.lumel_only and cycles_peer.available()
@@ -193,18 +176,18 @@ def main():
         for s in ready:
             for w in speed_page.WEAKNESSES:
                 if w["scene"] == s.name and not a.smoke:
-                    error_map.truth_of(s.refs, w)
+                    error_map.truth_of(s.refs, w, a.refine / 4)
         return
     for scene in ready:
         new = scene.sweep(with_cycles)
         fresh = {(r["scene"], r["method"]) for r in new}
-        rows = [r for r in read_csv(table) if (r["scene"], r["method"]) not in fresh] + new
+        rows = [r for r in speed_page.read_csv(table) if (r["scene"], r["method"]) not in fresh] + new
         order = list(speed_scenes.SCENES)
         rows.sort(key=lambda r: (order.index(r["scene"]), r["method"] != "lumel", r["method"]))
-        write_csv(table, rows)
+        speed_page.write_csv(table, COLUMNS, rows)
     if not a.smoke:
         speed_page.weaknesses({s.name: s for s in ready}, docs, say)
-    speed_page.write(read_csv(table), docs)
+    speed_page.write(speed_page.read_csv(table), docs)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The page of speed_error.py: medians, Pareto fronts and ratios from the CSV's rows, as Markdown tables and plots.
 
 The page's prose is written by hand in docs/speed_error.md; only what stands between <!-- generated:NAME --> and <!-- end --> is replaced."""
+import csv
 import os
 import re
 import statistics
@@ -228,6 +229,8 @@ WEAKNESSES = [
          title="Cornell box, production: the floor with the feet of the two blocks"),
     dict(name="corner", scene="cornell", setting="production", crop=(66, 94, 0, 78), limit=0.1,
          title="Cornell box, production: where ceiling and wall meet"),
+    dict(name="gap", scene="demo", setting="production", crop=(378, 404, 128, 163), limit=0.25,
+         title="Demo level, production: the hall's wall behind two hanging banners"),
     dict(name="props", scene="demo", setting="production", crop=(500, 556, 400, 556), limit=0.25,
          title="Demo level, production: barrels, lanterns and crates at 12.8 cm a lumel"),
     dict(name="sky", scene="demo", setting="preview", crop=(207, 255, 0, 110), limit=0.1,
@@ -237,11 +240,47 @@ CROP_TARGET, CROP_SECONDS = 0.01, 60    # what these pictures show is tens of pe
 
 
 def weaknesses(scenes, docs, say):
-    """Signed error maps of the bakes just made, for the scenes that were run."""
+    """Signed error maps of the bakes just made, for the scenes that were run, and their figures in data/speed_error_pictures.csv."""
     import error_map
+    table = os.path.join(docs, "data", "speed_error_pictures.csv")
+    old = {r["name"]: r for r in read_csv(table)}
     for w in WEAKNESSES:
-        if w["scene"] in scenes:
-            say(error_map.of_bake(scenes[w["scene"]], w, os.path.join(docs, "images", "weakness_%s.png" % w["name"])))
+        if w["scene"] not in scenes:
+            continue
+        figures = error_map.of_bake(scenes[w["scene"]], w, os.path.join(docs, "images", "weakness_%s.png" % w["name"]))
+        if figures is None:
+            say("picture %s left out: %s was not baked" % (w["name"], w["setting"]))
+        else:
+            old[w["name"]] = dict(name=w["name"], limit=w["limit"], **{k: "%.4g" % v for k, v in figures.items()})
+            say("picture " + ", ".join("%s %s" % kv for kv in old[w["name"]].items()))
+    write_csv(table, "name limit n rms own darker brighter".split(), [old[w["name"]] for w in WEAKNESSES if w["name"] in old])
+
+
+def pictures_text(docs):
+    table = {r["name"]: r for r in read_csv(os.path.join(docs, "data", "speed_error_pictures.csv"))}
+    out = []
+    for w in WEAKNESSES:
+        r = table.get(w["name"])
+        if r:
+            limit = "%g %%" % (100 * float(r["limit"]))
+            out.append(["`weakness_%s.png`" % w["name"], w["title"], r["n"], _percent(float(r["rms"]), 1), _percent(float(r["own"]), 1),
+                        "%s (by over %s)" % (_percent(float(r["darker"]), 1), limit), _percent(float(r["brighter"]), 1)])
+    return _table(["picture", "shows", "lit lumels", "rms error", "of which truth's noise", "too dark", "too bright"], out) if out else "No pictures yet.\n"
+
+
+def read_csv(path):
+    if not os.path.exists(path):
+        return []
+    with open(path, newline="") as f:
+        return list(csv.DictReader(f))
+
+
+def write_csv(path, columns, rows):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w", newline="") as f:
+        w = csv.DictWriter(f, columns, lineterminator="\n")
+        w.writeheader()
+        w.writerows([{k: "%.5g" % r[k] if isinstance(r[k], float) else r[k] for k in columns} for r in rows])
 
 
 def write(rows, docs):
@@ -249,7 +288,7 @@ def write(rows, docs):
         raise SystemExit("no rows: run the sweep first")
     rows = [{k: str(v) for k, v in r.items()} for r in rows]
     plot(rows, os.path.join(docs, "images", "speed_error.png"), os.path.join(docs, "images", "speed_error.svg"))
-    parts = dict(setup=setup_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows))
+    parts = dict(setup=setup_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))
     page = os.path.join(docs, "speed_error.md")
     own = os.path.join(common.HERE, "..", "docs", "speed_error.md")
     text = open(page if os.path.exists(page) else own).read()

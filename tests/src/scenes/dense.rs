@@ -14,8 +14,8 @@ const LEVEL: u32 = 6;
 /// Walls reflect 0.7, one wall is red (0.6, 0.1, 0.1), the floor 0.4, the ceiling 0.8; the balls reflect 0.65 and (0.3, 0.5, 0.7). The
 /// panel (the middle third of the ceiling each way, 1.33 m) emits 5 W/(m² sr). The balls float 1 cm clear of the floor
 /// and of each other. No back face is seen from anywhere, so a renderer that treats surfaces as two-sided must agree with
-/// one that does not. 163,866 triangles with smooth normals on the balls; nodes `room`, `ball_fine`, `ball_coarse`.
-/// Not committed (6 MB): `make-assets --dense DIR` writes it.
+/// one that does not. 163,868 triangles with smooth normals on the balls; nodes `room`, `ball_fine`, `ball_coarse`.
+/// Not committed (3 MB): `make-assets --dense DIR` writes it.
 pub fn dense_room() -> Vec<u8> {
     let size = 4.0;
     let [left, right, floor, _, back, front] =
