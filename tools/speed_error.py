@@ -166,6 +166,9 @@ def main():
     if not with_cycles and not a.lumel_only:
         say("WARNING: no module bpy in this Python: Cycles is LEFT OUT; tools/setup.sh installs it")
     ready = []
+    unknown = set(a.scenes.split(",")) - set(speed_scenes.SCENES)
+    if unknown:
+        raise SystemExit("no such scene: %s; there are %s" % (", ".join(sorted(unknown)), ", ".join(speed_scenes.SCENES)))
     for name in a.scenes.split(","):
         path, trouble = speed_scenes.prepare(name, a.work)
         if path is None:

@@ -201,7 +201,7 @@ def plot(rows, png, svg):
         if mine:
             ax.axhline(100 * mine[0], color="black", lw=0.8, ls="--", zorder=0)
         ax.set(xscale="log", yscale="log", title=speed_scenes.SCENES[s]["title"], xlabel="bake time, s", ylabel="relative RMSE, lit lumels, %")
-        ax.margins(x=0.15, y=0.08)
+        ax.margins(x=0.2, y=0.08)
         ax.grid(True, which="both", lw=0.3, color="#cccccc")
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=15))
@@ -230,7 +230,7 @@ WEAKNESSES = [
     dict(name="corner", scene="cornell", setting="production", crop=(66, 94, 0, 78), limit=0.1,
          title="Cornell box, production: where ceiling and wall meet"),
     dict(name="gap", scene="demo", setting="production", crop=(378, 404, 128, 163), limit=0.25,
-         title="Demo level, production: the hall's wall behind two hanging banners"),
+         title="Demo level, production: the hall's wall behind a hanging banner"),
     dict(name="props", scene="demo", setting="production", crop=(500, 556, 400, 556), limit=0.25,
          title="Demo level, production: barrels, lanterns and crates at 12.8 cm a lumel"),
     dict(name="sky", scene="demo", setting="preview", crop=(207, 255, 0, 110), limit=0.1,
@@ -291,7 +291,7 @@ def write(rows, docs):
     parts = dict(setup=setup_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))
     page = os.path.join(docs, "speed_error.md")
     own = os.path.join(common.HERE, "..", "docs", "speed_error.md")
-    text = open(page if os.path.exists(page) else own).read()
+    text = open(own).read()
     for name, part in parts.items():
         text, n = re.subn(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % name, lambda m: m.group(1) + "\n" + part + "\n" + m.group(2), text, flags=re.S)
         if n != 1:
