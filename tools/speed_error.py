@@ -29,7 +29,7 @@ import speed_scenes
 
 CSV = os.path.join(common.HERE, "..", "docs", "data", "speed_error.csv")
 COLUMNS = ("scene method setting run seconds process_seconds peak_mb n relRMSE p50 p95 p99 bias own family rays threads load versions "
-           "relRMSE_se side lumels texels_per_unit triangles machine").split()
+           "relRMSE_se side lumels texels_per_unit triangles backs machine").split()
 
 # lumel's settings: name → options of `lumel bake`; a scene's slow_lumel need --full.
 LUMEL = {
@@ -72,7 +72,10 @@ class Scene:
             "lumel": [("all", self.whole, reference.lit(self.whole) & on[0]), ("clear", self.whole, reference.clear(self.whole, self.half) & on[0]),
                       ("edges", self.edges, reference.lit(self.edges) & on[2])],
             "cycles": [("all", self.half, reference.lit(self.half) & on[1]), ("clear", self.half, reference.clear(self.half, self.whole) & on[1])]}
-        self.maps = {}
+        # What two-sided surfaces add to the mean, over lumels whose footprint does not matter.
+        keep = reference.clear(self.whole, self.half)
+        one, two = [float((r["irradiance"][keep] @ [0.2126, 0.7152, 0.0722]).mean()) for r in (self.whole, self.half)]
+        self.backs, self.maps = two / one - 1, {}
 
     def lumel(self, setting, run):
         out = os.path.join(self.a.work, "%s.%s" % (self.name, setting.replace(", ", "_").replace(" ", "")))
@@ -109,7 +112,7 @@ class Scene:
 
     def row(self, base, family, e):
         return dict(base, scene=self.name, family=family, n=e["n"], threads=self.a.threads, side=self.side,
-                    lumels=int(self.whole["covered"]), texels_per_unit=self.table["density"], triangles=self.triangles, machine=machine(),
+                    lumels=int(self.whole["covered"]), texels_per_unit=self.table["density"], triangles=self.triangles, backs=self.backs, machine=machine(),
                     **{k: e[k] for k in ("relRMSE", "relRMSE_se", "p50", "p95", "p99", "bias", "own")})
 
     @property

@@ -93,9 +93,9 @@ def scenes_text(rows):
         r, t = next(r for r in rows if r["scene"] == s), speed_scenes.SCENES[s]
         own = {m: next((p["own"] for p in points(rows, s) if p["method"] == m), None) for m in (LUMEL, CYCLES)}
         out.append([t["title"], "{:,}".format(int(r["triangles"])), "%s per metre: %s" % (r["texels_per_unit"], t["why"]), "{:,}".format(int(r["lumels"])),
-                    "yes" if t["fair"] else "**no**", int(float(next(x["n"] for x in rows if x["scene"] == s and x["family"] == "all"))),
+                    ("yes" if t["fair"] else "**no**") + ", %+.2f %%" % (100 * float(r["backs"])), int(float(next(x["n"] for x in rows if x["scene"] == s and x["family"] == "all"))),
                     " / ".join(_percent(x) for x in own.values() if x is not None)])
-    return _table(["scene", "triangles", "density", "lumels", "backs unseen", "compared", "truth's own noise (for lumel / for Cycles)"], out)
+    return _table(["scene", "triangles", "density", "lumels", "backs unseen, mean light two-sided − one-sided", "compared", "truth's own noise (for lumel / for Cycles)"], out)
 
 
 def targets_text(rows):
@@ -104,14 +104,15 @@ def targets_text(rows):
         for family, what in (("all", "all lit"), ("clear", "lit, no edge")):
             p = next((p for p in points(rows, s, family) if p["method"] == LUMEL and p["setting"] == "production"), None)
             if p is None:
-                out.append([speed_scenes.SCENES[s]["title"], what] + ["not measured"] * 5)
+                out.append([speed_scenes.SCENES[s]["title"], what] + ["not measured"] * 6)
                 continue
             cells = []
             for key, _, limit in TARGETS:
                 figure = "%+.2f %%" % (100 * p[key]) if key == "bias" else _percent(p[key]) + (" ± %.2f" % (100 * p["relRMSE_se"]) if key == "relRMSE" else "")
                 cells.append("%s %s" % (figure, "met" if abs(p[key]) <= limit else "**missed**"))
-            out.append([speed_scenes.SCENES[s]["title"], what] + cells + [_percent(p["own"]), _seconds(p["seconds"])])
-    return _table(["scene, `production`", "lumels"] + ["%s ≤ %s" % (t, _percent(x, 1)) for _, t, x in TARGETS] + ["truth's own noise", "s"], out)
+            less = max(p["relRMSE"] ** 2 - p["own"] ** 2, 0.0) ** 0.5
+            out.append([speed_scenes.SCENES[s]["title"], what] + cells + [_percent(p["own"]), _percent(less), _seconds(p["seconds"])])
+    return _table(["scene, `production`", "lumels"] + ["%s ≤ %s" % (t, _percent(x, 1)) for _, t, x in TARGETS] + ["truth's own noise", "relRMSE less that", "s"], out)
 
 
 def results_text(rows):
