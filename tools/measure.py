@@ -6,10 +6,10 @@ Usage : python measure.py SCENE.glb [--res 256] [--texels-per-unit X] [--quality
 Steps : 1 bake with lumel; without --texels-per-unit the density at which the scene fills one page of at most --res is searched with
           draft bakes; 2 flatten its atlas (flatten_lightmap.py); 3 pick lumels (texels.py, seed 0, inset 2) and their truth
           (truth.py --area --backface twosided: over the whole texel, which is what lumel means, and over its middle half, which is
-          what Cycles was measured to average); 4 bake again, lumel and Cycles in turn, --repeat times; 5 compare.py for both, each
-          against its own footprint; score.py on the unflattened bake with points.py when --points is given.
+          what Cycles was measured to average); 4 bake again, lumel and Cycles in turn, --repeat times; 5 compare.py's figures for both, each
+          against its own footprint (reference.py); score.py on the unflattened bake with points.py when --points is given.
 Output: a Markdown table (all chosen lumels; and those that are lit and through which no shadow or contact edge runs, where the answer does
-        not hang on what a baker does with the buried part of a texel) and OUT/NAME.measure.json.  References are kept under LUMEL_REF by the hash of scene and settings.
+        not hang on what a baker does with the buried part of a texel) and OUT/NAME.measure.json.  References are kept under LUMEL_REF (reference.py).
 Note  : Cycles treats every surface as two-sided, lumel a single-sided back as black.  So the truth is two-sided, and a scene is a fair one only
         where lit backs are not seen: the Cornell box is (its backs lie outside and nothing there reflects light back in).
         Nothing else should run meanwhile: the load average is printed.
@@ -20,9 +20,9 @@ import os
 import statistics
 import sys
 
-import numpy as np
-
 import common
+import cycles_peer
+import reference
 
 
 def fit_density(scene, directory, res, extra):
@@ -73,7 +73,6 @@ def main():
     a = ap.parse_args(argv)
     name = os.path.splitext(os.path.basename(a.scene))[0]
     out = os.path.join(a.out, name)
-    os.makedirs(common.REF, exist_ok=True)
     extra = ["--threads", a.threads] + further + (["--sky", a.sky] if a.sky != "0,0,0" else [])
     density = a.texels_per_unit or fit_density(a.scene, out + ".fit", a.res, extra)
     options = ["--quality", a.quality, "--texels-per-unit", "%.5g" % density, "--max-page", 8 * a.res] + extra
@@ -81,52 +80,34 @@ def main():
     if bakes[0]["code"] != 0:
         raise SystemExit(bakes[0]["err"])
     flat = out + ".flat.glb"
-    r = common.run([sys.executable, os.path.join(common.HERE, "flatten_lightmap.py"), bakes[0]["glb"], flat])
-    if r["code"] != 0:
-        raise SystemExit(r["err"])
-    side = json.loads(r["out"])["res"]
+    side = reference.flatten(bakes[0]["glb"], flat)["res"]
     if len(bakes[0]["pages"]) != 1:
         print("warning: %d pages; only page 0 is measured, and Cycles would unwrap the others anew: left out" % len(bakes[0]["pages"]), file=sys.stderr)
         a.no_cycles = True
+    refs = reference.References(name, flat, side, a.count, a.target, a.time, a.sky, log=lambda s: print(s, file=sys.stderr))
+    inset = 0 if a.all else 2
+    paths = [refs.truth(footprint, "twosided", inset, a.all) for footprint in (1.0, 0.5)]
+    whole, half = [reference.load(p) for p in paths]
 
-    def truth(footprint):
-        key = common.digest(flat, "%s %s %s %s %s %s %s" % (side, a.count, a.all, footprint, a.target, a.time, a.sky))
-        path = os.path.join(common.REF, "%s-%s.npz" % (name, key))
-        if not os.path.exists(path):
-            texels = path + ".texels.npz"
-            common.tool("texels.py", flat, texels, "--res", side, "--count", a.count, "--footprint", footprint, *(["--all"] if a.all else []))
-            common.tool("truth.py", flat, texels, path + ".part.npz", "--area", "--backface", "twosided", "--target", a.target,
-                        "--spp", 1 << 20, "--time", a.time, "--sky", a.sky)
-            os.replace(path + ".part.npz", path)
-        return path
-    whole = truth(1.0)
-    half = truth(0.5)
-
-    def clear(reference, other, exr):
-        """compare.py's figures over lumels that are lit and through which no shadow or contact edge runs"""
-        sys.path.insert(0, common.SHARED)
-        import compare
-        ref, alt = dict(np.load(reference)), np.load(other)
-        y, z, s = ref["irradiance"] @ compare.LUM, alt["irradiance"] @ compare.LUM, np.hypot(ref["stderr"], alt["stderr"]) @ compare.LUM
-        keep = (np.abs(y - z) <= 0.1 * np.maximum(y, z) + 5 * s) & (y > 1e-3 * y.mean())
-        return compare.measure({k: ref[k][keep] for k in ("texel", "irradiance", "stderr")}, compare.read_exr(exr), np.pi)
+    def rows_of(mine, other, exr):
+        """figures over all chosen lumels, and over those that are lit and through which no shadow or contact edge runs"""
+        on = refs.reflecting(mine)
+        return reference.errors(mine, exr, on), reference.errors(mine, exr, reference.clear(mine, other) & on)
 
     load = os.getloadavg()[0]
     peers, process = [], []
     for _ in range(a.repeat):
         bakes.append(common.bake(a.scene, out, *options))
         if not a.no_cycles:
-            peers.append(common.tool("cycles_bake.py", flat, out + ".cycles", "--samples", a.cycles_samples, "--resolution", side, "--threads", a.threads,
-                                     *([] if a.light_tree else ["--no-light-tree"])))
+            peers.append(cycles_peer.bake(flat, out + ".cycles", side, a.cycles_samples, a.threads, a.sky, light_tree=a.light_tree))
     timed = bakes[1:] if a.repeat else bakes
     reports = [b["report_json"] for b in timed]
     seconds = [r["measured"]["seconds"] for r in reports]
     rows = [("lumel %s" % a.quality, statistics.median(seconds), [b["seconds"] for b in timed],
-             max(b["peak_mb"] for b in timed), common.tool("compare.py", whole, bakes[0]["pages"][0]), clear(whole, half, bakes[0]["pages"][0]))]
+             max(b["peak_mb"] for b in timed), *rows_of(whole, half, bakes[0]["pages"][0]))]
     if peers:
         rows.append(("Cycles %d samples" % a.cycles_samples, statistics.median(p["bake_s"] for p in peers), [p["process_s"] for p in peers],
-                     max(p["peak_rss_mb"] for p in peers), common.tool("compare.py", half, os.path.join(out + ".cycles", "lightmap.exr")),
-                     clear(half, whole, os.path.join(out + ".cycles", "lightmap.exr"))))
+                     max(p["peak_rss_mb"] for p in peers), *rows_of(half, whole, peers[0]["map"])))
     print("%s, %d² page, %.4g texels per unit, %d threads, load average %.2f, %d runs in turn\n" % (name, side, density, a.threads, load, a.repeat))
     print("| | bake s (median) | process s | peak MB | lumels | relRMSE | p50 | p95 | p99 | bias | truth's own |")
     print("|---|---|---|---|---|---|---|---|---|---|---|")

@@ -108,3 +108,9 @@ pub const CLOSED_FORM: &[Asset] = &[
         make: || closed_form::many_triangles(708),
     },
 ];
+
+/// Scenes of many triangles, for measuring; not committed for their size, `make-assets --dense DIR` writes them.
+pub const DENSE: &[Asset] = &[Asset {
+    name: "dense_room.glb",
+    make: scenes::dense_room,
+}];

@@ -1,30 +1,31 @@
 //! Writes scenes: `cargo run -p lumel-tests --bin make-assets [DIR]` those of `assets/` (the default folder),
-//! `make-assets --closed-form DIR` the closed-form ones.
+//! `make-assets --closed-form DIR` the closed-form ones, `make-assets --dense DIR` those of many triangles.
 #![allow(clippy::print_stdout, reason = "a program that lists what it wrote")]
 
 use std::path::PathBuf;
 
-use lumel_tests::assets::{ASSETS, CLOSED_FORM};
+use lumel_tests::assets::{ASSETS, CLOSED_FORM, DENSE};
 
 fn main() -> std::io::Result<()> {
     let mut args: Vec<_> = std::env::args_os().skip(1).collect();
-    let closed_form = args.iter().position(|a| a == "--closed-form");
-    let list = match closed_form {
-        Some(at) => {
-            args.remove(at);
-            CLOSED_FORM
-        }
-        None => ASSETS,
+    let list = match args.first().and_then(|a| a.to_str()) {
+        Some("--closed-form") => Some(CLOSED_FORM),
+        Some("--dense") => Some(DENSE),
+        _ => None,
     };
-    let dir = match (args.first(), closed_form) {
+    if list.is_some() {
+        args.remove(0);
+    }
+    let dir = match (args.first(), list) {
         (Some(dir), _) => PathBuf::from(dir),
         (None, None) => PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets")),
         (None, Some(_)) => {
             return Err(std::io::Error::other(
-                "usage: make-assets --closed-form DIR",
+                "usage: make-assets [--closed-form DIR | --dense DIR | DIR]",
             ));
         }
     };
+    let list = list.unwrap_or(ASSETS);
     std::fs::create_dir_all(&dir)?;
     for asset in list {
         let bytes = (asset.make)();

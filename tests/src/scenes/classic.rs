@@ -47,7 +47,7 @@ pub fn classic_room(n: u32) -> Vec<u8> {
 }
 
 /// The ceiling's squares outside and inside the lamp.
-fn ceiling(n: u32, size: f32) -> (Geometry, Geometry) {
+pub(super) fn ceiling(n: u32, size: f32) -> (Geometry, Geometry) {
     let third = n / 3;
     let width = if (n - third).is_multiple_of(2) {
         third

@@ -4,6 +4,7 @@ mod classic;
 pub mod closed_form;
 mod cornell;
 mod demo;
+mod dense;
 mod furnace;
 mod sealed;
 pub mod second_method;
@@ -13,6 +14,7 @@ use glam::Vec3;
 pub use classic::classic_room;
 pub use cornell::{cornell_box, lamp_radiance, reflectances};
 pub use demo::demo_level;
+pub use dense::dense_room;
 pub use furnace::{FurnaceShape, furnace};
 pub use sealed::sealed_dark_box;
 

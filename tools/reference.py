@@ -1,0 +1,197 @@
+"""Path-traced references of one atlas, kept on disk, and the error of a map against them.
+
+A reference is an .npz of truth.py at lumels chosen by texels.py.  Its file under LUMEL_REF is named by what it is the answer to: the content
+of the flattened scene (triangles, normals, lightmap coordinates, colours, materials, pictures, lights; see scene_digest), the page's side, which lumels and
+over which footprint, how back faces behave, the sky and the precision asked for.  Not by lightmap values, version or file layout: a bake of
+another quality finds the same references.  Nor by the time limit: a reference that was cut short stays usable, says its own noise
+("own"), and refine() improves it later.
+"""
+import hashlib
+import json
+import os
+import sys
+
+import numpy as np
+
+import common
+
+sys.path.insert(0, common.SHARED)
+try:
+    import gltf_scene   # noqa: E402
+except ModuleNotFoundError:
+    gltf_scene = None   # only what reads no scene, as speed_error.py --page-only, does without
+
+LIT = 1e-3      # a lumel is lit when its reference exceeds this share of the mean: what is darker has no meaningful relative error
+_KEEP = ("texel", "irradiance", "stderr")
+
+
+def scene_digest(path):
+    """Short hash of what a path tracer would see in a scene."""
+    sc = gltf_scene.load(path)
+    h = hashlib.sha256()
+    for a in [sc.tri, sc.nrm, *sc.uv, sc.col, sc.mat, *[i for i in sc.images if i is not None]]:
+        h.update(str(a.shape).encode() + np.ascontiguousarray(a).tobytes())
+    plain = lambda x: np.asarray(x).tolist()      # noqa: E731
+    h.update(json.dumps([[{k: v for k, v in m.items() if k != "name"} for m in sc.materials], sc.lights], sort_keys=True, default=plain).encode())
+    return h.hexdigest()[:16]
+
+
+class References:
+    """The references of one flattened scene.
+
+    flat     .glb of flatten_lightmap.py;  side: its page, texels;  name: for file names
+    count    lumels drawn (texels.py, seed 0);  target: median relative standard error;  seconds: limit for each reference
+    cutouts  False leaves out lumels on alpha-masked materials (a peer that writes 0 where the surface is cut away)
+    made     seconds spent on new references so far"""
+
+    def __init__(self, name, flat, side, count=2000, target=0.002, seconds=150, sky="0,0,0", cutouts=True, log=None):
+        self.name, self.flat, self.side, self.count, self.target, self.seconds, self.sky = name, flat, side, count, target, seconds, sky
+        self.cutouts, self.log, self.made = cutouts, log or (lambda s: None), 0.0
+        self.digest, self._base = scene_digest(flat), None
+        os.makedirs(common.REF, exist_ok=True)
+
+    def path(self, footprint, backface, inset, every, region, target):
+        asked = [self.digest, self.side, "all" if every else self.count, inset, footprint, backface, target or self.target, self.sky, self.cutouts, "seed 0"]
+        key = common.digest(" ".join(str(x) for x in (asked + [region] if region else asked)))
+        return os.path.join(common.REF, "%s-%s.npz" % (self.name, key))
+
+    def truth(self, footprint=1.0, backface="twosided", inset=2, every=False, region=None, target=None, seconds=None, refine=0):
+        """-> path of the reference; made if it is not there, improved by `refine` seconds of further paths if it is.
+
+        footprint  share of a texel's side to average over;  inset: see texels.py;  every: all covered lumels (inset 0) instead of a draw
+        region     of them only those with (row0 ≤ row < row1, col0 ≤ col < col1)"""
+        path = self.path(footprint, backface, inset, every, region, target)
+        lumels = path + ".texels.npz"
+        if os.path.exists(path):
+            if refine:
+                self._refine(path, lumels, backface, refine)
+            return path
+        common.tool("texels.py", self.flat, lumels, "--res", self.side, "--count", self.count, "--inset", inset, "--footprint", footprint,
+                    *(["--all"] if every else []))
+        self._drop(lumels, region)
+        new = self._trace(lumels, path, backface, 0, seconds or self.seconds, target or self.target)
+        new["paths"], new["parts"] = np.full(len(new["texel"]), int(new["spp"])), 1
+        self._keep(path, new)
+        return path
+
+    def _trace(self, lumels, path, backface, seed, seconds, target):
+        said = common.tool("truth.py", self.flat, lumels, path + ".part.npz", "--area", "--backface", backface, "--target", target,
+                           "--spp", 1 << 22, "--time", seconds, "--sky", self.sky, "--seed", seed)
+        self.made += said["seconds"]
+        new = dict(np.load(path + ".part.npz"))
+        os.remove(path + ".part.npz")
+        return new
+
+    def _keep(self, path, ref):
+        np.savez_compressed(path + ".new.npz", **ref)
+        os.replace(path + ".new.npz", path)
+        self.log("reference %s: %d lumels, %d to %d paths each, own noise %.3f %%, %.0f s in all" % (
+            os.path.basename(path), len(ref["texel"]), ref["paths"].min(), ref["paths"].max(), 100 * own(ref), float(ref["seconds"])))
+
+    def _refine(self, path, lumels, backface, seconds):
+        """Rounds of at most a minute for the lumels whose relative standard error is above half the root mean square of all: few hard
+        ones rule it. Choosing them by the noise of their own earlier paths biases a lumel by a part of its standard error at most."""
+        while seconds > 0:
+            ref, z = load(path), load(lumels)
+            some = relative_noise(ref) > 0.5 * own(ref)
+            np.savez(path + ".some.npz", **{k: v[some] if v.ndim and len(v) == len(some) else v for k, v in z.items()})
+            new = self._trace(path + ".some.npz", path, backface, int(ref["parts"]), min(seconds, 60), 0.0)
+            os.remove(path + ".some.npz")
+            seconds -= 60
+            self._keep(path, merge(ref, some, new))
+
+    def reflecting(self, ref):
+        """mask of a reference's lumels on materials that reflect anything: Cycles' map is light ÷ reflectance and holds 0 on black ones"""
+        if self._base is None:
+            sc = gltf_scene.load(self.flat, images=False)
+            self._base = np.array([max(m["base"][:3]) for m in sc.materials])[sc.mat]
+        return self._base[ref["triangle"]] > 0
+
+    def _drop(self, lumels, region):
+        if self.cutouts and region is None:
+            return
+        z = dict(np.load(lumels))
+        keep = np.ones(len(z["texel"]), bool)
+        if not self.cutouts:
+            sc = gltf_scene.load(self.flat, images=False)
+            masked = np.array([m["alpha_mode"] == "MASK" for m in sc.materials])
+            keep &= ~masked[sc.mat[z["triangle"]]]
+        if region is not None:
+            r, c = z["texel"].T
+            keep &= (r >= region[0]) & (r < region[1]) & (c >= region[2]) & (c < region[3])
+        np.savez_compressed(lumels, **{k: v[keep] if v.ndim and len(v) == len(keep) else v for k, v in z.items()})
+
+
+def merge(ref, some, new):
+    """A reference with independent further paths for the lumels `some`, weighted by their numbers."""
+    if (ref["texel"][some] != new["texel"]).any():
+        raise ValueError("references of different lumels")
+    out = {k: v.copy() for k, v in ref.items()}
+    n, m = ref["paths"][some][:, None].astype(float), float(new["spp"])
+    out["irradiance"][some] = (n * ref["irradiance"][some] + m * new["irradiance"]) / (n + m)
+    out["stderr"][some] = np.sqrt((n * ref["stderr"][some]) ** 2 + (m * new["stderr"]) ** 2) / (n + m)
+    out["paths"][some] += int(new["spp"])
+    out["parts"], out["seconds"] = ref["parts"] + 1, float(ref["seconds"]) + float(new["seconds"])
+    return out
+
+
+def _compare():
+    import compare
+    return compare
+
+
+def relative_noise(ref):
+    """standard error of each lumel over (its truth + 0.01 mean), as compare.py weighs an error; 0 where it is not lit"""
+    lum = _compare().LUM
+    y, s, on = ref["irradiance"] @ lum, ref["stderr"] @ lum, lit(ref)
+    return np.where(on, s / (y + 0.01 * y[on].mean()), 0.0)
+
+
+def own(ref):
+    """relRMSE that the reference's own noise would give over its lit lumels"""
+    return float(np.sqrt(np.mean(relative_noise(ref)[lit(ref)] ** 2)))
+
+
+def load(path):
+    return dict(np.load(path))
+
+
+def lit(ref):
+    y = ref["irradiance"] @ _compare().LUM
+    return y > LIT * y.mean()
+
+
+def clear(ref, other):
+    """Lit lumels through which no shadow or contact edge runs: those where two sampling rules agree within 10 % and 5 standard errors."""
+    lum = _compare().LUM
+    y, z, s = ref["irradiance"] @ lum, other["irradiance"] @ lum, np.hypot(ref["stderr"], other["stderr"]) @ lum
+    return lit(ref) & (np.abs(y - z) <= 0.1 * np.maximum(y, z) + 5 * s)
+
+
+def errors(ref, exr, keep=None):
+    """compare.py's figures of a map (E/π) over the lumels `keep` (default: all that the reference holds), and relRMSE_se: the standard
+    error of relRMSE that comes from having drawn these lumels and not others (few bad lumels rule a root mean square)"""
+    c = _compare()
+    img = c.read_exr(exr)
+    keep = np.ones(len(ref["irradiance"]), bool) if keep is None else keep
+    kept = {k: ref[k][keep] for k in _KEEP}
+    out = c.measure(kept, img, np.pi)
+    square = signed(kept, exr) ** 2
+    out["relRMSE_se"] = float(square.std() / (2 * np.sqrt(len(square) * max(square.mean(), 1e-300))))
+    return out
+
+
+def signed(ref, exr):
+    """(x − ref)/(ref + 0.01 mean ref) of every lumel of a reference, on luminance"""
+    c = _compare()
+    r, k = ref["texel"].T
+    x, y = c.read_exr(exr)[r, k] * np.pi @ c.LUM, ref["irradiance"] @ c.LUM
+    return (x - y) / (y + 0.01 * y.mean())
+
+
+def flatten(baked, flat):
+    """flatten_lightmap.py -> its JSON line"""
+    r = common.run([sys.executable, os.path.join(common.HERE, "flatten_lightmap.py"), baked, flat])
+    if r["code"] != 0:
+        raise SystemExit(r["err"])
+    return json.loads(r["out"])

@@ -1,0 +1,301 @@
+"""The page of speed_error.py: medians, Pareto fronts and ratios from the CSV's rows, as Markdown tables and plots.
+
+The page's prose is written by hand in docs/speed_error.md; only what stands between <!-- generated:NAME --> and <!-- end --> is replaced."""
+import csv
+import os
+import re
+import statistics
+
+import common
+import speed_scenes
+
+LUMEL, CYCLES, OIDN = "lumel", "Cycles", "Cycles + OIDN"
+# Okabe and Ito's palette, told apart by people with any of the common colour deficiencies; markers differ too.
+STYLE = {LUMEL: ("#0072B2", "o"), CYCLES: ("#E69F00", "s"), OIDN: ("#009E73", "^")}
+TARGETS = (("relRMSE", "relRMSE over lit lumels", 0.007), ("p50", "median", 0.003), ("bias", "bias", 0.001))
+
+
+def points(rows, scene, family="all"):
+    """-> [dict(method, setting, seconds (median), runs, relRMSE, p50, …)] of a scene, by method and time"""
+    groups = {}
+    for r in rows:
+        if r["scene"] == scene and r["family"] == family:
+            groups.setdefault((r["method"], r["setting"]), []).append(r)
+    out = []
+    for (method, setting), g in groups.items():
+        p = {k: float(g[0][k]) for k in ("n", "relRMSE", "relRMSE_se", "p50", "p95", "p99", "bias", "own", "rays")}
+        p.update(method=method, setting=setting, runs=len(g), seconds=statistics.median(float(r["seconds"]) for r in g),
+                 process_seconds=statistics.median(float(r["process_seconds"]) for r in g), peak_mb=max(float(r["peak_mb"]) for r in g))
+        out.append(p)
+    return sorted(out, key=lambda p: (list(STYLE).index(p["method"]), p["seconds"]))
+
+
+def front(ps):
+    """The Pareto front: points than which no other is both quicker and closer, by time."""
+    out = []
+    for p in sorted(ps, key=lambda p: (p["seconds"], p["relRMSE"])):
+        if not out or p["relRMSE"] < out[-1]["relRMSE"]:
+            out.append(p)
+    return out
+
+
+def time_at(ps, error, extrapolate):
+    """Seconds at which a method's points reach an error -> (seconds, kind).
+
+    kind "" interpolated in log-log between neighbours; "<" the quickest point is closer already; "extrapolated" past the last
+    point at Monte Carlo's slope −1/2, if allowed; "not reached" otherwise (seconds of the closest point)."""
+    import math
+    ps = front(ps)
+    if not ps:
+        return None, "not measured"
+    if error >= ps[0]["relRMSE"]:
+        return ps[0]["seconds"], "<" if error > ps[0]["relRMSE"] else ""
+    for a, b in zip(ps, ps[1:]):
+        if b["relRMSE"] <= error:
+            w = math.log(a["relRMSE"] / error) / math.log(a["relRMSE"] / b["relRMSE"])
+            return a["seconds"] * (b["seconds"] / a["seconds"]) ** w, ""
+    last = ps[-1]
+    if extrapolate:
+        return last["seconds"] * (last["relRMSE"] / error) ** 2, "extrapolated"
+    return last["seconds"], "not reached"
+
+
+def _percent(x, digits=2):
+    return "%.*f %%" % (digits, 100 * x)
+
+
+def _seconds(x):
+    return "%.2f" % x if x < 10 else "%.1f" % x if x < 100 else "%.0f" % x
+
+
+def _table(head, rows):
+    return "\n".join("| " + " | ".join(str(c) for c in r) + " |" for r in [head, ["---"] * len(head)] + rows) + "\n"
+
+
+def scenes_of(rows):
+    return [s for s in speed_scenes.SCENES if any(r["scene"] == s for r in rows)]
+
+
+def setup_text(rows):
+    loads = [float(r["load"]) for r in rows]
+    most = max(loads)
+    text = "Measured on %s, %s threads; %s. Load average at the start of a run: %.2f to %.2f%s.\n" % (
+        "; ".join(sorted({r["machine"] for r in rows})), ", ".join(sorted({r["threads"] for r in rows})),
+        "; ".join(sorted({r["versions"] for r in rows})), min(loads), most,
+        # one's own previous run leaves up to the number of threads in the one-minute average
+        "" if most < 1.5 * max(int(r["threads"]) for r in rows) else ". **The machine was busy with other work: the times below are not to be quoted**")
+    return text
+
+
+def scenes_text(rows):
+    out = []
+    for s in scenes_of(rows):
+        r, t = next(r for r in rows if r["scene"] == s), speed_scenes.SCENES[s]
+        own = {m: next((p["own"] for p in points(rows, s) if p["method"] == m), None) for m in (LUMEL, CYCLES)}
+        out.append([t["title"], "{:,}".format(int(r["triangles"])), "%s per metre: %s" % (r["texels_per_unit"], t["why"]), "{:,}".format(int(r["lumels"])),
+                    ("yes" if t["fair"] else "**no**") + ", %+.2f %%" % (100 * float(r["backs"])), int(float(next(x["n"] for x in rows if x["scene"] == s and x["family"] == "all"))),
+                    " / ".join(_percent(x) for x in own.values() if x is not None)])
+    return _table(["scene", "triangles", "density", "lumels", "backs unseen, mean light two-sided − one-sided", "compared", "truth's own noise (for lumel / for Cycles)"], out)
+
+
+def targets_text(rows):
+    out = []
+    for s in ("cornell", "demo"):
+        for family, what in (("all", "all lit"), ("clear", "lit, no edge")):
+            p = next((p for p in points(rows, s, family) if p["method"] == LUMEL and p["setting"] == "production"), None)
+            if p is None:
+                out.append([speed_scenes.SCENES[s]["title"], what] + ["not measured"] * 6)
+                continue
+            cells = []
+            for key, _, limit in TARGETS:
+                figure = "%+.2f %%" % (100 * p[key]) if key == "bias" else _percent(p[key]) + (" ± %.2f" % (100 * p["relRMSE_se"]) if key == "relRMSE" else "")
+                cells.append("%s %s" % (figure, "met" if abs(p[key]) <= limit else "**missed**"))
+            less = max(p["relRMSE"] ** 2 - p["own"] ** 2, 0.0) ** 0.5
+            out.append([speed_scenes.SCENES[s]["title"], what] + cells + [_percent(p["own"]), _percent(less), _seconds(p["seconds"])])
+    return _table(["scene, `production`", "lumels"] + ["%s ≤ %s" % (t, _percent(x, 1)) for _, t, x in TARGETS] + ["truth's own noise", "relRMSE less that", "s"], out)
+
+
+def results_text(rows):
+    text = []
+    for s in scenes_of(rows):
+        every, clear = points(rows, s), {(p["method"], p["setting"]): p for p in points(rows, s, "clear")}
+        edges = {(p["method"], p["setting"]): p for p in points(rows, s, "edges")}
+        best = {id(p) for p in front(every)}
+        out = []
+        for p in every:
+            k = (p["method"], p["setting"])
+            out.append([p["method"], p["setting"] + (" ◆" if id(p) in best else ""), _seconds(p["seconds"]), p["runs"], _percent(p["relRMSE"]), _percent(p["p50"]), _percent(p["p95"]),
+                        _percent(p["p99"]), "%+.2f %%" % (100 * p["bias"]), _percent(clear[k]["relRMSE"]) if k in clear else "–",
+                        _percent(edges[k]["relRMSE"]) if k in edges else "–", "%.0f" % (p["rays"] / 1e6), "%.0f" % p["peak_mb"]])
+        n = {f: next((int(p["n"]) for p in points(rows, s, f)), 0) for f in ("all", "clear", "edges")}
+        text.append("### %s\n\n%d lit lumels; no edge: %d; with chart edges: %d others.\n\n" % (speed_scenes.SCENES[s]["title"], n["all"], n["clear"], n["edges"]) + _table(
+            ["method", "setting (◆ on the front)", "s", "runs", "relRMSE", "p50", "p95", "p99", "bias", "no edge", "chart edges too", "Mrays", "MB"], out))
+    return "\n".join(text)
+
+
+def _ratio(ours, theirs, kind):
+    mark = {"": "", "<": "<", "extrapolated": "≈"}.get(kind)
+    if mark is None:
+        return "–", "–"
+    return "%s%s s" % (mark + " " if mark else "", _seconds(theirs)), "%s%.2g ×" % (mark + " " if mark else "", theirs / ours)
+
+
+def ratios_text(rows):
+    out, back = [], []
+    for s in scenes_of(rows):
+        ps, title = points(rows, s), speed_scenes.SCENES[s]["title"]
+        mine, raw, oidn = [[p for p in ps if p["method"] == m] for m in (LUMEL, CYCLES, OIDN)]
+        for p in mine if raw else []:
+            a, b = time_at(raw, p["relRMSE"], True), time_at(oidn, p["relRMSE"], False)
+            denoised = _ratio(p["seconds"], *b)
+            if b[1] == "not reached":
+                denoised = ("not reached: %s in %s s" % (_percent(min(q["relRMSE"] for q in oidn)), _seconds(b[0])), "–")
+            out.append([title, p["setting"], _percent(p["relRMSE"]), _seconds(p["seconds"]), *_ratio(p["seconds"], *a), *denoised])
+        for p in raw + oidn if mine else []:
+            t, kind = time_at(mine, p["relRMSE"], False)
+            if kind == "not reached":
+                back.append([title, p["method"], p["setting"], _percent(p["relRMSE"]), _seconds(p["seconds"]), "not reached: %s in %s s" % (_percent(min(q["relRMSE"] for q in mine)), _seconds(t)), "–"])
+            else:
+                mark = kind + " " if kind else ""
+                back.append([title, p["method"], p["setting"], _percent(p["relRMSE"]), _seconds(p["seconds"]), "%s%s s" % (mark, _seconds(t)),
+                             "%s%.2g ×" % ("> " if kind else "", p["seconds"] / t)])
+    return ("Time that Cycles takes for lumel's error:\n\n" + _table(["scene", "lumel", "relRMSE", "s", "Cycles", "ratio", "Cycles + OIDN", "ratio"], out) +
+            "\nTime that lumel takes for Cycles' error:\n\n" + _table(["scene", "method", "setting", "relRMSE", "s", "lumel", "ratio"], back))
+
+
+def losses_text(rows):
+    out = []
+    for s in scenes_of(rows):
+        for p in front(points(rows, s)):
+            if p["method"] != LUMEL:
+                out.append([speed_scenes.SCENES[s]["title"], p["method"], p["setting"], _seconds(p["seconds"]), _percent(p["relRMSE"])])
+    if not out:
+        return "No point of Cycles, raw or denoised, lies on the front of any scene in this run.\n"
+    return "Points of the fronts that are not lumel's:\n\n" + _table(["scene", "method", "setting", "s", "relRMSE"], out)
+
+
+def plot(rows, png, svg):
+    import matplotlib
+    matplotlib.use("Agg")
+    # Text as text and no dates, so that the same CSV gives the same SVG.
+    matplotlib.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "lumel", "font.size": 9})
+    import matplotlib.pyplot as plt
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    names = scenes_of(rows)
+    columns = min(3, len(names) + 1)
+    lines = -(-(len(names) + 1) // columns)
+    fig, axes = plt.subplots(lines, columns, figsize=(4.3 * columns, 3.7 * lines), squeeze=False, layout="constrained")
+    cells = list(axes.ravel())
+    for ax, s in zip(cells, names):
+        every, clear = points(rows, s), points(rows, s, "clear")
+        pareto = front(every)
+        ax.plot([p["seconds"] for p in pareto], [100 * p["relRMSE"] for p in pareto], color="#999999", lw=5, alpha=0.45, zorder=1, solid_capstyle="round")
+        for method, (colour, marker) in STYLE.items():
+            ps = [p for p in every if p["method"] == method]
+            qs = [p for p in clear if p["method"] == method]
+            ax.plot([p["seconds"] for p in qs], [100 * p["relRMSE"] for p in qs], color=colour, marker=marker, mfc="none", ms=4, lw=0.8, ls=":", zorder=2)
+            ax.plot([p["seconds"] for p in ps], [100 * p["relRMSE"] for p in ps], color=colour, marker=marker, ms=6, lw=1.2, zorder=3)
+            for p in ps:
+                ax.annotate(p["setting"].replace(" samples", "").replace("production", "prod.").replace(", error ", "\nε "), (p["seconds"], 100 * p["relRMSE"]), xytext=(4, 4), textcoords="offset points",
+                            fontsize=7, color=colour)
+        mine = [p["own"] for p in every if p["method"] == LUMEL]
+        if mine:
+            ax.axhline(100 * mine[0], color="black", lw=0.8, ls="--", zorder=0)
+        ax.set(xscale="log", yscale="log", title=speed_scenes.SCENES[s]["title"], xlabel="bake time, s", ylabel="relative RMSE, lit lumels, %")
+        ax.margins(x=0.2, y=0.08)
+        ax.grid(True, which="both", lw=0.3, color="#cccccc")
+        for axis in (ax.xaxis, ax.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=15))
+            axis.set_major_formatter(FuncFormatter(lambda x, _: "%g" % x))
+            axis.set_minor_formatter(NullFormatter())
+    key = cells[len(names)]
+    for ax in cells[len(names):]:
+        ax.axis("off")
+    for method, (colour, marker) in STYLE.items():
+        key.plot([], [], color=colour, marker=marker, label=method)
+    key.plot([], [], color="#666666", marker="o", mfc="none", ms=4, lw=0.8, ls=":", label="the same, lumels that no shadow\nor contact edge crosses")
+    key.plot([], [], color="#999999", lw=5, alpha=0.45, label="Pareto front")
+    key.plot([], [], color="black", lw=0.8, ls="--", label="the truth's own noise")
+    key.legend(loc="center", frameon=False)
+    os.makedirs(os.path.dirname(png), exist_ok=True)
+    fig.savefig(svg, metadata={"Date": None})
+    fig.savefig(png, dpi=100, metadata={"Software": None})
+    plt.close(fig)
+
+
+# Pictures of what is known to be weak (error_map.py): every lumel of a crop (row0, row1, col0, col1) of the page, against a reference of its own.
+# The page's chart edges and the crops belong to the densities of speed_scenes.py.
+WEAKNESSES = [
+    dict(name="contact", scene="cornell", setting="production", crop=(0, 77, 78, 156), limit=0.1,
+         title="Cornell box, production: the floor with the feet of the two blocks"),
+    dict(name="corner", scene="cornell", setting="production", crop=(66, 94, 0, 78), limit=0.1,
+         title="Cornell box, production: where ceiling and wall meet"),
+    dict(name="gap", scene="demo", setting="production", crop=(378, 404, 128, 163), limit=0.25,
+         title="Demo level, production: the hall's wall behind a hanging banner"),
+    dict(name="props", scene="demo", setting="production", crop=(500, 556, 400, 556), limit=0.25,
+         title="Demo level, production: barrels, lanterns and crates at 12.8 cm a lumel"),
+    dict(name="sky", scene="demo", setting="preview", crop=(207, 255, 0, 110), limit=0.1,
+         title="Demo level, preview: outer walls in shade, lit by sky and ground"),
+]
+CROP_TARGET, CROP_SECONDS = 0.01, 60    # what these pictures show is tens of per cent
+
+
+def weaknesses(scenes, docs, say):
+    """Signed error maps of the bakes just made, for the scenes that were run, and their figures in data/speed_error_pictures.csv."""
+    import error_map
+    table = os.path.join(docs, "data", "speed_error_pictures.csv")
+    old = {r["name"]: r for r in read_csv(table)}
+    for w in WEAKNESSES:
+        if w["scene"] not in scenes:
+            continue
+        figures = error_map.of_bake(scenes[w["scene"]], w, os.path.join(docs, "images", "weakness_%s.png" % w["name"]))
+        if figures is None:
+            say("picture %s left out: %s was not baked" % (w["name"], w["setting"]))
+        else:
+            old[w["name"]] = dict(name=w["name"], limit=w["limit"], **{k: "%.4g" % v for k, v in figures.items()})
+            say("picture " + ", ".join("%s %s" % kv for kv in old[w["name"]].items()))
+    write_csv(table, "name limit n rms own darker brighter".split(), [old[w["name"]] for w in WEAKNESSES if w["name"] in old])
+
+
+def pictures_text(docs):
+    table = {r["name"]: r for r in read_csv(os.path.join(docs, "data", "speed_error_pictures.csv"))}
+    out = []
+    for w in WEAKNESSES:
+        r = table.get(w["name"])
+        if r:
+            limit = "%g %%" % (100 * float(r["limit"]))
+            out.append(["`weakness_%s.png`" % w["name"], w["title"], r["n"], _percent(float(r["rms"]), 1), _percent(float(r["own"]), 1),
+                        "%s (by over %s)" % (_percent(float(r["darker"]), 1), limit), _percent(float(r["brighter"]), 1)])
+    return _table(["picture", "shows", "lit lumels", "rms error", "of which truth's noise", "too dark", "too bright"], out) if out else "No pictures yet.\n"
+
+
+def read_csv(path):
+    if not os.path.exists(path):
+        return []
+    with open(path, newline="") as f:
+        return list(csv.DictReader(f))
+
+
+def write_csv(path, columns, rows):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w", newline="") as f:
+        w = csv.DictWriter(f, columns, lineterminator="\n")
+        w.writeheader()
+        w.writerows([{k: "%.5g" % r[k] if isinstance(r[k], float) else r[k] for k in columns} for r in rows])
+
+
+def write(rows, docs):
+    if not rows:
+        raise SystemExit("no rows: run the sweep first")
+    rows = [{k: str(v) for k, v in r.items()} for r in rows]
+    plot(rows, os.path.join(docs, "images", "speed_error.png"), os.path.join(docs, "images", "speed_error.svg"))
+    parts = dict(setup=setup_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))
+    page = os.path.join(docs, "speed_error.md")
+    own = os.path.join(common.HERE, "..", "docs", "speed_error.md")
+    text = open(own).read()
+    for name, part in parts.items():
+        text, n = re.subn(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % name, lambda m: m.group(1) + "\n" + part + "\n" + m.group(2), text, flags=re.S)
+        if n != 1:
+            raise SystemExit("%s: %d places for generated:%s, expected one" % (page, n, name))
+    with open(page, "w") as f:
+        f.write(text)

@@ -1,0 +1,123 @@
+"""The scenes of speed_error.py: what is baked, at which density and why, with which sky, sun, references and settings.
+
+Every scene is one page, the same lumels for lumel, Cycles and truth.  The densities are fixed here, so that the atlas (and with it
+the cached references) is the same in every run."""
+import os
+import shutil
+
+import numpy as np
+
+import common
+
+ASSETS = os.path.join(common.HERE, "..", "assets")
+
+# Settings that cast as many rays as production or more.
+FINE = ("preview, error 0.02", "production, error 0.005")
+
+# title     for the plots
+# file      path, or maker of it
+# density   lumels per metre, and why; max_page: larger than the page, so that nothing is split
+# fair      no lit back is seen: two-sided and one-sided truth are one
+# count     lumels compared;  target: median relative standard error of the reference (under open sky half the lumels have none, so time must rule);
+#           seconds: limit for (whole texel, middle half, chart edges too)
+# cycles    samples;  slow_cycles, slow_lumel: only with --full;  light_tree: which setting of Cycles was the better one at equal time
+SCENES = {
+    "cornell": dict(
+        title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", fair=True,
+        why="that of docs/measurements.md, 156 × 256 texels, 7.4 cm a lumel",
+        count=1000, target=0.0012, seconds=(150, 90, 60), cycles=(16, 64, 256, 1024), slow_cycles=()),
+    "room": dict(
+        title="Classic room", file=os.path.join(ASSETS, "classic_room_1014.glb"), density=18.0, sky="0,0,0", fair=True,
+        why="the finest that fits 256², 5.6 cm a lumel",
+        count=1000, target=0.0015, seconds=(60, 40, 40), cycles=(16, 64, 256, 1024), slow_cycles=()),
+    "demo": dict(
+        title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=7.84, sky="0.25,0.35,0.5", fair=False,
+        why="what `lumel bake` chooses by itself: 556² texels, 12.8 cm a lumel",
+        count=600, target=0.001, seconds=(240, 120, 60), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE,
+        light_tree=True),   # 16 samples: 50 % in 10.1 s of processor time against 74 % in 5.9 s; median 6 against 29 %
+    "dense": dict(
+        title="Dense mesh", file="dense", density=36.5, sky="0,0,0", fair=True,
+        why="the finest that fits 512² (424 × 496), 2.7 cm a lumel, which covers some seven triangles of the balls",
+        count=1000, target=0.0015, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE),
+    "sponza": dict(
+        title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
+        why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
+        count=1000, target=0.0001, seconds=(90, 60, 60), cycles=(16, 64), slow_cycles=(256, 1024), slow_lumel=FINE),
+}
+
+
+def make_dense(path):
+    """The project's own dense scene, written by make-assets (needs cargo)."""
+    if shutil.which("cargo") is None:
+        return "no cargo to make it with"
+    r = common.run(["cargo", "run", "-q", "--release", "-p", "lumel-tests", "--bin", "make-assets", "--", "--dense", os.path.dirname(path)],
+                   cwd=os.path.join(common.HERE, ".."))
+    return None if r["code"] == 0 and os.path.exists(path) else r["err"][-500:]
+
+
+def with_sun(scene, direction, lux, path):
+    """A copy of a .glb with a directional light, so that every tool reads the same sun."""
+    js, bin_ = common.read_glb(scene)
+    lights = js.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {}).setdefault("lights", [])
+    lights.append(dict(name="sun", type="directional", color=[1.0, 1.0, 1.0], intensity=lux))
+    js["extensionsUsed"] = sorted(set(js.get("extensionsUsed", [])) | {"KHR_lights_punctual"})
+    # The shortest turn of a light's own direction, −Z, into `direction`.
+    d = np.array(direction, float) / np.linalg.norm(direction)
+    q = np.array([*np.cross([0.0, 0.0, -1.0], d), 1.0 - d[2]])
+    if q[3] < 1e-9:
+        q = np.array([0.0, 1.0, 0.0, 0.0])
+    js["nodes"].append(dict(name="sun", rotation=[float(x) for x in q / np.linalg.norm(q)], extensions={"KHR_lights_punctual": {"light": len(lights) - 1}}))
+    js["scenes"][js.get("scene", 0)].setdefault("nodes", []).append(len(js["nodes"]) - 1)
+    common.write_glb(path, js, bin_)
+
+
+def prepare(name, work):
+    """-> (the .glb to bake, None) or (None, why it is not there)"""
+    s = SCENES[name]
+    path = s["file"]
+    if path == "dense":
+        path = os.path.join(work, "dense_room.glb")
+        trouble = None if os.path.exists(path) else make_dense(path)
+        if trouble:
+            return None, trouble
+    if not os.path.exists(path):
+        return None, "no file " + path
+    if "sun" in s:
+        sunny = os.path.join(work, name + ".glb")
+        with_sun(path, *s["sun"], sunny)
+        path = sunny
+    return path, None
+
+
+def sky_options(name):
+    sky = SCENES[name]["sky"]
+    return [] if sky == "0,0,0" else ["--sky", sky]
+
+
+def flat_atlas(name, scene, work, threads):
+    """Draft bake and its flattened atlas -> (flat .glb, side of the page)"""
+    import reference
+    s = SCENES[name]
+    options = ["--quality", "draft", "--texels-per-unit", s["density"], "--max-page", 2048, "--threads", threads] + sky_options(name)
+    r = common.bake(scene, os.path.join(work, name + ".flat"), *options)
+    if r["code"] != 0:
+        raise SystemExit("lumel failed (%d): %s" % (r["code"], r["err"]))
+    if len(r["pages"]) != 1:
+        raise SystemExit("%s: %d pages, expected one" % (name, len(r["pages"])))
+    flat = os.path.join(work, name + ".flat.glb")
+    return flat, reference.flatten(r["glb"], flat)["res"]
+
+
+def references(name, flat, side, seconds=1.0, log=None):
+    """The scene's References; `seconds` scales the limits of the table."""
+    import reference
+    s = SCENES[name]
+    return reference.References(name, flat, side, s["count"], s["target"], 150, s["sky"], cutouts=False, log=log)
+
+
+def three_truths(refs, name, scale=1.0, refine=0):
+    """-> paths of: whole texel with black backs (lumel's meaning), middle half with two-sided surfaces (Cycles'), and the first again over
+    lumels drawn from the whole page, chart edges too.  `refine`: seconds, most of them for the first: lumel's errors are the smallest"""
+    asked = [(1.0, "black", 2, 0.7), (0.5, "twosided", 2, 0.15), (1.0, "black", 0, 0.15)]
+    return [refs.truth(footprint, backs, inset, seconds=limit * scale, refine=refine * share)
+            for (footprint, backs, inset, share), limit in zip(asked, SCENES[name]["seconds"])]
