@@ -15,8 +15,9 @@ use crate::dilate::dilate;
 use crate::footprint::{LumelFootprint, VertexFootprint};
 use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
-use crate::lumels::{Lumel, Lumels, TexelIndex};
+use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
+use crate::refine::{add_rays, follow_edges};
 use crate::smooth::smooth_indirect;
 
 /// Extra channels of a page.
@@ -115,30 +116,12 @@ pub fn bake(
         direct: DirectLight::new(world, emitters),
         options: options.lumels,
     };
-    let footprint_at = |i: usize| {
-        let lumel = lumels.lumels[i];
-        let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
-        (LumelFootprint::new(world, &lumels, lumel, seed), seed)
-    };
     let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
-        let (footprint, seed) = footprint_at(i);
+        let (footprint, seed) = lumels.footprint(world, i);
         gatherer.gather(&footprint, seed)
     })?;
-    follow_edges(&lumels, layout, &mut received, monitor, |i, edge, first| {
-        let (footprint, seed) = footprint_at(i);
-        match edge {
-            Edge::Contact => {
-                let again = gatherer.gather_edge(&footprint, seed);
-                Received {
-                    // What the smoothing goes by, which the many points know better.
-                    open: first.open.min(again.open),
-                    rays: first.rays + again.rays,
-                    ..again
-                }
-            }
-            Edge::Shadow | Edge::None => gatherer.refine_direct(&footprint, seed, first),
-        }
-    })?;
+    follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;
+    add_rays(&gatherer, &lumels, layout, &mut received, monitor)?;
     smooth_indirect(&lumels, layout, &mut received);
     summarise(&lumels.lumels, &received, &mut out.report);
     out.pages = fill_pages(world, layout, &lumels, &received, options);
@@ -154,46 +137,8 @@ pub fn bake(
     Ok(out)
 }
 
-/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
-/// of their first points stands for.
-///
-/// `refine` gets the lumel, the edge next to it and what was gathered.
-fn follow_edges(
-    lumels: &Lumels,
-    layout: &Layout,
-    received: &mut [Received],
-    monitor: &dyn Monitor,
-    refine: impl Fn(usize, Edge, &Received) -> Received + Sync,
-) -> Result<(), Cancelled> {
-    let index = TexelIndex::build(&lumels.lumels, layout);
-    let beside: Vec<(usize, Edge)> = (0..received.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .filter_map(|i| {
-            let l = &lumels.lumels[i];
-            let [x, y] = l.texel.map(i64::from);
-            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
-            let edge = around
-                .filter_map(|(x, y)| index.at(l.page, x, y))
-                .filter(|&j| lumels.lumels[j].instance == l.instance)
-                .map(|j| received[j].edge)
-                .max()?;
-            // Buried ones were searched through.
-            (edge > received[i].edge && received[i].open > 0.0).then_some((i, edge))
-        })
-        .collect();
-    let refined = in_blocks(beside.len(), Phase::Gather, monitor, |k| {
-        let (i, edge) = beside[k];
-        refine(i, edge, &received[i])
-    })?;
-    for ((i, _), again) in beside.into_iter().zip(refined) {
-        received[i] = again;
-    }
-    Ok(())
-}
-
 /// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
-fn in_blocks(
+pub(crate) fn in_blocks(
     n: usize,
     phase: Phase,
     monitor: &dyn Monitor,

@@ -17,7 +17,7 @@ pub struct GatherOptions {
     pub points: u32,
     /// Points of a footprint that an edge crosses, where its first `points` disagree; see [`Gatherer::gather`].
     pub edge_points: u32,
-    /// Rays it gets at most; `rays` doubles up to here until the estimate is good enough.
+    /// Rays that a lumel gets at most where neighbours say that `rays` are too few; a power of two times `rays`.
     pub most_rays: u32,
     /// Good enough: estimated standard error of the indirect light over the total.
     pub error: f32,
@@ -150,55 +150,76 @@ impl Gatherer<'_, '_> {
         let count = (options.points as usize).clamp(1, MOST_POINTS);
         let points = spread(footprint, count);
         let mut sums = vec![Point::default(); count];
-        let mut per_point = (options.rays / count as u32).max(1);
-        let most = (options.most_rays / count as u32).max(per_point);
-        let mut from = 0;
-        let mut direct: Option<DirectEstimate> = None;
-        let mut rays = 0u64;
-        loop {
-            for (k, sum) in sums.iter_mut().enumerate() {
-                // Aligned blocks of a Sobol sequence are well distributed, each by itself and all together.
-                let base = from * count as u32 + k as u32 * (per_point - from);
-                self.indirect(&points[k], base..base + (per_point - from), seed, sum);
-            }
-            rays += u64::from(per_point - from) * count as u64;
-            let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
-            let in_the_open = open.iter().filter(|&&o| o).count();
-            if in_the_open == 0 || !options.open_only {
-                open.fill(true);
-            }
-            let estimate = mean_and_spread(&sums, &open);
-            if direct.is_none() && !options.open_only && options.edge_points > count as u32 {
-                let edge = if in_the_open == 0 {
-                    // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
-                    rays += u64::from(options.edge_points);
-                    self.anything_open(footprint, seed)
-                } else {
-                    in_the_open < count || estimate.disagree
-                };
-                if edge {
-                    let mut out = self.gather_edge(footprint, seed);
-                    out.rays += rays;
-                    if in_the_open < count {
-                        // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
-                        out.open = out.open.min(1.0 - 1.0 / count as f32);
-                    }
-                    return out;
-                }
-            }
-            let direct = *direct.get_or_insert_with(|| {
-                let d = self.direct_light(footprint, &points, &open, seed, &options.direct);
-                rays += u64::from(d.rays);
-                d
-            });
-            let total = luminance(direct.irradiance + estimate.mean);
-            if 2 * per_point > most || estimate.variance.sqrt() <= options.error * total {
-                let open = in_the_open as f32 / count as f32;
-                return received(footprint, &points, direct, &estimate, open, rays);
-            }
-            from = per_point;
-            per_point *= 2;
+        let per_point = self.rays_per_point();
+        for (k, sum) in sums.iter_mut().enumerate() {
+            // Aligned blocks of a Sobol sequence are well distributed, each by itself and all together.
+            let base = k as u32 * per_point;
+            self.indirect(&points[k], base..base + per_point, seed, sum);
         }
+        let mut rays = u64::from(per_point) * count as u64;
+        let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
+        let in_the_open = open.iter().filter(|&&o| o).count();
+        if in_the_open == 0 || !options.open_only {
+            open.fill(true);
+        }
+        let estimate = mean_and_spread(&sums, &open);
+        if !options.open_only && options.edge_points > count as u32 {
+            let edge = if in_the_open == 0 {
+                // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
+                rays += u64::from(options.edge_points);
+                self.anything_open(footprint, seed)
+            } else {
+                in_the_open < count || estimate.disagree
+            };
+            if edge {
+                let mut out = self.gather_edge(footprint, seed);
+                out.rays += rays;
+                if in_the_open < count {
+                    // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
+                    out.open = out.open.min(1.0 - 1.0 / count as f32);
+                }
+                return out;
+            }
+        }
+        let direct = self.direct_light(footprint, &points, &open, seed, &options.direct);
+        rays += u64::from(direct.rays);
+        let open = in_the_open as f32 / count as f32;
+        received(footprint, &points, direct, &estimate, open, rays)
+    }
+
+    /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.
+    pub(crate) fn gather_more(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        first: &Received,
+        times: u32,
+    ) -> Received {
+        let count = (self.options.points as usize).clamp(1, MOST_POINTS);
+        let per_point = self.rays_per_point();
+        // On with the sequences, of points and of directions both.
+        let points = spread(footprint, count * times as usize);
+        let mut sums = vec![Point::default(); points.len() - count];
+        for (k, sum) in sums.iter_mut().enumerate() {
+            let base = (count + k) as u32 * per_point;
+            self.indirect(&points[count + k], base..base + per_point, seed, sum);
+        }
+        let more = mean_and_spread(&sums, &vec![true; sums.len()]);
+        let direct_variance = (first.error * first.error - first.indirect_variance).max(0.0);
+        let (a, b) = (1.0 / times as f32, 1.0 - 1.0 / times as f32);
+        let variance = a * a * first.indirect_variance + b * b * more.variance;
+        Received {
+            indirect: first.indirect * a + more.mean * b,
+            first_half: first.first_half * a + more.first_half * b,
+            indirect_variance: variance,
+            error: (direct_variance + variance).sqrt(),
+            rays: first.rays + sums.len() as u64 * u64::from(per_point),
+            ..*first
+        }
+    }
+
+    fn rays_per_point(&self) -> u32 {
+        (self.options.rays / self.options.points.max(1)).max(1)
     }
 
     /// Mean irradiance over a footprint that an edge crosses: many points, few rays each, and as many shadow rays as a penumbra gets.

@@ -17,6 +17,7 @@ mod manifest;
 mod output;
 mod pack;
 mod preview;
+mod refine;
 mod smooth;
 mod texture;
 pub mod unwrap;

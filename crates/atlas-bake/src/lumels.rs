@@ -5,7 +5,10 @@ use mesh_ingest::{Scene, Soup};
 use patch_subdivision::raster::cover_triangle;
 use rayon::prelude::*;
 
+use radiosity::{World, hash_u32};
+
 use crate::atlas::{Layout, MeshAtlas};
+use crate::footprint::LumelFootprint;
 
 /// A texel that lies at least in part on a surface.
 #[derive(Debug, Clone, Copy)]
@@ -76,6 +79,17 @@ impl Lumels {
                 triangle: t,
                 corners: self.corners[t as usize],
             })
+    }
+
+    /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
+    pub(crate) fn footprint<'l, 'w, 'a>(
+        &'l self,
+        world: &'w World<'a>,
+        i: usize,
+    ) -> (LumelFootprint<'l, 'w, 'a>, u32) {
+        let lumel = self.lumels[i];
+        let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
+        (LumelFootprint::new(world, self, lumel, seed), seed)
     }
 
     /// Memory, bytes.

@@ -37,15 +37,11 @@ const SIGMAS: f32 = 2.0;
 const SAME_FACING: f32 = 0.85;
 
 /// Lumels of a window.
-const SIDE: usize = (2 * REACH + 1) as usize;
+pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 
 /// Smooths `received` in place; only `indirect`, its variance and `error` change.
 pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [Received]) {
-    let window = Window {
-        lumels: &lumels.lumels,
-        index: TexelIndex::build(&lumels.lumels, layout),
-        received,
-    };
+    let window = Window::new(lumels, layout, received);
     let pooled: Vec<f32> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
@@ -65,17 +61,26 @@ pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [
 }
 
 /// A neighbour and its offset in texels.
-type Neighbour = (usize, i64, i64);
+pub(crate) type Neighbour = (usize, i64, i64);
 
-struct Window<'a> {
+/// Looks up lumels by their neighbours.
+pub(crate) struct Window<'a> {
     lumels: &'a [Lumel],
     index: TexelIndex,
     received: &'a [Received],
 }
 
-impl Window<'_> {
+impl<'a> Window<'a> {
+    pub(crate) fn new(lumels: &'a Lumels, layout: &Layout, received: &'a [Received]) -> Self {
+        Window {
+            lumels: &lumels.lumels,
+            index: TexelIndex::build(&lumels.lumels, layout),
+            received,
+        }
+    }
+
     /// Lumels about `i`, itself among them, on the same piece of surface and wholly in the open.
-    fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
+    pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
         let (l, own) = (&self.lumels[i], &self.received[i]);
         let mut found = [(0, 0, 0); SIDE * SIDE];
         let mut n = 0;

@@ -126,7 +126,7 @@ impl Settings {
         let (rays, most, error, base, penumbra) = match self.quality {
             Quality::Draft => (32, 32, 1.0, 16, 32),
             Quality::Preview => (128, 256, 0.03, 16, 128),
-            Quality::Production => (512, 2048, 0.01, 32, 512),
+            Quality::Production => (512, 4096, 0.01, 32, 512),
         };
         let (points, edge_points) = match self.quality {
             Quality::Draft => (16, 16),

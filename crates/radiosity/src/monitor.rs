@@ -19,6 +19,8 @@ pub enum Phase {
     Lumels,
     /// Light at lumels.
     Gather,
+    /// More rays at lumels that need them.
+    Refine,
     /// Light at vertices.
     Vertices,
     /// Writing files.
@@ -37,6 +39,7 @@ impl Phase {
             Phase::Solve => "solve",
             Phase::Lumels => "lumels",
             Phase::Gather => "gather",
+            Phase::Refine => "refine",
             Phase::Vertices => "vertices",
             Phase::Write => "write",
         }

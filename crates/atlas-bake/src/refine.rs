@@ -1,0 +1,124 @@
+//! Second looks at lumels, decided by what was gathered next to them.
+//!
+//! A lumel's own first rays are no judge of how many more it needs: one that missed a small bright window finds itself dark and certain. To stop
+//! there, and to go on only where something was seen, loses light (between plates ten sides apart, three quarters of it). So neighbours decide.
+
+use radiosity::{Cancelled, Monitor, Phase, luminance};
+use rayon::prelude::*;
+
+use crate::atlas::Layout;
+use crate::bake::in_blocks;
+use crate::gather::{Edge, Gatherer, Received};
+use crate::lumels::{Lumels, TexelIndex};
+use crate::smooth::Window;
+
+/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
+/// of their first points stands for.
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub(crate) fn follow_edges(
+    gatherer: &Gatherer,
+    lumels: &Lumels,
+    layout: &Layout,
+    received: &mut [Received],
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
+    let index = TexelIndex::build(&lumels.lumels, layout);
+    let beside: Vec<(usize, Edge)> = (0..received.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .filter_map(|i| {
+            let l = &lumels.lumels[i];
+            let [x, y] = l.texel.map(i64::from);
+            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+            let edge = around
+                .filter_map(|(x, y)| index.at(l.page, x, y))
+                .filter(|&j| lumels.lumels[j].instance == l.instance)
+                .map(|j| received[j].edge)
+                .max()?;
+            // Buried ones were searched through.
+            (edge > received[i].edge && received[i].open > 0.0).then_some((i, edge))
+        })
+        .collect();
+    let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
+        let (i, edge) = beside[k];
+        let (footprint, seed) = lumels.footprint(gatherer.world, i);
+        let first = &received[i];
+        match edge {
+            Edge::Contact => {
+                let again = gatherer.gather_edge(&footprint, seed);
+                Received {
+                    // What the smoothing goes by, which the many points know better.
+                    open: first.open.min(again.open),
+                    rays: first.rays + again.rays,
+                    ..again
+                }
+            }
+            Edge::Shadow | Edge::None => gatherer.refine_direct(&footprint, seed, first),
+        }
+    })?;
+    for ((i, _), again) in beside.into_iter().zip(refined) {
+        received[i] = again;
+    }
+    Ok(())
+}
+
+/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub(crate) fn add_rays(
+    gatherer: &Gatherer,
+    lumels: &Lumels,
+    layout: &Layout,
+    received: &mut [Received],
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
+    let options = &gatherer.options;
+    let most = options.most_rays / options.rays.max(1);
+    if most < 2 || gatherer.world.is_dark() {
+        return Ok(());
+    }
+    let window = Window::new(lumels, layout, received);
+    let short: Vec<(usize, u32)> = (0..received.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .filter_map(|i| {
+            if received[i].edge == Edge::Contact || received[i].open < 1.0 {
+                return None; // has many already, or none that matter
+            }
+            let (around, n) = window.around(i);
+            let (mut variance, mut total, mut others) = (0f32, 0f32, 0f32);
+            for &(j, ..) in around[..n].iter().filter(|a| a.0 != i) {
+                let r = &received[j];
+                variance += r.indirect_variance;
+                total += luminance(r.direct + r.indirect);
+                others += 1.0;
+            }
+            if others == 0.0 {
+                variance = received[i].indirect_variance;
+                total = luminance(received[i].direct + received[i].indirect);
+                others = 1.0;
+            }
+            let wanted = options.error * total / others;
+            let ratio = variance / others / (wanted * wanted).max(1e-30);
+            if ratio <= 1.0 {
+                return None;
+            }
+            // Powers of two keep the points of the sequence well distributed.
+            let times = (ratio.min(most as f32).ceil() as u32).next_power_of_two();
+            let times = if times > most { times / 2 } else { times };
+            (times > 1).then_some((i, times))
+        })
+        .collect();
+    let more = in_blocks(short.len(), Phase::Refine, monitor, |k| {
+        let (i, times) = short[k];
+        let (footprint, seed) = lumels.footprint(gatherer.world, i);
+        gatherer.gather_more(&footprint, seed, &received[i], times)
+    })?;
+    for ((i, _), again) in short.into_iter().zip(more) {
+        received[i] = again;
+    }
+    Ok(())
+}
