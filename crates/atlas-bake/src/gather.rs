@@ -3,7 +3,7 @@
 use glam::Vec3;
 use radiosity::{
     DirectEstimate, DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World,
-    cosine_hemisphere, hash_u32, luminance, sample_4d,
+    cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
 use crate::footprint::Footprint;
@@ -84,6 +84,9 @@ const INSIDE: f32 = 0.9;
 
 /// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
 const EDGE_RAYS: u32 = 2;
+
+/// After so many near bounces a path reads the solution: light that has gone to and fro in a gap so often has lost what told its places apart.
+const MOST_NEAR_BOUNCES: u32 = 4;
 
 /// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
 /// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
@@ -303,19 +306,52 @@ impl Gatherer<'_, '_> {
             if p.geometric.dot(direction) <= 0.0 {
                 continue;
             }
-            match self.world.incoming(p.origin, direction) {
-                Incoming::Escaped => out.add(self.world.sky.radiance(direction)),
-                Incoming::Black => out.black += 1,
-                Incoming::Surface(hit) => {
-                    let at = p.origin + direction * hit.t;
-                    let seed = hash_u32(seed ^ i);
-                    out.add(
-                        self.solution
-                            .radiance(self.world, &self.direct, &hit, at, seed),
-                    );
-                }
+            match self.arriving(p, direction, i, seed) {
+                Some(radiance) => out.add(radiance),
+                None => out.black += 1,
             }
         }
+    }
+
+    /// Radiance that arrives at `p` from `direction`; `None` from a black back face.
+    ///
+    /// What a ray hits far away is read from the solution. What it hits within a patch's size is not: there one value stands for
+    /// places that differ as much as those of the gather itself (the inside of a corner, the gap behind a picture). There the ray goes on as a path,
+    /// with direct light by a shadow ray of its own (after Jensen, *Global illumination using photon maps*, 1996, who does so for near hits of his
+    /// final gather).
+    fn arriving(&self, p: &SurfacePoint, direction: Vec3, i: u32, seed: u32) -> Option<Vec3> {
+        let (mut point, mut direction) = (*p, direction);
+        let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        for bounce in 0.. {
+            let hit = match self.world.incoming(point.origin, direction) {
+                Incoming::Escaped => {
+                    return Some(sum + throughput * self.world.sky.radiance(direction));
+                }
+                Incoming::Black => return (bounce > 0).then_some(sum),
+                Incoming::Surface(hit) => hit,
+            };
+            let at = point.origin + direction * hit.t;
+            let random = hash_u32(seed ^ i ^ (bounce << 24));
+            if bounce == MOST_NEAR_BOUNCES || hit.t > self.solution.cut.patch_edge(hit.triangle) {
+                let far = self
+                    .solution
+                    .radiance(self.world, &self.direct, &hit, at, random);
+                return Some(sum + throughput * far);
+            }
+            point = self
+                .world
+                .surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+            sum += throughput * self.world.gathered_emission(hit.triangle, hit.u, hit.v);
+            throughput *= self.world.reflectance(hit.triangle, hit.u, hit.v);
+            let direct = self.direct.sample_one(&point, random);
+            sum += throughput * direct * std::f32::consts::FRAC_1_PI;
+            let [u, v] = sample_2d(i, 40 + bounce, seed);
+            direction = cosine_hemisphere(point.normal, u, v);
+            if point.geometric.dot(direction) <= 0.0 {
+                break;
+            }
+        }
+        Some(sum)
     }
 
     fn direct_light(

@@ -205,6 +205,13 @@ impl Subdivision {
         p.first_element as usize..p.first_element as usize + p.elements as usize
     }
 
+    /// Nominal edge of the patches about `triangle`, metres.
+    pub fn patch_edge(&self, triangle: u32) -> f32 {
+        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        let [x, y] = region.frame.axes;
+        1.0 / x.length().min(y.length())
+    }
+
     /// Patch and element of the point `p` on `triangle`, seen from its back if `back`; `None` on the back of a single-sided
     /// face, which has no light of its own.
     #[inline]
