@@ -52,9 +52,13 @@ class References:
         os.makedirs(common.REF, exist_ok=True)
 
     def path(self, footprint, backface, inset, every, region, target):
-        asked = [self.digest, self.side, "all" if every else self.count, inset, footprint, backface, target or self.target, self.sky, self.cutouts, "seed 0", "jittered %d" % (8 if every else SUB)]
+        asked = [self.digest, self.side, "all" if every else self.count, inset, footprint, backface, target or self.target, self.sky, self.cutouts, "seed 0", "jittered %d" % self.sub(every)]
         key = common.digest(" ".join(str(x) for x in (asked + [region] if region else asked)))
         return os.path.join(common.REF, "%s-%s.npz" % (self.name, key))
+
+    def sub(self, every):
+        """points along a lumel's side; texels.py takes memory for all of them on the whole page, 9 GB at 32 on 512²"""
+        return 8 if every else SUB if self.side <= 640 else SUB // 2
 
     def truth(self, footprint=1.0, backface="twosided", inset=2, every=False, region=None, target=None, seconds=None, refine=0):
         """-> path of the reference; made if it is not there, improved by `refine` seconds of further paths if it is.
@@ -67,7 +71,7 @@ class References:
             if refine:
                 self._refine(path, lumels, backface, refine)
             return path
-        common.tool("texels.py", self.flat, lumels, "--res", self.side, "--count", self.count, "--inset", inset, "--footprint", footprint, "--sub", 8 if every else SUB,
+        common.tool("texels.py", self.flat, lumels, "--res", self.side, "--count", self.count, "--inset", inset, "--footprint", footprint, "--sub", self.sub(every),
                     *(["--all"] if every else []))
         self._drop(lumels, region)
         jitter(lumels)
