@@ -6,10 +6,9 @@ use common::{Random, ray};
 use glam::{DVec3, Vec3};
 use visibility::{AcceptAll, BuildOptions, Bvh, HitFilter, Ray};
 
-/// A strip of two triangles about 1 long and 1/aspect wide, anywhere and any way round, as `f32` holds it.
+/// A strip of two triangles 1 long and 1/aspect wide, anywhere and any way round, as `f32` holds it.
 struct Strip {
     triangles: [[Vec3; 3]; 2],
-    aspect: f64,
 }
 
 fn strip(aspect: f64, r: &mut Random) -> Strip {
@@ -27,7 +26,7 @@ fn strip(aspect: f64, r: &mut Random) -> Strip {
     for t in &mut triangles {
         t.rotate_left(r.below(3));
     }
-    Strip { triangles, aspect }
+    Strip { triangles }
 }
 
 fn normal(t: &[Vec3; 3]) -> DVec3 {
@@ -76,12 +75,6 @@ fn forms(s: &Strip) -> Vec<Bvh> {
         .collect()
 }
 
-/// Both triangles face the same way to within 1e-2: otherwise rounding of the corners has folded the strip, and one half
-/// truly stands before the other.
-fn is_flat(s: &Strip) -> bool {
-    normal(&s.triangles[0]).dot(normal(&s.triangles[1])) > 1.0 - 5e-5
-}
-
 #[test]
 fn a_ray_that_leaves_a_sliver_does_not_meet_it_or_its_twin() {
     let mut r = Random(3);
@@ -91,9 +84,6 @@ fn a_ray_that_leaves_a_sliver_does_not_meet_it_or_its_twin() {
         let mut met = 0;
         for _ in 0..200 {
             let s = strip(aspect, &mut r);
-            if !is_flat(&s) && s.aspect < 1e6 {
-                continue;
-            }
             let forms = forms(&s);
             // The offset of surface points in the crate radiosity.
             let size = s.triangles.as_flattened().iter();
@@ -101,7 +91,7 @@ fn a_ray_that_leaves_a_sliver_does_not_meet_it_or_its_twin() {
             for _ in 0..100 {
                 let (origin, n) = start(&s, 1.2e-6 * f64::from(size), &mut r);
                 let mut d = r.direction();
-                // Away from both halves.
+                // Away from both halves, and in front of both: rounding of the corners folds the thinnest strips.
                 if s.triangles.iter().any(|t| normal(t).dot(d) < 0.0) {
                     d = -d;
                 }
@@ -117,7 +107,6 @@ fn a_ray_that_leaves_a_sliver_does_not_meet_it_or_its_twin() {
                 }
             }
         }
-        println!("aspect {aspect:e}: {met} of {cast}");
         if met > 0 || cast < 500 {
             wrong.push(format!("aspect {aspect:e}: {met} of {cast}"));
         }
@@ -150,7 +139,6 @@ fn a_ray_that_starts_in_front_of_a_sliver_meets_it() {
                 }
             }
         }
-        println!("aspect {aspect:e}: {met} of {cast}");
         if met < cast || cast < 500 {
             wrong.push(format!("aspect {aspect:e}: {met} of {cast}"));
         }

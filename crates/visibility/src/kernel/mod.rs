@@ -13,6 +13,11 @@
 //! direction component divide to infinity; the one indeterminate case, an origin exactly on a slab, is NaN, and minima and
 //! maxima are arranged so that NaN counts as inside.
 //!
+//! # Why a ray does not meet the sliver that it leaves
+//! The error of t grows with a triangle's aspect. Where it could reach an end of the ray (`T_ERROR`), the plane's distance
+//! in `f64` decides (`plane.rs`). It takes a hit away only from a ray that starts within a thousandth of the triangle's reach from
+//! it and moves off its plane; for all other rays the argument above stands as it is.
+//!
 //! # Why both forms agree
 //! Each operation (sub, mul, div, compare, min as `a < b ? a : b`) is the IEEE one, in the same order, and Rust never
 //! contracts a multiplication and an addition.
@@ -42,7 +47,8 @@ const SMALL_DETERMINANT: f32 = 1e-30;
 /// How far the `f32` t is trusted: it may err by `T_ERROR · (m·max(m, z)·s/|det| + Z)`, with m the largest sheared |x| or |y| of a
 /// corner, z the largest difference along the ray's main axis, Z the same in units of t, and s the span of the corners' t. A
 /// sheared coordinate errs by some 2⁻²⁴·max(m, z), an edge function by m times that, and the weights by that over the
-/// determinant, which a sliver makes small. Sixteen units of 2⁻²⁴ are MEASURED.
+/// determinant, which a sliver makes small. Sixteen units of 2⁻²⁴: the worst of 370,000 triangles of aspect 1 to 1e6 took 2.3
+/// (`kernel/tests.rs`), and too many cost little, a wrong answer much.
 pub(crate) const T_ERROR: f32 = 16.0 * 0.5 * f32::EPSILON;
 
 /// Instruction sets with a form of the tests.
@@ -202,3 +208,6 @@ pub(crate) fn decide_exactly(s: &Sheared, lane: usize, lanes: &mut Lanes) -> boo
     lanes.back = lanes.back & !(1 << lane) | u32::from(det < 0.0) << lane;
     true
 }
+
+#[cfg(test)]
+mod tests;
