@@ -53,12 +53,12 @@ impl Kernel for Portable {
         };
         let mut deep = [0.0; PACK];
         for corner in 0..3 {
-            for i in 0..PACK {
+            for (i, deep) in deep.iter_mut().enumerate() {
                 let z = pack.corners[kz][corner][i] - ray.origin[kz];
                 s.x[corner][i] = (pack.corners[kx][corner][i] - ray.origin[kx]) - ray.shear[0] * z;
                 s.y[corner][i] = (pack.corners[ky][corner][i] - ray.origin[ky]) - ray.shear[1] * z;
                 s.z[corner][i] = ray.shear[2] * z;
-                deep[i] = max(deep[i], z.abs());
+                *deep = max(*deep, z.abs());
             }
         }
         let [ax, bx, cx] = &s.x;
