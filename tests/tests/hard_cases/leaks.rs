@@ -221,8 +221,8 @@ fn a_strip_of_aspect_ten_does_not_shade_itself() {
 }
 
 #[test]
-#[ignore = "known weakness: rays meet the thin triangle that they start from; measured at aspect 100, 1e3, 1e4, 1e5: 0.9, 8, 27, 40 % too dark"]
 fn thin_strips_do_not_shade_themselves() {
     let errors = [2e-2, 2e-3, 2e-4, 2e-5].map(strip_under_a_sky);
-    assert!(errors.iter().all(|e| e.0 < 1e-3), "{errors:?}");
+    // Exactly nothing is lost (measured 0 at each); one rounding to half float is allowed.
+    assert!(errors.iter().all(|e| e.0 <= 0.5f64.powi(11)), "{errors:?}");
 }

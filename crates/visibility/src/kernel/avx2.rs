@@ -2,7 +2,10 @@
 
 use std::arch::x86_64::*;
 
-use super::{Kernel, Lanes, Prepared, SMALL_DETERMINANT, Sheared, WIDEN, decide_exactly};
+use super::{
+    Kernel, Lanes, Prepared, SMALL_DETERMINANT, Sheared, T_ERROR, WIDEN, decide_exactly,
+    decide_range,
+};
 use crate::node::{Node, Pack, WIDTH};
 
 /// For machines with AVX2, found at run time.
@@ -65,6 +68,8 @@ impl Kernel for Avx2 {
             if alive_mask == 0 {
                 return 0;
             }
+            let magnitude = |v| _mm_andnot_ps(_mm_set1_ps(-0.0), v);
+            let deep = z.iter().fold(zero, |m, z| _mm_max_ps(m, magnitude(*z)));
             let [az, bz, cz] = z.map(|z| _mm_mul_ps(sz, z));
             let det = _mm_add_ps(_mm_add_ps(u, v), w);
             let reciprocal = _mm_div_ps(_mm_set1_ps(1.0), det);
@@ -88,12 +93,29 @@ impl Kernel for Avx2 {
                 _mm_or_ps(_mm_cmpeq_ps(u, zero), _mm_cmpeq_ps(v, zero)),
                 _mm_cmpeq_ps(w, zero),
             );
-            let magnitude = _mm_andnot_ps(_mm_set1_ps(-0.0), det);
-            let doubt = _mm_or_ps(
+            let uncertain = _mm_or_ps(
                 on_edge,
-                _mm_cmplt_ps(magnitude, _mm_set1_ps(SMALL_DETERMINANT)),
+                _mm_cmplt_ps(magnitude(det), _mm_set1_ps(SMALL_DETERMINANT)),
             );
-            let mut doubtful = (alive_mask & _mm_movemask_ps(doubt)) as u32;
+            let wide = x.iter().zip(&y).fold(zero, |m, (x, y)| {
+                _mm_max_ps(m, _mm_max_ps(magnitude(*x), magnitude(*y)))
+            });
+            let span = _mm_sub_ps(
+                _mm_max_ps(_mm_max_ps(az, bz), cz),
+                _mm_min_ps(_mm_min_ps(az, bz), cz),
+            );
+            let spread = _mm_mul_ps(
+                _mm_mul_ps(wide, _mm_max_ps(wide, deep)),
+                _mm_mul_ps(magnitude(reciprocal), span),
+            );
+            let error = _mm_mul_ps(
+                _mm_add_ps(spread, _mm_mul_ps(deep, magnitude(sz))),
+                _mm_set1_ps(T_ERROR),
+            );
+            let at_end = |end: f32| _mm_cmple_ps(magnitude(_mm_sub_ps(t, _mm_set1_ps(end))), error);
+            let ends = _mm_or_ps(at_end(ray.t_min), at_end(ray.t_max));
+            let uncertain_mask = _mm_movemask_ps(uncertain) as u32;
+            let mut doubtful = (alive_mask & _mm_movemask_ps(_mm_or_ps(uncertain, ends))) as u32;
             if doubtful != 0 {
                 let arrays = |v: [__m128; 3]| v.map(|v| std::mem::transmute::<__m128, [f32; 4]>(v));
                 let sheared = Sheared {
@@ -104,7 +126,10 @@ impl Kernel for Avx2 {
                 while doubtful != 0 {
                     let lane = doubtful.trailing_zeros();
                     doubtful &= doubtful - 1;
-                    let hit = decide_exactly(&sheared, lane as usize, ray, t_max, lanes);
+                    let i = lane as usize;
+                    let hit = (uncertain_mask >> lane & 1 == 0
+                        || decide_exactly(&sheared, i, lanes))
+                        && decide_range(pack, &sheared, i, ray, t_max, lanes);
                     hits = hits & !(1 << lane) | u32::from(hit) << lane;
                 }
             }

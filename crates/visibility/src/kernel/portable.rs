@@ -1,6 +1,9 @@
 //! The tests in plain Rust, for every machine.
 
-use super::{Kernel, Lanes, Prepared, SMALL_DETERMINANT, Sheared, WIDEN, decide_exactly};
+use super::{
+    Kernel, Lanes, Prepared, SMALL_DETERMINANT, Sheared, T_ERROR, WIDEN, decide_exactly,
+    decide_range,
+};
 use crate::node::{Node, PACK, Pack, WIDTH};
 
 /// Plain Rust; the compiler may vectorise it with what the target has for certain.
@@ -48,12 +51,14 @@ impl Kernel for Portable {
             y: [[0.0; PACK]; 3],
             z: [[0.0; PACK]; 3],
         };
+        let mut deep = [0.0; PACK];
         for corner in 0..3 {
-            for i in 0..PACK {
+            for (i, deep) in deep.iter_mut().enumerate() {
                 let z = pack.corners[kz][corner][i] - ray.origin[kz];
                 s.x[corner][i] = (pack.corners[kx][corner][i] - ray.origin[kx]) - ray.shear[0] * z;
                 s.y[corner][i] = (pack.corners[ky][corner][i] - ray.origin[ky]) - ray.shear[1] * z;
                 s.z[corner][i] = ray.shear[2] * z;
+                *deep = max(*deep, z.abs());
             }
         }
         let [ax, bx, cx] = &s.x;
@@ -79,7 +84,9 @@ impl Kernel for Portable {
             }
             let det = u[i] + v[i] + w[i];
             if u[i] == 0.0 || v[i] == 0.0 || w[i] == 0.0 || det.abs() < SMALL_DETERMINANT {
-                hits |= u32::from(decide_exactly(&s, i, ray, t_max, lanes)) << i;
+                let hit =
+                    decide_exactly(&s, i, lanes) && decide_range(pack, &s, i, ray, t_max, lanes);
+                hits |= u32::from(hit) << i;
                 continue;
             }
             let reciprocal = 1.0 / det;
@@ -90,7 +97,17 @@ impl Kernel for Portable {
             lanes.u[i] = wb;
             lanes.v[i] = wc;
             lanes.back |= u32::from(det < 0.0) << i;
-            hits |= u32::from(t > ray.t_min && t <= t_max) << i;
+            let wide = (0..3).fold(0.0, |m, c| max(m, max(s.x[c][i].abs(), s.y[c][i].abs())));
+            let (bz, cz) = (s.z[1][i], s.z[2][i]);
+            let span = max(max(az, bz), cz) - min(min(az, bz), cz);
+            let spread = (wide * max(wide, deep[i])) * (reciprocal.abs() * span);
+            let error = (spread + deep[i] * ray.shear[2].abs()) * T_ERROR;
+            let hit = if (t - ray.t_min).abs() <= error || (t - ray.t_max).abs() <= error {
+                decide_range(pack, &s, i, ray, t_max, lanes)
+            } else {
+                t > ray.t_min && t <= t_max
+            };
+            hits |= u32::from(hit) << i;
         }
         hits
     }
