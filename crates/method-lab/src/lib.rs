@@ -4,6 +4,7 @@
 //! Everything is in double precision and in world units. Matrices are dense: the laboratory is for some thousand patches.
 
 mod audit;
+pub mod convergence;
 mod enclosure;
 pub mod enclosures;
 pub mod form_factor;

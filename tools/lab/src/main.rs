@@ -1,5 +1,6 @@
 //! Runs the method laboratory: CSV and scenes into a folder, Markdown tables on stdout.
 
+mod convergence;
 mod form_factors;
 mod solvers;
 mod study;
@@ -27,6 +28,12 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
+    /// How the baker's error falls with patches and rays, and the solver's bound beside its error (writes CSV, prints Markdown).
+    Convergence {
+        /// Folder for the CSV file
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
     /// The classic studies: rooms as .glb and the baseline's radiosity as CSV (tools/classic_studies.py goes on from there).
     Studies {
         /// Folder for the files
@@ -38,6 +45,7 @@ enum Command {
 fn main() -> ExitCode {
     let outcome = match Arguments::parse().command {
         Command::FormFactors(options) => form_factors::run(&options),
+        Command::Convergence { out } => convergence::run(&out),
         Command::Solvers { out } => solvers::run(&out),
         Command::Studies { out } => study::run(&out),
     };

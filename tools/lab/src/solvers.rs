@@ -225,7 +225,7 @@ fn short(x: f64) -> String {
 }
 
 #[allow(clippy::print_stdout, reason = "the tables are this program's result")]
-fn print_out(text: &str) {
+pub fn print_out(text: &str) {
     print!("{text}");
 }
 

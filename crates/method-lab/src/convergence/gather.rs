@@ -1,0 +1,200 @@
+//! Gathered and direct light at one receiver, against closed forms.
+
+use atlas_bake::{Footprint, GatherOptions, Gatherer};
+use glam::{DVec3, Vec3};
+use mesh_ingest::Soup;
+use patch_subdivision::Options as CutOptions;
+use radiosity::{
+    DirectLight, DirectOptions, Emitters, RelaxOptions, Silent, SolveOptions, SurfacePoint, World,
+    WorldOptions, hash_u32, sample_2d, solve,
+};
+
+use super::scene::{EDGE_HEIGHT, LAMP, OPEN, half_hidden_lamp, lit_cube};
+use crate::enclosures::cube;
+use crate::form_factor::{form_factor_polygon, gauss_legendre};
+
+/// A square on a floor, axis-parallel.
+struct Square {
+    /// Triangle under its lowest corner's offset; its plane is z = 0.
+    corner: Vec3,
+    size: f32,
+    seed: u32,
+}
+
+impl Square {
+    fn at(&self, u: f32, v: f32) -> SurfacePoint {
+        let position = self.corner + Vec3::new(u, v, 0.0) * self.size;
+        SurfacePoint {
+            position,
+            origin: position + Vec3::Z * 1e-5,
+            normal: Vec3::Z,
+            geometric: Vec3::Z,
+        }
+    }
+
+    /// The mean of `f` over it: 8 × 8 points of Gauss, exact to rounding for what is smooth over a square this small.
+    fn mean(&self, f: impl Fn(DVec3) -> f64) -> f64 {
+        let rule = gauss_legendre(8);
+        let mut sum = 0.0;
+        for (u, a) in &rule {
+            for (v, b) in &rule {
+                let p = self.at(*u as f32, *v as f32).position.as_dvec3();
+                sum += a * b * f(p);
+            }
+        }
+        sum
+    }
+}
+
+impl Footprint for Square {
+    fn candidate(&self, i: u32) -> Option<SurfacePoint> {
+        let [u, v] = sample_2d(i, 63, self.seed);
+        Some(self.at(u, v))
+    }
+
+    fn fallback(&self) -> SurfacePoint {
+        self.at(0.5, 0.5)
+    }
+
+    fn size(&self) -> f32 {
+        self.size
+    }
+}
+
+/// Independent receivers, each with its own random numbers: the RMS over them is good to 1/√(2·128) = 6 %.
+const RECEIVERS: u32 = 128;
+
+/// Receiver `k`: a square of `size` whose corner lies in the middle ninth of the unit square, moved by `shift`.
+fn receiver(k: u32, size: f32, shift: Vec3) -> Square {
+    let [u, v] = sample_2d(k, 5, 7);
+    Square {
+        corner: Vec3::new(u, v, 0.0) / 3.0 + shift,
+        size,
+        seed: hash_u32(k + 1),
+    }
+}
+
+/// Relative RMS error of the final gather's indirect light for each number of rays that a lumel of 5 cm gets, shared by `points` of its
+/// points, without smoothing.
+///
+/// A cube's floor gathers from walls that are dark, but for one, which by decree has irradiance 1 and reflectance ½: the truth is half the
+/// form factor to that wall, averaged over the lumel.
+pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
+    let scene = lit_cube(0.5);
+    let soup = Soup::build(&scene);
+    let world =
+        World::build(&scene, &soup, WorldOptions::default()).expect("twelve triangles make a tree");
+    let emitters = Emitters::collect(&world);
+    let options = SolveOptions {
+        cut: CutOptions {
+            patches: 24,
+            region_share: 1.0,
+            ..CutOptions::default()
+        },
+        rays: 16,
+        relax: RelaxOptions::default(),
+        ..SolveOptions::default()
+    };
+    let mut solution = solve(&world, &emitters, &options, &Silent);
+    // The decree. x = 0 is the wall.
+    for light in [
+        &mut solution.direct,
+        &mut solution.direct_mean,
+        &mut solution.indirect,
+    ] {
+        light.fill(Vec3::ZERO);
+    }
+    solution.rough.fill(false);
+    for (k, patch) in solution.cut.patches().iter().enumerate() {
+        let element = solution.cut.elements()[patch.first_element as usize];
+        if soup.normals[element.triangle as usize].x > 0.5 {
+            solution.indirect[k] = Vec3::ONE;
+        }
+    }
+    let wall = cube(1).patches[2].corners.clone();
+    let mut out = Vec::new();
+    for &rays in rays {
+        let gatherer = Gatherer {
+            world: &world,
+            solution: &solution,
+            direct: DirectLight::new(&world, &emitters),
+            options: GatherOptions {
+                rays,
+                points,
+                edge_points: 0,
+                most_rays: rays,
+                error: 0.0,
+                direct: DirectOptions {
+                    base: 1,
+                    penumbra: 1,
+                },
+                open_only: false,
+            },
+        };
+        let (mut squares, mut truths) = (0.0, 0.0);
+        for k in 0..RECEIVERS {
+            // Floor: the middle, well inside of the cube.
+            let square = receiver(k, 0.05, Vec3::new(0.3, 0.3, 0.0));
+            let truth = square.mean(|p| 0.5 * form_factor_polygon(p, DVec3::Z, &wall));
+            let got = gatherer.gather(&square, hash_u32(k ^ 0x51ed_270b));
+            squares += (f64::from(got.indirect.x) - truth).powi(2);
+            truths += truth * truth;
+        }
+        out.push((f64::from(rays), (squares / truths).sqrt()));
+    }
+    out
+}
+
+/// Relative RMS error of direct light for each number of shadow rays a lamp's triangle gets, in the penumbra of a straight edge, at points
+/// (`size` 0) or as the mean over lumels of `size` metres.
+///
+/// The truth is the closed form for the part of the lamp that the edge leaves visible, averaged over the lumel.
+pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
+    let scene = half_hidden_lamp();
+    let soup = Soup::build(&scene);
+    let world =
+        World::build(&scene, &soup, WorldOptions::default()).expect("six triangles make a tree");
+    let emitters = Emitters::collect(&world);
+    let light = DirectLight::new(&world, &emitters);
+    let mut out = Vec::new();
+    for &rays in rays {
+        let options = DirectOptions {
+            base: rays,
+            penumbra: rays,
+        };
+        let (mut squares, mut truths) = (0.0, 0.0);
+        for k in 0..RECEIVERS {
+            // Within a sixth of a metre of the edge's foot: the shadow cuts the lamp.
+            let square = receiver(k, size, Vec3::new(-1.0, -1.0, 0.0) / 6.0);
+            let truth = square.mean(|p| form_factor_polygon(p, DVec3::Z, &visible_part(p)));
+            let point = |i: u32| square.candidate(i).unwrap_or_else(|| square.fallback());
+            let got = light.irradiance(point, size, hash_u32(k ^ 0x2c1b_3c6d), &options);
+            squares += (f64::from(got.irradiance.x) - truth).powi(2);
+            truths += truth * truth;
+        }
+        out.push((f64::from(rays), (squares / truths).sqrt()));
+    }
+    out
+}
+
+/// The lamp less what the occluder hides from `p`: clipped by the plane through `p` and the edge.
+fn visible_part(p: DVec3) -> Vec<DVec3> {
+    let (open, height) = (OPEN.as_dvec3(), f64::from(EDGE_HEIGHT));
+    // The edge's line is open · q = 0 at z = height; seen from p it falls on z = 1 where open · q = far.
+    let from = open.dot(p);
+    let far = from - from / height;
+    let side = |q: DVec3| open.dot(q) - far;
+    let corners = LAMP.map(|c| c.as_dvec3());
+    let mut out = Vec::new();
+    for k in 0..4 {
+        let (a, b) = (corners[k], corners[(k + 1) % 4]);
+        let (sa, sb) = (side(a), side(b));
+        if sa >= 0.0 {
+            out.push(a);
+        }
+        if (sa >= 0.0) != (sb >= 0.0) {
+            out.push(a + (b - a) * (sa / (sa - sb)));
+        }
+    }
+    out
+}

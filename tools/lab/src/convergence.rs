@@ -1,0 +1,114 @@
+//! `lumel-lab convergence`: the orders of the baker's errors.
+
+use std::error::Error;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use method_lab::convergence::{
+    Field, Series, cut_errors, direct_error, indirect_error, rays_error, residual_and_error,
+};
+
+use crate::solvers::print_out;
+
+/// Writes `convergence.csv` (study, series, promised order, x, y) into `out` and prints the orders.
+pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
+    std::fs::create_dir_all(out)?;
+    let mut all = Vec::new();
+    let cut = cut_errors(&Field::new(24), &[2, 3, 4, 6, 8, 12], 16_384);
+    let size = |pick: fn(&method_lab::convergence::CutErrors) -> f64| {
+        cut.iter()
+            .map(|c| (f64::from(c.patches), pick(c)))
+            .collect()
+    };
+    let mut add = |study, name, promised, points| {
+        all.push(Series {
+            study,
+            name,
+            promised,
+            points,
+        });
+    };
+    add("patches", "patch by patch, RMS", 0.5, size(|c| c.constant));
+    add(
+        "patches",
+        "interpolated, RMS",
+        0.75,
+        size(|c| c.interpolated),
+    );
+    add(
+        "patches",
+        "interpolated, away from edges",
+        1.0,
+        size(|c| c.interior),
+    );
+    add(
+        "patches",
+        "interpolated, worst point",
+        0.5,
+        size(|c| c.worst),
+    );
+    let rays: Vec<u32> = (4..=14).map(|k| 1 << k).collect();
+    add("rays", "4 × 4 patches a face", 0.625, rays_error(4, &rays));
+    let rays: Vec<u32> = (5..=13).map(|k| 1 << k).collect();
+    add("gather", "at one point", 0.75, indirect_error(1, &rays));
+    add(
+        "gather",
+        "16 points of a lumel",
+        0.625,
+        indirect_error(16, &rays),
+    );
+    let rays: Vec<u32> = (2..=12).map(|k| 1 << k).collect();
+    add("shadow", "at a point", 0.75, direct_error(0.0, &rays));
+    add("shadow", "mean over 0.1 m", 0.625, direct_error(0.1, &rays));
+    let mut text = String::from("study,series,promised,x,y\n");
+    let mut table = String::from(
+        "| error | settings | order promised | order measured |\n|---|---|---:|---:|\n",
+    );
+    for s in &all {
+        for (x, y) in &s.points {
+            let _ = writeln!(text, "{},\"{}\",{},{x},{y}", s.study, s.name, s.promised);
+        }
+        let ends = [s.points.first(), s.points.last()].map(|p| p.map_or(0.0, |p| p.0));
+        let _ = writeln!(
+            table,
+            "| {}: {} | {}–{} | {} | {:.2} |",
+            s.study,
+            s.name,
+            ends[0],
+            ends[1],
+            s.promised,
+            s.order()
+        );
+    }
+    table +=
+        "\n| ρ | relaxed by | stops | bound / error, least | most |\n|---:|---|---:|---:|---:|\n";
+    let tolerances: Vec<f64> = (0..=16).map(|k| 10f64.powf(-0.5 * f64::from(k))).collect();
+    for rho in [0.5f32, 0.9] {
+        for (krylov, name) in [(false, "shooting"), (true, "Bi-CGSTAB")] {
+            let stops = residual_and_error(rho, krylov, &tolerances);
+            let (mut least, mut most) = (f64::INFINITY, 0f64);
+            for s in &stops {
+                let _ = writeln!(
+                    text,
+                    "solver,\"{name} {rho} bound\",0,{},{}",
+                    s.sweeps, s.bound
+                );
+                let _ = writeln!(
+                    text,
+                    "solver,\"{name} {rho} error\",0,{},{}",
+                    s.sweeps, s.error
+                );
+                least = least.min(s.bound / s.error);
+                most = most.max(s.bound / s.error);
+            }
+            let _ = writeln!(
+                table,
+                "| {rho} | {name} | {} | {least:.1} | {most:.0} |",
+                stops.len()
+            );
+        }
+    }
+    std::fs::write(out.join("convergence.csv"), text)?;
+    print_out(&table);
+    Ok(())
+}
