@@ -2,7 +2,8 @@
 error of the single form factors, once that of the irradiance they give.
 
 Usage : python plot_lab.py form-factors CSV OUT_WITHOUT_SUFFIX
-Output: OUT.png, OUT.svg, OUT_irradiance.png and OUT_irradiance.svg.  Needs matplotlib.
+        python plot_lab.py convergence CSV OUT_WITHOUT_SUFFIX          errors of the baker's parts, with the promised curves dashed
+Output: OUT.png, OUT.svg, and for form factors OUT_irradiance.png and OUT_irradiance.svg.  Needs matplotlib.
 """
 import csv
 import sys
@@ -72,11 +73,45 @@ def form_factors(rows, column, label, out):
     figure.savefig(out + ".svg", metadata={"Date": None})
 
 
+def convergence(rows, out):
+    studies = list(dict.fromkeys(r["study"] for r in rows))
+    colours = ["#0072b2", "#d55e00", "#009e73", "#cc79a7"]
+    labels = {"patches": "patches", "solver": "tolerance asked for"}
+    figure, axes = plt.subplots(1, len(studies), figsize=(4.2 * len(studies), 4.4), layout="constrained")
+    for axis, study in zip(axes, studies):
+        series = list(dict.fromkeys(r["series"] for r in rows if r["study"] == study))
+        for k, name in enumerate(series):
+            points = [(float(r["x"]), float(r["y"]), float(r["promised"])) for r in rows if r["study"] == study and r["series"] == name]
+            x, y, promised = zip(*points)
+            if study == "solver":
+                axis.loglog(x, y, color=colours[k // 2], marker="o" if name.endswith("error") else None, markersize=4, linewidth=1.2,
+                            linestyle="none" if name.endswith("error") else "-", label=name)
+                continue
+            axis.loglog(x, y, color=colours[k], marker="o", markersize=4, linewidth=1.2, label=name)
+            # Through the geometric middle of the finer half.
+            half = len(x) // 2
+            shift = 1.0
+            for a, b in zip(y[half:], promised[half:]):
+                shift *= (a / b) ** (1.0 / (len(x) - half))
+            # ln √(x/6) means nothing for patches as large as a face.
+            drawn = [(a, shift * b) for a, b in zip(x, promised) if study != "patches" or a >= 96]
+            axis.loglog(*zip(*drawn), color=colours[k], linewidth=1, linestyle="--")
+        axis.set_title(study, fontsize=10)
+        axis.set_xlabel(labels.get(study, "rays"))
+        axis.grid(True, which="major", color="#dddddd", linewidth=0.6)
+        axis.legend(fontsize=7, frameon=False)
+    axes[0].set_ylabel("relative error (dashed: the promised order)")
+    figure.savefig(out + ".png", dpi=110, metadata={"Software": None})
+    figure.savefig(out + ".svg", metadata={"Date": None})
+
+
 def main():
-    if len(sys.argv) != 4 or sys.argv[1] != "form-factors":
+    if len(sys.argv) != 4 or sys.argv[1] not in ("form-factors", "convergence"):
         raise SystemExit(__doc__)
     with open(sys.argv[2], newline="") as file:
         rows = list(csv.DictReader(file))
+    if sys.argv[1] == "convergence":
+        return convergence(rows, sys.argv[3])
     form_factors(rows, "rms_error", "RMS error / RMS form factor", sys.argv[3])
     form_factors(rows, "irradiance_error", "RMS error / RMS irradiance", sys.argv[3] + "_irradiance")
 

@@ -12,7 +12,6 @@ use rayon::prelude::*;
 use super::scene::lit_cube;
 use crate::enclosures::cube;
 use crate::form_factor::form_factor_polygon;
-use crate::reference::reference_matrix;
 use crate::solver::{self, Method, Options, System};
 use crate::{Enclosure, Matrix};
 
@@ -235,17 +234,14 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// RMS error over the patches, relative to the RMS irradiance, of the solve of the lit cube in `n` × `n` patches a face, for each number
-/// of rays. The truth is the solution of the same discrete problem, with the solve's own direct light, on exact form factors
-/// ([`reference_matrix`]): nothing but the rays' noise is left.
+/// of rays. The truth is the solution of the same discrete problem, with the solve's own direct light, on exact form factors from the points
+/// that its rays start from (one in each of a patch's sixteen elements): nothing but the rays' noise is left.
 pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     let enclosure = cube(n as usize);
-    let factors = reference_matrix(&enclosure, 4)
-        .expect("a convex room")
-        .matrix;
+    let count = enclosure.patches.len();
     rays.iter()
         .map(|&rays| {
             with_solution(n, rays, RHO as f32, EXACT, |world, solution| {
-                let count = enclosure.patches.len();
                 assert_eq!(solution.cut.patches().len(), count, "the cut is the grid");
                 // Which of the reference's patches each one is.
                 let same: Vec<usize> = (0..count)
@@ -257,9 +253,28 @@ pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                             .unwrap_or(0)
                     })
                     .collect();
+                let mut once = same.clone();
+                once.sort_unstable();
+                once.dedup();
+                assert_eq!(once.len(), count, "each patch has one of its own");
+                let mut factors = Matrix::zeros(count);
                 let mut direct = vec![0.0; count];
                 for (p, &k) in same.iter().enumerate() {
                     direct[k] = f64::from(solution.direct_mean[p].x);
+                    let normal = enclosure.patches[k].normal();
+                    let elements =
+                        &solution.cut.elements()[solution.cut.elements_of(PatchId(p as u32))];
+                    let area: f64 = elements.iter().map(|e| f64::from(e.area)).sum();
+                    for e in elements {
+                        let [a, b, c] = world.soup.triangles[e.triangle as usize];
+                        let point = (a + (b - a) * e.u + (c - a) * e.v).as_dvec3();
+                        let share = f64::from(e.area) / area;
+                        for (f, other) in factors.row_mut(k).iter_mut().zip(&enclosure.patches) {
+                            if other.normal().dot(normal) < 0.99 {
+                                *f += share * form_factor_polygon(point, normal, &other.corners);
+                            }
+                        }
+                    }
                 }
                 let first = (0..count)
                     .map(|i| {
@@ -279,8 +294,8 @@ pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
 /// A relaxation that was stopped at some tolerance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounded {
-    /// Shots and Bi-CGSTAB iterations (a sweep each) of the last pass, in sweeps over the patches.
-    pub sweeps: f64,
+    /// The tolerance that was asked for.
+    pub tolerance: f64,
     /// What the report says is left at most, as a share of all light that arrives.
     pub bound: f64,
     /// What is left.
@@ -288,7 +303,7 @@ pub struct Bounded {
 }
 
 /// The lit cube in 6 × 6 patches a face with 1024 rays each, relaxed to each tolerance by shooting, or with `krylov` by Bi-CGSTAB, against
-/// the same system relaxed to 1e-12 by the other.
+/// the same system relaxed to 1e-12 by the other. Solutions are kept as `f32`: below about 1e-7 their rounding is what is seen.
 pub fn residual_and_error(reflectance: f32, krylov: bool, tolerances: &[f64]) -> Vec<Bounded> {
     const N: u32 = 6;
     const RAYS: u32 = 1024;
@@ -313,7 +328,7 @@ pub fn residual_and_error(reflectance: f32, krylov: bool, tolerances: &[f64]) ->
                 .map(|i| area[i] * (found[i] - exact[i]).abs())
                 .sum();
             Bounded {
-                sweeps: report.shots as f64 / area.len() as f64 + f64::from(report.iterations),
+                tolerance: t,
                 bound: report.residual,
                 error: left / all,
             }
