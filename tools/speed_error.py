@@ -40,6 +40,7 @@ LUMEL = {
     "production": ["--quality", "production"],
     "production, error 0.005": ["--quality", "production", "--error", 0.005],
 }
+MOST_ZEROS = 0.02   # a peer's map with more lit lumels at exactly 0 shows a fault of its bake, not noise
 LONG = 5.0      # s; what takes longer is run once
 
 
@@ -101,6 +102,10 @@ class Scene:
         p = cycles_peer.bake(self.flat, out, self.side, samples, self.a.threads, self.table["sky"], denoise, self.table.get("light_tree", False))
         if p["unwrapped"]:
             raise SystemExit("%s: Cycles unwrapped %d meshes anew, so its lumels are not the same" % (self.name, p["unwrapped"]))
+        dark = self.zeros(p["map"])
+        if dark > MOST_ZEROS:
+            say("WARNING: %s, Cycles %d samples: %.0f %% of the lit lumels hold exactly 0: its bake of this scene is broken, and LEFT OUT" % (self.name, samples, 100 * dark))
+            return []
         rows = []
         for method, exr, seconds in [("Cycles", p["map"], p["bake_s"]), ("Cycles + OIDN", p["denoised"], p["bake_s"] + p["denoise_s"])]:
             if exr is None:
@@ -109,6 +114,13 @@ class Scene:
                         rays=samples * p["texels_covered"], load=load, versions="Blender %s" % p["version"])
             rows += [self.row(base, family, reference.errors(ref, exr, keep)) for family, ref, keep in self.families["cycles"]]
         return rows
+
+    def zeros(self, exr):
+        """share of the lit lumels in which a map holds nothing"""
+        c = reference._compare()
+        keep = self.families["cycles"][0][2]
+        r, k = self.half["texel"][keep].T
+        return float((c.read_exr(exr)[r, k] @ c.LUM == 0).mean())
 
     def row(self, base, family, e):
         return dict(base, scene=self.name, family=family, n=e["n"], threads=self.a.threads, side=self.side,
@@ -135,6 +147,8 @@ class Scene:
             jobs, again = again, []
             for kind, s in jobs:
                 new = self.lumel(s, run) if kind == "lumel" else self.cycles(s, s <= 256, run)
+                if not new:
+                    continue
                 rows += new
                 say("%s, %s %s: %.2f s, relRMSE %.2f %%" % (self.name, new[0]["method"], new[0]["setting"], new[0]["seconds"], 100 * new[0]["relRMSE"]))
                 if new[0]["seconds"] < LONG:
