@@ -53,6 +53,8 @@ pub struct Received {
     pub rays: u64,
     /// What crosses the footprint.
     pub edge: Edge,
+    /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
+    pub mixed: u32,
 }
 
 /// An edge across a footprint.
@@ -271,11 +273,8 @@ impl Gatherer<'_, '_> {
             direct: direct.irradiance,
             error: (first.indirect_variance + direct.variance).sqrt(),
             rays: first.rays + u64::from(direct.rays),
-            edge: if direct.variance > 0.0 {
-                Edge::Shadow
-            } else {
-                Edge::None
-            },
+            edge: shadow(direct.mixed),
+            mixed: direct.mixed,
             ..*first
         }
     }
@@ -396,6 +395,11 @@ impl Gatherer<'_, '_> {
     }
 }
 
+/// The edge of a shadow, where any light's crosses.
+fn shadow(mixed: u32) -> Edge {
+    if mixed != 0 { Edge::Shadow } else { Edge::None }
+}
+
 fn received(
     footprint: &impl Footprint,
     points: &[SurfacePoint],
@@ -420,12 +424,8 @@ fn received(
         size: footprint.size(),
         open,
         rays,
-        // Only a light that is seen and hidden both leaves a doubt.
-        edge: if direct.variance > 0.0 {
-            Edge::Shadow
-        } else {
-            Edge::None
-        },
+        edge: shadow(direct.mixed),
+        mixed: direct.mixed,
     }
 }
 

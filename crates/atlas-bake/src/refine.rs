@@ -32,13 +32,17 @@ pub(crate) fn follow_edges(
             let l = &lumels.lumels[i];
             let [x, y] = l.texel.map(i64::from);
             let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
-            let edge = around
-                .filter_map(|(x, y)| index.at(l.page, x, y))
-                .filter(|&j| lumels.lumels[j].instance == l.instance)
-                .map(|j| received[j].edge)
-                .max()?;
-            // Buried ones were searched through.
-            (edge > received[i].edge && received[i].open > 0.0).then_some((i, edge))
+            let own = &received[i];
+            let (mut edge, mut mixed) = (Edge::None, 0);
+            for j in around.filter_map(|(x, y)| index.at(l.page, x, y)) {
+                if lumels.lumels[j].instance == l.instance {
+                    edge = edge.max(received[j].edge);
+                    mixed |= received[j].mixed;
+                }
+            }
+            // One light's shadow may end in a lumel that another's was found in. Buried lumels were searched through.
+            let news = mixed & !own.mixed != 0 || edge == Edge::Contact;
+            (news && own.edge != Edge::Contact && own.open > 0.0).then_some((i, edge))
         })
         .collect();
     let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {

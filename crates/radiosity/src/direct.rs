@@ -27,7 +27,13 @@ pub struct DirectEstimate {
     pub variance: f32,
     /// Shadow rays cast.
     pub rays: u32,
+    /// Lights that some points see and others do not: a bit for each lamp (the 32nd and on share with the first), the top bit for
+    /// emitters.
+    pub mixed: u32,
 }
+
+/// The bit of [`DirectEstimate::mixed`] that stands for emissive surfaces.
+const EMITTERS: u32 = 1 << 31;
 
 /// A group of emitters is always taken as one when it is seen under less than this angle (radius over distance). At 0.1 the
 /// point-to-point kernel varies by at most (1.1/0.9)² over it; the sampling of points inside averages that out.
@@ -80,7 +86,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         let first = point(0);
         let mut set = 1;
-        for light in &scene.lights {
+        for (k, light) in scene.lights.iter().enumerate() {
+            let before = out.variance;
             self.add(
                 Term::Punctual(light),
                 1.0,
@@ -90,6 +97,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 options,
                 &mut out,
             );
+            if out.variance > before {
+                out.mixed |= 1 << (k % 31);
+            }
             set += 1;
         }
         if self.emitters.is_empty() {
@@ -98,6 +108,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let mut terms = Vec::new();
         self.emitter_terms(&first, scale, options.base.max(4) as usize * 2, &mut terms);
         let total: f32 = terms.iter().map(|t| t.1).sum();
+        let before = out.variance;
         for (term, weight) in terms {
             self.add(
                 term,
@@ -109,6 +120,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 &mut out,
             );
             set += 1;
+        }
+        if out.variance > before {
+            out.mixed |= EMITTERS;
         }
         out
     }
