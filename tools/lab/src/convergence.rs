@@ -113,7 +113,7 @@ pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
             );
         }
         let used = || s.points.iter().filter(|p| p.0 >= s.from);
-        let ends = [used().next(), used().last()].map(|p| p.map_or(0.0, |p| p.0));
+        let ends = [used().next(), used().next_back()].map(|p| p.map_or(0.0, |p| p.0));
         let _ = writeln!(
             table,
             "| {}: {} | {}–{} | x^−{}{} | {:.2} | {:.2} |",
