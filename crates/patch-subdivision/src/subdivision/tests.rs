@@ -188,3 +188,51 @@ fn one_huge_plane_does_not_set_the_size_for_the_rest() {
     assert!(d.stats().patch_size < 0.2, "{}", d.stats().patch_size);
     assert!(d.patches().len() < 20_000, "{}", d.patches().len());
 }
+
+#[test]
+fn hidden_elements_leave_their_patch_and_hidden_patches_the_interpolation() {
+    let soup = soup(quad(Vec3::ZERO, Vec3::X * 4.0, Vec3::Y * 4.0));
+    let options = Options {
+        patches: 16,
+        region_share: 1.0,
+        ..Options::default()
+    };
+    let mut cut = Subdivision::build(&soup, |_| false, &options);
+    let place = |e: &Element| {
+        let [a, b, c] = soup.triangles[e.triangle as usize];
+        a + (b - a) * e.u + (c - a) * e.v
+    };
+    let (patches, before) = (cut.patches().len(), cut.elements().to_vec());
+    // What stands on x < 1.25 hides one row of patches wholly and the next one in part.
+    let hidden: Vec<bool> = before.iter().map(|e| place(e).x < 1.25).collect();
+    cut.hide(&hidden);
+    assert_eq!(cut.patches().len(), patches);
+    let (mut whole, mut partly) = (0, 0);
+    for (k, patch) in cut.patches().iter().enumerate() {
+        let elements = &cut.elements()[cut.elements_of(PatchId(k as u32))];
+        assert_eq!(patch.mask.count_ones(), u32::from(patch.elements));
+        let area: f32 = elements.iter().map(|e| e.area).sum();
+        assert!((area - patch.area).abs() < 1e-5 * area, "{area}"); // f32 sums of sixteen
+        if patch.hidden {
+            whole += 1;
+            assert!(elements.iter().all(|e| place(e).x < 1.25));
+            continue;
+        }
+        partly += u32::from(patch.elements < 16);
+        for (n, e) in elements.iter().enumerate() {
+            let p = place(e);
+            assert!(p.x >= 1.25);
+            // The mask still tells which cell an element lies in.
+            let at = cut.locate(e.triangle, p, false).expect("on the quad");
+            assert_eq!(at.patch, PatchId(k as u32));
+            assert_eq!(at.element, Some(ElementId(patch.first_element + n as u32)));
+            let (taps, count) = cut.taps(e.triangle, p, at);
+            assert!(
+                taps[..count]
+                    .iter()
+                    .all(|t| !cut.patches()[t.patch.0 as usize].hidden)
+            );
+        }
+    }
+    assert!(whole > 0 && partly > 0, "{whole} {partly}");
+}
