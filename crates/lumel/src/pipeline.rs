@@ -266,7 +266,9 @@ fn add_suns(scene: &mut Scene, settings: &Settings) {
             intensity: Vec3::splat(s.lux),
             kind: LightKind::Directional {
                 direction: Vec3::from_array(s.direction).normalize(),
+                angle: 0.0,
             },
+            profile: None,
         });
     }
 }
@@ -486,6 +488,7 @@ mod tests {
             emissive_texture: None,
             alpha: AlphaMode::Opaque,
             double_sided: false,
+            ..Material::default()
         }
     }
 

@@ -48,9 +48,11 @@ pub(crate) fn read(
         (Some("point"), _) if placeable => LightKind::Point {
             position: position.as_vec3(),
             range: range()?,
+            radius: 0.0,
         },
         (Some("directional"), Some(d)) => LightKind::Directional {
             direction: d.as_vec3(),
+            angle: 0.0,
         },
         (Some("spot"), Some(d)) if placeable => {
             let (inner, outer) = cone_of(&item, report)?;
@@ -58,6 +60,7 @@ pub(crate) fn read(
                 position: position.as_vec3(),
                 direction: d.as_vec3(),
                 range: range()?,
+                radius: 0.0,
                 inner,
                 outer,
             }
@@ -91,6 +94,7 @@ pub(crate) fn read(
         node: Some(placed.node),
         intensity,
         kind,
+        profile: None,
     }))
 }
 

@@ -192,7 +192,7 @@ fn read_materials(
         .take(document.root().len_of("materials"))
         .unwrap_or(0);
     let default = || MaterialRead {
-        material: material::default_material(),
+        material: Material::default(),
         faults: Vec::new(),
     };
     let mut materials: Vec<MaterialRead> = (0..count)

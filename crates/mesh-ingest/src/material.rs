@@ -16,20 +16,6 @@ pub(crate) struct MaterialRead {
     pub faults: Vec<Fault>,
 }
 
-/// The glTF default material (glTF 2.0, §3.9.7).
-pub(crate) fn default_material() -> Material {
-    Material {
-        name: String::new(),
-        gltf_material: None,
-        base_color: Vec4::ONE,
-        base_texture: None,
-        emissive: Vec3::ZERO,
-        emissive_texture: None,
-        alpha: AlphaMode::Opaque,
-        double_sided: false,
-    }
-}
-
 /// Reads material `index`.
 pub(crate) fn read(
     document: &Document,
@@ -87,6 +73,7 @@ pub(crate) fn read(
         emissive_texture,
         alpha,
         double_sided,
+        ..Material::default()
     };
     Ok(MaterialRead { material, faults })
 }

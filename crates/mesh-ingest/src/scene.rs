@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
+use glam::{Affine2, DAffine3, DVec3, Mat3, Vec2, Vec3, Vec4};
 
 /// A level in normal form.
 ///
@@ -30,6 +30,10 @@ pub struct Scene {
     pub images: Vec<Option<Image>>,
     /// Punctual lights in recentred world space.
     pub lights: Vec<Light>,
+    /// Intensity distributions that lights refer to (`EXT_lights_ies`).
+    pub profiles: Vec<Profile>,
+    /// Light from all around (`EXT_lights_image_based`).
+    pub environment: Option<Environment>,
     /// World position (metres, glTF axes) of the recentred origin.
     pub origin: DVec3,
 }
@@ -103,6 +107,42 @@ pub struct Material {
     pub alpha: AlphaMode,
     /// Acts on both sides; otherwise the back blocks light, reflects nothing and emits nothing.
     pub double_sided: bool,
+    /// `KHR_materials_transmission`: the share of light that passes straight through, coloured by the base colour, instead of being
+    /// reflected diffusely; 0..=1.
+    pub transmission: f32,
+    /// `transmissionTexture` (red channel, linear), multiplied with `transmission`.
+    pub transmission_texture: Option<TextureRef>,
+    /// Reflectances above this count as this, channel by channel, 0..=1.
+    pub max_reflectance: f32,
+    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder`).
+    pub occluder_only: bool,
+}
+
+impl Default for Material {
+    /// The glTF default material (glTF 2.0, §3.9.7).
+    fn default() -> Self {
+        Material {
+            name: String::new(),
+            gltf_material: None,
+            base_color: Vec4::ONE,
+            base_texture: None,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            alpha: AlphaMode::Opaque,
+            double_sided: false,
+            transmission: 0.0,
+            transmission_texture: None,
+            max_reflectance: 1.0,
+            occluder_only: false,
+        }
+    }
+}
+
+impl Material {
+    /// Whether some light passes straight through some of it, so that rays must ask at each hit.
+    pub fn lets_light_through(&self) -> bool {
+        self.alpha != AlphaMode::Opaque || self.transmission > 0.0
+    }
 }
 
 /// glTF `alphaMode`.
@@ -167,6 +207,43 @@ pub struct Light {
     pub intensity: Vec3,
     /// The kind, with its geometry.
     pub kind: LightKind,
+    /// Measured distribution of a point or spot light's intensity, multiplied with `intensity`.
+    pub profile: Option<PlacedProfile>,
+}
+
+/// A [`Profile`] as one light wears it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlacedProfile {
+    /// Index into [`Scene::profiles`].
+    pub profile: usize,
+    /// Rotates directions of the world into the profile's axes.
+    pub from_world: Mat3,
+}
+
+/// A luminaire's intensity by direction: a goniometric diagram (IES LM-63).
+///
+/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards +Z.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// Vertical angles, degrees from nadir, ascending.
+    pub vertical: Vec<f32>,
+    /// Horizontal angles, degrees, ascending from 0 to 360 (symmetries undone).
+    pub horizontal: Vec<f32>,
+    /// `horizontal.len() × vertical.len()` factors, vertical fastest.
+    pub values: Vec<f32>,
+}
+
+/// A latitude-longitude map: column 0 begins at −X and runs through −Z, row 0 is +Y; values are radiances.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Environment {
+    /// Name of the light, or empty.
+    pub name: String,
+    /// Width in pixels, ≥ 1.
+    pub width: u32,
+    /// Height in pixels, ≥ 1.
+    pub height: u32,
+    /// Row-major radiances, linear, ≥ 0.
+    pub pixels: Vec<Vec3>,
 }
 
 /// Geometry of a punctual light.
@@ -176,6 +253,8 @@ pub enum LightKind {
     Directional {
         /// Direction of travel of the light.
         direction: Vec3,
+        /// Angle between the middle and the rim of its disc, radians; 0 for parallel light. The sun's is 0.00465.
+        angle: f32,
     },
     /// Shines in all directions.
     Point {
@@ -183,6 +262,8 @@ pub enum LightKind {
         position: Vec3,
         /// glTF `range`, metres; the light's window ends there.
         range: Option<f32>,
+        /// Radius of the sphere that shines, metres; 0 for a point (`extras.lumel.radius`).
+        radius: f32,
     },
     /// Shines in a cone about `direction`.
     Spot {
@@ -192,6 +273,8 @@ pub enum LightKind {
         direction: Vec3,
         /// glTF `range`, metres.
         range: Option<f32>,
+        /// Radius of the sphere that shines, metres; 0 for a point (`extras.lumel.radius`).
+        radius: f32,
         /// Half-angle of full intensity, radians.
         inner: f32,
         /// Half-angle where it ends, radians.

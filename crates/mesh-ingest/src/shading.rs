@@ -79,10 +79,25 @@ impl Scene {
         &self.materials[soup.materials[tri as usize] as usize]
     }
 
-    /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`.
+    /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`,
+    /// at most [`Material::max_reflectance`] in each channel; black where the material only occludes.
     ///
     /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2.
     pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
+        let material = self.material_of(soup, tri);
+        let color = self.color(soup, tri, u, v);
+        if material.occluder_only {
+            return Vec4::new(0.0, 0.0, 0.0, color.w);
+        }
+        color.min(Vec3::splat(material.max_reflectance).extend(1.0))
+    }
+
+    /// What light that passes through the base colour is coloured with: no reflectance, so that its limit does not apply.
+    fn unclamped_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        self.color(soup, tri, u, v).xyz()
+    }
+
+    fn color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
         let material = self.material_of(soup, tri);
         let lookup = self.lookup(soup, tri);
         let mut color = material.base_color;
@@ -109,26 +124,54 @@ impl Scene {
         }
     }
 
-    /// Whether rays must ask [`Scene::transmittance`] at triangles of this material.
+    /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this material.
     pub fn needs_alpha(&self, material: u32) -> bool {
-        self.materials[material as usize].alpha != AlphaMode::Opaque
+        self.materials[material as usize].lets_light_through()
     }
 
-    /// Share of light that passes straight through the triangle at a point: 0 for opaque, 0 or 1 for `MASK`, 1 − alpha for `BLEND`.
-    pub fn transmittance(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
-        match self.material_of(soup, tri).alpha {
-            AlphaMode::Opaque => 0.0,
-            AlphaMode::Mask { cutoff } => f32::from(u8::from(self.alpha(soup, tri, u, v) < cutoff)),
-            AlphaMode::Blend => 1.0 - self.alpha(soup, tri, u, v),
+    /// Share of light, 0..=1 per channel, that passes straight through the triangle at a point.
+    ///
+    /// With coverage α (1 if opaque, 0 or 1 for `MASK`, alpha for `BLEND`), transmission τ and base colour c it is
+    /// (1 − α) + α τ c: what is not covered lets all through, glass colours what it lets through.
+    pub fn transmittance(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        let coverage = self.coverage(soup, tri, u, v);
+        let open = Vec3::splat(1.0 - coverage);
+        match self.transmission(soup, tri, u, v) {
+            0.0 => open,
+            t => open + self.unclamped_color(soup, tri, u, v) * (coverage * t),
         }
     }
 
-    /// Whether a ray passes through the triangle at a point, `xi` in 0..1 deciding for `BLEND` (passes where `xi` ≥ alpha).
-    pub fn alpha_passes(&self, soup: &Soup, tri: u32, u: f32, v: f32, xi: f32) -> bool {
+    /// Share of the surface, 0..=1, that reflects at a point: α (1 − τ), see [`Scene::transmittance`]. The rest lets light through or
+    /// swallows it.
+    pub fn presence(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
+        self.coverage(soup, tri, u, v) * (1.0 - self.transmission(soup, tri, u, v))
+    }
+
+    /// α: the share of the surface that is there.
+    fn coverage(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
         match self.material_of(soup, tri).alpha {
-            AlphaMode::Opaque => false,
-            AlphaMode::Mask { cutoff } => self.alpha(soup, tri, u, v) < cutoff,
-            AlphaMode::Blend => xi >= self.alpha(soup, tri, u, v),
+            AlphaMode::Opaque => 1.0,
+            AlphaMode::Mask { cutoff } => {
+                f32::from(u8::from(self.alpha(soup, tri, u, v) >= cutoff))
+            }
+            AlphaMode::Blend => self.alpha(soup, tri, u, v),
+        }
+    }
+
+    /// τ: the share of light that glass lets through.
+    fn transmission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
+        let material = self.material_of(soup, tri);
+        match &material.transmission_texture {
+            Some(texture) if material.transmission > 0.0 => {
+                let uv = self.lookup(soup, tri).tex_coord(texture.tex_coord, u, v);
+                let red = match self.images.get(texture.image) {
+                    Some(Some(image)) => filtered(image, texture, uv, linear_byte).x,
+                    _ => 1.0,
+                };
+                (material.transmission * red).clamp(0.0, 1.0)
+            }
+            _ => material.transmission,
         }
     }
 
@@ -183,7 +226,7 @@ impl Scene {
     pub fn mean_base_color(&self, soup: &Soup, tri: u32, max_samples: u32) -> Vec4 {
         let material = self.material_of(soup, tri);
         if material.base_texture.is_none() && self.lookup(soup, tri).primitive.colors.is_empty() {
-            return material.base_color;
+            return self.base_color(soup, tri, 0.0, 0.0);
         }
         self.mean_over(soup, tri, WHOLE, max_samples, |u, v| {
             self.base_color(soup, tri, u, v)
@@ -273,22 +316,37 @@ impl Scene {
 const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
 
 fn sample(image: &Image, texture: &TextureRef, uv: Vec2) -> Vec4 {
-    let uv = if texture.transform == Affine2::IDENTITY {
-        uv
-    } else {
-        texture.transform.transform_point2(uv)
-    };
-    let (width, height) = (image.width, image.height);
     let srgb = &*SRGB;
-    let texel = |x: u32, y: u32| {
-        let [r, g, b, a] = image.pixels[(y as usize) * width as usize + x as usize];
+    filtered(image, texture, uv, |[r, g, b, a]| {
         Vec4::new(
             srgb[r as usize],
             srgb[g as usize],
             srgb[b as usize],
             f32::from(a) * (1.0 / 255.0),
         )
+    })
+}
+
+/// A texel that holds data and no colour.
+fn linear_byte(texel: [u8; 4]) -> Vec4 {
+    Vec4::from_array(texel.map(f32::from)) * (1.0 / 255.0)
+}
+
+/// Texels decoded, then filtered.
+#[inline(always)]
+fn filtered(
+    image: &Image,
+    texture: &TextureRef,
+    uv: Vec2,
+    decode: impl Fn([u8; 4]) -> Vec4,
+) -> Vec4 {
+    let uv = if texture.transform == Affine2::IDENTITY {
+        uv
+    } else {
+        texture.transform.transform_point2(uv)
     };
+    let (width, height) = (image.width, image.height);
+    let texel = |x: u32, y: u32| decode(image.pixels[(y as usize) * width as usize + x as usize]);
     let (s, t) = (reduce(uv.x, texture.wrap[0]), reduce(uv.y, texture.wrap[1]));
     let (x, y) = (s * width as f32, t * height as f32);
     if texture.nearest {

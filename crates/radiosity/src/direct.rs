@@ -411,7 +411,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
 fn arrival(light: &Light, p: &SurfacePoint) -> Option<(Vec3, f32, Vec3)> {
     let from = |position: Vec3| (position - p.origin, 1.0, position - p.position);
     let (to, t_max, d) = match light.kind {
-        LightKind::Directional { direction } => (-direction, f32::INFINITY, -direction),
+        LightKind::Directional { direction, .. } => (-direction, f32::INFINITY, -direction),
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => from(position),
     };
     let axis = d.normalize_or_zero();

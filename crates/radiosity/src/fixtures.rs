@@ -14,6 +14,7 @@ pub(crate) fn material(reflectance: f32, emissive: Vec3) -> Material {
         emissive_texture: None,
         alpha: AlphaMode::Opaque,
         double_sided: false,
+        ..Material::default()
     }
 }
 
@@ -94,6 +95,7 @@ pub(crate) fn light(intensity: f32, kind: mesh_ingest::LightKind) -> Light {
         node: None,
         intensity: Vec3::splat(intensity),
         kind,
+        profile: None,
     }
 }
 

@@ -194,7 +194,7 @@ impl Bounds {
                 let weight = cone(cos as f64, inner, outer);
                 (position, about(direction, cos, phi), weight)
             }
-            LightKind::Directional { direction } => {
+            LightKind::Directional { direction, .. } => {
                 let (x, y) = direction.any_orthonormal_pair();
                 let r = self.radius as f32 * u.sqrt();
                 let offset = x * (r * phi.cos()) + y * (r * phi.sin());

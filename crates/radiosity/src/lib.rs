@@ -13,6 +13,7 @@ mod emitters;
 #[cfg(test)]
 mod fixtures;
 mod form_factor;
+mod groups;
 mod lamps;
 mod links;
 mod monitor;
@@ -26,6 +27,7 @@ pub use audit::{Audit, AuditBounds, RowsOfNode};
 pub use direct::{DirectEstimate, DirectLight, DirectOptions};
 pub use emitters::Emitters;
 pub use form_factor::form_factor_polygon;
+pub use groups::LightGroups;
 pub use monitor::{Cancelled, Monitor, Phase, Silent};
 pub use relax::{RelaxOptions, RelaxReport};
 pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};

@@ -1,7 +1,7 @@
 //! The scene as rays see it.
 
 use glam::Vec3;
-use mesh_ingest::{AlphaMode, Scene, Soup};
+use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
 
 use crate::sampling::hash_u32;
@@ -146,7 +146,7 @@ impl<'a> World<'a> {
         let filtered: Vec<bool> = scene
             .materials
             .iter()
-            .map(|m| m.alpha != AlphaMode::Opaque)
+            .map(|m| m.lets_light_through())
             .collect();
         let bvh = Bvh::build(
             &soup.triangles,
@@ -319,13 +319,11 @@ struct AlphaFilter<'w, 'a> {
 impl HitFilter for AlphaFilter<'_, '_> {
     fn accept(&self, triangle: u32, u: f32, v: f32, ray: &Ray) -> bool {
         let w = self.world;
-        let material = &w.scene.materials[w.soup.materials[triangle as usize] as usize];
-        match material.alpha {
-            AlphaMode::Opaque => true,
-            AlphaMode::Mask { cutoff } => w.scene.base_color(w.soup, triangle, u, v).w >= cutoff,
-            AlphaMode::Blend => {
+        match w.scene.presence(w.soup, triangle, u, v) {
+            1.0 => true,
+            0.0 => false,
+            presence => {
                 // One fair coin for each ray and surface: unbiased, and the same in every run.
-                let alpha = w.scene.base_color(w.soup, triangle, u, v).w;
                 let mut h = triangle;
                 for x in ray
                     .origin
@@ -335,7 +333,7 @@ impl HitFilter for AlphaFilter<'_, '_> {
                 {
                     h = hash_u32(h ^ x.to_bits());
                 }
-                h as f32 / 4294967296.0 < alpha
+                h as f32 / 4294967296.0 < presence
             }
         }
     }

@@ -62,7 +62,7 @@ struct Masks<'a>(&'a Scene, &'a Soup);
 
 impl HitFilter for Masks<'_> {
     fn accept(&self, triangle: u32, u: f32, v: f32, _: &Ray) -> bool {
-        !self.0.alpha_passes(self.1, triangle, u, v, 0.0)
+        self.0.presence(self.1, triangle, u, v) >= 0.5
     }
 }
 

@@ -26,6 +26,7 @@ fn wall() -> (Scene, Layout, Vec<Page>) {
         emissive_texture: None,
         alpha: AlphaMode::Opaque,
         double_sided: false,
+        ..Material::default()
     };
     let scene = Scene {
         meshes: vec![Mesh {

@@ -50,6 +50,7 @@ fn default_material() -> Material {
         emissive_texture: None,
         alpha: AlphaMode::Opaque,
         double_sided: false,
+        ..Material::default()
     }
 }
 

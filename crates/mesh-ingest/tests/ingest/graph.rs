@@ -197,7 +197,10 @@ fn lights_stand_where_their_nodes_do() {
         panic!("{:?}", loaded.scene.lights)
     };
     assert_eq!(point.intensity, Vec3::new(3.0, 1.5, 0.0));
-    let LightKind::Point { position, range } = point.kind else {
+    let LightKind::Point {
+        position, range, ..
+    } = point.kind
+    else {
         panic!("{point:?}")
     };
     assert!((position + origin - Vec3::new(1.0, 2.0, 3.0)).length() < 1e-6);

@@ -140,16 +140,20 @@ fn masks_cut_and_blends_thin() {
         .scene;
     let soup = Soup::build(&scene);
     assert!(scene.needs_alpha(0));
-    assert!(scene.alpha_passes(&soup, 0, 0.25, 0.0, 0.0));
-    assert!(!scene.alpha_passes(&soup, 0, 0.75, 0.0, 0.0));
-    assert_eq!(scene.transmittance(&soup, 0, 0.5, 0.0), 1.0);
+    assert_eq!(scene.presence(&soup, 0, 0.25, 0.0), 0.0);
+    assert_eq!(scene.presence(&soup, 0, 0.75, 0.0), 1.0);
+    assert_eq!(scene.transmittance(&soup, 0, 0.5, 0.0), Vec3::ONE);
     let scene = textured(material("BLEND"), Some(&black_white()))
         .load()
         .unwrap()
         .scene;
-    assert!((scene.transmittance(&soup, 0, 0.5, 0.0) - 0.5).abs() < 1e-6);
-    assert!(scene.alpha_passes(&soup, 0, 0.5, 0.0, 0.51));
-    assert!(!scene.alpha_passes(&soup, 0, 0.5, 0.0, 0.49));
+    assert!(
+        (scene.transmittance(&soup, 0, 0.5, 0.0) - 0.5)
+            .abs()
+            .max_element()
+            < 1e-6
+    );
+    assert!((scene.presence(&soup, 0, 0.5, 0.0) - 0.5).abs() < 1e-6);
     // Nothing shines through where the least alpha is above the cutoff, or one.
     let half = RgbaImage::from_pixel(2, 2, image::Rgba([9, 9, 9, 200]));
     for (mode, image, opaque) in [
@@ -165,7 +169,7 @@ fn masks_cut_and_blends_thin() {
         .unwrap()
         .scene;
     assert!(!scene.needs_alpha(0));
-    assert_eq!(scene.transmittance(&soup, 0, 0.25, 0.0), 0.0);
+    assert_eq!(scene.transmittance(&soup, 0, 0.25, 0.0), Vec3::ZERO);
 }
 
 #[test]

@@ -14,6 +14,7 @@ fn add_quad(scene: &mut Scene, reflectance: f32, radiance: f32, [corner, x, y]: 
         emissive_texture: None,
         alpha: AlphaMode::Opaque,
         double_sided: false,
+        ..Material::default()
     });
     scene.instances.push(Instance {
         node: scene.instances.len(),

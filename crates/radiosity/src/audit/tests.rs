@@ -55,7 +55,14 @@ fn open_cube(rho: f32, l: f32) -> Scene {
 }
 
 fn point(position: Vec3, intensity: f32, range: Option<f32>) -> mesh_ingest::Light {
-    light(intensity, LightKind::Point { position, range })
+    light(
+        intensity,
+        LightKind::Point {
+            position,
+            range,
+            radius: 0.0,
+        },
+    )
 }
 
 #[test]
@@ -165,6 +172,7 @@ fn lamps_send_what_their_kind_says() {
         position: at(1.0),
         direction: -Vec3::Z,
         range: None,
+        radius: 0.0,
         inner,
         outer,
     };
@@ -176,6 +184,7 @@ fn lamps_send_what_their_kind_says() {
     // A sun: E A cosθ.
     let sun = LightKind::Directional {
         direction: Vec3::new(0.6, 0.0, -0.8),
+        angle: 0.0,
     };
     let (emitted, front, _, sigma) = lamps(light(2.0, sun));
     assert!(

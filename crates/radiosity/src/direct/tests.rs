@@ -95,6 +95,7 @@ fn a_point_light_follows_the_cosine_and_the_inverse_square() {
             LightKind::Point {
                 position,
                 range: None,
+                radius: 0.0,
             },
         ));
         let d = position.as_dvec3();
@@ -117,6 +118,7 @@ fn a_range_is_a_window_that_ends_there() {
             LightKind::Point {
                 position: Vec3::new(0.0, 0.0, z),
                 range: Some(range),
+                radius: 0.0,
             },
         ));
         let e = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW).irradiance;
@@ -141,6 +143,7 @@ fn a_spot_is_full_inside_falls_off_at_its_edge_and_ends() {
                 position: Vec3::new(0.0, 0.0, 2.0),
                 direction: Vec3::new(angle.sin() as f32, 0.0, -angle.cos() as f32),
                 range: None,
+                radius: 0.0,
                 inner: inner as f32,
                 outer: outer as f32,
             },
@@ -164,6 +167,7 @@ fn a_directional_light_has_the_cosine_only_and_is_stopped_by_anything() {
         5.0,
         LightKind::Directional {
             direction: Vec3::new(0.6, 0.0, -0.8),
+            angle: 0.0,
         },
     ));
     let at = receiver(Vec3::ZERO, Vec3::Z);
@@ -382,6 +386,7 @@ fn one_sample_is_right_on_average_where_all_is_seen() {
             LightKind::Point {
                 position: Vec3::new(x, 1.0, 0.9),
                 range: None,
+                radius: 0.0,
             },
         ));
     }

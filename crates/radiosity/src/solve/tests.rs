@@ -42,6 +42,7 @@ fn lit_room(reflectance: f32) -> Scene {
         LightKind::Point {
             position: Vec3::new(0.4, 0.5, 0.7),
             range: None,
+            radius: 0.0,
         },
     ));
     scene
