@@ -115,6 +115,7 @@ pub fn bake(
         solution,
         direct: DirectLight::new(world, emitters),
         options: options.lumels,
+        wanted: options.wanted(world),
     };
     let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
         let (footprint, seed) = lumels.footprint(world, i);
@@ -144,7 +145,8 @@ pub(crate) fn in_blocks(
     monitor: &dyn Monitor,
     gather: impl Fn(usize) -> Received + Sync,
 ) -> Result<Vec<Received>, Cancelled> {
-    let mut received = vec![Received::default(); n];
+    let mut received = Vec::new();
+    received.resize_with(n, Received::default);
     let done = AtomicU64::new(0);
     received
         .par_chunks_mut(BLOCK)
@@ -296,6 +298,8 @@ fn bake_vertices(
     report: &mut BakeReport,
 ) -> Result<Vec<Vec<Vec<[f32; 3]>>>, Cancelled> {
     gatherer.options = options;
+    // Vertices hold one colour.
+    gatherer.wanted = Wanted::default();
     let corners = VertexCorners::collect(world);
     let received = in_blocks(corners.len(), Phase::Vertices, monitor, |i| {
         let (around, seed) = corners.around(world, i);

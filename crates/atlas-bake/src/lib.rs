@@ -16,6 +16,7 @@ mod lumels;
 mod manifest;
 mod output;
 mod pack;
+mod planes;
 mod preview;
 mod refine;
 mod smooth;
@@ -39,6 +40,7 @@ pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{Manifest, ManifestNode, ManifestPage, UvTransform, ValueKind};
 pub use output::{OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
+pub use planes::{Plane, Wanted};
 pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };

@@ -124,6 +124,11 @@ impl Scene {
         }
     }
 
+    /// [`Scene::emission`] times the share of the surface that is there: what a piece of it sends out on average.
+    pub fn emitted(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        self.emission(soup, tri, u, v) * self.coverage(soup, tri, u, v)
+    }
+
     /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this material.
     pub fn needs_alpha(&self, material: u32) -> bool {
         self.materials[material as usize].lets_light_through()
@@ -233,14 +238,15 @@ impl Scene {
         })
     }
 
-    /// Mean of [`Scene::emission`] over triangle `tri`; see [`Scene::mean_over`].
+    /// Mean of [`Scene::emitted`] over triangle `tri`; see [`Scene::mean_over`].
     pub fn mean_emission(&self, soup: &Soup, tri: u32, max_samples: u32) -> Vec3 {
         let material = self.material_of(soup, tri);
-        if material.emissive_texture.is_none() || material.emissive == Vec3::ZERO {
+        let even = material.emissive_texture.is_none() && material.alpha == AlphaMode::Opaque;
+        if even || material.emissive == Vec3::ZERO {
             return material.emissive;
         }
         self.mean_over(soup, tri, WHOLE, max_samples, |u, v| {
-            self.emission(soup, tri, u, v).extend(0.0)
+            self.emitted(soup, tri, u, v).extend(0.0)
         })
         .xyz()
     }
