@@ -36,6 +36,16 @@ pub enum Layer {
     Coverage,
 }
 
+/// What a lightmap keeps of the directions that light comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Directional {
+    /// Spherical harmonics of first order.
+    Sh1,
+    /// One direction, and how much of the light comes from about there.
+    Dominant,
+}
+
 /// How a scene is baked.
 #[derive(Debug, Clone)]
 pub struct BakeOptions {

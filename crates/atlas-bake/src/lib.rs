@@ -25,7 +25,7 @@ pub mod unwrap;
 mod uv_check;
 
 pub use atlas::*;
-pub use bake::{BakeOptions, BakeReport, Baked, Layer, bake};
+pub use bake::{BakeOptions, BakeReport, Baked, Directional, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};

@@ -1,5 +1,6 @@
 //! `lumel inspect`: what a bake would do, and everything found wrong.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -11,6 +12,7 @@ use serde::Serialize;
 use crate::error::Error;
 use crate::pipeline::plan_layout;
 use crate::settings::Settings;
+use crate::sources::{Source, SourceKind, Sources};
 
 /// What is known of a scene before it is baked.
 #[derive(Debug, Clone, Serialize)]
@@ -29,6 +31,8 @@ pub struct Inspection {
     pub emissive_triangles: u64,
     /// Lights in words.
     pub lights: Vec<String>,
+    /// All that gives light, by the names that options take.
+    pub sources: Vec<Source>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
 }
@@ -70,6 +74,7 @@ pub fn inspect(
         area: soup.areas.iter().map(|&a| a as f64).sum(),
         emissive_triangles: (0..soup.triangles.len()).filter(|&t| glows(t)).count() as u64,
         lights: scene.lights.iter().map(describe).collect(),
+        sources: Sources::find(scene, loaded.document.json(), false).list(),
         ingest: loaded.report.clone(),
         layout,
     })
@@ -89,6 +94,30 @@ fn describe(light: &mesh_ingest::Light) -> String {
     } else {
         format!("{}: {kind}", light.name)
     }
+}
+
+/// Every name that options take, in alphabetical order, with what bears it.
+fn named(sources: &[Source]) -> BTreeMap<&str, Vec<String>> {
+    let mut names: BTreeMap<&str, [usize; 3]> = BTreeMap::new();
+    for s in sources {
+        for name in [Some(&s.name), s.node.as_ref()].into_iter().flatten() {
+            names.entry(name).or_default()[s.kind as usize] += 1;
+        }
+    }
+    let kinds = [SourceKind::Light, SourceKind::Material, SourceKind::Sky];
+    let words = |count: [usize; 3]| -> Vec<String> {
+        let there = kinds.into_iter().filter(|k| count[*k as usize] > 0);
+        there
+            .map(|k| match (k, count[k as usize]) {
+                (SourceKind::Light, 1) => "light".into(),
+                (SourceKind::Light, n) => format!("{n} lights"),
+                (SourceKind::Material, 1) => "material".into(),
+                (SourceKind::Material, n) => format!("{n} materials"),
+                (SourceKind::Sky, _) => "sky".into(),
+            })
+            .collect()
+    };
+    names.into_iter().map(|(n, c)| (n, words(c))).collect()
 }
 
 impl Inspection {
@@ -123,6 +152,10 @@ impl Inspection {
         )?;
         for light in &self.lights {
             writeln!(s, "              {light}")?;
+        }
+        for (k, (name, kinds)) in named(&self.sources).iter().enumerate() {
+            let head = if k == 0 { "names" } else { "" };
+            writeln!(s, "  {head:<11} {name} ({})", kinds.join(", "))?;
         }
         if !self.ingest.extensions_used.is_empty() {
             writeln!(

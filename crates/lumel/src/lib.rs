@@ -19,16 +19,18 @@ mod pipeline;
 mod report;
 mod settings;
 mod sky;
+mod sources;
 
 pub use atlas_bake;
 pub use mesh_ingest;
 pub use radiosity;
 pub use visibility;
 
-pub use atlas_bake::{Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
+pub use atlas_bake::{Directional, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
 pub use error::Error;
 pub use inspect::{Inspection, inspect};
 pub use pipeline::{Bake, NamedFile, bake, output_names};
 pub use radiosity::{Monitor, Phase, Silent};
-pub use report::{Measured, PhaseTime, Report};
-pub use settings::{Quality, Settings, SkySource, Sun};
+pub use report::{GroupReport, Measured, PhaseTime, Report};
+pub use settings::{LightGroup, LightScale, Quality, Settings, SkySource, Sun};
+pub use sources::{Source, SourceKind};

@@ -17,8 +17,9 @@ use visibility::{BuildOptions, Bvh};
 use crate::error::Error;
 use crate::memory;
 use crate::report::{Measured, PhaseTime, Report, audit_warnings};
-use crate::settings::Settings;
+use crate::settings::{Settings, SkySource};
 use crate::sky;
+use crate::sources::{self, Sources};
 
 /// A finished bake, in memory.
 pub struct Bake {
@@ -92,8 +93,16 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
             ..LoadOptions::default()
         },
     )?;
-    let sky = sky::load(&settings.sky, settings.sky_intensity)?;
     add_suns(&mut loaded.scene, settings);
+    let sources = Sources::find(
+        &loaded.scene,
+        loaded.document.json(),
+        settings.sky != SkySource::None,
+    );
+    let chosen = sources.apply(&mut loaded.scene, settings)?;
+    let sky = sky::load(&settings.sky, settings.sky_intensity * chosen.sky_factor)?;
+    // Group indices and names: WorldOptions and the writers take them from here once the transport keeps groups apart.
+    let _groups = chosen.groups;
     let clamped_materials = clamp_reflectance(&mut loaded.scene, settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
     clock.lap(Phase::Ingest);
@@ -159,6 +168,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         ingest: loaded.report.clone(),
         dropped_triangles: [soup.dropped_zero_area, soup.dropped_duplicate],
         clamped_materials,
+        groups: chosen.report,
         layout: layout_report,
         solve: solution.report.clone(),
         gather: baked.report.clone(),
@@ -206,6 +216,9 @@ pub(crate) fn plan_layout(
     })
 }
 
+/// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky says it better.
+const MAX_SUN: f32 = 90.0;
+
 fn check(settings: &Settings) -> Result<(), Error> {
     let positive = |name: &str, x: f32| {
         if x.is_finite() && x > 0.0 {
@@ -242,7 +255,17 @@ fn check(settings: &Settings) -> Result<(), Error> {
                 s.direction
             )));
         }
+        if !(0.0..=MAX_SUN).contains(&s.angle) {
+            return Err(Error::Setting(format!(
+                "the sun's diameter is {} degrees, expected 0 to {MAX_SUN}",
+                s.angle
+            )));
+        }
     }
+    if let Some(d) = settings.ao_distance {
+        positive("the distance of ambient occlusion", d)?;
+    }
+    sources::check(settings)?;
     if !(8..=16384).contains(&settings.max_page) {
         return Err(Error::Setting(format!(
             "the largest page is {}, expected 8 to 16384",
@@ -266,7 +289,7 @@ fn add_suns(scene: &mut Scene, settings: &Settings) {
             intensity: Vec3::splat(s.lux),
             kind: LightKind::Directional {
                 direction: Vec3::from_array(s.direction).normalize(),
-                angle: 0.0,
+                angle: 0.5 * s.angle.to_radians(),
             },
             profile: None,
         });

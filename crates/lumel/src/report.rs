@@ -24,6 +24,8 @@ pub struct Report {
     pub dropped_triangles: [u64; 2],
     /// Materials whose reflectance was lowered to `settings.max_reflectance`.
     pub clamped_materials: u64,
+    /// Groups of light, in order; empty where all light is together.
+    pub groups: Vec<GroupReport>,
     /// Charts and pages.
     pub layout: LayoutReport,
     /// The solve: patches, elements, residual, row sums, energy.
@@ -36,6 +38,15 @@ pub struct Report {
     pub warnings: Vec<String>,
     /// What differs from run to run.
     pub measured: Measured,
+}
+
+/// A group of light as it was resolved.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct GroupReport {
+    /// Its name.
+    pub name: String,
+    /// What is in it and not switched off.
+    pub sources: Vec<String>,
 }
 
 /// Times and memory of this run. Zeroed where results are compared.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use atlas_bake::{GatherOptions, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
+use atlas_bake::{Directional, GatherOptions, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
@@ -40,6 +40,27 @@ pub struct Sun {
     pub direction: [f32; 3],
     /// Illuminance on a surface that faces it, lux (or W/m²).
     pub lux: f32,
+    /// Diameter of its disc, degrees; 0 for parallel light. The sun's is 0.533.
+    pub angle: f32,
+}
+
+/// Dims, brightens or switches off sources of light.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LightScale {
+    /// Which: a name, with `*` for any characters and `?` for one. Lights go by their own or their node's name, emissive surfaces by
+    /// their material's, the sky as `sky`, suns of [`Settings::suns`] as `sun`.
+    pub name: String,
+    /// Multiplies their light, finite and ≥ 0; what has 0 costs nothing.
+    pub factor: f32,
+}
+
+/// Sources of light that are kept apart from the others.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LightGroup {
+    /// Part of the names of files: characters `A-Z a-z 0-9 . _ -`, unlike the others' even if case is ignored.
+    pub name: String,
+    /// Names of its sources, as in [`LightScale::name`].
+    pub sources: Vec<String>,
 }
 
 /// Everything a bake depends on besides the scene.
@@ -67,10 +88,18 @@ pub struct Settings {
     pub sky_intensity: f32,
     /// Further suns.
     pub suns: Vec<Sun>,
+    /// Changes to sources of light; of several that name one source, the last counts.
+    pub lights: Vec<LightScale>,
+    /// Sources to be kept apart; what no group names is in a last one, `rest`. Empty keeps all light together.
+    pub groups: Vec<LightGroup>,
     /// What the lightmap holds.
     pub value: ValueKind,
     /// Extra channels.
     pub layers: Vec<Layer>,
+    /// What the lightmap keeps of the directions that light comes from.
+    pub directional: Option<Directional>,
+    /// How far surfaces occlude each other for the layer of ambient occlusion, metres; `None` chooses by the scene's size.
+    pub ao_distance: Option<f32>,
     /// Estimated relative error to reach, instead of the preset's.
     pub error: Option<f32>,
     /// Reflectances above this are lowered to it. A closed scene with ρ = 1 never loses its light; 0.999 keeps the
@@ -91,8 +120,12 @@ impl Default for Settings {
             sky: SkySource::None,
             sky_intensity: 1.0,
             suns: Vec::new(),
+            lights: Vec::new(),
+            groups: Vec::new(),
             value: ValueKind::Radiance,
             layers: Vec::new(),
+            directional: None,
+            ao_distance: None,
             error: None,
             max_reflectance: 0.999,
         }

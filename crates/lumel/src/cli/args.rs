@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use lumel::{Layer, Quality, Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind};
+use lumel::{
+    Directional, Layer, LightGroup, LightScale, Quality, Settings, SkySource, Sun, UnwrapperChoice,
+    UvMode, ValueKind,
+};
 
 /// Bakes diffuse global illumination into glTF levels.
 ///
@@ -47,15 +50,32 @@ pub(crate) struct Bake {
     /// Multiplies the sky
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     pub sky_intensity: f32,
-    /// A sun: direction in which its light travels, and illuminance in lux, e.g. 0.3,-1,0.2,100000; may be repeated
-    #[arg(long, value_name = "X,Y,Z,LUX", allow_hyphen_values = true, value_parser = parse_sun)]
+    /// A sun: direction in which its light travels, illuminance in lux, and its disc's diameter (0.533 for ours; without it, shadows
+    /// are sharp), e.g. 0.3,-1,0.2,100000,0.533; may be repeated
+    #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun: Vec<Sun>,
+    /// Multiply a source of light: a light or its node, an emissive material, `sky` or `sun`; `*` and `?` are wild, the last that fits
+    /// counts (`inspect` lists names); may be repeated
+    #[arg(long, value_name = "NAME=X", value_parser = parse_light)]
+    pub light: Vec<LightScale>,
+    /// Leave a source of light out, whatever --light says; may be repeated
+    #[arg(long, value_name = "NAME")]
+    pub exclude_light: Vec<String>,
+    /// Keep sources of light apart under a name of your own; what no group names becomes the group `rest`; may be repeated
+    #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
+    pub group: Vec<LightGroup>,
     /// What the lightmap holds
     #[arg(long, value_enum, default_value = "radiance")]
     pub value: ValueArg,
     /// Extra channels in the EXR
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LAYER,…")]
     pub layers: Vec<LayerArg>,
+    /// Keep what normal maps need of the directions that light comes from
+    #[arg(long, value_enum)]
+    pub directional: Option<DirectionalArg>,
+    /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the scene's size]
+    #[arg(long, value_name = "METRES")]
+    pub ao_distance: Option<f32>,
     /// Reflectances above this are lowered to it
     #[arg(long, value_name = "X", default_value_t = 0.999)]
     pub max_reflectance: f32,
@@ -171,6 +191,10 @@ mirror!(LayerArg => Layer {
     Error => Layer::Error, "error.Y: estimated standard error of the luminance";
     Coverage => Layer::Coverage, "coverage.Y: share of the texel on the surface";
 });
+mirror!(DirectionalArg => Directional {
+    Sh1 => Directional::Sh1, "Spherical harmonics of first order";
+    Dominant => Directional::Dominant, "One direction";
+});
 
 /// Comma-separated finite numbers.
 fn numbers(text: &str) -> Option<Vec<f32>> {
@@ -181,14 +205,50 @@ fn numbers(text: &str) -> Option<Vec<f32>> {
 
 fn parse_sun(text: &str) -> Result<Sun, String> {
     match numbers(text).as_deref() {
-        Some(&[x, y, z, lux]) if lux > 0.0 && (x, y, z) != (0.0, 0.0, 0.0) => Ok(Sun {
-            direction: [x, y, z],
-            lux,
-        }),
+        Some(&[x, y, z, lux, ref rest @ ..])
+            if lux > 0.0 && (x, y, z) != (0.0, 0.0, 0.0) && rest.len() < 2 =>
+        {
+            Ok(Sun {
+                direction: [x, y, z],
+                lux,
+                angle: rest.first().copied().unwrap_or(0.0),
+            })
+        }
         _ => Err(
-            "expected X,Y,Z,LUX: a direction that is not zero and an illuminance above 0".into(),
+            "expected X,Y,Z,LUX or X,Y,Z,LUX,DEGREES: a direction that is not zero, an illuminance above 0, a diameter".into(),
         ),
     }
+}
+
+/// NAME=FACTOR; a name may hold `=`.
+fn parse_light(text: &str) -> Result<LightScale, String> {
+    let (name, factor) = text
+        .rsplit_once('=')
+        .ok_or("expected NAME=FACTOR, e.g. lamp*=0.5")?;
+    match factor.trim().parse::<f32>() {
+        Ok(factor) if factor.is_finite() && factor >= 0.0 => Ok(LightScale {
+            name: name.into(),
+            factor,
+        }),
+        _ => Err(format!(
+            "found the factor {factor:?}, expected a number of at least 0"
+        )),
+    }
+}
+
+/// GROUP=NAME,NAME,…; of a name with a comma, write the comma as `?`.
+fn parse_group(text: &str) -> Result<LightGroup, String> {
+    let (name, sources) = text
+        .split_once('=')
+        .ok_or("expected GROUP=NAME,…, e.g. lamps=ceiling*,neon")?;
+    Ok(LightGroup {
+        name: name.into(),
+        sources: sources
+            .split(',')
+            .map(|s| s.trim().to_owned())
+            .filter(|s| !s.is_empty())
+            .collect(),
+    })
 }
 
 fn parse_sky(text: &str) -> Result<SkySource, String> {
@@ -237,10 +297,19 @@ impl Bake {
             error: self.error,
             sky_intensity: self.sky_intensity,
             suns: self.sun.clone(),
+            lights: self.light.clone(),
+            groups: self.group.clone(),
+            directional: self.directional.map(Directional::from),
+            ao_distance: self.ao_distance,
             value: self.value.into(),
             max_reflectance: self.max_reflectance,
             ..Settings::default()
         };
+        s.lights
+            .extend(self.exclude_light.iter().map(|name| LightScale {
+                name: name.clone(),
+                factor: 0.0,
+            }));
         for &layer in &self.layers {
             let layer = layer.into();
             if !s.layers.contains(&layer) {
@@ -285,11 +354,36 @@ mod tests {
             parse_sun("0,-1,0,10"),
             Ok(Sun {
                 direction: [0., -1., 0.],
-                lux: 10.
+                lux: 10.,
+                angle: 0.
             })
         );
-        for bad in ["0,0,0,10", "0,-1,0", "0,-1,0,-5", "a,b,c,d", "0,-1,0,inf"] {
+        let angle = parse_sun("0,-1,0,10,0.5").map(|s| s.angle);
+        assert_eq!(angle, Ok(0.5));
+        for bad in [
+            "0,-1,0,10,1,1",
+            "0,0,0,10",
+            "0,-1,0",
+            "0,-1,0,-5",
+            "a,b,c,d",
+            "0,-1,0,inf",
+        ] {
             assert!(parse_sun(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn lights_and_groups() {
+        let light = |text| parse_light(text).map(|l| (l.name, l.factor));
+        assert_eq!(light("lamp=0.5"), Ok(("lamp".into(), 0.5)));
+        assert_eq!(light("a=b c=2"), Ok(("a=b c".into(), 2.)));
+        for bad in ["lamp", "lamp=", "lamp=x", "lamp=-1", "lamp=nan", "lamp=inf"] {
+            assert!(light(bad).is_err(), "{bad}");
+        }
+        let group = |text| parse_group(text).map(|g| (g.name, g.sources.join("|")));
+        let expected = ("g".into(), "a=1|b c|d*".into());
+        assert_eq!(group("g=a=1, b c,,d*"), Ok(expected));
+        assert_eq!(group("g="), Ok(("g".into(), String::new())));
+        assert!(group("g").is_err());
     }
 }
