@@ -158,7 +158,8 @@ impl Gatherer<'_, '_> {
     /// Sub-points inside closed things are those from which nearly all rays meet black back faces. Where all of the footprint is
     /// inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
-        if self.world.is_dark() {
+        // Openness is there in the dark too.
+        if self.world.is_dark() && self.wanted.openness.is_none() {
             return Received {
                 open: 1.0,
                 planes: vec![Plane::default(); self.wanted.planes()].into(),

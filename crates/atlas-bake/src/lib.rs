@@ -16,6 +16,7 @@ mod lumels;
 mod manifest;
 mod output;
 mod pack;
+mod pages;
 mod planes;
 mod preview;
 mod refine;

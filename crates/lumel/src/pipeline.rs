@@ -31,6 +31,8 @@ pub struct Bake {
     pub baked: Baked,
     /// Report so far; [`files`](Bake::files) completes a copy of it.
     pub report: Report,
+    /// Names of the groups of [`Baked::groups`].
+    group_names: Vec<String>,
     stem: String,
     value: ValueKind,
     clock: Clock,
@@ -101,8 +103,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     );
     let chosen = sources.apply(&mut loaded.scene, settings)?;
     let sky = sky::load(&settings.sky, settings.sky_intensity * chosen.sky_factor)?;
-    // Group indices and names: WorldOptions and the writers take them from here once the transport keeps groups apart.
-    let _groups = chosen.groups;
+    let (groups, group_names) = chosen.groups.unzip();
     let clamped_materials = clamp_reflectance(&mut loaded.scene, settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
     clock.lap(Phase::Ingest);
@@ -117,6 +118,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         &soup,
         WorldOptions {
             sky,
+            groups,
             ..WorldOptions::default()
         },
     )
@@ -138,6 +140,8 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         layers: settings.layers.clone(),
         padding: settings.padding,
         value: settings.value,
+        directional: settings.directional,
+        ao_distance: settings.ao_distance,
     };
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
@@ -181,6 +185,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         layout,
         baked,
         report,
+        group_names: group_names.unwrap_or_default(),
         stem,
         value: settings.value,
         clock,
@@ -384,6 +389,16 @@ impl Bake {
             .collect()
     }
 
+    /// Names of a light group's page files, in order.
+    pub fn group_page_names(&self, group: &str) -> Vec<String> {
+        (0..self.layout.pages.len())
+            .map(|i| match i {
+                0 => format!("{}.group.{group}.exr", self.stem),
+                i => format!("{}.group.{group}.{i}.exr", self.stem),
+            })
+            .collect()
+    }
+
     /// Name of the report file.
     pub fn report_name(&self) -> String {
         format!("{}.report.json", self.stem)
@@ -403,6 +418,12 @@ impl Bake {
             let (bytes, stats) = write_lightmap_exr(page, &ExrOptions::default())?;
             files.push((name.clone(), bytes));
             report.clamped.push(stats);
+        }
+        for (group, pages) in self.group_names.iter().zip(&self.baked.groups) {
+            for (page, name) in pages.iter().zip(self.group_page_names(group)) {
+                let (bytes, _) = write_lightmap_exr(page, &ExrOptions::default())?;
+                files.push((name, bytes));
+            }
         }
         let glb = format!("{}.glb", self.stem);
         let (bytes, _) = write_lightmapped_glb(

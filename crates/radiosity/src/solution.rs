@@ -104,6 +104,14 @@ impl Solution {
         throughput: Vec3,
         parts: &mut [Vec3],
     ) -> Vec3 {
+        if self.groups.is_none()
+            && let [all] = parts
+        {
+            // One group of light is all of it.
+            let light = self.radiance_parts(world, lights, hit, p, seed, throughput, &mut []);
+            *all += light;
+            return light;
+        }
         let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
             return Vec3::ZERO;
         };

@@ -250,6 +250,11 @@ impl<'a> World<'a> {
         (found, tint)
     }
 
+    /// The first surface along a ray, whatever its side.
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        self.bvh.closest_hit(ray, &Coin::new(self.scene, self.soup))
+    }
+
     /// Share of light (per channel, 0..=1) that gets from `origin` along `direction` (any length) to parameter `t_max`: 0 if something
     /// opaque is in between, and less than 1 behind what is blended or made of glass.
     #[inline]
@@ -283,7 +288,7 @@ impl<'a> World<'a> {
 
     /// The group of what a triangle emits.
     #[inline]
-    pub(crate) fn emission_group(&self, triangle: u32) -> usize {
+    pub fn emission_group(&self, triangle: u32) -> usize {
         match &self.groups {
             Some(g) => g.materials[self.soup.materials[triangle as usize] as usize] as usize,
             None => 0,
