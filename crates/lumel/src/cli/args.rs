@@ -56,8 +56,8 @@ pub(crate) struct Bake {
     /// Extra channels in the EXR
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LAYER,…")]
     pub layers: Vec<LayerArg>,
-    /// Reflectances above this are lowered to it
-    #[arg(long, value_name = "X", default_value_t = 0.999)]
+    /// Reflectances above this count as this
+    #[arg(long, value_name = "X", default_value_t = 0.98)]
     pub max_reflectance: f32,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
