@@ -231,6 +231,7 @@ mod tests {
             copy,
             mesh: 0,
             transform: glam::DAffine3::IDENTITY,
+            occluder: false,
             extras: None,
         };
         let scene = Scene {

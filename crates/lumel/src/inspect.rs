@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::error::Error;
 use crate::pipeline::plan_layout;
+use crate::report::clamped_warning;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
 
@@ -29,6 +30,8 @@ pub struct Inspection {
     pub area: f64,
     /// Emissive triangles.
     pub emissive_triangles: u64,
+    /// Materials in use that reflect more than the settings or their own limit allow.
+    pub clamped_materials: u64,
     /// Lights in words.
     pub lights: Vec<String>,
     /// All that gives light, by the names that options take.
@@ -46,13 +49,14 @@ pub fn inspect(
     settings: &Settings,
     monitor: &dyn Monitor,
 ) -> Result<Inspection, Error> {
-    let loaded = mesh_ingest::load(
+    let mut loaded = mesh_ingest::load(
         file,
         &LoadOptions {
             scene: settings.scene,
             ..LoadOptions::default()
         },
     )?;
+    let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
     let (_, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
@@ -73,6 +77,7 @@ pub fn inspect(
         extent: (high - low).max(glam::Vec3::ZERO).to_array(),
         area: soup.areas.iter().map(|&a| a as f64).sum(),
         emissive_triangles: (0..soup.triangles.len()).filter(|&t| glows(t)).count() as u64,
+        clamped_materials,
         lights: scene.lights.iter().map(describe).collect(),
         sources: Sources::find(scene, loaded.document.json(), false).list(),
         ingest: loaded.report.clone(),
@@ -222,6 +227,7 @@ impl Inspection {
                     .to_lowercase(),
             );
         }
+        problems.extend(clamped_warning(self.clamped_materials));
         problems.extend(self.layout.warnings.iter().cloned());
         if self.emissive_triangles == 0 && self.lights.is_empty() {
             problems.push("no light: a bake needs --sky or --sun".into());

@@ -16,7 +16,7 @@ use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
 use crate::memory;
-use crate::report::{Measured, PhaseTime, Report, audit_warnings};
+use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{self, Sources};
@@ -104,7 +104,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     let chosen = sources.apply(&mut loaded.scene, settings)?;
     let sky = sky::load(&settings.sky, settings.sky_intensity * chosen.sky_factor)?;
     let (groups, group_names) = chosen.groups.unzip();
-    let clamped_materials = clamp_reflectance(&mut loaded.scene, settings.max_reflectance);
+    let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
     clock.lap(Phase::Ingest);
 
@@ -148,6 +148,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     clock.lap(Phase::Gather);
     let warnings = warnings(
         &loaded,
+        clamped_warning(clamped_materials),
         soup.dropped_duplicate,
         &layout_report,
         &solution,
@@ -301,27 +302,9 @@ fn add_suns(scene: &mut Scene, settings: &Settings) {
     }
 }
 
-/// Lowers base colours above `max`; how many materials that touched, glTF's white default only if a primitive wears it.
-/// Textures multiply with the factor, so they are covered too; vertex colours are at most 1 after ingest.
-fn clamp_reflectance(scene: &mut Scene, max: f32) -> u64 {
-    let wears_default = scene
-        .meshes
-        .iter()
-        .flat_map(|mesh| &mesh.primitives)
-        .any(|p| scene.materials[p.material].gltf_material.is_none());
-    let mut clamped = 0;
-    for m in &mut scene.materials {
-        let c = m.base_color.truncate();
-        if c.max_element() > max {
-            m.base_color = c.min(Vec3::splat(max)).extend(m.base_color.w);
-            clamped += u64::from(m.gltf_material.is_some() || wears_default);
-        }
-    }
-    clamped
-}
-
 fn warnings(
     loaded: &Loaded,
+    clamped: Option<String>,
     duplicates: u64,
     layout: &LayoutReport,
     solution: &Solution,
@@ -336,6 +319,7 @@ fn warnings(
     for (reason, n) in loaded.report.left_out_by_reason() {
         out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
     }
+    out.extend(clamped);
     out.extend(layout.warnings.iter().cloned());
     if duplicates > 0 {
         out.push(format!(
@@ -512,56 +496,5 @@ impl Bake {
             peak_bytes: memory::peak_bytes(),
             phases: clock.phases,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::Vec4;
-    use mesh_ingest::{AlphaMode, Material, Mesh, Primitive};
-
-    use super::*;
-
-    fn material(gltf_material: Option<usize>, grey: f32) -> Material {
-        Material {
-            name: String::new(),
-            gltf_material,
-            base_color: Vec4::new(grey, grey, grey, 1.0),
-            base_texture: None,
-            emissive: Vec3::ZERO,
-            emissive_texture: None,
-            alpha: AlphaMode::Opaque,
-            double_sided: false,
-            ..Material::default()
-        }
-    }
-
-    /// A scene of one primitive that wears material `worn` of: 0.5, 1.0, the white default.
-    fn wearing(worn: usize) -> Scene {
-        Scene {
-            meshes: vec![Mesh {
-                primitives: vec![Primitive {
-                    material: worn,
-                    ..Primitive::default()
-                }],
-                ..Mesh::default()
-            }],
-            materials: vec![
-                material(Some(0), 0.5),
-                material(Some(1), 1.0),
-                material(None, 1.0),
-            ],
-            ..Scene::default()
-        }
-    }
-
-    #[test]
-    fn the_default_material_counts_as_clamped_only_where_it_is_worn() {
-        let mut scene = wearing(0);
-        assert_eq!(clamp_reflectance(&mut scene, 0.9), 1);
-        let reds = scene.materials.iter().map(|m| m.base_color.x);
-        assert_eq!(reds.collect::<Vec<_>>(), [0.5, 0.9, 0.9]);
-        assert_eq!(clamp_reflectance(&mut wearing(2), 0.9), 2);
-        assert_eq!(clamp_reflectance(&mut wearing(2), 1.0), 0);
     }
 }

@@ -102,8 +102,8 @@ pub struct Settings {
     pub ao_distance: Option<f32>,
     /// Estimated relative error to reach, instead of the preset's.
     pub error: Option<f32>,
-    /// Reflectances above this are lowered to it. A closed scene with ρ = 1 never loses its light; 0.999 keeps the
-    /// solve finite and changes nothing below.
+    /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light; fresh snow, the whitest thing that
+    /// levels hold, reflects 0.9 to 0.98.
     pub max_reflectance: f32,
 }
 
@@ -127,7 +127,7 @@ impl Default for Settings {
             directional: None,
             ao_distance: None,
             error: None,
-            max_reflectance: 0.999,
+            max_reflectance: 0.98,
         }
     }
 }

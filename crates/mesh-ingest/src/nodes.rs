@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use crate::document::Document;
 use crate::error::{Fault, Faults, Outcome};
+use crate::extras::NodeExtras;
 use crate::json::Item;
 use crate::report::{IngestReport, LeftOut, LeftOutReason};
 
@@ -16,6 +17,8 @@ pub(crate) struct Placed {
     /// Index into the document's meshes or lights.
     pub index: usize,
     pub transform: DAffine3,
+    /// The node or an ancestor only casts shadows.
+    pub occluder: bool,
 }
 
 /// Everything that the chosen scene places.
@@ -34,6 +37,8 @@ struct Inherited {
     bake: bool,
     hidden: bool,
     excluded: bool,
+    /// Nearest `extras.lumel.occluder`.
+    occluder: bool,
 }
 
 /// What animations do to each node.
@@ -71,6 +76,7 @@ pub(crate) fn walk(
         bake: false,
         hidden: false,
         excluded: false,
+        occluder: false,
     };
     let mut stack: Vec<(usize, Inherited)> = roots.into_iter().rev().map(|r| (r, top)).collect();
     while let Some((index, from_parent)) = stack.pop() {
@@ -139,26 +145,29 @@ fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Outcome<Vec<
     Ok(children)
 }
 
+/// The scene that was asked for, else the document's own choice, else its first.
+pub(crate) fn chosen_scene(root: &Item<'_>, scene: Option<usize>) -> Outcome<Option<usize>> {
+    let scenes = root.len_of("scenes")?;
+    match scene {
+        Some(s) if s < scenes => Ok(Some(s)),
+        Some(s) => Err(Fault::invalid(
+            "scenes",
+            format!("{scenes} scenes"),
+            format!("a scene {s}, which was asked for"),
+        )),
+        None => Ok(root
+            .opt_index("scene", "scenes", scenes)?
+            .or((scenes > 0).then_some(0))),
+    }
+}
+
 fn scene_roots(
     root: &Item<'_>,
     scene: Option<usize>,
     children: &[Vec<usize>],
     report: &mut IngestReport,
 ) -> Outcome<Vec<usize>> {
-    let scenes = root.len_of("scenes")?;
-    let chosen = match scene {
-        Some(s) if s < scenes => Some(s),
-        Some(s) => {
-            return Err(Fault::invalid(
-                "scenes",
-                format!("{scenes} scenes"),
-                format!("a scene {s}, which was asked for"),
-            ));
-        }
-        None => root
-            .opt_index("scene", "scenes", scenes)?
-            .or((scenes > 0).then_some(0)),
-    };
+    let chosen = chosen_scene(root, scene)?;
     let mut is_child = vec![false; children.len()];
     children.iter().flatten().for_each(|&c| is_child[c] = true);
     let Some(chosen) = chosen else {
@@ -239,8 +248,7 @@ fn visit(
 ) -> Outcome<Inherited> {
     let root = document.root();
     let node = root.element("nodes", index)?;
-    let lumel = node.value.get("extras").and_then(|e| e.get("lumel"));
-    let flag = |key: &str| lumel.and_then(|l| l.get(key)).and_then(Value::as_bool);
+    let extras = NodeExtras::read(&node, report);
     let visible = match node.extension("KHR_node_visibility")? {
         Some(ext) => ext.opt_bool("visible")?.unwrap_or(true),
         None => true,
@@ -248,9 +256,10 @@ fn visit(
     let own = Inherited {
         transform: from.transform * local_transform(&node, report)?,
         animated: from.animated || animated.moves,
-        bake: flag("bake").unwrap_or(from.bake),
+        bake: extras.bake.unwrap_or(from.bake),
         hidden: from.hidden || !visible,
-        excluded: from.excluded || flag("exclude") == Some(true),
+        excluded: from.excluded || extras.exclude == Some(true),
+        occluder: extras.occluder.unwrap_or(from.occluder),
     };
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
     let light = light_of(&root, &node)?;
@@ -271,6 +280,7 @@ fn visit(
             copy: None,
             index: light,
             transform: own.transform,
+            occluder: own.occluder,
         });
     }
     if let Some(mesh) = mesh {
@@ -280,8 +290,9 @@ fn visit(
                 copy: None,
                 index: mesh,
                 transform: own.transform,
+                occluder: own.occluder,
             }),
-            Some(ext) => place_copies(document, &ext, index, mesh, own.transform, graph)?,
+            Some(ext) => place_copies(document, &ext, index, mesh, own, graph)?,
         }
         let allowed = document.limits().instances;
         if graph.meshes.len() as u64 > allowed {
@@ -395,7 +406,7 @@ fn place_copies(
     ext: &Item<'_>,
     node: usize,
     mesh: usize,
-    base: DAffine3,
+    own: Inherited,
     graph: &mut Graph,
 ) -> Outcome<()> {
     let mut count = None;
@@ -451,7 +462,8 @@ fn place_copies(
             node,
             copy: Some(k as u32),
             index: mesh,
-            transform: base * local,
+            transform: own.transform * local,
+            occluder: own.occluder,
         });
     }
     Ok(())

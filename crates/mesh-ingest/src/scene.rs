@@ -38,6 +38,30 @@ pub struct Scene {
     pub origin: DVec3,
 }
 
+impl Scene {
+    /// Whether primitive `primitive` of instance `instance` receives light: neither the node nor the material only occludes.
+    pub fn receives(&self, instance: usize, primitive: usize) -> bool {
+        let instance = &self.instances[instance];
+        let worn = self.meshes[instance.mesh].primitives[primitive].material;
+        !instance.occluder && !self.materials[worn].occluder_only
+    }
+
+    /// Whether some primitive of instance `instance` receives light, so that it needs a lightmap.
+    pub fn has_lightmap(&self, instance: usize) -> bool {
+        let primitives = &self.meshes[self.instances[instance].mesh].primitives;
+        (0..primitives.len()).any(|p| self.receives(instance, p))
+    }
+
+    /// Which materials some primitive wears.
+    pub(crate) fn worn(&self) -> Vec<bool> {
+        let mut worn = vec![false; self.materials.len()];
+        for primitive in self.meshes.iter().flat_map(|mesh| &mesh.primitives) {
+            worn[primitive.material] = true;
+        }
+        worn
+    }
+}
+
 /// One glTF mesh in its local space.
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
@@ -84,6 +108,8 @@ pub struct Instance {
     pub mesh: usize,
     /// Local to world (before recentring); may mirror.
     pub transform: DAffine3,
+    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder` of the node or an ancestor).
+    pub occluder: bool,
     /// `{"lumel": …}` from the node's `extras`, where it is there; nothing else of them.
     pub extras: Option<serde_json::Value>,
 }

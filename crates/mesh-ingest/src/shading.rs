@@ -22,6 +22,11 @@ static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
+/// An sRGB byte as linear light, 0..=1.
+pub(crate) fn srgb_to_linear(byte: u8) -> f32 {
+    SRGB[usize::from(byte)]
+}
+
 /// A soup triangle's way back to its primitive: local vertices in the order of the *world* corners.
 struct Lookup<'a> {
     primitive: &'a Primitive,
@@ -79,14 +84,21 @@ impl Scene {
         &self.materials[soup.materials[tri as usize] as usize]
     }
 
+    /// Whether soup triangle `tri` only casts shadows: it reflects and emits nothing and gets no light
+    /// ([`Material::occluder_only`], [`crate::Instance::occluder`]).
+    pub fn only_occludes(&self, soup: &Soup, tri: u32) -> bool {
+        let instance = soup.sources[tri as usize].instance;
+        self.material_of(soup, tri).occluder_only || self.instances[instance as usize].occluder
+    }
+
     /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`,
-    /// at most [`Material::max_reflectance`] in each channel; black where the material only occludes.
+    /// at most [`Material::max_reflectance`] in each channel; black where the triangle only occludes.
     ///
     /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2.
     pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
         let material = self.material_of(soup, tri);
         let color = self.color(soup, tri, u, v);
-        if material.occluder_only {
+        if self.only_occludes(soup, tri) {
             return Vec4::new(0.0, 0.0, 0.0, color.w);
         }
         color.min(Vec3::splat(material.max_reflectance).extend(1.0))
@@ -115,6 +127,9 @@ impl Scene {
     /// [`Scene::base_color`].
     pub fn emission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let material = self.material_of(soup, tri);
+        if self.only_occludes(soup, tri) {
+            return Vec3::ZERO;
+        }
         match &material.emissive_texture {
             Some(texture) if material.emissive != Vec3::ZERO => {
                 let uv = self.lookup(soup, tri).tex_coord(texture.tex_coord, u, v);
@@ -243,7 +258,7 @@ impl Scene {
         let material = self.material_of(soup, tri);
         let even = material.emissive_texture.is_none() && material.alpha == AlphaMode::Opaque;
         if even || material.emissive == Vec3::ZERO {
-            return material.emissive;
+            return self.emission(soup, tri, 0.0, 0.0);
         }
         self.mean_over(soup, tri, WHOLE, max_samples, |u, v| {
             self.emitted(soup, tri, u, v).extend(0.0)

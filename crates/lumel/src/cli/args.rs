@@ -76,8 +76,8 @@ pub(crate) struct Bake {
     /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the scene's size]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
-    /// Reflectances above this are lowered to it
-    #[arg(long, value_name = "X", default_value_t = 0.999)]
+    /// Reflectances above this count as this
+    #[arg(long, value_name = "X", default_value_t = 0.98)]
     pub max_reflectance: f32,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
