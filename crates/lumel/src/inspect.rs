@@ -29,6 +29,8 @@ pub struct Inspection {
     pub emissive_triangles: u64,
     /// Lights in words.
     pub lights: Vec<String>,
+    /// The scene's own sky in words.
+    pub environment: Option<String>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
 }
@@ -70,6 +72,7 @@ pub fn inspect(
         area: soup.areas.iter().map(|&a| a as f64).sum(),
         emissive_triangles: (0..soup.triangles.len()).filter(|&t| glows(t)).count() as u64,
         lights: scene.lights.iter().map(describe).collect(),
+        environment: scene.environment.as_ref().map(describe_sky),
         ingest: loaded.report.clone(),
         layout,
     })
@@ -77,17 +80,39 @@ pub fn inspect(
 
 fn describe(light: &mesh_ingest::Light) -> String {
     let i = light.intensity.max_element();
-    let kind = match light.kind {
-        LightKind::Directional { .. } => format!("directional, {i} lx"),
-        LightKind::Point { .. } => format!("point, {i} cd"),
-        LightKind::Spot { outer, .. } => {
-            format!("spot, {i} cd, {:.0} degrees", 2.0 * outer.to_degrees())
+    let (mut kind, radius) = match light.kind {
+        LightKind::Directional { angle, .. } => {
+            let mut kind = format!("directional, {i} lx");
+            if angle > 0.0 {
+                kind += &format!(", disc of {:.2} degrees", 2.0 * angle.to_degrees());
+            }
+            (kind, 0.0)
+        }
+        LightKind::Point { radius, .. } => (format!("point, {i} cd"), radius),
+        LightKind::Spot { outer, radius, .. } => {
+            let degrees = 2.0 * outer.to_degrees();
+            (format!("spot, {i} cd, {degrees:.0} degrees"), radius)
         }
     };
+    if radius > 0.0 {
+        kind += &format!(", radius {radius} m");
+    }
+    if light.profile.is_some() {
+        kind += ", measured profile";
+    }
     if light.name.is_empty() {
         kind
     } else {
         format!("{}: {kind}", light.name)
+    }
+}
+
+fn describe_sky(sky: &mesh_ingest::Environment) -> String {
+    let size = format!("map of {} x {} pixels", sky.width, sky.height);
+    if sky.name.is_empty() {
+        size
+    } else {
+        format!("{}: {size}", sky.name)
     }
 }
 
@@ -123,6 +148,9 @@ impl Inspection {
         )?;
         for light in &self.lights {
             writeln!(s, "              {light}")?;
+        }
+        if let Some(sky) = &self.environment {
+            writeln!(s, "  sky         {sky}")?;
         }
         if !self.ingest.extensions_used.is_empty() {
             writeln!(
@@ -190,7 +218,7 @@ impl Inspection {
             );
         }
         problems.extend(self.layout.warnings.iter().cloned());
-        if self.emissive_triangles == 0 && self.lights.is_empty() {
+        if self.emissive_triangles == 0 && self.lights.is_empty() && self.environment.is_none() {
             problems.push("no light: a bake needs --sky or --sun".into());
         }
         if problems.is_empty() {

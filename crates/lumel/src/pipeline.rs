@@ -92,7 +92,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
             ..LoadOptions::default()
         },
     )?;
-    let sky = sky::load(&settings.sky, settings.sky_intensity)?;
+    let sky = sky::load(settings, loaded.scene.environment.as_ref())?;
     add_suns(&mut loaded.scene, settings);
     let clamped_materials = clamp_reflectance(&mut loaded.scene, settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
@@ -232,6 +232,12 @@ fn check(settings: &Settings) -> Result<(), Error> {
         return Err(Error::Setting(format!(
             "sky intensity is {}, expected a number of at least 0",
             settings.sky_intensity
+        )));
+    }
+    if !settings.sky_rotation.is_finite() {
+        return Err(Error::Setting(format!(
+            "sky rotation is {}, expected a number of degrees",
+            settings.sky_rotation
         )));
     }
     for s in &settings.suns {

@@ -24,7 +24,7 @@ pub enum Quality {
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SkySource {
-    /// None.
+    /// The scene's own (`EXT_lights_image_based`), if it has one.
     #[default]
     None,
     /// The same radiance from everywhere, linear Rec.709.
@@ -65,6 +65,8 @@ pub struct Settings {
     pub sky: SkySource,
     /// Multiplies the sky.
     pub sky_intensity: f32,
+    /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
+    pub sky_rotation: f32,
     /// Further suns.
     pub suns: Vec<Sun>,
     /// What the lightmap holds.
@@ -90,6 +92,7 @@ impl Default for Settings {
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,
             sky_intensity: 1.0,
+            sky_rotation: 0.0,
             suns: Vec::new(),
             value: ValueKind::Radiance,
             layers: Vec::new(),
