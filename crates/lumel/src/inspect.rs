@@ -36,6 +36,8 @@ pub struct Inspection {
     pub lights: Vec<String>,
     /// All that gives light, by the names that options take.
     pub sources: Vec<Source>,
+    /// The scene's own sky in words.
+    pub environment: Option<String>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
 }
@@ -80,6 +82,7 @@ pub fn inspect(
         clamped_materials,
         lights: scene.lights.iter().map(describe).collect(),
         sources: Sources::find(scene, loaded.document.json(), false).list(),
+        environment: scene.environment.as_ref().map(describe_sky),
         ingest: loaded.report.clone(),
         layout,
     })
@@ -87,13 +90,26 @@ pub fn inspect(
 
 fn describe(light: &mesh_ingest::Light) -> String {
     let i = light.intensity.max_element();
-    let kind = match light.kind {
-        LightKind::Directional { .. } => format!("directional, {i} lx"),
-        LightKind::Point { .. } => format!("point, {i} cd"),
-        LightKind::Spot { outer, .. } => {
-            format!("spot, {i} cd, {:.0} degrees", 2.0 * outer.to_degrees())
+    let (mut kind, radius) = match light.kind {
+        LightKind::Directional { angle, .. } => {
+            let mut kind = format!("directional, {i} lx");
+            if angle > 0.0 {
+                kind += &format!(", disc of {:.2} degrees", 2.0 * angle.to_degrees());
+            }
+            (kind, 0.0)
+        }
+        LightKind::Point { radius, .. } => (format!("point, {i} cd"), radius),
+        LightKind::Spot { outer, radius, .. } => {
+            let degrees = 2.0 * outer.to_degrees();
+            (format!("spot, {i} cd, {degrees:.0} degrees"), radius)
         }
     };
+    if radius > 0.0 {
+        kind += &format!(", radius {radius} m");
+    }
+    if light.profile.is_some() {
+        kind += ", measured profile";
+    }
     if light.name.is_empty() {
         kind
     } else {
@@ -123,6 +139,15 @@ fn named(sources: &[Source]) -> BTreeMap<&str, Vec<String>> {
             .collect()
     };
     names.into_iter().map(|(n, c)| (n, words(c))).collect()
+}
+
+fn describe_sky(sky: &mesh_ingest::Environment) -> String {
+    let size = format!("map of {} x {} pixels", sky.width, sky.height);
+    if sky.name.is_empty() {
+        size
+    } else {
+        format!("{}: {size}", sky.name)
+    }
 }
 
 impl Inspection {
@@ -161,6 +186,9 @@ impl Inspection {
         for (k, (name, kinds)) in named(&self.sources).iter().enumerate() {
             let head = if k == 0 { "names" } else { "" };
             writeln!(s, "  {head:<11} {name} ({})", kinds.join(", "))?;
+        }
+        if let Some(sky) = &self.environment {
+            writeln!(s, "  sky         {sky}")?;
         }
         if !self.ingest.extensions_used.is_empty() {
             writeln!(
@@ -229,7 +257,7 @@ impl Inspection {
         }
         problems.extend(clamped_warning(self.clamped_materials));
         problems.extend(self.layout.warnings.iter().cloned());
-        if self.emissive_triangles == 0 && self.lights.is_empty() {
+        if self.emissive_triangles == 0 && self.lights.is_empty() && self.environment.is_none() {
             problems.push("no light: a bake needs --sky or --sun".into());
         }
         if problems.is_empty() {

@@ -102,7 +102,11 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         settings.sky != SkySource::None,
     );
     let chosen = sources.apply(&mut loaded.scene, settings)?;
-    let sky = sky::load(&settings.sky, settings.sky_intensity * chosen.sky_factor)?;
+    let sky = sky::load(
+        settings,
+        chosen.sky_factor,
+        loaded.scene.environment.as_ref(),
+    )?;
     let (groups, group_names) = chosen.groups.unzip();
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
@@ -251,6 +255,12 @@ fn check(settings: &Settings) -> Result<(), Error> {
         return Err(Error::Setting(format!(
             "sky intensity is {}, expected a number of at least 0",
             settings.sky_intensity
+        )));
+    }
+    if !settings.sky_rotation.is_finite() {
+        return Err(Error::Setting(format!(
+            "sky rotation is {}, expected a number of degrees",
+            settings.sky_rotation
         )));
     }
     for s in &settings.suns {

@@ -24,7 +24,7 @@ pub enum Quality {
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SkySource {
-    /// None.
+    /// The scene's own (`EXT_lights_image_based`), if it has one.
     #[default]
     None,
     /// The same radiance from everywhere, linear Rec.709.
@@ -86,6 +86,8 @@ pub struct Settings {
     pub sky: SkySource,
     /// Multiplies the sky.
     pub sky_intensity: f32,
+    /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
+    pub sky_rotation: f32,
     /// Further suns.
     pub suns: Vec<Sun>,
     /// Changes to sources of light; of several that name one source, the last counts.
@@ -119,6 +121,7 @@ impl Default for Settings {
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,
             sky_intensity: 1.0,
+            sky_rotation: 0.0,
             suns: Vec::new(),
             lights: Vec::new(),
             groups: Vec::new(),

@@ -17,7 +17,7 @@ use crate::primitive::{attribute_list, primitive_mode};
 use crate::report::{IngestReport, Totals};
 use crate::scene::{Instance, Mesh, Primitive, Scene};
 use crate::settle::{needed_images, settle_alpha};
-use crate::{extensions, extras, images, lights};
+use crate::{environment, extensions, extras, images, lights};
 
 /// A document in normal form, the document itself, and what became of it.
 #[derive(Debug)]
@@ -61,12 +61,12 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
         });
     }
     scene.origin = recentre(&mut scene, &mut report);
-    for placed in &graph.lights {
-        let light = lights::read(&document, placed, scene.origin, &mut report);
-        scene.lights.extend(faults.take(light).flatten());
-    }
+    lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
     let needed = needed_images(&scene.materials, &used_materials);
     scene.images = images::decode(&mut document, &needed, &mut faults);
+    faults.check(path)?;
+    let sky = environment::read(&mut document, options.scene, &scene.images, &mut report);
+    scene.environment = faults.take(sky).flatten();
     faults.check(path)?;
     if scene.instances.is_empty() {
         return Err(Error::NoTriangles {
@@ -444,7 +444,7 @@ fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &m
             report.count("images.missing", 1);
             report.warn(
                 format!("images[{i}]"),
-                "its file is missing; light does not need it",
+                "its file is missing; no material needs it",
             );
         }
     }
@@ -486,9 +486,16 @@ fn totals(scene: &Scene) -> Totals {
         .flatten()
         .map(|i| i.pixels.len() as u64 * 4)
         .sum();
+    let sky_bytes = scene
+        .environment
+        .as_ref()
+        .map_or(0, |e| e.pixels.len() as u64 * 12);
     // A soup triangle takes 36 + 12 + 4 + 16 + 4 bytes.
-    let memory_bytes =
-        vertex_bytes + image_bytes + triangles_instanced * 72 + scene.instances.len() as u64 * 256;
+    let memory_bytes = vertex_bytes
+        + image_bytes
+        + sky_bytes
+        + triangles_instanced * 72
+        + scene.instances.len() as u64 * 256;
     Totals {
         meshes: scene.meshes.len(),
         primitives: primitives().count(),

@@ -26,6 +26,8 @@ pub(crate) struct Placed {
 pub(crate) struct Graph {
     pub meshes: Vec<Placed>,
     pub lights: Vec<Placed>,
+    /// Lights of `EXT_lights_ies`; `index` counts its own list.
+    pub measured_lights: Vec<Placed>,
 }
 
 /// What a node hands down to its children.
@@ -145,10 +147,10 @@ fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Outcome<Vec<
     Ok(children)
 }
 
-/// The scene that was asked for, else the document's own choice, else its first.
-pub(crate) fn chosen_scene(root: &Item<'_>, scene: Option<usize>) -> Outcome<Option<usize>> {
+/// The scene that was asked for, else the document's own choice, else the first; `None` where there is none.
+pub(crate) fn chosen_scene(root: &Item<'_>, asked: Option<usize>) -> Outcome<Option<usize>> {
     let scenes = root.len_of("scenes")?;
-    match scene {
+    match asked {
         Some(s) if s < scenes => Ok(Some(s)),
         Some(s) => Err(Fault::invalid(
             "scenes",
@@ -262,8 +264,9 @@ fn visit(
         occluder: extras.occluder.unwrap_or(from.occluder),
     };
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
-    let light = light_of(&root, &node)?;
-    if mesh.is_none() && light.is_none() {
+    let light = light_of(&root, &node, "KHR_lights_punctual")?;
+    let measured = light_of(&root, &node, "EXT_lights_ies")?;
+    if mesh.is_none() && light.is_none() && measured.is_none() {
         return Ok(own);
     }
     if let Some(reason) = why_left_out(&root, &node, mesh, own, animated)? {
@@ -274,14 +277,17 @@ fn visit(
         });
         return Ok(own);
     }
-    if let Some(light) = light {
-        graph.lights.push(Placed {
+    for (light, list) in [
+        (light, &mut graph.lights),
+        (measured, &mut graph.measured_lights),
+    ] {
+        list.extend(light.map(|light| Placed {
             node: index,
             copy: None,
             index: light,
             transform: own.transform,
             occluder: own.occluder,
-        });
+        }));
     }
     if let Some(mesh) = mesh {
         match node.extension("EXT_mesh_gpu_instancing")? {
@@ -351,15 +357,16 @@ fn why_left_out(
     Ok(own.animated.then_some(LeftOutReason::Animated))
 }
 
-fn light_of(root: &Item<'_>, node: &Item<'_>) -> Outcome<Option<usize>> {
-    let Some(ext) = node.extension("KHR_lights_punctual")? else {
+/// The light that `extension` hangs on a node, as an index into the extension's list.
+fn light_of(root: &Item<'_>, node: &Item<'_>, extension: &str) -> Outcome<Option<usize>> {
+    let Some(ext) = node.extension(extension)? else {
         return Ok(None);
     };
-    let lights = match root.extension("KHR_lights_punctual")? {
+    let lights = match root.extension(extension)? {
         Some(ext) => ext.len_of("lights")?,
         None => 0,
     };
-    ext.opt_index("light", "extensions.KHR_lights_punctual.lights", lights)
+    ext.opt_index("light", &format!("extensions.{extension}.lights"), lights)
 }
 
 /// A node's `matrix` or translation × rotation × scale.
@@ -393,7 +400,7 @@ fn local_transform(node: &Item<'_>, report: &mut IngestReport) -> Outcome<DAffin
     ))
 }
 
-fn unit_quaternion(q: [f64; 4]) -> Option<DQuat> {
+pub(crate) fn unit_quaternion(q: [f64; 4]) -> Option<DQuat> {
     // Scaled first: squares of components near the ends of the range would leave it.
     let largest = q.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     (largest > 0.0 && largest.is_finite())

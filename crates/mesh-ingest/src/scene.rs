@@ -242,24 +242,27 @@ pub struct Light {
 pub struct PlacedProfile {
     /// Index into [`Scene::profiles`].
     pub profile: usize,
-    /// Rotates directions of the world into the profile's axes.
+    /// Rotates directions of the world into the profile's axes (and mirrors them, where the light's node does).
     pub from_world: Mat3,
 }
 
 /// A luminaire's intensity by direction: a goniometric diagram (IES LM-63).
 ///
-/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards +Z.
+/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards −Z: counter-clockwise seen from
+/// above, as LM-63's type C has it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// Vertical angles, degrees from nadir, ascending.
+    /// Vertical angles, degrees from nadir, ascending, at least two.
     pub vertical: Vec<f32>,
     /// Horizontal angles, degrees, ascending from 0 to 360 (symmetries undone).
     pub horizontal: Vec<f32>,
-    /// `horizontal.len() × vertical.len()` factors, vertical fastest.
+    /// `horizontal.len() × vertical.len()` factors, vertical fastest; the largest is 1 (or all are 0).
     pub values: Vec<f32>,
 }
 
-/// A latitude-longitude map: column 0 begins at −X and runs through −Z, row 0 is +Y; values are radiances.
+/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from +Z through −X, −Z (the middle) and +X back to +Z, rows from
+/// +Y down to −Y. Pixel (i, j) of w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h, which is
+/// the direction (sin t sin a, cos t, −sin t cos a).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Name of the light, or empty.
@@ -313,10 +316,3 @@ pub enum LightKind {
 /// Keys are short stable identifiers (`"triangles.zero_area"`); values are how many. A `BTreeMap` so that
 /// the order is the same in every run.
 pub type Counts = BTreeMap<String, u64>;
-
-impl Scene {
-    /// Factor of a light's profile for a unit direction in which light leaves it; 1 where it has none.
-    pub fn profile_factor(&self, _light: &Light, _leaving: Vec3) -> f32 {
-        1.0
-    }
-}

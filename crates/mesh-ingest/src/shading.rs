@@ -11,7 +11,7 @@ use crate::scene::{AlphaMode, Image, Material, Primitive, Scene, TextureRef, Wra
 use crate::soup::Soup;
 
 /// sRGB byte to linear (IEC 61966-2-1).
-static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
+pub(crate) static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     std::array::from_fn(|i| {
         let x = i as f64 / 255.0;
         (if x <= 0.04045 {
