@@ -123,8 +123,7 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
                 best = (d, f.triangle, u / s, v / s);
             }
         }
-        self.world
-            .inset_point(best.1, best.2, best.3, false, true)
+        self.world.inset_point(best.1, best.2, best.3, false, true)
     }
 
     fn size(&self) -> f32 {
