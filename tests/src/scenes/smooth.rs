@@ -96,6 +96,15 @@ pub fn averaged(g: &Geometry) -> Geometry {
     out
 }
 
+/// One node whose surface emits `radiance` and reflects `rho`.
+pub fn glowing(name: &str, g: &Geometry, radiance: f32, rho: f32) -> Vec<u8> {
+    let mut b = GltfBuilder::new();
+    let material = b.material(&Material::emitter("glow", [radiance; 3], [rho; 3]));
+    let mesh = b.mesh(name, &[(g, material)]);
+    b.node(Node::of_mesh(name, mesh));
+    b.finish()
+}
+
 /// Nodes of one part each, of reflectance `rho`, with `lights` at their places: a sun shines from its place towards the origin.
 pub fn lit(parts: &[(&str, &Geometry)], rho: f32, lights: &[(Light, Vec3)]) -> Vec<u8> {
     let mut b = GltfBuilder::new();
