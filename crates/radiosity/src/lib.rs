@@ -8,6 +8,7 @@
 //! finds what the surfaces exchange, and [`Solution`] holds the result, ready to be gathered from.
 
 mod audit;
+mod curved;
 mod direct;
 mod emitters;
 #[cfg(test)]

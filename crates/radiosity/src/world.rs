@@ -4,6 +4,7 @@ use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, Hit, Ray};
 
+use crate::curved::{Curved, height};
 use crate::glass::{Coin, Glass};
 use crate::groups::LightGroups;
 use crate::sky::{BrightSky, Sky};
@@ -21,13 +22,13 @@ pub fn luminance(c: Vec3) -> f32 {
 /// A point on a surface that receives light.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfacePoint {
-    /// The point itself, metres, recentred world space.
+    /// The point itself, metres, recentred world space. Of a smooth-shaded curved surface: its place on that, not on the facet.
     pub position: Vec3,
     /// Where its rays start: `position` moved off the surface along `geometric`.
     pub origin: Vec3,
     /// Unit shading normal: the axis of the receiver's hemisphere.
     pub normal: Vec3,
-    /// Unit geometric normal of the receiving side.
+    /// Unit geometric normal of the receiving side: no light arrives from below it.
     pub geometric: Vec3,
 }
 
@@ -84,6 +85,7 @@ pub struct World<'a> {
     radius: f32,
     /// Per triangle; empty where nothing emits, so that such a scene pays nothing.
     emission: Vec<Emission>,
+    curved: Curved,
 }
 
 impl<'a> World<'a> {
@@ -115,6 +117,7 @@ impl<'a> World<'a> {
         let (sky, bright) = BrightSky::split(options.sky);
         Ok(World {
             emission: classify_emission(scene, soup),
+            curved: Curved::find(scene, soup),
             two_sided: scene.materials.iter().map(|m| m.double_sided).collect(),
             sky,
             bright,
@@ -156,7 +159,8 @@ impl<'a> World<'a> {
     }
 
     /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if `back`. `smooth` uses
-    /// interpolated normals for the hemisphere's axis.
+    /// interpolated normals for the hemisphere's axis, and where these describe a curved surface, takes the point to lie on that (after
+    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the way there is free.
     pub fn surface_point(
         &self,
         triangle: u32,
@@ -174,11 +178,44 @@ impl<'a> World<'a> {
         } else {
             geometric
         };
+        let origin = position + geometric * self.offset(position);
+        if smooth && self.curved.is(triangle) {
+            let weights = [1.0 - u - v, u, v];
+            let h = height(self.scene, self.soup, triangle, position, weights, side);
+            return self.lifted(origin, normal, h);
+        }
         SurfacePoint {
             position,
-            origin: position + geometric * self.offset(position),
+            origin,
             normal,
             geometric,
+        }
+    }
+
+    /// A point on a curved surface, `height` above its facet, on which `origin` lies.
+    ///
+    /// The shading normal stands for the geometric one, so that no light is cut off at the facet's horizon. From where the surface bulges, no
+    /// facet is seen; where it is hollow or something is in the way, rays between the horizons soon meet the facets, as they would meet
+    /// the curved surface. Something in the way is never passed, and at half its distance the height changes steadily as it comes near.
+    fn lifted(&self, origin: Vec3, normal: Vec3, height: f32) -> SurfacePoint {
+        let mut free = height;
+        if height > 0.0 {
+            let ray = Ray {
+                origin,
+                direction: normal,
+                t_min: 0.0,
+                t_max: 2.0 * height,
+            };
+            if let Some(hit) = self.closest_hit(&ray) {
+                free = 0.5 * hit.t;
+            }
+        }
+        let position = origin + normal * free;
+        SurfacePoint {
+            position,
+            origin: position,
+            normal,
+            geometric: normal,
         }
     }
 
