@@ -141,7 +141,12 @@ impl Scene {
 
     /// [`Scene::emission`] times the share of the surface that is there: what a piece of it sends out on average.
     pub fn emitted(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
-        self.emission(soup, tri, u, v) * self.coverage(soup, tri, u, v)
+        let radiance = self.emission(soup, tri, u, v);
+        if self.needs_alpha(soup.materials[tri as usize]) {
+            radiance * self.presence(soup, tri, u, v)
+        } else {
+            radiance
+        }
     }
 
     /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this material.

@@ -5,13 +5,10 @@ use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, Hit, Ray};
 
 use crate::curved::{Curved, height};
+use crate::emitters::brightness;
 use crate::glass::{Coin, Glass};
 use crate::groups::LightGroups;
 use crate::sky::{BrightSky, Sky};
-
-/// Texture samples for a triangle's mean emission. It weighs lights against each other and decides no value that is written, so a
-/// few per cent will do.
-pub(crate) const MEAN_SAMPLES: u32 = 256;
 
 /// Rec.709 luminance of a linear colour.
 #[inline]
@@ -367,36 +364,36 @@ impl<'a> World<'a> {
 /// near what the scene's surfaces send anyway (a luminous ceiling, a furnace's walls) is no harder for gathering rays than
 /// any reflecting one, and as many closed forms as it has triangles would be dear. The border is four times the mean radiance
 /// Σ Φ/(π Σ A): there the light covers a quarter of the scene's surface, and the error of the two ways is alike.
+///
+/// What counts of a textured triangle is how bright its light is, not how bright all of it is on average: a sign that glows in a dark wall is
+/// a small lamp.
 fn classify_emission(scene: &Scene, soup: &Soup) -> Vec<Emission> {
     let glows: Vec<bool> = scene
         .materials
         .iter()
-        .map(|m| m.emissive != Vec3::ZERO)
+        .map(|m| m.emissive != Vec3::ZERO && !m.occluder_only)
         .collect();
     if !glows.iter().any(|&g| g) {
         return Vec::new();
     }
-    let mut flux = 0f64;
-    let mut area = 0f64;
-    let mut radiance = vec![0f32; soup.triangles.len()];
-    for t in 0..soup.triangles.len() {
-        area += soup.areas[t] as f64;
-        if glows[soup.materials[t] as usize] {
-            radiance[t] = luminance(scene.mean_emission(soup, t as u32, MEAN_SAMPLES));
-            flux += radiance[t] as f64 * soup.areas[t] as f64;
-        }
-    }
+    let glowing: Vec<u32> = (0..soup.triangles.len() as u32)
+        .filter(|&t| glows[soup.materials[t as usize] as usize])
+        .collect();
+    let brightness = brightness(scene, soup, &glowing);
+    let area: f64 = soup.areas.iter().map(|a| *a as f64).sum();
+    let flux: f64 = (glowing.iter().zip(&brightness))
+        .map(|(&t, b)| b.mean as f64 * soup.areas[t as usize] as f64)
+        .sum();
     let border = 4.0 * flux / area.max(1e-300);
-    radiance
-        .into_iter()
-        .map(|l| {
-            if l <= 0.0 {
-                Emission::None
-            } else if (l as f64) < border {
+    let mut emission = vec![Emission::None; soup.triangles.len()];
+    for (&t, b) in glowing.iter().zip(&brightness) {
+        if b.mean > 0.0 {
+            emission[t as usize] = if (b.bright as f64) < border {
                 Emission::Gathered
             } else {
                 Emission::Sampled
-            }
-        })
-        .collect()
+            };
+        }
+    }
+    emission
 }
