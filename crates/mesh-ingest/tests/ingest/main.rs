@@ -6,4 +6,5 @@ mod geometry;
 mod graph;
 mod hostile;
 mod materials;
+mod mips;
 mod soups;
