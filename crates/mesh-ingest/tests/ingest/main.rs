@@ -2,7 +2,9 @@
 
 mod build;
 mod containers;
+mod extras;
 mod geometry;
+mod glass;
 mod graph;
 mod hostile;
 mod materials;
