@@ -77,7 +77,7 @@ pub struct Manifest {
     pub texels_per_unit: f32,
     /// One per page.
     pub pages: Vec<ManifestPage>,
-    /// One per baked instance, in scene-graph order.
+    /// One per instance that has a lightmap, in scene-graph order.
     pub nodes: Vec<ManifestNode>,
 }
 
@@ -130,6 +130,9 @@ impl Manifest {
         let mut nodes = Vec::with_capacity(scene.instances.len());
         for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate()
         {
+            if !scene.has_lightmap(i) {
+                continue;
+            }
             nodes.push(ManifestNode {
                 node: instance.node,
                 name: instance.name.clone(),
@@ -219,7 +222,7 @@ pub(crate) fn uv_of(
 
 #[cfg(test)]
 mod tests {
-    use mesh_ingest::{Instance, Mesh};
+    use mesh_ingest::{Instance, Material, Mesh, Primitive};
 
     use super::*;
     use crate::atlas::MeshAtlas;
@@ -237,8 +240,10 @@ mod tests {
         let scene = Scene {
             meshes: vec![Mesh {
                 gltf_mesh: 4,
+                primitives: vec![Primitive::default()],
                 ..Mesh::default()
             }],
+            materials: vec![Material::default()],
             instances: vec![instance(2, None), instance(7, Some(1))],
             ..Scene::default()
         };

@@ -149,6 +149,33 @@ impl Scene {
         }
     }
 
+    /// Base colour factor × `COLOR_0` at a point: what the base texture is multiplied with.
+    pub(crate) fn untextured_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        let color = self.lookup(soup, tri).color(u, v);
+        (self.material_of(soup, tri).base_color * color).xyz()
+    }
+
+    /// Where `texture` lies on the triangle: its coordinates, transformed, at world corners 0, 1 and 2.
+    pub(crate) fn texture_corners(&self, soup: &Soup, tri: u32, texture: &TextureRef) -> [Vec2; 3] {
+        let lookup = self.lookup(soup, tri);
+        WHOLE.map(|p| {
+            let uv = lookup.tex_coord(texture.tex_coord, p.x, p.y);
+            texture.transform.transform_point2(uv)
+        })
+    }
+
+    /// The red channel of a transmission texture at a coordinate that is transformed already.
+    pub(crate) fn transmission_texel(&self, texture: &TextureRef, uv: Vec2) -> f32 {
+        let untransformed = TextureRef {
+            transform: Affine2::IDENTITY,
+            ..texture.clone()
+        };
+        match self.images.get(texture.image) {
+            Some(Some(image)) => filtered(image, &untransformed, uv, linear_byte).x,
+            _ => 1.0,
+        }
+    }
+
     /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this material.
     pub fn needs_alpha(&self, material: u32) -> bool {
         self.materials[material as usize].lets_light_through()
@@ -373,20 +400,50 @@ fn filtered(
     };
     let (width, height) = (image.width, image.height);
     let texel = |x: u32, y: u32| decode(image.pixels[(y as usize) * width as usize + x as usize]);
-    let (s, t) = (reduce(uv.x, texture.wrap[0]), reduce(uv.y, texture.wrap[1]));
-    let (x, y) = (s * width as f32, t * height as f32);
     if texture.nearest {
-        let x = wrap_index(x.floor() as i32, width, texture.wrap[0]);
-        return texel(x, wrap_index(y.floor() as i32, height, texture.wrap[1]));
+        let [x, y] = nearest_texel([width, height], texture.wrap, uv);
+        return texel(x, y);
     }
-    let (x, y) = (x - 0.5, y - 0.5);
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = (x - x0, y - y0);
-    let xs = [0, 1].map(|d| wrap_index(x0 as i32 + d, width, texture.wrap[0]));
-    let ys = [0, 1].map(|d| wrap_index(y0 as i32 + d, height, texture.wrap[1]));
-    let top = texel(xs[0], ys[0]).lerp(texel(xs[1], ys[0]), fx);
-    let bottom = texel(xs[0], ys[1]).lerp(texel(xs[1], ys[1]), fx);
+    let taps = Taps::new([width, height], texture.wrap, uv);
+    let [fx, fy] = taps.weights;
+    let ([x0, x1], [y0, y1]) = (taps.x, taps.y);
+    let top = texel(x0, y0).lerp(texel(x1, y0), fx);
+    let bottom = texel(x0, y1).lerp(texel(x1, y1), fx);
     top.lerp(bottom, fy)
+}
+
+/// The texel that holds a (transformed) coordinate.
+pub(crate) fn nearest_texel(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> [u32; 2] {
+    std::array::from_fn(|i| {
+        let x = reduce(uv[i], wrap[i]) * size[i] as f32;
+        wrap_index(x.floor() as i32, size[i], wrap[i])
+    })
+}
+
+/// The four texels about a point, and how far it is from the first towards the second of each pair.
+pub(crate) struct Taps {
+    pub x: [u32; 2],
+    pub y: [u32; 2],
+    pub weights: [f32; 2],
+}
+
+impl Taps {
+    /// Of the (transformed) coordinate `uv` in an image of `size` texels.
+    #[inline(always)]
+    pub fn new(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> Taps {
+        let axis = |i: usize| {
+            let x = reduce(uv[i], wrap[i]) * size[i] as f32 - 0.5;
+            let first = x.floor();
+            let at = |d| wrap_index(first as i32 + d, size[i], wrap[i]);
+            ([at(0), at(1)], x - first)
+        };
+        let ((x, fx), (y, fy)) = (axis(0), axis(1));
+        Taps {
+            x,
+            y,
+            weights: [fx, fy],
+        }
+    }
 }
 
 /// Takes whole periods off a coordinate before it is scaled by the image, where they would cost precision.

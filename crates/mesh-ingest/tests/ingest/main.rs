@@ -2,8 +2,11 @@
 
 mod build;
 mod containers;
+mod extras;
 mod geometry;
+mod glass;
 mod graph;
 mod hostile;
 mod materials;
+mod mips;
 mod soups;
