@@ -2,8 +2,11 @@
 
 mod build;
 mod containers;
+mod environment;
 mod geometry;
 mod graph;
 mod hostile;
+mod ies;
+mod lights;
 mod materials;
 mod soups;
