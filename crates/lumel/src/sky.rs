@@ -118,3 +118,81 @@ fn read_map(path: &Path) -> Result<Map, Error> {
     }
     Ok((width, height, pixels))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A scene's sky of 16 × 8 pixels with one lit.
+    fn lit(column: u32, row: u32) -> Environment {
+        let (width, height) = (16, 8);
+        let mut pixels = vec![Vec3::ZERO; 128];
+        pixels[(row * width + column) as usize] = Vec3::new(1.0, 2.0, 4.0);
+        Environment {
+            name: String::new(),
+            width,
+            height,
+            pixels,
+        }
+    }
+
+    /// Where the centre of the pixel lies, as [`Environment`] says, turned by `degrees` about +Y.
+    fn direction(column: u32, row: u32, degrees: f32) -> Vec3 {
+        use std::f32::consts::{PI, TAU};
+        let a = TAU * ((column as f32 + 0.5) / 16.0 - 0.5);
+        let t = PI * (row as f32 + 0.5) / 8.0;
+        let d = Vec3::new(t.sin() * a.sin(), t.cos(), -t.sin() * a.cos());
+        glam::Quat::from_rotation_y(degrees.to_radians()) * d
+    }
+
+    fn load_with(settings: &Settings, environment: &Environment) -> Sky {
+        load(settings, Some(environment)).expect("no file is read")
+    }
+
+    #[test]
+    fn a_scenes_sky_shines_from_where_it_says() {
+        for (column, row) in [(0, 3), (5, 0), (9, 7), (15, 4)] {
+            let sky = load_with(&Settings::default(), &lit(column, row));
+            // The lookup is bilinear: the pixel's own value at its centre, within rounding of the angles, a quarter half-way to the next
+            // ones' corner.
+            let at = sky.radiance(direction(column, row, 0.0));
+            assert!(at.distance(Vec3::new(1.0, 2.0, 4.0)) < 1e-4, "{at}");
+            let away = sky.radiance(direction((column + 8) % 16, row, 0.0));
+            assert_eq!(away, Vec3::ZERO);
+        }
+    }
+
+    #[test]
+    fn a_turn_moves_the_light_and_keeps_it() {
+        for degrees in [90.0, -90.0, 22.5, 360.0, 405.0, -1000.0, 7.0, 200.3] {
+            let settings = Settings {
+                sky_rotation: degrees,
+                sky_intensity: 3.0,
+                ..Settings::default()
+            };
+            let sky = load_with(&settings, &lit(6, 4));
+            let Sky::Map { pixels, .. } = &sky else {
+                panic!("no map")
+            };
+            let sum: Vec3 = pixels.iter().sum();
+            assert!(sum.distance(Vec3::new(3.0, 6.0, 12.0)) < 1e-5, "{sum}");
+            // Between pixels the light is spread over two and read between them: half of it is left at the least.
+            let at = sky.radiance(direction(6, 4, degrees)).x;
+            let whole = (degrees / 22.5).fract() == 0.0;
+            assert!(at >= if whole { 2.999 } else { 1.499 }, "{degrees}: {at}");
+        }
+    }
+
+    #[test]
+    fn settings_go_before_the_scene() {
+        let settings = |sky| Settings {
+            sky,
+            ..Settings::default()
+        };
+        let black = settings(SkySource::Color([0.0; 3]));
+        assert!(load_with(&black, &lit(1, 1)).is_black());
+        let none = settings(SkySource::None);
+        assert!(!load_with(&none, &lit(1, 1)).is_black());
+        assert!(matches!(load(&none, None), Ok(Sky::Black)));
+    }
+}

@@ -18,7 +18,7 @@ pub(crate) struct Measured {
     pub remarks: Vec<String>,
 }
 
-/// Largest file: 2° × 1° over the sphere, with ten characters a number, takes a quarter of it.
+/// Largest file: 1° × 2° over the sphere takes a third of it, at ten characters a number.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
 /// Reads the file `bytes`, which the document names at `path`.
@@ -96,7 +96,7 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
     let horizontal = numbers.angles("a horizontal angle", horizontal_count, 360.0)?;
     let mut scale = multiplier * ballast;
     if old {
-        if !(lamp >= 0.0) {
+        if lamp < 0.0 {
             return Err(Fault::invalid(
                 path,
                 format!("a ballast-lamp photometric factor of {lamp}"),
@@ -300,8 +300,9 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
         (0.0, 360.0) => Ok(planes().collect()),
         // The plane at 360 is often left out, being that at 0.
         (0.0, last) if last > 180.0 => {
+            // The gap may be no wider than what was left between planes anyway (angles are rounded).
             let widest = measured.windows(2).map(|w| w[1] - w[0]).fold(0.0, f32::max);
-            if 360.0 - last > 1.5 * widest {
+            if 360.0 - last > (1.01 * widest).min(90.0) {
                 return Err(Fault::invalid(
                     path,
                     format!("horizontal angles from 0 to {last}°"),
@@ -323,3 +324,6 @@ fn close(mut planes: Vec<(f32, usize)>) -> Vec<(f32, usize)> {
     planes.push((360.0, planes[0].1));
     planes
 }
+
+#[cfg(test)]
+mod tests;

@@ -73,15 +73,17 @@ impl Cube {
     /// straight lines on the faces: pixels then part every texel among them exactly, and no light is lost or counted twice.
     pub fn to_map(&self, width: u32, height: u32, rotation: DQuat) -> Vec<Vec3> {
         let to_cube = DMat3::from_quat(rotation.inverse());
+        // Corners along a row's upper or lower side, each of which two pixels share.
+        let side = |j: u32| -> Vec<DVec3> {
+            let v = f64::from(j) / f64::from(height);
+            (0..=width)
+                .map(|i| to_cube * map_direction(f64::from(i) / f64::from(width), v))
+                .collect()
+        };
         let row = |j: u32| {
-            (0..width).map(move |i| {
-                let corner = |di: u32, dj: u32| {
-                    let u = f64::from(i + di) / f64::from(width);
-                    let v = f64::from(j + dj) / f64::from(height);
-                    to_cube * map_direction(u, v)
-                };
-                self.mean([corner(0, 0), corner(0, 1), corner(1, 1), corner(1, 0)])
-            })
+            let (upper, lower) = (side(j), side(j + 1));
+            (0..width as usize)
+                .map(move |i| self.mean([upper[i], lower[i], lower[i + 1], upper[i + 1]]))
         };
         (0..height).into_par_iter().flat_map_iter(row).collect()
     }
@@ -120,13 +122,13 @@ impl Cube {
             return;
         };
         for y in rows {
-            let strip = shape.between(1, line(y), line(y + 1));
+            let strip = shape.between(1, line(y), line(y + 1), [low, high]);
             let [low, high] = strip.bounds();
             let Some(columns) = range(low.x, high.x) else {
                 continue;
             };
             for x in columns {
-                let part = strip.between(0, line(x), line(x + 1));
+                let part = strip.between(0, line(x), line(x + 1), [low, high]);
                 let solid_angle = part.solid_angle();
                 *sum += face[y * self.size + x].as_dvec3() * solid_angle;
                 *weight += solid_angle;
@@ -171,9 +173,16 @@ impl Polygon {
             })
     }
 
-    /// The part whose coordinate `axis` lies in `low..=high`.
-    fn between(&self, axis: usize, low: f64, high: f64) -> Polygon {
-        self.cut(axis, low, 1.0).cut(axis, high, -1.0)
+    /// The part whose coordinate `axis` lies in `low..=high`; `bounds` are the polygon's own, which spare most cuts.
+    fn between(&self, axis: usize, low: f64, high: f64, bounds: [DVec2; 2]) -> Polygon {
+        let mut part = *self;
+        if bounds[0][axis] < low {
+            part = part.cut(axis, low, 1.0);
+        }
+        if bounds[1][axis] > high {
+            part = part.cut(axis, high, -1.0);
+        }
+        part
     }
 
     /// The part where `sign` × (coordinate − `at`) ≥ 0 (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974).
@@ -211,6 +220,7 @@ impl Polygon {
             return 0.0;
         }
         let centroid = o + moment / area;
-        area.abs() * (1.0 + centroid.length_squared()).powf(-1.5)
+        let square = 1.0 + centroid.length_squared();
+        area.abs() / (square * square.sqrt())
     }
 }

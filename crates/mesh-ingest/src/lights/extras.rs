@@ -75,7 +75,7 @@ pub(super) fn profile(
         };
         match item.value.as_str() {
             Some(uri) => {
-                let (profile, _) = profiles.from_uri(document, uri, &item.path, report)?;
+                let (profile, _) = profiles.of_uri(document, uri, &item.path, report)?;
                 return Ok(super::measured::wear(profile, &placed.transform));
             }
             None => ignore(&item, "the URI of an IES file", report),

@@ -26,7 +26,7 @@ pub(super) struct Profiles {
 
 impl Profiles {
     /// The profile of the file at `uri`, which the document names at `path`, and its largest intensity, candela.
-    pub fn from_uri(
+    pub fn of_uri(
         &mut self,
         document: &Document,
         uri: &str,
@@ -47,7 +47,7 @@ impl Profiles {
         }
     }
 
-    fn from_view(
+    fn of_view(
         &mut self,
         document: &Document,
         view: usize,
@@ -106,13 +106,13 @@ pub(super) fn read(
     };
     let item = ext.element("lights", placed.index)?;
     let (profile, candela) = match item.opt_str("uri")? {
-        Some(uri) => profiles.from_uri(document, uri, &item.path_of("uri"), report)?,
+        Some(uri) => profiles.of_uri(document, uri, &item.path_of("uri"), report)?,
         None => {
             let views = root.len_of("bufferViews")?;
             match item.opt_index("bufferView", "bufferViews", views)? {
                 Some(view) => {
                     let path = item.path_of("bufferView");
-                    profiles.from_view(document, view, &path, report)?
+                    profiles.of_view(document, view, &path, report)?
                 }
                 None => {
                     return Err(Fault::invalid(

@@ -1,0 +1,117 @@
+//! What `extras.lumel` adds to lights.
+
+use std::f32::consts::PI;
+
+use mesh_ingest::{Light, LightKind, Loaded};
+use serde_json::{Value, json};
+
+use crate::build::{Doc, UNIT};
+
+/// One light, its extras and those of its node.
+fn with_light(light: Value, node_extras: Value) -> Loaded {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["extensions"]["KHR_lights_punctual"]["lights"] = json!([light]);
+    doc.root(json!({
+        "scale": [3, 3, 3], "extras": node_extras,
+        "extensions": {"KHR_lights_punctual": {"light": 0}}
+    }));
+    doc.load().unwrap()
+}
+
+fn radius(light: &Light) -> f32 {
+    match light.kind {
+        LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius,
+        LightKind::Directional { .. } => panic!("a directional light"),
+    }
+}
+
+fn warnings(loaded: &Loaded) -> Vec<&str> {
+    loaded
+        .report
+        .warnings
+        .iter()
+        .map(|w| w.path.as_str())
+        .collect()
+}
+
+#[test]
+fn radius_comes_from_the_node_else_the_light_and_is_not_scaled() {
+    for kind in ["point", "spot"] {
+        let plain = with_light(json!({"type": kind}), json!(null));
+        assert_eq!(radius(&plain.scene.lights[0]), 0.0);
+        let own = json!({"type": kind, "extras": {"lumel": {"radius": 0.25}}});
+        let loaded = with_light(own.clone(), json!({"other": 1}));
+        assert_eq!(radius(&loaded.scene.lights[0]), 0.25);
+        let loaded = with_light(own, json!({"lumel": {"radius": 0.5}}));
+        assert_eq!(radius(&loaded.scene.lights[0]), 0.5);
+        assert!(loaded.report.warnings.is_empty());
+    }
+}
+
+#[test]
+fn angle_is_the_diameter_in_degrees() {
+    let sun = json!({"type": "directional", "extras": {"lumel": {"angle": 2}}});
+    let loaded = with_light(sun, json!(null));
+    let LightKind::Directional { angle, .. } = loaded.scene.lights[0].kind else {
+        panic!("{:?}", loaded.scene.lights)
+    };
+    // Two roundings of f32.
+    assert!((angle - PI / 180.0).abs() < 1e-8, "{angle}");
+}
+
+#[test]
+fn wrong_sizes_are_ignored_with_a_warning() {
+    for wrong in [
+        json!("1"),
+        json!(-1),
+        json!([1]),
+        json!(true),
+        json!(1e300),
+        json!(null),
+    ] {
+        let light = json!({"type": "point", "extras": {"lumel": {"radius": 0.25}}});
+        let loaded = with_light(light, json!({"lumel": {"radius": wrong}}));
+        assert_eq!(radius(&loaded.scene.lights[0]), 0.25, "{wrong}");
+        assert_eq!(warnings(&loaded), ["nodes[1].extras.lumel.radius"]);
+        let message = &loaded.report.warnings[0].message;
+        assert!(
+            message.contains("found") && message.contains("expected"),
+            "{message}"
+        );
+        assert_eq!(loaded.report.counts["lights.extras_ignored"], 1);
+
+        let light = json!({"type": "directional", "extras": {"lumel": {"angle": wrong}}});
+        let loaded = with_light(light, json!(null));
+        let LightKind::Directional { angle, .. } = loaded.scene.lights[0].kind else {
+            panic!("{:?}", loaded.scene.lights)
+        };
+        assert_eq!(angle, 0.0);
+        assert_eq!(
+            warnings(&loaded),
+            ["extensions.KHR_lights_punctual.lights[0].extras.lumel.angle"]
+        );
+    }
+}
+
+#[test]
+fn sizes_of_other_kinds_of_light_are_named() {
+    let loaded = with_light(
+        json!({"type": "directional"}),
+        json!({"lumel": {"radius": 1}}),
+    );
+    assert_eq!(warnings(&loaded), ["nodes[1].extras.lumel.radius"]);
+    let loaded = with_light(json!({"type": "spot"}), json!({"lumel": {"angle": 1}}));
+    assert_eq!(warnings(&loaded), ["nodes[1].extras.lumel.angle"]);
+    // Extras that are no object, or hold nothing of ours, are nobody's business.
+    for extras in [
+        json!("text"),
+        json!([1]),
+        json!({"lumel": 3}),
+        json!({"radius": 1}),
+    ] {
+        assert_eq!(
+            warnings(&with_light(json!({"type": "spot"}), extras)),
+            [""; 0]
+        );
+    }
+}
