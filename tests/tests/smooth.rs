@@ -8,7 +8,7 @@ use common::{Seen, at, bake, lumels_of, worst};
 use glam::{DVec3, Vec3};
 use lumel::{Settings, SkySource};
 use lumel_tests::geometry::{Geometry, cuboid, room};
-use lumel_tests::gltf::Light;
+use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
 use lumel_tests::scenes::smooth::{averaged, glowing, lit, tube, uv_sphere};
 
 /// Meridians and bands.
@@ -143,6 +143,23 @@ fn a_hollow_furnace_loses_no_light_between_the_horizons() {
 }
 
 #[test]
+fn a_bright_ball_does_not_light_itself() {
+    // In a black hall so large that the ball counts as a lamp, of closed forms and shadow rays: its own facets lie below its horizons.
+    let hall = room(Vec3::splat(-2.0), Vec3::splat(2.0), 1).bare();
+    for n in &TESSELLATIONS[..2] {
+        let ball = uv_sphere(1.0, *n);
+        let mut b = GltfBuilder::new();
+        let glow = b.material(&Material::emitter("glow", [1.0; 3], [0.5; 3]));
+        let black = b.material(&Material::diffuse("black", [0.0; 3]));
+        for (name, g, m) in [("ball", &ball, glow), ("hall", &hall, black)] {
+            let mesh = b.mesh(name, &[(g, m)]);
+            b.node(Node::of_mesh(name, mesh));
+        }
+        all_dark(&lumels_of(&bake(&b.finish(), &at(4.0)), "ball"));
+    }
+}
+
+#[test]
 fn a_closed_sphere_lets_no_light_out_or_in() {
     for n in TESSELLATIONS {
         let ball = uv_sphere(1.0, n);
@@ -194,14 +211,13 @@ fn a_sphere_that_rests_in_a_closed_box_is_lit_as_in_the_open_and_lets_nothing_in
 }
 
 #[test]
-fn a_cube_with_averaged_normals_keeps_its_faces() {
-    // Its points stay on the faces: a plate 1 mm above the top hides the sky from all of it but the rim, and the sides' horizons stay the faces' own.
+fn a_cube_with_averaged_normals_keeps_its_horizons() {
+    // Low light from one side: normals of the top's rim lean towards it, but its faces do not see it.
     let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
     let low = Vec3::new(0.96, -0.28, 0.0);
     let glb = lit(&[("cube", &cube)], 0.0, &[sun(low)]);
-    for l in lumels_of(&bake(&glb, &at(16.0)), "cube") {
-        if l.all(|p| p.y > 0.4999) {
-            assert_eq!(l.red(), 0.0, "{}", l.points[0]);
-        }
-    }
+    let mut top = lumels_of(&bake(&glb, &at(8.0)), "cube");
+    top.retain(|l| l.all(|p| p.y > 0.4999));
+    assert!(top.len() >= 64, "{}", top.len());
+    all_dark(&top);
 }

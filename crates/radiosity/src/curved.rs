@@ -153,3 +153,6 @@ pub(crate) fn height(
     let altitude = 2.0 * soup.areas[triangle as usize] / longest;
     (sum / (1.0 + mean.length())).min(0.5 * altitude)
 }
+
+#[cfg(test)]
+mod tests;
