@@ -17,6 +17,7 @@ mod manifest;
 mod output;
 mod pack;
 mod preview;
+pub mod probes;
 mod refine;
 mod smooth;
 mod texture;
