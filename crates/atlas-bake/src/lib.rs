@@ -19,6 +19,7 @@ mod pack;
 mod pages;
 mod planes;
 mod preview;
+pub mod probes;
 mod refine;
 mod smooth;
 mod texture;
@@ -38,7 +39,7 @@ pub use gltf_out::{
 };
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
-pub use manifest::{Manifest, ManifestNode, ManifestPage, UvTransform, ValueKind};
+pub use manifest::{Manifest, ManifestGroup, ManifestNode, ManifestPage, UvTransform, ValueKind};
 pub use output::{OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};

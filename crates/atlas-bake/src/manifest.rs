@@ -77,6 +77,12 @@ pub struct Manifest {
     pub texels_per_unit: f32,
     /// One per page.
     pub pages: Vec<ManifestPage>,
+    /// Channels of the pages beside R, G and B.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub channels: Vec<String>,
+    /// Groups of light with pages of their own, which sum to `pages`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<ManifestGroup>,
     /// One per instance that has a lightmap, in scene-graph order.
     pub nodes: Vec<ManifestNode>,
 }
@@ -90,6 +96,15 @@ pub struct ManifestPage {
     pub width: u32,
     /// Texels.
     pub height: u32,
+}
+
+/// A group of light.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ManifestGroup {
+    /// Its name.
+    pub name: String,
+    /// Page files, of the size of the scene's, in the same order.
+    pub pages: Vec<String>,
 }
 
 /// One instance.
@@ -167,6 +182,8 @@ impl Manifest {
                     height,
                 })
                 .collect(),
+            channels: Vec::new(),
+            groups: Vec::new(),
             nodes,
         })
     }

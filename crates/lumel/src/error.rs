@@ -30,6 +30,16 @@ pub enum Error {
         /// It could not be read at all.
         io: bool,
     },
+    /// The list of probes' points cannot be used.
+    #[error("{}: {message}", file.display())]
+    Probes {
+        /// The list.
+        file: PathBuf,
+        /// Why.
+        message: String,
+        /// It could not be read at all.
+        io: bool,
+    },
     /// Two images cannot be compared.
     #[error("{} and {}: {source}", a.display(), b.display())]
     Compare {
@@ -65,7 +75,7 @@ impl Error {
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
             | Error::Compare { .. } => 3,
             Error::Output(_) => 2,
-            Error::Sky { io, .. } => {
+            Error::Sky { io, .. } | Error::Probes { io, .. } => {
                 if *io {
                     2
                 } else {

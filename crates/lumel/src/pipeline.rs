@@ -3,19 +3,21 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
 use atlas_bake::{
     BakeOptions, Baked, ExrOptions, Layout, LayoutError, LayoutOptions, LayoutProgress,
-    LayoutReport, LitScene, Manifest, OutputSet, ValueKind, choose_camera, render_preview,
-    scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
+    LayoutReport, LitScene, Manifest, ManifestGroup, OutputSet, ValueKind, choose_camera,
+    render_preview, scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
-use radiosity::{Emitters, Monitor, Phase, Solution, World, WorldOptions};
+use radiosity::{DirectLight, Emitters, Monitor, Phase, Solution, World, WorldOptions};
 
 use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
 use crate::memory;
+use crate::probes::{self, ProbePlan};
 use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
 use crate::settings::{Settings, SkySource};
 use crate::sky;
@@ -29,6 +31,8 @@ pub struct Bake {
     pub layout: Layout,
     /// Light.
     pub baked: Baked,
+    /// Light probes.
+    pub probes: Option<ProbeFile>,
     /// Report so far; [`files`](Bake::files) completes a copy of it.
     pub report: Report,
     /// Names of the groups of [`Baked::groups`].
@@ -86,6 +90,7 @@ fn begin(monitor: &dyn Monitor, phase: Phase) -> Result<(), Error> {
 /// [`Error`], by fault.
 pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<Bake, Error> {
     check(settings)?;
+    let points = settings.probes.as_ref().map(probes::read).transpose()?;
     let mut clock = Clock::new();
     begin(monitor, Phase::Ingest)?;
     let mut loaded = mesh_ingest::load(
@@ -110,6 +115,10 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     let (groups, group_names) = chosen.groups.unzip();
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
+    let plan = match (&settings.probes, points) {
+        (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
+        _ => None,
+    };
     clock.lap(Phase::Ingest);
 
     begin(monitor, Phase::Atlas)?;
@@ -150,6 +159,17 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
     clock.lap(Phase::Gather);
+
+    let (probes, probe_report) = match &plan {
+        Some(plan) => {
+            begin(monitor, Phase::Probes)?;
+            let (file, report) =
+                light_probes(&world, &emitters, &solution, plan, settings, monitor)?;
+            clock.lap(Phase::Probes);
+            (Some(file), Some(report))
+        }
+        None => (None, None),
+    };
     let warnings = warnings(
         &loaded,
         clamped_warning(clamped_materials),
@@ -181,6 +201,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         layout: layout_report,
         solve: solution.report.clone(),
         gather: baked.report.clone(),
+        probes: probe_report,
         clamped: Vec::new(),
         warnings,
         measured: Measured::default(),
@@ -189,12 +210,43 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         loaded,
         layout,
         baked,
+        probes,
         report,
         group_names: group_names.unwrap_or_default(),
         stem,
         value: settings.value,
         clock,
     })
+}
+
+/// Bakes the probes of a plan.
+fn light_probes(
+    world: &World,
+    emitters: &Emitters,
+    solution: &Solution,
+    plan: &ProbePlan,
+    settings: &Settings,
+    monitor: &dyn Monitor,
+) -> Result<(ProbeFile, ProbeReport), Error> {
+    let origin = world.scene.origin;
+    let at: Vec<Vec3> = plan
+        .positions
+        .iter()
+        .map(|p| (*p - origin).as_vec3())
+        .collect();
+    let scene = ProbeScene {
+        world,
+        solution,
+        direct: &DirectLight::new(world, emitters),
+    };
+    let options = probes::options(settings.quality);
+    let mut probes = bake_probes(&scene, &at, &options, monitor).map_err(|_| Error::Cancelled)?;
+    let report = report_probes(&probes, plan.grid.as_ref(), &options);
+    if let Some(grid) = &plan.grid {
+        grid.fill(&mut probes);
+    }
+    let file = ProbeFile::new(&plan.positions, &probes, plan.grid.as_ref());
+    Ok((file, report))
 }
 
 /// Charts and pages of a scene, under the monitor.
@@ -359,18 +411,21 @@ fn warnings(
     out
 }
 
-/// Names of the files that a bake of `scene` writes, first page only.
-pub fn output_names(scene: &Path) -> [String; 5] {
+/// Names of the files that a bake of `scene` writes, first page only; the report is the last.
+pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
-    [
-        "lightmap.exr",
-        "glb",
-        "vertex.glb",
-        "lightmap.json",
-        "report.json",
-    ]
-    .map(|end| format!("{stem}.{end}"))
+    let mut ends = vec!["lightmap.exr", "glb", "vertex.glb", "lightmap.json"];
+    ends.extend(settings.probes.as_ref().map(|_| PROBES));
+    let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
+    let groups = settings.groups.iter().map(|g| g.name.as_str());
+    let rest = (!settings.groups.is_empty()).then_some(sources::REST);
+    names.extend(groups.chain(rest).map(|g| format!("{stem}.group.{g}.exr")));
+    names.push(format!("{stem}.report.json"));
+    names
 }
+
+/// End of the name of the probes' file.
+const PROBES: &str = "probes.json";
 
 impl Bake {
     /// Names of the page files, in order.
@@ -430,8 +485,20 @@ impl Bake {
         files.push((glb.clone(), bytes));
         let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
         files.push((format!("{}.vertex.glb", self.stem), bytes));
-        let manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        if let Some(page) = self.baked.pages.first() {
+            manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
+        }
+        manifest.groups = (self.group_names.iter())
+            .map(|name| ManifestGroup {
+                name: name.clone(),
+                pages: self.group_page_names(name),
+            })
+            .collect();
         files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
+        if let Some(probes) = &self.probes {
+            files.push((format!("{}.{PROBES}", self.stem), probes.to_json()));
+        }
         clock.lap(Phase::Write);
         report.measured = self.measure(clock);
         files.push((self.report_name(), report.to_json()));
@@ -456,6 +523,9 @@ impl Bake {
     pub fn retire_pages(&self, set: &mut OutputSet) {
         for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
             set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
+            for group in &self.group_names {
+                set.remove_obsolete(&format!("{}.group.{group}.{i}.exr", self.stem));
+            }
         }
     }
 
@@ -498,11 +568,13 @@ impl Bake {
         let rays = self.report.solve.link_rays
             + self.report.solve.shadow_rays
             + self.report.gather.lumel_rays
-            + self.report.gather.vertex_rays;
+            + self.report.gather.vertex_rays
+            + self.report.probes.as_ref().map_or(0, |p| p.rays);
         Measured {
             threads: rayon::current_num_threads(),
             seconds: (clock.last - clock.start).as_secs_f64(),
-            mrays_per_second: rays as f64 * 1e-6 / seconds_in(&["solve", "gather"]).max(1e-9),
+            mrays_per_second: rays as f64 * 1e-6
+                / seconds_in(&["solve", "gather", "probes"]).max(1e-9),
             peak_bytes: memory::peak_bytes(),
             phases: clock.phases,
         }

@@ -1,5 +1,6 @@
 //! The bake's report.
 
+use atlas_bake::probes::ProbeReport;
 use atlas_bake::{BakeReport, ExrStats, LayoutReport};
 use mesh_ingest::IngestReport;
 use radiosity::{Audit, SolveReport};
@@ -32,6 +33,8 @@ pub struct Report {
     pub solve: SolveReport,
     /// The gather.
     pub gather: BakeReport,
+    /// Light probes, where any were asked for.
+    pub probes: Option<ProbeReport>,
     /// Samples clamped when written, by page.
     pub clamped: Vec<ExrStats>,
     /// What a user should look at; `--strict` makes a bake with any of these fail.

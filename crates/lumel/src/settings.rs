@@ -33,6 +33,16 @@ pub enum SkySource {
     File(#[serde(skip)] PathBuf),
 }
 
+/// Where light probes are.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProbeSource {
+    /// A list of points, JSON.
+    File(#[serde(skip)] PathBuf),
+    /// A regular grid over the scene with this distance between neighbours, metres.
+    Spacing(f32),
+}
+
 /// A sun given beside the scene's own lights.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Sun {
@@ -102,6 +112,8 @@ pub struct Settings {
     pub directional: Option<Directional>,
     /// How far surfaces occlude each other for the layer of ambient occlusion, metres; `None` chooses by the scene's size.
     pub ao_distance: Option<f32>,
+    /// Light probes for things that move.
+    pub probes: Option<ProbeSource>,
     /// Estimated relative error to reach, instead of the preset's.
     pub error: Option<f32>,
     /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light; fresh snow, the whitest thing that
@@ -129,6 +141,7 @@ impl Default for Settings {
             layers: Vec::new(),
             directional: None,
             ao_distance: None,
+            probes: None,
             error: None,
             max_reflectance: 0.98,
         }

@@ -23,6 +23,8 @@ pub enum Phase {
     Refine,
     /// Light at vertices.
     Vertices,
+    /// Light probes.
+    Probes,
     /// Writing files.
     Write,
 }
@@ -41,6 +43,7 @@ impl Phase {
             Phase::Gather => "gather",
             Phase::Refine => "refine",
             Phase::Vertices => "vertices",
+            Phase::Probes => "probes",
             Phase::Write => "write",
         }
     }

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
+use mesh_ingest::Pyramids;
 use patch_subdivision::{Options as CutOptions, PatchId, Subdivision};
 use rayon::prelude::*;
 
@@ -80,7 +81,8 @@ pub fn solve(
     } = direct_light(world, emitters, &cut, &options.direct, monitor);
     report.shadow_rays = rays;
     report.cancelled = !finished;
-    let surfaces = PatchSurfaces::average(world, &cut, &direct);
+    let reflectance = element_reflectance(world, &cut);
+    let surfaces = PatchSurfaces::average(&cut, &reflectance, &direct);
     let groups = world.group_count();
     // What each group's direct light sends on, if they are kept apart.
     let by_group: Vec<PatchSurfaces> = (0..if groups > 1 { groups } else { 0 })
@@ -91,7 +93,7 @@ pub fn solve(
                 .step_by(groups)
                 .copied()
                 .collect();
-            PatchSurfaces::average(world, &cut, &own)
+            PatchSurfaces::average(&cut, &reflectance, &own)
         })
         .collect();
 
@@ -319,6 +321,16 @@ fn direct_light(
     out
 }
 
+/// Mean reflectance over each element, textures averaged over its area: at one point, a tiled floor would be as bright as the tile or
+/// as the joint that the point happens to lie on.
+fn element_reflectance(world: &World, cut: &Subdivision) -> Vec<Vec3> {
+    let pyramids = Pyramids::build(world.scene, world.soup);
+    (cut.elements().par_iter())
+        .with_min_len(256)
+        .map(|e| pyramids.reflectance(world.scene, world.soup, e.triangle, e.u, e.v, e.area))
+        .collect()
+}
+
 /// Means over patches.
 pub(crate) struct PatchSurfaces {
     /// m².
@@ -331,7 +343,8 @@ pub(crate) struct PatchSurfaces {
 }
 
 impl PatchSurfaces {
-    fn average(world: &World, cut: &Subdivision, direct: &[Vec3]) -> Self {
+    /// Of `reflectance` and `direct`, given by element.
+    fn average(cut: &Subdivision, reflectance: &[Vec3], direct: &[Vec3]) -> Self {
         let rows: Vec<[DVec3; 3]> = (0..cut.patches().len())
             .into_par_iter()
             .map(|p| {
@@ -340,7 +353,7 @@ impl PatchSurfaces {
                 for k in cut.elements_of(PatchId(p as u32)) {
                     let x = cut.elements()[k];
                     let a = x.area as f64;
-                    let r = world.reflectance(x.triangle, x.u, x.v).as_dvec3();
+                    let r = reflectance[k].as_dvec3();
                     let d = direct[k].as_dvec3();
                     rho += r * a;
                     e += d * a;

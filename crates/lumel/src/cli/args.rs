@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, Layer, LightGroup, LightScale, Quality, Settings, SkySource, Sun, UnwrapperChoice,
-    UvMode, ValueKind,
+    Directional, Layer, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+    UnwrapperChoice, UvMode, ValueKind,
 };
 
 /// Bakes diffuse global illumination into glTF levels.
@@ -76,6 +76,10 @@ pub(crate) struct Bake {
     /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the scene's size]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
+    /// Light probes for things that move, into SCENE.probes.json: at the points of a file {"points": [[x, y, z], …]}, or on a grid with
+    /// this distance in metres
+    #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
+    pub probes: Option<ProbeSource>,
     /// Reflectances above this count as this
     #[arg(long, value_name = "X", default_value_t = 0.98)]
     pub max_reflectance: f32,
@@ -254,6 +258,15 @@ fn parse_group(text: &str) -> Result<LightGroup, String> {
     })
 }
 
+/// A number is a distance, anything else a file.
+fn parse_probes(text: &str) -> Result<ProbeSource, String> {
+    match text.trim().parse::<f32>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(ProbeSource::Spacing(x)),
+        Ok(x) => Err(format!("found the distance {x}, expected a number above 0")),
+        Err(_) => Ok(ProbeSource::File(text.into())),
+    }
+}
+
 fn parse_sky(text: &str) -> Result<SkySource, String> {
     if let Some(hex) = text.strip_prefix('#')
         && hex.len() == 6
@@ -304,6 +317,7 @@ impl Bake {
             groups: self.group.clone(),
             directional: self.directional.map(Directional::from),
             ao_distance: self.ao_distance,
+            probes: self.probes.clone(),
             value: self.value.into(),
             max_reflectance: self.max_reflectance,
             ..Settings::default()

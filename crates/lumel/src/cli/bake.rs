@@ -17,7 +17,7 @@ const PREVIEW: [u32; 2] = [1280, 720];
 /// Bakes and writes.
 pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     let settings = a.settings()?;
-    check_outputs(a)?;
+    check_outputs(a, &settings)?;
     if let Some(n) = a.threads {
         if n == 0 || n > 1024 {
             return Err(
@@ -47,7 +47,7 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
 }
 
 /// Refuses, before any work, outputs that would replace the scene or each other.
-fn check_outputs(a: &Bake) -> Result<(), lumel::Error> {
+fn check_outputs(a: &Bake, settings: &lumel::Settings) -> Result<(), lumel::Error> {
     let place = |path: &Path| -> PathBuf {
         let folder = match path.parent() {
             Some(p) if !p.as_os_str().is_empty() => p,
@@ -57,28 +57,41 @@ fn check_outputs(a: &Bake) -> Result<(), lumel::Error> {
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         folder.join(path.file_name().unwrap_or_default())
     };
-    let outputs: Vec<PathBuf> = lumel::output_names(&a.scene)
+    let names = lumel::output_names(&a.scene, settings);
+    let outputs: Vec<PathBuf> = names
         .iter()
         .map(|name| place(&a.output.join(name)))
         .collect();
+    let own_report = outputs.last().cloned();
     if outputs.contains(&place(&a.scene)) {
         return Err(lumel::Error::Setting(format!(
             "{}: the bake would replace its own scene; give another folder with -o",
             a.scene.display()
         )));
     }
+    let points = match &settings.probes {
+        Some(lumel::ProbeSource::File(path)) => Some(path),
+        _ => None,
+    };
+    if let Some(path) = points.filter(|p| outputs.contains(&place(p))) {
+        return Err(lumel::Error::Setting(format!(
+            "{}: the bake would replace its own list of probes; give another folder with -o",
+            path.display()
+        )));
+    }
     let mut taken = outputs;
     taken.push(place(&a.scene));
+    taken.extend(points.map(|p| place(p)));
     // The report may be asked for where it goes anyway.
     let report = a
         .report
         .iter()
-        .filter(|path| place(path) != place(&a.output.join(&lumel::output_names(&a.scene)[4])));
+        .filter(|path| Some(place(path)) != own_report);
     for path in report.chain(&a.preview) {
         let path = place(path);
         if taken.contains(&path) {
             return Err(lumel::Error::Setting(format!(
-                "{}: this file is already the scene or another output of the bake",
+                "{}: this file is already an input or another output of the bake",
                 path.display()
             )));
         }
@@ -103,6 +116,12 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
         bake.report.gather.lumels,
         pages.join(", ")
     ));
+    if let Some(p) = &bake.report.probes {
+        display.say(&format!(
+            "  probes    {}, {} of them inside or behind things",
+            p.probes, p.invalid
+        ));
+    }
     display.progress(Phase::Write, 0, 0);
     let (files, report) = bake.files()?;
     let preview = match &a.preview {

@@ -1,0 +1,84 @@
+//! Light probes of a bake: where they are, and their file.
+
+use atlas_bake::probes::{ProbeGrid, ProbeOptions, parse_points};
+use glam::{DVec3, Vec3};
+use mesh_ingest::{Scene, Soup};
+
+use crate::error::Error;
+use crate::settings::{ProbeSource, Quality};
+
+/// Where a bake's probes are.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct ProbePlan {
+    /// Positions in the glTF's world space, metres.
+    pub positions: Vec<DVec3>,
+    /// How they are arranged, if they are.
+    pub grid: Option<ProbeGrid>,
+}
+
+/// Reads the list of points, where the source is one: before any work, which a bad file should not cost.
+///
+/// # Errors
+/// [`Error::Probes`] where the file cannot be read or is no list of points; [`Error::Setting`] for a distance that is none.
+pub(crate) fn read(source: &ProbeSource) -> Result<Vec<DVec3>, Error> {
+    match source {
+        ProbeSource::Spacing(s) if s.is_finite() && *s > 0.0 => Ok(Vec::new()),
+        ProbeSource::Spacing(s) => Err(Error::Setting(format!(
+            "the distance of probes is {s}, expected a number above 0"
+        ))),
+        ProbeSource::File(path) => {
+            let fail = |message: String, io: bool| Error::Probes {
+                file: path.to_owned(),
+                message,
+                io,
+            };
+            let bytes = std::fs::read(path).map_err(|e| fail(e.to_string(), true))?;
+            parse_points(&bytes).map_err(|e| fail(e.to_string(), false))
+        }
+    }
+}
+
+/// Plans the probes; `points` are what [`read`] gave.
+///
+/// # Errors
+/// [`Error::Setting`] where a grid would have too many.
+pub(crate) fn plan(
+    source: &ProbeSource,
+    points: Vec<DVec3>,
+    scene: &Scene,
+    soup: &Soup,
+) -> Result<ProbePlan, Error> {
+    let ProbeSource::Spacing(spacing) = source else {
+        return Ok(ProbePlan {
+            positions: points,
+            grid: None,
+        });
+    };
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for p in soup.triangles.iter().flatten() {
+        low = low.min(*p);
+        high = high.max(*p);
+    }
+    if soup.triangles.is_empty() {
+        (low, high) = (Vec3::ZERO, Vec3::ZERO);
+    }
+    let place = |p: Vec3| p.as_dvec3() + scene.origin;
+    // Of the decimal that was given, not of its `f32`: positions are written in full.
+    let spacing = spacing.to_string().parse().unwrap_or(f64::from(*spacing));
+    let grid = ProbeGrid::over(place(low), place(high), spacing)
+        .map_err(|e| Error::Setting(e.to_string()))?;
+    Ok(ProbePlan {
+        positions: (0..grid.len()).map(|i| grid.position(i)).collect(),
+        grid: Some(grid),
+    })
+}
+
+/// How carefully probes of a quality are baked.
+pub(crate) fn options(quality: Quality) -> ProbeOptions {
+    let (rays, samples) = match quality {
+        Quality::Draft => (256, 32),
+        Quality::Preview => (1024, 128),
+        Quality::Production => (4096, 512),
+    };
+    ProbeOptions { rays, samples }
+}
