@@ -271,3 +271,57 @@ impl Inspection {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat3, Vec3};
+    use mesh_ingest::{Environment, Light, PlacedProfile};
+
+    use super::*;
+
+    #[test]
+    fn lights_are_told_with_their_sizes() {
+        let light = |name: &str, kind, profile| Light {
+            name: name.into(),
+            node: None,
+            intensity: Vec3::new(1.0, 5.0, 2.0),
+            kind,
+            profile,
+        };
+        let point = |radius| LightKind::Point {
+            position: Vec3::ZERO,
+            range: None,
+            radius,
+        };
+        let sun = |angle| LightKind::Directional {
+            direction: Vec3::NEG_Y,
+            angle,
+        };
+        let worn = Some(PlacedProfile {
+            profile: 0,
+            from_world: Mat3::IDENTITY,
+        });
+        for (light, expected) in [
+            (light("", point(0.0), None), "point, 5 cd"),
+            (light("a", point(0.5), None), "a: point, 5 cd, radius 0.5 m"),
+            (
+                light("b", point(0.0), worn),
+                "b: point, 5 cd, measured profile",
+            ),
+            (light("", sun(0.0), None), "directional, 5 lx"),
+            (
+                light("", sun(0.5f32.to_radians()), None),
+                "directional, 5 lx, disc of 1.00 degrees",
+            ),
+        ] {
+            assert_eq!(describe(&light), expected);
+        }
+        let sky = Environment {
+            name: "dusk".into(),
+            width: 2,
+            height: 1,
+            pixels: vec![Vec3::ONE; 2],
+        };
+        assert_eq!(describe_sky(&sky), "dusk: map of 2 x 1 pixels");
+    }
+}

@@ -76,7 +76,15 @@ pub(super) fn profile(
         match item.value.as_str() {
             Some(uri) => {
                 let (profile, _) = profiles.of_uri(document, uri, &item.path, report)?;
-                return Ok(super::measured::wear(profile, &placed.transform));
+                let worn = super::measured::wear(profile, &placed.transform);
+                if worn.is_none() {
+                    report.count("lights.extras_ignored", 1);
+                    report.warn(
+                        &item.path,
+                        "the node's transform gives the profile no direction; it is ignored",
+                    );
+                }
+                return Ok(worn);
             }
             None => ignore(&item, "the URI of an IES file", report),
         }

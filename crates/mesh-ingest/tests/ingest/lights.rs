@@ -115,3 +115,54 @@ fn sizes_of_other_kinds_of_light_are_named() {
         );
     }
 }
+
+#[test]
+fn a_profile_without_direction_is_ignored_and_said() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let file = "data:,TILT=NONE%0A1 1 1 2 1 1 1 0 0 0 1 1 9 0 90 0 5 5";
+    doc.json["extensions"]["KHR_lights_punctual"]["lights"] =
+        json!([{"type": "point", "extras": {"lumel": {"ies": file}}}]);
+    let node = doc.root(json!({"extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    assert!(doc.load().unwrap().scene.lights[0].profile.is_some());
+    doc.json["nodes"][node]["scale"] = json!([1, 1, 0]);
+    let loaded = doc.load().unwrap();
+    assert!(loaded.scene.lights[0].profile.is_none());
+    assert_eq!(
+        warnings(&loaded),
+        ["extensions.KHR_lights_punctual.lights[0].extras.lumel.ies"]
+    );
+}
+
+#[test]
+fn damaged_lights_end_in_an_answer() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let image = "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2FAAAAABJRU5ErkJggg==";
+    doc.json["images"] = json!([{ "uri": image }]);
+    doc.json["extensions"] = json!({
+        "KHR_lights_punctual": {"lights": [{"type": "spot", "extras": {"lumel": {"radius": 1, "angle": 2}}}]},
+        "EXT_lights_ies": {"lights": [{"uri": "data:,TILT=NONE%0A1 1 1 2 1 1 1 0 0 0 1 1 9 0 90 0 5 5"}]},
+        "EXT_lights_image_based": {"lights": [{
+            "rotation": [0, 0, 0, 1], "intensity": 1, "specularImages": [[0, 0, 0, 0, 0, 0]],
+            "irradianceCoefficients": vec![[1, 1, 1]; 9], "specularImageSize": 1,
+        }]},
+    });
+    doc.json["scenes"][0]["extensions"]["EXT_lights_image_based"] = json!({"light": 0});
+    doc.root(json!({
+        "extensions": {"KHR_lights_punctual": {"light": 0}, "EXT_lights_ies": {"light": 0, "color": [1, 1, 1]}},
+        "extras": {"lumel": {"radius": 2}}, "rotation": [0, 0, 0, 1], "scale": [1, 2, 3],
+    }));
+    assert!(doc.load().is_ok());
+    let whole = serde_json::to_string(&doc.json).unwrap();
+    // Every number in turn, and every name, put wrong.
+    let number = |c: char| c.is_ascii_digit();
+    for (at, c) in whole.char_indices().filter(|&(_, c)| number(c) || c == '"') {
+        for wrong in ["-7", "1e38", "null", "[]", "x"] {
+            let mut damaged = whole.clone();
+            damaged.replace_range(at..at + c.len_utf8(), wrong);
+            if let Ok(json) = serde_json::from_str(&damaged) {
+                doc.json = json;
+                let _ = doc.load();
+            }
+        }
+    }
+}
