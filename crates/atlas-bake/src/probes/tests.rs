@@ -24,6 +24,7 @@ fn add_mesh(scene: &mut Scene, material: Material, positions: Vec<Vec3>, triangl
         name: String::new(),
         copy: None,
         mesh: scene.meshes.len(),
+        occluder: false,
         transform: DAffine3::IDENTITY,
         extras: None,
     });
