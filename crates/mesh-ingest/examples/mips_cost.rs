@@ -2,6 +2,8 @@
 //!
 //! cargo run --release -p mesh-ingest --example mips_cost -- level.glb …
 
+#![allow(clippy::print_stdout, reason = "printing is what it does")]
+
 use std::path::Path;
 use std::time::Instant;
 
