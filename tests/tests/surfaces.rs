@@ -227,3 +227,65 @@ fn a_face_that_coincides_with_another_is_no_blacker_than_that() {
     }
     all_hold(&lumels_of(&b, "copy"), 2.0);
 }
+
+/// `glb` with its JSON changed.
+fn edited(glb: &[u8], edit: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
+    let word = |at: usize| u32::from_le_bytes(glb[at..at + 4].try_into().unwrap()) as usize;
+    let end = 20 + word(12);
+    let mut json = serde_json::from_slice(&glb[20..end]).unwrap();
+    edit(&mut json);
+    let mut text = serde_json::to_vec(&json).unwrap();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut out = glb[..8].to_vec();
+    out.extend((20 + text.len() as u32 + (glb.len() - end) as u32).to_le_bytes());
+    out.extend((text.len() as u32).to_le_bytes());
+    out.extend(&glb[16..20]);
+    out.extend(text);
+    out.extend(&glb[end..]);
+    out
+}
+
+#[test]
+fn occluders_cast_their_shadow_and_nothing_else() {
+    let mut b = GltfBuilder::new();
+    let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
+    let white = b.material(&Material::emitter("white", [5.0; 3], [0.9; 3]));
+    let floor = b.mesh("floor", &[(&floor(), grey)]);
+    b.node(Node::of_mesh("floor", floor));
+    // Over the half of the floor where x > 0, beyond its rim on the other sides.
+    let roof = grid(
+        Vec3::new(0.0, 0.5, 2.0),
+        Vec3::X * 2.0,
+        Vec3::Z * -4.0,
+        [1, 1],
+    );
+    let roof = b.mesh("roof", &[(&roof.bare(), white)]);
+    b.node(Node::of_mesh("roof", roof));
+    let sun = b.light("sun", Light::Directional([2.0; 3]));
+    b.node(Node {
+        name: "sun".into(),
+        rotation: glam::Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2),
+        light: Some(sun),
+        ..Node::default()
+    });
+    let glb = b.finish();
+    let bake_as = |list: &str, index: usize| {
+        let glb = edited(&glb, |json| {
+            json["materials"][white]["doubleSided"] = true.into();
+            json[list][index]["extras"]["lumel"]["occluder"] = true.into();
+        });
+        bake(&glb, &at(8.0))
+    };
+    for (list, index) in [("materials", white), ("nodes", 1)] {
+        let baked = bake_as(list, index);
+        let lumels = lumels_of(&baked, "floor");
+        assert_eq!(lumels.len(), 256, "{list}");
+        let (lit, dark): (Vec<_>, Vec<_>) = lumels.into_iter().partition(|l| l.all(|p| p.x < 0.0));
+        assert_eq!((lit.len(), dark.len()), (128, 128), "{list}");
+        // Were the roof to glow or reflect, it would light both halves.
+        all_hold(&lit, 2.0);
+        all_hold(&dark, 0.0);
+        assert_eq!(baked.layout.placements[1].rect.w, 0, "{list}");
+        assert_eq!(baked.report.gather.lumels, 256, "{list}");
+    }
+}

@@ -200,10 +200,10 @@ fn read_materials(
     let mut materials: Vec<MaterialRead> = (0..count)
         .map(|i| {
             let read = faults.take(material::read(document, i, all, report));
-            read.unwrap_or_else(|| material::read_default(all, report))
+            read.unwrap_or_else(|| material::read_default(&all))
         })
         .collect();
-    materials.push(material::read_default(all, report));
+    materials.push(material::read_default(&all));
     materials
 }
 

@@ -1,6 +1,6 @@
 //! Materials, textures and samplers.
 
-use glam::{Affine2, DVec3, Mat2, Vec2, Vec3, Vec4};
+use glam::{Affine2, Mat2, Vec2, Vec3, Vec4};
 
 use crate::document::Document;
 use crate::error::{Fault, Outcome};
@@ -52,7 +52,9 @@ pub(crate) fn read(
             base_texture = read_texture(document, &texture, report, &mut faults)?;
         }
     }
-    let (emissive, emissive_texture) = read_emission(document, &item, report, &mut faults)?;
+    let extras = SurfaceExtras::read(&item, report).or(all);
+    let (emissive, emissive_texture) =
+        read_emission(document, &item, &extras, report, &mut faults)?;
     let alpha = match item.opt_str("alphaMode")? {
         None | Some("OPAQUE") => AlphaMode::Opaque,
         Some("MASK") => AlphaMode::Mask {
@@ -83,42 +85,25 @@ pub(crate) fn read(
         transmission_texture,
         ..Material::default()
     };
-    let extras = SurfaceExtras::read(&item, report).or(all);
-    Ok(apply_extras(material, faults, extras, report))
+    Ok(MaterialRead::new(material, faults, &extras))
 }
 
 /// The glTF default material, as the scene's and the root's extras want it.
-pub(crate) fn read_default(all: SurfaceExtras, report: &mut IngestReport) -> MaterialRead {
-    apply_extras(Material::default(), Vec::new(), all, report)
+pub(crate) fn read_default(all: &SurfaceExtras) -> MaterialRead {
+    MaterialRead::new(Material::default(), Vec::new(), all)
 }
 
-fn apply_extras(
-    mut material: Material,
-    faults: Vec<Fault>,
-    extras: SurfaceExtras,
-    report: &mut IngestReport,
-) -> MaterialRead {
-    if let Some(limit) = extras.max_reflectance {
-        material.max_reflectance = limit;
-    }
-    if let Some(scale) = extras.emit_scale {
-        let asked = material.emissive.as_dvec3() * scale;
-        material.emissive = asked.min(DVec3::splat(f64::from(f32::MAX))).as_vec3();
-        if material.emissive.as_dvec3().max_element() < asked.max_element() * (1.0 - 1e-6) {
-            report.count("materials.emission_clamped", 1);
+impl MaterialRead {
+    fn new(material: Material, faults: Vec<Fault>, extras: &SurfaceExtras) -> MaterialRead {
+        MaterialRead {
+            material: Material {
+                max_reflectance: extras.max_reflectance.unwrap_or(1.0),
+                occluder_only: extras.occluder == Some(true),
+                ..material
+            },
+            faults,
+            excluded: extras.exclude == Some(true),
         }
-    }
-    if extras.occluder == Some(true) {
-        material.occluder_only = true;
-        material.emissive = Vec3::ZERO;
-    }
-    if material.emissive == Vec3::ZERO {
-        material.emissive_texture = None;
-    }
-    MaterialRead {
-        material,
-        faults,
-        excluded: extras.exclude == Some(true),
     }
 }
 
@@ -149,10 +134,11 @@ fn read_transmission(
     Ok((given as f32, texture))
 }
 
-/// Radiance `emissiveFactor × emissiveStrength` and its texture, which is read only if the radiance is not zero.
+/// Radiance `emissiveFactor × emissiveStrength × emitScale` and its texture, which is read only if the radiance is not zero.
 fn read_emission(
     document: &Document,
     item: &Item<'_>,
+    extras: &SurfaceExtras,
     report: &mut IngestReport,
     faults: &mut Vec<Fault>,
 ) -> Outcome<(Vec3, Option<TextureRef>)> {
@@ -161,6 +147,11 @@ fn read_emission(
         Some(ext) => ext.opt_number("emissiveStrength")?.unwrap_or(1.0),
         None => 1.0,
     };
+    let scale = match extras.occluder {
+        Some(true) => 0.0,
+        _ => extras.emit_scale.unwrap_or(1.0),
+    };
+    let strength = strength * scale;
     let asked = factor.map(|f| f * strength);
     let given = asked.map(|x| x.clamp(0.0, f64::from(f32::MAX)));
     if given != asked {

@@ -127,11 +127,12 @@ impl Scene {
     /// [`Scene::base_color`].
     pub fn emission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let material = self.material_of(soup, tri);
-        if self.only_occludes(soup, tri) {
+        // Most surfaces do not shine: nothing more is looked up for them.
+        if material.emissive == Vec3::ZERO || self.only_occludes(soup, tri) {
             return Vec3::ZERO;
         }
         match &material.emissive_texture {
-            Some(texture) if material.emissive != Vec3::ZERO => {
+            Some(texture) => {
                 let uv = self.lookup(soup, tri).tex_coord(texture.tex_coord, u, v);
                 (material.emissive * self.sample(texture, uv).xyz()).max(Vec3::ZERO)
             }

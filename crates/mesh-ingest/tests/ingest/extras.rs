@@ -222,6 +222,23 @@ fn occluders_block_and_do_nothing_else() {
 }
 
 #[test]
+fn what_does_not_shine_needs_no_emissive_image() {
+    let mut doc = with_extras(json!({"emitScale": 0}));
+    doc.json["materials"][0]["emissiveTexture"] = json!({"index": 0});
+    let junk = doc.view(b"not an image");
+    doc.push(
+        "images",
+        json!({"bufferView": junk, "mimeType": "image/png"}),
+    );
+    doc.push("textures", json!({"source": 0}));
+    assert!(doc.load().unwrap().scene.images[0].is_none());
+    doc.json["materials"][0]["extras"]["lumel"] = json!({"occluder": true});
+    assert!(doc.load().unwrap().scene.images[0].is_none());
+    doc.json["materials"][0]["extras"]["lumel"] = json!({"emitScale": 0.1});
+    assert_eq!(doc.load().unwrap_err().exit_code(), 3);
+}
+
+#[test]
 fn an_excluded_node_is_no_occluder() {
     let mut doc = with_extras(json!({}));
     doc.root(
