@@ -1,5 +1,10 @@
 //! Coarse meshes with smooth normals are lit as the round shapes that they stand for.
 
+#![allow(
+    clippy::print_stderr,
+    reason = "figures for docs/smooth.md, with --nocapture"
+)]
+
 mod common;
 
 use std::f64::consts::PI;
