@@ -1,5 +1,10 @@
 //! Coarse meshes with smooth normals are lit as the round shapes that they stand for.
 
+#![allow(
+    clippy::print_stderr,
+    reason = "figures for docs/smooth.md, with --nocapture"
+)]
+
 mod common;
 
 use std::f64::consts::PI;
@@ -38,7 +43,7 @@ fn holds(name: &str, lumels: &[Seen], scale: f64, exact: impl Fn(DVec3) -> f64) 
         );
     }
     let rms = (squares / n).sqrt();
-    println!("{name}: max {most:.5}, RMS {rms:.5}, {n} lumels");
+    eprintln!("{name}: max {most:.5}, RMS {rms:.5}, {n} lumels");
     assert!(n > 100.0, "{name}: {n} lumels");
     assert!(rms <= 3e-3, "{name}: RMS {rms}");
 }
@@ -136,7 +141,7 @@ fn a_hollow_furnace_loses_no_light_between_the_horizons() {
         let bake = bake(&glowing("hollow", &hollow, radiance, rho), &at(4.0));
         let seen = lumels_of(&bake, "hollow");
         let off = worst(&seen, 0.0, |_| PI / (1.0 - f64::from(rho)));
-        println!("hollow {n:?}: {off:.5}");
+        eprintln!("hollow {n:?}: {off:.5}");
         // f32 and half rounding, and the solve's residual.
         assert!(off <= 2e-3, "{n:?}: {off}");
     }

@@ -11,6 +11,7 @@
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
+use rayon::prelude::*;
 
 /// Cosine of the tilt from which a corner's normal counts as bent, 0.5°. Eight-bit normals of a flat face are off by up to √2/254 rad =
 /// 0.32°. What is lost below it: (1 − cos)/2 = 2e-5 of a sky's light, and a step of 0.9 % of the sun's at the terminator.
@@ -29,7 +30,7 @@ pub(crate) struct Curved {
 }
 
 impl Curved {
-    /// Finds them: O(triangles) where the scene has vertex normals, O(instances) where it has none.
+    /// Finds them, in O(triangles); those without vertex normals are passed over.
     ///
     /// A triangle is curved if the normal of a corner is tilted against its own and no corner is *hard*. A vertex is hard if its normal
     /// is far from that of any face that shares it: a cap of a cylinder whose rim has one normal for both is flat,
@@ -53,20 +54,27 @@ impl Curved {
             if primitive.normals.is_empty() {
                 continue;
             }
+            let bent: Vec<(usize, [f32; 3])> = part
+                .into_par_iter()
+                .map(|t| {
+                    let normals = corner_normals(scene, soup, t as u32);
+                    (
+                        t,
+                        normals.map_or([0.0; 3], |n| n.map(|n| n.dot(soup.normals[t]))),
+                    )
+                })
+                .filter(|(_, cosines)| cosines.iter().any(|&c| c < BENT))
+                .collect();
+            if bent.is_empty() {
+                continue;
+            }
             let mut hard = vec![false; primitive.normals.len()];
-            let mut bent = Vec::new();
-            for t in part {
-                let cosines = corner_normals(scene, soup, t as u32)
-                    .map_or([0.0; 3], |n| n.map(|n| n.dot(soup.normals[t])));
-                if cosines.iter().all(|&c| c >= BENT) {
-                    continue;
-                }
-                bent.push(t);
-                for (i, cosine) in corners_of(scene, soup, t as u32).into_iter().zip(cosines) {
-                    hard[i as usize] |= cosine < HARD;
+            for (t, cosines) in &bent {
+                for (i, c) in corners_of(scene, soup, *t as u32).into_iter().zip(cosines) {
+                    hard[i as usize] |= *c < HARD;
                 }
             }
-            for t in bent {
+            for (t, _) in bent {
                 let corners = corners_of(scene, soup, t as u32);
                 if corners.iter().all(|&i| !hard[i as usize]) {
                     if faces.is_empty() {
