@@ -67,6 +67,11 @@ const INSIDE: f32 = f32::MAX;
 /// are cut until that happens in few.
 const NEAR_TEXTURE: f32 = 8.0;
 
+/// Terms where there are more emitters than may count singly: so that each has several points, which see a shadow's edge that one point
+/// misses. From 32 to 12 the error of a panel of 10,000 squares over boxes fell from 3.2 to 2.6 %, for less work; 4 did no
+/// better (docs/emitters.md).
+const GROUPS: usize = 12;
+
 /// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen nested groups about it.
 const MOST_TERMS: usize = 256;
 
@@ -394,6 +399,12 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         /// A node with its weight, and how much there is to gain from splitting it.
         type Candidate = (u32, f32, f32);
+        // Closed forms while they last; then a few groups with several points each, which see a shadow's edge that one point misses.
+        let most = if self.emitters.len() <= most {
+            most
+        } else {
+            most.min(GROUPS)
+        };
         let judge = |id: u32| -> Option<Candidate> {
             let node = &self.emitters.nodes[id as usize];
             let weight = node.importance(first.position, first.normal, scale);

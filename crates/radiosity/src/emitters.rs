@@ -44,7 +44,13 @@ impl Emitter {
 pub struct Emitters {
     pub(crate) emitters: Vec<Emitter>,
     pub(crate) nodes: Vec<Node>,
+    /// Running Σ power before each emitter, one more than there are.
+    cumulative: Vec<f64>,
 }
+
+/// Emitters that a choice is made among one by one, each by its own place and facing: the faces of a small box look everywhere, of
+/// which the tree's cones know nothing.
+const FEW: u32 = 16;
 
 impl Emitters {
     /// Collects the emitters that are to be sampled. O(n log n) in emissive triangles; textures are sampled a bounded number of times
@@ -75,8 +81,23 @@ impl Emitters {
             |p| 0.5 * world.offset(p),
         );
         emitters.extend(parts::subdivide(world, &varied));
+        Self::new(emitters)
+    }
+
+    fn new(mut emitters: Vec<Emitter>) -> Self {
         let nodes = tree::build(&mut emitters);
-        Emitters { emitters, nodes }
+        let mut cumulative = Vec::with_capacity(emitters.len() + 1);
+        let mut sum = 0f64;
+        cumulative.push(0.0);
+        for e in &emitters {
+            sum += e.power();
+            cumulative.push(sum);
+        }
+        Emitters {
+            emitters,
+            nodes,
+            cumulative,
+        }
     }
 
     /// How many there are: triangles after joining and cutting.
@@ -100,10 +121,14 @@ impl Emitters {
     ) -> Option<(&Emitter, f32)> {
         let mut id = self.node_of(start, end);
         let (mut x, mut probability) = (x, 1f64);
-        loop {
+        let node = loop {
             let node = &self.nodes[id as usize];
-            if node.second == 0 {
-                return Some((&self.emitters[node.start as usize], probability as f32));
+            if node.looks_alike(p.position) {
+                let (e, own) = self.pick_by_power(node.start, node.end, x);
+                return Some((e, (probability * own) as f32));
+            }
+            if node.end - node.start <= FEW {
+                break node;
             }
             let children = [id + 1, node.second];
             let [a, b] = children
@@ -122,7 +147,34 @@ impl Emitters {
             x = ((x - low) / part).clamp(0.0, 1.0 - f64::EPSILON);
             probability *= part;
             id = children[second as usize];
+        };
+        let few = &self.emitters[node.start as usize..node.end as usize];
+        let mut weights = [0f32; FEW as usize];
+        let mut sum = 0f32;
+        for (w, e) in weights.iter_mut().zip(few) {
+            *w = tree::leaf(e, 0).importance(p.position, p.normal, 0.0);
+            sum += *w;
         }
+        let mut left = x as f32 * sum;
+        let mut chosen = None;
+        for (&w, e) in weights.iter().zip(few).filter(|(w, _)| **w > 0.0) {
+            chosen = Some((e, (probability * (w / sum) as f64) as f32));
+            if left < w {
+                break;
+            }
+            left -= w;
+        }
+        chosen
+    }
+
+    /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its probability.
+    fn pick_by_power(&self, start: u32, end: u32, x: f64) -> (&Emitter, f64) {
+        let c = &self.cumulative[start as usize..=end as usize];
+        let (low, high) = (c[0], c[c.len() - 1]);
+        let at = low + x * (high - low);
+        let k = c[1..].partition_point(|&s| s <= at).min(c.len() - 2);
+        let own = (c[k + 1] - c[k]) / (high - low).max(f64::MIN_POSITIVE);
+        (&self.emitters[start as usize + k], own)
     }
 
     /// The node that holds just these emitters.

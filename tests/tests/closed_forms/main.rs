@@ -7,6 +7,7 @@
 mod common;
 
 mod cie;
+mod emissive_texture;
 mod enclosures;
 mod exchange;
 mod lights;

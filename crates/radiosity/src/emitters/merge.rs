@@ -95,7 +95,37 @@ fn bits(p: Vec3) -> [u32; 3] {
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
-/// The triangles that hang together with `seed` by edges and lie in its plane.
+/// A plane through triangles, which grows surer with each: a single small one's normal is off by its corners' rounding over its size.
+struct Plane {
+    /// Σ area × normal, and Σ area × centre.
+    normal: DVec3,
+    centre: DVec3,
+    area: f64,
+}
+
+impl Plane {
+    fn add(&mut self, e: &Emitter) {
+        let [a, b, c] = e.corners.map(|c| c.as_dvec3());
+        let normal = (b - a).cross(c - a) * 0.5;
+        let area = normal.length();
+        self.normal += normal;
+        self.centre += (a + b + c) * (area / 3.0);
+        self.area += area;
+    }
+
+    /// Whether all of `e` lies within `slack` of it and faces as it does.
+    fn holds(&self, e: &Emitter, slack: &impl Fn(Vec3) -> f32) -> bool {
+        let normal = self.normal.normalize_or_zero();
+        let origin = self.centre / self.area.max(1e-300);
+        // Facing the other way is another side, however thin the sheet.
+        normal.dot(e.normal.as_dvec3()) > 0.9
+            && e.corners
+                .iter()
+                .all(|c| normal.dot(c.as_dvec3() - origin).abs() <= slack(*c) as f64)
+    }
+}
+
+/// The triangles that hang together with `seed` by edges and lie in one plane with it.
 fn grow(
     emitters: &[Emitter],
     links: &Links,
@@ -103,30 +133,35 @@ fn grow(
     slack: &impl Fn(Vec3) -> f32,
     seen: &mut [bool],
 ) -> Vec<u32> {
-    let plane = &emitters[seed];
-    let (normal, origin) = (plane.normal.as_dvec3(), plane.corners[0].as_dvec3());
-    let inside = |e: &Emitter| {
-        // Facing the other way is another side, however thin the sheet.
-        e.normal.dot(plane.normal) > 0.9
-            && e.corners.iter().all(|c| {
-                let height = normal.dot(c.as_dvec3() - origin).abs();
-                height <= slack(*c) as f64
-            })
+    let mut plane = Plane {
+        normal: DVec3::ZERO,
+        centre: DVec3::ZERO,
+        area: 0.0,
     };
+    plane.add(&emitters[seed]);
     let mut region = vec![seed as u32];
     seen[seed] = true;
     let mut next = 0;
     while next < region.len() {
         for neighbour in links.0[region[next] as usize] {
-            if neighbour != NONE
-                && !seen[neighbour as usize]
-                && inside(&emitters[neighbour as usize])
-            {
+            if neighbour == NONE || seen[neighbour as usize] {
+                continue;
+            }
+            let e = &emitters[neighbour as usize];
+            if plane.holds(e, slack) {
+                plane.add(e);
                 seen[neighbour as usize] = true;
                 region.push(neighbour);
             }
         }
         next += 1;
+    }
+    // What bends slowly was followed all along its bend.
+    if !region
+        .iter()
+        .all(|&k| plane.holds(&emitters[k as usize], slack))
+    {
+        return Vec::new();
     }
     region.sort_unstable();
     region
@@ -140,7 +175,7 @@ fn retriangulate(
     slack: &impl Fn(Vec3) -> f32,
     clipper: &mut earcut::Earcut<f64>,
 ) -> Option<Vec<Emitter>> {
-    let first = emitters[region[0] as usize];
+    let mut first = emitters[region[0] as usize];
     let mut loops = outline(emitters, links, region)?;
     for corners in &mut loops {
         *corners = straighten(corners, slack);
@@ -150,6 +185,13 @@ fn retriangulate(
     if loops.iter().any(|l| l.len() < 3) || expected as f64 > WORTHWHILE * region.len() as f64 {
         return None;
     }
+    let normal: DVec3 = (region.iter())
+        .map(|&k| {
+            let e = &emitters[k as usize];
+            e.normal.as_dvec3() * e.area as f64
+        })
+        .sum();
+    first.normal = normal.try_normalize().map_or(first.normal, |n| n.as_vec3());
     // In the plane, about a corner of it: the scene's size must not eat the region's precision.
     let (x, y) = first.normal.as_dvec3().any_orthonormal_pair();
     let origin = first.corners[0].as_dvec3();

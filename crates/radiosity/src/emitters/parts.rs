@@ -26,6 +26,9 @@ const MOST_SAMPLES: usize = 1 << 23;
 /// Texture samples a triangle may have whatever the number of triangles, and at most.
 const SAMPLES: std::ops::RangeInclusive<usize> = 4..=1 << 16;
 
+/// Samples that tell the mean of a few large texels, whose edges lie anyhow, to a tenth of a per cent.
+const WELL_KNOWN: usize = 1 << 14;
+
 /// Radiance that spreads (standard deviation over mean) by less is taken as even: a few points of the part tell its mean to
 /// a few per cent then, and cutting it would cost more than it gains.
 const EVEN: f32 = 0.1;
@@ -57,16 +60,39 @@ impl Look {
     }
 }
 
-fn look(scene: &Scene, soup: &Soup, triangle: u32, part: [Vec2; 3], samples: usize) -> Look {
-    let sum = scene.mean_over(soup, triangle, part, samples as u32, |u, v| {
-        let radiance = scene.emitted(soup, triangle, u, v);
+/// Looks at the centres of n² equal sub-triangles of a part.
+fn look(scene: &Scene, soup: &Soup, triangle: u32, [a, b, c]: [Vec2; 3], n: u32) -> Look {
+    let (ab, ac) = ((b - a) / n as f32, (c - a) / n as f32);
+    let mut sum = Vec4::ZERO;
+    let mut add = |at: Vec2| {
+        let radiance = scene.emitted(soup, triangle, at.x, at.y);
         let l = luminance(radiance);
-        radiance.extend(l * l)
-    });
+        sum += radiance.extend(l * l);
+    };
+    for row in 0..n {
+        for column in 0..n - row {
+            let at = a + ab * column as f32 + ac * row as f32;
+            add(at + (ab + ac) / 3.0);
+            if column + row + 1 < n {
+                add(at + (ab + ac) * (2.0 / 3.0));
+            }
+        }
+    }
+    sum /= (n * n) as f32;
     Look {
         mean: sum.xyz(),
         square: sum.w,
     }
+}
+
+/// About how many texels cover the triangle, `most` at most: as many as [`Scene::mean_over`] takes samples.
+fn texels(scene: &Scene, soup: &Soup, triangle: u32, most: usize) -> u32 {
+    let count = Cell::new(0u32);
+    scene.mean_over(soup, triangle, WHOLE, most as u32, |_, _| {
+        count.set(count.get() + 1);
+        Vec4::ZERO
+    });
+    count.get()
 }
 
 /// How bright each triangle is, for deciding how its light travels.
@@ -91,7 +117,8 @@ pub(crate) fn brightness(scene: &Scene, soup: &Soup, triangles: &[u32]) -> Vec<B
                 let l = luminance(scene.emission(soup, t, 0.0, 0.0));
                 return Brightness { mean: l, bright: l };
             }
-            let seen = look(scene, soup, t, WHOLE, samples);
+            let n = texels(scene, soup, t, samples).isqrt();
+            let seen = look(scene, soup, t, WHOLE, n.max(1));
             let mean = luminance(seen.mean);
             Brightness {
                 mean,
@@ -120,19 +147,16 @@ impl Pyramid {
     /// Looks at the finest level and averages from there, so that the means of parts add up to that of the whole.
     fn build(world: &World, triangle: u32, most_levels: u32, samples: usize) -> Self {
         let (scene, soup) = (world.scene, world.soup);
-        // As many samples as `mean_over` would take of the whole: about one a texel.
-        let count = Cell::new(0u32);
-        scene.mean_over(soup, triangle, WHOLE, samples as u32, |_, _| {
-            count.set(count.get() + 1);
-            Vec4::ZERO
-        });
-        let across = count.get().isqrt().max(1);
+        let texels = texels(scene, soup, triangle, samples);
+        let across = texels.isqrt().max(1);
         let depth = across.next_power_of_two().ilog2().min(most_levels);
         let mut parts = vec![WHOLE];
         for _ in 0..depth {
             parts = parts.into_iter().flat_map(quarters).collect();
         }
-        let each = (samples >> (2 * depth)).max(1);
+        // Means count from afar: several samples for each texel that a cell's edge may cross, as far as there are.
+        let wanted = (4 * texels as usize).max(WELL_KNOWN).min(samples);
+        let each = ((wanted >> (2 * depth)) as u32).isqrt().max(1);
         let finest: Vec<Look> = parts
             .into_iter()
             .map(|part| look(scene, soup, triangle, part, each))

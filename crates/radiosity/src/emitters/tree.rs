@@ -24,6 +24,12 @@ pub(crate) struct Node {
 }
 
 impl Node {
+    /// Whether power alone tells its emitters apart well enough, as seen from `p`.
+    pub(crate) fn looks_alike(&self, p: Vec3) -> bool {
+        let d2 = self.centre.distance_squared(p);
+        self.cos_spread > ALIKE && self.radius * self.radius < SMALL * SMALL * d2
+    }
+
     /// About how much irradiance (luminance × π) its emitters bring to a receiver; 0 only where they bring none.
     ///
     /// power × cosθ cosθ'/d², where an angle is the least that any point of the node may be seen under, and that any of the faces may send
@@ -73,6 +79,12 @@ impl Node {
     }
 }
 
+/// A node is small when it is seen under less than this angle (radius over distance): 1/d² varies by a tenth to either side then.
+const SMALL: f32 = 0.05;
+
+/// The cosine of an angle within which faces look alike: 18°.
+const ALIKE: f32 = 0.95;
+
 /// Cosine of an angle (its cosine is `cos`) less another (0 to π, cosine and sine `c` and `s`), at most 1; `None` where a right angle
 /// or more is left.
 fn widened(cos: f32, c: f32, s: f32) -> Option<f32> {
@@ -95,10 +107,27 @@ pub(super) fn build(emitters: &mut [Emitter]) -> Vec<Node> {
     nodes
 }
 
-/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since halves are equal.
-fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
-    let part = &mut emitters[start..end];
-    let id = nodes.len();
+/// The node of one emitter, number `start`.
+#[inline]
+pub(super) fn leaf(e: &Emitter, start: u32) -> Node {
+    let [a, b, c] = e.corners;
+    let origin = (a + b + c) / 3.0;
+    let distance = |p: Vec3| p.distance_squared(origin);
+    Node {
+        centre: origin,
+        radius: distance(a).max(distance(b)).max(distance(c)).sqrt(),
+        origin,
+        power: e.power() as f32,
+        axis: e.normal,
+        cos_spread: if e.two_sided { -1.0 } else { 1.0 },
+        start,
+        end: start + 1,
+        second: 0,
+    }
+}
+
+/// Middle, radius and the box's size.
+fn ball(part: &[Emitter]) -> (Vec3, f32, Vec3) {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for c in part.iter().flat_map(|e| e.corners) {
         low = low.min(c);
@@ -109,21 +138,19 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
         .map(|c| c.distance_squared(centre))
         .fold(0.0, f32::max)
         .sqrt();
+    (centre, radius, high - low)
+}
+
+/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since halves are equal.
+fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
+    let part = &mut emitters[start..end];
+    let id = nodes.len();
     if let [e] = part {
-        nodes.push(Node {
-            centre,
-            radius,
-            origin: (e.corners[0] + e.corners[1] + e.corners[2]) / 3.0,
-            power: e.power() as f32,
-            axis: e.normal,
-            cos_spread: if e.two_sided { -1.0 } else { 1.0 },
-            start: start as u32,
-            end: end as u32,
-            second: 0,
-        });
+        nodes.push(leaf(e, start as u32));
         return id;
     }
-    let axis = (high - low).max_position();
+    let (centre, radius, size) = ball(part);
+    let axis = size.max_position();
     let key = |e: &Emitter| e.corners[0][axis] + e.corners[1][axis] + e.corners[2][axis];
     let middle = part.len() / 2;
     part.select_nth_unstable_by(middle, |a, b| {

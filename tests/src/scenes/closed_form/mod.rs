@@ -2,8 +2,10 @@
 //!
 //! Every scene says what is where, in metres; floors lie at y = 0 and look up. E is in the units of the lights.
 
+mod emissive_texture;
 mod exchange;
 
+pub use emissive_texture::*;
 pub use exchange::*;
 
 use glam::{DVec3, Vec3};
