@@ -24,7 +24,7 @@ use radiosity::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use arrivals::{Arrivals, TracedArrivals};
+pub use arrivals::{Arrivals, SampledArrivals};
 pub use file::{FilledGrid, ProbeFile};
 pub use grid::{ProbeGrid, TooManyProbes};
 pub use points::{PointsError, parse_points};

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use atlas_bake::probes::{
-    ProbeFile, ProbeReport, ProbeScene, TracedArrivals, bake_probes, report_probes,
+    ProbeFile, ProbeReport, ProbeScene, SampledArrivals, bake_probes, report_probes,
 };
 use atlas_bake::{
     BakeOptions, Baked, ExrOptions, Layout, LayoutError, LayoutOptions, LayoutProgress,
@@ -230,7 +230,7 @@ fn light_probes(
         world,
         solution,
         direct: &DirectLight::new(world, emitters),
-        arrivals: &TracedArrivals { world },
+        arrivals: &SampledArrivals::new(world),
     };
     let options = probes::options(settings.quality);
     let mut probes = bake_probes(&scene, &at, &options, monitor).map_err(|_| Error::Cancelled)?;

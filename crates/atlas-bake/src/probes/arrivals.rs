@@ -2,9 +2,7 @@
 
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
-use radiosity::{Incoming, World, hash_u32, sample_2d};
-
-use super::on_sphere;
+use radiosity::{World, luminance, sample_2d, sample_4d};
 
 /// Brings the light that gathering rays leave out.
 pub trait Arrivals: Sync {
@@ -14,15 +12,92 @@ pub trait Arrivals: Sync {
     fn for_each_arrival(&self, at: Vec3, samples: u32, seed: u32, f: &mut impl FnMut(Vec3, Vec3));
 }
 
-/// Arrivals from points and parallel light, in closed form with a shadow ray, and from emissive surfaces by rays that happen to hit them.
+/// Arrivals from points and parallel light, in closed form with a shadow ray, and from emissive surfaces by points on them, drawn by
+/// the power of their triangles.
 ///
-/// Unbiased but for the size of lights, and noisy where an emissive surface is small: what samples lights themselves does better.
-pub struct TracedArrivals<'w, 'a> {
-    /// Scene.
-    pub world: &'w World<'a>,
+/// Unbiased, but lights that have a size count as points, and an emissive surface close by makes noise, like 1/d².
+pub struct SampledArrivals<'w, 'a> {
+    world: &'w World<'a>,
+    /// Triangles whose emission gathering rays do not count, and the running sum of their power, each included.
+    emitters: Vec<(u32, f64)>,
 }
 
-impl Arrivals for TracedArrivals<'_, '_> {
+/// Points at which a triangle's emission is looked at.
+const LOOKS: u32 = 64;
+
+impl<'w, 'a> SampledArrivals<'w, 'a> {
+    /// Finds the emitters of a world.
+    pub fn new(world: &'w World<'a>) -> Self {
+        let (scene, soup) = (world.scene, world.soup);
+        let glows = |t: u32| {
+            let m = soup.materials[t as usize];
+            scene.materials[m as usize].emissive != Vec3::ZERO
+        };
+        let is_gathered = |t: u32| {
+            (0..LOOKS).any(|i| {
+                let [u, v] = folded(sample_2d(i, 0, 0));
+                world.gathered_emission(t, u, v) != Vec3::ZERO
+            })
+        };
+        let mut sum = 0.0;
+        let emitters = (0..soup.triangles.len() as u32)
+            .filter(|&t| glows(t) && !is_gathered(t))
+            .filter_map(|t| {
+                let mean = luminance(scene.mean_emission(soup, t, LOOKS));
+                let power = f64::from(mean * soup.areas[t as usize]);
+                sum += power;
+                (power > 0.0).then_some((t, sum))
+            })
+            .collect();
+        SampledArrivals { world, emitters }
+    }
+
+    /// The triangle at the share `x` of the power, and its own share.
+    fn pick(&self, x: f32) -> Option<(u32, f64)> {
+        let total = self.emitters.last()?.1;
+        let at = f64::from(x) * total;
+        let k = self.emitters.partition_point(|e| e.1 <= at);
+        let k = k.min(self.emitters.len() - 1);
+        let before = k.checked_sub(1).map_or(0.0, |k| self.emitters[k].1);
+        let (triangle, after) = self.emitters[k];
+        Some((triangle, (after - before) / total))
+    }
+
+    /// Direction to a point of an emitter and what comes from there, as if it stood for all emitters; `None` where nothing does.
+    fn drawn_emitter(&self, at: Vec3, random: [f32; 4]) -> Option<(Vec3, Vec3)> {
+        let world = self.world;
+        let (t, share) = self.pick(random[2])?;
+        let [u, v] = folded([random[0], random[1]]);
+        let [a, b, c] = world.soup.triangles[t as usize];
+        let q = a + (b - a) * u + (c - a) * v;
+        let to = q - at;
+        let d2 = to.length_squared();
+        let direction = to.try_normalize()?;
+        let normal = world.soup.normals[t as usize];
+        let cos = -normal.dot(direction);
+        let cos = if world.two_sided(t) { cos.abs() } else { cos };
+        if cos <= 0.0 {
+            return None;
+        }
+        // The ray ends as far off the emitter's plane as a receiver there would start.
+        let stop = 2.0 * world.offset(q) / normal.dot(to).abs();
+        if stop < 1.0 && world.occluded(at, to, 1.0 - stop) {
+            return None;
+        }
+        let solid_angle = cos / d2 * world.soup.areas[t as usize];
+        let l = world.scene.emission(world.soup, t, u, v);
+        let value = l * (f64::from(solid_angle) / share) as f32;
+        value.is_finite().then_some((direction, value))
+    }
+}
+
+/// Barycentrics, uniform over the triangle.
+fn folded([x, y]: [f32; 2]) -> [f32; 2] {
+    let s = x.sqrt();
+    [s * (1.0 - y), s * y]
+}
+
+impl Arrivals for SampledArrivals<'_, '_> {
     fn for_each_arrival(&self, at: Vec3, samples: u32, seed: u32, f: &mut impl FnMut(Vec3, Vec3)) {
         let world = self.world;
         for light in &world.scene.lights {
@@ -32,19 +107,12 @@ impl Arrivals for TracedArrivals<'_, '_> {
                 f(to.normalize(), value);
             }
         }
-        let shines = |m: &mesh_ingest::Material| m.emissive != Vec3::ZERO;
-        if !world.scene.materials.iter().any(shines) {
+        if self.emitters.is_empty() {
             return;
         }
-        let solid_angle = 4.0 * std::f32::consts::PI / samples as f32;
         for i in 0..samples {
-            let [u, v] = sample_2d(i, 0, hash_u32(seed));
-            let direction = on_sphere(u, v);
-            if let Incoming::Surface(hit) = world.incoming(at, direction)
-                && world.gathered_emission(hit.triangle, hit.u, hit.v) == Vec3::ZERO
-            {
-                let l = world.scene.emission(world.soup, hit.triangle, hit.u, hit.v);
-                f(direction, l * solid_angle);
+            if let Some((direction, value)) = self.drawn_emitter(at, sample_4d(i, 0, seed)) {
+                f(direction, value / samples as f32);
             }
         }
     }

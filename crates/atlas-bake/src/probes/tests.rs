@@ -116,7 +116,7 @@ fn bake_in(scene: &Scene, sky: Sky, at: &[Vec3], options: &ProbeOptions) -> Vec<
         world: &world,
         solution: &solution,
         direct: &DirectLight::new(&world, &emitters),
-        arrivals: &TracedArrivals { world: &world },
+        arrivals: &SampledArrivals::new(&world),
     };
     bake_probes(&probe_scene, at, options, &Silent).unwrap()
 }
@@ -349,7 +349,7 @@ fn a_small_bright_surface_fills_its_solid_angle() {
 
 #[test]
 fn light_bounces_into_probes() {
-    // A closed grey room with a lamp in it: Σ over bounces of its flux is Φ/(1 − ρ) ... in a sphere exactly, here about.
+    // A closed grey room with a lamp in it.
     let mut scene = Scene::default();
     add_box(
         &mut scene,
@@ -468,7 +468,7 @@ fn a_cancelled_bake_ends() {
         world: &world,
         solution: &solution,
         direct: &DirectLight::new(&world, &emitters),
-        arrivals: &TracedArrivals { world: &world },
+        arrivals: &SampledArrivals::new(&world),
     };
     let at = vec![Vec3::ZERO; 100];
     assert_eq!(
