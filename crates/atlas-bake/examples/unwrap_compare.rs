@@ -154,6 +154,7 @@ fn hard_scenes() -> Vec<(String, Scene)> {
                 copy: None,
                 mesh: 0,
                 transform: DAffine3::IDENTITY,
+                occluder: false,
                 extras: None,
             }],
             ..Scene::default()

@@ -9,7 +9,7 @@ use serde::Serialize;
 /// left texel. Texel (c, r) covers `[c, c+1) × [r, r+1)`.
 #[derive(Debug, Clone, Default)]
 pub struct MeshAtlas {
-    /// Width and height of the rectangle in texels, padding included.
+    /// Width and height of the rectangle in texels, padding included; zero where no instance receives light.
     pub size: [u32; 2],
     /// One per [`mesh_ingest::Mesh::primitives`], in order.
     pub primitives: Vec<PrimitiveAtlas>,
@@ -19,7 +19,7 @@ pub struct MeshAtlas {
     pub origin: UvOrigin,
 }
 
-/// Lightmap coordinates of one primitive.
+/// Lightmap coordinates of one primitive; nothing at all where it only occludes.
 #[derive(Debug, Clone, Default)]
 pub struct PrimitiveAtlas {
     /// For each new vertex, the vertex of the primitive that it copies. The identity where nothing was split.
@@ -66,7 +66,7 @@ pub struct Rect {
 pub struct Placement {
     /// Page number.
     pub page: u32,
-    /// Its rectangle there; the same size as the mesh's [`MeshAtlas::size`].
+    /// Its rectangle there; the same size as the mesh's [`MeshAtlas::size`], but zero for an instance that receives no light.
     pub rect: Rect,
 }
 

@@ -11,12 +11,13 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::atlas::{Layout, Page};
-use crate::dilate::dilate;
-use crate::footprint::{LumelFootprint, VertexFootprint};
+use crate::footprint::VertexFootprint;
 use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
 use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
+use crate::pages::Pages;
+use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
 use crate::smooth::smooth_indirect;
 
@@ -34,15 +35,22 @@ pub enum Layer {
     Error,
     /// `coverage.Y`: share of the texel that lies on the surface.
     Coverage,
+    /// `ao.Y`: ambient occlusion, as openness: the cosine-weighted share of rays that meet nothing within [`BakeOptions::ao_distance`].
+    Ao,
+    /// `sun_mask.Y`: share of the light of directional lights that gets through, 0..=1; 0 on faces turned away.
+    SunMask,
 }
 
-/// What a lightmap keeps of the directions that light comes from.
+/// What a lightmap keeps of the directions that light comes from, so that engines can light normal maps. Directions are in the axes of
+/// the glTF's world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Directional {
-    /// Spherical harmonics of first order.
+    /// Spherical harmonics of first order: `L0.R/G/B`, `L1x.…`, `L1y.…`, `L1z.…`, scaled so that a surface with normal n gets
+    /// L0 + L1x nx + L1y ny + L1z nz, in the unit of R, G, B.
     Sh1,
-    /// One direction, and how much of the light comes from about there.
+    /// `dominant.X/Y/Z`: the mean direction of light, weighted by luminance. Its length is 1 where all light comes from one side and
+    /// less where it does not.
     Dominant,
 }
 
@@ -59,6 +67,36 @@ pub struct BakeOptions {
     pub padding: u32,
     /// What R, G, B (and the light layers) hold.
     pub value: ValueKind,
+    /// Keep the directions of light.
+    pub directional: Option<Directional>,
+    /// How far [`Layer::Ao`] looks, metres; `None` for a tenth of the scene's diagonal.
+    pub ao_distance: Option<f32>,
+}
+
+impl BakeOptions {
+    /// What lumels are to keep beside their irradiance.
+    fn wanted(&self, world: &World) -> Wanted {
+        Wanted {
+            groups: world.groups.as_ref().map_or(0, |g| g.count),
+            moments: self.directional.is_some(),
+            openness: (self.layers.contains(&Layer::Ao))
+                .then(|| self.ao_distance.unwrap_or_else(|| 0.1 * diagonal(world))),
+            sun: self.layers.contains(&Layer::SunMask),
+        }
+    }
+}
+
+/// Of the box about the scene, metres.
+fn diagonal(world: &World) -> f32 {
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for p in world.soup.triangles.iter().flatten() {
+        (low, high) = (low.min(*p), high.max(*p));
+    }
+    if world.soup.is_empty() {
+        0.0
+    } else {
+        (high - low).length()
+    }
 }
 
 /// What was gathered.
@@ -95,6 +133,8 @@ pub struct BakeReport {
 pub struct Baked {
     /// Lightmap pages.
     pub pages: Vec<Page>,
+    /// Pages of each group of light, without extra channels; they sum to `pages`. Empty where groups are not kept apart.
+    pub groups: Vec<Vec<Page>>,
     /// Irradiance per instance, primitive and vertex of the primitive.
     pub vertices: VertexLight,
     /// What was done.
@@ -125,6 +165,7 @@ pub fn bake(
         solution,
         direct: DirectLight::new(world, emitters),
         options: options.lumels,
+        wanted: options.wanted(world),
     };
     let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
         let (footprint, seed) = lumels.footprint(world, i);
@@ -134,11 +175,20 @@ pub fn bake(
     add_rays(&gatherer, &lumels, layout, &mut received, monitor)?;
     smooth_indirect(&lumels, layout, &mut received);
     summarise(&lumels.lumels, &received, &mut out.report);
-    out.pages = fill_pages(world, layout, &lumels, &received, options);
+    let wanted = gatherer.wanted;
+    let pages = Pages {
+        world,
+        layout,
+        lumels: &lumels,
+        received: &received,
+        options,
+        wanted,
+    };
+    out.pages = pages.full();
+    out.groups = (0..wanted.groups).map(|g| pages.group(g)).collect();
     out.report.bytes = lumels.bytes()
-        + out
-            .pages
-            .iter()
+        + (received.len() * wanted.planes() * size_of::<Plane>()) as u64
+        + (out.pages.iter().chain(out.groups.iter().flatten()))
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
             .sum::<u64>();
     drop((received, lumels));
@@ -154,7 +204,8 @@ pub(crate) fn in_blocks(
     monitor: &dyn Monitor,
     gather: impl Fn(usize) -> Received + Sync,
 ) -> Result<Vec<Received>, Cancelled> {
-    let mut received = vec![Received::default(); n];
+    let mut received = Vec::new();
+    received.resize_with(n, Received::default);
     let done = AtomicU64::new(0);
     received
         .par_chunks_mut(BLOCK)
@@ -209,94 +260,6 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     }
 }
 
-fn fill_pages(
-    world: &World,
-    layout: &Layout,
-    lumels: &Lumels,
-    received: &[Received],
-    options: &BakeOptions,
-) -> Vec<Page> {
-    let mut pages: Vec<Page> = layout
-        .pages
-        .iter()
-        .map(|&[width, height]| {
-            let n = width as usize * height as usize;
-            Page {
-                width,
-                height,
-                value: vec![[0.0; 3]; n],
-                coverage: vec![0.0; n],
-                layers: channels(&options.layers)
-                    .map(|name| (name, vec![0.0; n]))
-                    .collect(),
-            }
-        })
-        .collect();
-    // Which texels hold a value of their own.
-    let mut own: Vec<Vec<bool>> = pages.iter().map(|p| vec![false; p.value.len()]).collect();
-    let inverse_pi = std::f32::consts::FRAC_1_PI;
-    let scale = match options.value {
-        ValueKind::Radiance => inverse_pi,
-        ValueKind::Irradiance | ValueKind::Radiosity => 1.0,
-    };
-    for (l, r) in lumels.lumels.iter().zip(received) {
-        let page = &mut pages[l.page as usize];
-        let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
-        page.coverage[at] = l.coverage;
-        own[l.page as usize][at] = true;
-        let reflectance = || LumelFootprint::new(world, lumels, *l, 0).mean_reflectance();
-        let tint = match options.value {
-            ValueKind::Radiosity => reflectance(),
-            ValueKind::Radiance | ValueKind::Irradiance => Vec3::ONE,
-        };
-        page.value[at] = ((r.direct + r.indirect) * tint * scale).to_array();
-        let mut channel = 0;
-        for layer in &options.layers {
-            let values: &[f32] = &match layer {
-                Layer::Direct => (r.direct * tint * scale).to_array().to_vec(),
-                Layer::Indirect => (r.indirect * tint * scale).to_array().to_vec(),
-                Layer::Radiosity => (reflectance() * (r.direct + r.indirect) * inverse_pi)
-                    .to_array()
-                    .to_vec(),
-                Layer::Error => vec![r.error * luminance(tint) * scale],
-                Layer::Coverage => vec![l.coverage],
-            };
-            for v in values {
-                page.layers[channel].1[at] = *v;
-                channel += 1;
-            }
-        }
-    }
-    for (instance, placement) in layout.placements.iter().enumerate() {
-        if !world.scene.meshes[world.scene.instances[instance].mesh]
-            .primitives
-            .is_empty()
-        {
-            let p = placement.page as usize;
-            dilate(
-                &mut pages[p],
-                &mut own[p],
-                placement.rect,
-                options.padding + 1,
-            );
-        }
-    }
-    pages
-}
-
-fn channels(layers: &[Layer]) -> impl Iterator<Item = String> {
-    layers.iter().flat_map(|layer| {
-        let (name, parts): (&str, &[&str]) = match layer {
-            Layer::Direct => ("direct", &["R", "G", "B"]),
-            Layer::Indirect => ("indirect", &["R", "G", "B"]),
-            Layer::Radiosity => ("radiosity", &["R", "G", "B"]),
-            Layer::Error => ("error", &["Y"]),
-            Layer::Coverage => ("coverage", &["Y"]),
-        };
-        parts.iter().map(move |p| format!("{name}.{p}"))
-    })
-}
-
 /// Irradiance at every vertex that a triangle uses; 0 at the others.
 fn bake_vertices(
     world: &World,
@@ -306,6 +269,8 @@ fn bake_vertices(
     report: &mut BakeReport,
 ) -> Result<Vec<Vec<Vec<[f32; 3]>>>, Cancelled> {
     gatherer.options = options;
+    // Vertices hold one colour.
+    gatherer.wanted = Wanted::default();
     let corners = VertexCorners::collect(world);
     let received = in_blocks(corners.len(), Phase::Vertices, monitor, |i| {
         let (around, seed) = corners.around(world, i);

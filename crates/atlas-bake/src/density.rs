@@ -28,7 +28,7 @@ pub struct MeshDensity {
     pub linear: DMat3,
     /// World area of that instance, m².
     pub area: f64,
-    /// Number of instances.
+    /// Number of instances that receive light.
     pub instances: usize,
     /// Lumels per metre on that instance.
     pub texels_per_unit: f32,
@@ -167,23 +167,28 @@ impl std::ops::DerefMut for Surveyed {
 }
 
 fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
-    let areas: Vec<f64> = scene
+    let areas: Vec<Option<f64>> = scene
         .instances
         .par_iter()
         .enumerate()
         .map(|(i, instance)| {
+            if !scene.has_lightmap(i) {
+                return None;
+            }
             let listed = soup.instance_ranges.get(i).map_or(0.0, |&[first, end]| {
-                let range = first as usize..end as usize;
-                soup.areas
-                    .get(range)
-                    .map_or(0.0, |a| a.iter().map(|&x| f64::from(x)).sum())
+                let receiving = (first..end).filter(|&t| !scene.only_occludes(soup, t));
+                receiving.map(|t| f64::from(soup.areas[t as usize])).sum()
             });
             // The soup leaves out duplicates; an instance that lies on another still needs lumels.
-            if listed > 0.0 {
+            Some(if listed > 0.0 {
                 listed
             } else {
-                world_area(&scene.meshes[instance.mesh], instance.transform.matrix3)
-            }
+                world_area(
+                    scene,
+                    &scene.meshes[instance.mesh],
+                    instance.transform.matrix3,
+                )
+            })
         })
         .collect();
     let mut meshes: Vec<Surveyed> = scene
@@ -201,6 +206,9 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
         })
         .collect();
     for (instance, &area) in scene.instances.iter().zip(&areas) {
+        let Some(area) = area else {
+            continue;
+        };
         let mesh = &mut meshes[instance.mesh];
         mesh.instances += 1;
         mesh.total += area;
@@ -213,13 +221,15 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
     meshes
 }
 
-fn world_area(mesh: &Mesh, linear: DMat3) -> f64 {
+/// Area of the primitives of `mesh` that receive light.
+fn world_area(scene: &Scene, mesh: &Mesh, linear: DMat3) -> f64 {
     let area = |corners: [DVec3; 3]| {
         let [a, b, c] = corners.map(|p| linear * p);
         0.5 * (b - a).cross(c - a).length()
     };
     mesh.primitives
         .iter()
+        .filter(|p| !scene.materials[p.material].occluder_only)
         .flat_map(|p| {
             p.triangles
                 .iter()

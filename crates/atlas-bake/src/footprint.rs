@@ -15,32 +15,6 @@ pub trait Footprint: Sync {
     fn size(&self) -> f32;
 }
 
-/// The point at barycentrics (u, v), drawn in from the triangle's edges just enough that, moved off the surface, it stays on its
-/// own side of a neighbouring face: a point exactly in a corner would see behind the wall.
-fn inset_point(world: &World, triangle: u32, u: f32, v: f32) -> SurfacePoint {
-    let corners = world.soup.triangles[triangle as usize];
-    let position = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
-    let margin = 4.0 * world.offset(position);
-    // Height above each edge is barycentric × altitude; altitude = 2 area / edge.
-    let area2 = 2.0 * world.soup.areas[triangle as usize];
-    let edge = |i: usize, j: usize| (corners[i] - corners[j]).length();
-    let least = [edge(1, 2), edge(2, 0), edge(0, 1)]
-        .map(|e| (margin * e / area2.max(1e-30)).min(1.0 / 3.0));
-    let mut w = [1.0 - u - v, u, v];
-    let mut short = false;
-    for k in 0..3 {
-        short |= w[k] < least[k];
-        w[k] = w[k].max(least[k]);
-    }
-    let (u, v) = if short {
-        let sum = w[0] + w[1] + w[2];
-        (w[1] / sum, w[2] / sum)
-    } else {
-        (u, v)
-    };
-    world.surface_point(triangle, u, v, false, true)
-}
-
 /// The part of a lumel's texel that lies on the surface.
 pub struct LumelFootprint<'l, 'w, 'a> {
     world: &'w World<'a>,
@@ -123,7 +97,7 @@ fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
 impl Footprint for LumelFootprint<'_, '_, '_> {
     fn candidate(&self, i: u32) -> Option<SurfacePoint> {
         let (triangle, u, v) = self.locate(i)?;
-        Some(inset_point(self.world, triangle, u, v))
+        Some(self.world.inset_point(triangle, u, v, false, true))
     }
 
     fn fallback(&self) -> SurfacePoint {
@@ -149,7 +123,7 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
                 best = (d, f.triangle, u / s, v / s);
             }
         }
-        inset_point(self.world, best.1, best.2, best.3)
+        self.world.inset_point(best.1, best.2, best.3, false, true)
     }
 
     fn size(&self) -> f32 {
@@ -204,11 +178,12 @@ impl Footprint for VertexFootprint<'_, '_> {
         w[corner as usize] = b;
         w[(corner as usize + 1) % 3] = (1.0 - b) * (1.0 - s[2]);
         w[(corner as usize + 2) % 3] = (1.0 - b) * s[2];
-        Some(inset_point(self.world, triangle, w[1], w[2]))
+        Some(self.world.inset_point(triangle, w[1], w[2], false, true))
     }
 
     fn fallback(&self) -> SurfacePoint {
-        inset_point(self.world, self.around[0].0, 1.0 / 3.0, 1.0 / 3.0)
+        self.world
+            .inset_point(self.around[0].0, 1.0 / 3.0, 1.0 / 3.0, false, true)
     }
 
     fn size(&self) -> f32 {

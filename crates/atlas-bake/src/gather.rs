@@ -7,6 +7,7 @@ use radiosity::{
 };
 
 use crate::footprint::Footprint;
+use crate::planes::{Plane, PlaneSums, Wanted};
 
 /// How carefully light is gathered.
 #[derive(Debug, Clone, Copy)]
@@ -29,7 +30,7 @@ pub struct GatherOptions {
 }
 
 /// Light that a footprint receives.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Received {
     /// Irradiance straight from lamps and emitters.
     pub direct: Vec3,
@@ -55,6 +56,8 @@ pub struct Received {
     pub edge: Edge,
     /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
     pub mixed: u32,
+    /// What [`Gatherer::wanted`] asks for, in its order; empty where that is nothing.
+    pub planes: Box<[Plane]>,
 }
 
 /// An edge across a footprint.
@@ -104,6 +107,8 @@ pub struct Gatherer<'w, 'a> {
     pub direct: DirectLight<'w, 'a>,
     /// How carefully.
     pub options: GatherOptions,
+    /// What to keep beside the irradiance.
+    pub wanted: Wanted,
 }
 
 /// Running sums of one sub-point.
@@ -135,6 +140,14 @@ impl Point {
     }
 }
 
+/// What a gathering ray found.
+#[derive(Default)]
+struct Found {
+    radiance: Vec3,
+    /// To the first surface, infinite if there is none; 0 where nothing can arrive.
+    distance: f32,
+}
+
 impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
     ///
@@ -145,9 +158,11 @@ impl Gatherer<'_, '_> {
     /// Sub-points inside closed things are those from which nearly all rays meet black back faces. Where all of the footprint is
     /// inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
-        if self.world.is_dark() {
+        // Openness is there in the dark too.
+        if self.world.is_dark() && self.wanted.openness.is_none() {
             return Received {
                 open: 1.0,
+                planes: vec![Plane::default(); self.wanted.planes()].into(),
                 ..Received::default()
             };
         }
@@ -156,10 +171,12 @@ impl Gatherer<'_, '_> {
         let points = spread(footprint, count);
         let mut sums = vec![Point::default(); count];
         let per_point = self.rays_per_point();
+        let mut planes = PlaneSums::new(self.wanted);
         for (k, sum) in sums.iter_mut().enumerate() {
             // Aligned blocks of a Sobol sequence are well distributed, each by itself and all together.
             let base = k as u32 * per_point;
-            self.indirect(&points[k], base..base + per_point, seed, sum);
+            planes.first_half = 2 * k < count;
+            self.indirect(&points[k], base..base + per_point, seed, sum, &mut planes);
         }
         let mut rays = u64::from(per_point) * count as u64;
         let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
@@ -186,10 +203,18 @@ impl Gatherer<'_, '_> {
                 return out;
             }
         }
-        let direct = self.direct_light(footprint, &points, &open, seed, &options.direct);
+        let mut planes = planes.finish();
+        let direct = self.direct_light(
+            footprint,
+            &points,
+            &open,
+            seed,
+            &options.direct,
+            &mut planes,
+        );
         rays += u64::from(direct.rays);
         let open = in_the_open as f32 / count as f32;
-        received(footprint, &points, direct, &estimate, open, rays)
+        received(footprint, &points, direct, &estimate, open, rays, planes)
     }
 
     /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.
@@ -205,21 +230,33 @@ impl Gatherer<'_, '_> {
         // On with the sequences, of points and of directions both.
         let points = spread(footprint, count * times as usize);
         let mut sums = vec![Point::default(); points.len() - count];
+        let mut planes = PlaneSums::new(self.wanted);
+        let most = sums.len();
         for (k, sum) in sums.iter_mut().enumerate() {
             let base = (count + k) as u32 * per_point;
-            self.indirect(&points[count + k], base..base + per_point, seed, sum);
+            planes.first_half = 2 * k < most;
+            let rays = base..base + per_point;
+            self.indirect(&points[count + k], rays, seed, sum, &mut planes);
         }
         let more = mean_and_spread(&sums, &vec![true; sums.len()]);
         let direct_variance = (first.error * first.error - first.indirect_variance).max(0.0);
         let (a, b) = (1.0 / times as f32, 1.0 - 1.0 / times as f32);
         let variance = a * a * first.indirect_variance + b * b * more.variance;
+        let planes = (first.planes.iter().zip(planes.finish()))
+            .map(|(first, more)| Plane {
+                direct: first.direct,
+                indirect: first.indirect * a + more.indirect * b,
+                first_half: first.first_half * a + more.first_half * b,
+            })
+            .collect();
         Received {
+            planes,
             indirect: first.indirect * a + more.mean * b,
             first_half: first.first_half * a + more.first_half * b,
             indirect_variance: variance,
             error: (direct_variance + variance).sqrt(),
             rays: first.rays + sums.len() as u64 * u64::from(per_point),
-            ..*first
+            ..first.clone()
         }
     }
 
@@ -234,10 +271,13 @@ impl Gatherer<'_, '_> {
         // Its own random numbers: what made the first points disagree should not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
         let mut sums = vec![Point::default(); count];
+        let mut planes = PlaneSums::new(self.wanted);
         for (k, sum) in sums.iter_mut().enumerate() {
             let base = k as u32 * EDGE_RAYS;
-            self.indirect(&points[k], base..base + EDGE_RAYS, seed, sum);
+            planes.first_half = 2 * k < count;
+            self.indirect(&points[k], base..base + EDGE_RAYS, seed, sum, &mut planes);
         }
+        let mut planes = planes.finish();
         let everywhere = vec![true; count];
         let estimate = mean_and_spread(&sums, &everywhere);
         let most = self.options.direct.penumbra.max(self.options.edge_points);
@@ -245,12 +285,12 @@ impl Gatherer<'_, '_> {
             base: most,
             penumbra: most,
         };
-        let direct = self.direct_light(footprint, &points, &everywhere, seed, &direct);
+        let direct = self.direct_light(footprint, &points, &everywhere, seed, &direct, &mut planes);
         let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
         let rays = u64::from(EDGE_RAYS) * count as u64 + u64::from(direct.rays);
         Received {
             edge: Edge::Contact,
-            ..received(footprint, &points, direct, &estimate, open, rays)
+            ..received(footprint, &points, direct, &estimate, open, rays, planes)
         }
     }
 
@@ -268,14 +308,16 @@ impl Gatherer<'_, '_> {
             ..self.options.direct
         };
         let open = vec![true; points.len()];
-        let direct = self.direct_light(footprint, &points, &open, seed, &options);
+        let mut planes = first.planes.clone();
+        let direct = self.direct_light(footprint, &points, &open, seed, &options, &mut planes);
         Received {
+            planes,
             direct: direct.irradiance,
             error: (first.indirect_variance + direct.variance).sqrt(),
             rays: first.rays + u64::from(direct.rays),
             edge: shadow(direct.mixed),
             mixed: direct.mixed,
-            ..*first
+            ..first.clone()
         }
     }
 
@@ -284,7 +326,8 @@ impl Gatherer<'_, '_> {
         (self.options.points..self.options.edge_points).any(|i| {
             footprint.candidate(i).is_some_and(|p| {
                 let mut probe = Point::default();
-                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe);
+                let mut planes = PlaneSums::new(Wanted::default());
+                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe, &mut planes);
                 probe.black == 0
             })
         })
@@ -296,61 +339,110 @@ impl Gatherer<'_, '_> {
         samples: std::ops::Range<u32>,
         seed: u32,
         out: &mut Point,
+        planes: &mut PlaneSums,
     ) {
         for i in samples {
             let s = sample_4d(i, 0, seed);
             let direction = cosine_hemisphere(p.normal, s[0], s[1]);
             out.rays += 1;
+            let mut ray = Found::default();
             // An interpolated normal's hemisphere dips below the face itself: nothing arrives from there.
-            if p.geometric.dot(direction) <= 0.0 {
-                continue;
+            if p.geometric.dot(direction) > 0.0 {
+                match self.arriving(p, direction, i, seed, &mut planes.of_ray) {
+                    Some(found) => {
+                        out.add(found.radiance);
+                        ray = found;
+                    }
+                    None => out.black += 1,
+                }
             }
-            match self.arriving(p, direction, i, seed) {
-                Some(radiance) => out.add(radiance),
-                None => out.black += 1,
+            if !planes.is_empty() {
+                planes.add(
+                    ray.radiance,
+                    direction,
+                    p.normal.dot(direction),
+                    ray.distance,
+                );
             }
         }
     }
 
-    /// Radiance that arrives at `p` from `direction`; `None` from a black back face.
+    /// What arrives at `p` from `direction`; `None` from a black back face. Light is added to `groups` too, unless that is empty.
     ///
     /// What a ray hits far away is read from the solution. What it hits within a patch's size is not: there one value stands for
     /// places that differ as much as those of the gather itself (the inside of a corner, the gap behind a picture). There the ray goes on as a path,
     /// with direct light by a shadow ray of its own (after Jensen, *Global illumination using photon maps*, 1996, who does so for near hits of his
     /// final gather).
-    fn arriving(&self, p: &SurfacePoint, direction: Vec3, i: u32, seed: u32) -> Option<Vec3> {
+    fn arriving(
+        &self,
+        p: &SurfacePoint,
+        direction: Vec3,
+        i: u32,
+        seed: u32,
+        groups: &mut [Vec3],
+    ) -> Option<Found> {
         let (mut point, mut direction) = (*p, direction);
         let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        let mut distance = f32::INFINITY;
+        let add = |radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]| {
+            *sum += radiance;
+            if let Some(part) = groups.get_mut(group) {
+                *part += radiance;
+            }
+        };
         for bounce in 0.. {
-            let hit = match self.world.incoming(point.origin, direction) {
+            let (found, tint) = self.world.incoming(point.origin, direction);
+            throughput *= tint;
+            let hit = match found {
                 Incoming::Escaped => {
-                    return Some(sum + throughput * self.world.sky.radiance(direction));
+                    let sky = throughput * self.world.sky.radiance(direction);
+                    add(sky, self.world.sky_group(), &mut sum, groups);
+                    break;
                 }
-                Incoming::Black => return (bounce > 0).then_some(sum),
+                Incoming::Black if bounce == 0 => return None,
+                Incoming::Black => break,
                 Incoming::Surface(hit) => hit,
             };
+            if bounce == 0 {
+                distance = hit.t;
+            }
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
             if bounce == MOST_NEAR_BOUNCES || hit.t > self.solution.cut.patch_edge(hit.triangle) {
-                let far = self
-                    .solution
-                    .radiance(self.world, &self.direct, &hit, at, random);
-                return Some(sum + throughput * far);
+                let far = self.solution.radiance_parts(
+                    self.world,
+                    &self.direct,
+                    &hit,
+                    at,
+                    random,
+                    throughput,
+                    groups,
+                );
+                sum += far;
+                break;
             }
             point = self
                 .world
                 .surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            sum += throughput * self.world.gathered_emission(hit.triangle, hit.u, hit.v);
+            let glow = self.world.gathered_emission(hit.triangle, hit.u, hit.v);
+            if glow != Vec3::ZERO {
+                let group = self.world.emission_group(hit.triangle);
+                add(throughput * glow, group, &mut sum, groups);
+            }
             throughput *= self.world.reflectance(hit.triangle, hit.u, hit.v);
-            let direct = self.direct.sample_one(&point, random);
-            sum += throughput * direct * std::f32::consts::FRAC_1_PI;
+            let (direct, group) = self.direct.sample_one(&point, random);
+            let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
+            add(reflected, group, &mut sum, groups);
             let [u, v] = sample_2d(i, 40 + bounce, seed);
             direction = cosine_hemisphere(point.normal, u, v);
             if point.geometric.dot(direction) <= 0.0 {
                 break;
             }
         }
-        Some(sum)
+        Some(Found {
+            radiance: sum,
+            distance,
+        })
     }
 
     fn direct_light(
@@ -360,6 +452,7 @@ impl Gatherer<'_, '_> {
         open: &[bool],
         seed: u32,
         options: &DirectOptions,
+        planes: &mut [Plane],
     ) -> DirectEstimate {
         let valid: Vec<SurfacePoint> = points
             .iter()
@@ -390,8 +483,12 @@ impl Gatherer<'_, '_> {
             }
             extra[i - valid.len()]
         };
-        self.direct
-            .irradiance(point, footprint.size(), seed ^ 0x68bc_21eb, options)
+        let mut parts = self.wanted.direct_parts();
+        let seed = seed ^ 0x68bc_21eb;
+        let out =
+            (self.direct).irradiance_parts(point, footprint.size(), seed, options, &mut parts);
+        self.wanted.place_direct(&parts, planes);
+        out
     }
 }
 
@@ -407,6 +504,7 @@ fn received(
     indirect: &Estimate,
     open: f32,
     rays: u64,
+    planes: Vec<Plane>,
 ) -> Received {
     let n = points.len() as f32;
     Received {
@@ -426,6 +524,7 @@ fn received(
         rays,
         edge: shadow(direct.mixed),
         mixed: direct.mixed,
+        planes: planes.into(),
     }
 }
 

@@ -71,6 +71,9 @@ pub enum LayoutError {
         /// What it must be.
         requirement: &'static str,
     },
+    /// Everything in the scene only occludes.
+    #[error("no surface receives light: every one is an occluder")]
+    NothingReceives,
     /// A mesh got no charts.
     #[error("mesh {mesh} \"{name}\" cannot be unwrapped: {source}")]
     Unwrap {
@@ -88,7 +91,7 @@ pub enum LayoutError {
 pub struct LayoutReport {
     /// Lumels per metre of the scene.
     pub texels_per_unit: f32,
-    /// By mesh of the scene.
+    /// By mesh of the scene that receives light.
     pub meshes: Vec<MeshReport>,
     /// Number of instances placed.
     pub instances: usize,
@@ -150,6 +153,9 @@ pub fn layout(
     progress: &(dyn Fn(LayoutProgress) -> bool + Sync),
 ) -> Result<(Layout, LayoutReport), LayoutError> {
     validate(options)?;
+    if !(0..scene.instances.len()).any(|i| scene.has_lightmap(i)) {
+        return Err(LayoutError::NothingReceives);
+    }
     let plan = plan(scene, soup, options.texels_per_unit, options.lumel_budget);
     let total = scene.meshes.iter().map(triangle_count).sum();
     let done = AtomicUsize::new(0);
@@ -159,12 +165,12 @@ pub fn layout(
             total,
         })
     };
-    let results: Vec<Result<LaidOut, LayoutError>> = scene
+    let results: Vec<Result<Option<LaidOut>, LayoutError>> = scene
         .meshes
         .par_iter()
         .zip(&plan.meshes)
         .map(|(mesh, density)| {
-            let result = lay_out_mesh(mesh, density, options, &cancel);
+            let result = lay_out_receiving(scene, mesh, density, options, &cancel);
             done.fetch_add(triangle_count(mesh), Ordering::Relaxed);
             if cancel() {
                 return Err(LayoutError::Cancelled);
@@ -178,11 +184,17 @@ pub fn layout(
     };
     let mut report = LayoutReport {
         texels_per_unit: plan.texels_per_unit,
-        instances: scene.instances.len(),
+        instances: plan.meshes.iter().map(|m| m.instances).sum(),
         ..LayoutReport::default()
     };
-    for result in results {
-        let (atlas, mesh, warnings) = result?;
+    for (result, mesh) in results.into_iter().zip(&scene.meshes) {
+        let Some((atlas, mesh, warnings)) = result? else {
+            layout.meshes.push(MeshAtlas {
+                primitives: vec![PrimitiveAtlas::default(); mesh.primitives.len()],
+                ..MeshAtlas::default()
+            });
+            continue;
+        };
         layout.meshes.push(atlas);
         report.meshes.push(mesh);
         report.warnings.extend(warnings);
@@ -226,6 +238,42 @@ fn triangle_count(mesh: &Mesh) -> usize {
 
 /// Charts of a mesh, what the report says of it, and its warnings.
 type LaidOut = (MeshAtlas, MeshReport, Vec<String>);
+
+/// Lays out the primitives of `mesh` that receive light; `None` if there are none, or no instance does.
+fn lay_out_receiving(
+    scene: &Scene,
+    mesh: &Mesh,
+    density: &MeshDensity,
+    options: &LayoutOptions,
+    cancel: Cancel<'_>,
+) -> Result<Option<LaidOut>, LayoutError> {
+    if density.instances == 0 {
+        return Ok(None);
+    }
+    let receives: Vec<bool> = mesh
+        .primitives
+        .iter()
+        .map(|p| !scene.materials[p.material].occluder_only)
+        .collect();
+    if receives.iter().all(|&r| r) {
+        return lay_out_mesh(mesh, density, options, cancel).map(Some);
+    }
+    // Rare: the copy spares everyone else a list of primitives beside the mesh.
+    let mut own = mesh.clone();
+    let mut kept = receives.iter();
+    own.primitives
+        .retain(|_| kept.next().copied().unwrap_or(true));
+    let (mut atlas, report, warnings) = lay_out_mesh(&own, density, options, cancel)?;
+    let mut charted = std::mem::take(&mut atlas.primitives).into_iter();
+    atlas.primitives = receives
+        .iter()
+        .map(|&r| {
+            let own = if r { charted.next() } else { None };
+            own.unwrap_or_default()
+        })
+        .collect();
+    Ok(Some((atlas, report, warnings)))
+}
 
 fn lay_out_mesh(
     mesh: &Mesh,
@@ -375,48 +423,59 @@ fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
     }
 }
 
-/// Gives every instance a rectangle of its mesh's size.
+/// Gives every instance that receives light a rectangle of its mesh's size.
 fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) {
-    let lone = scene.instances.len() == 1;
+    let receiving: Vec<usize> = (0..scene.instances.len())
+        .filter(|&i| scene.has_lightmap(i))
+        .collect();
+    let lone = receiving.len() == 1;
     // Charts made here keep their distance from the rectangle's border; an asset's own may touch it.
     let border = |mesh: usize| match layout.meshes[mesh].origin {
         UvOrigin::Kept if !lone => options.padding.div_ceil(2),
         _ => 0,
     };
     let max = options.max_page;
-    let sizes: Vec<[u32; 2]> = scene
-        .instances
+    let mesh_of = |i: usize| scene.instances[i].mesh;
+    let sizes: Vec<[u32; 2]> = receiving
         .iter()
-        .map(|i| {
-            let b = border(i.mesh);
-            layout.meshes[i.mesh].size.map(|s| (s + 2 * b).min(max))
+        .map(|&i| {
+            let b = border(mesh_of(i));
+            layout.meshes[mesh_of(i)].size.map(|s| (s + 2 * b).min(max))
         })
         .collect();
     let packed = pack_pages(&sizes, max).unwrap_or_default();
-    layout.placements = scene
-        .instances
-        .iter()
-        .zip(&packed.places)
-        .zip(&sizes)
-        .map(|((instance, &(page, [x, y])), outer)| {
-            let [w, h] = layout.meshes[instance.mesh].size;
-            Placement {
-                page,
-                rect: Rect {
-                    x: x + (outer[0] - w) / 2,
-                    y: y + (outer[1] - h) / 2,
-                    w,
-                    h,
-                },
-            }
-        })
-        .collect();
+    let nowhere = Rect {
+        x: 0,
+        y: 0,
+        w: 0,
+        h: 0,
+    };
+    layout.placements = vec![
+        Placement {
+            page: 0,
+            rect: nowhere
+        };
+        scene.instances.len()
+    ];
+    for ((&i, &(page, [x, y])), outer) in receiving.iter().zip(&packed.places).zip(&sizes) {
+        let [w, h] = layout.meshes[mesh_of(i)].size;
+        layout.placements[i] = Placement {
+            page,
+            rect: Rect {
+                x: x + (outer[0] - w) / 2,
+                y: y + (outer[1] - h) / 2,
+                w,
+                h,
+            },
+        };
+    }
     layout.pages = packed.pages;
 }
 
 fn summarise(plan: &DensityPlan, layout: &Layout, report: &mut LayoutReport) {
     report.pages.clone_from(&layout.pages);
-    for (mesh, density) in report.meshes.iter().zip(&plan.meshes) {
+    let receiving = plan.meshes.iter().filter(|m| m.instances > 0);
+    for (mesh, density) in report.meshes.iter().zip(receiving) {
         let texels = f64::from(mesh.size[0]) * f64::from(mesh.size[1]);
         report.lumels += mesh.utilisation * texels * density.instances as f64;
         if let Some(Adjusted::Huge) = density.adjusted {

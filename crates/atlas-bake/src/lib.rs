@@ -16,6 +16,8 @@ mod lumels;
 mod manifest;
 mod output;
 mod pack;
+mod pages;
+mod planes;
 mod preview;
 pub mod probes;
 mod refine;
@@ -37,9 +39,10 @@ pub use gltf_out::{
 };
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
-pub use manifest::{Manifest, ManifestNode, ManifestPage, UvTransform, ValueKind};
+pub use manifest::{Manifest, ManifestGroup, ManifestNode, ManifestPage, UvTransform, ValueKind};
 pub use output::{OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
+pub use planes::{Plane, Wanted};
 pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };

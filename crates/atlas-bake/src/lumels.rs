@@ -154,6 +154,10 @@ fn rasterise_instance(
     // (texel in the rectangle, triangle, covered texel area)
     let mut covered: Vec<(u32, u32, f32)> = Vec::new();
     for t in start..end {
+        if !scene.receives(instance, soup.sources[t as usize].primitive as usize) {
+            corners.push([Vec2::NAN; 3]);
+            continue;
+        }
         let uv = corners_of(soup, atlas, t);
         let d = uv.map(|p| DVec2::new(p.x as f64, p.y as f64));
         let area = 0.5 * (d[1] - d[0]).perp_dot(d[2] - d[0]).abs();

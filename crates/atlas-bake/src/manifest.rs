@@ -77,7 +77,13 @@ pub struct Manifest {
     pub texels_per_unit: f32,
     /// One per page.
     pub pages: Vec<ManifestPage>,
-    /// One per baked instance, in scene-graph order.
+    /// Channels of the pages beside R, G and B.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub channels: Vec<String>,
+    /// Groups of light with pages of their own, which sum to `pages`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<ManifestGroup>,
+    /// One per instance that has a lightmap, in scene-graph order.
     pub nodes: Vec<ManifestNode>,
 }
 
@@ -90,6 +96,15 @@ pub struct ManifestPage {
     pub width: u32,
     /// Texels.
     pub height: u32,
+}
+
+/// A group of light.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ManifestGroup {
+    /// Its name.
+    pub name: String,
+    /// Page files, of the size of the scene's, in the same order.
+    pub pages: Vec<String>,
 }
 
 /// One instance.
@@ -130,6 +145,9 @@ impl Manifest {
         let mut nodes = Vec::with_capacity(scene.instances.len());
         for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate()
         {
+            if !scene.has_lightmap(i) {
+                continue;
+            }
             nodes.push(ManifestNode {
                 node: instance.node,
                 name: instance.name.clone(),
@@ -164,6 +182,8 @@ impl Manifest {
                     height,
                 })
                 .collect(),
+            channels: Vec::new(),
+            groups: Vec::new(),
             nodes,
         })
     }
@@ -219,7 +239,7 @@ pub(crate) fn uv_of(
 
 #[cfg(test)]
 mod tests {
-    use mesh_ingest::{Instance, Mesh};
+    use mesh_ingest::{Instance, Material, Mesh, Primitive};
 
     use super::*;
     use crate::atlas::MeshAtlas;
@@ -231,13 +251,16 @@ mod tests {
             copy,
             mesh: 0,
             transform: glam::DAffine3::IDENTITY,
+            occluder: false,
             extras: None,
         };
         let scene = Scene {
             meshes: vec![Mesh {
                 gltf_mesh: 4,
+                primitives: vec![Primitive::default()],
                 ..Mesh::default()
             }],
+            materials: vec![Material::default()],
             instances: vec![instance(2, None), instance(7, Some(1))],
             ..Scene::default()
         };

@@ -1,14 +1,13 @@
 //! Light probes: the light that passes through points in the air, for things that move.
 //!
 //! A probe holds the radiance that arrives from all around as nine coefficients of spherical harmonics ([`Sh2`]). Light straight from
-//! lamps is summed up lamp by lamp ([`Arrivals`]); the rest is gathered by rays over the whole sphere, which read the solution where they
+//! lamps is summed up lamp by lamp ([`DirectLight::for_each_arrival`]); the rest is gathered by rays over the whole sphere, which read the solution where they
 //! hit and the sky where they leave, as those of lumels do ([`Gatherer`](crate::Gatherer)).
 //!
 //! Based on: R. Ramamoorthi and P. Hanrahan, *An efficient representation for irradiance environment maps*, 2001. Probes inside of
 //! things are told by the backs of faces that they see, as in Z. Majercik and others, *Dynamic diffuse global illumination with
 //! ray-traced irradiance fields*, 2019.
 
-mod arrivals;
 mod file;
 mod grid;
 mod points;
@@ -24,7 +23,6 @@ use radiosity::{
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub use arrivals::{Arrivals, SampledArrivals};
 pub use file::{FilledGrid, ProbeFile};
 pub use grid::{ProbeGrid, TooManyProbes};
 pub use points::{PointsError, parse_points};
@@ -96,15 +94,13 @@ pub struct ProbeReport {
 }
 
 /// Light and surfaces that probes see.
-pub struct ProbeScene<'s, 'w, 'a, A> {
+pub struct ProbeScene<'s, 'w, 'a> {
     /// Surfaces and sky.
     pub world: &'w World<'a>,
     /// Solved light.
     pub solution: &'s Solution,
-    /// Direct light at what rays hit.
+    /// Direct light, at what rays hit and at the probes.
     pub direct: &'s DirectLight<'w, 'a>,
-    /// Direct light at the probes.
-    pub arrivals: &'s A,
 }
 
 /// Bakes probes at `positions` (recentred world space, metres), in their order.
@@ -113,8 +109,8 @@ pub struct ProbeScene<'s, 'w, 'a, A> {
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
-pub fn bake_probes<A: Arrivals>(
-    scene: &ProbeScene<A>,
+pub fn bake_probes(
+    scene: &ProbeScene,
     positions: &[Vec3],
     options: &ProbeOptions,
     monitor: &dyn Monitor,
@@ -141,7 +137,7 @@ pub fn bake_probes<A: Arrivals>(
     Ok(probes)
 }
 
-impl<A: Arrivals> ProbeScene<'_, '_, '_, A> {
+impl ProbeScene<'_, '_, '_> {
     fn probe(&self, at: Vec3, options: &ProbeOptions) -> Probe {
         let rays = (options.rays / GROUPS).max(1);
         let samples = (options.samples / GROUPS).max(1);
@@ -165,7 +161,7 @@ impl<A: Arrivals> ProbeScene<'_, '_, '_, A> {
                 }
             }
             let seed = hash_u32(SEED.wrapping_add(g));
-            self.arrivals
+            self.direct
                 .for_each_arrival(at, samples, seed, &mut |direction, flux| {
                     add(&mut arrived, direction, flux.as_dvec3())
                 });
@@ -191,15 +187,16 @@ impl<A: Arrivals> ProbeScene<'_, '_, '_, A> {
         }
     }
 
-    /// Radiance that arrives from `direction`, but for what [`Arrivals`] bring; `None` from a black back face.
+    /// Radiance that arrives from `direction`, but for what comes straight from lamps; `None` from a black back face.
     fn radiance(&self, at: Vec3, direction: Vec3, seed: u32) -> Option<Vec3> {
-        match self.world.incoming(at, direction) {
-            Incoming::Escaped => Some(self.world.sky.radiance(direction)),
+        let (found, tint) = self.world.incoming(at, direction);
+        match found {
+            Incoming::Escaped => Some(tint * self.world.sky.radiance(direction)),
             Incoming::Black => None,
             Incoming::Surface(hit) => {
                 let p = at + direction * hit.t;
                 let solution = self.solution;
-                Some(solution.radiance(self.world, self.direct, &hit, p, seed))
+                Some(tint * solution.radiance(self.world, self.direct, &hit, p, seed))
             }
         }
     }

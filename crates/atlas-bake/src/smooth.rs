@@ -47,17 +47,29 @@ pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [
         .with_min_len(256)
         .map(|i| window.pooled_variance(i))
         .collect();
-    let smoothed: Vec<(Vec3, f32)> = (0..received.len())
+    let smoothed: Vec<Smoothed> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
         .map(|i| window.fit(i, &pooled))
         .collect();
-    for (r, (indirect, variance)) in received.iter_mut().zip(smoothed) {
+    for (r, s) in received.iter_mut().zip(smoothed) {
         let direct = (r.error * r.error - r.indirect_variance).max(0.0);
-        r.indirect = indirect;
-        r.indirect_variance = variance;
-        r.error = (direct + variance).sqrt();
+        r.indirect = s.indirect;
+        r.indirect_variance = s.variance;
+        r.error = (direct + s.variance).sqrt();
+        for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
+            plane.indirect = indirect;
+        }
     }
+}
+
+/// A lumel's light after smoothing.
+struct Smoothed {
+    indirect: Vec3,
+    /// Of its luminance.
+    variance: f32,
+    /// Indirect parts of its planes; empty where they stay as they are.
+    planes: Vec<Vec3>,
 }
 
 /// A neighbour and its offset in texels.
@@ -123,15 +135,19 @@ impl<'a> Window<'a> {
     }
 
     /// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance.
-    fn fit(&self, i: usize, variance: &[f32]) -> (Vec3, f32) {
+    fn fit(&self, i: usize, variance: &[f32]) -> Smoothed {
         let own = &self.received[i];
-        let keep = (own.indirect, variance[i]);
+        let keep = |variance: f32| Smoothed {
+            indirect: own.indirect,
+            variance,
+            planes: Vec::new(),
+        };
         if variance[i] <= 0.0 || own.open < 1.0 {
-            return (own.indirect, own.indirect_variance);
+            return keep(own.indirect_variance);
         }
         let (around, n) = self.around(i);
         if n < 2 * TERMS {
-            return keep;
+            return keep(variance[i]);
         }
         let halves: Vec<[Vec3; 2]> = around[..n]
             .iter()
@@ -139,6 +155,7 @@ impl<'a> Window<'a> {
             .collect();
         let own_halves = own.halves();
         let (mut sum, mut fitted) = (Vec3::ZERO, 0f32);
+        let mut planes = vec![Vec3::ZERO; own.planes.len()];
         for (judge, judged) in [(0, 1), (1, 0)] {
             let value = luminance(own_halves[judge]);
             let weigh = |k: usize| {
@@ -151,18 +168,25 @@ impl<'a> Window<'a> {
                 likely * near * self.lumels[j].coverage.max(0.05)
             };
             let Some(shares) = shares_of_fit(&around[..n], weigh) else {
-                return keep;
+                return keep(variance[i]);
             };
             for (k, share) in shares[..n].iter().enumerate() {
                 sum += halves[k][judged] * (0.5 * share);
+                for (plane, of) in planes.iter_mut().zip(&self.received[around[k].0].planes) {
+                    *plane += of.halves()[judged] * (0.5 * share);
+                }
                 // As if both fits went by the same weights, which holds where neighbours are alike.
                 fitted += 0.5 * share * share * variance[around[k].0];
             }
         }
         if !(fitted < variance[i] && sum.is_finite() && sum.min_element() >= 0.0) {
-            return keep;
+            return keep(variance[i]);
         }
-        (sum, fitted)
+        Smoothed {
+            indirect: sum,
+            variance: fitted,
+            planes,
+        }
     }
 }
 

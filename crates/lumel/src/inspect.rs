@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::error::Error;
 use crate::pipeline::plan_layout;
+use crate::report::clamped_warning;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
 
@@ -29,10 +30,14 @@ pub struct Inspection {
     pub area: f64,
     /// Emissive triangles.
     pub emissive_triangles: u64,
+    /// Materials in use that reflect more than the settings or their own limit allow.
+    pub clamped_materials: u64,
     /// Lights in words.
     pub lights: Vec<String>,
     /// All that gives light, by the names that options take.
     pub sources: Vec<Source>,
+    /// The scene's own sky in words.
+    pub environment: Option<String>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
 }
@@ -46,13 +51,14 @@ pub fn inspect(
     settings: &Settings,
     monitor: &dyn Monitor,
 ) -> Result<Inspection, Error> {
-    let loaded = mesh_ingest::load(
+    let mut loaded = mesh_ingest::load(
         file,
         &LoadOptions {
             scene: settings.scene,
             ..LoadOptions::default()
         },
     )?;
+    let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
     let (_, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
@@ -73,8 +79,10 @@ pub fn inspect(
         extent: (high - low).max(glam::Vec3::ZERO).to_array(),
         area: soup.areas.iter().map(|&a| a as f64).sum(),
         emissive_triangles: (0..soup.triangles.len()).filter(|&t| glows(t)).count() as u64,
+        clamped_materials,
         lights: scene.lights.iter().map(describe).collect(),
         sources: Sources::find(scene, loaded.document.json(), false).list(),
+        environment: scene.environment.as_ref().map(describe_sky),
         ingest: loaded.report.clone(),
         layout,
     })
@@ -82,13 +90,26 @@ pub fn inspect(
 
 fn describe(light: &mesh_ingest::Light) -> String {
     let i = light.intensity.max_element();
-    let kind = match light.kind {
-        LightKind::Directional { .. } => format!("directional, {i} lx"),
-        LightKind::Point { .. } => format!("point, {i} cd"),
-        LightKind::Spot { outer, .. } => {
-            format!("spot, {i} cd, {:.0} degrees", 2.0 * outer.to_degrees())
+    let (mut kind, radius) = match light.kind {
+        LightKind::Directional { angle, .. } => {
+            let mut kind = format!("directional, {i} lx");
+            if angle > 0.0 {
+                kind += &format!(", disc of {:.2} degrees", 2.0 * angle.to_degrees());
+            }
+            (kind, 0.0)
+        }
+        LightKind::Point { radius, .. } => (format!("point, {i} cd"), radius),
+        LightKind::Spot { outer, radius, .. } => {
+            let degrees = 2.0 * outer.to_degrees();
+            (format!("spot, {i} cd, {degrees:.0} degrees"), radius)
         }
     };
+    if radius > 0.0 {
+        kind += &format!(", radius {radius} m");
+    }
+    if light.profile.is_some() {
+        kind += ", measured profile";
+    }
     if light.name.is_empty() {
         kind
     } else {
@@ -118,6 +139,15 @@ fn named(sources: &[Source]) -> BTreeMap<&str, Vec<String>> {
             .collect()
     };
     names.into_iter().map(|(n, c)| (n, words(c))).collect()
+}
+
+fn describe_sky(sky: &mesh_ingest::Environment) -> String {
+    let size = format!("map of {} x {} pixels", sky.width, sky.height);
+    if sky.name.is_empty() {
+        size
+    } else {
+        format!("{}: {size}", sky.name)
+    }
 }
 
 impl Inspection {
@@ -156,6 +186,9 @@ impl Inspection {
         for (k, (name, kinds)) in named(&self.sources).iter().enumerate() {
             let head = if k == 0 { "names" } else { "" };
             writeln!(s, "  {head:<11} {name} ({})", kinds.join(", "))?;
+        }
+        if let Some(sky) = &self.environment {
+            writeln!(s, "  sky         {sky}")?;
         }
         if !self.ingest.extensions_used.is_empty() {
             writeln!(
@@ -222,8 +255,9 @@ impl Inspection {
                     .to_lowercase(),
             );
         }
+        problems.extend(clamped_warning(self.clamped_materials));
         problems.extend(self.layout.warnings.iter().cloned());
-        if self.emissive_triangles == 0 && self.lights.is_empty() {
+        if self.emissive_triangles == 0 && self.lights.is_empty() && self.environment.is_none() {
             problems.push("no light: a bake needs --sky or --sun".into());
         }
         if problems.is_empty() {
@@ -235,5 +269,59 @@ impl Inspection {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Mat3, Vec3};
+    use mesh_ingest::{Environment, Light, PlacedProfile};
+
+    use super::*;
+
+    #[test]
+    fn lights_are_told_with_their_sizes() {
+        let light = |name: &str, kind, profile| Light {
+            name: name.into(),
+            node: None,
+            intensity: Vec3::new(1.0, 5.0, 2.0),
+            kind,
+            profile,
+        };
+        let point = |radius| LightKind::Point {
+            position: Vec3::ZERO,
+            range: None,
+            radius,
+        };
+        let sun = |angle| LightKind::Directional {
+            direction: Vec3::NEG_Y,
+            angle,
+        };
+        let worn = Some(PlacedProfile {
+            profile: 0,
+            from_world: Mat3::IDENTITY,
+        });
+        for (light, expected) in [
+            (light("", point(0.0), None), "point, 5 cd"),
+            (light("a", point(0.5), None), "a: point, 5 cd, radius 0.5 m"),
+            (
+                light("b", point(0.0), worn),
+                "b: point, 5 cd, measured profile",
+            ),
+            (light("", sun(0.0), None), "directional, 5 lx"),
+            (
+                light("", sun(0.5f32.to_radians()), None),
+                "directional, 5 lx, disc of 1.00 degrees",
+            ),
+        ] {
+            assert_eq!(describe(&light), expected);
+        }
+        let sky = Environment {
+            name: "dusk".into(),
+            width: 2,
+            height: 1,
+            pixels: vec![Vec3::ONE; 2],
+        };
+        assert_eq!(describe_sky(&sky), "dusk: map of 2 x 1 pixels");
     }
 }

@@ -3,13 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use atlas_bake::probes::{
-    ProbeFile, ProbeReport, ProbeScene, SampledArrivals, bake_probes, report_probes,
-};
+use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
 use atlas_bake::{
     BakeOptions, Baked, ExrOptions, Layout, LayoutError, LayoutOptions, LayoutProgress,
-    LayoutReport, LitScene, Manifest, OutputSet, ValueKind, choose_camera, render_preview,
-    scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
+    LayoutReport, LitScene, Manifest, ManifestGroup, OutputSet, ValueKind, choose_camera,
+    render_preview, scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
@@ -20,7 +18,7 @@ use visibility::{BuildOptions, Bvh};
 use crate::error::Error;
 use crate::memory;
 use crate::probes::{self, ProbePlan};
-use crate::report::{Measured, PhaseTime, Report, audit_warnings};
+use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{self, Sources};
@@ -37,6 +35,8 @@ pub struct Bake {
     pub probes: Option<ProbeFile>,
     /// Report so far; [`files`](Bake::files) completes a copy of it.
     pub report: Report,
+    /// Names of the groups of [`Baked::groups`].
+    group_names: Vec<String>,
     stem: String,
     value: ValueKind,
     clock: Clock,
@@ -107,10 +107,13 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         settings.sky != SkySource::None,
     );
     let chosen = sources.apply(&mut loaded.scene, settings)?;
-    let sky = sky::load(&settings.sky, settings.sky_intensity * chosen.sky_factor)?;
-    // Group indices and names: WorldOptions and the writers take them from here once the transport keeps groups apart.
-    let _groups = chosen.groups;
-    let clamped_materials = clamp_reflectance(&mut loaded.scene, settings.max_reflectance);
+    let sky = sky::load(
+        settings,
+        chosen.sky_factor,
+        loaded.scene.environment.as_ref(),
+    )?;
+    let (groups, group_names) = chosen.groups.unzip();
+    let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     let soup = Soup::build(&loaded.scene);
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
@@ -128,6 +131,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         &soup,
         WorldOptions {
             sky,
+            groups,
             ..WorldOptions::default()
         },
     )
@@ -149,6 +153,8 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         layers: settings.layers.clone(),
         padding: settings.padding,
         value: settings.value,
+        directional: settings.directional,
+        ao_distance: settings.ao_distance,
     };
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
@@ -166,6 +172,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     };
     let warnings = warnings(
         &loaded,
+        clamped_warning(clamped_materials),
         soup.dropped_duplicate,
         &layout_report,
         &solution,
@@ -205,6 +212,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         baked,
         probes,
         report,
+        group_names: group_names.unwrap_or_default(),
         stem,
         value: settings.value,
         clock,
@@ -230,7 +238,6 @@ fn light_probes(
         world,
         solution,
         direct: &DirectLight::new(world, emitters),
-        arrivals: &SampledArrivals::new(world),
     };
     let options = probes::options(settings.quality);
     let mut probes = bake_probes(&scene, &at, &options, monitor).map_err(|_| Error::Cancelled)?;
@@ -302,6 +309,12 @@ fn check(settings: &Settings) -> Result<(), Error> {
             settings.sky_intensity
         )));
     }
+    if !settings.sky_rotation.is_finite() {
+        return Err(Error::Setting(format!(
+            "sky rotation is {}, expected a number of degrees",
+            settings.sky_rotation
+        )));
+    }
     for s in &settings.suns {
         positive("the sun's illuminance", s.lux)?;
         if Vec3::from_array(s.direction).try_normalize().is_none() {
@@ -351,27 +364,9 @@ fn add_suns(scene: &mut Scene, settings: &Settings) {
     }
 }
 
-/// Lowers base colours above `max`; how many materials that touched, glTF's white default only if a primitive wears it.
-/// Textures multiply with the factor, so they are covered too; vertex colours are at most 1 after ingest.
-fn clamp_reflectance(scene: &mut Scene, max: f32) -> u64 {
-    let wears_default = scene
-        .meshes
-        .iter()
-        .flat_map(|mesh| &mesh.primitives)
-        .any(|p| scene.materials[p.material].gltf_material.is_none());
-    let mut clamped = 0;
-    for m in &mut scene.materials {
-        let c = m.base_color.truncate();
-        if c.max_element() > max {
-            m.base_color = c.min(Vec3::splat(max)).extend(m.base_color.w);
-            clamped += u64::from(m.gltf_material.is_some() || wears_default);
-        }
-    }
-    clamped
-}
-
 fn warnings(
     loaded: &Loaded,
+    clamped: Option<String>,
     duplicates: u64,
     layout: &LayoutReport,
     solution: &Solution,
@@ -386,6 +381,7 @@ fn warnings(
     for (reason, n) in loaded.report.left_out_by_reason() {
         out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
     }
+    out.extend(clamped);
     out.extend(layout.warnings.iter().cloned());
     if duplicates > 0 {
         out.push(format!(
@@ -420,8 +416,12 @@ pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     let mut ends = vec!["lightmap.exr", "glb", "vertex.glb", "lightmap.json"];
     ends.extend(settings.probes.as_ref().map(|_| PROBES));
-    ends.push("report.json");
-    ends.iter().map(|end| format!("{stem}.{end}")).collect()
+    let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
+    let groups = settings.groups.iter().map(|g| g.name.as_str());
+    let rest = (!settings.groups.is_empty()).then_some(sources::REST);
+    names.extend(groups.chain(rest).map(|g| format!("{stem}.group.{g}.exr")));
+    names.push(format!("{stem}.report.json"));
+    names
 }
 
 /// End of the name of the probes' file.
@@ -434,6 +434,16 @@ impl Bake {
             .map(|i| match i {
                 0 => format!("{}.lightmap.exr", self.stem),
                 i => format!("{}.lightmap.{i}.exr", self.stem),
+            })
+            .collect()
+    }
+
+    /// Names of a light group's page files, in order.
+    pub fn group_page_names(&self, group: &str) -> Vec<String> {
+        (0..self.layout.pages.len())
+            .map(|i| match i {
+                0 => format!("{}.group.{group}.exr", self.stem),
+                i => format!("{}.group.{group}.{i}.exr", self.stem),
             })
             .collect()
     }
@@ -458,6 +468,12 @@ impl Bake {
             files.push((name.clone(), bytes));
             report.clamped.push(stats);
         }
+        for (group, pages) in self.group_names.iter().zip(&self.baked.groups) {
+            for (page, name) in pages.iter().zip(self.group_page_names(group)) {
+                let (bytes, _) = write_lightmap_exr(page, &ExrOptions::default())?;
+                files.push((name, bytes));
+            }
+        }
         let glb = format!("{}.glb", self.stem);
         let (bytes, _) = write_lightmapped_glb(
             &self.loaded.document,
@@ -469,7 +485,16 @@ impl Bake {
         files.push((glb.clone(), bytes));
         let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
         files.push((format!("{}.vertex.glb", self.stem), bytes));
-        let manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        if let Some(page) = self.baked.pages.first() {
+            manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
+        }
+        manifest.groups = (self.group_names.iter())
+            .map(|name| ManifestGroup {
+                name: name.clone(),
+                pages: self.group_page_names(name),
+            })
+            .collect();
         files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
         if let Some(probes) = &self.probes {
             files.push((format!("{}.{PROBES}", self.stem), probes.to_json()));
@@ -498,6 +523,9 @@ impl Bake {
     pub fn retire_pages(&self, set: &mut OutputSet) {
         for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
             set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
+            for group in &self.group_names {
+                set.remove_obsolete(&format!("{}.group.{group}.{i}.exr", self.stem));
+            }
         }
     }
 
@@ -550,56 +578,5 @@ impl Bake {
             peak_bytes: memory::peak_bytes(),
             phases: clock.phases,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use glam::Vec4;
-    use mesh_ingest::{AlphaMode, Material, Mesh, Primitive};
-
-    use super::*;
-
-    fn material(gltf_material: Option<usize>, grey: f32) -> Material {
-        Material {
-            name: String::new(),
-            gltf_material,
-            base_color: Vec4::new(grey, grey, grey, 1.0),
-            base_texture: None,
-            emissive: Vec3::ZERO,
-            emissive_texture: None,
-            alpha: AlphaMode::Opaque,
-            double_sided: false,
-            ..Material::default()
-        }
-    }
-
-    /// A scene of one primitive that wears material `worn` of: 0.5, 1.0, the white default.
-    fn wearing(worn: usize) -> Scene {
-        Scene {
-            meshes: vec![Mesh {
-                primitives: vec![Primitive {
-                    material: worn,
-                    ..Primitive::default()
-                }],
-                ..Mesh::default()
-            }],
-            materials: vec![
-                material(Some(0), 0.5),
-                material(Some(1), 1.0),
-                material(None, 1.0),
-            ],
-            ..Scene::default()
-        }
-    }
-
-    #[test]
-    fn the_default_material_counts_as_clamped_only_where_it_is_worn() {
-        let mut scene = wearing(0);
-        assert_eq!(clamp_reflectance(&mut scene, 0.9), 1);
-        let reds = scene.materials.iter().map(|m| m.base_color.x);
-        assert_eq!(reds.collect::<Vec<_>>(), [0.5, 0.9, 0.9]);
-        assert_eq!(clamp_reflectance(&mut wearing(2), 0.9), 2);
-        assert_eq!(clamp_reflectance(&mut wearing(2), 1.0), 0);
     }
 }

@@ -23,7 +23,7 @@ pub struct Report {
     pub ingest: IngestReport,
     /// World-space triangles left out: zero area, duplicates.
     pub dropped_triangles: [u64; 2],
-    /// Materials whose reflectance was lowered to `settings.max_reflectance`.
+    /// Materials in use that somewhere reflect more than `settings.max_reflectance` or their own, lower limit; it counts as the limit.
     pub clamped_materials: u64,
     /// Groups of light, in order; empty where all light is together.
     pub groups: Vec<GroupReport>,
@@ -84,6 +84,15 @@ impl Report {
         bytes.push(b'\n');
         bytes
     }
+}
+
+/// That `materials` reflect more than they may; nothing where there is none.
+pub(crate) fn clamped_warning(materials: u64) -> Option<String> {
+    (materials > 0).then(|| {
+        format!(
+            "{materials} materials reflect more than --max-reflectance or their own maxReflectance allows; what is above counts as the limit"
+        )
+    })
 }
 
 /// What a user should know about the balance of energy; nothing where it is sound.

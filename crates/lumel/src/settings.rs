@@ -24,7 +24,7 @@ pub enum Quality {
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SkySource {
-    /// None.
+    /// The scene's own (`EXT_lights_image_based`), if it has one.
     #[default]
     None,
     /// The same radiance from everywhere, linear Rec.709.
@@ -96,6 +96,8 @@ pub struct Settings {
     pub sky: SkySource,
     /// Multiplies the sky.
     pub sky_intensity: f32,
+    /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
+    pub sky_rotation: f32,
     /// Further suns.
     pub suns: Vec<Sun>,
     /// Changes to sources of light; of several that name one source, the last counts.
@@ -114,8 +116,8 @@ pub struct Settings {
     pub probes: Option<ProbeSource>,
     /// Estimated relative error to reach, instead of the preset's.
     pub error: Option<f32>,
-    /// Reflectances above this are lowered to it. A closed scene with ρ = 1 never loses its light; 0.999 keeps the
-    /// solve finite and changes nothing below.
+    /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light; fresh snow, the whitest thing that
+    /// levels hold, reflects 0.9 to 0.98.
     pub max_reflectance: f32,
 }
 
@@ -131,6 +133,7 @@ impl Default for Settings {
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,
             sky_intensity: 1.0,
+            sky_rotation: 0.0,
             suns: Vec::new(),
             lights: Vec::new(),
             groups: Vec::new(),
@@ -140,7 +143,7 @@ impl Default for Settings {
             ao_distance: None,
             probes: None,
             error: None,
-            max_reflectance: 0.999,
+            max_reflectance: 0.98,
         }
     }
 }

@@ -1,29 +1,71 @@
-//! The sky of the settings, as radiances.
+//! The sky of the settings, or else of the scene, as radiances.
 
 use std::path::Path;
 
 use glam::Vec3;
+use mesh_ingest::Environment;
 use radiosity::Sky;
 
 use crate::error::Error;
-use crate::settings::SkySource;
+use crate::settings::{Settings, SkySource};
 
 /// Most pixels of a sky image: 16384 × 8192.
 const MAX_PIXELS: u64 = 1 << 27;
 
-/// Reads the sky; `intensity` multiplies it.
+/// The sky of the settings; where they give none, the scene's own `environment`. The settings' intensity and rotation apply to either.
 ///
 /// # Errors
 /// [`Error::Sky`] where the image cannot be read or is not a picture of radiances.
-pub(crate) fn load(source: &SkySource, intensity: f32) -> Result<Sky, Error> {
-    match source {
-        SkySource::None => Ok(Sky::Black),
-        SkySource::Color(c) => Ok(Sky::Constant(Vec3::from_array(*c) * intensity)),
-        SkySource::File(path) => load_map(path, intensity),
-    }
+pub(crate) fn load(
+    settings: &Settings,
+    factor: f32,
+    environment: Option<&Environment>,
+) -> Result<Sky, Error> {
+    let mut intensity = settings.sky_intensity * factor;
+    let map = match &settings.sky {
+        SkySource::Color(c) => return Ok(Sky::Constant(Vec3::from_array(*c) * intensity)),
+        SkySource::File(path) => read_map(path)?,
+        SkySource::None => match environment {
+            None => return Ok(Sky::Black),
+            Some(e) => {
+                // The document's own light is dimmed where it is.
+                intensity = settings.sky_intensity;
+                (e.width, e.height, e.pixels.clone())
+            }
+        },
+    };
+    Ok(place_map(map, intensity, settings.sky_rotation))
 }
 
-fn load_map(path: &Path, intensity: f32) -> Result<Sky, Error> {
+/// A latitude-longitude map, times `intensity`, turned by `degrees` about +Y (counter-clockwise seen from above).
+///
+/// A turn is a shift along the rows, which are linearly interpolated: light is kept, and blurred by less than a pixel unless the turn
+/// is a whole number of them.
+fn place_map((width, height, mut pixels): Map, intensity: f32, degrees: f32) -> Sky {
+    let shift = f64::from(degrees).rem_euclid(360.0) / 360.0 * f64::from(width);
+    let (whole, part) = (shift.floor(), (shift - shift.floor()) as f32);
+    // Columns run clockwise seen from above, from −X over −Z to +X: what turns the other way moves left.
+    for row in pixels.chunks_exact_mut(width as usize) {
+        row.rotate_left(whole as usize % width as usize);
+        if part > 0.0 {
+            let first = row[0];
+            for i in 0..row.len() {
+                let next = row.get(i + 1).copied().unwrap_or(first);
+                row[i] = row[i].lerp(next, part);
+            }
+        }
+        for p in row {
+            *p *= intensity;
+        }
+    }
+    Sky::from((width, height, pixels))
+}
+
+/// Width, height, and row-major radiances.
+type Map = (u32, u32, Vec<Vec3>);
+
+/// Reads a latitude-longitude picture of radiances.
+fn read_map(path: &Path) -> Result<Map, Error> {
     let fail = |message: String, io: bool| Error::Sky {
         file: path.to_owned(),
         message,
@@ -32,7 +74,7 @@ fn load_map(path: &Path, intensity: f32) -> Result<Sky, Error> {
     let is_exr = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-    let (width, height, mut pixels) = if is_exr {
+    let (width, height, pixels) = if is_exr {
         let image = atlas_bake::read_exr(path)?;
         let channel = |name: &str| image.channel(name).or_else(|| image.channel("Y"));
         let (Some(r), Some(g), Some(b)) = (channel("R"), channel("G"), channel("B")) else {
@@ -66,14 +108,91 @@ fn load_map(path: &Path, intensity: f32) -> Result<Sky, Error> {
     if width == 0 || height == 0 {
         return Err(fail("found an empty image".into(), false));
     }
-    for p in &mut pixels {
+    for p in &pixels {
         if !p.is_finite() || p.min_element() < 0.0 {
             return Err(fail(
                 format!("found the radiance {p}, expected finite values of at least 0"),
                 false,
             ));
         }
-        *p *= intensity;
     }
-    Ok(Sky::from((width, height, pixels)))
+    Ok((width, height, pixels))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A scene's sky of 16 × 8 pixels with one lit.
+    fn lit(column: u32, row: u32) -> Environment {
+        let (width, height) = (16, 8);
+        let mut pixels = vec![Vec3::ZERO; 128];
+        pixels[(row * width + column) as usize] = Vec3::new(1.0, 2.0, 4.0);
+        Environment {
+            name: String::new(),
+            width,
+            height,
+            pixels,
+        }
+    }
+
+    /// Where the centre of the pixel lies, as [`Environment`] says, turned by `degrees` about +Y.
+    fn direction(column: u32, row: u32, degrees: f32) -> Vec3 {
+        use std::f32::consts::{PI, TAU};
+        let a = TAU * ((column as f32 + 0.5) / 16.0 - 0.5);
+        let t = PI * (row as f32 + 0.5) / 8.0;
+        let d = Vec3::new(t.sin() * a.sin(), t.cos(), -t.sin() * a.cos());
+        glam::Quat::from_rotation_y(degrees.to_radians()) * d
+    }
+
+    fn load_with(settings: &Settings, environment: &Environment) -> Sky {
+        load(settings, Some(environment)).expect("no file is read")
+    }
+
+    #[test]
+    fn a_scenes_sky_shines_from_where_it_says() {
+        for (column, row) in [(0, 3), (5, 0), (9, 7), (15, 4)] {
+            let sky = load_with(&Settings::default(), &lit(column, row));
+            // The lookup is bilinear: the pixel's own value at its centre, within rounding of the angles, a quarter half-way to the next
+            // ones' corner.
+            let at = sky.radiance(direction(column, row, 0.0));
+            assert!(at.distance(Vec3::new(1.0, 2.0, 4.0)) < 1e-4, "{at}");
+            let away = sky.radiance(direction((column + 8) % 16, row, 0.0));
+            assert_eq!(away, Vec3::ZERO);
+        }
+    }
+
+    #[test]
+    fn a_turn_moves_the_light_and_keeps_it() {
+        for degrees in [90.0, -90.0, 22.5, 360.0, 405.0, -1000.0, 7.0, 200.3] {
+            let settings = Settings {
+                sky_rotation: degrees,
+                sky_intensity: 3.0,
+                ..Settings::default()
+            };
+            let sky = load_with(&settings, &lit(6, 4));
+            let Sky::Map { pixels, .. } = &sky else {
+                panic!("no map")
+            };
+            let sum: Vec3 = pixels.iter().sum();
+            assert!(sum.distance(Vec3::new(3.0, 6.0, 12.0)) < 1e-5, "{sum}");
+            // Between pixels the light is spread over two and read between them: half of it is left at the least.
+            let at = sky.radiance(direction(6, 4, degrees)).x;
+            let whole = (degrees / 22.5).fract() == 0.0;
+            assert!(at >= if whole { 2.999 } else { 1.499 }, "{degrees}: {at}");
+        }
+    }
+
+    #[test]
+    fn settings_go_before_the_scene() {
+        let settings = |sky| Settings {
+            sky,
+            ..Settings::default()
+        };
+        let black = settings(SkySource::Color([0.0; 3]));
+        assert!(load_with(&black, &lit(1, 1)).is_black());
+        let none = settings(SkySource::None);
+        assert!(!load_with(&none, &lit(1, 1)).is_black());
+        assert!(matches!(load(&none, None), Ok(Sky::Black)));
+    }
 }

@@ -52,7 +52,7 @@ fn describe(loaded: &Loaded) -> String {
         .iter()
         .map(|light| {
             let place = match light.kind {
-                LightKind::Directional { direction } => format!("directional {direction:.4}"),
+                LightKind::Directional { direction, .. } => format!("directional {direction:.4}"),
                 LightKind::Point { position, .. } => {
                     format!("point {:.4}", position.as_dvec3() + loaded.scene.origin)
                 }

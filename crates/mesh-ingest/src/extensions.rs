@@ -6,6 +6,8 @@ use crate::report::IngestReport;
 
 /// Read and honoured.
 const SUPPORTED: &[&str] = &[
+    "EXT_lights_ies",
+    "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -13,6 +15,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
@@ -46,12 +49,7 @@ const HARMLESS: &[&str] = &[
 ];
 
 /// Light that Lumel does not model, present though not required.
-const DARK: &[&str] = &[
-    "EXT_lights_ies",
-    "EXT_lights_image_based",
-    "EXT_lights_area",
-    "KHR_lights_area",
-];
+const DARK: &[&str] = &["EXT_lights_area", "KHR_lights_area"];
 
 /// Notes the extensions in use and refuses required ones that could change geometry or light.
 pub(crate) fn check(root: &Item<'_>, faults: &mut Faults, report: &mut IngestReport) {

@@ -1,6 +1,6 @@
 //! Decoding of the images that light needs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 
 use image::{ImageFormat, ImageReader};
@@ -54,6 +54,43 @@ pub(crate) fn decode(
         document.note_input(file, uri);
     }
     images
+}
+
+/// Decodes images `needed`, which are not among those that [`decode`] already took `spent` pixels for.
+///
+/// # Errors
+/// The first fault of any of them; none is returned then.
+pub(crate) fn decode_all(
+    document: &mut Document,
+    needed: &BTreeSet<usize>,
+    spent: u64,
+) -> Outcome<BTreeMap<usize, Image>> {
+    let allowed = document.limits().image_pixels;
+    let (mut pixels, mut sources, mut files) = (spent, Vec::new(), Vec::new());
+    for &i in needed {
+        let (bytes, file) = open(document, i)?;
+        let [width, height] = dimensions(i, &bytes)?;
+        pixels += u64::from(width) * u64::from(height);
+        if pixels > allowed {
+            return Err(Fault::limit(
+                format!("images[{i}]"),
+                format!("{width} × {height} pixels"),
+                format!("at most {allowed} pixels in all"),
+            ));
+        }
+        files.extend(file);
+        sources.push((i, bytes));
+    }
+    let images = sources
+        .par_iter()
+        .map(|(i, bytes)| Ok((*i, decode_one(*i, bytes)?)))
+        .collect::<Vec<Outcome<_>>>();
+    // In order, so that the fault that is told does not depend on threads.
+    let images = images.into_iter().collect::<Outcome<_>>()?;
+    for (file, uri) in files {
+        document.note_input(file, uri);
+    }
+    Ok(images)
 }
 
 type Opened = (Vec<u8>, Option<(std::path::PathBuf, String)>);

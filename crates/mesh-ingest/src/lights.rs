@@ -1,21 +1,47 @@
-//! `KHR_lights_punctual`.
+//! `KHR_lights_punctual`, with what `extras.lumel` adds to it, and `EXT_lights_ies`.
+
+mod extras;
+mod measured;
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::{DVec3, Vec3};
 
+use self::measured::Profiles;
 use crate::document::Document;
-use crate::error::{Fault, Outcome};
-use crate::nodes::Placed;
+use crate::error::{Fault, Faults, Outcome};
+use crate::json::Item;
+use crate::nodes::{Graph, Placed};
 use crate::options::MAX_COORDINATE;
 use crate::report::IngestReport;
-use crate::scene::{Light, LightKind};
+use crate::scene::{Light, LightKind, Scene};
 
-/// Reads the light that `placed` puts into the world; `None` if it gives no light. `origin` is [`crate::Scene::origin`].
-pub(crate) fn read(
+/// Reads all lights that the chosen scene places: `KHR_lights_punctual` in scene-graph order, then `EXT_lights_ies`.
+pub(crate) fn read_all(
+    document: &mut Document,
+    graph: &Graph,
+    scene: &mut Scene,
+    faults: &mut Faults,
+    report: &mut IngestReport,
+) {
+    let mut profiles = Profiles::default();
+    for placed in &graph.lights {
+        let light = read(document, placed, scene.origin, &mut profiles, report);
+        scene.lights.extend(faults.take(light).flatten());
+    }
+    for placed in &graph.measured_lights {
+        let light = measured::read(document, placed, scene.origin, &mut profiles, report);
+        scene.lights.extend(faults.take(light).flatten());
+    }
+    scene.profiles = profiles.finish(document);
+}
+
+/// Reads the punctual light that `placed` puts into the world; `None` if it gives no light. `origin` is [`Scene::origin`].
+fn read(
     document: &Document,
     placed: &Placed,
     origin: DVec3,
+    profiles: &mut Profiles,
     report: &mut IngestReport,
 ) -> Outcome<Option<Light>> {
     let root = document.root();
@@ -24,11 +50,10 @@ pub(crate) fn read(
     };
     let item = ext.element("lights", placed.index)?;
     let kind = item.opt_str("type")?;
-    let intensity = intensity_of(&item, report)?;
+    let intensity = intensity_of(&item, "intensity", report)?;
     let node = root.element("nodes", placed.node)?;
-    let name = Some(item.name())
-        .filter(|n| !n.is_empty())
-        .unwrap_or_else(|| node.name());
+    let name = name_of(&item, &node);
+    let places = [&node, &item];
 
     let position = placed.transform.translation - origin;
     // A light shines along −Z of its node (scale plays no part but for its sign).
@@ -48,11 +73,11 @@ pub(crate) fn read(
         (Some("point"), _) if placeable => LightKind::Point {
             position: position.as_vec3(),
             range: range()?,
-            radius: 0.0,
+            radius: extras::radius(places, report),
         },
         (Some("directional"), Some(d)) => LightKind::Directional {
             direction: d.as_vec3(),
-            angle: 0.0,
+            angle: extras::half_angle(places, report),
         },
         (Some("spot"), Some(d)) if placeable => {
             let (inner, outer) = cone_of(&item, report)?;
@@ -60,7 +85,7 @@ pub(crate) fn read(
                 position: position.as_vec3(),
                 direction: d.as_vec3(),
                 range: range()?,
-                radius: 0.0,
+                radius: extras::radius(places, report),
                 inner,
                 outer,
             }
@@ -89,18 +114,36 @@ pub(crate) fn read(
             ));
         }
     };
+    let profile = match kind {
+        LightKind::Directional { .. } => {
+            extras::refuse(places, &["radius", "ies"], "directional light", report);
+            None
+        }
+        LightKind::Point { .. } | LightKind::Spot { .. } => {
+            extras::refuse(places, &["angle"], "point or spot light", report);
+            extras::profile(document, places, placed, profiles, report)?
+        }
+    };
     Ok(Some(Light {
         name,
         node: Some(placed.node),
         intensity,
         kind,
-        profile: None,
+        profile,
     }))
 }
 
-fn intensity_of(item: &crate::json::Item<'_>, report: &mut IngestReport) -> Outcome<Vec3> {
+/// The light's own name, else its node's.
+fn name_of(item: &Item<'_>, node: &Item<'_>) -> String {
+    Some(item.name())
+        .filter(|n| !n.is_empty())
+        .unwrap_or_else(|| node.name())
+}
+
+/// `color` × the member `key`, both 1 where absent.
+fn intensity_of(item: &Item<'_>, key: &str, report: &mut IngestReport) -> Outcome<Vec3> {
     let color = item.opt_numbers::<3>("color")?.unwrap_or([1.0; 3]);
-    let intensity = item.opt_number("intensity")?.unwrap_or(1.0);
+    let intensity = item.opt_number(key)?.unwrap_or(1.0);
     let asked = color.map(|c| c * intensity);
     let given = asked.map(|x| x.clamp(0.0, f64::from(f32::MAX)));
     if given != asked {
@@ -114,7 +157,7 @@ fn intensity_of(item: &crate::json::Item<'_>, report: &mut IngestReport) -> Outc
 }
 
 /// Inner and outer half-angle: 0 ≤ inner < outer ≤ π/2, as the extension asks.
-fn cone_of(item: &crate::json::Item<'_>, report: &mut IngestReport) -> Outcome<(f32, f32)> {
+fn cone_of(item: &Item<'_>, report: &mut IngestReport) -> Outcome<(f32, f32)> {
     /// A cone without a penumbra would divide by zero in the extension's falloff formula.
     const LEAST: f64 = 1e-4;
     let spot = item.opt_object("spot")?;

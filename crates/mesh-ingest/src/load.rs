@@ -8,14 +8,16 @@ use rayon::prelude::*;
 
 use crate::document::{Document, ImageSource};
 use crate::error::{Error, Fault, Faults, Outcome};
+use crate::extras::SurfaceExtras;
 use crate::geometry;
 use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
 use crate::options::{LoadOptions, MAX_COORDINATE};
 use crate::primitive::{attribute_list, primitive_mode};
 use crate::report::{IngestReport, Totals};
-use crate::scene::{AlphaMode, Instance, Material, Mesh, Primitive, Scene};
-use crate::{extensions, images, lights};
+use crate::scene::{Instance, Mesh, Primitive, Scene};
+use crate::settle::{needed_images, settle_alpha};
+use crate::{environment, extensions, extras, images, lights};
 
 /// A document in normal form, the document itself, and what became of it.
 #[derive(Debug)]
@@ -42,7 +44,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     faults.check(path)?;
 
     let graph = nodes::walk(&document, options.scene, &mut faults, &mut report);
-    let materials = read_materials(&document, &mut faults, &mut report);
+    let materials = read_materials(&document, options.scene, &mut faults, &mut report);
+    extras::warn_misplaced(&document, &mut report);
     let used: BTreeSet<usize> = graph.meshes.iter().map(|placed| placed.index).collect();
     check_size(&document, &graph, &used, &mut faults);
     faults.check(path)?;
@@ -58,12 +61,12 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
         });
     }
     scene.origin = recentre(&mut scene, &mut report);
-    for placed in &graph.lights {
-        let light = lights::read(&document, placed, scene.origin, &mut report);
-        scene.lights.extend(faults.take(light).flatten());
-    }
+    lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
     let needed = needed_images(&scene.materials, &used_materials);
     scene.images = images::decode(&mut document, &needed, &mut faults);
+    faults.check(path)?;
+    let sky = environment::read(&mut document, options.scene, &scene.images, &mut report);
+    scene.environment = faults.take(sky).flatten();
     faults.check(path)?;
     if scene.instances.is_empty() {
         return Err(Error::NoTriangles {
@@ -185,24 +188,22 @@ fn mesh_size(document: &Document, index: usize) -> Outcome<(u64, u64)> {
 /// All materials in order, then the default one.
 fn read_materials(
     document: &Document,
+    scene: Option<usize>,
     faults: &mut Faults,
     report: &mut IngestReport,
 ) -> Vec<MaterialRead> {
-    let count = faults
-        .take(document.root().len_of("materials"))
-        .unwrap_or(0);
-    let default = || MaterialRead {
-        material: Material::default(),
-        faults: Vec::new(),
-    };
+    let root = document.root();
+    let count = faults.take(root.len_of("materials")).unwrap_or(0);
+    // A wrong choice of scene is a fault already.
+    let scene = nodes::chosen_scene(&root, scene).ok().flatten();
+    let all = SurfaceExtras::of_document(document, scene, report);
     let mut materials: Vec<MaterialRead> = (0..count)
         .map(|i| {
-            faults
-                .take(material::read(document, i, report))
-                .unwrap_or_else(default)
+            let read = faults.take(material::read(document, i, all, report));
+            read.unwrap_or_else(|| material::read_default(all, report))
         })
         .collect();
-    materials.push(default());
+    materials.push(material::read_default(all, report));
     materials
 }
 
@@ -237,6 +238,10 @@ fn read_meshes(
                 .opt_index("material", "materials", default)
                 .and_then(|material| {
                     let material = material.unwrap_or(default);
+                    if materials[material].excluded {
+                        part.count("primitives.excluded", 1);
+                        return Ok(None);
+                    }
                     let double_sided = materials[material].material.double_sided;
                     geometry::read(document, item, *number, material, double_sided, &mut part)
                 });
@@ -328,6 +333,7 @@ fn instance(
         copy: placed.copy,
         mesh,
         transform: placed.transform,
+        occluder: placed.occluder,
         extras: lumel.map(|lumel| serde_json::json!({ "lumel": lumel })),
     })
 }
@@ -337,10 +343,12 @@ fn check_tex_coords(scene: &Scene, report: &mut IngestReport) {
     for mesh in &scene.meshes {
         for primitive in &mesh.primitives {
             let material = &scene.materials[primitive.material];
-            for texture in [&material.base_texture, &material.emissive_texture]
-                .into_iter()
-                .flatten()
-            {
+            let textures = [
+                &material.base_texture,
+                &material.emissive_texture,
+                &material.transmission_texture,
+            ];
+            for texture in textures.into_iter().flatten() {
                 if primitive
                     .tex_coords
                     .get(texture.tex_coord)
@@ -426,63 +434,6 @@ fn used_positions(mesh: &Mesh) -> Vec<Vec3> {
     positions
 }
 
-/// Images that change the light of a material in use.
-fn needed_images(materials: &[Material], used: &BTreeSet<usize>) -> BTreeSet<usize> {
-    let mut needed = BTreeSet::new();
-    for &i in used {
-        let material = &materials[i];
-        let black =
-            material.base_color.truncate() == Vec3::ZERO && material.alpha == AlphaMode::Opaque;
-        needed.extend(
-            material
-                .base_texture
-                .as_ref()
-                .filter(|_| !black)
-                .map(|t| t.image),
-        );
-        needed.extend(material.emissive_texture.as_ref().map(|t| t.image));
-    }
-    needed
-}
-
-/// Makes materials opaque whose alpha never lets light through: exporters mark whole scenes `BLEND`, and every ray would ask.
-fn settle_alpha(scene: &mut Scene, used: &BTreeSet<usize>, report: &mut IngestReport) {
-    let mut least_color = vec![1.0f32; scene.materials.len()];
-    for primitive in scene.meshes.iter().flat_map(|mesh| &mesh.primitives) {
-        let least = &mut least_color[primitive.material];
-        *least = primitive
-            .colors
-            .iter()
-            .fold(*least, |least, c| least.min(c.w));
-    }
-    for &i in used {
-        let material = &mut scene.materials[i];
-        let texture = material
-            .base_texture
-            .as_ref()
-            .and_then(|t| scene.images[t.image].as_ref());
-        let needed = match material.alpha {
-            AlphaMode::Opaque => continue,
-            AlphaMode::Mask { cutoff } => cutoff,
-            AlphaMode::Blend => 1.0,
-        };
-        // Filtering and interpolation stay above the least value; sampling rounds, so a mask's value must clear its cutoff.
-        const ROUNDING: f32 = 1e-5;
-        let untextured = material.base_color.w * least_color[i];
-        if untextured < needed {
-            continue;
-        }
-        let least_texel = texture.map_or(255, |image| {
-            image.pixels.iter().map(|p| p[3]).min().unwrap_or(255)
-        });
-        let alpha = untextured * f32::from(least_texel) / 255.0;
-        if alpha >= 1.0 || alpha > needed + ROUNDING {
-            material.alpha = AlphaMode::Opaque;
-            report.count("materials.opaque_in_effect", 1);
-        }
-    }
-}
-
 /// Images that light does not need may be missing, but who writes the document back will want to know.
 fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &mut IngestReport) {
     let count = document.root().len_of("images").unwrap_or(0);
@@ -493,7 +444,7 @@ fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &m
             report.count("images.missing", 1);
             report.warn(
                 format!("images[{i}]"),
-                "its file is missing; light does not need it",
+                "its file is missing; no material needs it",
             );
         }
     }
@@ -535,9 +486,16 @@ fn totals(scene: &Scene) -> Totals {
         .flatten()
         .map(|i| i.pixels.len() as u64 * 4)
         .sum();
+    let sky_bytes = scene
+        .environment
+        .as_ref()
+        .map_or(0, |e| e.pixels.len() as u64 * 12);
     // A soup triangle takes 36 + 12 + 4 + 16 + 4 bytes.
-    let memory_bytes =
-        vertex_bytes + image_bytes + triangles_instanced * 72 + scene.instances.len() as u64 * 256;
+    let memory_bytes = vertex_bytes
+        + image_bytes
+        + sky_bytes
+        + triangles_instanced * 72
+        + scene.instances.len() as u64 * 256;
     Totals {
         meshes: scene.meshes.len(),
         primitives: primitives().count(),

@@ -1,9 +1,10 @@
 //! Materials, textures and samplers.
 
-use glam::{Affine2, Mat2, Vec2, Vec3, Vec4};
+use glam::{Affine2, DVec3, Mat2, Vec2, Vec3, Vec4};
 
 use crate::document::Document;
 use crate::error::{Fault, Outcome};
+use crate::extras::SurfaceExtras;
 use crate::json::Item;
 use crate::report::IngestReport;
 use crate::scene::{AlphaMode, Material, TextureRef, Wrap};
@@ -14,12 +15,15 @@ pub(crate) struct MaterialRead {
     pub material: Material,
     /// Faults of textures that light needs; they count only if a primitive uses the material.
     pub faults: Vec<Fault>,
+    /// Primitives that wear it take no part (`extras.lumel.exclude`).
+    pub excluded: bool,
 }
 
-/// Reads material `index`.
+/// Reads material `index`; `all` is what the scene's and the root's extras say.
 pub(crate) fn read(
     document: &Document,
     index: usize,
+    all: SurfaceExtras,
     report: &mut IngestReport,
 ) -> Outcome<MaterialRead> {
     let item = document.root().element("materials", index)?;
@@ -64,6 +68,8 @@ pub(crate) fn read(
         }
     };
     let double_sided = item.opt_bool("doubleSided")?.unwrap_or(false);
+    let (transmission, transmission_texture) =
+        read_transmission(document, &item, report, &mut faults)?;
     let material = Material {
         name: item.name(),
         gltf_material: Some(index),
@@ -73,9 +79,74 @@ pub(crate) fn read(
         emissive_texture,
         alpha,
         double_sided,
+        transmission,
+        transmission_texture,
         ..Material::default()
     };
-    Ok(MaterialRead { material, faults })
+    let extras = SurfaceExtras::read(&item, report).or(all);
+    Ok(apply_extras(material, faults, extras, report))
+}
+
+/// The glTF default material, as the scene's and the root's extras want it.
+pub(crate) fn read_default(all: SurfaceExtras, report: &mut IngestReport) -> MaterialRead {
+    apply_extras(Material::default(), Vec::new(), all, report)
+}
+
+fn apply_extras(
+    mut material: Material,
+    faults: Vec<Fault>,
+    extras: SurfaceExtras,
+    report: &mut IngestReport,
+) -> MaterialRead {
+    if let Some(limit) = extras.max_reflectance {
+        material.max_reflectance = limit;
+    }
+    if let Some(scale) = extras.emit_scale {
+        let asked = material.emissive.as_dvec3() * scale;
+        material.emissive = asked.min(DVec3::splat(f64::from(f32::MAX))).as_vec3();
+        if material.emissive.as_dvec3().max_element() < asked.max_element() * (1.0 - 1e-6) {
+            report.count("materials.emission_clamped", 1);
+        }
+    }
+    if extras.occluder == Some(true) {
+        material.occluder_only = true;
+        material.emissive = Vec3::ZERO;
+    }
+    if material.emissive == Vec3::ZERO {
+        material.emissive_texture = None;
+    }
+    MaterialRead {
+        material,
+        faults,
+        excluded: extras.exclude == Some(true),
+    }
+}
+
+/// `KHR_materials_transmission`: the share of light that goes straight through, and its texture, which is read only if the share
+/// is not zero.
+fn read_transmission(
+    document: &Document,
+    item: &Item<'_>,
+    report: &mut IngestReport,
+    faults: &mut Vec<Fault>,
+) -> Outcome<(f32, Option<TextureRef>)> {
+    let Some(ext) = item.extension("KHR_materials_transmission")? else {
+        return Ok((0.0, None));
+    };
+    let asked = ext.opt_number("transmissionFactor")?.unwrap_or(0.0);
+    let given = asked.clamp(0.0, 1.0);
+    if given != asked {
+        report.count("materials.transmission_clamped", 1);
+        report.warn(
+            ext.path_of("transmissionFactor"),
+            format!("{asked} is clamped to 0..=1"),
+        );
+    }
+    let texture = match ext.opt_object("transmissionTexture")? {
+        Some(texture) if given > 0.0 => read_texture(document, &texture, report, faults)?,
+        _ => None,
+    };
+    Ok((given as f32, texture))
 }
 
 /// Radiance `emissiveFactor × emissiveStrength` and its texture, which is read only if the radiance is not zero.

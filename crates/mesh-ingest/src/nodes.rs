@@ -5,6 +5,7 @@ use serde_json::Value;
 
 use crate::document::Document;
 use crate::error::{Fault, Faults, Outcome};
+use crate::extras::NodeExtras;
 use crate::json::Item;
 use crate::report::{IngestReport, LeftOut, LeftOutReason};
 
@@ -16,6 +17,8 @@ pub(crate) struct Placed {
     /// Index into the document's meshes or lights.
     pub index: usize,
     pub transform: DAffine3,
+    /// The node or an ancestor only casts shadows.
+    pub occluder: bool,
 }
 
 /// Everything that the chosen scene places.
@@ -23,6 +26,8 @@ pub(crate) struct Placed {
 pub(crate) struct Graph {
     pub meshes: Vec<Placed>,
     pub lights: Vec<Placed>,
+    /// Lights of `EXT_lights_ies`; `index` counts its own list.
+    pub measured_lights: Vec<Placed>,
 }
 
 /// What a node hands down to its children.
@@ -34,6 +39,8 @@ struct Inherited {
     bake: bool,
     hidden: bool,
     excluded: bool,
+    /// Nearest `extras.lumel.occluder`.
+    occluder: bool,
 }
 
 /// What animations do to each node.
@@ -71,6 +78,7 @@ pub(crate) fn walk(
         bake: false,
         hidden: false,
         excluded: false,
+        occluder: false,
     };
     let mut stack: Vec<(usize, Inherited)> = roots.into_iter().rev().map(|r| (r, top)).collect();
     while let Some((index, from_parent)) = stack.pop() {
@@ -139,26 +147,29 @@ fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Outcome<Vec<
     Ok(children)
 }
 
+/// The scene that was asked for, else the document's own choice, else the first; `None` where there is none.
+pub(crate) fn chosen_scene(root: &Item<'_>, asked: Option<usize>) -> Outcome<Option<usize>> {
+    let scenes = root.len_of("scenes")?;
+    match asked {
+        Some(s) if s < scenes => Ok(Some(s)),
+        Some(s) => Err(Fault::invalid(
+            "scenes",
+            format!("{scenes} scenes"),
+            format!("a scene {s}, which was asked for"),
+        )),
+        None => Ok(root
+            .opt_index("scene", "scenes", scenes)?
+            .or((scenes > 0).then_some(0))),
+    }
+}
+
 fn scene_roots(
     root: &Item<'_>,
     scene: Option<usize>,
     children: &[Vec<usize>],
     report: &mut IngestReport,
 ) -> Outcome<Vec<usize>> {
-    let scenes = root.len_of("scenes")?;
-    let chosen = match scene {
-        Some(s) if s < scenes => Some(s),
-        Some(s) => {
-            return Err(Fault::invalid(
-                "scenes",
-                format!("{scenes} scenes"),
-                format!("a scene {s}, which was asked for"),
-            ));
-        }
-        None => root
-            .opt_index("scene", "scenes", scenes)?
-            .or((scenes > 0).then_some(0)),
-    };
+    let chosen = chosen_scene(root, scene)?;
     let mut is_child = vec![false; children.len()];
     children.iter().flatten().for_each(|&c| is_child[c] = true);
     let Some(chosen) = chosen else {
@@ -239,8 +250,7 @@ fn visit(
 ) -> Outcome<Inherited> {
     let root = document.root();
     let node = root.element("nodes", index)?;
-    let lumel = node.value.get("extras").and_then(|e| e.get("lumel"));
-    let flag = |key: &str| lumel.and_then(|l| l.get(key)).and_then(Value::as_bool);
+    let extras = NodeExtras::read(&node, report);
     let visible = match node.extension("KHR_node_visibility")? {
         Some(ext) => ext.opt_bool("visible")?.unwrap_or(true),
         None => true,
@@ -248,13 +258,15 @@ fn visit(
     let own = Inherited {
         transform: from.transform * local_transform(&node, report)?,
         animated: from.animated || animated.moves,
-        bake: flag("bake").unwrap_or(from.bake),
+        bake: extras.bake.unwrap_or(from.bake),
         hidden: from.hidden || !visible,
-        excluded: from.excluded || flag("exclude") == Some(true),
+        excluded: from.excluded || extras.exclude == Some(true),
+        occluder: extras.occluder.unwrap_or(from.occluder),
     };
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
-    let light = light_of(&root, &node)?;
-    if mesh.is_none() && light.is_none() {
+    let light = light_of(&root, &node, "KHR_lights_punctual")?;
+    let measured = light_of(&root, &node, "EXT_lights_ies")?;
+    if mesh.is_none() && light.is_none() && measured.is_none() {
         return Ok(own);
     }
     if let Some(reason) = why_left_out(&root, &node, mesh, own, animated)? {
@@ -265,13 +277,17 @@ fn visit(
         });
         return Ok(own);
     }
-    if let Some(light) = light {
-        graph.lights.push(Placed {
+    for (light, list) in [
+        (light, &mut graph.lights),
+        (measured, &mut graph.measured_lights),
+    ] {
+        list.extend(light.map(|light| Placed {
             node: index,
             copy: None,
             index: light,
             transform: own.transform,
-        });
+            occluder: own.occluder,
+        }));
     }
     if let Some(mesh) = mesh {
         match node.extension("EXT_mesh_gpu_instancing")? {
@@ -280,8 +296,9 @@ fn visit(
                 copy: None,
                 index: mesh,
                 transform: own.transform,
+                occluder: own.occluder,
             }),
-            Some(ext) => place_copies(document, &ext, index, mesh, own.transform, graph)?,
+            Some(ext) => place_copies(document, &ext, index, mesh, own, graph)?,
         }
         let allowed = document.limits().instances;
         if graph.meshes.len() as u64 > allowed {
@@ -340,15 +357,16 @@ fn why_left_out(
     Ok(own.animated.then_some(LeftOutReason::Animated))
 }
 
-fn light_of(root: &Item<'_>, node: &Item<'_>) -> Outcome<Option<usize>> {
-    let Some(ext) = node.extension("KHR_lights_punctual")? else {
+/// The light that `extension` hangs on a node, as an index into the extension's list.
+fn light_of(root: &Item<'_>, node: &Item<'_>, extension: &str) -> Outcome<Option<usize>> {
+    let Some(ext) = node.extension(extension)? else {
         return Ok(None);
     };
-    let lights = match root.extension("KHR_lights_punctual")? {
+    let lights = match root.extension(extension)? {
         Some(ext) => ext.len_of("lights")?,
         None => 0,
     };
-    ext.opt_index("light", "extensions.KHR_lights_punctual.lights", lights)
+    ext.opt_index("light", &format!("extensions.{extension}.lights"), lights)
 }
 
 /// A node's `matrix` or translation × rotation × scale.
@@ -382,7 +400,7 @@ fn local_transform(node: &Item<'_>, report: &mut IngestReport) -> Outcome<DAffin
     ))
 }
 
-fn unit_quaternion(q: [f64; 4]) -> Option<DQuat> {
+pub(crate) fn unit_quaternion(q: [f64; 4]) -> Option<DQuat> {
     // Scaled first: squares of components near the ends of the range would leave it.
     let largest = q.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     (largest > 0.0 && largest.is_finite())
@@ -395,7 +413,7 @@ fn place_copies(
     ext: &Item<'_>,
     node: usize,
     mesh: usize,
-    base: DAffine3,
+    own: Inherited,
     graph: &mut Graph,
 ) -> Outcome<()> {
     let mut count = None;
@@ -451,7 +469,8 @@ fn place_copies(
             node,
             copy: Some(k as u32),
             index: mesh,
-            transform: base * local,
+            transform: own.transform * local,
+            occluder: own.occluder,
         });
     }
     Ok(())

@@ -38,6 +38,30 @@ pub struct Scene {
     pub origin: DVec3,
 }
 
+impl Scene {
+    /// Whether primitive `primitive` of instance `instance` receives light: neither the node nor the material only occludes.
+    pub fn receives(&self, instance: usize, primitive: usize) -> bool {
+        let instance = &self.instances[instance];
+        let worn = self.meshes[instance.mesh].primitives[primitive].material;
+        !instance.occluder && !self.materials[worn].occluder_only
+    }
+
+    /// Whether some primitive of instance `instance` receives light, so that it needs a lightmap.
+    pub fn has_lightmap(&self, instance: usize) -> bool {
+        let primitives = &self.meshes[self.instances[instance].mesh].primitives;
+        (0..primitives.len()).any(|p| self.receives(instance, p))
+    }
+
+    /// Which materials some primitive wears.
+    pub(crate) fn worn(&self) -> Vec<bool> {
+        let mut worn = vec![false; self.materials.len()];
+        for primitive in self.meshes.iter().flat_map(|mesh| &mesh.primitives) {
+            worn[primitive.material] = true;
+        }
+        worn
+    }
+}
+
 /// One glTF mesh in its local space.
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
@@ -84,6 +108,8 @@ pub struct Instance {
     pub mesh: usize,
     /// Local to world (before recentring); may mirror.
     pub transform: DAffine3,
+    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder` of the node or an ancestor).
+    pub occluder: bool,
     /// `{"lumel": …}` from the node's `extras`, where it is there; nothing else of them.
     pub extras: Option<serde_json::Value>,
 }
@@ -216,24 +242,27 @@ pub struct Light {
 pub struct PlacedProfile {
     /// Index into [`Scene::profiles`].
     pub profile: usize,
-    /// Rotates directions of the world into the profile's axes.
+    /// Rotates directions of the world into the profile's axes (and mirrors them, where the light's node does).
     pub from_world: Mat3,
 }
 
 /// A luminaire's intensity by direction: a goniometric diagram (IES LM-63).
 ///
-/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards +Z.
+/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards −Z: counter-clockwise seen from
+/// above, as LM-63's type C has it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
-    /// Vertical angles, degrees from nadir, ascending.
+    /// Vertical angles, degrees from nadir, ascending, at least two.
     pub vertical: Vec<f32>,
     /// Horizontal angles, degrees, ascending from 0 to 360 (symmetries undone).
     pub horizontal: Vec<f32>,
-    /// `horizontal.len() × vertical.len()` factors, vertical fastest.
+    /// `horizontal.len() × vertical.len()` factors, vertical fastest; the largest is 1 (or all are 0).
     pub values: Vec<f32>,
 }
 
-/// A latitude-longitude map: column 0 begins at −X and runs through −Z, row 0 is +Y; values are radiances.
+/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from +Z through −X, −Z (the middle) and +X back to +Z, rows from
+/// +Y down to −Y. Pixel (i, j) of w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h, which is
+/// the direction (sin t sin a, cos t, −sin t cos a).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Name of the light, or empty.

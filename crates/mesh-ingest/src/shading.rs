@@ -11,7 +11,7 @@ use crate::scene::{AlphaMode, Image, Material, Primitive, Scene, TextureRef, Wra
 use crate::soup::Soup;
 
 /// sRGB byte to linear (IEC 61966-2-1).
-static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
+pub(crate) static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     std::array::from_fn(|i| {
         let x = i as f64 / 255.0;
         (if x <= 0.04045 {
@@ -21,6 +21,11 @@ static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
         }) as f32
     })
 });
+
+/// An sRGB byte as linear light, 0..=1.
+pub(crate) fn srgb_to_linear(byte: u8) -> f32 {
+    SRGB[usize::from(byte)]
+}
 
 /// A soup triangle's way back to its primitive: local vertices in the order of the *world* corners.
 struct Lookup<'a> {
@@ -79,14 +84,21 @@ impl Scene {
         &self.materials[soup.materials[tri as usize] as usize]
     }
 
+    /// Whether soup triangle `tri` only casts shadows: it reflects and emits nothing and gets no light
+    /// ([`Material::occluder_only`], [`crate::Instance::occluder`]).
+    pub fn only_occludes(&self, soup: &Soup, tri: u32) -> bool {
+        let instance = soup.sources[tri as usize].instance;
+        self.material_of(soup, tri).occluder_only || self.instances[instance as usize].occluder
+    }
+
     /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`,
-    /// at most [`Material::max_reflectance`] in each channel; black where the material only occludes.
+    /// at most [`Material::max_reflectance`] in each channel; black where the triangle only occludes.
     ///
     /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2.
     pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
         let material = self.material_of(soup, tri);
         let color = self.color(soup, tri, u, v);
-        if material.occluder_only {
+        if self.only_occludes(soup, tri) {
             return Vec4::new(0.0, 0.0, 0.0, color.w);
         }
         color.min(Vec3::splat(material.max_reflectance).extend(1.0))
@@ -115,12 +127,52 @@ impl Scene {
     /// [`Scene::base_color`].
     pub fn emission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let material = self.material_of(soup, tri);
+        if self.only_occludes(soup, tri) {
+            return Vec3::ZERO;
+        }
         match &material.emissive_texture {
             Some(texture) if material.emissive != Vec3::ZERO => {
                 let uv = self.lookup(soup, tri).tex_coord(texture.tex_coord, u, v);
                 (material.emissive * self.sample(texture, uv).xyz()).max(Vec3::ZERO)
             }
             _ => material.emissive,
+        }
+    }
+
+    /// [`Scene::emission`] times the share of the surface that is there: what a piece of it sends out on average.
+    pub fn emitted(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        let radiance = self.emission(soup, tri, u, v);
+        if self.needs_alpha(soup.materials[tri as usize]) {
+            radiance * self.presence(soup, tri, u, v)
+        } else {
+            radiance
+        }
+    }
+
+    /// Base colour factor × `COLOR_0` at a point: what the base texture is multiplied with.
+    pub(crate) fn untextured_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
+        let color = self.lookup(soup, tri).color(u, v);
+        (self.material_of(soup, tri).base_color * color).xyz()
+    }
+
+    /// Where `texture` lies on the triangle: its coordinates, transformed, at world corners 0, 1 and 2.
+    pub(crate) fn texture_corners(&self, soup: &Soup, tri: u32, texture: &TextureRef) -> [Vec2; 3] {
+        let lookup = self.lookup(soup, tri);
+        WHOLE.map(|p| {
+            let uv = lookup.tex_coord(texture.tex_coord, p.x, p.y);
+            texture.transform.transform_point2(uv)
+        })
+    }
+
+    /// The red channel of a transmission texture at a coordinate that is transformed already.
+    pub(crate) fn transmission_texel(&self, texture: &TextureRef, uv: Vec2) -> f32 {
+        let untransformed = TextureRef {
+            transform: Affine2::IDENTITY,
+            ..texture.clone()
+        };
+        match self.images.get(texture.image) {
+            Some(Some(image)) => filtered(image, &untransformed, uv, linear_byte).x,
+            _ => 1.0,
         }
     }
 
@@ -233,14 +285,15 @@ impl Scene {
         })
     }
 
-    /// Mean of [`Scene::emission`] over triangle `tri`; see [`Scene::mean_over`].
+    /// Mean of [`Scene::emitted`] over triangle `tri`; see [`Scene::mean_over`].
     pub fn mean_emission(&self, soup: &Soup, tri: u32, max_samples: u32) -> Vec3 {
         let material = self.material_of(soup, tri);
-        if material.emissive_texture.is_none() || material.emissive == Vec3::ZERO {
-            return material.emissive;
+        let even = material.emissive_texture.is_none() && material.alpha == AlphaMode::Opaque;
+        if even || material.emissive == Vec3::ZERO {
+            return self.emission(soup, tri, 0.0, 0.0);
         }
         self.mean_over(soup, tri, WHOLE, max_samples, |u, v| {
-            self.emission(soup, tri, u, v).extend(0.0)
+            self.emitted(soup, tri, u, v).extend(0.0)
         })
         .xyz()
     }
@@ -347,20 +400,50 @@ fn filtered(
     };
     let (width, height) = (image.width, image.height);
     let texel = |x: u32, y: u32| decode(image.pixels[(y as usize) * width as usize + x as usize]);
-    let (s, t) = (reduce(uv.x, texture.wrap[0]), reduce(uv.y, texture.wrap[1]));
-    let (x, y) = (s * width as f32, t * height as f32);
     if texture.nearest {
-        let x = wrap_index(x.floor() as i32, width, texture.wrap[0]);
-        return texel(x, wrap_index(y.floor() as i32, height, texture.wrap[1]));
+        let [x, y] = nearest_texel([width, height], texture.wrap, uv);
+        return texel(x, y);
     }
-    let (x, y) = (x - 0.5, y - 0.5);
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = (x - x0, y - y0);
-    let xs = [0, 1].map(|d| wrap_index(x0 as i32 + d, width, texture.wrap[0]));
-    let ys = [0, 1].map(|d| wrap_index(y0 as i32 + d, height, texture.wrap[1]));
-    let top = texel(xs[0], ys[0]).lerp(texel(xs[1], ys[0]), fx);
-    let bottom = texel(xs[0], ys[1]).lerp(texel(xs[1], ys[1]), fx);
+    let taps = Taps::new([width, height], texture.wrap, uv);
+    let [fx, fy] = taps.weights;
+    let ([x0, x1], [y0, y1]) = (taps.x, taps.y);
+    let top = texel(x0, y0).lerp(texel(x1, y0), fx);
+    let bottom = texel(x0, y1).lerp(texel(x1, y1), fx);
     top.lerp(bottom, fy)
+}
+
+/// The texel that holds a (transformed) coordinate.
+pub(crate) fn nearest_texel(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> [u32; 2] {
+    std::array::from_fn(|i| {
+        let x = reduce(uv[i], wrap[i]) * size[i] as f32;
+        wrap_index(x.floor() as i32, size[i], wrap[i])
+    })
+}
+
+/// The four texels about a point, and how far it is from the first towards the second of each pair.
+pub(crate) struct Taps {
+    pub x: [u32; 2],
+    pub y: [u32; 2],
+    pub weights: [f32; 2],
+}
+
+impl Taps {
+    /// Of the (transformed) coordinate `uv` in an image of `size` texels.
+    #[inline(always)]
+    pub fn new(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> Taps {
+        let axis = |i: usize| {
+            let x = reduce(uv[i], wrap[i]) * size[i] as f32 - 0.5;
+            let first = x.floor();
+            let at = |d| wrap_index(first as i32 + d, size[i], wrap[i]);
+            ([at(0), at(1)], x - first)
+        };
+        let ((x, fx), (y, fy)) = (axis(0), axis(1));
+        Taps {
+            x,
+            y,
+            weights: [fx, fy],
+        }
+    }
 }
 
 /// Takes whole periods off a coordinate before it is scaled by the image, where they would cost precision.

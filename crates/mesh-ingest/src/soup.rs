@@ -9,7 +9,7 @@ use crate::scene::Scene;
 /// World-space (recentred) triangles of every instance, in the order instance, primitive, triangle.
 ///
 /// Triangles whose area vanishes in world space, or which coincide exactly with an earlier one (same three corners, any
-/// rotation, and no side that the earlier ones leave free: a double-sided triangle takes both), are left out and counted. Winding is already flipped for mirroring transforms, so the
+/// rotation, and no side that the earlier ones leave free: a double-sided triangle takes both; occluders count as last), are left out and counted. Winding is already flipped for mirroring transforms, so the
 /// front is always the counter-clockwise side.
 #[derive(Debug, Clone, Default)]
 pub struct Soup {
@@ -126,7 +126,9 @@ impl Soup {
                 .iter()
                 .map(|&(_, i)| (Key::of(&self.triangles[i as usize]), i))
                 .collect();
-            members.sort_unstable_by_key(|(key, i)| (key.corners, *i));
+            // An occluder casts no shadow that the surface it lies on does not cast, and must not take that one's light.
+            members
+                .sort_unstable_by_key(|(key, i)| (key.corners, scene.only_occludes(self, *i), *i));
             for equal in members.chunk_by(|a, b| a.0.corners == b.0.corners) {
                 // Bit 0: the side whose winding is even is taken, bit 1: the other.
                 let mut taken = 0u8;

@@ -6,7 +6,6 @@
 //! noise, taken from the rays themselves, and what relaxation and rounding may leave.
 
 use glam::{DVec3, Vec3};
-use mesh_ingest::AlphaMode;
 use patch_subdivision::{PatchId, Subdivision};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -43,7 +42,7 @@ pub struct Audit {
     pub flux_emitted: [f64; 3],
     /// Flux that surfaces receive from these before any reflection (RGB).
     pub flux_in: [f64; 3],
-    /// Flux that surfaces absorb, all reflections counted (RGB).
+    /// Flux that surfaces absorb, all reflections and what glass takes on the way counted (RGB).
     pub flux_absorbed: [f64; 3],
     /// Flux that ends on the backs of single-sided faces, which are black (RGB).
     pub flux_behind: [f64; 3],
@@ -162,7 +161,7 @@ impl Outgoing {
             let e = cut.elements()[k];
             let a = e.area as f64;
             area += a;
-            solid += a * opacity(world, e.triangle, e.u, e.v);
+            solid += a * world.scene.presence(world.soup, e.triangle, e.u, e.v) as f64;
             let emission = world.emission(e.triangle);
             let mut out = DVec3::ZERO;
             if emission != Emission::None {
@@ -213,7 +212,7 @@ fn lum(c: DVec3) -> f64 {
 /// Whether emission, or how much of the surface is there, changes over the triangle.
 fn varies(world: &World, triangle: u32) -> bool {
     let material = &world.scene.materials[world.soup.materials[triangle as usize] as usize];
-    material.emissive_texture.is_some() || material.alpha != AlphaMode::Opaque
+    material.emissive_texture.is_some() || material.lets_light_through()
 }
 
 /// Flux of all emissive triangles whose emission does not vary: π L A, for each side that shines.
@@ -228,17 +227,6 @@ fn plain_emission(world: &World) -> DVec3 {
         }
     }
     sum
-}
-
-/// Share of rays that the surface stops at a point.
-fn opacity(world: &World, triangle: u32, u: f32, v: f32) -> f64 {
-    let material = &world.scene.materials[world.soup.materials[triangle as usize] as usize];
-    let alpha = || world.scene.base_color(world.soup, triangle, u, v).w;
-    match material.alpha {
-        AlphaMode::Opaque => 1.0,
-        AlphaMode::Mask { cutoff } => (alpha() >= cutoff) as u32 as f64,
-        AlphaMode::Blend => alpha() as f64,
-    }
 }
 
 /// Balances what was emitted against what `direct` (per element) and `indirect` (per patch) say arrived.
@@ -269,11 +257,21 @@ pub(crate) fn audit(
             let level = lum(out);
             let (mut sum, mut squares) = (0f64, 0f64);
             let (mut by_element, mut count) = ([0f64; 16], [0f64; 16]);
-            for (&j, e) in links
-                .row(i)
-                .iter()
+            // What glass on the way takes.
+            let mut taken = DVec3::ZERO;
+            let mut lost_behind = DVec3::ZERO;
+            let mut lost_outside = DVec3::ZERO;
+            for (k, (&j, e)) in (links.row(i).iter())
                 .zip(origins(cut, PatchId(i as u32), links.rays))
+                .enumerate()
             {
+                let tint = links.tint(i, k);
+                taken += DVec3::ONE - tint;
+                match j {
+                    ESCAPED => lost_outside += tint,
+                    BLACK | NOWHERE => lost_behind += tint,
+                    _ => {}
+                }
                 let gain = match j {
                     ESCAPED => {
                         row.open += 1;
@@ -289,7 +287,7 @@ pub(crate) fn audit(
                     }
                     j => {
                         row.hits += 1;
-                        level - seen[j as usize]
+                        (level - seen[j as usize]) * lum(tint)
                     }
                 };
                 sum += gain;
@@ -307,12 +305,12 @@ pub(crate) fn audit(
             row.rays = independent.max(clustered) * weight * weight;
             let lost = 1.0 - row.hits as f64 / rays;
             row.direct = (o.spread + o.spread_plain * lost * lost) * o.solid * o.solid;
-            let (direct, source) = (surfaces.direct[i], links.source(i).as_dvec3());
+            let (direct, source) = (surfaces.direct[i], links.all_sources(i).as_dvec3());
             row.emitted = (o.textured + links.sky(i).as_dvec3()) * area;
             row.received = (direct + source) * area;
-            row.absorbed = (direct + indirect[i] - o.reflected) * area;
-            row.behind = out * (area * (row.black + row.nowhere) as f64 / rays);
-            row.escaped = out * (area * row.open as f64 / rays);
+            row.absorbed = (direct + indirect[i] - o.reflected) * area + out * taken * weight;
+            row.behind = out * lost_behind * weight;
+            row.escaped = out * lost_outside * weight;
             row
         })
         .collect();
@@ -339,6 +337,7 @@ fn balance(
     let rays = links.rays.max(1) as f64;
     let mut total = Row {
         emitted: lamps.emitted + plain_emission(world),
+        absorbed: lamps.taken,
         behind: lamps.behind,
         escaped: lamps.escaped,
         ..Row::default()

@@ -1,12 +1,21 @@
-//! Emissive triangles, in a tree that tells near from far.
+//! Emissive surfaces, in a tree that tells near from far.
+
+mod merge;
+mod parts;
+mod tree;
 
 use glam::Vec3;
 
-use crate::world::{Emission, MEAN_SAMPLES, World, luminance};
+use crate::world::{Emission, SurfacePoint, World, luminance};
 
-/// One emissive triangle.
+pub(crate) use parts::brightness;
+pub(crate) use tree::Node;
+
+/// A triangle that shines: one of the scene's, a part of one where a texture makes it uneven, or a part of several that lie in one
+/// plane and shine alike.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Emitter {
+    /// The scene's triangle that it is part of, or the first of several.
     pub triangle: u32,
     pub corners: [Vec3; 3],
     /// Unit normal of the front.
@@ -19,69 +28,58 @@ pub(crate) struct Emitter {
     pub two_sided: bool,
 }
 
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Node {
-    pub centre: Vec3,
-    pub radius: f32,
-    /// Σ luminance × area.
-    pub power: f32,
-    /// Emitters `[start, end)`.
-    pub start: u32,
-    pub end: u32,
-    /// The second child; the first follows its parent. 0 for a leaf, which has one emitter.
-    pub second: u32,
+impl Emitter {
+    /// Luminance × area: the light it sends, up to π and its sides.
+    fn power(&self) -> f64 {
+        luminance(self.radiance) as f64 * self.area as f64
+    }
 }
 
 /// The surfaces whose light [`DirectLight`](crate::DirectLight) computes.
 ///
 /// A binary tree by position: a receiver takes nearby triangles one by one, in closed form, and far groups whole, so that ten
-/// thousand triangles cost little more than ten.
+/// thousand triangles cost little more than ten. Before that, triangles that make up one even polygon are joined, and those with a
+/// texture are cut where it is bright.
 #[derive(Debug, Default)]
 pub struct Emitters {
     pub(crate) emitters: Vec<Emitter>,
     pub(crate) nodes: Vec<Node>,
-    /// Running Σ luminance × area before each emitter, one more than there are.
-    pub(crate) cumulative: Vec<f64>,
 }
 
 impl Emitters {
-    /// Collects the emitters that are to be sampled. O(n log² n).
+    /// Collects the emitters that are to be sampled. O(n log n) in emissive triangles; textures are sampled a bounded number of times
+    /// in all (and once a triangle at least).
     pub fn collect(world: &World) -> Self {
-        let mut emitters: Vec<Emitter> = (0..world.soup.triangles.len() as u32)
+        let (scene, soup) = (world.scene, world.soup);
+        let (varied, plain): (Vec<u32>, Vec<u32>) = (0..soup.triangles.len() as u32)
             .filter(|&t| world.emission(t) == Emission::Sampled)
+            .partition(|&t| parts::varies(scene, soup.materials[t as usize]));
+        let mut emitters: Vec<Emitter> = plain
+            .into_iter()
             .map(|t| {
-                let material = &world.scene.materials[world.soup.materials[t as usize] as usize];
+                let material = &scene.materials[soup.materials[t as usize] as usize];
                 Emitter {
                     triangle: t,
-                    corners: world.soup.triangles[t as usize],
-                    normal: world.soup.normals[t as usize],
-                    area: world.soup.areas[t as usize],
-                    radiance: world.scene.mean_emission(world.soup, t, MEAN_SAMPLES),
-                    textured: material.emissive_texture.is_some(),
+                    corners: soup.triangles[t as usize],
+                    normal: soup.normals[t as usize],
+                    area: soup.areas[t as usize],
+                    radiance: material.emissive,
+                    textured: false,
                     two_sided: material.double_sided,
                 }
             })
             .collect();
-        let mut nodes = Vec::with_capacity(2 * emitters.len());
-        if !emitters.is_empty() {
-            let n = emitters.len();
-            split(&mut emitters, 0, n, &mut nodes);
-        }
-        let mut cumulative = Vec::with_capacity(emitters.len() + 1);
-        let mut sum = 0f64;
-        cumulative.push(0.0);
-        for e in &emitters {
-            sum += (luminance(e.radiance) * e.area) as f64;
-            cumulative.push(sum);
-        }
-        Emitters {
-            emitters,
-            nodes,
-            cumulative,
-        }
+        merge::merge_coplanar(
+            &mut emitters,
+            |e| soup.materials[e.triangle as usize],
+            |p| 0.5 * world.offset(p),
+        );
+        emitters.extend(parts::subdivide(world, &varied));
+        let nodes = tree::build(&mut emitters);
+        Emitters { emitters, nodes }
     }
 
-    /// How many triangles.
+    /// How many there are: triangles after joining and cutting.
     pub fn len(&self) -> usize {
         self.emitters.len()
     }
@@ -91,49 +89,59 @@ impl Emitters {
         self.emitters.is_empty()
     }
 
-    /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its probability.
-    pub(crate) fn pick(&self, start: u32, end: u32, x: f32) -> (&Emitter, f32) {
-        let c = &self.cumulative[start as usize..=end as usize];
-        let (low, high) = (c[0], c[c.len() - 1]);
-        let at = low + x as f64 * (high - low);
-        let k = c[1..].partition_point(|&s| s <= at).min(c.len() - 2);
-        let p = (c[k + 1] - c[k]) / (high - low);
-        (&self.emitters[start as usize + k], p as f32)
+    /// Draws one of the emitters `[start, end)`, which are a node's, about in proportion to what it brings to `p`, and says with what
+    /// probability; `None` where none can bring any. `x` ∈ [0, 1). O(log n).
+    pub(crate) fn pick(
+        &self,
+        start: u32,
+        end: u32,
+        p: &SurfacePoint,
+        x: f64,
+    ) -> Option<(&Emitter, f32)> {
+        let mut id = self.node_of(start, end);
+        let (mut x, mut probability) = (x, 1f64);
+        loop {
+            let node = &self.nodes[id as usize];
+            if node.second == 0 {
+                return Some((&self.emitters[node.start as usize], probability as f32));
+            }
+            let children = [id + 1, node.second];
+            let [a, b] = children
+                .map(|c| self.nodes[c as usize].importance(p.position, p.normal, 0.0) as f64);
+            let sum = a + b;
+            if sum <= 0.0 {
+                return None;
+            }
+            let share = a / sum;
+            let second = x >= share;
+            let (low, part) = if second {
+                (share, 1.0 - share)
+            } else {
+                (0.0, share)
+            };
+            x = ((x - low) / part).clamp(0.0, 1.0 - f64::EPSILON);
+            probability *= part;
+            id = children[second as usize];
+        }
+    }
+
+    /// The node that holds just these emitters.
+    fn node_of(&self, start: u32, end: u32) -> u32 {
+        let mut id = 0;
+        loop {
+            let node = &self.nodes[id as usize];
+            if node.second == 0 || (node.start, node.end) == (start, end) {
+                return id;
+            }
+            let first = &self.nodes[id as usize + 1];
+            id = if start < first.end {
+                id + 1
+            } else {
+                node.second
+            };
+        }
     }
 }
 
-/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since halves are equal.
-fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) {
-    let part = &mut emitters[start..end];
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    let mut power = 0f64;
-    for e in part.iter() {
-        for c in e.corners {
-            low = low.min(c);
-            high = high.max(c);
-        }
-        power += (luminance(e.radiance) * e.area) as f64;
-    }
-    let id = nodes.len();
-    nodes.push(Node {
-        centre: (low + high) * 0.5,
-        radius: (high - low).length() * 0.5,
-        power: power as f32,
-        start: start as u32,
-        end: end as u32,
-        second: 0,
-    });
-    if part.len() == 1 {
-        return;
-    }
-    let size = high - low;
-    let axis = size.max_position();
-    let key = |e: &Emitter| e.corners[0][axis] + e.corners[1][axis] + e.corners[2][axis];
-    let middle = part.len() / 2;
-    part.select_nth_unstable_by(middle, |a, b| {
-        key(a).total_cmp(&key(b)).then(a.triangle.cmp(&b.triangle))
-    });
-    split(emitters, start, start + middle, nodes);
-    nodes[id].second = nodes.len() as u32;
-    split(emitters, start + middle, end, nodes);
-}
+#[cfg(test)]
+mod tests;

@@ -32,6 +32,7 @@ pub(crate) fn add_triangles(
         copy: None,
         mesh: scene.meshes.len(),
         transform: DAffine3::IDENTITY,
+        occluder: false,
         extras: None,
     });
     scene.meshes.push(Mesh {

@@ -5,7 +5,8 @@ use std::f64::consts::PI;
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Light, LightKind};
 
-use crate::sampling::{hash_u32, sample_2d};
+use crate::sampling::{hash_u32, sample_4d};
+use crate::sky::{BrightSky, SkyCell};
 use crate::world::{Incoming, World};
 
 /// Rays from all lamps together, about, and from one at most and at least.
@@ -26,6 +27,8 @@ pub(crate) struct LampFlux {
     pub behind: DVec3,
     /// Met nothing.
     pub escaped: DVec3,
+    /// Absorbed by glass on the way.
+    pub taken: DVec3,
     /// Variance of the luminous flux that meets surfaces.
     pub variance: f64,
 }
@@ -34,79 +37,162 @@ pub(crate) struct LampFlux {
 #[derive(Default)]
 struct Tally {
     all: f64,
-    front: f64,
-    behind: f64,
-    escaped: f64,
+    front: DVec3,
+    behind: DVec3,
+    escaped: DVec3,
+    taken: DVec3,
 }
 
 impl LampFlux {
-    /// Casts rays from every lamp.
+    /// Casts rays from every lamp, and from where the sky is bright.
     pub(crate) fn measure(world: &World) -> Self {
-        let lights = &world.scene.lights;
+        let lamps = world.scene.lights.iter().map(Source::Lamp);
+        let cells = world
+            .bright
+            .iter()
+            .flat_map(|b| b.cells.iter().map(move |c| Source::Sky(b, c)));
+        let sources: Vec<Source> = lamps.chain(cells).collect();
         let mut out = LampFlux::default();
-        if lights.is_empty() {
+        if sources.is_empty() {
             return out;
         }
-        let n = (RAYS / lights.len()).clamp(LEAST, MOST) as u32 / SETS;
+        let n = (RAYS / sources.len()).clamp(LEAST, MOST) as u32 / SETS;
         let bounds = Bounds::of(world);
-        for (k, light) in lights.iter().enumerate() {
+        for (k, source) in sources.iter().enumerate() {
             let seed = hash_u32(k as u32 ^ 0x6c61_6d70);
-            out.add(world, light, &bounds, n, seed);
+            out.add(world, source, &bounds, n, seed);
         }
         out
     }
 
-    fn add(&mut self, world: &World, light: &Light, bounds: &Bounds, n: u32, seed: u32) {
+    fn add(&mut self, world: &World, source: &Source, bounds: &Bounds, n: u32, seed: u32) {
         let mut t = Tally::default();
         let mut sets = [0f64; SETS as usize];
+        let range = source.range();
         for i in 0..n * SETS {
             let set = i / n;
-            let [u, v] = sample_2d(i % n, 0, seed ^ hash_u32(set));
-            let (origin, direction, weight) = bounds.ray(light, u, v);
-            let range = range(light);
-            match world.incoming(origin, direction) {
-                Incoming::Escaped => {
-                    let w = if range.is_some() { 0.0 } else { weight };
-                    t.escaped += w;
-                    t.all += w;
+            let random = sample_4d(i % n, 0, seed ^ hash_u32(set));
+            let sent = source.ray(world, bounds, random);
+            let (found, tint) = world.incoming(sent.origin, sent.direction);
+            let tint = tint.as_dvec3();
+            // A lamp with a range loses light on the way: only what arrives is known, and how far off the back of a face is does not
+            // matter for the others.
+            let (share, into) = match found {
+                Incoming::Escaped | Incoming::Black if range.is_some() => continue,
+                Incoming::Escaped => (1.0, &mut t.escaped),
+                Incoming::Black => (1.0, &mut t.behind),
+                Incoming::Surface(hit) => (window(hit.t as f64, range), &mut t.front),
+            };
+            let light = sent.colour * (sent.weight * share);
+            *into += tint * light;
+            t.taken += (DVec3::ONE - tint) * light;
+            t.all += sent.weight * share;
+            if matches!(found, Incoming::Surface(_)) {
+                sets[set as usize] += lum(tint * light);
+            }
+        }
+        // Per ray; where all of the flux is known it takes the place of its estimate.
+        let each = match (source.exact(), t.all > 0.0) {
+            (Some(flux), true) => flux / t.all,
+            // The flux that a weight of 1 in all rays stands for.
+            _ => source.whole(bounds) / (n * SETS) as f64,
+        };
+        let escaped = if source.is_far() {
+            DVec3::ZERO
+        } else {
+            t.escaped
+        };
+        self.emitted += (t.front + t.behind + escaped + t.taken) * each;
+        self.behind += t.behind * each;
+        self.escaped += escaped * each;
+        self.taken += t.taken * each;
+        let mean = sets.iter().sum::<f64>() / SETS as f64;
+        let squares: f64 = sets.iter().map(|s| (s - mean).powi(2)).sum();
+        self.variance += squares * (SETS as f64 / (SETS as f64 - 1.0)) * (each * each);
+    }
+}
+
+/// What rays are cast from.
+enum Source<'w> {
+    Lamp(&'w Light),
+    Sky(&'w BrightSky, &'w SkyCell),
+}
+
+/// A ray of a lamp.
+struct Sent {
+    origin: Vec3,
+    /// Unit.
+    direction: Vec3,
+    /// Relative intensity there.
+    weight: f64,
+    /// Intensity.
+    colour: DVec3,
+}
+
+impl Source<'_> {
+    /// Whether it shines from beyond the scene; then only what meets the scene counts.
+    fn is_far(&self) -> bool {
+        match self {
+            Source::Lamp(light) => matches!(light.kind, LightKind::Directional { .. }),
+            Source::Sky(..) => true,
+        }
+    }
+
+    fn range(&self) -> Option<f32> {
+        match self {
+            Source::Lamp(light) => range(light),
+            Source::Sky(..) => None,
+        }
+    }
+
+    /// Flux per unit of intensity that a weight of 1 in all directions stands for.
+    fn whole(&self, bounds: &Bounds) -> f64 {
+        let across = PI * bounds.radius * bounds.radius;
+        match self {
+            Source::Sky(..) => across,
+            Source::Lamp(light) => match light.kind {
+                // Which way is drawn evenly over the disc's solid angle.
+                LightKind::Directional { angle, .. } => across * 2.0 / (1.0 + (angle as f64).cos()),
+                LightKind::Point { .. } => 4.0 * PI,
+                LightKind::Spot { outer, .. } => 2.0 * PI * (1.0 - (outer as f64).cos()),
+            },
+        }
+    }
+
+    fn exact(&self) -> Option<f64> {
+        match self {
+            Source::Lamp(light) => exact(light),
+            Source::Sky(..) => None,
+        }
+    }
+
+    fn ray(&self, world: &World, bounds: &Bounds, random: [f32; 4]) -> Sent {
+        match self {
+            Source::Lamp(light) => {
+                let (origin, direction, weight) = bounds.ray(world, light, random);
+                let colour = light.intensity.as_dvec3();
+                Sent {
+                    origin,
+                    direction,
+                    weight,
+                    colour,
                 }
-                Incoming::Black => {
-                    // How far off does not matter for lamps without a range.
-                    let w = weight * if range.is_some() { 0.0 } else { 1.0 };
-                    t.behind += w;
-                    t.all += w;
-                }
-                Incoming::Surface(hit) => {
-                    let w = weight * window(hit.t as f64, range);
-                    t.front += w;
-                    sets[set as usize] += w;
-                    t.all += w;
+            }
+            Source::Sky(sky, cell) => {
+                let (towards, light) = sky.sample(cell, random[0], random[1]);
+                Sent {
+                    origin: bounds.from_afar(-towards, random),
+                    direction: -towards,
+                    weight: 1.0,
+                    colour: light.as_dvec3(),
                 }
             }
         }
-        // The flux that a weight of 1 in all rays stands for.
-        let rays = (n * SETS) as f64;
-        let whole = match light.kind {
-            LightKind::Directional { .. } => PI * bounds.radius * bounds.radius,
-            LightKind::Point { .. } => 4.0 * PI,
-            LightKind::Spot { outer, .. } => 2.0 * PI * (1.0 - (outer as f64).cos()),
-        };
-        // Per ray; where all of the flux is known it takes the place of its estimate.
-        let each = match (exact(light), t.all > 0.0) {
-            (Some(flux), true) => flux / t.all,
-            _ => whole / rays,
-        };
-        let colour = light.intensity.as_dvec3();
-        let sun = matches!(light.kind, LightKind::Directional { .. });
-        let escaped = if sun { 0.0 } else { t.escaped };
-        self.emitted += colour * ((t.front + t.behind + escaped) * each);
-        self.behind += colour * (t.behind * each);
-        self.escaped += colour * (escaped * each);
-        let l = colour.dot(DVec3::new(0.2126, 0.7152, 0.0722));
-        let mean = t.front / SETS as f64;
-        let squares: f64 = sets.iter().map(|s| (s - mean).powi(2)).sum();
-        self.variance += squares * (SETS as f64 / (SETS as f64 - 1.0)) * (l * each).powi(2);
     }
+}
+
+fn lum(c: DVec3) -> f64 {
+    c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
 fn range(light: &Light) -> Option<f32> {
@@ -132,7 +218,7 @@ fn cone(cos: f64, inner: f32, outer: f32) -> f64 {
 /// Flux per unit of intensity, sr, where the lamp has one: 4π, or 2π ∫ cone dcosθ. The cone's blend ends `1e-3` in cosine from
 /// its edge at the narrowest, as direct light has it.
 fn exact(light: &Light) -> Option<f64> {
-    if range(light).is_some() {
+    if range(light).is_some() || light.profile.is_some() {
         return None;
     }
     match light.kind {
@@ -172,35 +258,62 @@ impl Bounds {
     }
 
     /// A ray of the lamp: origin, unit direction, and relative intensity there.
-    fn ray(&self, light: &Light, u: f32, v: f32) -> (Vec3, Vec3, f64) {
+    fn ray(&self, world: &World, light: &Light, random: [f32; 4]) -> (Vec3, Vec3, f64) {
         let about = |axis: Vec3, cos: f32, phi: f32| -> Vec3 {
             let (x, y) = axis.any_orthonormal_pair();
             let sine = (1.0 - cos * cos).max(0.0).sqrt();
             x * (sine * phi.cos()) + y * (sine * phi.sin()) + axis * cos
         };
+        // From the surface of a lamp that has one: seen from afar it is an even disc.
+        let from = |position: Vec3, direction: Vec3, radius: f32| -> Vec3 {
+            if radius <= 0.0 {
+                return position;
+            }
+            let (offset, r) = aside(direction, radius, random);
+            position + offset + direction * (radius * radius - r * r).max(0.0).sqrt()
+        };
+        let [u, v, ..] = random;
         let phi = std::f32::consts::TAU * v;
         match light.kind {
-            LightKind::Point { position, .. } => {
-                (position, about(Vec3::Y, 1.0 - 2.0 * u, phi), 1.0)
+            LightKind::Point {
+                position, radius, ..
+            } => {
+                let direction = about(Vec3::Y, 1.0 - 2.0 * u, phi);
+                let weight = world.scene.profile_factor(light, direction) as f64;
+                (from(position, direction, radius), direction, weight)
             }
             LightKind::Spot {
                 position,
                 direction,
+                radius,
                 inner,
                 outer,
                 ..
             } => {
                 let cos = 1.0 - u * (1.0 - outer.cos());
-                let weight = cone(cos as f64, inner, outer);
-                (position, about(direction, cos, phi), weight)
+                let direction = about(direction, cos, phi);
+                let weight = cone(cos as f64, inner, outer)
+                    * world.scene.profile_factor(light, direction) as f64;
+                (from(position, direction, radius), direction, weight)
             }
-            LightKind::Directional { direction, .. } => {
-                let (x, y) = direction.any_orthonormal_pair();
-                let r = self.radius as f32 * u.sqrt();
-                let offset = x * (r * phi.cos()) + y * (r * phi.sin());
-                let start = self.centre - direction * (1.01 * self.radius as f32);
-                (start + offset, direction, 1.0)
+            LightKind::Directional { direction, angle } => {
+                let direction = about(direction, 1.0 - u * (1.0 - angle.cos()), phi);
+                (self.from_afar(direction, random), direction, 1.0)
             }
         }
     }
+
+    /// Where a ray along `direction` starts that may meet any part of the scene.
+    fn from_afar(&self, direction: Vec3, random: [f32; 4]) -> Vec3 {
+        let (offset, _) = aside(direction, self.radius as f32, random);
+        self.centre - direction * (1.01 * self.radius as f32) + offset
+    }
+}
+
+/// A point of a disc of this radius across the direction, and its distance from the middle.
+fn aside(direction: Vec3, radius: f32, random: [f32; 4]) -> (Vec3, f32) {
+    let (x, y) = direction.any_orthonormal_pair();
+    let r = radius * random[2].sqrt();
+    let (sin, cos) = (std::f32::consts::TAU * random[3]).sin_cos();
+    (x * (r * cos) + y * (r * sin), r)
 }

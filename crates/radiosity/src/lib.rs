@@ -8,29 +8,33 @@
 //! finds what the surfaces exchange, and [`Solution`] holds the result, ready to be gathered from.
 
 mod audit;
+mod curved;
 mod direct;
 mod emitters;
 #[cfg(test)]
 mod fixtures;
 mod form_factor;
+mod glass;
 mod groups;
 mod lamps;
 mod links;
 mod monitor;
 mod relax;
 mod sampling;
+mod sky;
 mod solution;
 mod solve;
 mod world;
 
 pub use audit::{Audit, AuditBounds, RowsOfNode};
-pub use direct::{DirectEstimate, DirectLight, DirectOptions};
+pub use direct::{DirectEstimate, DirectLight, DirectOptions, DirectParts};
 pub use emitters::Emitters;
 pub use form_factor::form_factor_polygon;
 pub use groups::LightGroups;
 pub use monitor::{Cancelled, Monitor, Phase, Silent};
 pub use relax::{RelaxOptions, RelaxReport};
 pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
+pub use sky::Sky;
 pub use solution::{Solution, SolveReport};
 pub use solve::{SolveOptions, solve};
-pub use world::{Incoming, Sky, SurfacePoint, World, WorldOptions, luminance};
+pub use world::{Incoming, SurfacePoint, World, WorldOptions, luminance};

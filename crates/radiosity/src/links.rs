@@ -1,6 +1,6 @@
 //! Rays between patches: the rows of the form-factor matrix.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use patch_subdivision::{Element, PatchId, Subdivision};
 use rayon::prelude::*;
 
@@ -25,20 +25,43 @@ pub(crate) struct Links {
     pub rays: u32,
     stride: u32,
     targets: Vec<u32>,
-    /// Σ radiance over a patch's rays of what is not another patch's reflection: the sky and gathered emission.
+    /// What glass on the way lets through of each ray, packed; empty where nothing colours light.
+    tints: Vec<u32>,
+    /// Groups of light.
+    groups: usize,
+    /// Σ radiance over a patch's rays of what is not another patch's reflection: the sky and gathered emission; patch by patch, group
+    /// by group.
     source: Vec<Vec3>,
     /// The sky's part of `source`.
     sky: Vec<Vec3>,
 }
 
 impl Links {
-    /// Room for `stride` rays a patch.
+    /// Room for `stride` rays a patch of a world.
+    pub(crate) fn of(world: &World, patches: usize, stride: u32) -> Self {
+        let groups = world.group_count();
+        let tints = if world.tinted() {
+            vec![CLEAR; patches * stride as usize]
+        } else {
+            Vec::new()
+        };
+        Links {
+            tints,
+            groups,
+            source: vec![Vec3::ZERO; patches * groups],
+            ..Links::new(patches, stride)
+        }
+    }
+
+    /// Room for `stride` rays a patch, where light has one group and is not coloured on its way.
     pub(crate) fn new(patches: usize, stride: u32) -> Self {
         Links {
             patches,
             rays: 0,
             stride,
             targets: vec![ESCAPED; patches * stride as usize],
+            tints: Vec::new(),
+            groups: 1,
             source: vec![Vec3::ZERO; patches],
             sky: vec![Vec3::ZERO; patches],
         }
@@ -46,7 +69,9 @@ impl Links {
 
     /// Memory, bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        (self.targets.len() * 4 + 2 * self.source.len() * size_of::<Vec3>()) as u64
+        (self.targets.len() * 4
+            + self.tints.len() * 4
+            + (self.source.len() + self.sky.len()) * size_of::<Vec3>()) as u64
     }
 
     /// The row of a patch.
@@ -55,9 +80,48 @@ impl Links {
         &self.targets[at..at + self.rays as usize]
     }
 
-    /// Irradiance of a patch from the sky and from gathered emission.
-    pub(crate) fn source(&self, patch: usize) -> Vec3 {
-        self.source[patch] * (std::f32::consts::PI / self.rays.max(1) as f32)
+    /// Whether light is coloured on its way between patches.
+    pub(crate) fn tinted(&self) -> bool {
+        !self.tints.is_empty()
+    }
+
+    /// What arrives of the light along ray `k` of a patch.
+    pub(crate) fn tint(&self, patch: usize, k: usize) -> DVec3 {
+        match self.tints.get(patch * self.stride as usize + k) {
+            Some(&packed) => unpack(packed),
+            None => DVec3::ONE,
+        }
+    }
+
+    /// Σ over a patch's rays of what arrives of `radiosity` at the other end.
+    pub(crate) fn gather(&self, patch: usize, radiosity: &[DVec3]) -> DVec3 {
+        let mut sum = DVec3::ZERO;
+        // Escaped and black rays have indices past the end.
+        if self.tinted() {
+            for (k, &j) in self.row(patch).iter().enumerate() {
+                if let Some(b) = radiosity.get(j as usize) {
+                    sum += *b * self.tint(patch, k);
+                }
+            }
+        } else {
+            for &j in self.row(patch) {
+                if let Some(b) = radiosity.get(j as usize) {
+                    sum += *b;
+                }
+            }
+        }
+        sum
+    }
+
+    /// Irradiance of a patch from the sky and from gathered emission of a group.
+    pub(crate) fn source(&self, patch: usize, group: usize) -> Vec3 {
+        let sum = self.source[patch * self.groups + group];
+        sum * (std::f32::consts::PI / self.rays.max(1) as f32)
+    }
+
+    /// The same, of all groups.
+    pub(crate) fn all_sources(&self, patch: usize) -> Vec3 {
+        (0..self.groups).map(|g| self.source(patch, g)).sum()
     }
 
     /// Irradiance of a patch from the sky alone.
@@ -76,38 +140,58 @@ impl Links {
         const BLOCK: usize = 64;
         let rays = rays.min(self.stride);
         let (from, stride) = (self.rays, self.stride as usize);
+        let sources_before = (self.source.clone(), self.sky.clone());
         let done = std::sync::atomic::AtomicU64::new(0);
         let total = (self.patches as u64) * (rays - from) as u64;
-        let added: Vec<[Vec3; 2]> = self
-            .targets
+        let tinted = self.tinted();
+        let groups = self.groups;
+        // Rows of tints beside the rows of targets, where there are any.
+        let mut no_tints: Vec<&mut [u32]> = Vec::new();
+        let blocks = self.patches.div_ceil(BLOCK);
+        let tints: Vec<&mut [u32]> = if tinted {
+            self.tints.chunks_mut(stride * BLOCK).collect()
+        } else {
+            no_tints.resize_with(blocks, || &mut []);
+            no_tints
+        };
+        let sources = self.source.par_chunks_mut(groups * BLOCK);
+        let skies = self.sky.par_chunks_mut(BLOCK);
+        self.targets
             .par_chunks_mut(stride * BLOCK)
+            .zip(tints)
+            .zip(sources)
+            .zip(skies)
             .enumerate()
-            .flat_map_iter(|(block, rows)| {
-                let mut sums = Vec::with_capacity(BLOCK);
-                if !monitor.cancelled() {
-                    for (k, row) in rows.chunks_mut(stride).enumerate() {
-                        let patch = PatchId((block * BLOCK + k) as u32);
-                        sums.push(cast(
-                            world,
-                            cut,
-                            patch,
-                            from,
-                            &mut row[from as usize..rays as usize],
-                        ));
-                    }
-                    let n = sums.len() as u64 * (rays - from) as u64;
-                    let now = done.fetch_add(n, std::sync::atomic::Ordering::Relaxed) + n;
-                    monitor.progress(Phase::Links, now, total);
+            .for_each(|(block, (((rows, tints), source), sky))| {
+                if monitor.cancelled() {
+                    return;
                 }
-                sums
-            })
-            .collect();
-        if added.len() != self.patches {
+                let mut n = 0u64;
+                for (k, row) in rows.chunks_mut(stride).enumerate() {
+                    let patch = PatchId((block * BLOCK + k) as u32);
+                    let range = from as usize..rays as usize;
+                    let mut out = Row {
+                        from,
+                        targets: &mut row[range.clone()],
+                        tints: if tinted {
+                            &mut tints[k * stride..][range]
+                        } else {
+                            &mut []
+                        },
+                        source: &mut source[k * groups..(k + 1) * groups],
+                        sky: &mut sky[k],
+                    };
+                    cast(world, cut, patch, &mut out);
+                    n += (rays - from) as u64;
+                }
+                let now = done.fetch_add(n, std::sync::atomic::Ordering::Relaxed) + n;
+                monitor.progress(Phase::Links, now, total);
+            });
+        if done.into_inner() != total {
+            // Sources of the rows that were cast have their light already: undone, so that the links stay as they were.
+            self.source = sources_before.0;
+            self.sky = sources_before.1;
             return Err(Cancelled);
-        }
-        for ((source, sky), a) in self.source.iter_mut().zip(&mut self.sky).zip(added) {
-            *source += a[0];
-            *sky += a[1];
         }
         self.rays = rays;
         Ok(())
@@ -143,28 +227,48 @@ pub(crate) fn origins(
     (0..rays).map(move |k| pick(elements, area, sample_4d(k, 0, seed)[2]))
 }
 
-/// Casts rays `from..` of a patch into `row`; returns the radiance they see that is no reflection, and the sky's part of it.
-fn cast(world: &World, cut: &Subdivision, patch: PatchId, from: u32, row: &mut [u32]) -> [Vec3; 2] {
+/// Where the rays of one patch are written.
+struct Row<'l> {
+    /// The number of the first of them.
+    from: u32,
+    targets: &'l mut [u32],
+    /// Empty where light is not coloured.
+    tints: &'l mut [u32],
+    /// Sums of radiance by group, and of the sky's.
+    source: &'l mut [Vec3],
+    sky: &'l mut Vec3,
+}
+
+/// Casts rays of a patch, and adds the radiance they see that is no reflection.
+fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
     let back = cut.patches()[patch.0 as usize].back;
     let elements = &cut.elements()[cut.elements_of(patch)];
     let area: f32 = elements.iter().map(|e| e.area).sum();
     let seed = seed(patch);
-    let (mut source, mut sky) = (Vec3::ZERO, Vec3::ZERO);
-    for (k, target) in row.iter_mut().enumerate() {
-        let s = sample_4d(from + k as u32, 0, seed);
+    // Summed apart first: the sums of few rays round less.
+    let mut source = [Vec3::ZERO; 2];
+    for (k, target) in out.targets.iter_mut().enumerate() {
+        let s = sample_4d(out.from + k as u32, 0, seed);
         let e = &elements[pick(elements, area, s[2])];
         let p = world.inset_point(e.triangle, e.u, e.v, back, false);
         let direction = cosine_hemisphere(p.normal, s[0], s[1]);
-        *target = match world.incoming(p.origin, direction) {
+        let (found, tint) = world.incoming(p.origin, direction);
+        if let Some(slot) = out.tints.get_mut(k) {
+            *slot = pack(tint);
+        }
+        *target = match found {
             Incoming::Escaped => {
-                let l = world.sky.radiance(direction);
-                source += l;
-                sky += l;
+                source[0] += world.sky.radiance(direction) * tint;
                 ESCAPED
             }
             Incoming::Black => BLACK,
             Incoming::Surface(hit) => {
-                source += world.gathered_emission(hit.triangle, hit.u, hit.v);
+                let glow = world.gathered_emission(hit.triangle, hit.u, hit.v) * tint;
+                if out.source.len() == 1 {
+                    source[1] += glow;
+                } else {
+                    out.source[world.emission_group(hit.triangle)] += glow;
+                }
                 match cut.locate(hit.triangle, p.origin + direction * hit.t, hit.back) {
                     Some(at) => at.patch.0,
                     None => NOWHERE,
@@ -172,7 +276,25 @@ fn cast(world: &World, cut: &Subdivision, patch: PatchId, from: u32, row: &mut [
             }
         };
     }
-    [source, sky]
+    out.source[world.sky_group()] += source[0];
+    out.source[0] += source[1];
+    *out.sky += source[0];
+}
+
+/// Nothing is taken away.
+const CLEAR: u32 = u32::MAX;
+
+/// Ten bits a channel: steps of a thousandth, of light that is an average over many rays.
+fn pack(tint: Vec3) -> u32 {
+    let bits = tint
+        .to_array()
+        .map(|x| (x.clamp(0.0, 1.0) * 1023.0 + 0.5) as u32);
+    0xc000_0000 | bits[0] << 20 | bits[1] << 10 | bits[2]
+}
+
+fn unpack(packed: u32) -> DVec3 {
+    let part = |shift: u32| f64::from(packed >> shift & 1023) / 1023.0;
+    DVec3::new(part(20), part(10), part(0))
 }
 
 #[cfg(test)]

@@ -48,6 +48,19 @@ pub struct RelaxReport {
     pub converged: bool,
 }
 
+impl RelaxReport {
+    /// Of two solves of the same system, one after the other.
+    pub(crate) fn and(&self, other: &RelaxReport) -> RelaxReport {
+        RelaxReport {
+            shots: self.shots + other.shots,
+            iterations: self.iterations + other.iterations,
+            // Each is a share of its own light; of all light it is no more than the larger.
+            residual: self.residual.max(other.residual),
+            converged: self.converged && other.converged,
+        }
+    }
+}
+
 /// The equation.
 pub(crate) struct System<'l> {
     pub links: &'l Links,
@@ -76,13 +89,7 @@ impl System<'_> {
             .into_par_iter()
             .with_min_len(64)
             .map(|i| {
-                let mut sum = DVec3::ZERO;
-                for &j in self.links.row(i) {
-                    // Escaped and black rays have indices past the end.
-                    if let Some(b) = radiosity.get(j as usize) {
-                        sum += *b;
-                    }
-                }
+                let sum = self.links.gather(i, &radiosity);
                 self.source[i] * scale + sum * inverse - x[i] * minus
             })
             .collect()
@@ -149,7 +156,7 @@ impl System<'_> {
         report: &mut RelaxReport,
     ) {
         let n = self.len();
-        let (starts, receivers) = self.transpose();
+        let (starts, receivers, tints) = self.transpose();
         let inverse = 1.0 / self.links.rays.max(1) as f64;
         let unshot =
             |i: usize, r: &[DVec3]| (r[i] * self.reflectance[i]).abs().element_sum() * self.area[i];
@@ -165,8 +172,15 @@ impl System<'_> {
                 x[j] += shot;
                 r[j] = DVec3::ZERO;
                 let b = shot * self.reflectance[j] * inverse;
-                for &i in &receivers[starts[j] as usize..starts[j + 1] as usize] {
-                    r[i as usize] += b;
+                let range = starts[j] as usize..starts[j + 1] as usize;
+                if tints.is_empty() {
+                    for &i in &receivers[range] {
+                        r[i as usize] += b;
+                    }
+                } else {
+                    for k in range {
+                        r[receivers[k] as usize] += b * tints[k];
+                    }
                 }
                 report.shots += 1;
             }
@@ -178,8 +192,9 @@ impl System<'_> {
         }
     }
 
-    /// For each patch the rows that name it (with repetition), in compressed rows.
-    fn transpose(&self) -> (Vec<u32>, Vec<u32>) {
+    /// For each patch the rows that name it (with repetition), in compressed rows, and what arrives along each ray; the last is empty
+    /// where all does.
+    fn transpose(&self) -> (Vec<u32>, Vec<u32>, Vec<DVec3>) {
         let n = self.len();
         let mut starts = vec![0u32; n + 1];
         for i in 0..n {
@@ -194,15 +209,21 @@ impl System<'_> {
         }
         let mut fill = starts.clone();
         let mut receivers = vec![0u32; starts[n] as usize];
+        let tinted = self.links.tinted();
+        let mut tints = vec![DVec3::ONE; if tinted { receivers.len() } else { 0 }];
         for i in 0..n {
-            for &j in self.links.row(i) {
+            for (k, &j) in self.links.row(i).iter().enumerate() {
                 if (j as usize) < n {
-                    receivers[fill[j as usize] as usize] = i as u32;
+                    let at = fill[j as usize] as usize;
+                    receivers[at] = i as u32;
+                    if tinted {
+                        tints[at] = self.links.tint(i, k);
+                    }
                     fill[j as usize] += 1;
                 }
             }
         }
-        (starts, receivers)
+        (starts, receivers, tints)
     }
 
     /// Bi-CGSTAB on `(I − Fρ) E = s`, the three channels side by side with scalars of their own.

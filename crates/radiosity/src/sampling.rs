@@ -46,7 +46,7 @@ pub fn hash_u32(mut x: u32) -> u32 {
 
 /// Maps the unit square to the unit disc, keeping areas and neighbourhoods (Shirley & Chiu 1997).
 #[inline]
-fn concentric_disc(u: f32, v: f32) -> Vec2 {
+pub(crate) fn concentric_disc(u: f32, v: f32) -> Vec2 {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
     if a == 0.0 && b == 0.0 {
         return Vec2::ZERO;

@@ -23,8 +23,23 @@ pub struct Solution {
     /// Patches over which direct light changes too much for their elements to stand for it: a shadow's edge, a lamp close
     /// by, a wall that stands on them.
     pub rough: Vec<bool>,
+    /// The same by group of light, where groups are kept apart.
+    pub groups: Option<GroupLight>,
     /// How it was reached.
     pub report: SolveReport,
+}
+
+/// [`Solution`]'s irradiances by group of light: of element or patch *i* and group *g* at *i* × `count` + *g*.
+#[derive(Debug, Default)]
+pub struct GroupLight {
+    /// Groups.
+    pub count: usize,
+    /// Direct irradiance per element.
+    pub direct: Vec<Vec3>,
+    /// Mean direct irradiance per patch.
+    pub direct_mean: Vec<Vec3>,
+    /// Indirect irradiance per patch.
+    pub indirect: Vec<Vec3>,
 }
 
 /// What the solve did.
@@ -70,26 +85,86 @@ impl Solution {
         p: Vec3,
         seed: u32,
     ) -> Vec3 {
+        self.radiance_parts(world, lights, hit, p, seed, Vec3::ONE, &mut [])
+    }
+
+    /// `throughput` times [`radiance`](Self::radiance), which is also added to `parts` by group of light, unless that is empty.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "what a hit is, what to do with it, and where to put it"
+    )]
+    #[inline]
+    pub fn radiance_parts(
+        &self,
+        world: &World,
+        lights: &DirectLight,
+        hit: &Hit,
+        p: Vec3,
+        seed: u32,
+        throughput: Vec3,
+        parts: &mut [Vec3],
+    ) -> Vec3 {
+        if self.groups.is_none()
+            && let [all] = parts
+        {
+            // One group of light is all of it.
+            let light = self.radiance_parts(world, lights, hit, p, seed, throughput, &mut []);
+            *all += light;
+            return light;
+        }
         let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
             return Vec3::ZERO;
         };
+        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
+        let reflected = throughput * reflectance * std::f32::consts::FRAC_1_PI;
+        let groups = self.groups.as_ref().filter(|_| !parts.is_empty());
         let direct = if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            lights.sample_one(&point, seed)
-        } else {
-            match at.element {
-                Some(e) => self.direct[e.0 as usize],
-                None => self.direct_mean[at.patch.0 as usize],
+            let (direct, group) = lights.sample_one(&point, seed);
+            if let Some(part) = parts.get_mut(group) {
+                *part += reflected * direct;
             }
+            direct
+        } else {
+            let (of_groups, index, direct) = match at.element {
+                Some(e) => {
+                    let i = e.0 as usize;
+                    (groups.map(|g| &g.direct), i, self.direct[i])
+                }
+                None => {
+                    let i = at.patch.0 as usize;
+                    (groups.map(|g| &g.direct_mean), i, self.direct_mean[i])
+                }
+            };
+            if let Some(of_groups) = of_groups {
+                let n = parts.len();
+                for (part, e) in parts.iter_mut().zip(&of_groups[index * n..]) {
+                    *part += reflected * *e;
+                }
+            }
+            direct
         };
         let (taps, n) = self.cut.taps(hit.triangle, p, at);
         let mut indirect = Vec3::ZERO;
         for t in &taps[..n] {
             indirect += self.indirect[t.patch.0 as usize] * t.weight;
         }
-        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
-        reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI
-            + world.gathered_emission(hit.triangle, hit.u, hit.v)
+        if let Some(groups) = groups {
+            let n_groups = parts.len();
+            for t in &taps[..n] {
+                let of_patch = &groups.indirect[t.patch.0 as usize * n_groups..];
+                for (part, e) in parts.iter_mut().zip(of_patch) {
+                    *part += reflected * (*e * t.weight);
+                }
+            }
+        }
+        let glow = throughput * world.gathered_emission(hit.triangle, hit.u, hit.v);
+        if glow != Vec3::ZERO
+            && let Some(part) = parts.get_mut(world.emission_group(hit.triangle))
+        {
+            *part += glow;
+        }
+        reflected * (direct + indirect) + glow
     }
 
     /// Area-weighted mean irradiance.

@@ -3,17 +3,18 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
+use mesh_ingest::Pyramids;
 use patch_subdivision::{Options as CutOptions, PatchId, Subdivision};
 use rayon::prelude::*;
 
 use crate::audit::audit;
-use crate::direct::{DirectLight, DirectOptions};
+use crate::direct::{DirectLight, DirectOptions, DirectParts};
 use crate::emitters::Emitters;
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
-use crate::relax::{RelaxOptions, System};
+use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
-use crate::solution::{Solution, SolveReport};
+use crate::solution::{GroupLight, Solution, SolveReport};
 use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
@@ -72,11 +73,29 @@ pub fn solve(
         emitters: emitters.len(),
         ..SolveReport::default()
     };
-    let (direct, shadow_rays, finished) =
-        direct_light(world, emitters, &cut, &options.direct, monitor);
-    report.shadow_rays = shadow_rays;
+    let ElementLight {
+        direct,
+        groups: direct_groups,
+        rays,
+        finished,
+    } = direct_light(world, emitters, &cut, &options.direct, monitor);
+    report.shadow_rays = rays;
     report.cancelled = !finished;
-    let surfaces = PatchSurfaces::average(world, &cut, &direct);
+    let reflectance = element_reflectance(world, &cut);
+    let surfaces = PatchSurfaces::average(&cut, &reflectance, &direct);
+    let groups = world.group_count();
+    // What each group's direct light sends on, if they are kept apart.
+    let by_group: Vec<PatchSurfaces> = (0..if groups > 1 { groups } else { 0 })
+        .map(|g| {
+            let own: Vec<Vec3> = direct_groups
+                .iter()
+                .skip(g)
+                .step_by(groups)
+                .copied()
+                .collect();
+            PatchSurfaces::average(&cut, &reflectance, &own)
+        })
+        .collect();
 
     // Links take 4 bytes a ray, and as much again while they are transposed.
     let affordable = (options.link_bytes / (8 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
@@ -85,43 +104,51 @@ pub fn solve(
     } else {
         options.rays.min(affordable).max(FIRST_PASS)
     };
-    let mut links = Links::new(n, most);
-    let mut indirect = vec![DVec3::ZERO; n];
+    let mut links = Links::of(world, n, most);
+    let mut of_groups = vec![vec![DVec3::ZERO; n]; groups];
     let mut rays = FIRST_PASS.min(most);
     while !report.cancelled {
         if let Err(Cancelled) = links.extend(world, &cut, rays, monitor) {
             report.cancelled = true;
             break;
         }
-        let source: Vec<DVec3> = (0..n)
-            .into_par_iter()
-            .map(|i| {
-                let mut sum = DVec3::ZERO;
-                for &j in links.row(i) {
-                    if let Some(b) = surfaces.direct_radiosity.get(j as usize) {
-                        sum += *b;
-                    }
-                }
-                sum / links.rays as f64 + links.source(i).as_dvec3()
-            })
-            .collect();
-        let system = System {
-            links: &links,
-            reflectance: &surfaces.reflectance,
-            area: &surfaces.area,
-            source: &source,
-        };
-        report.relaxation = system.relax(&mut indirect, &options.relax, monitor);
+        let mut relaxation: Option<RelaxReport> = None;
+        for (g, indirect) in of_groups.iter_mut().enumerate() {
+            let direct = &by_group.get(g).unwrap_or(&surfaces).direct_radiosity;
+            let source: Vec<DVec3> = (0..n)
+                .into_par_iter()
+                .map(|i| {
+                    links.gather(i, direct) / links.rays as f64 + links.source(i, g).as_dvec3()
+                })
+                .collect();
+            let system = System {
+                links: &links,
+                reflectance: &surfaces.reflectance,
+                area: &surfaces.area,
+                source: &source,
+            };
+            let one = system.relax(indirect, &options.relax, monitor);
+            relaxation = Some(match relaxation {
+                None => one,
+                Some(all) => all.and(&one),
+            });
+        }
+        report.relaxation = relaxation.unwrap_or_default();
         report.cancelled = monitor.cancelled();
         if rays == most {
             break;
         }
         rays = (rays * 4).min(most);
     }
+    let indirect: Vec<DVec3> = match &of_groups[..] {
+        [one] => one.clone(),
+        all => (0..n).map(|i| all.iter().map(|g| g[i]).sum()).collect(),
+    };
     report.rays_per_patch = links.rays;
     report.link_rays = links.rays as u64 * n as u64;
-    report.bytes =
-        links.bytes() + report.subdivision.bytes + (direct.len() * size_of::<Vec3>()) as u64;
+    report.bytes = links.bytes()
+        + report.subdivision.bytes
+        + ((direct.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
     report.audit = audit(
         world,
         &cut,
@@ -133,7 +160,19 @@ pub fn solve(
     );
     let rough = find_rough(&cut, &direct);
     report.rough_patches = rough.iter().filter(|r| **r).count() as u64;
+    let interleave = |of: &dyn Fn(usize, usize) -> Vec3| -> Vec<Vec3> {
+        (0..n * groups)
+            .map(|k| of(k / groups, k % groups))
+            .collect()
+    };
+    let groups = (groups > 1).then(|| GroupLight {
+        count: groups,
+        direct: direct_groups,
+        direct_mean: interleave(&|i, g| by_group[g].direct[i].as_vec3()),
+        indirect: interleave(&|i, g| of_groups[g][i].as_vec3()),
+    });
     Solution {
+        groups,
         direct_mean: surfaces.direct.iter().map(|e| e.as_vec3()).collect(),
         indirect: indirect.iter().map(|e| e.as_vec3()).collect(),
         cut,
@@ -186,7 +225,7 @@ fn find_buried(world: &World, cut: &Subdivision) -> Vec<bool> {
         (0..RAYS).all(|i| {
             let [u, v] = sample_2d(i, 2, seed);
             let direction = cosine_hemisphere(point.normal, u, v);
-            matches!(world.incoming(point.origin, direction), Incoming::Black)
+            matches!(world.incoming(point.origin, direction).0, Incoming::Black)
         })
     };
     (0..cut.patches().len() as u32)
@@ -198,61 +237,98 @@ fn find_buried(world: &World, cut: &Subdivision) -> Vec<bool> {
         .collect()
 }
 
-/// Direct irradiance of every element, the shadow rays cast, and whether it was finished.
+/// Direct light on elements.
+struct ElementLight {
+    direct: Vec<Vec3>,
+    /// By group, element by element, where groups are kept apart; empty else.
+    groups: Vec<Vec3>,
+    /// Shadow rays cast.
+    rays: u64,
+    finished: bool,
+}
+
+/// Direct irradiance of every element.
 fn direct_light(
     world: &World,
     emitters: &Emitters,
     cut: &Subdivision,
     options: &DirectOptions,
     monitor: &dyn Monitor,
-) -> (Vec<Vec3>, u64, bool) {
+) -> ElementLight {
     const BLOCK: usize = 64;
     let light = DirectLight::new(world, emitters);
     let n = cut.patches().len();
-    let mut direct = vec![Vec3::ZERO; cut.elements().len()];
-    if emitters.is_empty() && world.scene.lights.is_empty() {
-        return (direct, 0, true);
+    let groups = match world.group_count() {
+        1 => 0,
+        more => more,
+    };
+    let elements = cut.elements().len();
+    let mut out = ElementLight {
+        direct: vec![Vec3::ZERO; elements],
+        groups: vec![Vec3::ZERO; elements * groups],
+        rays: 0,
+        finished: true,
+    };
+    if light.is_dark() {
+        return out;
     }
     let rays = AtomicU64::new(0);
     let done = AtomicU64::new(0);
     // Blocks of patches own consecutive elements.
     let mut blocks = Vec::with_capacity(n / BLOCK + 1);
-    let mut rest = direct.as_mut_slice();
+    let (mut rest, mut rest_groups) = (&mut out.direct[..], &mut out.groups[..]);
     for first in (0..n).step_by(BLOCK) {
         let last = (first + BLOCK).min(n);
         let count: usize = (first..last)
             .map(|p| cut.patches()[p].elements as usize)
             .sum();
         let (head, tail) = rest.split_at_mut(count);
-        blocks.push((first..last, head));
-        rest = tail;
+        let (head_groups, tail_groups) = rest_groups.split_at_mut(count * groups);
+        blocks.push((first..last, head, head_groups));
+        (rest, rest_groups) = (tail, tail_groups);
     }
-    blocks.into_par_iter().for_each(|(patches, out)| {
+    blocks.into_par_iter().for_each(|(patches, out, by_group)| {
         if monitor.cancelled() {
             return;
         }
         let mut cast = 0u64;
         let count = patches.len() as u64;
-        let mut out = out.iter_mut();
+        let mut slot = 0;
+        let mut parts = DirectParts {
+            groups: vec![Vec3::ZERO; groups],
+            ..DirectParts::default()
+        };
         for p in patches {
             let back = cut.patches()[p].back;
             for k in cut.elements_of(PatchId(p as u32)) {
                 let e = cut.elements()[k];
                 let point = world.inset_point(e.triangle, e.u, e.v, back, false);
-                let got =
-                    light.irradiance(|_| point, 0.0, hash_u32(k as u32 ^ 0x2545_f491), options);
+                let seed = hash_u32(k as u32 ^ 0x2545_f491);
+                let got = light.irradiance_parts(|_| point, 0.0, seed, options, &mut parts);
                 cast += got.rays as u64;
-                if let Some(slot) = out.next() {
-                    *slot = got.irradiance;
-                }
+                out[slot] = got.irradiance;
+                by_group[slot * groups..(slot + 1) * groups].copy_from_slice(&parts.groups);
+                parts.groups.fill(Vec3::ZERO);
+                slot += 1;
             }
         }
         rays.fetch_add(cast, Ordering::Relaxed);
         let now = done.fetch_add(count, Ordering::Relaxed) + count;
         monitor.progress(Phase::Direct, now, n as u64);
     });
-    let finished = done.load(Ordering::Relaxed) == n as u64;
-    (direct, rays.load(Ordering::Relaxed), finished)
+    out.rays = rays.into_inner();
+    out.finished = done.into_inner() == n as u64;
+    out
+}
+
+/// Mean reflectance over each element, textures averaged over its area: at one point, a tiled floor would be as bright as the tile or
+/// as the joint that the point happens to lie on.
+fn element_reflectance(world: &World, cut: &Subdivision) -> Vec<Vec3> {
+    let pyramids = Pyramids::build(world.scene, world.soup);
+    (cut.elements().par_iter())
+        .with_min_len(256)
+        .map(|e| pyramids.reflectance(world.scene, world.soup, e.triangle, e.u, e.v, e.area))
+        .collect()
 }
 
 /// Means over patches.
@@ -267,7 +343,8 @@ pub(crate) struct PatchSurfaces {
 }
 
 impl PatchSurfaces {
-    fn average(world: &World, cut: &Subdivision, direct: &[Vec3]) -> Self {
+    /// Of `reflectance` and `direct`, given by element.
+    fn average(cut: &Subdivision, reflectance: &[Vec3], direct: &[Vec3]) -> Self {
         let rows: Vec<[DVec3; 3]> = (0..cut.patches().len())
             .into_par_iter()
             .map(|p| {
@@ -276,7 +353,7 @@ impl PatchSurfaces {
                 for k in cut.elements_of(PatchId(p as u32)) {
                     let x = cut.elements()[k];
                     let a = x.area as f64;
-                    let r = world.reflectance(x.triangle, x.u, x.v).as_dvec3();
+                    let r = reflectance[k].as_dvec3();
                     let d = direct[k].as_dvec3();
                     rho += r * a;
                     e += d * a;

@@ -2,13 +2,13 @@
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
-use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
+use visibility::{BuildError, BuildOptions, Bvh, Hit, Ray};
 
-use crate::sampling::hash_u32;
-
-/// Texture samples for a triangle's mean emission. It weighs lights against each other and decides no value that is written, so a
-/// few per cent will do.
-pub(crate) const MEAN_SAMPLES: u32 = 256;
+use crate::curved::{Curved, height};
+use crate::emitters::brightness;
+use crate::glass::{Coin, Glass};
+use crate::groups::LightGroups;
+use crate::sky::{BrightSky, Sky};
 
 /// Rec.709 luminance of a linear colour.
 #[inline]
@@ -16,75 +16,16 @@ pub fn luminance(c: Vec3) -> f32 {
     c.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// What a ray meets that leaves the scene.
-#[derive(Debug, Clone, Default)]
-pub enum Sky {
-    /// Nothing.
-    #[default]
-    Black,
-    /// The same radiance from everywhere (W/(m² sr) or nit).
-    Constant(Vec3),
-    /// A latitude-longitude map: column 0 begins at −X and runs through −Z, row 0 is +Y; values are radiances.
-    Map {
-        /// Width in pixels.
-        width: u32,
-        /// Height in pixels.
-        height: u32,
-        /// Row-major radiances.
-        pixels: Vec<Vec3>,
-    },
-}
-
-impl Sky {
-    /// Radiance that arrives against the unit `direction`.
-    pub fn radiance(&self, direction: Vec3) -> Vec3 {
-        match self {
-            Sky::Black => Vec3::ZERO,
-            Sky::Constant(l) => *l,
-            Sky::Map {
-                width,
-                height,
-                pixels,
-            } => {
-                let (w, h) = (*width as usize, *height as usize);
-                let u = 0.5 + direction.x.atan2(-direction.z) / std::f32::consts::TAU;
-                let v = direction.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI;
-                let (x, y) = (
-                    u * w as f32 - 0.5,
-                    (v * h as f32 - 0.5).clamp(0.0, h as f32 - 1.0),
-                );
-                let (fx, fy) = (x - x.floor(), y - y.floor());
-                let column = |i: i64| i.rem_euclid(w as i64) as usize;
-                let (x0, x1) = (column(x.floor() as i64), column(x.floor() as i64 + 1));
-                let (y0, y1) = (y as usize, (y as usize + 1).min(h - 1));
-                let at = |x: usize, y: usize| pixels[y * w + x];
-                at(x0, y0)
-                    .lerp(at(x1, y0), fx)
-                    .lerp(at(x0, y1).lerp(at(x1, y1), fx), fy)
-            }
-        }
-    }
-
-    /// Whether it sends any light.
-    pub fn is_black(&self) -> bool {
-        match self {
-            Sky::Black => true,
-            Sky::Constant(l) => *l == Vec3::ZERO,
-            Sky::Map { pixels, .. } => pixels.iter().all(|p| *p == Vec3::ZERO),
-        }
-    }
-}
-
 /// A point on a surface that receives light.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfacePoint {
-    /// The point itself, metres, recentred world space.
+    /// The point itself, metres, recentred world space. Of a smooth-shaded curved surface: its place on that, not on the facet.
     pub position: Vec3,
     /// Where its rays start: `position` moved off the surface along `geometric`.
     pub origin: Vec3,
     /// Unit shading normal: the axis of the receiver's hemisphere.
     pub normal: Vec3,
-    /// Unit geometric normal of the receiving side.
+    /// Unit geometric normal of the receiving side: no light arrives from below it.
     pub geometric: Vec3,
 }
 
@@ -106,6 +47,8 @@ pub struct WorldOptions {
     pub sky: Sky,
     /// The tree's build options.
     pub tree: BuildOptions,
+    /// Keep the light of these groups apart.
+    pub groups: Option<LightGroups>,
 }
 
 /// How a triangle's own emission reaches receivers.
@@ -124,13 +67,22 @@ pub struct World<'a> {
     pub scene: &'a Scene,
     /// Its triangles.
     pub soup: &'a Soup,
-    /// The sky.
+    /// The sky as rays see it that leave the scene: without what `bright` holds.
     pub sky: Sky,
+    /// The part of the sky that [`DirectLight`](crate::DirectLight) samples.
+    pub(crate) bright: Option<BrightSky>,
+    /// Light groups, where light is to be kept apart.
+    pub groups: Option<LightGroups>,
     bvh: Bvh,
     two_sided: Vec<bool>,
+    /// Some light passes through some surfaces.
+    open: bool,
+    /// Some surfaces colour or dim what they let pass.
+    tinted: bool,
     radius: f32,
     /// Per triangle; empty where nothing emits, so that such a scene pays nothing.
     emission: Vec<Emission>,
+    curved: Curved,
 }
 
 impl<'a> World<'a> {
@@ -159,10 +111,16 @@ impl<'a> World<'a> {
             .flatten()
             .map(|p| p.abs().max_element())
             .fold(0.0, f32::max);
+        let (sky, bright) = BrightSky::split(options.sky);
         Ok(World {
             emission: classify_emission(scene, soup),
+            curved: Curved::find(scene, soup),
             two_sided: scene.materials.iter().map(|m| m.double_sided).collect(),
-            sky: options.sky,
+            sky,
+            bright,
+            groups: options.groups,
+            open: (scene.materials.iter()).any(|m| m.lets_light_through()),
+            tinted: scene.materials.iter().any(|m| m.transmission > 0.0),
             scene,
             soup,
             bvh,
@@ -185,6 +143,7 @@ impl<'a> World<'a> {
     pub fn is_dark(&self) -> bool {
         self.scene.lights.is_empty()
             && self.sky.is_black()
+            && self.bright.is_none()
             && self.emission.iter().all(|e| *e == Emission::None)
     }
 
@@ -197,7 +156,8 @@ impl<'a> World<'a> {
     }
 
     /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if `back`. `smooth` uses
-    /// interpolated normals for the hemisphere's axis.
+    /// interpolated normals for the hemisphere's axis, and where these describe a curved surface, takes the point to lie on that (after
+    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the way there is free.
     pub fn surface_point(
         &self,
         triangle: u32,
@@ -215,11 +175,44 @@ impl<'a> World<'a> {
         } else {
             geometric
         };
+        let origin = position + geometric * self.offset(position);
+        if smooth && self.curved.is(triangle) {
+            let weights = [1.0 - u - v, u, v];
+            let h = height(self.scene, self.soup, triangle, position, weights, side);
+            return self.lifted(origin, normal, h);
+        }
         SurfacePoint {
             position,
-            origin: position + geometric * self.offset(position),
+            origin,
             normal,
             geometric,
+        }
+    }
+
+    /// A point on a curved surface, `height` above its facet, on which `origin` lies.
+    ///
+    /// The shading normal stands for the geometric one, so that no light is cut off at the facet's horizon. From where the surface bulges, no
+    /// facet is seen; where it is hollow or something is in the way, rays between the horizons soon meet the facets, as they would meet
+    /// the curved surface. Something in the way is never passed, and at half its distance the height changes steadily as it comes near.
+    fn lifted(&self, origin: Vec3, normal: Vec3, height: f32) -> SurfacePoint {
+        let mut free = height;
+        if height > 0.0 {
+            let ray = Ray {
+                origin,
+                direction: normal,
+                t_min: 0.0,
+                t_max: 2.0 * height,
+            };
+            if let Some(hit) = self.closest_hit(&ray) {
+                free = 0.5 * hit.t;
+            }
+        }
+        let position = origin + normal * free;
+        SurfacePoint {
+            position,
+            origin: position,
+            normal,
+            geometric: normal,
         }
     }
 
@@ -261,37 +254,91 @@ impl<'a> World<'a> {
         1e-6 * position.abs().max_element() + 2e-7 * self.radius
     }
 
-    /// What arrives at `origin` from the unit `direction`.
+    /// What arrives at `origin` from the unit `direction`, and what share of it (per channel) glass on the way lets through.
+    ///
+    /// Where a surface lets a part of the light through, a fair coin decides between the surface and what lies behind, so that the
+    /// mean is right; the share is what is left to say about colour.
     #[inline]
-    pub fn incoming(&self, origin: Vec3, direction: Vec3) -> Incoming {
+    pub fn incoming(&self, origin: Vec3, direction: Vec3) -> (Incoming, Vec3) {
         let ray = Ray {
             origin,
             direction,
             t_min: 0.0,
             t_max: f32::INFINITY,
         };
-        match self.bvh.closest_hit(&ray, &AlphaFilter { world: self }) {
+        let coin = Coin::new(self.scene, self.soup);
+        let hit = self.bvh.closest_hit(&ray, &coin);
+        let tint = if self.tinted && coin.passed_glass() {
+            let t_max = hit.map_or(f32::INFINITY, |h| h.t);
+            let glass = Glass::behind_the_coin(self.scene, self.soup);
+            self.bvh.occluded(&Ray { t_max, ..ray }, &glass);
+            glass.share()
+        } else {
+            Vec3::ONE
+        };
+        let found = match hit {
             None => Incoming::Escaped,
             Some(hit) if hit.back && !self.two_sided(hit.triangle) => Incoming::Black,
             Some(hit) => Incoming::Surface(hit),
-        }
+        };
+        (found, tint)
     }
 
     /// The first surface along a ray, whatever its side.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        self.bvh.closest_hit(ray, &AlphaFilter { world: self })
+        self.bvh.closest_hit(ray, &Coin::new(self.scene, self.soup))
     }
 
-    /// Whether something lies on the way from `origin` along `direction` (any length) before parameter `t_max`.
+    /// Share of light (per channel, 0..=1) that gets from `origin` along `direction` (any length) to parameter `t_max`: 0 if something
+    /// opaque is in between, and less than 1 behind what is blended or made of glass.
     #[inline]
-    pub fn occluded(&self, origin: Vec3, direction: Vec3, t_max: f32) -> bool {
+    pub fn transmitted(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Vec3 {
         let ray = Ray {
             origin,
             direction,
             t_min: 0.0,
             t_max,
         };
-        self.bvh.occluded(&ray, &AlphaFilter { world: self })
+        if !self.open {
+            let hidden = self.bvh.occluded(&ray, &visibility::AcceptAll);
+            return if hidden { Vec3::ZERO } else { Vec3::ONE };
+        }
+        let glass = Glass::straight(self.scene, self.soup);
+        if self.bvh.occluded(&ray, &glass) {
+            return Vec3::ZERO;
+        }
+        glass.share()
+    }
+
+    /// Whether light that passes surfaces may change its colour, so that [`incoming`](Self::incoming)'s share can differ from 1.
+    pub(crate) fn tinted(&self) -> bool {
+        self.tinted
+    }
+
+    /// Groups of light that are kept apart; 1 if none are.
+    pub fn group_count(&self) -> usize {
+        self.groups.as_ref().map_or(1, |g| g.count)
+    }
+
+    /// The group of what a triangle emits.
+    #[inline]
+    pub fn emission_group(&self, triangle: u32) -> usize {
+        match &self.groups {
+            Some(g) => g.materials[self.soup.materials[triangle as usize] as usize] as usize,
+            None => 0,
+        }
+    }
+
+    /// The group of a lamp.
+    #[inline]
+    pub(crate) fn lamp_group(&self, light: usize) -> usize {
+        self.groups.as_ref().map_or(0, |g| g.lights[light] as usize)
+    }
+
+    /// The sky's group.
+    #[inline]
+    pub fn sky_group(&self) -> usize {
+        self.groups.as_ref().map_or(0, |g| g.sky as usize)
     }
 
     /// Reflectance at a hit (linear, per channel).
@@ -311,82 +358,42 @@ impl<'a> World<'a> {
     }
 }
 
-/// Lets rays through the holes of masked surfaces and, with probability 1 − alpha, through blended ones.
-struct AlphaFilter<'w, 'a> {
-    world: &'w World<'a>,
-}
-
-impl HitFilter for AlphaFilter<'_, '_> {
-    fn accept(&self, triangle: u32, u: f32, v: f32, ray: &Ray) -> bool {
-        let w = self.world;
-        match w.scene.presence(w.soup, triangle, u, v) {
-            1.0 => true,
-            0.0 => false,
-            presence => {
-                // One fair coin for each ray and surface: unbiased, and the same in every run.
-                let mut h = triangle;
-                for x in ray
-                    .origin
-                    .to_array()
-                    .into_iter()
-                    .chain(ray.direction.to_array())
-                {
-                    h = hash_u32(h ^ x.to_bits());
-                }
-                h as f32 / 4294967296.0 < presence
-            }
-        }
-    }
-}
-
 /// Decides per triangle how its emission travels.
 ///
 /// Small bright lamps are left to closed forms and shadow rays: a hemisphere of rays finds them too rarely. A surface whose radiance is
 /// near what the scene's surfaces send anyway (a luminous ceiling, a furnace's walls) is no harder for gathering rays than
 /// any reflecting one, and as many closed forms as it has triangles would be dear. The border is four times the mean radiance
 /// Σ Φ/(π Σ A): there the light covers a quarter of the scene's surface, and the error of the two ways is alike.
+///
+/// What counts of a textured triangle is how bright its light is, not how bright all of it is on average: a sign that glows in a dark wall is
+/// a small lamp.
 fn classify_emission(scene: &Scene, soup: &Soup) -> Vec<Emission> {
     let glows: Vec<bool> = scene
         .materials
         .iter()
-        .map(|m| m.emissive != Vec3::ZERO)
+        .map(|m| m.emissive != Vec3::ZERO && !m.occluder_only)
         .collect();
     if !glows.iter().any(|&g| g) {
         return Vec::new();
     }
-    let mut flux = 0f64;
-    let mut area = 0f64;
-    let mut radiance = vec![0f32; soup.triangles.len()];
-    for t in 0..soup.triangles.len() {
-        area += soup.areas[t] as f64;
-        if glows[soup.materials[t] as usize] {
-            radiance[t] = luminance(scene.mean_emission(soup, t as u32, MEAN_SAMPLES));
-            flux += radiance[t] as f64 * soup.areas[t] as f64;
-        }
-    }
+    let glowing: Vec<u32> = (0..soup.triangles.len() as u32)
+        .filter(|&t| glows[soup.materials[t as usize] as usize])
+        .collect();
+    let brightness = brightness(scene, soup, &glowing);
+    let area: f64 = soup.areas.iter().map(|a| *a as f64).sum();
+    let flux: f64 = (glowing.iter().zip(&brightness))
+        .map(|(&t, b)| b.mean as f64 * soup.areas[t as usize] as f64)
+        .sum();
     let border = 4.0 * flux / area.max(1e-300);
-    radiance
-        .into_iter()
-        .map(|l| {
-            if l <= 0.0 {
-                Emission::None
-            } else if (l as f64) < border {
+    let mut emission = vec![Emission::None; soup.triangles.len()];
+    for (&t, b) in glowing.iter().zip(&brightness) {
+        if b.mean > 0.0 {
+            emission[t as usize] = if (b.bright as f64) < border {
                 Emission::Gathered
             } else {
                 Emission::Sampled
-            }
-        })
-        .collect()
-}
-
-/// Reads a decoded sky image; a helper for callers that hold pixels in another form.
-impl From<(u32, u32, Vec<Vec3>)> for Sky {
-    fn from((width, height, pixels): (u32, u32, Vec<Vec3>)) -> Self {
-        debug_assert_eq!(pixels.len(), width as usize * height as usize);
-        Sky::Map {
-            width,
-            height,
-            pixels,
+            };
         }
     }
+    emission
 }

@@ -265,9 +265,11 @@ fn occluded<K: Kernel>(
                     let lane = hits.trailing_zeros() as usize & 3;
                     hits &= hits - 1;
                     let id = pack.ids[lane];
-                    let stops = id & FILTERED == 0
-                        || filter.accept(id & !FILTERED, lanes.u[lane], lanes.v[lane], ray);
-                    if lanes.t[lane] < prepared.t_max && stops {
+                    // The filter hears of hits before `t_max` only: it may count them.
+                    if lanes.t[lane] < prepared.t_max
+                        && (id & FILTERED == 0
+                            || filter.accept(id & !FILTERED, lanes.u[lane], lanes.v[lane], ray))
+                    {
                         return true;
                     }
                 }

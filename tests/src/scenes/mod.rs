@@ -8,6 +8,7 @@ mod dense;
 mod furnace;
 mod sealed;
 pub mod second_method;
+pub mod smooth;
 
 use glam::Vec3;
 

@@ -6,7 +6,7 @@ use lumel::{Quality, Settings};
 use lumel_tests::scenes::closed_form as scenes;
 
 use crate::SMOOTH;
-use crate::common::{at, bake, lumels_of, mean};
+use crate::common::{at, bake, bright, lumels_of, mean};
 
 #[test]
 fn plates_that_face_each_other_down_to_a_micrometre() {
@@ -116,7 +116,7 @@ fn perpendicular_plates_of_every_aspect() {
 fn infinite_plates_reflect_for_ever() {
     for rho in [0.0, 0.5, 0.9, 0.99] {
         let glb = scenes::opposed_plates(1.0, [2.0, 2.0], 1e-3, [rho; 2]);
-        let b = bake(&glb, &at(8.0));
+        let b = bake(&glb, &bright(at(8.0)));
         let exact = PI / (1.0 - f64::from(rho * rho));
         for (name, e) in [("plate", exact), ("lamp", f64::from(rho) * exact)] {
             for l in lumels_of(&b, name) {

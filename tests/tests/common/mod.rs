@@ -26,6 +26,14 @@ pub fn at(texels_per_unit: f32) -> Settings {
     }
 }
 
+/// `settings` with reflectances of up to 0.999, beyond what real surfaces reach and the default allows.
+pub fn bright(settings: Settings) -> Settings {
+    Settings {
+        max_reflectance: 0.999,
+        ..settings
+    }
+}
+
 /// One lumel: points spread over its footprint (world space, metres), normal, irradiance.
 pub struct Seen {
     pub points: Vec<DVec3>,

@@ -4,7 +4,7 @@ use lumel_tests::geometry::grid;
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
 use lumel_tests::scenes::{self, closed_form};
 
-use crate::common::{at, bake, lumels_of, mean};
+use crate::common::{at, bake, bright, lumels_of, mean};
 
 fn says(warnings: &[String], what: &str) -> bool {
     warnings.iter().any(|w| w.contains(what))
@@ -44,7 +44,7 @@ fn every_report_balances_and_has_its_bound() {
 #[test]
 fn reflectances_near_one_keep_all_light() {
     for rho in [0.99f32, 0.999] {
-        let b = bake(&closed_form::cie_171_5_8(rho), &at(3.0));
+        let b = bake(&closed_form::cie_171_5_8(rho), &bright(at(3.0)));
         assert!(b.report.solve.relaxation.converged);
         let audit = &b.report.solve.audit;
         assert!(audit.within_bound, "{audit:?}");

@@ -37,6 +37,8 @@ pub struct GltfStats {
 
 /// Writes `document` with the lightmap coordinates of `layout`: see DESIGN.md §1.2. `page_uris` are the page files' names in order.
 ///
+/// Nodes and primitives that receive no light (occluders) stay as they are.
+///
 /// Texture v runs down, as in glTF: page uv = `TEXCOORD_1` × scale + offset, v = 0 at row 0 of the page.
 ///
 /// # Errors
@@ -65,7 +67,13 @@ pub fn write_lightmapped_glb(
                 message,
             });
         }
+        if atlas.size == [0, 0] {
+            continue;
+        }
         for (primitive, atlas_of) in mesh.primitives.iter().zip(&atlas.primitives) {
+            if scene.materials[primitive.material].occluder_only {
+                continue;
+            }
             let at = (mesh.gltf_mesh, primitive.gltf_primitive);
             let path = format!("meshes[{}].primitives[{}]", at.0, at.1);
             let raw = document.primitive_raw(at.0, at.1)?;
@@ -104,6 +112,9 @@ pub fn write_lightmapped_glb(
     stats.materials_copied = texcoord::follow(&mut editor.json, &moves);
     let mut places = Vec::with_capacity(scene.instances.len());
     for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate() {
+        if !scene.has_lightmap(i) {
+            continue;
+        }
         let uv = uv_of(layout, placement, i)?;
         let mut place = json!({
             "uri": page_uris[placement.page as usize],

@@ -35,7 +35,8 @@ const LEAST_REFLECTANCE: f32 = 0.05;
 /// Irradiance at every vertex, W/m² (or lx).
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VertexLight {
-    /// By instance of the scene, by primitive of its mesh, by vertex of [`Primitive::positions`]: E, linear Rec.709.
+    /// By instance of the scene, by primitive of its mesh, by vertex of [`Primitive::positions`]: E, linear Rec.709. What is there for
+    /// instances and primitives that receive no light ([`Scene::receives`]) is not looked at.
     pub instances: Vec<Vec<Vec<[f32; 3]>>>,
 }
 
@@ -86,6 +87,10 @@ pub fn write_vertex_glb(
     let mut mesh_of = Vec::with_capacity(scene.instances.len());
     let mut taken = BTreeSet::new();
     for (i, instance) in scene.instances.iter().enumerate() {
+        if !scene.has_lightmap(i) {
+            mesh_of.push(None);
+            continue;
+        }
         let mesh = writer.lit_mesh(instance.mesh, &light.instances[i])?;
         let own = scene.meshes[instance.mesh].gltf_mesh;
         let at = if in_place.contains(&own) && taken.insert(own) {
@@ -95,7 +100,7 @@ pub fn write_vertex_glb(
             writer.stats.meshes_copied += 1;
             push(&mut writer.editor.json, "meshes", mesh)
         };
-        mesh_of.push(at);
+        mesh_of.push(Some(at));
     }
     writer.place(&mesh_of)?;
     let scale = json!({"scale": writer.stats.scale, "attribute": "COLOR_0", "irradianceAttribute": "_IRRADIANCE"});
@@ -124,6 +129,9 @@ fn check(scene: &Scene, light: &VertexLight) -> Result<()> {
         );
     }
     for (i, (instance, light)) in scene.instances.iter().zip(&light.instances).enumerate() {
+        if !scene.has_lightmap(i) {
+            continue;
+        }
         let primitives = scene
             .meshes
             .get(instance.mesh)
@@ -136,7 +144,7 @@ fn check(scene: &Scene, light: &VertexLight) -> Result<()> {
             );
         }
         for (p, (primitive, light)) in primitives.iter().zip(light).enumerate() {
-            if light.len() != primitive.positions.len() {
+            if scene.receives(i, p) && light.len() != primitive.positions.len() {
                 return fail(
                     format!("vertex light of instance {i}, primitive {p}"),
                     primitive.positions.len(),
@@ -195,8 +203,12 @@ fn target(scene: &Scene, primitive: &Primitive, glows: bool, v: usize, e: [f32; 
 fn scale_of(scene: &Scene, light: &VertexLight) -> f32 {
     let glows = glowing(scene);
     let (mut reflected, mut largest) = (Vec::new(), 0f32);
-    for (instance, light) in scene.instances.iter().zip(&light.instances) {
-        for (primitive, light) in scene.meshes[instance.mesh].primitives.iter().zip(light) {
+    for (i, (instance, light)) in scene.instances.iter().zip(&light.instances).enumerate() {
+        let primitives = &scene.meshes[instance.mesh].primitives;
+        for (p, (primitive, light)) in primitives.iter().zip(light).enumerate() {
+            if !scene.receives(i, p) {
+                continue;
+            }
             for (v, &e) in light.iter().enumerate() {
                 reflected.push((own_color(primitive, v) * radiance(e)).max_element());
                 let whole = target(scene, primitive, glows[primitive.material], v, e).max_element();
@@ -228,9 +240,18 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
+    /// Whether the primitive gets colours on instances that are no occluders.
+    fn receives(&self, primitive: &Primitive) -> bool {
+        !self.scene.materials[primitive.material].occluder_only
+    }
+
     /// The document's meshes all of whose nodes are baked.
     fn meshes_of_baked_nodes_only(&self) -> BTreeSet<usize> {
-        let baked: BTreeSet<usize> = self.scene.instances.iter().map(|i| i.node).collect();
+        let instances = &self.scene.instances;
+        let baked: BTreeSet<usize> = (0..instances.len())
+            .filter(|&i| self.scene.has_lightmap(i))
+            .map(|i| instances[i].node)
+            .collect();
         let mut meshes: BTreeSet<usize> = self.scene.meshes.iter().map(|m| m.gltf_mesh).collect();
         let nodes = self
             .editor
@@ -258,7 +279,10 @@ impl Writer<'_> {
             .meshes
             .iter()
             .filter(|m| in_place.contains(&m.gltf_mesh))
-            .flat_map(|m| m.primitives.iter().map(|p| (m.gltf_mesh, p.gltf_primitive)))
+            .flat_map(|m| {
+                let receiving = m.primitives.iter().filter(|p| self.receives(p));
+                receiving.map(|p| (m.gltf_mesh, p.gltf_primitive))
+            })
             .collect();
         let mut kept = BTreeSet::new();
         for (m, mesh) in elements_mut(&mut self.editor.json, "meshes").enumerate() {
@@ -268,11 +292,11 @@ impl Writer<'_> {
                 }
             }
         }
-        let used: BTreeSet<usize> = self
-            .scene
-            .meshes
-            .iter()
-            .flat_map(|m| m.primitives.iter().map(|p| p.material))
+        let used: BTreeSet<usize> = (0..self.scene.instances.len())
+            .filter(|&i| self.scene.has_lightmap(i))
+            .flat_map(|i| &self.scene.meshes[self.scene.instances[i].mesh].primitives)
+            .filter(|p| self.receives(p))
+            .map(|p| p.material)
             .collect();
         for material in used {
             let of = &self.scene.materials[material];
@@ -329,7 +353,11 @@ impl Writer<'_> {
         let mut base = element(&self.editor.json, "meshes", of.gltf_mesh)
             .cloned()
             .ok_or_else(missing)?;
-        for primitive in &of.primitives {
+        for primitive in of
+            .primitives
+            .iter()
+            .filter(|p| !self.scene.materials[p.material].occluder_only)
+        {
             let own = element_mut(&mut base, "primitives", primitive.gltf_primitive)
                 .ok_or_else(missing)?;
             // Variants would switch to lit materials.
@@ -368,6 +396,9 @@ impl Writer<'_> {
     fn lit_mesh(&mut self, mesh: usize, light: &[Vec<[f32; 3]>]) -> Result<Value> {
         let mut lit = self.base(mesh)?;
         for (primitive, light) in self.scene.meshes[mesh].primitives.iter().zip(light) {
+            if !self.receives(primitive) {
+                continue;
+            }
             let colors = self.add_colors(primitive, light);
             let irradiance = self.editor.add_floats(light_only(light).as_slice());
             let Some(own) = element_mut(&mut lit, "primitives", primitive.gltf_primitive) else {
@@ -408,14 +439,14 @@ impl Writer<'_> {
     }
 
     /// Gives every node its mesh; the copies of instanced nodes become children.
-    fn place(&mut self, mesh_of: &[usize]) -> Result<()> {
+    fn place(&mut self, mesh_of: &[Option<usize>]) -> Result<()> {
         let scale = json!({"scale": self.stats.scale});
         let instances = &self.scene.instances;
         let nodes = by_node(
             instances
                 .iter()
                 .zip(mesh_of)
-                .map(|(i, &mesh)| (i.node, i.copy, mesh.into())),
+                .filter_map(|(i, &mesh)| Some((i.node, i.copy, mesh?.into()))),
         );
         for (node, meshes) in nodes {
             let missing = || Error::Inconsistent {

@@ -73,6 +73,9 @@ impl LitScene<'_> {
             let source = self.soup.sources.get(triangle as usize)?;
             let instance = self.scene.instances.get(source.instance as usize)?;
             let placement = self.layout.placements.get(source.instance as usize)?;
+            if placement.rect.w == 0 {
+                return None;
+            }
             let atlas = self
                 .layout
                 .meshes

@@ -39,6 +39,7 @@ fn wall() -> (Scene, Layout, Vec<Page>) {
             copy: None,
             mesh: 0,
             transform: DAffine3::IDENTITY,
+            occluder: false,
             extras: None,
         }],
         materials: vec![material],

@@ -116,7 +116,6 @@ fn bake_in(scene: &Scene, sky: Sky, at: &[Vec3], options: &ProbeOptions) -> Vec<
         world: &world,
         solution: &solution,
         direct: &DirectLight::new(&world, &emitters),
-        arrivals: &SampledArrivals::new(&world),
     };
     bake_probes(&probe_scene, at, options, &Silent).unwrap()
 }
@@ -468,7 +467,6 @@ fn a_cancelled_bake_ends() {
         world: &world,
         solution: &solution,
         direct: &DirectLight::new(&world, &emitters),
-        arrivals: &SampledArrivals::new(&world),
     };
     let at = vec![Vec3::ZERO; 100];
     assert_eq!(

@@ -27,6 +27,7 @@ pub fn scene(meshes: Vec<Mesh>, instances: Vec<(usize, DAffine3)>) -> (Scene, So
             copy: None,
             mesh,
             transform,
+            occluder: false,
             extras: None,
         })
         .collect();

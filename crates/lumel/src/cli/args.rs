@@ -80,8 +80,8 @@ pub(crate) struct Bake {
     /// this distance in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
-    /// Reflectances above this are lowered to it
-    #[arg(long, value_name = "X", default_value_t = 0.999)]
+    /// Reflectances above this count as this
+    #[arg(long, value_name = "X", default_value_t = 0.98)]
     pub max_reflectance: f32,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
@@ -156,9 +156,9 @@ pub(crate) struct Diff {
 
 /// Declares a clap enum that mirrors one of the library's, so that the library needs no clap.
 macro_rules! mirror {
-    ($name:ident => $target:ty { $($variant:ident => $value:expr, $help:literal;)+ }) => {
+    ($name:ident => $target:ty { $($(#[$meta:meta])* $variant:ident => $value:expr, $help:literal;)+ }) => {
         #[derive(Debug, Clone, Copy, ValueEnum)]
-        pub(crate) enum $name { $(#[doc = $help] $variant,)+ }
+        pub(crate) enum $name { $($(#[$meta])* #[doc = $help] $variant,)+ }
         impl From<$name> for $target {
             fn from(x: $name) -> $target {
                 match x { $($name::$variant => $value,)+ }
@@ -194,6 +194,9 @@ mirror!(LayerArg => Layer {
     Radiosity => Layer::Radiosity, "radiosity.R, .G, .B: reflected radiance";
     Error => Layer::Error, "error.Y: estimated standard error of the luminance";
     Coverage => Layer::Coverage, "coverage.Y: share of the texel on the surface";
+    Ao => Layer::Ao, "ao.Y: ambient occlusion (openness), see --ao-distance";
+    #[value(name = "sun_mask")]
+    SunMask => Layer::SunMask, "sun_mask.Y: share of directional lights' light that gets through";
 });
 mirror!(DirectionalArg => Directional {
     Sh1 => Directional::Sh1, "Spherical harmonics of first order";

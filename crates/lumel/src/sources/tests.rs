@@ -43,6 +43,7 @@ fn scene() -> (Scene, Value) {
             name: String::new(),
             copy: None,
             mesh: 0,
+            occluder: false,
             transform: Default::default(),
             extras: None,
         }],

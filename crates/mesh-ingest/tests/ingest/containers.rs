@@ -128,7 +128,7 @@ fn required_extensions_are_judged() {
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["extensionsRequired"] = json!([
         "KHR_texture_transform",
-        "KHR_materials_transmission",
+        "KHR_materials_sheen",
         "KHR_xmp_json_ld"
     ]);
     assert_eq!(doc.load().unwrap().report.warnings.len(), 2);

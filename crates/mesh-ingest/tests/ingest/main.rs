@@ -2,8 +2,14 @@
 
 mod build;
 mod containers;
+mod environment;
+mod extras;
 mod geometry;
+mod glass;
 mod graph;
 mod hostile;
+mod ies;
+mod lights;
 mod materials;
+mod mips;
 mod soups;

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::build::{Doc, QUAD, UNIT};
 
 /// A unit quad with UVs equal to x and y and one material.
-fn textured(material: Value, image: Option<&RgbaImage>) -> Doc {
+pub fn textured(material: Value, image: Option<&RgbaImage>) -> Doc {
     let mut doc = Doc::with_triangles(&QUAD);
     let indices = doc.indices(&[0, 1, 2, 1, 3, 2]);
     let uv = doc.floats(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]);

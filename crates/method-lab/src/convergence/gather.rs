@@ -131,6 +131,7 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 },
                 open_only: false,
             },
+            wanted: atlas_bake::Wanted::default(),
         };
         let (mut squares, mut truths) = (0.0, 0.0);
         for k in 0..RECEIVERS {

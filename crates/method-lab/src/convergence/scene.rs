@@ -22,6 +22,7 @@ fn add_quad(scene: &mut Scene, reflectance: f32, radiance: f32, [corner, x, y]: 
         copy: None,
         mesh: scene.meshes.len(),
         transform: DAffine3::IDENTITY,
+        occluder: false,
         extras: None,
     });
     scene.meshes.push(Mesh {

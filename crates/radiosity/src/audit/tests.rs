@@ -8,8 +8,9 @@ use super::*;
 use crate::emitters::Emitters;
 use crate::fixtures::{add_quad, cube, light, material};
 use crate::monitor::Silent;
+use crate::sky::Sky;
 use crate::solve::{SolveOptions, solve};
-use crate::world::{Sky, WorldOptions};
+use crate::world::WorldOptions;
 
 fn audit_of(scene: &Scene, sky: Sky, patches: u32, rays: u32) -> Audit {
     let soup = Soup::build(scene);

@@ -339,7 +339,7 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
                     taken.extend((*s..*e).map(|k| l.emitters.emitters[k as usize].triangle))
                 }
                 Term::Triangle(e) => taken.push(e.triangle),
-                Term::Punctual(_) => panic!("there is none"),
+                Term::Lamp(..) | Term::Sky(_) => panic!("there is none"),
             }
         }
         taken.sort_unstable();
@@ -365,7 +365,7 @@ fn one_sample(scene: &Scene, at: SurfacePoint, exact: f64) -> (f64, f64) {
         let n = 40_000;
         let (mut sum, mut squares) = (0f64, 0f64);
         for k in 0..n {
-            let e = l.sample_one(&at, hash_u32(k)).x as f64;
+            let e = l.sample_one(&at, hash_u32(k)).0.x as f64;
             sum += e;
             squares += e * e;
         }

@@ -10,7 +10,8 @@ use patch_subdivision::Options as CutOptions;
 use super::*;
 use crate::fixtures::{add_quad, add_sphere, cube, material};
 use crate::monitor::Silent;
-use crate::world::{Sky, WorldOptions};
+use crate::sky::Sky;
+use crate::world::WorldOptions;
 
 const RAYS: u32 = 1024;
 
@@ -218,7 +219,7 @@ fn a_wall_on_an_endless_floor_sees_half_of_the_sky() {
         let e = cut.elements()[cut.patches()[i].first_element as usize];
         let wall = e.triangle >= 2;
         let share = f64::from(links.sky(i).x) / PI;
-        assert_eq!(links.sky(i), links.source(i));
+        assert_eq!(links.sky(i), links.all_sources(i));
         // πL/2 on the wall, less what the floor misses below the horizon: h/half = 1e-3 of it at most. Floor: all but the wall.
         let sigma = 0.5 / f64::from(RAYS).sqrt();
         if wall {

@@ -7,7 +7,8 @@ use mesh_ingest::{LightKind, Scene, Soup};
 use super::*;
 use crate::fixtures::{add_quad, cube, light, material};
 use crate::monitor::Silent;
-use crate::world::{Sky, WorldOptions};
+use crate::sky::Sky;
+use crate::world::WorldOptions;
 
 fn options(patches: u32, rays: u32) -> SolveOptions {
     SolveOptions {
@@ -253,7 +254,7 @@ fn links_of_a_cube_are_its_form_factors() {
         // Closed: all rays end on patches, so the row sums to exactly 1, and what they see is the emission.
         assert_eq!(links.row(i).len(), 1024);
         assert!(
-            (links.source(i) / std::f32::consts::PI - 1.0)
+            (links.all_sources(i) / std::f32::consts::PI - 1.0)
                 .abs()
                 .max_element()
                 < 1e-5
@@ -304,14 +305,14 @@ fn cancelled_links_stay_as_they_were() {
     let mut links = Links::new(n, 64);
     links.extend(&world, &cut, 16, &Silent).unwrap();
     let before: Vec<_> = (0..n)
-        .map(|i| (links.row(i).to_vec(), links.source(i)))
+        .map(|i| (links.row(i).to_vec(), links.all_sources(i)))
         .collect();
     // The first block of 64 patches is cast, the others are not.
     let monitor = CancelAfter(AtomicU32::new(1));
     assert!(links.extend(&world, &cut, 64, &monitor).is_err());
     for (i, (row, source)) in before.iter().enumerate() {
         assert_eq!(links.row(i), row);
-        assert_eq!(links.source(i), *source);
+        assert_eq!(links.all_sources(i), *source);
     }
     // And they can go on from there to what an uncancelled run gives.
     links.extend(&world, &cut, 64, &Silent).unwrap();
@@ -320,7 +321,7 @@ fn cancelled_links_stay_as_they_were() {
     fresh.extend(&world, &cut, 64, &Silent).unwrap();
     for i in 0..n {
         assert_eq!(links.row(i), fresh.row(i));
-        assert_eq!(links.source(i), fresh.source(i));
+        assert_eq!(links.all_sources(i), fresh.all_sources(i));
     }
 }
 

@@ -1,0 +1,164 @@
+//! What lumels keep of light beside their irradiance: by group, by direction, openness, the sun's visibility.
+//!
+//! All of it comes from the same rays as the irradiance, with the same weights, and is smoothed with the same weights, so that it costs
+//! little and adds up: the groups of a lumel sum to its irradiance up to rounding.
+
+use std::f32::consts::{FRAC_1_PI, PI};
+
+use glam::Vec3;
+use radiosity::DirectParts;
+
+/// What is to be kept.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Wanted {
+    /// Groups of light; 0 where they are not kept apart.
+    pub groups: usize,
+    /// Moments of the radiance: ∫ L dω and ∫ L ω dω.
+    pub moments: bool,
+    /// Openness: the cosine-weighted share of rays that meet nothing within this distance, metres.
+    pub openness: Option<f32>,
+    /// Irradiance from directional lights: what arrives, and what would if nothing were in the way.
+    pub sun: bool,
+}
+
+/// A quantity of one lumel, in the parts of [`Received`](crate::Received).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Plane {
+    /// Straight from lamps and emitters.
+    pub direct: Vec3,
+    /// By gathering rays.
+    pub indirect: Vec3,
+    /// `indirect` from the first half of the points alone.
+    pub first_half: Vec3,
+}
+
+impl Plane {
+    /// Direct and indirect.
+    pub fn sum(&self) -> Vec3 {
+        self.direct + self.indirect
+    }
+
+    /// Two independent estimates of `indirect`.
+    pub(crate) fn halves(&self) -> [Vec3; 2] {
+        [self.first_half, 2.0 * self.indirect - self.first_half]
+    }
+}
+
+impl Wanted {
+    /// How many planes a lumel has: the groups, four moments, openness (x), the sun (x: arrives, y: would).
+    pub fn planes(&self) -> usize {
+        self.sun_plane() + usize::from(self.sun)
+    }
+
+    /// Where the moments begin.
+    pub fn moments_plane(&self) -> usize {
+        self.groups
+    }
+
+    /// Where openness is.
+    pub fn openness_plane(&self) -> usize {
+        self.groups + if self.moments { 4 } else { 0 }
+    }
+
+    /// Where the sun is.
+    pub fn sun_plane(&self) -> usize {
+        self.openness_plane() + usize::from(self.openness.is_some())
+    }
+
+    /// What of direct light is to be kept.
+    pub(crate) fn direct_parts(&self) -> DirectParts {
+        DirectParts {
+            groups: vec![Vec3::ZERO; self.groups],
+            moments: self.moments.then_some([Vec3::ZERO; 4]),
+            sun: self.sun.then_some([0.0; 2]),
+        }
+    }
+
+    /// Puts the parts of direct light into their planes.
+    pub(crate) fn place_direct(&self, parts: &DirectParts, planes: &mut [Plane]) {
+        for (plane, e) in planes.iter_mut().zip(&parts.groups) {
+            plane.direct = *e;
+        }
+        if let Some(m) = parts.moments {
+            for (plane, m) in planes[self.moments_plane()..].iter_mut().zip(m) {
+                plane.direct = m;
+            }
+        }
+        if let Some([seen, all]) = parts.sun {
+            planes[self.sun_plane()].direct = Vec3::new(seen, all, 0.0);
+        }
+    }
+}
+
+/// Sums over gathering rays.
+pub(crate) struct PlaneSums {
+    wanted: Wanted,
+    /// Over all rays, and over those of the first half of the points.
+    sums: Vec<[Vec3; 2]>,
+    rays: [u32; 2],
+    /// What one ray brought, by group.
+    pub of_ray: Vec<Vec3>,
+    /// Rays now belong to the first half of the points.
+    pub first_half: bool,
+}
+
+impl PlaneSums {
+    pub(crate) fn new(wanted: Wanted) -> Self {
+        PlaneSums {
+            sums: vec![[Vec3::ZERO; 2]; wanted.planes()],
+            rays: [0; 2],
+            of_ray: vec![Vec3::ZERO; wanted.groups],
+            first_half: true,
+            wanted,
+        }
+    }
+
+    /// Whether there is nothing to keep.
+    #[inline]
+    pub(crate) fn is_empty(&self) -> bool {
+        self.sums.is_empty()
+    }
+
+    /// Takes one ray: the radiance that it found (`of_ray` holds the groups' parts, and is emptied), the unit direction, its cosine with the
+    /// axis of the hemisphere, and how far it went.
+    pub(crate) fn add(&mut self, radiance: Vec3, direction: Vec3, cos: f32, distance: f32) {
+        self.rays[0] += 1;
+        self.rays[1] += u32::from(self.first_half);
+        let first = if self.first_half { 1.0 } else { 0.0 };
+        let mut put = |k: usize, x: Vec3| {
+            self.sums[k][0] += x;
+            self.sums[k][1] += x * first;
+        };
+        for (k, part) in self.of_ray.iter_mut().enumerate() {
+            put(k, std::mem::take(part));
+        }
+        if self.wanted.moments {
+            let at = self.wanted.moments_plane();
+            // Rays are cosine-distributed; radiance over solid angle is wanted.
+            let flux = radiance / cos.max(1e-4);
+            put(at, flux);
+            for k in 0..3 {
+                put(at + 1 + k, flux * direction[k]);
+            }
+        }
+        if let Some(reach) = self.wanted.openness
+            && distance > reach
+        {
+            put(self.wanted.openness_plane(), Vec3::X * FRAC_1_PI);
+        }
+    }
+
+    /// Means over all rays, as irradiances are made of radiances: π times the mean.
+    pub(crate) fn finish(&self) -> Vec<Plane> {
+        let [all, first] = self.rays.map(|n| PI / n.max(1) as f32);
+        let one_half = self.rays[1] == 0 || self.rays[1] == self.rays[0];
+        self.sums
+            .iter()
+            .map(|[sum, half]| Plane {
+                direct: Vec3::ZERO,
+                indirect: *sum * all,
+                first_half: if one_half { *sum * all } else { *half * first },
+            })
+            .collect()
+    }
+}

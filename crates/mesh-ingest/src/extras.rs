@@ -1,0 +1,195 @@
+//! `extras.lumel`: what an asset's author tells the baker. `docs/extras.md` lists the keys.
+//!
+//! Extras are free for anyone, so that nothing in them makes a document invalid: a value that cannot be used, or a key that
+//! nobody reads, is warned about and ignored.
+
+use serde_json::Value;
+
+use crate::document::Document;
+use crate::json::{Item, show};
+use crate::report::IngestReport;
+
+/// Keys of nodes; `radius`, `angle` are the node's light's.
+const NODE_KEYS: &[&str] = &["angle", "bake", "density", "exclude", "occluder", "radius"];
+
+/// Keys of materials, of the scene and of the document as a whole.
+const SURFACE_KEYS: &[&str] = &[
+    "density",
+    "emitScale",
+    "exclude",
+    "maxReflectance",
+    "occluder",
+];
+
+/// The `extras.lumel` object of `item`, if there is one.
+fn lumel_of<'a>(item: &Item<'a>, report: &mut IngestReport) -> Option<Item<'a>> {
+    // Extras may be of any type: those of others are none of our business.
+    let extras = item.get("extras").filter(|extras| extras.value.is_object());
+    let lumel = extras?.get("lumel")?;
+    if lumel.value.is_object() {
+        return Some(lumel);
+    }
+    ignore(&lumel, "an object", report);
+    None
+}
+
+fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
+    report.count("extras.ignored", 1);
+    report.warn(
+        &item.path,
+        format!(
+            "found {}, expected {expected}; it is ignored",
+            show(item.value)
+        ),
+    );
+}
+
+fn warn_unknown(lumel: &Item<'_>, known: &[&str], report: &mut IngestReport) {
+    let members = lumel.value.as_object().into_iter().flatten();
+    for (key, _) in members.filter(|(key, _)| !known.contains(&key.as_str())) {
+        report.count("extras.unknown_keys", 1);
+        report.warn(
+            lumel.path_of(key),
+            format!("unknown key; those known here are {}", known.join(", ")),
+        );
+    }
+}
+
+/// The value of `key` as `read` understands it.
+fn value<T>(
+    lumel: &Item<'_>,
+    key: &str,
+    expected: &str,
+    report: &mut IngestReport,
+    read: impl Fn(&Value) -> Option<T>,
+) -> Option<T> {
+    let item = lumel.get(key)?;
+    let value = read(item.value);
+    if value.is_none() {
+        ignore(&item, expected, report);
+    }
+    value
+}
+
+fn flag(lumel: &Item<'_>, key: &str, report: &mut IngestReport) -> Option<bool> {
+    value(lumel, key, "true or false", report, Value::as_bool)
+}
+
+/// A number from 0 to `most`.
+fn number(
+    lumel: &Item<'_>,
+    key: &str,
+    most: f64,
+    expected: &str,
+    report: &mut IngestReport,
+) -> Option<f64> {
+    value(lumel, key, expected, report, |v| {
+        v.as_f64().filter(|x| (0.0..=most).contains(x))
+    })
+}
+
+/// What a node's extras say; `None` where they say nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct NodeExtras {
+    /// Bake although it is animated, skinned or morphed.
+    pub bake: Option<bool>,
+    /// Leave it and its children out.
+    pub exclude: Option<bool>,
+    /// It and its children only cast shadows.
+    pub occluder: Option<bool>,
+}
+
+impl NodeExtras {
+    pub fn read(node: &Item<'_>, report: &mut IngestReport) -> NodeExtras {
+        let Some(lumel) = lumel_of(node, report) else {
+            return NodeExtras::default();
+        };
+        warn_unknown(&lumel, NODE_KEYS, report);
+        NodeExtras {
+            bake: flag(&lumel, "bake", report),
+            exclude: flag(&lumel, "exclude", report),
+            occluder: flag(&lumel, "occluder", report),
+        }
+    }
+}
+
+/// What extras say about materials; `None` where they say nothing.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct SurfaceExtras {
+    /// Leave its primitives out.
+    pub exclude: Option<bool>,
+    /// It only casts shadows.
+    pub occluder: Option<bool>,
+    /// Multiplies emitted radiance, ≥ 0.
+    pub emit_scale: Option<f64>,
+    /// Most reflectance, 0..=1.
+    pub max_reflectance: Option<f32>,
+}
+
+impl SurfaceExtras {
+    /// Reads those of a material, of a scene or of the document's root.
+    pub fn read(item: &Item<'_>, report: &mut IngestReport) -> SurfaceExtras {
+        let Some(lumel) = lumel_of(item, report) else {
+            return SurfaceExtras::default();
+        };
+        warn_unknown(&lumel, SURFACE_KEYS, report);
+        let most = f64::from(f32::MAX);
+        let emit_scale = number(&lumel, "emitScale", most, "a number of at least 0", report);
+        let limit = number(
+            &lumel,
+            "maxReflectance",
+            1.0,
+            "a number from 0 to 1",
+            report,
+        );
+        SurfaceExtras {
+            exclude: flag(&lumel, "exclude", report),
+            occluder: flag(&lumel, "occluder", report),
+            emit_scale,
+            max_reflectance: limit.map(|x| x as f32),
+        }
+    }
+
+    /// What holds for all materials of the chosen scene: the scene's word before the root's.
+    pub fn of_document(
+        document: &Document,
+        scene: Option<usize>,
+        report: &mut IngestReport,
+    ) -> SurfaceExtras {
+        let root = document.root();
+        let all = SurfaceExtras::read(&root, report);
+        let scene = scene.and_then(|scene| root.element("scenes", scene).ok());
+        match scene {
+            Some(scene) => SurfaceExtras::read(&scene, report).or(all),
+            None => all,
+        }
+    }
+
+    /// These, and where they say nothing `other`.
+    pub fn or(self, other: SurfaceExtras) -> SurfaceExtras {
+        SurfaceExtras {
+            exclude: self.exclude.or(other.exclude),
+            occluder: self.occluder.or(other.occluder),
+            emit_scale: self.emit_scale.or(other.emit_scale),
+            max_reflectance: self.max_reflectance.or(other.max_reflectance),
+        }
+    }
+}
+
+/// Warns about `extras.lumel` where nothing reads it: exporters write a mesh's custom properties there, not on its node.
+pub(crate) fn warn_misplaced(document: &Document, report: &mut IngestReport) {
+    let root = document.root();
+    let meshes = root.elements("meshes").unwrap_or_default();
+    for mesh in &meshes {
+        let primitives = mesh.elements("primitives").unwrap_or_default();
+        for item in std::iter::once(mesh).chain(&primitives) {
+            if let Some(lumel) = item.get("extras").and_then(|extras| extras.get("lumel")) {
+                report.count("extras.ignored", 1);
+                report.warn(
+                    lumel.path,
+                    "it is not read here; put it on the node or the material",
+                );
+            }
+        }
+    }
+}

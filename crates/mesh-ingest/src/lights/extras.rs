@@ -1,0 +1,107 @@
+//! What `extras.lumel` of a light, or of the node that carries it, adds to `KHR_lights_punctual`. The node wins.
+
+use super::measured::Profiles;
+use crate::document::Document;
+use crate::error::Outcome;
+use crate::json::{Item, show};
+use crate::nodes::Placed;
+use crate::options::MAX_COORDINATE;
+use crate::report::IngestReport;
+use crate::scene::PlacedProfile;
+
+/// Member `key` of `extras.lumel`, with its path.
+fn member<'a>(item: &Item<'a>, key: &str) -> Option<Item<'a>> {
+    item.get("extras")?.get("lumel")?.get(key)
+}
+
+/// The first sound number of `places`, which is in 0..=`most`; others are ignored with a warning.
+fn number(
+    places: [&Item<'_>; 2],
+    key: &str,
+    most: f64,
+    expected: &str,
+    report: &mut IngestReport,
+) -> Option<f64> {
+    for place in places {
+        let Some(item) = member(place, key) else {
+            continue;
+        };
+        match item.value.as_f64() {
+            Some(x) if (0.0..=most).contains(&x) => return Some(x),
+            _ => ignore(&item, expected, report),
+        }
+    }
+    None
+}
+
+fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
+    report.count("lights.extras_ignored", 1);
+    report.warn(
+        &item.path,
+        format!(
+            "found {}, expected {expected}; it is ignored",
+            show(item.value)
+        ),
+    );
+}
+
+/// `radius`: radius of the sphere that shines, metres of the world. Scale of the node plays no part, as it plays none in intensities.
+pub(super) fn radius(places: [&Item<'_>; 2], report: &mut IngestReport) -> f32 {
+    let expected = "a radius in metres, at least 0";
+    number(places, "radius", MAX_COORDINATE, expected, report).unwrap_or(0.0) as f32
+}
+
+/// Half of `angle` (degrees, the diameter of the disc), in radians.
+pub(super) fn half_angle(places: [&Item<'_>; 2], report: &mut IngestReport) -> f32 {
+    let expected = "the diameter of the disc in degrees, 0..=180";
+    let degrees = number(places, "angle", 180.0, expected, report).unwrap_or(0.0);
+    (0.5 * degrees).to_radians() as f32
+}
+
+/// `ies`: URI of a photometric file that shapes the light; `None` where there is none.
+///
+/// # Errors
+/// The file cannot be read or is broken.
+pub(super) fn profile(
+    document: &Document,
+    places: [&Item<'_>; 2],
+    placed: &Placed,
+    profiles: &mut Profiles,
+    report: &mut IngestReport,
+) -> Outcome<Option<PlacedProfile>> {
+    for place in places {
+        let Some(item) = member(place, "ies") else {
+            continue;
+        };
+        match item.value.as_str() {
+            Some(uri) => {
+                let (profile, _) = profiles.of_uri(document, uri, &item.path, report)?;
+                let worn = super::measured::wear(profile, &placed.transform);
+                if worn.is_none() {
+                    report.count("lights.extras_ignored", 1);
+                    report.warn(
+                        &item.path,
+                        "the node's transform gives the profile no direction; it is ignored",
+                    );
+                }
+                return Ok(worn);
+            }
+            None => ignore(&item, "the URI of an IES file", report),
+        }
+    }
+    Ok(None)
+}
+
+/// Warns about members that mean nothing for this kind of light.
+pub(super) fn refuse(places: [&Item<'_>; 2], keys: &[&str], kind: &str, report: &mut IngestReport) {
+    for item in places
+        .iter()
+        .flat_map(|place| keys.iter().filter_map(|key| member(place, key)))
+    {
+        report.count("lights.extras_ignored", 1);
+        report.warn(
+            &item.path,
+            format!("it means nothing for a {kind} and is ignored"),
+        );
+    }
+}

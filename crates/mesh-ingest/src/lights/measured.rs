@@ -1,0 +1,172 @@
+//! `EXT_lights_ies`: lamps with a measured distribution.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use glam::{DAffine3, DMat3, DVec3, Vec3};
+
+use crate::container::{self, Target};
+use crate::document::Document;
+use crate::error::{Fault, Outcome};
+use crate::ies;
+use crate::json::Item;
+use crate::nodes::Placed;
+use crate::options::MAX_COORDINATE;
+use crate::report::IngestReport;
+use crate::scene::{Light, LightKind, PlacedProfile, Profile};
+
+/// The profiles read so far, each file once.
+#[derive(Debug, Default)]
+pub(super) struct Profiles {
+    profiles: Vec<Profile>,
+    /// By what names them: a URI, or `bufferViews[i]`, which no relative path that a document means resembles.
+    known: BTreeMap<String, (usize, f64)>,
+    files: Vec<(PathBuf, String)>,
+}
+
+impl Profiles {
+    /// The profile of the file at `uri`, which the document names at `path`, and its largest intensity, candela.
+    pub fn of_uri(
+        &mut self,
+        document: &Document,
+        uri: &str,
+        path: &str,
+        report: &mut IngestReport,
+    ) -> Outcome<(usize, f64)> {
+        if let Some(&known) = self.known.get(uri) {
+            return Ok(known);
+        }
+        let limit = document.limits().file_bytes.min(ies::MAX_BYTES);
+        match container::resolve(uri, document.base_dir(), path)? {
+            Target::Data(bytes) => self.keep(uri, &bytes, path, report),
+            Target::File(file) => {
+                let bytes = container::read_file(&file, path, limit)?;
+                self.files.push((file, uri.to_string()));
+                self.keep(uri, &bytes, path, report)
+            }
+        }
+    }
+
+    fn of_view(
+        &mut self,
+        document: &Document,
+        view: usize,
+        path: &str,
+        report: &mut IngestReport,
+    ) -> Outcome<(usize, f64)> {
+        let key = format!("bufferViews[{view}]");
+        if let Some(&known) = self.known.get(&key) {
+            return Ok(known);
+        }
+        let bytes = document.view_bytes(view, &document.view_at(view)?)?;
+        self.keep(&key, bytes, path, report)
+    }
+
+    fn keep(
+        &mut self,
+        key: &str,
+        bytes: &[u8],
+        path: &str,
+        report: &mut IngestReport,
+    ) -> Outcome<(usize, f64)> {
+        let measured = ies::parse(bytes, path)?;
+        for remark in measured.remarks {
+            report.warn(path, remark);
+        }
+        let entry = (self.profiles.len(), measured.candela);
+        self.profiles.push(measured.profile);
+        self.known.insert(key.to_string(), entry);
+        Ok(entry)
+    }
+
+    /// The profiles in the order of their first use; notes their files in the document.
+    pub fn finish(self, document: &mut Document) -> Vec<Profile> {
+        for (file, uri) in self.files {
+            document.note_input(file, uri);
+        }
+        self.profiles
+    }
+}
+
+/// Reads the light that `placed` puts into the world; `None` if it has no place or direction.
+pub(super) fn read(
+    document: &Document,
+    placed: &Placed,
+    origin: DVec3,
+    profiles: &mut Profiles,
+    report: &mut IngestReport,
+) -> Outcome<Option<Light>> {
+    let root = document.root();
+    let node = root.element("nodes", placed.node)?;
+    let (Some(ext), Some(worn)) = (
+        root.extension("EXT_lights_ies")?,
+        node.extension("EXT_lights_ies")?,
+    ) else {
+        return Ok(None);
+    };
+    let item = ext.element("lights", placed.index)?;
+    let (profile, candela) = match item.opt_str("uri")? {
+        Some(uri) => profiles.of_uri(document, uri, &item.path_of("uri"), report)?,
+        None => {
+            let views = root.len_of("bufferViews")?;
+            match item.opt_index("bufferView", "bufferViews", views)? {
+                Some(view) => {
+                    let path = item.path_of("bufferView");
+                    profiles.of_view(document, view, &path, report)?
+                }
+                None => {
+                    return Err(Fault::invalid(
+                        item.path,
+                        "neither uri nor bufferView",
+                        "one of them",
+                    ));
+                }
+            }
+        }
+    };
+    let position = placed.transform.translation - origin;
+    let placeable = position.is_finite() && position.abs().max_element() <= MAX_COORDINATE;
+    let Some(placed_profile) = wear(profile, &placed.transform).filter(|_| placeable) else {
+        report.count("lights.unplaceable", 1);
+        report.warn(
+            node.path,
+            "its transform gives the light no place or direction; it is dropped",
+        );
+        return Ok(None);
+    };
+    let factor = super::intensity_of(&worn, "multiplier", report)?.as_dvec3() * candela;
+    let most = f64::from(f32::MAX);
+    Ok(Some(Light {
+        name: super::name_of(&item, &node),
+        node: Some(placed.node),
+        intensity: factor.min(DVec3::splat(most)).as_vec3(),
+        kind: LightKind::Point {
+            position: position.as_vec3(),
+            range: None,
+            radius: super::extras::radius([&node, &item as &Item<'_>], report),
+        },
+        profile: Some(placed_profile),
+    }))
+}
+
+/// A profile on a node of this world transform; `None` where that has no direction.
+///
+/// The extension aims the zero of both angles, nadir, along −Z of the node, and X/Y is its horizontal plane; horizontal angle 0 is +X,
+/// and grows towards +Y, counter-clockwise about the zenith. Scale plays no part but for its signs.
+pub(super) fn wear(profile: usize, transform: &DAffine3) -> Option<PlacedProfile> {
+    let m = transform.matrix3;
+    let z = m.z_axis.try_normalize()?;
+    let x = (m.x_axis - z * m.x_axis.dot(z))
+        .try_normalize()
+        .unwrap_or_else(|| z.any_orthonormal_vector());
+    let y = z.cross(x);
+    let y = if m.y_axis.dot(y) < 0.0 { -y } else { y };
+    // Rows: the profile's X, Y and Z are the node's X, Z and −Y.
+    let rows = DMat3::from_cols(x, z, -y).transpose();
+    let from_world = rows.as_mat3();
+    debug_assert!((from_world * -z.as_vec3()).distance(Vec3::NEG_Y) < 1e-5);
+    Some(PlacedProfile {
+        profile,
+        from_world,
+    })
+}

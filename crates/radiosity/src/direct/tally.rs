@@ -1,0 +1,189 @@
+//! Sums of one light's samples at a receiver.
+
+use glam::Vec3;
+
+use super::{DirectEstimate, DirectParts};
+use crate::world::luminance;
+
+/// One sample of a light.
+pub(super) struct Sample {
+    /// Irradiance that it stands for if nothing is in between, or, beside a closed form, its weight in it times the radiance.
+    pub value: Vec3,
+    /// Share of it that arrives, per channel.
+    pub passed: Vec3,
+    /// Unit direction towards the light.
+    pub direction: Vec3,
+    /// Cosine between that and the receiver's normal, above 0.
+    pub cos: f32,
+    /// Group of the light.
+    pub group: usize,
+}
+
+/// Sums over the samples of one light.
+#[derive(Default)]
+pub(super) struct Tally {
+    /// Samples that count, the mean and the mean square of the share that arrives (by luminance).
+    count: u32,
+    passed: f32,
+    squares: f32,
+    least: f32,
+    most: f32,
+    pub rays: u32,
+    /// Sums of lights that are estimated sample by sample.
+    plain: Sums,
+    /// Sums of those that have a closed form: (per unit radiance) the form, and the samples' weights in it.
+    closed: Sums,
+    unoccluded: f32,
+    weight: f32,
+    /// Take samples for what they are. The ratio has a bias of order 1/n at the edges of shadows, which is nothing for a lumel with its
+    /// many samples but not for the one of `sample_one`.
+    pub plainly: bool,
+    /// Group of the last sample.
+    pub group: usize,
+}
+
+/// What is added up.
+#[derive(Default)]
+struct Sums {
+    /// What arrives, and what would.
+    lit: Vec3,
+    all: Vec3,
+    /// `lit` by group, where samples of one light belong to several; empty else.
+    groups: Vec<Vec3>,
+    /// ∫ L dω and ∫ L ω dω.
+    moments: Option<[Vec3; 4]>,
+}
+
+impl Sums {
+    fn add(&mut self, s: &Sample, value: Vec3) {
+        let lit = value * s.passed;
+        self.all += value;
+        self.lit += lit;
+        if let Some(group) = self.groups.get_mut(s.group) {
+            *group += lit;
+        }
+        if let Some(m) = &mut self.moments {
+            // From irradiance back to radiance over solid angle.
+            let flux = lit / s.cos;
+            m[0] += flux;
+            for k in 0..3 {
+                m[k + 1] += flux * s.direction[k];
+            }
+        }
+    }
+}
+
+impl Tally {
+    /// For a light whose samples belong to `groups` groups: 1 unless that is to be known.
+    pub(super) fn new(parts: &DirectParts, groups: usize) -> Self {
+        let sums = || Sums {
+            groups: if groups > 1 && !parts.groups.is_empty() {
+                vec![Vec3::ZERO; groups]
+            } else {
+                Vec::new()
+            },
+            moments: parts.moments.map(|_| [Vec3::ZERO; 4]),
+            ..Sums::default()
+        };
+        Tally {
+            plain: sums(),
+            closed: sums(),
+            ..Tally::default()
+        }
+    }
+
+    /// Takes the one sample of [`DirectLight::sample_one`](super::DirectLight::sample_one).
+    pub(super) fn single() -> Self {
+        Tally {
+            plainly: true,
+            ..Tally::default()
+        }
+    }
+
+    fn mark(&mut self, passed: Vec3) {
+        let share = luminance(passed);
+        if self.count == 0 {
+            (self.least, self.most) = (share, share);
+        }
+        self.count += 1;
+        self.passed += share;
+        self.squares += share * share;
+        self.least = self.least.min(share);
+        self.most = self.most.max(share);
+    }
+
+    /// Whether samples disagree about what gets through.
+    pub(super) fn mixed(&self) -> bool {
+        self.most > self.least
+    }
+
+    /// What arrived of all samples that were taken plainly.
+    pub(super) fn lit(&self) -> Vec3 {
+        self.plain.lit
+    }
+
+    /// A sample that stands for itself.
+    pub(super) fn plain(&mut self, s: &Sample) {
+        self.group = s.group;
+        self.mark(s.passed);
+        self.plain.add(s, s.value);
+    }
+
+    /// A point whose closed form is `unoccluded` (per unit radiance), with a sample of weight `weight` in it; the sample's value is the
+    /// weight times the radiance.
+    pub(super) fn weighted(&mut self, unoccluded: f32, weight: f32, s: &Sample) {
+        if self.plainly {
+            self.plain(s);
+            return;
+        }
+        self.group = s.group;
+        self.unoccluded += unoccluded;
+        self.mark(s.passed);
+        self.weight += weight;
+        self.closed.add(s, s.value);
+    }
+
+    /// A point whose closed form is `unoccluded`, of which the sample drawn has no weight.
+    pub(super) fn unweighted(&mut self, unoccluded: f32) {
+        self.unoccluded += unoccluded;
+    }
+
+    /// Adds the light to `out` and `parts`, after samples at `n` points.
+    pub(super) fn finish(self, n: u32, out: &mut DirectEstimate, parts: &mut DirectParts) {
+        out.rays += self.rays;
+        let plain = 1.0 / n as f32;
+        let closed = if self.weight > 0.0 {
+            self.unoccluded / n as f32 / self.weight
+        } else {
+            0.0
+        };
+        let lit = self.plain.lit * plain + self.closed.lit * closed;
+        out.irradiance += lit;
+        if self.mixed() {
+            let m = self.count as f32;
+            let p = self.passed / m;
+            let full = luminance(self.plain.all * plain + self.closed.all * closed);
+            out.variance += full * full * (self.squares / m - p * p).max(0.0) / m;
+        }
+        if let [one] = &mut parts.groups[..] {
+            *one += lit;
+        } else if !self.plain.groups.is_empty() {
+            for (k, group) in parts.groups.iter_mut().enumerate() {
+                *group += self.plain.groups[k] * plain + self.closed.groups[k] * closed;
+            }
+        } else if let Some(group) = parts.groups.get_mut(self.group) {
+            *group += lit;
+        }
+        if let (Some(into), Some(a), Some(b)) =
+            (&mut parts.moments, self.plain.moments, self.closed.moments)
+        {
+            for k in 0..4 {
+                into[k] += a[k] * plain + b[k] * closed;
+            }
+        }
+        if let Some(sun) = &mut parts.sun {
+            sun[0] += luminance(lit);
+            sun[1] += luminance(self.plain.all * plain + self.closed.all * closed);
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! Cuts textured emissive triangles where they are bright.
+//!
+//! A sign that glows in a large dark texture is one triangle to a renderer and a small lamp to a receiver: points spread
+//! over all of the triangle miss it most of the time, and its mean radiance says nothing about where its light comes
+//! from. So such triangles are cut into four similar parts, and these again, as long as radiance changes over them; black
+//! parts are left out. What remains are emitters of nearly one radiance each, which a hierarchy can tell near from far.
+
+use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
+use rayon::prelude::*;
+use std::cell::Cell;
+
+use super::Emitter;
+use crate::world::{World, luminance};
+use mesh_ingest::{Scene, Soup};
+
+/// Parts of all triangles at most: 5 MB of emitters. With a quarter as many a photograph over a wall is still cut to 16,000.
+const MOST_PARTS: usize = 1 << 16;
+
+/// Depth at most: 4⁶ parts of a triangle, 1/64 of its edge each.
+const MOST_LEVELS: u32 = 6;
+
+/// Finest parts looked at in all, and texture samples in all: half a second on one core, however many triangles share them.
+const MOST_CELLS: usize = 1 << 20;
+const MOST_SAMPLES: usize = 1 << 23;
+
+/// Texture samples a triangle may have whatever the number of triangles, and at most.
+const SAMPLES: std::ops::RangeInclusive<usize> = 4..=1 << 16;
+
+/// Radiance that spreads (standard deviation over mean) by less is taken as even: a few points of the part tell its mean to
+/// a few per cent then, and cutting it would cost more than it gains.
+const EVEN: f32 = 0.1;
+
+const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
+
+/// Whether [`Scene::emitted`] can change over a triangle of this material.
+pub(crate) fn varies(scene: &Scene, material: u32) -> bool {
+    let m = &scene.materials[material as usize];
+    m.emissive_texture.is_some() || m.lets_light_through()
+}
+
+/// Mean radiance of a part of a triangle, and mean of its squared luminance.
+#[derive(Debug, Clone, Copy, Default)]
+struct Look {
+    mean: Vec3,
+    square: f32,
+}
+
+impl Look {
+    /// Standard deviation of luminance over the part.
+    fn spread(&self) -> f32 {
+        let l = luminance(self.mean);
+        (self.square - l * l).max(0.0).sqrt()
+    }
+
+    fn is_even(&self) -> bool {
+        self.spread() <= EVEN * luminance(self.mean)
+    }
+}
+
+fn look(scene: &Scene, soup: &Soup, triangle: u32, part: [Vec2; 3], samples: usize) -> Look {
+    let sum = scene.mean_over(soup, triangle, part, samples as u32, |u, v| {
+        let radiance = scene.emitted(soup, triangle, u, v);
+        let l = luminance(radiance);
+        radiance.extend(l * l)
+    });
+    Look {
+        mean: sum.xyz(),
+        square: sum.w,
+    }
+}
+
+/// How bright each triangle is, for deciding how its light travels.
+pub(crate) struct Brightness {
+    /// Mean luminance.
+    pub mean: f32,
+    /// Mean luminance of the light, not of the surface: ∫L²/∫L. That of the sign, where a sign glows in a dark texture.
+    pub bright: f32,
+}
+
+/// Brightness of the given triangles; dark ones have zeros. O(1) texture samples in all, and one a triangle.
+pub(crate) fn brightness(scene: &Scene, soup: &Soup, triangles: &[u32]) -> Vec<Brightness> {
+    let textured = triangles
+        .iter()
+        .filter(|&&t| varies(scene, soup.materials[t as usize]))
+        .count();
+    let samples = (MOST_SAMPLES / textured.max(1)).clamp(4, 1 << 12);
+    triangles
+        .par_iter()
+        .map(|&t| {
+            if !varies(scene, soup.materials[t as usize]) {
+                let l = luminance(scene.emission(soup, t, 0.0, 0.0));
+                return Brightness { mean: l, bright: l };
+            }
+            let seen = look(scene, soup, t, WHOLE, samples);
+            let mean = luminance(seen.mean);
+            Brightness {
+                mean,
+                bright: if mean > 0.0 { seen.square / mean } else { 0.0 },
+            }
+        })
+        .collect()
+}
+
+/// The four similar triangles between the corners and the middles of the edges, all wound like the whole.
+fn quarters<P>([a, b, c]: [P; 3]) -> [[P; 3]; 4]
+where
+    P: Copy + std::ops::Add<Output = P> + std::ops::Mul<f32, Output = P>,
+{
+    let (ab, bc, ca) = ((a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5);
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+}
+
+/// A triangle's radiance at every level of its quartering: level *l* has 4^l cells, and cell *i* those at 4*i* and on of the next.
+struct Pyramid {
+    triangle: u32,
+    levels: Vec<Vec<Look>>,
+}
+
+impl Pyramid {
+    /// Looks at the finest level and averages from there, so that the means of parts add up to that of the whole.
+    fn build(world: &World, triangle: u32, most_levels: u32, samples: usize) -> Self {
+        let (scene, soup) = (world.scene, world.soup);
+        // As many samples as `mean_over` would take of the whole: about one a texel.
+        let count = Cell::new(0u32);
+        scene.mean_over(soup, triangle, WHOLE, samples as u32, |_, _| {
+            count.set(count.get() + 1);
+            Vec4::ZERO
+        });
+        let across = count.get().isqrt().max(1);
+        let depth = across.next_power_of_two().ilog2().min(most_levels);
+        let mut parts = vec![WHOLE];
+        for _ in 0..depth {
+            parts = parts.into_iter().flat_map(quarters).collect();
+        }
+        let each = (samples >> (2 * depth)).max(1);
+        let finest: Vec<Look> = parts
+            .into_iter()
+            .map(|part| look(scene, soup, triangle, part, each))
+            .collect();
+        let mut levels = vec![finest];
+        for _ in 0..depth {
+            let above = levels[levels.len() - 1]
+                .as_chunks::<4>()
+                .0
+                .iter()
+                .map(|four| Look {
+                    mean: four.iter().map(|c| c.mean).sum::<Vec3>() * 0.25,
+                    square: four.iter().map(|c| c.square).sum::<f32>() * 0.25,
+                })
+                .collect();
+            levels.push(above);
+        }
+        levels.reverse();
+        Pyramid { triangle, levels }
+    }
+}
+
+/// A cell that may be cut.
+struct Cut {
+    /// Flux that is not where an even part would have it: spread × area. A cell has never more than the one it is part of.
+    gain: f32,
+    pyramid: u32,
+    level: u32,
+    cell: u32,
+}
+
+/// The parts of `triangles`, whose emission varies, as emitters. Together they cover all that shines of each triangle.
+///
+/// The cells with the most flux in the wrong place are cut first, until [`MOST_PARTS`] are there. Deterministic.
+pub(super) fn subdivide(world: &World, triangles: &[u32]) -> Vec<Emitter> {
+    if triangles.is_empty() {
+        return Vec::new();
+    }
+    let share = |most: usize| most / triangles.len();
+    let samples = share(MOST_SAMPLES).clamp(*SAMPLES.start(), *SAMPLES.end());
+    let levels = (share(MOST_CELLS).max(1).ilog2() / 2).min(MOST_LEVELS);
+    let pyramids: Vec<Pyramid> = triangles
+        .par_iter()
+        .map(|&t| Pyramid::build(world, t, levels, samples))
+        .collect();
+    let mut cuts = Vec::new();
+    for (k, pyramid) in pyramids.iter().enumerate() {
+        candidates(world, k as u32, pyramid, &mut cuts);
+    }
+    // Ties go to the coarser cell, so that no cell comes before the one it is part of.
+    cuts.sort_unstable_by(|a, b| {
+        (b.gain.total_cmp(&a.gain))
+            .then(a.pyramid.cmp(&b.pyramid))
+            .then(a.level.cmp(&b.level))
+            .then(a.cell.cmp(&b.cell))
+    });
+    cuts.truncate(MOST_PARTS.saturating_sub(triangles.len()) / 3);
+    cuts.sort_unstable_by_key(|c| (c.pyramid, c.level, c.cell));
+    let mut emitters = Vec::with_capacity(triangles.len() + 3 * cuts.len());
+    let mut rest = cuts.as_slice();
+    for (k, pyramid) in pyramids.iter().enumerate() {
+        let n = rest.partition_point(|c| c.pyramid == k as u32);
+        let (own, others) = rest.split_at(n);
+        rest = others;
+        emit(world, pyramid, own, &mut emitters);
+    }
+    emitters
+}
+
+/// Cells whose radiance is uneven, all the way down from the whole.
+fn candidates(world: &World, index: u32, pyramid: &Pyramid, cuts: &mut Vec<Cut>) {
+    let area = world.soup.areas[pyramid.triangle as usize];
+    let mut frontier = vec![(0u32, f32::INFINITY)];
+    for (level, cells) in pyramid.levels.iter().enumerate() {
+        if level + 1 == pyramid.levels.len() {
+            break;
+        }
+        let part = area / (1u32 << (2 * level)) as f32;
+        let mut next = Vec::new();
+        for &(cell, above) in &frontier {
+            let c = &cells[cell as usize];
+            if c.is_even() {
+                continue;
+            }
+            let gain = (c.spread() * part).min(above);
+            cuts.push(Cut {
+                gain,
+                pyramid: index,
+                level: level as u32,
+                cell,
+            });
+            next.extend((0..4).map(|q| (4 * cell + q, gain)));
+        }
+        frontier = next;
+    }
+}
+
+/// The parts that the cuts leave, but for black ones. `cuts` are sorted by level and cell.
+fn emit(world: &World, pyramid: &Pyramid, cuts: &[Cut], emitters: &mut Vec<Emitter>) {
+    let t = pyramid.triangle as usize;
+    let material = &world.scene.materials[world.soup.materials[t] as usize];
+    let area = world.soup.areas[t];
+    let mut todo = vec![(0u32, 0u32, world.soup.triangles[t])];
+    while let Some((level, cell, corners)) = todo.pop() {
+        let seen = &pyramid.levels[level as usize][cell as usize];
+        if seen.mean == Vec3::ZERO {
+            continue;
+        }
+        if (cuts.binary_search_by_key(&(level, cell), |c| (c.level, c.cell))).is_ok() {
+            for (q, corners) in quarters(corners).into_iter().enumerate().rev() {
+                todo.push((level + 1, 4 * cell + q as u32, corners));
+            }
+            continue;
+        }
+        emitters.push(Emitter {
+            triangle: pyramid.triangle,
+            corners,
+            normal: world.soup.normals[t],
+            area: area / (1u32 << (2 * level)) as f32,
+            radiance: seen.mean,
+            // A hundredth of the mean is less than eight-bit texels resolve.
+            textured: seen.spread() > 0.01 * luminance(seen.mean),
+            two_sided: material.double_sided,
+        });
+    }
+}

@@ -1,0 +1,200 @@
+//! The tree over emitters, and how much a node of it may bring to a receiver.
+
+use glam::Vec3;
+
+use super::Emitter;
+
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Node {
+    /// Middle and radius of a ball about its emitters.
+    pub centre: Vec3,
+    pub radius: f32,
+    /// Where its light comes from on average.
+    pub origin: Vec3,
+    /// Σ luminance × area.
+    pub power: f32,
+    /// All fronts face within an angle of this whose cosine is `cos_spread`: −1 where a side may face anywhere.
+    pub axis: Vec3,
+    pub cos_spread: f32,
+    /// Emitters `[start, end)`.
+    pub start: u32,
+    pub end: u32,
+    /// The second child; the first follows its parent. 0 for a leaf, which has one emitter.
+    pub second: u32,
+}
+
+impl Node {
+    /// About how much irradiance (luminance × π) its emitters bring to a receiver; 0 only where they bring none.
+    ///
+    /// power × cosθ cosθ'/d², where an angle is the least that any point of the node may be seen under, and that any of the faces may send
+    /// light at (Conty Estevez & Kulla, *Importance sampling of many lights with adaptive tree splitting*, 2018). `scale` is the
+    /// receiver's size in metres; one with a normal of length 0 receives from all sides.
+    pub(crate) fn importance(&self, p: Vec3, normal: Vec3, scale: f32) -> f32 {
+        let to = self.origin - p;
+        let d2 = to.length_squared();
+        let reach = self.radius + scale;
+        // About the node's own middle, since that is what the ball is about.
+        let middle = self.centre - p;
+        let m2 = middle.length_squared();
+        let limit = d2.max(0.25 * reach * reach).max(1e-30);
+        if m2 <= reach * reach {
+            return self.power / limit;
+        }
+        let distance = m2.sqrt();
+        let sine = reach / distance;
+        let cosine = (1.0 - sine * sine).max(0.0).sqrt();
+        let receives = if normal == Vec3::ZERO {
+            1.0
+        } else {
+            match widened(middle.dot(normal) / distance, cosine, sine) {
+                Some(cos) => cos,
+                None => return 0.0,
+            }
+        };
+        let sends = if self.cos_spread <= -1.0 {
+            1.0
+        } else {
+            // First the faces' spread, then the node's size: angles add up.
+            let sine_spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
+            let (c, s) = (
+                cosine * self.cos_spread - sine * sine_spread,
+                sine * self.cos_spread + cosine * sine_spread,
+            );
+            if s < 0.0 || c <= -1.0 {
+                1.0 // more than half a turn
+            } else {
+                match widened(-middle.dot(self.axis) / distance, c, s) {
+                    Some(cos) => cos,
+                    None => return 0.0,
+                }
+            }
+        };
+        self.power * receives * sends / limit
+    }
+}
+
+/// Cosine of an angle (its cosine is `cos`) less another (0 to π, cosine and sine `c` and `s`), at most 1; `None` where a right angle
+/// or more is left.
+fn widened(cos: f32, c: f32, s: f32) -> Option<f32> {
+    if cos >= c {
+        return Some(1.0);
+    }
+    let sine = (1.0 - cos * cos).max(0.0).sqrt();
+    // A thousandth of a right angle for rounding, and so that nothing has a probability too small to divide by.
+    let least = cos * c + sine * s + 1e-3;
+    (least > 0.0).then_some(least)
+}
+
+/// Orders `emitters` and builds their tree; empty if there are none. O(n log n).
+pub(super) fn build(emitters: &mut [Emitter]) -> Vec<Node> {
+    let mut nodes = Vec::with_capacity(2 * emitters.len());
+    if !emitters.is_empty() {
+        let n = emitters.len();
+        split(emitters, 0, n, &mut nodes);
+    }
+    nodes
+}
+
+/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since halves are equal.
+fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
+    let part = &mut emitters[start..end];
+    let id = nodes.len();
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for c in part.iter().flat_map(|e| e.corners) {
+        low = low.min(c);
+        high = high.max(c);
+    }
+    let centre = (low + high) * 0.5;
+    let radius = (part.iter().flat_map(|e| e.corners))
+        .map(|c| c.distance_squared(centre))
+        .fold(0.0, f32::max)
+        .sqrt();
+    if let [e] = part {
+        nodes.push(Node {
+            centre,
+            radius,
+            origin: (e.corners[0] + e.corners[1] + e.corners[2]) / 3.0,
+            power: e.power() as f32,
+            axis: e.normal,
+            cos_spread: if e.two_sided { -1.0 } else { 1.0 },
+            start: start as u32,
+            end: end as u32,
+            second: 0,
+        });
+        return id;
+    }
+    let axis = (high - low).max_position();
+    let key = |e: &Emitter| e.corners[0][axis] + e.corners[1][axis] + e.corners[2][axis];
+    let middle = part.len() / 2;
+    part.select_nth_unstable_by(middle, |a, b| {
+        // Parts of one triangle may share a key and a triangle, never a first corner and all of the others.
+        (key(a).total_cmp(&key(b)))
+            .then(a.triangle.cmp(&b.triangle))
+            .then_with(|| order(&a.corners, &b.corners))
+    });
+    nodes.push(Node {
+        centre,
+        radius,
+        origin: centre,
+        power: 0.0,
+        axis: Vec3::ZERO,
+        cos_spread: -1.0,
+        start: start as u32,
+        end: end as u32,
+        second: 0,
+    });
+    let first = split(emitters, start, start + middle, nodes);
+    let second = split(emitters, start + middle, end, nodes);
+    let (a, b) = (nodes[first], nodes[second]);
+    let power = a.power + b.power;
+    let (axis, cos_spread) = join(&a, &b);
+    let node = &mut nodes[id];
+    node.second = second as u32;
+    node.power = power;
+    if power > 0.0 {
+        node.origin = a.origin.lerp(b.origin, b.power / power);
+    }
+    (node.axis, node.cos_spread) = (axis, cos_spread);
+    id
+}
+
+/// By position, corner after corner.
+fn order(a: &[Vec3; 3], b: &[Vec3; 3]) -> std::cmp::Ordering {
+    let flat = |t: &[Vec3; 3]| t.map(|c| c.to_array());
+    let (a, b) = (flat(a), flat(b));
+    (a.iter().flatten().zip(b.iter().flatten()))
+        .map(|(x, y)| x.total_cmp(y))
+        .find(|o| o.is_ne())
+        .unwrap_or(std::cmp::Ordering::Equal)
+}
+
+/// A cone of directions about both nodes'.
+fn join(a: &Node, b: &Node) -> (Vec3, f32) {
+    let everywhere = (Vec3::ZERO, -1.0);
+    if a.cos_spread <= -1.0 || b.cos_spread <= -1.0 {
+        return everywhere;
+    }
+    let angle = |cos: f32| cos.clamp(-1.0, 1.0).acos();
+    let (wide, narrow) = if a.cos_spread <= b.cos_spread {
+        (a, b)
+    } else {
+        (b, a)
+    };
+    let between = angle(wide.axis.dot(narrow.axis));
+    let (w, n) = (angle(wide.cos_spread), angle(narrow.cos_spread));
+    if between + n <= w {
+        return (wide.axis, wide.cos_spread);
+    }
+    let spread = 0.5 * (w + between + n);
+    if spread >= std::f32::consts::PI {
+        return everywhere;
+    }
+    let across = (narrow.axis - wide.axis * wide.axis.dot(narrow.axis)).normalize_or_zero();
+    if across == Vec3::ZERO {
+        return everywhere; // straight against each other: the cone would be half a turn or more in any case
+    }
+    let turn = spread - w;
+    let axis = wide.axis * turn.cos() + across * turn.sin();
+    // The cosine of a sum of rounded angles: on the safe side.
+    (axis, (spread + 1e-3).min(std::f32::consts::PI).cos())
+}

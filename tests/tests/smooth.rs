@@ -1,0 +1,223 @@
+//! Coarse meshes with smooth normals are lit as the round shapes that they stand for.
+
+mod common;
+
+use std::f64::consts::PI;
+
+use common::{Seen, at, bake, lumels_of, worst};
+use glam::{DVec3, Vec3};
+use lumel::{Settings, SkySource};
+use lumel_tests::geometry::{Geometry, cuboid, room};
+use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
+use lumel_tests::scenes::smooth::{averaged, glowing, lit, tube, uv_sphere};
+
+/// Meridians and bands.
+const TESSELLATIONS: [[u32; 2]; 3] = [[8, 6], [16, 12], [32, 24]];
+
+/// Holds lumels against `exact`, a function of the point on the ideal surface; `scale` is its greatest value. Says greatest and root mean
+/// square difference over `scale`.
+///
+/// Nothing but the mean over a lumel is sampled, with sixteen points (`DirectOptions::base` of the preview) of which it has some by chance
+/// where little of it lies on the surface. Values that spread evenly over a range have a deviation of 1/√12 of it, the mean of sixteen
+/// independent ones a quarter of that, the reference's sixty-four an eighth: four deviations of the difference are 0.32 of the range. Half floats round
+/// by 2⁻¹¹. RMS: one deviation where the range is what a lumel of 1/8 m spans on a unit sphere, 1/8 of `scale` or, near a lamp, more.
+fn holds(name: &str, lumels: &[Seen], scale: f64, exact: impl Fn(DVec3) -> f64) {
+    let (mut most, mut squares, mut n) = (0f64, 0.0, 0.0);
+    for l in lumels.iter().filter(|l| l.points.len() >= 32) {
+        let values: Vec<f64> = l.points.iter().map(|p| exact(*p)).collect();
+        let lo = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let hi = values.iter().copied().fold(0.0, f64::max);
+        let d = l.red() - values.iter().sum::<f64>() / values.len() as f64;
+        most = most.max(d.abs() / scale);
+        squares += d * d / (scale * scale);
+        n += 1.0;
+        assert!(
+            d.abs() <= 0.32 * (hi - lo) + 5e-4 * scale,
+            "{name}: off by {d} at {}, where E is {lo} to {hi}",
+            l.points[0]
+        );
+    }
+    let rms = (squares / n).sqrt();
+    println!("{name}: max {most:.5}, RMS {rms:.5}, {n} lumels");
+    assert!(n > 100.0, "{name}: {n} lumels");
+    assert!(rms <= 3e-3, "{name}: RMS {rms}");
+}
+
+fn all_dark(lumels: &[Seen]) {
+    for l in lumels {
+        assert_eq!(l.red(), 0.0, "{}", l.points[0]);
+    }
+}
+
+/// A density under a uniform sky of radiance 1.
+fn under_the_sky(texels_per_unit: f32) -> Settings {
+    Settings {
+        sky: SkySource::Color([1.0; 3]),
+        ..at(texels_per_unit)
+    }
+}
+
+fn sun(from: Vec3) -> (Light, Vec3) {
+    (Light::Directional([1.0; 3]), from)
+}
+
+fn lamp(place: Vec3) -> (Light, Vec3) {
+    (Light::Point([1.0; 3]), place)
+}
+
+/// E of a lamp of 1 cd at `place` on the unit sphere.
+fn lamp_on_sphere(place: Vec3) -> impl Fn(DVec3) -> f64 {
+    let place = place.as_dvec3();
+    move |p| {
+        let n = p.normalize();
+        (place - n).dot(n).max(0.0) / (place - n).length().powi(3)
+    }
+}
+
+#[test]
+fn a_sphere_in_the_sun_is_round_at_any_tessellation() {
+    let from = Vec3::new(0.48, 0.6, 0.64);
+    for n in TESSELLATIONS {
+        let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[sun(from)]);
+        let seen = lumels_of(&bake(&glb, &at(8.0)), "sphere");
+        let exact = |p: DVec3| p.normalize().dot(from.as_dvec3()).max(0.0);
+        holds(&format!("sun {n:?}"), &seen, 1.0, exact);
+    }
+}
+
+#[test]
+fn a_sphere_under_a_uniform_sky_is_even_at_any_tessellation() {
+    for n in TESSELLATIONS {
+        let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[]);
+        let seen = lumels_of(&bake(&glb, &under_the_sky(8.0)), "sphere");
+        // Every ray escapes: all that rounds is the half float.
+        holds(&format!("sky {n:?}"), &seen, PI, |_| PI);
+    }
+}
+
+#[test]
+fn a_sphere_beside_a_lamp_is_as_far_from_it_as_the_round_one() {
+    // 0.25 m off the sphere at the nearest, where facets of the coarsest are 0.09 m farther.
+    let place = Vec3::new(0.6, 0.75, 0.8);
+    let most = 1.0 / (f64::from(place.length()) - 1.0).powi(2);
+    for n in TESSELLATIONS {
+        let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[lamp(place)]);
+        let seen = lumels_of(&bake(&glb, &at(8.0)), "sphere");
+        holds(&format!("lamp {n:?}"), &seen, most, lamp_on_sphere(place));
+    }
+}
+
+#[test]
+fn a_tube_is_round_outside() {
+    let from = Vec3::new(0.6, 0.48, 0.64);
+    for faces in [6, 12] {
+        let glb = lit(&[("tube", &tube(1.0, 1.0, faces, 1))], 0.0, &[sun(from)]);
+        let seen = lumels_of(&bake(&glb, &at(8.0)), "tube");
+        let exact = |p: DVec3| {
+            let n = DVec3::new(p.x, 0.0, p.z).normalize();
+            n.dot(from.as_dvec3()).max(0.0)
+        };
+        holds(&format!("tube in the sun {faces}"), &seen, 1.0, exact);
+        let glb = lit(&[("tube", &tube(1.0, 1.0, faces, 1))], 0.0, &[]);
+        let bake = bake(&glb, &under_the_sky(8.0));
+        // Above and below it is open air: nothing hides the sky from any point.
+        let name = format!("tube in the sky {faces}");
+        holds(&name, &lumels_of(&bake, "tube"), PI, |_| PI);
+    }
+}
+
+#[test]
+fn a_hollow_furnace_loses_no_light_between_the_horizons() {
+    // B = πL/(1 − ρ) all over the walls of any closed shape, and E is the same about whatever axis. Cut off at the facets' horizons, corners of
+    // the coarsest would lack (1 − cos 27°)/2 = 5 %.
+    let (rho, radiance) = (0.5, 1.0);
+    for n in &TESSELLATIONS[..2] {
+        let hollow = uv_sphere(1.0, *n).flipped();
+        let bake = bake(&glowing("hollow", &hollow, radiance, rho), &at(4.0));
+        let seen = lumels_of(&bake, "hollow");
+        let off = worst(&seen, 0.0, |_| PI / (1.0 - f64::from(rho)));
+        println!("hollow {n:?}: {off:.5}");
+        // f32 and half rounding, and the solve's residual.
+        assert!(off <= 2e-3, "{n:?}: {off}");
+    }
+}
+
+#[test]
+fn a_bright_ball_does_not_light_itself() {
+    // In a black hall so large that the ball counts as a lamp, of closed forms and shadow rays: its own facets lie below its horizons.
+    let hall = room(Vec3::splat(-2.0), Vec3::splat(2.0), 1).bare();
+    for n in &TESSELLATIONS[..2] {
+        let ball = uv_sphere(1.0, *n);
+        let mut b = GltfBuilder::new();
+        let glow = b.material(&Material::emitter("glow", [1.0; 3], [0.5; 3]));
+        let black = b.material(&Material::diffuse("black", [0.0; 3]));
+        for (name, g, m) in [("ball", &ball, glow), ("hall", &hall, black)] {
+            let mesh = b.mesh(name, &[(g, m)]);
+            b.node(Node::of_mesh(name, mesh));
+        }
+        all_dark(&lumels_of(&bake(&b.finish(), &at(4.0)), "ball"));
+    }
+}
+
+#[test]
+fn a_closed_sphere_lets_no_light_out_or_in() {
+    for n in TESSELLATIONS {
+        let ball = uv_sphere(1.0, n);
+        let glb = lit(&[("ball", &ball)], 0.5, &[lamp(Vec3::new(0.2, 0.1, 0.5))]);
+        all_dark(&lumels_of(&bake(&glb, &at(4.0)), "ball"));
+        let lights = [
+            lamp(Vec3::new(0.7, 0.6, 0.7)),
+            sun(Vec3::new(0.48, -0.6, 0.64)),
+        ];
+        let glb = lit(&[("hollow", &ball.flipped())], 0.5, &lights);
+        all_dark(&lumels_of(&bake(&glb, &under_the_sky(4.0)), "hollow"));
+    }
+}
+
+#[test]
+fn shells_a_millimetre_apart_keep_their_gap_dark() {
+    // The ideal surface of the inner facets lies up to 9 cm beyond the outer shell's.
+    for n in TESSELLATIONS {
+        let inner = uv_sphere(1.0, n);
+        let outer = uv_sphere(1.001, n).flipped();
+        let lights = [
+            lamp(Vec3::ZERO),
+            lamp(Vec3::new(0.7, 0.6, 0.7)),
+            sun(Vec3::new(0.48, -0.6, 0.64)),
+        ];
+        let glb = lit(&[("inner", &inner), ("outer", &outer)], 0.5, &lights);
+        let bake = bake(&glb, &under_the_sky(4.0));
+        all_dark(&lumels_of(&bake, "inner"));
+        all_dark(&lumels_of(&bake, "outer"));
+    }
+}
+
+#[test]
+fn a_sphere_that_rests_in_a_closed_box_is_lit_as_in_the_open_and_lets_nothing_in() {
+    let ball = uv_sphere(1.0, [16, 12]);
+    // It touches the floor with a corner, and one of the walls.
+    let walls = room(Vec3::new(-1.0, -1.0, -2.0), Vec3::new(2.0, 2.0, 2.0), 1).bare();
+    let parts: [(&str, &Geometry); 2] = [("ball", &ball), ("walls", &walls)];
+    let place = Vec3::new(0.9, 1.2, 1.1);
+    let most = 1.0 / (f64::from(place.length()) - 1.0).powi(2);
+    let glb = lit(&parts, 0.0, &[lamp(place), sun(Vec3::new(0.48, 0.6, 0.64))]);
+    let bake_lit = bake(&glb, &under_the_sky(8.0));
+    let seen = lumels_of(&bake_lit, "ball");
+    holds("in a box", &seen, most, lamp_on_sphere(place));
+    let dark = lit(&parts, 0.0, &[sun(Vec3::new(0.48, 0.6, 0.64))]);
+    let bake_dark = bake(&dark, &under_the_sky(4.0));
+    all_dark(&lumels_of(&bake_dark, "ball"));
+    all_dark(&lumels_of(&bake_dark, "walls"));
+}
+
+#[test]
+fn a_cube_with_averaged_normals_keeps_its_horizons() {
+    // Low light from one side: normals of the top's rim lean towards it, but its faces do not see it.
+    let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
+    let low = Vec3::new(0.96, -0.28, 0.0);
+    let glb = lit(&[("cube", &cube)], 0.0, &[sun(low)]);
+    let mut top = lumels_of(&bake(&glb, &at(8.0)), "cube");
+    top.retain(|l| l.all(|p| p.y > 0.4999));
+    assert!(top.len() >= 64, "{}", top.len());
+    all_dark(&top);
+}
