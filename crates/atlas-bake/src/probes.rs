@@ -22,6 +22,7 @@ use radiosity::{
 };
 use rayon::prelude::*;
 use serde::Serialize;
+use visibility::Ray;
 
 pub use file::{FilledGrid, ProbeFile};
 pub use grid::{ProbeGrid, TooManyProbes};
@@ -138,7 +139,29 @@ pub fn bake_probes(
 }
 
 impl ProbeScene<'_, '_, '_> {
+    /// The point, or where it lies on a face or nearly so, one right in front of it. Points on a grid of round numbers hit floors: what
+    /// rays from there meet is up to rounding.
+    fn off_faces(&self, at: Vec3) -> Vec3 {
+        let reach = 4.0 * self.world.offset(at);
+        let mut p = at;
+        for axis in Vec3::AXES {
+            let ray = Ray {
+                origin: p - axis * reach,
+                direction: axis,
+                t_min: 0.0,
+                t_max: 2.0 * reach,
+            };
+            if let Some(hit) = self.world.closest_hit(&ray) {
+                let corner = self.world.soup.triangles[hit.triangle as usize][0];
+                let normal = self.world.soup.normals[hit.triangle as usize];
+                p += normal * (reach - normal.dot(p - corner)).max(0.0);
+            }
+        }
+        p
+    }
+
     fn probe(&self, at: Vec3, options: &ProbeOptions) -> Probe {
+        let at = self.off_faces(at);
         let rays = (options.rays / GROUPS).max(1);
         let samples = (options.samples / GROUPS).max(1);
         let solid_angle = 4.0 * std::f64::consts::PI / f64::from(rays);

@@ -342,6 +342,7 @@ fn glowing_materials(scene: &Scene) -> BTreeSet<usize> {
     scene
         .instances
         .iter()
+        .filter(|i| !i.occluder)
         .flat_map(|i| &scene.meshes[i.mesh].primitives)
         .map(|p| p.material)
         .filter(|&m| {
