@@ -320,6 +320,7 @@ impl VertexCorners {
     fn collect(world: &World) -> Self {
         let mut corners: Vec<_> = (0..world.soup.triangles.len() as u32)
             .into_par_iter()
+            .filter(|&t| !world.scene.only_occludes(world.soup, t))
             .flat_map_iter(|t| {
                 let s = world.soup.sources[t as usize];
                 let mesh = &world.scene.meshes[world.scene.instances[s.instance as usize].mesh];

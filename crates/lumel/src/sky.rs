@@ -141,12 +141,12 @@ mod tests {
         use std::f32::consts::{PI, TAU};
         let a = TAU * ((column as f32 + 0.5) / 16.0 - 0.5);
         let t = PI * (row as f32 + 0.5) / 8.0;
-        let d = Vec3::new(t.sin() * a.sin(), t.cos(), -t.sin() * a.cos());
+        let d = Vec3::new(t.sin() * a.cos(), t.cos(), t.sin() * a.sin());
         glam::Quat::from_rotation_y(degrees.to_radians()) * d
     }
 
     fn load_with(settings: &Settings, environment: &Environment) -> Sky {
-        load(settings, Some(environment)).expect("no file is read")
+        load(settings, 1.0, Some(environment)).expect("no file is read")
     }
 
     #[test]
@@ -193,6 +193,6 @@ mod tests {
         assert!(load_with(&black, &lit(1, 1)).is_black());
         let none = settings(SkySource::None);
         assert!(!load_with(&none, &lit(1, 1)).is_black());
-        assert!(matches!(load(&none, None), Ok(Sky::Black)));
+        assert!(matches!(load(&none, 1.0, None), Ok(Sky::Black)));
     }
 }

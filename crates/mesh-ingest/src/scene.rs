@@ -260,9 +260,10 @@ pub struct Profile {
     pub values: Vec<f32>,
 }
 
-/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from +Z through −X, −Z (the middle) and +X back to +Z, rows from
+/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from −X through −Z, +X (the middle) and +Z back to −X (as
+/// three.js and Blender have it), rows from
 /// +Y down to −Y. Pixel (i, j) of w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h, which is
-/// the direction (sin t sin a, cos t, −sin t cos a).
+/// the direction (sin t cos a, cos t, sin t sin a).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Name of the light, or empty.

@@ -50,6 +50,14 @@ pub(crate) struct Bake {
     /// Multiplies the sky
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     pub sky_intensity: f32,
+    /// Turns a sky map about +Y, degrees, counter-clockwise seen from above
+    #[arg(
+        long,
+        value_name = "DEG",
+        default_value_t = 0.0,
+        allow_hyphen_values = true
+    )]
+    pub sky_rotation: f32,
     /// A sun: direction in which its light travels, illuminance in lux, and its disc's diameter (0.533 for ours; without it, shadows
     /// are sharp), e.g. 0.3,-1,0.2,100000,0.533; may be repeated
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
@@ -312,6 +320,7 @@ impl Bake {
             quality: self.quality.into(),
             error: self.error,
             sky_intensity: self.sky_intensity,
+            sky_rotation: self.sky_rotation,
             suns: self.sun.clone(),
             lights: self.light.clone(),
             groups: self.group.clone(),
