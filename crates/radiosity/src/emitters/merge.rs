@@ -314,19 +314,18 @@ fn straighten(corners: &[Vec3], slack: &impl Fn(Vec3) -> f32) -> Vec<Vec3> {
     let mut todo = vec![(first, second), (second, first + n)];
     while let Some((from, to)) = todo.pop() {
         let (a, b) = (at(from).as_dvec3(), at(to).as_dvec3());
-        let along = (b - a).normalize_or_zero();
-        let mut worst = (0.0, 0);
+        let (ab, length2) = (b - a, (b - a).length_squared().max(1e-300));
+        // The farthest of all, whatever the slack at each: else a corner loses to its neighbour.
+        let (mut worst, mut strays) = ((0.0, 0), false);
         for k in from + 1..to {
             let d = at(k).as_dvec3() - a;
-            let off = (d - along * along.dot(d)).length() / slack(at(k)).max(1e-30) as f64;
-            // Beyond an end it is no point of the line either.
-            let beyond = along.dot(d) < 0.0 || along.dot(d) > (b - a).length();
-            let off = if beyond { off.max(2.0) } else { off };
+            let off = (d - ab * (d.dot(ab) / length2).clamp(0.0, 1.0)).length();
+            strays |= off > slack(at(k)) as f64;
             if off > worst.0 {
                 worst = (off, k);
             }
         }
-        if worst.0 > 1.0 {
+        if strays {
             keep[worst.1 % n] = true;
             todo.push((from, worst.1));
             todo.push((worst.1, to));
