@@ -3,7 +3,7 @@
 Usage : python light_scenes.py [--scenes gi_demo,truck_town,house,lamp,emissive,sponza] [--quality preview,production]
               [--references-only] [--reference-time 1.0] [--threads N] [--work /tmp/light_scenes] [--pictures]
         python light_scenes.py --page-only          the page again from the CSV
-Steps : for each scene (SCENES below): 1 a copy with the sun added; 2 a preview bake, whose atlas is flattened; 3 a draw of its lumels and their reference
+Steps : for each scene (SCENES below): 1 a copy with the sun added; 2 a draft bake, whose atlas is flattened; 3 a draw of its lumels and their reference
         (light_truth.py), looked up under LUMEL_REF by content; 4 a bake of every quality; 5 errors, and with --pictures an error map and lumel's own
         preview of the lit level under --work
 Output: docs/data/light_scenes.csv      a row for every scene, quality and family of lumels; what was not run keeps its rows
@@ -72,14 +72,12 @@ class Scene:
     def __init__(self, name, a):
         self.name, self.a, self.table = name, a, SCENES[name]
         path = os.path.join(common.SCENES, self.table["file"])
-        if not os.path.exists(path):
-            raise FileNotFoundError(path)
         if "sun" in self.table:
             sunny = os.path.join(a.work, name + ".glb")
             speed_scenes.with_sun(path, *self.table["sun"][:2], sunny)
             path = sunny
         self.path = path
-        r = self.bake("preview", "flat")
+        r = self.bake("draft", "flat")     # the atlas is the same at any quality
         if len(r["pages"]) != 1:
             raise SystemExit("%s: %d pages, expected one" % (name, len(r["pages"])))
         self.flat = os.path.join(a.work, name + ".flat.glb")
@@ -257,11 +255,10 @@ def main():
         raise SystemExit("no such scene: %s; there are %s" % (", ".join(sorted(unknown)), ", ".join(SCENES)))
     os.makedirs(a.work, exist_ok=True)
     for name in a.scenes.split(","):
-        try:
-            scene = Scene(name, a)
-        except FileNotFoundError as e:
-            say("WARNING: scene %s is LEFT OUT: no file %s" % (name, e))
+        if not os.path.exists(os.path.join(common.SCENES, SCENES[name]["file"])):
+            say("WARNING: scene %s is LEFT OUT: no %s in %s" % (name, SCENES[name]["file"], common.SCENES))
             continue
+        scene = Scene(name, a)
         if a.references_only:
             continue
         new = [row for q in a.quality.split(",") for row in scene.measure(q)]
