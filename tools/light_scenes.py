@@ -1,7 +1,7 @@
 """Error of lumel on levels with the lights and materials that levels carry: suns, sky, lamps with a range, emissive boxes, leaves, glass, cut-outs.
 
 Usage : python light_scenes.py [--scenes gi_demo,truck_town,house,lamp,emissive,sponza] [--quality preview,production]
-              [--references-only] [--reference-time 1.0] [--threads N] [--work /tmp/light_scenes] [--pictures]
+              [--references-only] [--reference-time 1.0] [--refine SECONDS] [--threads N] [--work /tmp/light_scenes] [--pictures]
         python light_scenes.py --page-only          the page again from the CSV
 Steps : for each scene (SCENES below): 1 a copy with the sun added; 2 a draft bake, whose atlas is flattened; 3 a draw of its lumels and their reference
         (light_truth.py), looked up under LUMEL_REF by content; 4 a bake of every quality; 5 errors, and with --pictures an error map and lumel's own
@@ -102,23 +102,42 @@ class Scene:
         key = common.digest(" ".join(str(x) for x in (MODEL, reference.scene_digest(self.flat), self._glass(), self.side, t["count"], t["target"], t["sky"], sun,
                                                       t.get("eps"), t.get("range"), LIMIT, SUB)))
         path = os.path.join(common.REF, "light_%s-%s.npz" % (self.name, key))
-        if os.path.exists(path):
-            return path
         os.makedirs(common.REF, exist_ok=True)
-        points = path + ".texels.npz"
+        if not os.path.exists(path):
+            self._keep(path, self._trace(path, None, 0, t["seconds"] * self.a.reference_time, t["target"]))
+        for _ in range(int(np.ceil(self.a.refine / 60))):
+            # Choosing lumels by the noise of their own earlier paths biases one by a part of its standard error at most (reference.py).
+            ref = reference.load(path)
+            some = reference.relative_noise(ref) > 0.5 * reference.own(ref)
+            self._keep(path, reference.merge(ref, some, self._trace(path, some, int(ref["parts"]), 60, 0.0)))
+        return path
+
+    def _trace(self, path, some, seed, seconds, target):
+        """light_truth.py at all lumels of the draw, or at `some` of them"""
+        t, points, out = self.table, path + ".points.npz", path + ".part.npz"
         draw_points(self.scene, points, self.side, t["count"])
-        batch = 1024
-        r = common.run(["nice", "-n", "19", sys.executable, os.path.join(common.HERE, "light_truth.py"), self.flat, points, path + ".new.npz", "--sky", t["sky"],
-                        "--spp", str(1 << 22), "--batch", str(batch), "--target", str(t["target"]), "--time", str(t["seconds"] * self.a.reference_time),
-                        "--sun-angle", str(sun), "--max-reflectance", str(LIMIT), "--threads", str(self.a.threads)]
-                       + (["--honour-range"] if t.get("range") else []) + (["--eps", str(t["eps"])] if "eps" in t else []))
+        if some is not None:
+            np.savez(points, **{k: v[some] if v.ndim and len(v) == len(some) else v for k, v in reference.load(points).items()})
+        # As many strata a point as a launch has room for: the error falls faster than with the number of paths.
+        n = len(reference.load(points)["texel"])
+        batch = 1 << max(6, min(13, int(np.log2((1 << 20) / n))))
+        r = common.run(["nice", "-n", "19", sys.executable, os.path.join(common.HERE, "light_truth.py"), self.flat, points, out, "--sky", t["sky"], "--spp", str(1 << 24),
+                        "--batch", str(batch), "--target", str(target), "--time", str(seconds), "--sun-angle", str(t.get("sun", (0, 0, 0.0))[2]), "--max-reflectance", str(LIMIT),
+                        "--seed", str(seed), "--threads", str(self.a.threads)] + (["--honour-range"] if t.get("range") else []) + (["--eps", str(t["eps"])] if "eps" in t else []))
         if r["code"] != 0:
             raise SystemExit("light_truth.py failed (%d):\n%s" % (r["code"], (r["err"] or r["out"])[-2000:]))
+        new = reference.load(out)
+        os.remove(out), os.remove(points)
+        if some is None:
+            new["paths"], new["parts"] = np.full(n, int(new["spp"])), 1
+        return new
+
+    def _keep(self, path, ref):
+        np.savez_compressed(path + ".new.npz", **ref)
         os.replace(path + ".new.npz", path)
-        os.remove(points)
-        ref = reference.load(path)
-        say("reference %s: %d lumels, %d paths each, own noise %.3f %%, %.0f s" % (os.path.basename(path), len(ref["texel"]), int(ref["spp"]), 100 * reference.own(ref), float(ref["seconds"])))
-        return path
+        say("reference %s: %d lumels, %d to %d paths each, own noise %.3f %%, median %.3f %%, %.0f s in all" % (
+            os.path.basename(path), len(ref["texel"]), ref["paths"].min(), ref["paths"].max(), 100 * reference.own(ref),
+            100 * np.median(reference.relative_noise(ref)[reference.lit(ref)]), float(ref["seconds"])))
 
     def _glass(self):
         """what of the materials scene_digest does not see"""
@@ -283,6 +302,7 @@ def main():
     ap.add_argument("--quality", default="preview,production")
     ap.add_argument("--references-only", action="store_true")
     ap.add_argument("--reference-time", type=float, default=1.0, help="scales the time limits of references that are made")
+    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each scene's reference")
     ap.add_argument("--pictures", action="store_true", help="error maps and lumel's own previews, under --work")
     ap.add_argument("--page-only", action="store_true")
     ap.add_argument("--threads", type=int, default=os.cpu_count())

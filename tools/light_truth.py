@@ -30,7 +30,8 @@ import gltf_scene       # noqa: E402
 import truth            # noqa: E402
 from truth import dr, mi      # noqa: E402
 
-ALL_LAMPS = 16      # up to so many lamps a receiver asks each of them, above it draws one
+# Up to so many lamps a receiver, or a vertex further on, asks each of them; above it draws one by power, which is noisy beside a small one.
+ALL_LAMPS, ALL_LAMPS_FURTHER = 16, 4
 
 
 def load(path, sun_angle=0.0):
@@ -247,7 +248,7 @@ class Tracer(truth.Tracer):
             T /= dr.maximum(rr, 1e-8)
             fn = dr.select(back, -gn, gn)
             here = mi.Point3f(q + fn * self.eps)
-            L += T * self.lit(here, fn, fn, mi.Point2f(rng.next_float32(), rng.next_float32()), rng, turn, False)
+            L += T * self.lit(here, fn, fn, mi.Point2f(rng.next_float32(), rng.next_float32()), rng, turn, self.nl <= ALL_LAMPS_FURTHER)
             away = self.cosine(fn, mi.Point2f(rng.next_float32(), rng.next_float32()))
             o = dr.select(turn, here, mi.Point3f(q + d * self.eps))
             start = dr.select(turn, here, start)
