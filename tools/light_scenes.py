@@ -100,7 +100,7 @@ class Scene:
         t = self.table
         sun = t.get("sun", (None, None, 0.0))[2]
         key = common.digest(" ".join(str(x) for x in (MODEL, reference.scene_digest(self.flat), self._glass(), self.side, t["count"], t["target"], t["sky"], sun,
-                                                      t.get("eps"), t.get("range"), LIMIT, SUB)))
+                                                      t.get("eps"), t.get("range"), LIMIT, SUB, *(["slivers left out"] if slivers(self.scene.tri).any() else []))))
         path = os.path.join(common.REF, "light_%s-%s.npz" % (self.name, key))
         os.makedirs(common.REF, exist_ok=True)
         if not os.path.exists(path):
@@ -115,9 +115,7 @@ class Scene:
     def _trace(self, path, some, seed, seconds, target):
         """light_truth.py at all lumels of the draw, or at `some` of them"""
         t, points, out = self.table, path + ".points.npz", path + ".part.npz"
-        draw_points(self.scene, points, self.side, t["count"])
-        if some is not None:
-            np.savez(points, **{k: v[some] if v.ndim and len(v) == len(some) else v for k, v in reference.load(points).items()})
+        draw_points(self.scene, points, self.side, t["count"], None if some is None else reference.load(path)["texel"][some])
         # As many strata a point as a launch has room for: the error falls faster than with the number of paths.
         n = len(reference.load(points)["texel"])
         batch = 1 << max(6, min(13, int(np.log2((1 << 20) / n))))
@@ -215,16 +213,18 @@ class Scene:
             json.dump(dict(groups=dict(sorted(groups.items(), key=lambda g: -g[1]["share_of_square"])), worst=worst, unlit=bright), f, indent=1)
 
 
-def draw_points(sc, points, side, count):
+def draw_points(sc, points, side, count, at=None):
     """A draw (texels.py's, seed 0, inset 0: chart edges too) of the lumels of a flattened scene, with SUB² points spread over the part of each that is on
     the surface, interpolated normals (sub_normal) and the faces' own (sub_face).  Adds `bend` (least cosine between the two) and `holes` (share of the
-    lumel off the surface).  The points of texels.py, which would scan every triangle of the page for them: minutes on large scenes."""
+    lumel off the surface).  The points of texels.py, which would scan every triangle of the page for them: minutes on large scenes.
+    `at`: these lumels (row, column) instead of a draw."""
     import texels
-    tri, uv = sc.tri, sc.uv[1]
+    tri, uv = sc.tri, np.where(slivers(sc.tri)[:, None, None], np.nan, sc.uv[1])
     tid, bary = texels.rasterise(uv, side)
     r, c = np.nonzero(tid >= 0)
-    some = np.sort(np.random.default_rng(0).permutation(len(r))[:count])
-    covered, r, c = len(r), r[some], c[some]
+    covered = len(r)
+    some = np.sort(np.random.default_rng(0).permutation(covered)[:count])
+    r, c = (r[some], c[some]) if at is None else at.T
     t, (b1, b2) = tid[r, c], bary[r, c].T
     face = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     face /= np.linalg.norm(face, axis=1, keepdims=True)
@@ -246,6 +246,13 @@ def draw_points(sc, points, side, count):
     np.savez(points, texel=np.stack([r, c], 1), position=pos, normal=nrm, triangle=t, object=sc.obj[t], res=side, footprint=1.0, covered=covered, sub_position=p.astype(np.float32),
              sub_normal=n.astype(np.float32), sub_face=f.astype(np.float32), bend=bend, holes=holes.mean(1))
     reference.jitter(points)
+
+
+def slivers(tri):
+    """mask of triangles without an area worth the name.  Lumel drops them, so that no chart is made for them; they stay in the document, where their
+    corners may lie in charts at opposite ends of the page.  (The lumels that are left are then those that lumel counts, on godot_gi_demo to the last.)"""
+    longest = np.linalg.norm(tri - np.roll(tri, 1, axis=1), axis=2).max(1)
+    return np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1) < 1e-6 * longest ** 2
 
 
 def spread(tri, nrm, face, px, r, c):
