@@ -35,7 +35,7 @@ SUB = 16                    # points along a lumel's side
 LIMIT = 0.98                # reflectance above which both hold it to this
 CURVED = np.cos(np.radians(1.0))    # a lumel is curved where an interpolated normal leans further from the face's own than this
 
-# file    under LUMEL_SCENES;  density: texels a metre, and why
+# file    under LUMEL_SCENES;  density: texels a metre, and why; None leaves it to lumel, which thins out huge meshes only then
 # sky     radiance;  sun: (direction of travel, lux, diameter in degrees), added to the document as a punctual light
 # range   whether a lamp has one;  eps: ray offset of the truth, in units of half the scene's diagonal
 # count   lumels drawn;  target: median relative standard error;  seconds: limit of the reference
@@ -45,7 +45,7 @@ SCENES = {
         light="its own sun (1 lx), two point lamps, a spot with a cone of 90°, all three with a range, and a glowing box; no sky; every other surface is white",
         count=1000, target=0.003, seconds=150),
     "truck_town": dict(
-        title="godot_truck_town", file="godot_truck_town/godot_truck_town.glb", density=2.48, why="what `lumel bake` chooses; the plane of 2048 m gets 0.109", sky="0.2,0.25,0.3", range=True,
+        title="godot_truck_town", file="godot_truck_town/godot_truck_town.glb", density=None, why="what `lumel bake` chooses: 2.48, and 0.109 for the plane of 2048 m", sky="0.2,0.25,0.3", range=True,
         light="its own sun (1.45 lx) and ten street lamps with a range, and a sky; leaves are BLEND", eps=1e-6, count=1000, target=0.001, seconds=120),
     "house": dict(
         title="playcanvas_house", file="playcanvas_house/house.glb", density=454, why="what `lumel bake` chooses: 2.2 mm a lumel, the scene is half a metre wide", sky="0.5,0.6,0.8",
@@ -54,7 +54,7 @@ SCENES = {
         title="LightsPunctualLamp", file="features/LightsPunctualLamp/LightsPunctualLamp.gltf", density=262, why="what `lumel bake` chooses: 3.8 mm a lumel", sky="0,0,0",
         light="five point lamps, an emissive texture, glass (KHR_materials_transmission with a texture) and a BLEND material", count=1000, target=0.002, seconds=120),
     "emissive": dict(
-        title="EmissiveStrengthTest", file="features/EmissiveStrengthTest/EmissiveStrengthTest.glb", density=70.7, why="what `lumel bake` chooses; the backdrop gets 11.3", sky="0,0,0",
+        title="EmissiveStrengthTest", file="features/EmissiveStrengthTest/EmissiveStrengthTest.glb", density=None, why="what `lumel bake` chooses: 70.7, and 11.3 for the backdrop", sky="0,0,0",
         light="five boxes of emissive strength 1 to 16, which are black otherwise", count=1000, target=0.001, seconds=80),
     "sponza": dict(
         title="Sponza", file="sponza/sponza.glb", density=4.97, why="that of docs/speed_error.md: 20 cm a lumel", sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0, 0.0),
@@ -89,7 +89,7 @@ class Scene:
         t = self.table
         sky = [] if t["sky"] == "0,0,0" else ["--sky", t["sky"]]
         out = os.path.join(self.a.work, "%s.%s" % (self.name, folder))
-        r = common.bake(self.path, out, "--quality", quality, "--texels-per-unit", t["density"], "--max-page", 2048, "--threads", self.a.threads,
+        r = common.bake(self.path, out, "--quality", quality, *(["--texels-per-unit", t["density"]] if t["density"] else []), "--max-page", 2048, "--threads", self.a.threads,
                         "--max-reflectance", LIMIT, *sky, *more)
         if r["code"] != 0:
             raise SystemExit("%s: lumel failed (%d): %s" % (self.name, r["code"], r["err"]))
@@ -175,7 +175,7 @@ class Scene:
             r_, c_ = ref["texel"][keep].T
             zeros = float((reference._compare().read_exr(exr)[r_, c_] @ lum == 0).mean())
             rows.append(dict(scene=self.name, quality=quality, family=family, truth_se=float(np.median(s / y)), zeros=zeros, seconds=report["measured"]["seconds"], lumels=int(ref["covered"]),
-                             texels_per_unit=t["density"], sky=t["sky"], sun=" ".join(str(x) for x in t.get("sun", ())), options="--max-reflectance %g" % LIMIT,
+                             texels_per_unit=t["density"] or "auto", sky=t["sky"], sun=" ".join(str(x) for x in t.get("sun", ())), options="--max-reflectance %g" % LIMIT,
                              triangles=len(self.scene.tri), threads=self.a.threads, load=load, versions="%s, binary %s" % (report["generator"], common.digest(common.LUMEL)[:8]),
                              **{k: e[k] for k in ("n", "relRMSE", "relRMSE_se", "p50", "p95", "p99", "bias", "own")}))
         say("%s, %s: %.1f s, " % (self.name, quality, rows[0]["seconds"]) + "; ".join("%s relRMSE %.2f %% median %.2f %% p95 %.1f %% bias %+.2f %%" % (
@@ -283,7 +283,7 @@ def page(rows, docs):
     for n in seen:
         t, r = SCENES[n], next(r for r in rows if r["scene"] == n)
         light = t["light"] + ("; sky %s" % t["sky"] if t["sky"] != "0,0,0" else "") + ("; sun %s, %g lx%s" % (t["sun"][0], t["sun"][1], ", %g°" % t["sun"][2] if t["sun"][2] else "") if "sun" in t else "")
-        out.append("| %s | %g, %s (%s) | %s |" % (t["title"], t["density"], r["lumels"], t["why"], light))
+        out.append("| %s | %s, %s (%s) | %s |" % (t["title"], t["density"] or "auto", r["lumels"], t["why"], light))
     parts = dict(scenes="\n".join(out))
     out = ["| scene | quality | lumels compared | seconds | relRMSE | median | p95 | bias | own noise of the truth | median s.e. of the truth |", "|---|---|---|---|---|---|---|---|---|---|"]
     for r in rows:
