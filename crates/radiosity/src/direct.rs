@@ -59,6 +59,9 @@ const EMITTERS: u32 = 1 << 31;
 /// point-to-point kernel varies by at most (1.1/0.9)² over it; the sampling of points inside averages that out.
 const FAR_GROUP: f32 = 0.1;
 
+/// Groups of at most so many emitters are computed in closed form.
+const FEW: usize = 4;
+
 /// Marks groups that must be split; above any weight.
 const INSIDE: f32 = f32::MAX;
 
@@ -473,8 +476,17 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let mut tally = Tally::new(work.parts, groups);
         let mut n = 0;
         let mut target = base;
+        // Lights that get few points start at different ones: else all would be seen from the same corner of the receiver. Aligned
+        // blocks of a Sobol sequence are well distributed.
+        let whole = work.options.base.max(1);
+        let shift = if base < whole {
+            work.set.wrapping_mul(base.next_power_of_two()) % whole
+        } else {
+            0
+        };
         while n < target {
-            let p = (work.point)(n);
+            let at = if n < whole { (n + shift) % whole } else { n };
+            let p = (work.point)(at);
             let random = if self.is_random(term) {
                 sample_4d(n, work.set, work.seed)
             } else {
@@ -645,14 +657,15 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         })
     }
 
-    fn triangle(&self, e: &Emitter, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+    /// Share of the receiver's sky that an emitter takes if nothing is in between: the form factor; 0 from behind.
+    fn form_factor(&self, e: &Emitter, p: &SurfacePoint) -> f32 {
         let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
         // On the emitter's own face: rounding puts the point above or below it, and a polygon about the point has F = ±1.
         let height = e.normal.dot(p.position - e.corners[0]).abs();
         if height <= self.world.offset(p.position) && e.normal.dot(p.geometric).abs() > 0.99 {
             let faces_away = e.normal.dot(p.geometric) > 0.0;
             if faces_away || height == 0.0 {
-                return;
+                return 0.0;
             }
         }
         // In f64 and relative to the receiver from the start: near contact everything cancels.
@@ -663,10 +676,14 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         ) as f32;
         let f = if e.two_sided { f.abs() } else { f };
         // Edge terms of order 1 cancel to rounding 1e-16; what is left below 1e-12 is noise.
-        if f <= 1e-12 {
+        if f > 1e-12 { f } else { 0.0 }
+    }
+
+    fn triangle(&self, e: &Emitter, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+        let unoccluded = self.form_factor(e, p) * std::f32::consts::PI;
+        if unoccluded <= 0.0 {
             return;
         }
-        let unoccluded = f * std::f32::consts::PI;
         // A point on the triangle, its weight ∝ the light that comes from there. The part below the horizon is cut off, as it is
         // from the closed form: else few samples might all fall there and lose the light.
         let (pieces, count) = above_horizon(e.corners, p);
@@ -723,6 +740,15 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     fn group(&self, start: u32, end: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+        // A few triangles, such as a far rectangle's two, have their closed form like one; the sample says what of it is seen.
+        let members = &self.emitters.emitters[start as usize..end as usize];
+        let unoccluded = (members.len() <= FEW).then(|| -> f32 {
+            let each = |e: &Emitter| luminance(e.radiance) * self.form_factor(e, p);
+            members.iter().map(each).sum::<f32>() * std::f32::consts::PI
+        });
+        if unoccluded.is_some_and(|e| e <= 0.0) {
+            return;
+        }
         // A group's choice may take more than the 24 bits of one number.
         let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
         let Some((e, probability)) = self.emitters.pick(start, end, p, x) else {
@@ -735,18 +761,25 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let facing = if e.two_sided { facing.abs() } else { facing };
         let cos = p.normal.dot(v);
         if facing <= 0.0 || cos <= 0.0 || p.geometric.dot(v) <= 0.0 {
+            if let Some(unoccluded) = unoccluded {
+                tally.unweighted(unoccluded);
+            }
             return;
         }
         let k = cos * facing / (d2 * d2) * e.area / probability;
         tally.rays += 1;
         let d = d2.sqrt();
-        tally.plain(&Sample {
+        let sample = Sample {
             value: self.radiance_at(e, q, p) * k,
             passed: self.passed(p, q, e),
             direction: v / d,
             cos: cos / d,
             group: self.world.emission_group(e.triangle),
-        });
+        };
+        match unoccluded {
+            Some(unoccluded) => tally.weighted(unoccluded, luminance(e.radiance) * k, &sample),
+            None => tally.plain(&sample),
+        }
     }
 
     /// Share of light from the point `q` of emitter `e` that gets to `p`. The ray ends just before the emitter, which must not hide itself.

@@ -54,7 +54,7 @@ fn pixel(sky: &Environment, i: u32, j: u32) -> (DVec3, f64) {
     let (sin, cos) = t(f64::from(j) + 0.5).sin_cos();
     let solid_angle =
         TAU / f64::from(sky.width) * (t(f64::from(j)).cos() - t(f64::from(j) + 1.0).cos());
-    (DVec3::new(sin * a.sin(), cos, -sin * a.cos()), solid_angle)
+    (DVec3::new(sin * a.cos(), cos, sin * a.sin()), solid_angle)
 }
 
 /// ∫ f(direction) L dω.
