@@ -95,7 +95,8 @@ enum Term<'e> {
     /// Some of the bright part of the sky.
     Sky(&'e SkyCell),
     Triangle(&'e Emitter),
-    Group(u32, u32),
+    /// A node of the emitters' tree.
+    Group(u32),
 }
 
 impl<'w, 'a> DirectLight<'w, 'a> {
@@ -349,10 +350,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                         }
                         None => continue,
                     },
-                    Term::Group(start, end) => {
+                    Term::Group(node) => {
                         let x = s[2] as f64 + s[3] as f64 * 2f64.powi(-24);
-                        let Some((e, probability)) = self.emitters.pick(*start, *end, &point, x)
-                        else {
+                        let Some((e, probability)) = self.emitters.pick(*node, &point, x) else {
                             continue;
                         };
                         let q = on_triangle(e.corners, s[0], s[1]);
@@ -450,7 +450,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let term = if node.second == 0 {
                 Term::Triangle(&self.emitters.emitters[node.start as usize])
             } else {
-                Term::Group(node.start, node.end)
+                Term::Group(id)
             };
             (term, weight)
         }));
@@ -522,7 +522,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             Term::Lamp(light, group) => self.lamp(light, *group, p, random, tally),
             Term::Sky(cell) => self.sky(cell, p, random, tally),
             Term::Triangle(e) => self.triangle(e, p, random, tally),
-            Term::Group(start, end) => self.group(*start, *end, p, random, tally),
+            Term::Group(node) => self.group(*node, p, random, tally),
         }
     }
 
@@ -739,9 +739,10 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         tally.weighted(unoccluded, weight, &sample);
     }
 
-    fn group(&self, start: u32, end: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+    fn group(&self, node: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
         // A few triangles, such as a far rectangle's two, have their closed form like one; the sample says what of it is seen.
-        let members = &self.emitters.emitters[start as usize..end as usize];
+        let range = &self.emitters.nodes[node as usize];
+        let members = &self.emitters.emitters[range.start as usize..range.end as usize];
         let unoccluded = (members.len() <= FEW).then(|| -> f32 {
             let each = |e: &Emitter| luminance(e.radiance) * self.form_factor(e, p);
             members.iter().map(each).sum::<f32>() * std::f32::consts::PI
@@ -751,7 +752,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         // A group's choice may take more than the 24 bits of one number.
         let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
-        let Some((e, probability)) = self.emitters.pick(start, end, p, x) else {
+        let Some((e, probability)) = self.emitters.pick(node, p, x) else {
             return;
         };
         let q = on_triangle(e.corners, random[0], random[1]);

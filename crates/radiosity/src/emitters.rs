@@ -48,10 +48,6 @@ pub struct Emitters {
     cumulative: Vec<f64>,
 }
 
-/// Emitters that a choice is made among one by one, each by its own place and facing: the faces of a small box look everywhere, of
-/// which the tree's cones know nothing.
-const FEW: u32 = 16;
-
 impl Emitters {
     /// Collects the emitters that are to be sampled. O(n log n) in emissive triangles; textures are sampled a bounded number of times
     /// in all (and once a triangle at least).
@@ -110,25 +106,19 @@ impl Emitters {
         self.emitters.is_empty()
     }
 
-    /// Draws one of the emitters `[start, end)`, which are a node's, about in proportion to what it brings to `p`, and says with what
-    /// probability; `None` where none can bring any. `x` ∈ [0, 1). O(log n).
-    pub(crate) fn pick(
-        &self,
-        start: u32,
-        end: u32,
-        p: &SurfacePoint,
-        x: f64,
-    ) -> Option<(&Emitter, f32)> {
-        let mut id = self.node_of(start, end);
+    /// Draws one of a node's emitters, about in proportion to what it brings to `p`, and says with what probability; `None` where none
+    /// can bring any. `x` ∈ [0, 1). O(log n).
+    pub(crate) fn pick(&self, node: u32, p: &SurfacePoint, x: f64) -> Option<(&Emitter, f32)> {
+        let mut id = node;
         let (mut x, mut probability) = (x, 1f64);
-        let node = loop {
+        loop {
             let node = &self.nodes[id as usize];
+            if node.second == 0 {
+                return Some((&self.emitters[node.start as usize], probability as f32));
+            }
             if node.looks_alike(p.position) {
                 let (e, own) = self.pick_by_power(node.start, node.end, x);
                 return Some((e, (probability * own) as f32));
-            }
-            if node.end - node.start <= FEW {
-                break node;
             }
             let children = [id + 1, node.second];
             let [a, b] = children
@@ -147,24 +137,7 @@ impl Emitters {
             x = ((x - low) / part).clamp(0.0, 1.0 - f64::EPSILON);
             probability *= part;
             id = children[second as usize];
-        };
-        let few = &self.emitters[node.start as usize..node.end as usize];
-        let mut weights = [0f32; FEW as usize];
-        let mut sum = 0f32;
-        for (w, e) in weights.iter_mut().zip(few) {
-            *w = tree::leaf(e, 0).importance(p.position, p.normal, 0.0);
-            sum += *w;
         }
-        let mut left = x as f32 * sum;
-        let mut chosen = None;
-        for (&w, e) in weights.iter().zip(few).filter(|(w, _)| **w > 0.0) {
-            chosen = Some((e, (probability * (w / sum) as f64) as f32));
-            if left < w {
-                break;
-            }
-            left -= w;
-        }
-        chosen
     }
 
     /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its probability.
@@ -175,23 +148,6 @@ impl Emitters {
         let k = c[1..].partition_point(|&s| s <= at).min(c.len() - 2);
         let own = (c[k + 1] - c[k]) / (high - low).max(f64::MIN_POSITIVE);
         (&self.emitters[start as usize + k], own)
-    }
-
-    /// The node that holds just these emitters.
-    fn node_of(&self, start: u32, end: u32) -> u32 {
-        let mut id = 0;
-        loop {
-            let node = &self.nodes[id as usize];
-            if node.second == 0 || (node.start, node.end) == (start, end) {
-                return id;
-            }
-            let first = &self.nodes[id as usize + 1];
-            id = if start < first.end {
-                id + 1
-            } else {
-                node.second
-            };
-        }
     }
 }
 

@@ -266,7 +266,7 @@ fn picks_are_as_likely_as_they_say() {
             let mut total = 0.0;
             for k in 0..draws {
                 let x = (f64::from(k) + 0.5) / f64::from(draws);
-                let Some((e, probability)) = emitters.pick(0, n as u32, &p, x) else {
+                let Some((e, probability)) = emitters.pick(0, &p, x) else {
                     total += 1.0 / draws as f32; // a node that turned out to bring nothing
                     continue;
                 };

@@ -32,12 +32,13 @@ impl Node {
 
     /// About how much irradiance (luminance × π) its emitters bring to a receiver; 0 only where they bring none.
     ///
-    /// power × cosθ cosθ'/d², where an angle is the least that any point of the node may be seen under, and that any of the faces may send
-    /// light at (Conty Estevez & Kulla, *Importance sampling of many lights with adaptive tree splitting*, 2018). `scale` is the
-    /// receiver's size in metres; one with a normal of length 0 receives from all sides.
+    /// power × cosθ cosθ'/d² (after Conty Estevez & Kulla, *Importance sampling of many lights with adaptive tree splitting*, 2018), where the
+    /// cosines are no less than those of any point and face of the node: a ball under the angle whose sine is s adds at most s to a
+    /// cosine that is above 0, and where the two together are not above 0 all of it is hidden. `scale` is the receiver's size in
+    /// metres; one with a normal of length 0 receives from all sides.
+    #[inline]
     pub(crate) fn importance(&self, p: Vec3, normal: Vec3, scale: f32) -> f32 {
-        let to = self.origin - p;
-        let d2 = to.length_squared();
+        let d2 = self.origin.distance_squared(p);
         let reach = self.radius + scale;
         // About the node's own middle, since that is what the ball is about.
         let middle = self.centre - p;
@@ -46,56 +47,41 @@ impl Node {
         if m2 <= reach * reach {
             return self.power / limit;
         }
-        let distance = m2.sqrt();
-        let sine = reach / distance;
-        let cosine = (1.0 - sine * sine).max(0.0).sqrt();
+        let inverse = 1.0 / m2.sqrt();
+        let wider = reach * inverse + ROUNDING;
         let receives = if normal == Vec3::ZERO {
             1.0
         } else {
-            match widened(middle.dot(normal) / distance, cosine, sine) {
-                Some(cos) => cos,
-                None => return 0.0,
-            }
+            middle.dot(normal) * inverse + wider
         };
-        let sends = if self.cos_spread <= -1.0 {
-            1.0
-        } else {
-            // First the faces' spread, then the node's size: angles add up.
-            let sine_spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
-            let (c, s) = (
-                cosine * self.cos_spread - sine * sine_spread,
-                sine * self.cos_spread + cosine * sine_spread,
-            );
-            if s < 0.0 || c <= -1.0 {
-                1.0 // more than half a turn
-            } else {
-                match widened(-middle.dot(self.axis) / distance, c, s) {
-                    Some(cos) => cos,
-                    None => return 0.0,
+        if receives <= 0.0 {
+            return 0.0;
+        }
+        let mut sends = 1.0;
+        if self.cos_spread > -1.0 {
+            let cos = -middle.dot(self.axis) * inverse;
+            if cos < self.cos_spread {
+                // The least angle to a face: the faces' spread taken off.
+                let sine = (1.0 - cos * cos).max(0.0).sqrt();
+                let spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
+                sends = cos * self.cos_spread + sine * spread + wider;
+                if sends <= 0.0 {
+                    return 0.0;
                 }
             }
-        };
-        self.power * receives * sends / limit
+        }
+        self.power * receives.min(1.0) * sends.min(1.0) / limit
     }
 }
+
+/// A thousandth of a right angle for rounding, and so that nothing has a probability too small to divide by.
+const ROUNDING: f32 = 1e-3;
 
 /// A node is small when it is seen under less than this angle (radius over distance): 1/d² varies by a tenth to either side then.
 const SMALL: f32 = 0.05;
 
 /// The cosine of an angle within which faces look alike: 18°.
 const ALIKE: f32 = 0.95;
-
-/// Cosine of an angle (its cosine is `cos`) less another (0 to π, cosine and sine `c` and `s`), at most 1; `None` where a right angle
-/// or more is left.
-fn widened(cos: f32, c: f32, s: f32) -> Option<f32> {
-    if cos >= c {
-        return Some(1.0);
-    }
-    let sine = (1.0 - cos * cos).max(0.0).sqrt();
-    // A thousandth of a right angle for rounding, and so that nothing has a probability too small to divide by.
-    let least = cos * c + sine * s + 1e-3;
-    (least > 0.0).then_some(least)
-}
 
 /// Orders `emitters` and builds their tree; empty if there are none. O(n log n).
 pub(super) fn build(emitters: &mut [Emitter]) -> Vec<Node> {
