@@ -409,16 +409,13 @@ impl Gatherer<'_, '_> {
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
             if bounce == MOST_NEAR_BOUNCES || hit.t > self.solution.cut.patch_edge(hit.triangle) {
-                let far = self.solution.radiance_parts(
-                    self.world,
-                    &self.direct,
-                    &hit,
-                    at,
-                    random,
-                    throughput,
-                    groups,
-                );
-                sum += far;
+                let (solution, world) = (self.solution, self.world);
+                sum += if groups.is_empty() {
+                    throughput * solution.radiance(world, &self.direct, &hit, at, random)
+                } else {
+                    let direct = &self.direct;
+                    solution.radiance_by_group(world, direct, &hit, at, random, throughput, groups)
+                };
                 break;
             }
             point = self

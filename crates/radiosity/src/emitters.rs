@@ -35,6 +35,9 @@ impl Emitter {
     }
 }
 
+/// Nodes of so many emitters are not descended further: the choice is made among all of them.
+const FEW: u32 = 16;
+
 /// The surfaces whose light [`DirectLight`](crate::DirectLight) computes.
 ///
 /// A binary tree by position: a receiver takes nearby triangles one by one, in closed form, and far groups whole, so that ten
@@ -120,6 +123,9 @@ impl Emitters {
                 let (e, own) = self.pick_by_power(node.start, node.end, x);
                 return Some((e, (probability * own) as f32));
             }
+            if node.end - node.start <= FEW {
+                break;
+            }
             let children = [id + 1, node.second];
             let [a, b] = children
                 .map(|c| self.nodes[c as usize].importance(p.position, p.normal, 0.0) as f64);
@@ -138,6 +144,28 @@ impl Emitters {
             probability *= part;
             id = children[second as usize];
         }
+        // Of few, each by itself: above them a node's faces may look everywhere (those of a box do), and a choice between two nodes knows
+        // nothing of which of their faces look away.
+        let count = (self.nodes[id as usize].end - self.nodes[id as usize].start) as usize;
+        let subtree = &self.nodes[id as usize..id as usize + 2 * count - 1];
+        let mut weights = [(0f32, 0u32); FEW as usize];
+        let mut sum = 0f32;
+        let leaves = subtree.iter().filter(|n| n.second == 0);
+        for (slot, leaf) in weights.iter_mut().zip(leaves) {
+            *slot = (leaf.importance(p.position, p.normal, 0.0), leaf.start);
+            sum += slot.0;
+        }
+        let mut left = x as f32 * sum;
+        let mut chosen = None;
+        for &(weight, emitter) in weights[..count].iter().filter(|w| w.0 > 0.0) {
+            let own = probability * (weight / sum) as f64;
+            chosen = Some((&self.emitters[emitter as usize], own as f32));
+            if left < weight {
+                break;
+            }
+            left -= weight;
+        }
+        chosen
     }
 
     /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its probability.

@@ -85,16 +85,34 @@ impl Solution {
         p: Vec3,
         seed: u32,
     ) -> Vec3 {
-        self.radiance_parts(world, lights, hit, p, seed, Vec3::ONE, &mut [])
+        let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
+            return Vec3::ZERO;
+        };
+        let direct = if self.rough[at.patch.0 as usize] {
+            let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
+            lights.sample_one(&point, seed).0
+        } else {
+            match at.element {
+                Some(e) => self.direct[e.0 as usize],
+                None => self.direct_mean[at.patch.0 as usize],
+            }
+        };
+        let (taps, n) = self.cut.taps(hit.triangle, p, at);
+        let mut indirect = Vec3::ZERO;
+        for t in &taps[..n] {
+            indirect += self.indirect[t.patch.0 as usize] * t.weight;
+        }
+        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
+        reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI
+            + world.gathered_emission(hit.triangle, hit.u, hit.v)
     }
 
-    /// `throughput` times [`radiance`](Self::radiance), which is also added to `parts` by group of light, unless that is empty.
+    /// Adds `throughput` times [`radiance`](Self::radiance) to `parts` by group of light, and says what it is in all.
     #[allow(
         clippy::too_many_arguments,
         reason = "what a hit is, what to do with it, and where to put it"
     )]
-    #[inline]
-    pub fn radiance_parts(
+    pub fn radiance_by_group(
         &self,
         world: &World,
         lights: &DirectLight,
@@ -104,67 +122,50 @@ impl Solution {
         throughput: Vec3,
         parts: &mut [Vec3],
     ) -> Vec3 {
-        if self.groups.is_none()
-            && let [all] = parts
-        {
+        let Some(groups) = &self.groups else {
             // One group of light is all of it.
-            let light = self.radiance_parts(world, lights, hit, p, seed, throughput, &mut []);
-            *all += light;
+            let light = throughput * self.radiance(world, lights, hit, p, seed);
+            if let Some(all) = parts.first_mut() {
+                *all += light;
+            }
             return light;
-        }
+        };
         let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
             return Vec3::ZERO;
         };
+        let n = groups.count.min(parts.len());
         let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
         let reflected = throughput * reflectance * std::f32::consts::FRAC_1_PI;
-        let groups = self.groups.as_ref().filter(|_| !parts.is_empty());
-        let direct = if self.rough[at.patch.0 as usize] {
+        let mut light = Vec3::ZERO;
+        let mut add = |group: usize, radiance: Vec3| {
+            parts[group] += radiance;
+            light += radiance;
+        };
+        if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             let (direct, group) = lights.sample_one(&point, seed);
-            if let Some(part) = parts.get_mut(group) {
-                *part += reflected * direct;
-            }
-            direct
+            add(group, reflected * direct);
         } else {
-            let (of_groups, index, direct) = match at.element {
-                Some(e) => {
-                    let i = e.0 as usize;
-                    (groups.map(|g| &g.direct), i, self.direct[i])
-                }
-                None => {
-                    let i = at.patch.0 as usize;
-                    (groups.map(|g| &g.direct_mean), i, self.direct_mean[i])
-                }
+            let direct = match at.element {
+                Some(e) => &groups.direct[e.0 as usize * groups.count..],
+                None => &groups.direct_mean[at.patch.0 as usize * groups.count..],
             };
-            if let Some(of_groups) = of_groups {
-                let n = parts.len();
-                for (part, e) in parts.iter_mut().zip(&of_groups[index * n..]) {
-                    *part += reflected * *e;
-                }
-            }
-            direct
-        };
-        let (taps, n) = self.cut.taps(hit.triangle, p, at);
-        let mut indirect = Vec3::ZERO;
-        for t in &taps[..n] {
-            indirect += self.indirect[t.patch.0 as usize] * t.weight;
-        }
-        if let Some(groups) = groups {
-            let n_groups = parts.len();
-            for t in &taps[..n] {
-                let of_patch = &groups.indirect[t.patch.0 as usize * n_groups..];
-                for (part, e) in parts.iter_mut().zip(of_patch) {
-                    *part += reflected * (*e * t.weight);
-                }
+            for (g, e) in direct[..n].iter().enumerate() {
+                add(g, reflected * *e);
             }
         }
-        let glow = throughput * world.gathered_emission(hit.triangle, hit.u, hit.v);
-        if glow != Vec3::ZERO
-            && let Some(part) = parts.get_mut(world.emission_group(hit.triangle))
-        {
-            *part += glow;
+        let (taps, count) = self.cut.taps(hit.triangle, p, at);
+        for t in &taps[..count] {
+            let of_patch = &groups.indirect[t.patch.0 as usize * groups.count..];
+            for (g, e) in of_patch[..n].iter().enumerate() {
+                add(g, reflected * (*e * t.weight));
+            }
         }
-        reflected * (direct + indirect) + glow
+        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+        if glow != Vec3::ZERO {
+            add(world.emission_group(hit.triangle), throughput * glow);
+        }
+        light
     }
 
     /// Area-weighted mean irradiance.

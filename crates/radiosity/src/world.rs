@@ -75,6 +75,8 @@ pub struct World<'a> {
     pub groups: Option<LightGroups>,
     bvh: Bvh,
     two_sided: Vec<bool>,
+    /// Reflectance of materials that have the same everywhere: rays need not look their triangles up.
+    even: Vec<Option<Vec3>>,
     /// Some light passes through some surfaces.
     open: bool,
     /// Some surfaces colour or dim what they let pass.
@@ -119,6 +121,7 @@ impl<'a> World<'a> {
             sky,
             bright,
             groups: options.groups,
+            even: even_reflectances(scene),
             open: (scene.materials.iter()).any(|m| m.lets_light_through()),
             tinted: scene.materials.iter().any(|m| m.transmission > 0.0),
             scene,
@@ -344,6 +347,9 @@ impl<'a> World<'a> {
     /// Reflectance at a hit (linear, per channel).
     #[inline]
     pub fn reflectance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        if let Some(even) = self.even[self.soup.materials[triangle as usize] as usize] {
+            return even;
+        }
         self.scene.base_color(self.soup, triangle, u, v).truncate()
     }
 
@@ -356,6 +362,24 @@ impl<'a> World<'a> {
             Vec3::ZERO
         }
     }
+}
+
+/// Reflectance by material, of those that have no texture; none where vertices have colours or instances only occlude, which triangles of
+/// the same material may differ in.
+fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
+    let mut primitives = scene.meshes.iter().flat_map(|m| &m.primitives);
+    let differ =
+        primitives.any(|p| !p.colors.is_empty()) || scene.instances.iter().any(|i| i.occluder);
+    (scene.materials.iter())
+        .map(|m| match m.base_texture {
+            None if !differ && m.occluder_only => Some(Vec3::ZERO),
+            None if !differ => {
+                let c = m.base_color.truncate().clamp(Vec3::ZERO, Vec3::ONE);
+                Some(c.min(Vec3::splat(m.max_reflectance)))
+            }
+            _ => None,
+        })
+        .collect()
 }
 
 /// Decides per triangle how its emission travels.
