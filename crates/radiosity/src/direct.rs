@@ -6,7 +6,7 @@ mod tally;
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Light, LightKind};
 
-use crate::emitters::{Emitter, Emitters};
+use crate::emitters::{Emitter, Emitters, Few};
 use crate::form_factor::form_factor_polygon;
 use crate::sampling::{SphericalTriangle, hash_u32, sample_4d};
 use crate::sky::SkyCell;
@@ -60,7 +60,7 @@ const EMITTERS: u32 = 1 << 31;
 const FAR_GROUP: f32 = 0.1;
 
 /// Groups of at most so many emitters are computed in closed form.
-const FEW: usize = 4;
+const FEW: usize = 2;
 
 /// Marks groups that must be split; above any weight.
 const INSIDE: f32 = f32::MAX;
@@ -144,6 +144,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let first = point(0);
         let mut work = Work {
             point: &mut point,
+            first,
+            scale,
             set: 1,
             seed,
             options,
@@ -261,7 +263,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         let (term, weight) = terms.swap_remove(chosen);
         let mut tally = Tally::single();
-        self.sample(&term, point, sample_4d(0, 1, seed), &mut tally);
+        self.sample(&term, None, point, sample_4d(0, 1, seed), &mut tally);
         (tally.lit() * (total / weight), tally.group)
     }
 
@@ -473,6 +475,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             Term::Group(..) => self.world.group_count(),
             _ => 1,
         };
+        // What each of a few emitters brings, found once for all points of the receiver.
+        let few = match term {
+            Term::Group(node) => self.emitters.few(*node, &work.first, work.scale),
+            _ => None,
+        };
         let mut tally = Tally::new(work.parts, groups);
         let mut n = 0;
         let mut target = base;
@@ -492,7 +499,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             } else {
                 [0.0; 4]
             };
-            self.sample(term, &p, random, &mut tally);
+            self.sample(term, few.as_ref(), &p, random, &mut tally);
             n += 1;
             // Seen from some points and hidden from others: look closer.
             if n == target && tally.mixed() {
@@ -516,13 +523,20 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// Takes one sample of a light at one point.
-    fn sample(&self, term: &Term, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+    /// Takes one sample of a light at one point; `few` holds a group's emitters, where that is known.
+    fn sample(
+        &self,
+        term: &Term,
+        few: Option<&Few>,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
         match term {
             Term::Lamp(light, group) => self.lamp(light, *group, p, random, tally),
             Term::Sky(cell) => self.sky(cell, p, random, tally),
             Term::Triangle(e) => self.triangle(e, p, random, tally),
-            Term::Group(node) => self.group(*node, p, random, tally),
+            Term::Group(node) => self.group(*node, few, p, random, tally),
         }
     }
 
@@ -739,7 +753,14 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         tally.weighted(unoccluded, weight, &sample);
     }
 
-    fn group(&self, node: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+    fn group(
+        &self,
+        node: u32,
+        few: Option<&Few>,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
         // A few triangles, such as a far rectangle's two, have their closed form like one; the sample says what of it is seen.
         let range = &self.emitters.nodes[node as usize];
         let members = &self.emitters.emitters[range.start as usize..range.end as usize];
@@ -752,7 +773,14 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         // A group's choice may take more than the 24 bits of one number.
         let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
-        let Some((e, probability)) = self.emitters.pick(node, p, x) else {
+        let picked = match few {
+            Some(few) => few.pick(self.emitters, x),
+            None => self.emitters.pick(node, p, x),
+        };
+        let Some((e, probability)) = picked else {
+            if let Some(unoccluded) = unoccluded {
+                tally.unweighted(unoccluded);
+            }
             return;
         };
         let q = on_triangle(e.corners, random[0], random[1]);
@@ -830,8 +858,10 @@ struct Arrival {
 
 /// What is under way at one receiver.
 struct Work<'r, P> {
-    /// Points of the receiver.
+    /// Points of the receiver, the first of them, and its size in metres.
     point: &'r mut P,
+    first: SurfacePoint,
+    scale: f32,
     /// Set of random numbers of the next light.
     set: u32,
     seed: u32,

@@ -38,6 +38,33 @@ impl Emitter {
 /// Nodes of so many emitters are not descended further: the choice is made among all of them.
 const FEW: u32 = 16;
 
+/// A few emitters and about what each of them brings to a receiver.
+pub(crate) struct Few {
+    first: u32,
+    count: usize,
+    sum: f32,
+    weights: [f32; FEW as usize],
+}
+
+impl Few {
+    /// Draws one of them in proportion, and says with what probability; `None` where none brings any light. `x` ∈ [0, 1).
+    pub(crate) fn pick<'e>(&self, emitters: &'e Emitters, x: f64) -> Option<(&'e Emitter, f32)> {
+        let mut left = x as f32 * self.sum;
+        let mut chosen = None;
+        for (k, &weight) in self.weights[..self.count].iter().enumerate() {
+            if weight > 0.0 {
+                chosen = Some((k, weight / self.sum));
+                if left < weight {
+                    break;
+                }
+                left -= weight;
+            }
+        }
+        let (k, probability) = chosen?;
+        Some((&emitters.emitters[self.first as usize + k], probability))
+    }
+}
+
 /// The surfaces whose light [`DirectLight`](crate::DirectLight) computes.
 ///
 /// A binary tree by position: a receiver takes nearby triangles one by one, in closed form, and far groups whole, so that ten
@@ -144,28 +171,35 @@ impl Emitters {
             probability *= part;
             id = children[second as usize];
         }
-        // Of few, each by itself: above them a node's faces may look everywhere (those of a box do), and a choice between two nodes knows
-        // nothing of which of their faces look away.
-        let count = (self.nodes[id as usize].end - self.nodes[id as usize].start) as usize;
-        let subtree = &self.nodes[id as usize..id as usize + 2 * count - 1];
-        let mut weights = [(0f32, 0u32); FEW as usize];
-        let mut sum = 0f32;
-        let leaves = subtree.iter().filter(|n| n.second == 0);
-        for (slot, leaf) in weights.iter_mut().zip(leaves) {
-            *slot = (leaf.importance(p.position, p.normal, 0.0), leaf.start);
-            sum += slot.0;
+        let (e, own) = self.few(id, p, 0.0)?.pick(self, x)?;
+        Some((e, (probability * own as f64) as f32))
+    }
+
+    /// The emitters of a node that has few, with what each brings to a receiver about `p` of size `scale`, metres; `None` of one that has
+    /// more.
+    ///
+    /// Each by itself: a node's faces may look everywhere (those of a box do), and a choice between two nodes knows nothing of which of
+    /// their faces look away.
+    pub(crate) fn few(&self, node: u32, p: &SurfacePoint, scale: f32) -> Option<Few> {
+        let range = &self.nodes[node as usize];
+        let count = range.end - range.start;
+        if count > FEW {
+            return None;
         }
-        let mut left = x as f32 * sum;
-        let mut chosen = None;
-        for &(weight, emitter) in weights[..count].iter().filter(|w| w.0 > 0.0) {
-            let own = probability * (weight / sum) as f64;
-            chosen = Some((&self.emitters[emitter as usize], own as f32));
-            if left < weight {
-                break;
-            }
-            left -= weight;
+        let mut few = Few {
+            first: range.start,
+            count: count as usize,
+            sum: 0.0,
+            weights: [0.0; FEW as usize],
+        };
+        // A node's subtree follows it.
+        let subtree = &self.nodes[node as usize..(node + 2 * count - 1) as usize];
+        for leaf in subtree.iter().filter(|n| n.second == 0) {
+            let weight = leaf.importance(p.position, p.normal, scale);
+            few.weights[(leaf.start - range.start) as usize] = weight;
+            few.sum += weight;
         }
-        chosen
+        Some(few)
     }
 
     /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its probability.
