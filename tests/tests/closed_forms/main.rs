@@ -12,6 +12,7 @@ mod enclosures;
 mod exchange;
 mod lights;
 mod sized_lights;
+mod skies;
 mod sky;
 
 use lumel::{Bake, Quality, Settings};
