@@ -295,7 +295,7 @@ fn the_documents_own_light() {
         for (name, n) in FACES {
             let m = mean(&lumels_of(&bake, name));
             let exact = factor * under_the_cube(turned(-degrees) * n);
-            // 32 lumels... each of 128 rays into six even areas.
+            // The mean over 64 lumels of 128 rays into six even areas.
             assert!((m / exact - 1.0).abs() < GOLDEN, "{degrees}°, {name}: {m} {exact}");
         }
     }
