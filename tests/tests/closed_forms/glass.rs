@@ -71,12 +71,13 @@ fn a_checker_of_alpha_transmits_half() {
         );
         let lumels = lumels_of(&golden(&s.finish(), &at(16.0)), "floor");
         let shadow = (lumels.iter())
-            .filter(|l| l.all(|p| p.x.abs() < 1.0 && p.z.abs() < 1.0))
+            // 14 pairs of squares; the outermost have a penumbra with the light beside the screen.
+            .filter(|l| l.all(|p| p.x.abs() < 0.875 && p.z.abs() < 0.875))
             .fold((0.0, 0.0, 0), |s, l| {
                 let free = l.mean(|p| point_irradiance(10.0, 3.0, p.x.hypot(p.z)));
                 (s.0 + l.red(), s.1 + free, s.2 + 1)
             });
-        assert!(shadow.2 > 900);
+        assert!(shadow.2 > 600);
         let share = shadow.0 / shadow.1;
         // The bound. 128 points in each of a thousand lumels: 0.5/√128000 = 0.14 %.
         assert!((share - 0.5).abs() < 0.01 * 0.5, "radius {radius}: {share}");
@@ -160,6 +161,9 @@ fn lit_square(square: &Material, pane: Option<&Material>) -> Stage {
     if let Some(pane) = pane {
         let material = s.builder.material(pane);
         s.panel("pane", level_pane(1.1, 0.9), material);
+        // Keeps the sun off the pane's upper side, which the plate sees; its own shadow falls beyond the square.
+        let origin = Vec3::new(0.8, 0.85, -1.0);
+        s.blocker([origin, Vec3::Y * 0.8, Vec3::Z * 2.0]);
     }
     let along = Vec3::new(-2.0, -1.0, 0.0);
     let lux = 2.0 * 5f32.sqrt();
@@ -181,7 +185,7 @@ fn reflected_light_passes_glass() {
         let glb = lit_square(&white, pane.as_ref()).finish();
         let bake = golden(&glb, &production(8.0));
         let e = colour(&lumels_of(&bake, "plate"));
-        // What glass and blended panes reflect comes from the sun alone, which meets their upper side; their lower one is black, being a back.
+        // Panes reflect nothing: no light meets their upper side, and the lower one, being a back, is black.
         for (e, passed) in e.into_iter().zip(passed) {
             let exact = 0.5 * 2.0 * f * passed;
             // 512 rays in each of 64 lumels, a fifth of which meet the square: √(0.2·0.8/32768)/0.2 = 1.1 % unstratified for opaque, and stratified a
@@ -206,7 +210,8 @@ fn what_is_there_of_a_surface_reflects() {
             0.3,
         ),
     ] {
-        let bake = golden(&lit_square(&square, None).finish(), &production(8.0));
+        // Light that is there by chance is noisy: more lumels than above.
+        let bake = golden(&lit_square(&square, None).finish(), &production(20.0));
         // It is lit as if it were all there.
         let w = worst(&lumels_of(&bake, "square"), 0.0, |_| 2.0);
         assert!(w < HALF, "{w}");
@@ -282,9 +287,9 @@ fn a_furnace_with_a_wall_that_is_partly_there() {
 
 #[test]
 fn bounced_light_in_a_case_of_glass() {
-    // A black cube in a case of amber glass, in the middle of a wide furnace: whatever it sees, it sees through one pane. The case takes
-    // light from the room: of a chord's B, the share of the solid angle that it is seen under, at most 6 · 0.3² / 4 / (4π · 1.35²) = 0.6 % at the nearest
-    // places and 0.3 % on average, times 1 − c² of it, times ρ/(1 − ρ) = 1: 0.05 to 0.3 %.
+    // A black cube of 10 cm in a case of 30 cm of amber glass, in the middle of a furnace of 3 m: whatever the cube sees, it sees through one pane.
+    // Of the room's lines 0.3²/3² = 1 % cross the case (F from walls to it, by areas), 1/9 of which end on the cube while the others cross two panes:
+    // the room loses s = 0.01 (1 − 8/9 c²) of what it reflects, and has B = πL/(1 − ρ (1 − s)).
     let mut s = Stage::new();
     let wall = s
         .builder
@@ -303,7 +308,9 @@ fn bounced_light_in_a_case_of_glass() {
     let bake = golden(&s.finish(), &at(8.0));
     let e = colour(&lumels_of(&bake, "cube"));
     for (e, c) in e.into_iter().zip(AMBER) {
-        let exact = PI / 0.5 * f64::from(c);
+        let c = f64::from(c);
+        let lost = 0.01 * (1.0 - 8.0 / 9.0 * c * c);
+        let exact = c * PI / (1.0 - 0.5 * (1.0 - lost));
         assert!((e / exact - 1.0).abs() < GOLDEN, "{e} {exact}");
     }
 }
