@@ -89,19 +89,25 @@ fn of_an_even_sky() {
     let sky = |directional| Settings {
         sky: SkySource::Color([2.0; 3]),
         directional: Some(directional),
-        ..production(4.0)
+        ..production(12.0)
     };
     let lumels = lumels_of(&golden(&glb, &sky(Directional::Sh1)), "floor");
     let n = lumels.len() as f64;
-    let (l0, l1) = (lumels.iter().map(parts))
-        .fold((0.0, DVec3::ZERO), |s, p| (s.0 + p.0 / n, s.1 + p.1 / n));
+    let (l0, l1) =
+        (lumels.iter().map(parts)).fold((0.0, DVec3::ZERO), |s, p| (s.0 + p.0 / n, s.1 + p.1 / n));
     // ∫ L dω = 2πL and ∫ L ω dω = πL, up.
     assert!((l0 / 1.0 - 1.0).abs() < GOLDEN, "{l0}");
-    assert!(l1.distance(DVec3::Y) < GOLDEN, "{l1}");
+    assert!((l1.y - 1.0).abs() < HALF, "{l1}");
+    // Light along the floor comes with weights of 1/cos: a spread of 1 % in one lumel (0.5 % of L0; 4 % and 2.6 % at preview quality) was measured. The
+    // smoothing makes neighbours alike, so that their mean is little better.
+    assert!(l1.x.abs().max(l1.z.abs()) < 2.0 * GOLDEN, "{l1}");
     for l in lumels_of(&golden(&glb, &sky(Directional::Dominant)), "floor") {
         let d = ["X", "Y", "Z"].map(|c| l.layer(&format!("dominant.{c}")));
-        // One lumel: 512 rays.
-        assert!(DVec3::from_array(d).distance(DVec3::Y * 0.5) < 0.02, "{d:?}");
+        // One lumel: four times 1 % of spread, over two axes.
+        assert!(
+            DVec3::from_array(d).distance(DVec3::Y * 0.5) < 0.03,
+            "{d:?}"
+        );
     }
 }
 
@@ -125,7 +131,10 @@ fn what_a_flat_surface_gets_is_kept_in_the_first_order() {
             let (l0, l1) = parts(&l);
             let half = 0.5 * l.red() / PI;
             // Four half floats.
-            assert!((l1.dot(l.normal) / half - 1.0).abs() < 2.0 * HALF, "{node}: {l1} {half}");
+            assert!(
+                (l1.dot(l.normal) / half - 1.0).abs() < 2.0 * HALF,
+                "{node}: {l1} {half}"
+            );
             // |∫ L ω dω| ≤ ∫ L dω.
             assert!(l1.length() <= 2.0 * l0 * (1.0 + HALF), "{l0} {l1}");
         }

@@ -17,7 +17,9 @@ use crate::golden;
 /// An open room with lamps of every kind, a glowing texture, a screen, glass, a blended and a double-sided sheet, and an occluder.
 fn scene() -> Vec<u8> {
     let mut s = Stage::new();
-    let white = s.builder.material(&Material::diffuse("white", [0.7, 0.6, 0.5]));
+    let white = s
+        .builder
+        .material(&Material::diffuse("white", [0.7, 0.6, 0.5]));
     let (x, y, z) = (Vec3::X * 2.0, Vec3::Y * 2.0, Vec3::Z * 2.0);
     s.panel("floor", [Vec3::ZERO, z, x], white);
     s.panel("left", [Vec3::ZERO, y, z], white);
@@ -56,15 +58,34 @@ fn scene() -> Vec<u8> {
     for (i, thing) in things.iter().enumerate() {
         let material = s.builder.material(thing);
         let origin = Vec3::new(0.2 + 0.3 * i as f32, 0.3 + 0.3 * i as f32, 0.4);
-        s.panel(&thing.name, [origin, Vec3::Z * 0.6, Vec3::X * 0.5], material);
+        s.panel(
+            &thing.name,
+            [origin, Vec3::Z * 0.6, Vec3::X * 0.5],
+            material,
+        );
     }
     s.blocker([Vec3::new(1.2, 1.0, 1.2), Vec3::Z * 0.5, Vec3::X * 0.5]);
     let radius = json!({"extras": {"lumel": {"radius": 0.1}}, "range": 5.0});
     let place = |x: f32, z: f32| [Vec3::new(x, 1.8, z), Vec3::new(0.2, -1.0, 0.1)];
-    s.lamp("bulb", Light::Point([2.0, 1.5, 1.0]), place(0.5, 1.5), radius);
-    s.lamp("spot", Light::Spot([0.5, 1.0, 3.0], 0.3, 0.7), place(1.5, 0.5), json!({}));
+    s.lamp(
+        "bulb",
+        Light::Point([2.0, 1.5, 1.0]),
+        place(0.5, 1.5),
+        radius,
+    );
+    s.lamp(
+        "spot",
+        Light::Spot([0.5, 1.0, 3.0], 0.3, 0.7),
+        place(1.5, 0.5),
+        json!({}),
+    );
     let disc = json!({"extras": {"lumel": {"angle": 2.0}}});
-    s.lamp("day", Light::Directional([1.0, 0.9, 0.8]), place(0.0, 0.0), disc);
+    s.lamp(
+        "day",
+        Light::Directional([1.0, 0.9, 0.8]),
+        place(0.0, 0.0),
+        disc,
+    );
     s.finish()
 }
 
@@ -123,14 +144,8 @@ fn the_same_bytes_for_one_and_two_threads() {
 }
 
 #[test]
-fn nothing_is_lost_at_other_qualities() {
-    // A scene of which each part is small: `golden` holds the audit to its bound.
-    for quality in [Quality::Preview, Quality::Production] {
-        let settings = Settings {
-            quality,
-            ..at(2.0)
-        };
-        let audit = golden(&scene(), &settings).report.solve.audit;
-        assert!(audit.bound < 0.05, "a bound that says something: {}", audit.bound);
-    }
+fn nothing_is_lost_at_preview_quality() {
+    let audit = golden(&scene(), &at(2.0)).report.solve.audit;
+    // `golden` holds the imbalance to its bound; this holds the bound to something that says something.
+    assert!(audit.bound < 0.03, "{}", audit.bound);
 }

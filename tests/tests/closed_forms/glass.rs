@@ -92,7 +92,7 @@ fn passes(panes: &[Material], upside_down: bool, exact: [f64; 3]) {
         s.floor(Vec2::splat(-0.5), Vec2::splat(0.5));
         for (i, pane) in panes.iter().enumerate() {
             let material = s.builder.material(pane);
-            let [origin, u, v] = level_pane(4.0, 0.5 + 0.2 * i as f32);
+            let [origin, u, v] = level_pane(1.2, 0.5 + 0.2 * i as f32);
             let (u, v) = if upside_down { (v, u) } else { (u, v) };
             s.panel("pane", [origin, u, v], material);
         }
@@ -102,7 +102,6 @@ fn passes(panes: &[Material], upside_down: bool, exact: [f64; 3]) {
         } else {
             s.lamp("sun", Light::Directional([2.0; 3]), above, json!({}));
         }
-        // Few lumels for the panes, of which 16 m² are there.
         let lumels = lumels_of(&golden(&s.finish(), &at(16.0)), "floor");
         for l in &lumels {
             let free = if lamp {
@@ -167,7 +166,12 @@ fn lit_square(square: &Material, pane: Option<&Material>) -> Stage {
     }
     let along = Vec3::new(-2.0, -1.0, 0.0);
     let lux = 2.0 * 5f32.sqrt();
-    s.lamp("sun", Light::Directional([lux; 3]), [Vec3::Y, along], json!({}));
+    s.lamp(
+        "sun",
+        Light::Directional([lux; 3]),
+        [Vec3::Y, along],
+        json!({}),
+    );
     s
 }
 

@@ -35,7 +35,12 @@ fn scene(rho: f32) -> Vec<u8> {
     let lamp = [Vec3::new(0.2, 0.9, 0.3), -y];
     s.lamp("lamp", Light::Point([3.0, 1.0, 0.5]), lamp, radius);
     let spot = [Vec3::new(0.8, 0.9, 0.8), Vec3::new(-0.3, -1.0, -0.2)];
-    s.lamp("spot", Light::Spot([0.2, 0.4, 4.0], 0.3, 0.6), spot, json!({}));
+    s.lamp(
+        "spot",
+        Light::Spot([0.2, 0.4, 4.0], 0.3, 0.6),
+        spot,
+        json!({}),
+    );
     let sun = [y, Vec3::new(-0.5, -1.0, -0.3)];
     s.lamp("sun", Light::Directional([2.0, 1.8, 1.5]), sun, json!({}));
     s.finish()
@@ -155,7 +160,12 @@ fn alone_and_in_a_group_lamps_give_the_same_direct_light() {
         for (g, a) in of_group.iter().zip(&alone) {
             // Ratios of sums over other samples round differently in f32, which may take one step of half floats.
             let off = (g.red() - a.red()).abs();
-            assert!(off <= 2.0 * HALF_BITS * a.red(), "{name}: {} {}", g.red(), a.red());
+            assert!(
+                off <= 2.0 * HALF_BITS * a.red(),
+                "{name}: {} {}",
+                g.red(),
+                a.red()
+            );
         }
     }
 }
@@ -215,7 +225,8 @@ fn direct_and_indirect_sum_to_the_whole() {
         let lumels = lumels_in(&bake, dir.path(), node);
         for l in &lumels {
             for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
-                let [d, i] = ["direct", "indirect"].map(|layer| l.layer(&format!("{layer}.{name}")));
+                let [d, i] =
+                    ["direct", "indirect"].map(|layer| l.layer(&format!("{layer}.{name}")));
                 let sum = std::f64::consts::PI * (d + i);
                 let off = (sum - l.irradiance[c]).abs();
                 assert!(off <= 2.0 * HALF_BITS * l.irradiance[c] + 3.0 * LEAST);

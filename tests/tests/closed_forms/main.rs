@@ -7,11 +7,11 @@
 mod common;
 
 mod cie;
+mod directions;
 mod emissive_texture;
 mod enclosures;
 mod everything;
 mod exchange;
-mod directions;
 mod glass;
 mod groups;
 mod lights;

@@ -16,7 +16,11 @@ use crate::{GOLDEN, HALF, SMOOTH, golden, production};
 
 /// A level square of 1 m at this height about the y axis; its front is up or down.
 fn level(height: f32, up: bool) -> [Vec3; 3] {
-    let (u, v) = if up { (Vec3::Z, Vec3::X) } else { (Vec3::X, Vec3::Z) };
+    let (u, v) = if up {
+        (Vec3::Z, Vec3::X)
+    } else {
+        (Vec3::X, Vec3::Z)
+    };
     [Vec3::new(-0.5, height, -0.5), u, v]
 }
 
@@ -36,7 +40,12 @@ fn sheet_lit_from_behind(double_sided: bool) -> Vec<u8> {
     s.panel("below", level(-1.0, true), s.black);
     let lux = 2.0 * 5f32.sqrt();
     let along = Vec3::new(-2.0, -1.0, 0.0);
-    s.lamp("sun", Light::Directional([lux; 3]), [Vec3::Y, along], json!({}));
+    s.lamp(
+        "sun",
+        Light::Directional([lux; 3]),
+        [Vec3::Y, along],
+        json!({}),
+    );
     s.finish()
 }
 
@@ -49,7 +58,11 @@ fn the_back_of_a_double_sided_sheet_reflects_and_of_a_single_sided_one_is_black(
     // The lightmap is the front's, and no light comes through.
     for node in ["sheet", "below"] {
         let w = lumels_of(&bake, node);
-        assert!(w.iter().all(|l| l.irradiance == [0.0; 3] || node == "below"), "{node}");
+        assert!(
+            w.iter()
+                .all(|l| l.irradiance == [0.0; 3] || node == "below"),
+            "{node}"
+        );
     }
     let bake = golden(&sheet_lit_from_behind(false), &at(8.0));
     for node in ["sheet", "plate"] {

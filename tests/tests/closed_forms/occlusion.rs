@@ -32,14 +32,25 @@ fn beside_a_wall() {
     let reach = 0.7;
     let mut s = Stage::new();
     s.floor(Vec2::ZERO, Vec2::ONE);
-    s.panel("wall", [Vec3::new(0.0, 0.0, -2.0), Vec3::Y * 1.5, Vec3::Z * 5.0], s.black);
-    let lumels = lumels_of(&golden(&s.finish(), &ao(reach as f32, production(12.0))), "floor");
+    s.panel(
+        "wall",
+        [Vec3::new(0.0, 0.0, -2.0), Vec3::Y * 1.5, Vec3::Z * 5.0],
+        s.black,
+    );
+    let lumels = lumels_of(
+        &golden(&s.finish(), &ao(reach as f32, production(12.0))),
+        "floor",
+    );
     let exact = |l: &Seen| l.mean(|p| 1.0 - segment(p.x / reach));
     let (mut sum, mut all) = (0.0, 0.0);
     for l in &lumels {
         let (open, exact) = (l.layer("ao.Y"), exact(l));
         // 512 rays: 2.2 % at a half, unstratified.
-        assert!((open - exact).abs() < 0.04, "{}: {open} {exact}", l.middle());
+        assert!(
+            (open - exact).abs() < 0.04,
+            "{}: {open} {exact}",
+            l.middle()
+        );
         if l.all(|p| p.x > reach) {
             assert!((open - 1.0).abs() < 1e-3, "{open}");
         }
@@ -64,7 +75,10 @@ fn all_open_and_all_closed() {
         assert_eq!(l.layer("ao.Y"), 0.0);
     }
     let near = lumels_of(&golden(&glb, &ao(0.4, at(8.0))), "-y");
-    for l in near.iter().filter(|l| l.all(|p| (p.x - 0.5).abs().max((p.z - 0.5).abs()) < 0.1)) {
+    for l in near
+        .iter()
+        .filter(|l| l.all(|p| (p.x - 0.5).abs().max((p.z - 0.5).abs()) < 0.1))
+    {
         assert!((l.layer("ao.Y") - 1.0).abs() < 1e-3);
     }
 }
@@ -76,7 +90,12 @@ fn the_mask_of_the_sun() {
     s.floor(Vec2::new(-0.25, -1.0), Vec2::new(0.25, 1.0));
     s.blocker([Vec3::new(-40.0, 2.0, -40.0), Vec3::Z * 80.0, Vec3::X * 40.0]);
     let more = json!({"extras": {"lumel": {"angle": 5.0}}});
-    s.lamp("sun", Light::Directional([10.0; 3]), [Vec3::Y, Vec3::NEG_Y], more);
+    s.lamp(
+        "sun",
+        Light::Directional([10.0; 3]),
+        [Vec3::Y, Vec3::NEG_Y],
+        more,
+    );
     let lamp = [Vec3::new(0.0, 1.0, 0.0), Vec3::NEG_Y];
     s.lamp("lamp", Light::Point([5.0; 3]), lamp, json!({}));
     let settings = Settings {
@@ -95,7 +114,11 @@ fn the_mask_of_the_sun() {
             assert_eq!(mask, 1.0);
         } else {
             // One lumel of 512 points: four times the 0.85 % of sized_lights.rs.
-            assert!((mask - exact).abs() < 0.035, "{}: {mask} {exact}", l.middle());
+            assert!(
+                (mask - exact).abs() < 0.035,
+                "{}: {mask} {exact}",
+                l.middle()
+            );
             n += 1;
         }
         sum += mask;
@@ -106,7 +129,12 @@ fn the_mask_of_the_sun() {
     // Faces turned away have none.
     let mut s = Stage::new();
     s.panel("ceiling", [Vec3::ZERO, Vec3::X, Vec3::Z], s.black);
-    s.lamp("sun", Light::Directional([10.0; 3]), [Vec3::Y, Vec3::NEG_Y], json!({}));
+    s.lamp(
+        "sun",
+        Light::Directional([10.0; 3]),
+        [Vec3::Y, Vec3::NEG_Y],
+        json!({}),
+    );
     for l in lumels_of(&golden(&s.finish(), &settings), "ceiling") {
         assert_eq!(l.layer("sun_mask.Y"), 0.0);
     }

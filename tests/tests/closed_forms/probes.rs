@@ -19,7 +19,9 @@ fn probes(glb: &[u8], points: &[[f64; 3]], settings: Settings) -> Vec<[f64; 9]> 
         probes: Some(ProbeSource::File(path)),
         ..settings
     };
-    let file = golden(glb, &settings).probes.expect("probes were asked for");
+    let file = golden(glb, &settings)
+        .probes
+        .expect("probes were asked for");
     assert_eq!(file.probes.len(), points.len());
     (file.probes.iter().zip(points))
         .map(|(p, at)| {
@@ -48,7 +50,10 @@ fn harmonics(d: DVec3) -> [f64; 9] {
 #[track_caller]
 fn close(found: &[f64; 9], exact: &[f64; 9], tolerance: f64) {
     for (k, (f, e)) in found.iter().zip(exact).enumerate() {
-        assert!((f - e).abs() < tolerance * exact[0], "{k}: {found:?} {exact:?}");
+        assert!(
+            (f - e).abs() < tolerance * exact[0],
+            "{k}: {found:?} {exact:?}"
+        );
     }
 }
 
@@ -58,7 +63,17 @@ fn in_a_furnace() {
         let points = [[0.0, 0.0, 0.0], [0.7, -0.5, 0.9]];
         let found = probes(&furnace(rho, 1.0, FurnaceShape::Cube), &points, at(4.0));
         // L = 1/(1 − ρ) from everywhere: ∫ Y00 dω = 2√π, and nothing else.
-        let exact = [2.0 * PI.sqrt() / f64::from(1.0 - rho), 0., 0., 0., 0., 0., 0., 0., 0.];
+        let exact = [
+            2.0 * PI.sqrt() / f64::from(1.0 - rho),
+            0.,
+            0.,
+            0.,
+            0.,
+            0.,
+            0.,
+            0.,
+            0.,
+        ];
         for f in found {
             close(&f, &exact, GOLDEN);
         }
@@ -117,7 +132,10 @@ fn in_the_sun() {
     };
     let file = golden(&plain(), &settings).probes.expect("probes");
     let grid = file.grid.expect("a grid");
-    assert_eq!(grid.dims[0] * grid.dims[1] * grid.dims[2], file.probes.len() as u32);
+    assert_eq!(
+        grid.dims[0] * grid.dims[1] * grid.dims[2],
+        file.probes.len() as u32
+    );
     for p in &file.probes {
         close(&p.sh.map(|c| f64::from(c[0])), &harmonics(DVec3::Y), GOLDEN);
     }

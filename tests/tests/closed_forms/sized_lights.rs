@@ -86,7 +86,11 @@ fn the_cone_of_a_spot() {
     for l in middle {
         let exact = l.mean(|p| share(p).powi(2) * point_irradiance(10.0, 2.0, foot(p)));
         // One lumel, 3 cm, in which the share changes by 0.03/0.75 from 0.5, its square by 16 %: 2 % of spread, a quarter of that by sampling.
-        assert!((l.red() / exact - 1.0).abs() < GOLDEN, "{} {exact}", l.red());
+        assert!(
+            (l.red() / exact - 1.0).abs() < GOLDEN,
+            "{} {exact}",
+            l.red()
+        );
     }
     // The root of what is left is linear in the cosine: 0 at the outer angle and 1 at the inner. Where it falls to ½ of the light, too.
     let blend: Vec<(f64, f64)> = (lumels.iter())
@@ -100,7 +104,10 @@ fn the_cone_of_a_spot() {
         (0.5f64.sqrt(), (co + 0.5f64.sqrt() * (ci - co)).acos()),
     ] {
         let angle = ((value - start) / slope).acos();
-        assert!((angle / exact - 1.0).abs() < GOLDEN, "{value}: {angle} {exact}");
+        assert!(
+            (angle / exact - 1.0).abs() < GOLDEN,
+            "{value}: {angle} {exact}"
+        );
     }
     // Dark beyond; lit within, but for a lumel's width.
     let rim = 2.0 * outer.tan();
@@ -117,7 +124,9 @@ fn the_cone_of_a_spot() {
 /// Slope and value at 0 of the line through the points, by least squares.
 fn line(points: &[(f64, f64)]) -> (f64, f64) {
     let n = points.len() as f64;
-    let (x, y) = points.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+    let (x, y) = points
+        .iter()
+        .fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
     let (x, y) = (x / n, y / n);
     let (xy, xx) = points.iter().fold((0.0, 0.0), |s, p| {
         (s.0 + (p.0 - x) * (p.1 - y), s.1 + (p.0 - x).powi(2))
@@ -173,14 +182,18 @@ fn a_wall_whose_horizon_cuts_the_lamp() {
         let more = json!({"extras": {"lumel": {"radius": radius}}});
         s.lamp("lamp", Light::Point([10.0; 3]), [centre, Vec3::X], more);
         let lumels = lumels_of(&golden(&s.finish(), &production(12.0)), "wall");
-        let exact = |l: &Seen| {
-            l.mean(|p| 10.0 * sphere_irradiance(p, DVec3::Z, centre.as_dvec3(), radius))
-        };
+        let exact =
+            |l: &Seen| l.mean(|p| 10.0 * sphere_irradiance(p, DVec3::Z, centre.as_dvec3(), radius));
         // All that comes down on it.
-        let (sum, all) = lumels.iter().fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
+        let (sum, all) = lumels
+            .iter()
+            .fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
         assert!((sum / all - 1.0).abs() < GOLDEN, "z {z}: {}", sum / all);
         // 20 cm before the lamp E doubles over a lumel of 8 cm; from 60 cm on it changes by up to 25 %.
-        let far: Vec<Seen> = lumels.into_iter().filter(|l| l.all(|p| p.x < 0.7)).collect();
+        let far: Vec<Seen> = lumels
+            .into_iter()
+            .filter(|l| l.all(|p| p.x < 0.7))
+            .collect();
         let w = worst(&far, 0.0, exact);
         assert!(w < 0.01, "z {z}: {w}");
     }

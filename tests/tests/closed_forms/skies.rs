@@ -191,11 +191,7 @@ fn two_tones() {
     for file in ["two.hdr", "two.exr"] {
         let bake = two.bake(file, |_| {});
         // Above 3π, below π, at the sides half of each.
-        check(
-            &bake,
-            |n| PI * (2.0 + n.y),
-            file,
-        );
+        check(&bake, |n| PI * (2.0 + n.y), file);
         check(&bake, |n| two.irradiance(n, 0.0), file);
     }
 }
@@ -234,7 +230,14 @@ fn linear(c: u8) -> f64 {
 /// E on a surface with this normal under [`COLOURS`]: ∫ over the cube's faces, by 256² points each.
 fn under_the_cube(n: DVec3) -> f64 {
     let k = 256;
-    let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
+    let axes = [
+        DVec3::X,
+        DVec3::NEG_X,
+        DVec3::Y,
+        DVec3::NEG_Y,
+        DVec3::Z,
+        DVec3::NEG_Z,
+    ];
     let mut sum = 0.0;
     for (axis, colour) in axes.into_iter().zip(COLOURS) {
         let (u, v) = axis.any_orthonormal_pair();
@@ -296,7 +299,10 @@ fn the_documents_own_light() {
             let m = mean(&lumels_of(&bake, name));
             let exact = factor * under_the_cube(turned(-degrees) * n);
             // The mean over 64 lumels of 128 rays into six even areas.
-            assert!((m / exact - 1.0).abs() < GOLDEN, "{degrees}°, {name}: {m} {exact}");
+            assert!(
+                (m / exact - 1.0).abs() < GOLDEN,
+                "{degrees}°, {name}: {m} {exact}"
+            );
         }
     }
     // `--sky` goes before it.
