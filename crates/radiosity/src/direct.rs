@@ -72,6 +72,9 @@ const NEAR_TEXTURE: f32 = 8.0;
 /// better (docs/emitters.md).
 const GROUPS: usize = 12;
 
+/// Emitters of a group whose unoccluded light is computed in closed form if they shine alike: panels and signs of a few triangles.
+const CLOSED_GROUP: u32 = 4;
+
 /// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen nested groups about it.
 const MOST_TERMS: usize = 256;
 
@@ -646,7 +649,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     fn triangle(&self, e: &Emitter, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
-        let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
         // On the emitter's own face: rounding puts the point above or below it, and a polygon about the point has F = ±1.
         let height = e.normal.dot(p.position - e.corners[0]).abs();
         if height <= self.world.offset(p.position) && e.normal.dot(p.geometric).abs() > 0.99 {
@@ -655,15 +657,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 return;
             }
         }
-        // In f64 and relative to the receiver from the start: near contact everything cancels.
-        let f = form_factor_polygon(
-            DVec3::ZERO,
-            d(p.normal),
-            &e.corners.map(|c| d(c) - d(p.position)),
-        ) as f32;
-        let f = if e.two_sided { f.abs() } else { f };
-        // Edge terms of order 1 cancel to rounding 1e-16; what is left below 1e-12 is noise.
-        if f <= 1e-12 {
+        let f = form_factor(e, p);
+        if f <= 0.0 {
             return;
         }
         let unoccluded = f * std::f32::consts::PI;
@@ -723,10 +718,20 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     fn group(&self, start: u32, end: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+        let closed = if tally.plainly {
+            None
+        } else {
+            self.unoccluded_group(start, end, p)
+        };
+        let unlit = |tally: &mut Tally| {
+            if let Some(unoccluded) = closed {
+                tally.unweighted(unoccluded);
+            }
+        };
         // A group's choice may take more than the 24 bits of one number.
         let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
         let Some((e, probability)) = self.emitters.pick(start, end, p, x) else {
-            return;
+            return unlit(tally);
         };
         let q = on_triangle(e.corners, random[0], random[1]);
         let v = q - p.origin;
@@ -735,18 +740,37 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let facing = if e.two_sided { facing.abs() } else { facing };
         let cos = p.normal.dot(v);
         if facing <= 0.0 || cos <= 0.0 || p.geometric.dot(v) <= 0.0 {
-            return;
+            return unlit(tally);
         }
         let k = cos * facing / (d2 * d2) * e.area / probability;
         tally.rays += 1;
         let d = d2.sqrt();
-        tally.plain(&Sample {
+        let sample = Sample {
             value: self.radiance_at(e, q, p) * k,
             passed: self.passed(p, q, e),
             direction: v / d,
             cos: cos / d,
             group: self.world.emission_group(e.triangle),
-        });
+        };
+        match closed {
+            Some(unoccluded) => tally.weighted(unoccluded, k, &sample),
+            None => tally.plain(&sample),
+        }
+    }
+
+    /// What a small group of emitters that shine alike brings to `p` per unit of their radiance if nothing is in between: closed form. `None`
+    /// for other groups. So a distant panel of two triangles has no noise where nothing is in the way, for no more rays.
+    fn unoccluded_group(&self, start: u32, end: u32, p: &SurfacePoint) -> Option<f32> {
+        if end - start > CLOSED_GROUP {
+            return None;
+        }
+        let emitters = &self.emitters.emitters[start as usize..end as usize];
+        let alike = |e: &Emitter| !e.textured && e.radiance == emitters[0].radiance;
+        if !emitters.iter().all(alike) {
+            return None;
+        }
+        let sum: f32 = emitters.iter().map(|e| form_factor(e, p)).sum();
+        Some(sum * std::f32::consts::PI)
     }
 
     /// Share of light from the point `q` of emitter `e` that gets to `p`. The ray ends just before the emitter, which must not hide itself.
@@ -814,6 +838,17 @@ impl<P> Work<'_, P> {
         self.parts.sun = sun;
         out
     }
+}
+
+/// The point-to-triangle form factor of an emitter, 0 where its back or nothing of it is seen.
+fn form_factor(e: &Emitter, p: &SurfacePoint) -> f32 {
+    // In f64 and relative to the receiver from the start: near contact everything cancels.
+    let at = p.position.as_dvec3();
+    let corners = e.corners.map(|c| c.as_dvec3() - at);
+    let f = form_factor_polygon(DVec3::ZERO, p.normal.as_dvec3(), &corners) as f32;
+    let f = if e.two_sided { f.abs() } else { f };
+    // Edge terms of order 1 cancel to rounding 1e-16; what is left below 1e-12 is noise.
+    if f <= 1e-12 { 0.0 } else { f }
 }
 
 /// A point uniform on the triangle.
