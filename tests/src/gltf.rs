@@ -4,6 +4,8 @@
 //! lights, cameras and extras. The same calls give the same bytes, and the files pass the Khronos validator without errors.
 //! Source: Khronos, *glTF 2.0 Specification*, §3 (concepts) and §4 (GLB container).
 
+use std::collections::BTreeSet;
+
 use glam::{Quat, Vec2, Vec3};
 use image::{ExtendedColorType, ImageEncoder, RgbaImage, codecs::png};
 use serde_json::{Map, Value, json};
@@ -31,8 +33,14 @@ pub struct Material {
     pub emission_texture: Option<usize>,
     /// `alphaMode` MASK with this cutoff.
     pub mask: Option<f32>,
+    /// `alphaMode` BLEND with this alpha (`baseColorFactor`).
+    pub blend: Option<f32>,
+    /// `transmissionFactor` of `KHR_materials_transmission`.
+    pub transmission: f32,
     /// Acts on both sides.
     pub double_sided: bool,
+    /// Free data for `extras`.
+    pub extras: Option<Value>,
 }
 
 impl Default for Material {
@@ -44,7 +52,10 @@ impl Default for Material {
             emission: [0.0; 3],
             emission_texture: None,
             mask: None,
+            blend: None,
+            transmission: 0.0,
             double_sided: false,
+            extras: None,
         }
     }
 }
@@ -158,7 +169,11 @@ pub struct GltfBuilder {
     roots: Vec<usize>,
     lights: Vec<Value>,
     cameras: Vec<Value>,
-    emissive_strength: bool,
+    /// Names of extensions that materials use.
+    material_extensions: BTreeSet<&'static str>,
+    /// Extensions of the root and of the scene, by name.
+    root_extensions: Map<String, Value>,
+    scene_extensions: Map<String, Value>,
 }
 
 /// The shortest decimal that reads back as `x`, so that files show `0.1` and not `0.10000000149`.
@@ -242,6 +257,27 @@ impl GltfBuilder {
     /// # Panics
     /// If the encoder refuses the picture (zero size).
     pub fn texture(&mut self, name: &str, picture: &RgbaImage, nearest: bool) -> usize {
+        let image = self.image(name, picture);
+        let filter = if nearest { 9728 } else { 9729 };
+        let sampler = json!({"magFilter": filter, "minFilter": if nearest { 9728 } else { 9987 }, "wrapS": 10497, "wrapT": 10497});
+        let sampler_index = self
+            .samplers
+            .iter()
+            .position(|s| *s == sampler)
+            .unwrap_or_else(|| {
+                self.samplers.push(sampler);
+                self.samplers.len() - 1
+            });
+        self.textures
+            .push(json!({"name": name, "source": image, "sampler": sampler_index}));
+        self.textures.len() - 1
+    }
+
+    /// Embeds `picture` (row 0 at the top) as PNG for other uses than textures; returns the image's index.
+    ///
+    /// # Panics
+    /// If the encoder refuses the picture (zero size).
+    pub fn image(&mut self, name: &str, picture: &RgbaImage) -> usize {
         let mut bytes = Vec::new();
         let encoder = png::PngEncoder::new_with_quality(
             &mut bytes,
@@ -263,25 +299,13 @@ impl GltfBuilder {
         let view = self.view(&bytes, None);
         self.images
             .push(json!({"name": name, "bufferView": view, "mimeType": "image/png"}));
-        let filter = if nearest { 9728 } else { 9729 };
-        let sampler = json!({"magFilter": filter, "minFilter": if nearest { 9728 } else { 9987 }, "wrapS": 10497, "wrapT": 10497});
-        let sampler_index = self
-            .samplers
-            .iter()
-            .position(|s| *s == sampler)
-            .unwrap_or_else(|| {
-                self.samplers.push(sampler);
-                self.samplers.len() - 1
-            });
-        self.textures
-            .push(json!({"name": name, "source": self.images.len() - 1, "sampler": sampler_index}));
-        self.textures.len() - 1
+        self.images.len() - 1
     }
 
     /// Adds a material; returns its index.
     pub fn material(&mut self, m: &Material) -> usize {
         let [r, g, b] = m.reflectance;
-        let mut pbr = json!({"baseColorFactor": numbers(&[r, g, b, 1.0]), "metallicFactor": 0.0, "roughnessFactor": 1.0});
+        let mut pbr = json!({"baseColorFactor": numbers(&[r, g, b, m.blend.unwrap_or(1.0)]), "metallicFactor": 0.0, "roughnessFactor": 1.0});
         if let Some(t) = m.texture {
             pbr["baseColorTexture"] = json!({"index": t});
         }
@@ -291,8 +315,10 @@ impl GltfBuilder {
             let strength = peak.max(1.0);
             out["emissiveFactor"] = numbers(&m.emission.map(|x| x / strength));
             if strength > 1.0 {
-                self.emissive_strength = true;
-                out["extensions"] = json!({"KHR_materials_emissive_strength": {"emissiveStrength": number(strength)}});
+                self.material_extensions
+                    .insert("KHR_materials_emissive_strength");
+                out["extensions"]["KHR_materials_emissive_strength"] =
+                    json!({"emissiveStrength": number(strength)});
             }
             if let Some(t) = m.emission_texture {
                 out["emissiveTexture"] = json!({"index": t});
@@ -302,8 +328,20 @@ impl GltfBuilder {
             out["alphaMode"] = json!("MASK");
             out["alphaCutoff"] = number(cutoff);
         }
+        if m.blend.is_some() {
+            out["alphaMode"] = json!("BLEND");
+        }
+        if m.transmission > 0.0 {
+            self.material_extensions
+                .insert("KHR_materials_transmission");
+            out["extensions"]["KHR_materials_transmission"] =
+                json!({"transmissionFactor": number(m.transmission)});
+        }
         if m.double_sided {
             out["doubleSided"] = json!(true);
+        }
+        if let Some(extras) = &m.extras {
+            out["extras"] = extras.clone();
         }
         self.materials.push(out);
         self.materials.len() - 1
@@ -398,6 +436,29 @@ impl GltfBuilder {
         self.lights.len() - 1
     }
 
+    /// A light definition as it will be written, for what [`Light`] does not have: `range`, `extras`.
+    ///
+    /// # Panics
+    /// If there is no such light.
+    pub fn light_json(&mut self, light: usize) -> &mut Value {
+        &mut self.lights[light]
+    }
+
+    /// Sets an extension of the document's root.
+    pub fn root_extension(&mut self, name: &str, value: Value) {
+        self.root_extensions.insert(name.into(), value);
+    }
+
+    /// Sets an extension of the scene.
+    pub fn scene_extension(&mut self, name: &str, value: Value) {
+        self.scene_extensions.insert(name.into(), value);
+    }
+
+    /// Adds bytes for an extension's use; returns the buffer view's index.
+    pub fn bytes(&mut self, bytes: &[u8]) -> usize {
+        self.view(bytes, None)
+    }
+
     /// Adds a perspective camera; `yfov` in radians; returns its index.
     pub fn camera(&mut self, name: &str, yfov: f32, aspect: f32) -> usize {
         self.cameras
@@ -463,22 +524,28 @@ impl GltfBuilder {
             "asset".into(),
             json!({"version": "2.0", "generator": "lumel make-assets"}),
         );
-        let mut used = Vec::new();
-        if self.emissive_strength {
-            used.push("KHR_materials_emissive_strength");
-        }
+        let mut extensions = self.root_extensions;
         if !self.lights.is_empty() {
-            used.push("KHR_lights_punctual");
-            root.insert(
-                "extensions".into(),
-                json!({"KHR_lights_punctual": {"lights": self.lights}}),
-            );
+            extensions.insert("KHR_lights_punctual".into(), json!({"lights": self.lights}));
+        }
+        let mut used: Vec<&str> = self.material_extensions.iter().copied().collect();
+        for name in extensions.keys().chain(self.scene_extensions.keys()) {
+            if !used.contains(&name.as_str()) {
+                used.push(name);
+            }
         }
         if !used.is_empty() {
             root.insert("extensionsUsed".into(), json!(used));
         }
+        if !extensions.is_empty() {
+            root.insert("extensions".into(), Value::Object(extensions));
+        }
+        let mut scene = json!({"nodes": self.roots});
+        if !self.scene_extensions.is_empty() {
+            scene["extensions"] = Value::Object(self.scene_extensions);
+        }
         root.insert("scene".into(), json!(0));
-        root.insert("scenes".into(), json!([{"nodes": self.roots}]));
+        root.insert("scenes".into(), json!([scene]));
         root.insert("buffers".into(), json!([{"byteLength": self.bin.len()}]));
         let lists = [
             ("nodes", self.nodes),

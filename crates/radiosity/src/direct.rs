@@ -764,7 +764,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         // A few triangles, such as a far rectangle's two, have their closed form like one; the sample says what of it is seen.
         let range = &self.emitters.nodes[node as usize];
         let members = &self.emitters.emitters[range.start as usize..range.end as usize];
-        let unoccluded = (members.len() <= FEW).then(|| -> f32 {
+        let closed = members.len() <= FEW && !tally.plainly;
+        let unoccluded = closed.then(|| -> f32 {
             let each = |e: &Emitter| luminance(e.radiance) * self.form_factor(e, p);
             members.iter().map(each).sum::<f32>() * std::f32::consts::PI
         });

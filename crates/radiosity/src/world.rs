@@ -272,7 +272,7 @@ impl<'a> World<'a> {
         let coin = Coin::new(self.scene, self.soup);
         let hit = self.bvh.closest_hit(&ray, &coin);
         let tint = if self.tinted && coin.passed_glass() {
-            let t_max = hit.map_or(f32::INFINITY, |h| h.t);
+            let t_max = hit.map_or(f32::INFINITY, |h| self.just_before(&ray, &h));
             let glass = Glass::behind_the_coin(self.scene, self.soup);
             self.bvh.occluded(&Ray { t_max, ..ray }, &glass);
             glass.share()
@@ -285,6 +285,18 @@ impl<'a> World<'a> {
             Some(hit) => Incoming::Surface(hit),
         };
         (found, tint)
+    }
+
+    /// How far a second look along a ray may go that must not meet what the first one met. Near a ray's end the tree computes hits in
+    /// more digits, so that the same surface may lie a little before its own distance; a ray would end there before it has asked all glass.
+    fn just_before(&self, ray: &Ray, hit: &Hit) -> f32 {
+        // As far off the surface's plane as a receiver there would start.
+        let height = self.soup.normals[hit.triangle as usize]
+            .dot(ray.direction)
+            .abs()
+            * hit.t;
+        let stop = 2.0 * self.offset(ray.origin + ray.direction * hit.t);
+        hit.t * (1.0 - (stop / height.max(1e-30)).min(1.0))
     }
 
     /// The first surface along a ray, whatever its side.

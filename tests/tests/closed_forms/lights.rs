@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use lumel_tests::scenes::closed_form as scenes;
 
 use crate::common::{Seen, at, bake, lumels_of, mean, worst};
-use crate::{HALF, SMOOTH};
+use crate::{GOLDEN, HALF, SMOOTH};
 
 #[test]
 fn a_point_light_over_a_floor() {
@@ -79,11 +79,17 @@ fn a_rectangle_over_a_floor() {
             &at(16.0),
         );
         let corners = scenes::square(side, h);
+        let exact = |l: &Seen| l.mean(|p| scenes::polygon_irradiance(3.0, &corners, p, DVec3::Y));
+        let lumels = lumels_of(&b, "floor");
+        // The golden number: all that comes down.
+        let (sum, all) = lumels
+            .iter()
+            .fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
+        let off = sum / all - 1.0;
+        assert!(off.abs() < GOLDEN, "side {side} height {h}: {off}");
         // Two lumels beyond the lamp's edge light falls off steeply when it hangs low.
-        let w = worst(&lumels_of(&b, "floor"), 0.01, |l| {
-            l.mean(|p| scenes::polygon_irradiance(3.0, &corners, p, DVec3::Y))
-        });
-        let tolerance = if h < 0.5 { 0.05 } else { SMOOTH };
+        let w = worst(&lumels, 0.01, exact);
+        let tolerance = if h < 0.5 { 0.05 } else { GOLDEN };
         assert!(w < tolerance, "side {side} height {h}: {w}");
     }
 }

@@ -7,11 +7,23 @@
 mod common;
 
 mod cie;
+mod directions;
 mod emissive_texture;
 mod enclosures;
+mod everything;
 mod exchange;
+mod glass;
+mod groups;
 mod lights;
+mod materials;
+mod measured_lamps;
+mod occlusion;
+mod probes;
+mod sized_lights;
+mod skies;
 mod sky;
+
+use lumel::{Bake, Quality, Settings};
 
 /// The bake takes a lumel's mean over 16 Sobol points, the test over 64. Where light varies by 6 % over a lumel that is a deviation of about
 /// 0.2 %, and the worst of some thousand lumels is five of these.
@@ -19,3 +31,27 @@ const SMOOTH: f64 = 0.01;
 
 /// Half float, in the file and of the value in it.
 const HALF: f64 = 1e-3;
+
+/// What the issue asks of every kind of light.
+const GOLDEN: f64 = 0.005;
+
+/// Bakes and checks the energy audit.
+#[track_caller]
+fn golden(glb: &[u8], settings: &Settings) -> Bake {
+    let bake = common::bake(glb, settings);
+    let audit = &bake.report.solve.audit;
+    assert!(
+        audit.within_bound,
+        "imbalance {} of at most {}",
+        audit.imbalance, audit.bound
+    );
+    bake
+}
+
+/// For shipping, at a density.
+fn production(texels_per_unit: f32) -> Settings {
+    Settings {
+        quality: Quality::Production,
+        ..common::at(texels_per_unit)
+    }
+}

@@ -2,6 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
@@ -40,6 +41,8 @@ pub struct Seen {
     pub normal: DVec3,
     pub irradiance: [f64; 3],
     pub coverage: f32,
+    /// The page's other channels at this texel, as they stand there.
+    pub layers: BTreeMap<String, f64>,
 }
 
 impl Seen {
@@ -56,6 +59,20 @@ impl Seen {
     pub fn red(&self) -> f64 {
         self.irradiance[0]
     }
+
+    /// A further channel's value, in the file's unit.
+    #[track_caller]
+    pub fn layer(&self, name: &str) -> f64 {
+        match self.layers.get(name) {
+            Some(v) => *v,
+            None => panic!("no channel {name}, there are {:?}", self.layers.keys()),
+        }
+    }
+
+    /// Middle of the footprint.
+    pub fn middle(&self) -> DVec3 {
+        self.points.iter().sum::<DVec3>() / self.points.len() as f64
+    }
 }
 
 /// The lumels of the instances whose node has this name, as they stand in the written EXR.
@@ -67,8 +84,12 @@ pub fn lumels_of(bake: &Bake, node: &str) -> Vec<Seen> {
 
 /// The same from files that were written already.
 pub fn lumels_in(bake: &Bake, dir: &Path, node: &str) -> Vec<Seen> {
-    let pages: Vec<_> = bake
-        .page_names()
+    lumels_in_files(bake, dir, &bake.page_names(), node)
+}
+
+/// The same from other files of the same layout, such as those of a light group.
+pub fn lumels_in_files(bake: &Bake, dir: &Path, files: &[String], node: &str) -> Vec<Seen> {
+    let pages: Vec<_> = files
         .iter()
         .map(|name| read_exr(&dir.join(name)).expect("an EXR"))
         .collect();
@@ -102,6 +123,10 @@ pub fn lumels_in(bake: &Bake, dir: &Path, node: &str) -> Vec<Seen> {
             normal: normal.as_dvec3(),
             irradiance: ["R", "G", "B"].map(channel),
             coverage: l.coverage,
+            layers: (page.channels.iter())
+                .filter(|(name, _)| !["R", "G", "B"].contains(&name.as_str()))
+                .map(|(name, values)| (name.clone(), f64::from(values[texel])))
+                .collect(),
         });
     }
     assert!(!out.is_empty(), "no lumel of node {node:?}");

@@ -4,9 +4,11 @@
 
 mod emissive_texture;
 mod exchange;
+mod stage;
 
 pub use emissive_texture::*;
 pub use exchange::*;
+pub use stage::Stage;
 
 use glam::{DVec3, Vec3};
 
