@@ -528,17 +528,19 @@ impl GltfBuilder {
         if !self.lights.is_empty() {
             extensions.insert("KHR_lights_punctual".into(), json!({"lights": self.lights}));
         }
-        let mut used: Vec<&str> = self.material_extensions.iter().copied().collect();
+        let mut used: Vec<String> = (self.material_extensions.iter())
+            .map(|name| (*name).into())
+            .collect();
         for name in extensions.keys().chain(self.scene_extensions.keys()) {
-            if !used.contains(&name.as_str()) {
-                used.push(name);
+            if !used.contains(name) {
+                used.push(name.clone());
             }
-        }
-        if !used.is_empty() {
-            root.insert("extensionsUsed".into(), json!(used));
         }
         if !extensions.is_empty() {
             root.insert("extensions".into(), Value::Object(extensions));
+        }
+        if !used.is_empty() {
+            root.insert("extensionsUsed".into(), json!(used));
         }
         let mut scene = json!({"nodes": self.roots});
         if !self.scene_extensions.is_empty() {
