@@ -165,7 +165,7 @@ impl Outgoing {
             let emission = world.emission(e.triangle);
             let mut out = DVec3::ZERO;
             if emission != Emission::None {
-                let l = world.scene.emission(world.soup, e.triangle, e.u, e.v);
+                let l = world.scene.emitted(world.soup, e.triangle, e.u, e.v);
                 out = l.as_dvec3() * std::f64::consts::PI;
             }
             if emission == Emission::Sampled {
@@ -183,6 +183,8 @@ impl Outgoing {
             }
         }
         let s = 1.0 / area.max(1e-300);
+        // Of the surface that is there, as reflected light is.
+        let there = 1.0 / solid.max(1e-300);
         let spread = |x: &[f64; 16]| -> f64 {
             if m < 2.0 {
                 // Nothing to compare with: the value itself, as if it might as well be twice that or nothing.
@@ -194,10 +196,10 @@ impl Outgoing {
         };
         Outgoing {
             solid: solid * s,
-            glow: glow * s,
-            lamp: lamp * s,
+            glow: glow * there,
+            lamp: lamp * there,
             reflected: surfaces.direct_radiosity[patch] + surfaces.reflectance[patch] * indirect,
-            textured: textured * s,
+            textured: textured * there,
             spread: spread(&got) + spread(&varied),
             // A patch of one element is all of one material, nearly always.
             spread_plain: if m < 2.0 { 0.0 } else { spread(&plain) },

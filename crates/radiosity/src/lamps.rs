@@ -181,7 +181,7 @@ impl Source<'_> {
             Source::Sky(sky, cell) => {
                 let (towards, light) = sky.sample(cell, random[0], random[1]);
                 Sent {
-                    origin: bounds.from_afar(-towards, random),
+                    origin: bounds.start_afar(-towards, random),
                     direction: -towards,
                     weight: 1.0,
                     colour: light.as_dvec3(),
@@ -298,13 +298,13 @@ impl Bounds {
             }
             LightKind::Directional { direction, angle } => {
                 let direction = about(direction, 1.0 - u * (1.0 - angle.cos()), phi);
-                (self.from_afar(direction, random), direction, 1.0)
+                (self.start_afar(direction, random), direction, 1.0)
             }
         }
     }
 
     /// Where a ray along `direction` starts that may meet any part of the scene.
-    fn from_afar(&self, direction: Vec3, random: [f32; 4]) -> Vec3 {
+    fn start_afar(&self, direction: Vec3, random: [f32; 4]) -> Vec3 {
         let (offset, _) = aside(direction, self.radius as f32, random);
         self.centre - direction * (1.01 * self.radius as f32) + offset
     }

@@ -325,3 +325,25 @@ fn the_bound_holds_and_is_not_idle() {
     // Four sigmas of independent noise would give 0.2; stratified rays less.
     assert!((0.02..0.3).contains(&mean), "{mean} {ratios:?}");
 }
+
+#[test]
+fn a_lamp_that_is_half_there_sends_half() {
+    // A blended panel in a closed grey cube, its light sampled: π L A α is sent, all of it is absorbed in the end.
+    let mut scene = cube(0.5, Vec3::ZERO);
+    let mut panel = material(0.3, Vec3::splat(20.0));
+    panel.alpha = mesh_ingest::AlphaMode::Blend;
+    panel.base_color.w = 0.25;
+    add_quad(
+        &mut scene,
+        panel,
+        Vec3::new(0.4, 0.8, 0.4),
+        Vec3::X * 0.2,
+        Vec3::Z * 0.2,
+    );
+    let a = audit_of(&scene, Sky::Black, 400, 256);
+    let sent = 20.0 * PI * 0.04 * 0.25;
+    // f32 areas and radiances.
+    assert!((a.flux_emitted[0] / sent - 1.0).abs() < 1e-5, "{a:?}");
+    assert!(a.within_bound, "{a:?}");
+    assert!(a.bound < 0.05, "{}", a.bound);
+}

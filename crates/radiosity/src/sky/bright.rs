@@ -42,6 +42,9 @@ pub(crate) struct SkyCell {
     pub power: f32,
 }
 
+/// Pixels on the way to a cell, their power, and the size of the box about their directions.
+type Part = (Vec<(u32, Vec3)>, f64, Vec3);
+
 /// Direction towards pixel coordinates (x in columns, cosine of the polar angle).
 fn direction(x: f32, width: u32, cos: f32) -> Vec3 {
     // u = ½ + atan2(z, x)/2π, as `Sky::radiance` has it.
@@ -101,8 +104,8 @@ impl BrightSky {
             luminance(p.1) as f64 * solid_angle as f64
         };
         // Splits the cell whose light is spread widest, in two halves of equally much of it.
-        let mut parts: Vec<(Vec<(u32, Vec3)>, f64, Vec3)> = Vec::new();
-        let judge = |part: Vec<(u32, Vec3)>| {
+        let mut parts: Vec<Part> = Vec::new();
+        let judge = |part: Vec<(u32, Vec3)>| -> Part {
             let (mut low, mut high, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, 0f64);
             for p in &part {
                 let d = middle(p.0);
@@ -113,7 +116,7 @@ impl BrightSky {
         };
         parts.push(judge(pixels));
         while parts.len() < CELLS {
-            let gain = |p: &(Vec<(u32, Vec3)>, f64, Vec3)| {
+            let gain = |p: &Part| {
                 let wide = 0.5 * p.2.length();
                 if wide > NARROW {
                     p.1 * (wide * wide) as f64
