@@ -3,9 +3,10 @@
 use glam::Vec3;
 use radiosity::{
     DirectEstimate, DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World,
-    cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
+    cosine_hemisphere, hash_u32, sample_2d, sample_4d,
 };
 
+use crate::estimate::{Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
 
@@ -83,19 +84,11 @@ impl Received {
 /// Most [`GatherOptions::points`].
 const MOST_POINTS: usize = 64;
 
-/// A sub-point is inside something when this share of its rays meets black back faces. Not all: a ray may slip out through a seam of
-/// what it is in. A sub-point that is merely near the back of things sees them in half of its hemisphere at most.
-const INSIDE: f32 = 0.9;
-
 /// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
 const EDGE_RAYS: u32 = 2;
 
 /// After so many near bounces a path reads the solution: light that has gone to and fro in a gap so often has lost what told its places apart.
 const MOST_NEAR_BOUNCES: u32 = 4;
-
-/// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
-/// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
-const DISAGREE: f32 = 4.0;
 
 /// Gathers light at footprints.
 pub struct Gatherer<'w, 'a> {
@@ -109,35 +102,6 @@ pub struct Gatherer<'w, 'a> {
     pub options: GatherOptions,
     /// What to keep beside the irradiance.
     pub wanted: Wanted,
-}
-
-/// Running sums of one sub-point.
-#[derive(Clone, Copy, Default)]
-struct Point {
-    sum: Vec3,
-    /// Σ of squared luminances.
-    square: f32,
-    rays: u32,
-    black: u32,
-}
-
-impl Point {
-    fn add(&mut self, radiance: Vec3) {
-        self.sum += radiance;
-        let l = luminance(radiance);
-        self.square += l * l;
-    }
-
-    fn inside(&self) -> bool {
-        self.black as f32 >= INSIDE * self.rays as f32
-    }
-
-    /// Variance of the mean luminance over this point's own rays.
-    fn variance_of_mean(&self) -> f32 {
-        let n = self.rays as f32;
-        let mean = luminance(self.sum) / n;
-        (self.square / n - mean * mean).max(0.0) / (n - 1.0).max(1.0)
-    }
 }
 
 /// What a gathering ray found.
@@ -553,65 +517,4 @@ fn nearest_is_open(points: &[SurfacePoint], open: &[bool], p: Vec3) -> bool {
         }
     }
     best.1
-}
-
-/// Indirect irradiance from the sub-points.
-struct Estimate {
-    mean: Vec3,
-    /// The same from the first half of the points.
-    first_half: Vec3,
-    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a Sobol sequence are stratified against
-    /// each other, and so are the groups, which this does not see: it is on the safe side.
-    variance: f32,
-    /// The points differ by more than their rays' noise.
-    disagree: bool,
-}
-
-/// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see less of the stratification.
-const GROUPS: usize = 8;
-
-/// Mean irradiance over open points, and how far they spread.
-fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
-    let pi = std::f32::consts::PI;
-    let (mut mean, mut n) = (Vec3::ZERO, 0.0f32);
-    let (mut first_half, mut in_half) = (Vec3::ZERO, 0.0f32);
-    for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
-        mean += s.sum * (pi / s.rays as f32);
-        n += 1.0;
-        if 2 * k < sums.len() {
-            (first_half, in_half) = (mean, n);
-        }
-    }
-    mean /= n;
-    first_half = if in_half > 0.0 && in_half < n {
-        first_half / in_half
-    } else {
-        mean
-    };
-    let m = luminance(mean);
-    let (mut square, mut noise) = (0.0, 0.0);
-    let mut groups = [(0f32, 0f32); GROUPS];
-    for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
-        let value = luminance(s.sum) * (pi / s.rays as f32);
-        square += (value - m) * (value - m);
-        noise += pi * pi * s.variance_of_mean();
-        let group = &mut groups[k * GROUPS / sums.len()];
-        *group = (group.0 + value, group.1 + 1.0);
-    }
-    let used = groups.iter().filter(|g| g.1 > 0.0).count() as f32;
-    let between: f32 = groups
-        .iter()
-        .map(|g| (g.0 - g.1 * m) * (g.0 - g.1 * m))
-        .sum();
-    let spread = square / (n - 1.0).max(1.0);
-    Estimate {
-        mean,
-        first_half,
-        variance: if used > 1.0 {
-            between / (n * n) * (used / (used - 1.0))
-        } else {
-            m * m
-        },
-        disagree: n > 1.0 && spread > DISAGREE * noise / n,
-    }
 }

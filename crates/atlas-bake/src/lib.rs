@@ -6,6 +6,7 @@ mod compare;
 pub mod density;
 mod dilate;
 mod error;
+mod estimate;
 mod exr_io;
 mod false_color;
 mod footprint;

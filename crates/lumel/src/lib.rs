@@ -12,7 +12,9 @@
 //! # Ok::<(), lumel::Error>(())
 //! ```
 
+mod check;
 mod error;
+mod files;
 mod inspect;
 mod memory;
 mod pipeline;
@@ -29,8 +31,9 @@ pub use visibility;
 
 pub use atlas_bake::{Directional, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
 pub use error::Error;
+pub use files::{NamedFile, output_names};
 pub use inspect::{Inspection, inspect};
-pub use pipeline::{Bake, NamedFile, bake, output_names};
+pub use pipeline::{Bake, bake};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use report::{GroupReport, Measured, PhaseTime, Report};
 pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};

@@ -1,27 +1,23 @@
 //! The bake from file to files.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
 use atlas_bake::{
-    BakeOptions, Baked, ExrOptions, Layout, LayoutError, LayoutOptions, LayoutProgress,
-    LayoutReport, LitScene, Manifest, ManifestGroup, OutputSet, ValueKind, choose_camera,
-    render_preview, scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
+    BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, ValueKind,
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
 use radiosity::{DirectLight, Emitters, Monitor, Phase, Solution, World, WorldOptions};
 
-use visibility::{BuildOptions, Bvh};
-
+use crate::check::check;
 use crate::error::Error;
-use crate::memory;
 use crate::probes::{self, ProbePlan};
 use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
 use crate::settings::{Settings, SkySource};
 use crate::sky;
-use crate::sources::{self, Sources};
+use crate::sources::Sources;
 
 /// A finished bake, in memory.
 pub struct Bake {
@@ -36,21 +32,18 @@ pub struct Bake {
     /// Report so far; [`files`](Bake::files) completes a copy of it.
     pub report: Report,
     /// Names of the groups of [`Baked::groups`].
-    group_names: Vec<String>,
-    stem: String,
-    value: ValueKind,
-    clock: Clock,
+    pub(crate) group_names: Vec<String>,
+    pub(crate) stem: String,
+    pub(crate) value: ValueKind,
+    pub(crate) clock: Clock,
 }
-
-/// An output file: name and bytes.
-pub type NamedFile = (String, Vec<u8>);
 
 /// Wall time by phase.
 #[derive(Debug, Clone)]
-struct Clock {
-    start: Instant,
-    last: Instant,
-    phases: Vec<PhaseTime>,
+pub(crate) struct Clock {
+    pub start: Instant,
+    pub last: Instant,
+    pub phases: Vec<PhaseTime>,
 }
 
 impl Clock {
@@ -63,7 +56,7 @@ impl Clock {
         }
     }
 
-    fn lap(&mut self, phase: Phase) {
+    pub(crate) fn lap(&mut self, phase: Phase) {
         let now = Instant::now();
         self.phases.push(PhaseTime {
             phase: phase.name(),
@@ -278,77 +271,6 @@ pub(crate) fn plan_layout(
     })
 }
 
-/// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky says it better.
-const MAX_SUN: f32 = 90.0;
-
-fn check(settings: &Settings) -> Result<(), Error> {
-    let positive = |name: &str, x: f32| {
-        if x.is_finite() && x > 0.0 {
-            Ok(())
-        } else {
-            Err(Error::Setting(format!(
-                "{name} is {x}, expected a number above 0"
-            )))
-        }
-    };
-    if let Some(t) = settings.texels_per_unit {
-        positive("texels per unit", t)?;
-    }
-    if let Some(e) = settings.error {
-        positive("error", e)?;
-    }
-    if !(settings.max_reflectance > 0.0 && settings.max_reflectance <= 1.0) {
-        return Err(Error::Setting(format!(
-            "the largest reflectance is {}, expected a number above 0 and at most 1",
-            settings.max_reflectance
-        )));
-    }
-    if !(settings.sky_intensity.is_finite() && settings.sky_intensity >= 0.0) {
-        return Err(Error::Setting(format!(
-            "sky intensity is {}, expected a number of at least 0",
-            settings.sky_intensity
-        )));
-    }
-    if !settings.sky_rotation.is_finite() {
-        return Err(Error::Setting(format!(
-            "sky rotation is {}, expected a number of degrees",
-            settings.sky_rotation
-        )));
-    }
-    for s in &settings.suns {
-        positive("the sun's illuminance", s.lux)?;
-        if Vec3::from_array(s.direction).try_normalize().is_none() {
-            return Err(Error::Setting(format!(
-                "the sun's direction is {:?}, expected a vector that is not zero",
-                s.direction
-            )));
-        }
-        if !(0.0..=MAX_SUN).contains(&s.angle) {
-            return Err(Error::Setting(format!(
-                "the sun's diameter is {} degrees, expected 0 to {MAX_SUN}",
-                s.angle
-            )));
-        }
-    }
-    if let Some(d) = settings.ao_distance {
-        positive("the distance of ambient occlusion", d)?;
-    }
-    sources::check(settings)?;
-    if !(8..=16384).contains(&settings.max_page) {
-        return Err(Error::Setting(format!(
-            "the largest page is {}, expected 8 to 16384",
-            settings.max_page
-        )));
-    }
-    if settings.padding > 64 {
-        return Err(Error::Setting(format!(
-            "padding is {}, expected at most 64",
-            settings.padding
-        )));
-    }
-    Ok(())
-}
-
 fn add_suns(scene: &mut Scene, settings: &Settings) {
     for s in &settings.suns {
         scene.lights.push(Light {
@@ -409,174 +331,4 @@ fn warnings(
         ));
     }
     out
-}
-
-/// Names of the files that a bake of `scene` writes, first page only; the report is the last.
-pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
-    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
-    let mut ends = vec!["lightmap.exr", "glb", "vertex.glb", "lightmap.json"];
-    ends.extend(settings.probes.as_ref().map(|_| PROBES));
-    let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
-    let groups = settings.groups.iter().map(|g| g.name.as_str());
-    let rest = (!settings.groups.is_empty()).then_some(sources::REST);
-    names.extend(groups.chain(rest).map(|g| format!("{stem}.group.{g}.exr")));
-    names.push(format!("{stem}.report.json"));
-    names
-}
-
-/// End of the name of the probes' file.
-const PROBES: &str = "probes.json";
-
-impl Bake {
-    /// Names of the page files, in order.
-    pub fn page_names(&self) -> Vec<String> {
-        (0..self.layout.pages.len())
-            .map(|i| match i {
-                0 => format!("{}.lightmap.exr", self.stem),
-                i => format!("{}.lightmap.{i}.exr", self.stem),
-            })
-            .collect()
-    }
-
-    /// Names of a light group's page files, in order.
-    pub fn group_page_names(&self, group: &str) -> Vec<String> {
-        (0..self.layout.pages.len())
-            .map(|i| match i {
-                0 => format!("{}.group.{group}.exr", self.stem),
-                i => format!("{}.group.{group}.{i}.exr", self.stem),
-            })
-            .collect()
-    }
-
-    /// Name of the report file.
-    pub fn report_name(&self) -> String {
-        format!("{}.report.json", self.stem)
-    }
-
-    /// All output files by name, and the completed report (which is the last of them).
-    ///
-    /// # Errors
-    /// [`Error::Output`].
-    pub fn files(&self) -> Result<(Vec<NamedFile>, Report), Error> {
-        let mut clock = self.clock.clone();
-        let mut report = self.report.clone();
-        let uris = self.page_names();
-        let scene = &self.loaded.scene;
-        let mut files = Vec::new();
-        for (page, name) in self.baked.pages.iter().zip(&uris) {
-            let (bytes, stats) = write_lightmap_exr(page, &ExrOptions::default())?;
-            files.push((name.clone(), bytes));
-            report.clamped.push(stats);
-        }
-        for (group, pages) in self.group_names.iter().zip(&self.baked.groups) {
-            for (page, name) in pages.iter().zip(self.group_page_names(group)) {
-                let (bytes, _) = write_lightmap_exr(page, &ExrOptions::default())?;
-                files.push((name, bytes));
-            }
-        }
-        let glb = format!("{}.glb", self.stem);
-        let (bytes, _) = write_lightmapped_glb(
-            &self.loaded.document,
-            scene,
-            &self.layout,
-            &uris,
-            self.value,
-        )?;
-        files.push((glb.clone(), bytes));
-        let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
-        files.push((format!("{}.vertex.glb", self.stem), bytes));
-        let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
-        if let Some(page) = self.baked.pages.first() {
-            manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
-        }
-        manifest.groups = (self.group_names.iter())
-            .map(|name| ManifestGroup {
-                name: name.clone(),
-                pages: self.group_page_names(name),
-            })
-            .collect();
-        files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
-        if let Some(probes) = &self.probes {
-            files.push((format!("{}.{PROBES}", self.stem), probes.to_json()));
-        }
-        clock.lap(Phase::Write);
-        report.measured = self.measure(clock);
-        files.push((self.report_name(), report.to_json()));
-        Ok((files, report))
-    }
-
-    /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay as they are.
-    ///
-    /// # Errors
-    /// [`Error::Output`].
-    pub fn write(&self, dir: &Path) -> Result<Vec<PathBuf>, Error> {
-        let (files, _) = self.files()?;
-        let mut set = OutputSet::create(dir)?;
-        for (name, bytes) in &files {
-            set.add(name, bytes)?;
-        }
-        self.retire_pages(&mut set);
-        Ok(set.commit()?)
-    }
-
-    /// Pages of an earlier bake that had more of them would be left over.
-    pub fn retire_pages(&self, set: &mut OutputSet) {
-        for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
-            set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
-            for group in &self.group_names {
-                set.remove_obsolete(&format!("{}.group.{group}.{i}.exr", self.stem));
-            }
-        }
-    }
-
-    /// A picture of the lit level, PNG: from the document's first camera, or a place that sees much of it.
-    ///
-    /// # Errors
-    /// [`Error::Output`].
-    pub fn preview(&self, size: [u32; 2]) -> Result<Vec<u8>, Error> {
-        let scene = &self.loaded.scene;
-        // Built anew: a bake does not hold its tree, which a large level would pay for while files are written.
-        let soup = Soup::build(scene);
-        let bvh = Bvh::build(
-            &soup.triangles,
-            |t| scene.needs_alpha(soup.materials[t as usize]),
-            &BuildOptions::default(),
-        )
-        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
-        let lit = LitScene {
-            scene,
-            soup: &soup,
-            bvh: &bvh,
-            layout: &self.layout,
-            pages: &self.baked.pages,
-            value: self.value,
-        };
-        let camera =
-            scene_camera(&self.loaded.document, scene).unwrap_or_else(|| choose_camera(&lit));
-        Ok(render_preview(&lit, &camera, size)?)
-    }
-
-    fn measure(&self, clock: Clock) -> Measured {
-        let seconds_in = |names: &[&str]| -> f64 {
-            clock
-                .phases
-                .iter()
-                .filter(|p| names.contains(&p.phase))
-                .map(|p| p.seconds)
-                .sum()
-        };
-        let rays = self.report.solve.link_rays
-            + self.report.solve.shadow_rays
-            + self.report.gather.lumel_rays
-            + self.report.gather.vertex_rays
-            + self.report.probes.as_ref().map_or(0, |p| p.rays);
-        Measured {
-            threads: rayon::current_num_threads(),
-            seconds: (clock.last - clock.start).as_secs_f64(),
-            mrays_per_second: rays as f64 * 1e-6
-                / seconds_in(&["solve", "gather", "probes"]).max(1e-9),
-            peak_bytes: memory::peak_bytes(),
-            phases: clock.phases,
-        }
-    }
 }

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
 
-use super::falloff;
+use super::sample::falloff;
 use crate::sampling::concentric_disc;
 
 /// A uniformly bright disc on a receiver's sky: all directions within an angle of an axis.

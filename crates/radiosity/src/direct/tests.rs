@@ -1,10 +1,11 @@
 use std::f64::consts::PI;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use mesh_ingest::{Scene, Soup};
 
 use super::*;
 use crate::fixtures::{add_quad, light, material};
+use crate::form_factor::form_factor_polygon;
 use crate::world::WorldOptions;
 
 const FEW: DirectOptions = DirectOptions {

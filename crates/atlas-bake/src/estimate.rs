@@ -1,0 +1,102 @@
+//! Sums of gathering rays at the points of a footprint, and what they say about its light.
+
+use glam::Vec3;
+use radiosity::luminance;
+
+/// A sub-point is inside something when this share of its rays meets black back faces. Not all: a ray may slip out through a seam of
+/// what it is in. A sub-point that is merely near the back of things sees them in half of its hemisphere at most.
+const INSIDE: f32 = 0.9;
+
+/// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
+/// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
+const DISAGREE: f32 = 4.0;
+
+/// Running sums of one sub-point.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Point {
+    pub sum: Vec3,
+    /// Σ of squared luminances.
+    pub square: f32,
+    pub rays: u32,
+    pub black: u32,
+}
+
+impl Point {
+    pub(crate) fn add(&mut self, radiance: Vec3) {
+        self.sum += radiance;
+        let l = luminance(radiance);
+        self.square += l * l;
+    }
+
+    pub(crate) fn inside(&self) -> bool {
+        self.black as f32 >= INSIDE * self.rays as f32
+    }
+
+    /// Variance of the mean luminance over this point's own rays.
+    fn variance_of_mean(&self) -> f32 {
+        let n = self.rays as f32;
+        let mean = luminance(self.sum) / n;
+        (self.square / n - mean * mean).max(0.0) / (n - 1.0).max(1.0)
+    }
+}
+
+/// Indirect irradiance from the sub-points.
+pub(crate) struct Estimate {
+    pub mean: Vec3,
+    /// The same from the first half of the points.
+    pub first_half: Vec3,
+    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a Sobol sequence are stratified against
+    /// each other, and so are the groups, which this does not see: it is on the safe side.
+    pub variance: f32,
+    /// The points differ by more than their rays' noise.
+    pub disagree: bool,
+}
+
+/// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see less of the stratification.
+const GROUPS: usize = 8;
+
+/// Mean irradiance over open points, and how far they spread.
+pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
+    let pi = std::f32::consts::PI;
+    let (mut mean, mut n) = (Vec3::ZERO, 0.0f32);
+    let (mut first_half, mut in_half) = (Vec3::ZERO, 0.0f32);
+    for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
+        mean += s.sum * (pi / s.rays as f32);
+        n += 1.0;
+        if 2 * k < sums.len() {
+            (first_half, in_half) = (mean, n);
+        }
+    }
+    mean /= n;
+    first_half = if in_half > 0.0 && in_half < n {
+        first_half / in_half
+    } else {
+        mean
+    };
+    let m = luminance(mean);
+    let (mut square, mut noise) = (0.0, 0.0);
+    let mut groups = [(0f32, 0f32); GROUPS];
+    for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
+        let value = luminance(s.sum) * (pi / s.rays as f32);
+        square += (value - m) * (value - m);
+        noise += pi * pi * s.variance_of_mean();
+        let group = &mut groups[k * GROUPS / sums.len()];
+        *group = (group.0 + value, group.1 + 1.0);
+    }
+    let used = groups.iter().filter(|g| g.1 > 0.0).count() as f32;
+    let between: f32 = groups
+        .iter()
+        .map(|g| (g.0 - g.1 * m) * (g.0 - g.1 * m))
+        .sum();
+    let spread = square / (n - 1.0).max(1.0);
+    Estimate {
+        mean,
+        first_half,
+        variance: if used > 1.0 {
+            between / (n * n) * (used / (used - 1.0))
+        } else {
+            m * m
+        },
+        disagree: n > 1.0 && spread > DISAGREE * noise / n,
+    }
+}

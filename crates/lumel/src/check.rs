@@ -1,0 +1,82 @@
+//! Whether settings make sense.
+
+use glam::Vec3;
+
+use crate::error::Error;
+use crate::settings::Settings;
+use crate::sources;
+
+/// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky says it better.
+const MAX_SUN: f32 = 90.0;
+
+/// Refuses settings that no bake can follow, before any work.
+///
+/// # Errors
+/// [`Error::Setting`].
+pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
+    let positive = |name: &str, x: f32| {
+        if x.is_finite() && x > 0.0 {
+            Ok(())
+        } else {
+            Err(Error::Setting(format!(
+                "{name} is {x}, expected a number above 0"
+            )))
+        }
+    };
+    if let Some(t) = settings.texels_per_unit {
+        positive("texels per unit", t)?;
+    }
+    if let Some(e) = settings.error {
+        positive("error", e)?;
+    }
+    if !(settings.max_reflectance > 0.0 && settings.max_reflectance <= 1.0) {
+        return Err(Error::Setting(format!(
+            "the largest reflectance is {}, expected a number above 0 and at most 1",
+            settings.max_reflectance
+        )));
+    }
+    if !(settings.sky_intensity.is_finite() && settings.sky_intensity >= 0.0) {
+        return Err(Error::Setting(format!(
+            "sky intensity is {}, expected a number of at least 0",
+            settings.sky_intensity
+        )));
+    }
+    if !settings.sky_rotation.is_finite() {
+        return Err(Error::Setting(format!(
+            "sky rotation is {}, expected a number of degrees",
+            settings.sky_rotation
+        )));
+    }
+    for s in &settings.suns {
+        positive("the sun's illuminance", s.lux)?;
+        if Vec3::from_array(s.direction).try_normalize().is_none() {
+            return Err(Error::Setting(format!(
+                "the sun's direction is {:?}, expected a vector that is not zero",
+                s.direction
+            )));
+        }
+        if !(0.0..=MAX_SUN).contains(&s.angle) {
+            return Err(Error::Setting(format!(
+                "the sun's diameter is {} degrees, expected 0 to {MAX_SUN}",
+                s.angle
+            )));
+        }
+    }
+    if let Some(d) = settings.ao_distance {
+        positive("the distance of ambient occlusion", d)?;
+    }
+    sources::check(settings)?;
+    if !(8..=16384).contains(&settings.max_page) {
+        return Err(Error::Setting(format!(
+            "the largest page is {}, expected 8 to 16384",
+            settings.max_page
+        )));
+    }
+    if settings.padding > 64 {
+        return Err(Error::Setting(format!(
+            "padding is {}, expected at most 64",
+            settings.padding
+        )));
+    }
+    Ok(())
+}

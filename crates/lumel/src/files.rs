@@ -1,0 +1,191 @@
+//! What a bake writes.
+
+use std::path::{Path, PathBuf};
+
+use atlas_bake::{
+    ExrOptions, LitScene, Manifest, ManifestGroup, OutputSet, choose_camera, render_preview,
+    scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
+};
+use mesh_ingest::Soup;
+use radiosity::Phase;
+use visibility::{BuildOptions, Bvh};
+
+use crate::error::Error;
+use crate::memory;
+use crate::pipeline::{Bake, Clock};
+use crate::report::{Measured, Report};
+use crate::settings::Settings;
+use crate::sources;
+
+/// An output file: name and bytes.
+pub type NamedFile = (String, Vec<u8>);
+
+/// Names of the files that a bake of `scene` writes, first page only; the report is the last.
+pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
+    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
+    let mut ends = vec!["lightmap.exr", "glb", "vertex.glb", "lightmap.json"];
+    ends.extend(settings.probes.as_ref().map(|_| PROBES));
+    let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
+    let groups = settings.groups.iter().map(|g| g.name.as_str());
+    let rest = (!settings.groups.is_empty()).then_some(sources::REST);
+    names.extend(groups.chain(rest).map(|g| format!("{stem}.group.{g}.exr")));
+    names.push(format!("{stem}.report.json"));
+    names
+}
+
+/// End of the name of the probes' file.
+const PROBES: &str = "probes.json";
+
+impl Bake {
+    /// Names of the page files, in order.
+    pub fn page_names(&self) -> Vec<String> {
+        (0..self.layout.pages.len())
+            .map(|i| match i {
+                0 => format!("{}.lightmap.exr", self.stem),
+                i => format!("{}.lightmap.{i}.exr", self.stem),
+            })
+            .collect()
+    }
+
+    /// Names of a light group's page files, in order.
+    pub fn group_page_names(&self, group: &str) -> Vec<String> {
+        (0..self.layout.pages.len())
+            .map(|i| match i {
+                0 => format!("{}.group.{group}.exr", self.stem),
+                i => format!("{}.group.{group}.{i}.exr", self.stem),
+            })
+            .collect()
+    }
+
+    /// Name of the report file.
+    pub fn report_name(&self) -> String {
+        format!("{}.report.json", self.stem)
+    }
+
+    /// All output files by name, and the completed report (which is the last of them).
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn files(&self) -> Result<(Vec<NamedFile>, Report), Error> {
+        let mut clock = self.clock.clone();
+        let mut report = self.report.clone();
+        let uris = self.page_names();
+        let scene = &self.loaded.scene;
+        let mut files = Vec::new();
+        for (page, name) in self.baked.pages.iter().zip(&uris) {
+            let (bytes, stats) = write_lightmap_exr(page, &ExrOptions::default())?;
+            files.push((name.clone(), bytes));
+            report.clamped.push(stats);
+        }
+        for (group, pages) in self.group_names.iter().zip(&self.baked.groups) {
+            for (page, name) in pages.iter().zip(self.group_page_names(group)) {
+                let (bytes, _) = write_lightmap_exr(page, &ExrOptions::default())?;
+                files.push((name, bytes));
+            }
+        }
+        let glb = format!("{}.glb", self.stem);
+        let (bytes, _) = write_lightmapped_glb(
+            &self.loaded.document,
+            scene,
+            &self.layout,
+            &uris,
+            self.value,
+        )?;
+        files.push((glb.clone(), bytes));
+        let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
+        files.push((format!("{}.vertex.glb", self.stem), bytes));
+        let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        if let Some(page) = self.baked.pages.first() {
+            manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
+        }
+        manifest.groups = (self.group_names.iter())
+            .map(|name| ManifestGroup {
+                name: name.clone(),
+                pages: self.group_page_names(name),
+            })
+            .collect();
+        files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
+        if let Some(probes) = &self.probes {
+            files.push((format!("{}.{PROBES}", self.stem), probes.to_json()));
+        }
+        clock.lap(Phase::Write);
+        report.measured = self.measure(clock);
+        files.push((self.report_name(), report.to_json()));
+        Ok((files, report))
+    }
+
+    /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay as they are.
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn write(&self, dir: &Path) -> Result<Vec<PathBuf>, Error> {
+        let (files, _) = self.files()?;
+        let mut set = OutputSet::create(dir)?;
+        for (name, bytes) in &files {
+            set.add(name, bytes)?;
+        }
+        self.retire_pages(&mut set);
+        Ok(set.commit()?)
+    }
+
+    /// Pages of an earlier bake that had more of them would be left over.
+    pub fn retire_pages(&self, set: &mut OutputSet) {
+        for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
+            set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
+            for group in &self.group_names {
+                set.remove_obsolete(&format!("{}.group.{group}.{i}.exr", self.stem));
+            }
+        }
+    }
+
+    /// A picture of the lit level, PNG: from the document's first camera, or a place that sees much of it.
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn preview(&self, size: [u32; 2]) -> Result<Vec<u8>, Error> {
+        let scene = &self.loaded.scene;
+        // Built anew: a bake does not hold its tree, which a large level would pay for while files are written.
+        let soup = Soup::build(scene);
+        let bvh = Bvh::build(
+            &soup.triangles,
+            |t| scene.needs_alpha(soup.materials[t as usize]),
+            &BuildOptions::default(),
+        )
+        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        let lit = LitScene {
+            scene,
+            soup: &soup,
+            bvh: &bvh,
+            layout: &self.layout,
+            pages: &self.baked.pages,
+            value: self.value,
+        };
+        let camera =
+            scene_camera(&self.loaded.document, scene).unwrap_or_else(|| choose_camera(&lit));
+        Ok(render_preview(&lit, &camera, size)?)
+    }
+
+    fn measure(&self, clock: Clock) -> Measured {
+        let seconds_in = |names: &[&str]| -> f64 {
+            clock
+                .phases
+                .iter()
+                .filter(|p| names.contains(&p.phase))
+                .map(|p| p.seconds)
+                .sum()
+        };
+        let rays = self.report.solve.link_rays
+            + self.report.solve.shadow_rays
+            + self.report.gather.lumel_rays
+            + self.report.gather.vertex_rays
+            + self.report.probes.as_ref().map_or(0, |p| p.rays);
+        Measured {
+            threads: rayon::current_num_threads(),
+            seconds: (clock.last - clock.start).as_secs_f64(),
+            mrays_per_second: rays as f64 * 1e-6
+                / seconds_in(&["solve", "gather", "probes"]).max(1e-9),
+            peak_bytes: memory::peak_bytes(),
+            phases: clock.phases,
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! Samples of lamps and skies at one point of a receiver.
+
+use glam::Vec3;
+use mesh_ingest::{Light, LightKind};
+
+use super::cap::Cap;
+use super::tally::{Sample, Tally};
+use super::{DirectLight, Term};
+use crate::emitters::Few;
+use crate::sky::SkyCell;
+use crate::world::{SurfacePoint, luminance};
+
+impl DirectLight<'_, '_> {
+    /// About what a lamp brings to a point if nothing is in between; 0 only where it brings nothing.
+    pub(super) fn weight_of_lamp(&self, light: &Light, point: &SurfacePoint) -> f32 {
+        match Cap::of(light, point.position) {
+            Some(cap) => luminance(light.intensity) * cap.unoccluded(point.normal),
+            None => self
+                .arrival(light, point)
+                .map_or(0.0, |a| luminance(a.value)),
+        }
+    }
+
+    /// Whether samples of the light need random numbers.
+    pub(super) fn is_random(&self, term: &Term) -> bool {
+        match term {
+            Term::Lamp(light, _) => match light.kind {
+                LightKind::Directional { angle, .. } => angle > 0.0,
+                LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius > 0.0,
+            },
+            _ => true,
+        }
+    }
+
+    /// Takes one sample of a light at one point; `few` holds a group's emitters, where that is known.
+    pub(super) fn sample(
+        &self,
+        term: &Term,
+        few: Option<&Few>,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
+        match term {
+            Term::Lamp(light, group) => self.lamp(light, *group, p, random, tally),
+            Term::Sky(cell) => self.sky(cell, p, random, tally),
+            Term::Triangle(e) => self.triangle(e, p, random, tally),
+            Term::Group(node) => self.group(*node, few, p, random, tally),
+        }
+    }
+
+    pub(super) fn lamp(
+        &self,
+        light: &Light,
+        group: usize,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
+        if let Some(cap) = Cap::of(light, p.position) {
+            return self.disc(light, &cap, group, p, random, tally);
+        }
+        let Some(a) = self.arrival(light, p) else {
+            return;
+        };
+        tally.rays += 1;
+        tally.plain(&Sample {
+            value: a.value,
+            passed: self.world.transmitted(p.origin, a.to, a.t_max),
+            direction: a.axis,
+            cos: a.cos,
+            group,
+        });
+    }
+
+    /// A lamp that is seen as a disc: closed form, and one shadow ray to a point of it.
+    pub(super) fn disc(
+        &self,
+        light: &Light,
+        cap: &Cap,
+        group: usize,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
+        let unoccluded = cap.unoccluded(p.normal);
+        if unoccluded <= 0.0 {
+            return;
+        }
+        let (direction, reach) = cap.sample(random[0], random[1]);
+        let cos = p.normal.dot(direction);
+        if cos <= 0.0 {
+            return tally.unweighted(unoccluded);
+        }
+        let weight = cos * cap.solid_angle() * cap.radiance();
+        let radiance = light.intensity * self.directivity(light, -direction);
+        let passed = if p.geometric.dot(direction) <= 0.0 || radiance == Vec3::ZERO {
+            Vec3::ZERO
+        } else {
+            tally.rays += 1;
+            self.world.transmitted(p.origin, direction, reach)
+        };
+        let sample = Sample {
+            value: radiance * weight,
+            passed,
+            direction,
+            cos,
+            group,
+        };
+        tally.weighted(unoccluded, weight, &sample);
+    }
+
+    pub(super) fn sky(
+        &self,
+        cell: &SkyCell,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
+        let Some(bright) = &self.world.bright else {
+            return;
+        };
+        let (direction, light) = bright.sample(cell, random[0], random[1]);
+        let cos = p.normal.dot(direction);
+        if cos <= 0.0 || p.geometric.dot(direction) <= 0.0 {
+            return;
+        }
+        tally.rays += 1;
+        tally.plain(&Sample {
+            value: light * cos,
+            passed: self.world.transmitted(p.origin, direction, f32::INFINITY),
+            direction,
+            cos,
+            group: self.world.sky_group(),
+        });
+    }
+
+    /// Factor of a lamp's intensity in the unit direction in which its light leaves: the spot's cone, and its profile.
+    pub(super) fn directivity(&self, light: &Light, leaving: Vec3) -> f32 {
+        let cone = match light.kind {
+            LightKind::Spot {
+                direction,
+                inner,
+                outer,
+                ..
+            } => {
+                // The cone of KHR_lights_punctual: linear in the cosine between the angles, squared.
+                let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
+                let cone = ((direction.dot(leaving) - outer.cos()) * scale).clamp(0.0, 1.0);
+                cone * cone
+            }
+            LightKind::Point { .. } | LightKind::Directional { .. } => 1.0,
+        };
+        if cone > 0.0 && light.profile.is_some() {
+            cone * self.world.scene.profile_factor(light, leaving)
+        } else {
+            cone
+        }
+    }
+
+    /// A light that comes from one point, or from one direction, at `p` if nothing is in between; `None` where it is 0.
+    fn arrival(&self, light: &Light, p: &SurfacePoint) -> Option<Arrival> {
+        let from = |position: Vec3| (position - p.origin, 1.0, position - p.position);
+        let (to, t_max, d) = match light.kind {
+            LightKind::Directional { direction, .. } => (-direction, f32::INFINITY, -direction),
+            LightKind::Point { position, .. } | LightKind::Spot { position, .. } => from(position),
+        };
+        let axis = d.normalize_or_zero();
+        let cos = p.normal.dot(axis);
+        if cos <= 0.0 || p.geometric.dot(axis) <= 0.0 {
+            return None;
+        }
+        let factor = match light.kind {
+            LightKind::Directional { .. } => 1.0,
+            LightKind::Point { range, .. } | LightKind::Spot { range, .. } => {
+                self.directivity(light, -axis) * falloff(d, range)
+            }
+        };
+        let value = light.intensity * (cos * factor);
+        (value != Vec3::ZERO).then_some(Arrival {
+            to,
+            t_max,
+            axis,
+            cos,
+            value,
+        })
+    }
+}
+
+/// Light from one point or direction.
+struct Arrival {
+    /// The shadow ray's direction and end.
+    to: Vec3,
+    t_max: f32,
+    /// Unit direction towards the light, and its cosine.
+    axis: Vec3,
+    cos: f32,
+    /// Irradiance if nothing is in between.
+    value: Vec3,
+}
+
+/// 1/d², windowed to 0 at `range` as KHR_lights_punctual recommends.
+pub(crate) fn falloff(d: Vec3, range: Option<f32>) -> f32 {
+    let d2 = d.length_squared();
+    if d2 == 0.0 {
+        return 0.0;
+    }
+    let window = match range {
+        Some(r) if r > 0.0 => {
+            let q = d2 / (r * r);
+            (1.0 - q * q).clamp(0.0, 1.0)
+        }
+        _ => 1.0,
+    };
+    window / d2
+}

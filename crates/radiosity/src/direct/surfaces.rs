@@ -1,0 +1,230 @@
+//! Samples of emissive surfaces at one point of a receiver.
+
+use glam::{DVec3, Vec3};
+
+use super::DirectLight;
+use super::tally::{Sample, Tally};
+use crate::emitters::{Emitter, Few};
+use crate::form_factor::form_factor_polygon;
+use crate::sampling::SphericalTriangle;
+use crate::world::{SurfacePoint, luminance};
+
+/// Groups of at most so many emitters are computed in closed form.
+const FEW: usize = 2;
+
+/// Textures are read where light comes from when they are nearer than this many times the emitter's size. From there the point-to-point
+/// kernel varies over it by (1 ± 1/16)⁻², so that what glows on one side of it alone counts 12 % too little or too much at most; parts
+/// are cut until that happens in few.
+const NEAR_TEXTURE: f32 = 8.0;
+
+impl DirectLight<'_, '_> {
+    /// Share of the receiver's sky that an emitter takes if nothing is in between: the form factor; 0 from behind.
+    pub(super) fn form_factor(&self, e: &Emitter, p: &SurfacePoint) -> f32 {
+        let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
+        // On the emitter's own face: rounding puts the point above or below it, and a polygon about the point has F = ±1.
+        let height = e.normal.dot(p.position - e.corners[0]).abs();
+        if height <= self.world.offset(p.position) && e.normal.dot(p.geometric).abs() > 0.99 {
+            let faces_away = e.normal.dot(p.geometric) > 0.0;
+            if faces_away || height == 0.0 {
+                return 0.0;
+            }
+        }
+        // In f64 and relative to the receiver from the start: near contact everything cancels.
+        let f = form_factor_polygon(
+            DVec3::ZERO,
+            d(p.normal),
+            &e.corners.map(|c| d(c) - d(p.position)),
+        ) as f32;
+        let f = if e.two_sided { f.abs() } else { f };
+        // Edge terms of order 1 cancel to rounding 1e-16; what is left below 1e-12 is noise.
+        if f > 1e-12 { f } else { 0.0 }
+    }
+
+    pub(super) fn triangle(
+        &self,
+        e: &Emitter,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
+        let unoccluded = self.form_factor(e, p) * std::f32::consts::PI;
+        if unoccluded <= 0.0 {
+            return;
+        }
+        // A point on the triangle, its weight ∝ the light that comes from there. The part below the horizon is cut off, as it is
+        // from the closed form: else few samples might all fall there and lose the light.
+        let (pieces, count) = above_horizon(e.corners, p);
+        let seen = |k: usize| {
+            (k < count)
+                .then(|| SphericalTriangle::new(pieces[k], p.origin))
+                .flatten()
+        };
+        let spherical = [seen(0), seen(1)];
+        let solid_angle: f32 = spherical.iter().flatten().map(|s| s.solid_angle).sum();
+        let (target, weight) = if solid_angle > 2e-4 {
+            let mut left = random[2] * solid_angle;
+            let mut chosen = None;
+            for s in spherical.iter().flatten() {
+                chosen = Some(s);
+                if left < s.solid_angle {
+                    break;
+                }
+                left -= s.solid_angle;
+            }
+            let dir = chosen.map_or(Vec3::ZERO, |s| s.sample(random[0], random[1]));
+            let det = e.normal.dot(dir);
+            let t = e.normal.dot(e.corners[0] - p.origin) / det;
+            if !(t.is_finite() && t > 0.0) {
+                (e.corners[0], 0.0)
+            } else {
+                let cos = p.normal.dot(dir).max(0.0);
+                (p.origin + dir * t, cos * solid_angle)
+            }
+        } else {
+            let area = |c: [Vec3; 3]| 0.5 * (c[1] - c[0]).cross(c[2] - c[0]).length();
+            let whole: f32 = pieces[..count].iter().map(|c| area(*c)).sum();
+            let first = count < 2 || random[2] * whole < area(pieces[0]);
+            let q = on_triangle(pieces[if first { 0 } else { 1 }], random[0], random[1]);
+            let v = q - p.origin;
+            let d2 = v.length_squared().max(1e-30);
+            let cos = p.normal.dot(v).max(0.0) * e.normal.dot(v).abs() / d2;
+            (q, cos / d2 * whole)
+        };
+        let to = target - p.origin;
+        if weight <= 0.0 || p.geometric.dot(to) <= 0.0 {
+            return tally.unweighted(unoccluded);
+        }
+        tally.rays += 1;
+        let direction = to.normalize_or(p.normal);
+        let sample = Sample {
+            value: self.radiance_at(e, target, p) * weight,
+            passed: self.passed(p, target, e),
+            direction,
+            cos: p.normal.dot(direction).max(1e-6),
+            group: self.world.emission_group(e.triangle),
+        };
+        tally.weighted(unoccluded, weight, &sample);
+    }
+
+    pub(super) fn group(
+        &self,
+        node: u32,
+        few: Option<&Few>,
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
+        // A few triangles, such as a far rectangle's two, have their closed form like one; the sample says what of it is seen.
+        let range = &self.emitters.nodes[node as usize];
+        let members = &self.emitters.emitters[range.start as usize..range.end as usize];
+        let closed = members.len() <= FEW && !tally.plainly;
+        let unoccluded = closed.then(|| -> f32 {
+            let each = |e: &Emitter| luminance(e.radiance) * self.form_factor(e, p);
+            members.iter().map(each).sum::<f32>() * std::f32::consts::PI
+        });
+        if unoccluded.is_some_and(|e| e <= 0.0) {
+            return;
+        }
+        // A group's choice may take more than the 24 bits of one number.
+        let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
+        let picked = match few {
+            Some(few) => few.pick(self.emitters, x),
+            None => self.emitters.pick(node, p, x),
+        };
+        let Some((e, probability)) = picked else {
+            if let Some(unoccluded) = unoccluded {
+                tally.unweighted(unoccluded);
+            }
+            return;
+        };
+        let q = on_triangle(e.corners, random[0], random[1]);
+        let v = q - p.origin;
+        let d2 = v.length_squared();
+        let facing = -e.normal.dot(v);
+        let facing = if e.two_sided { facing.abs() } else { facing };
+        let cos = p.normal.dot(v);
+        if facing <= 0.0 || cos <= 0.0 || p.geometric.dot(v) <= 0.0 {
+            if let Some(unoccluded) = unoccluded {
+                tally.unweighted(unoccluded);
+            }
+            return;
+        }
+        let k = cos * facing / (d2 * d2) * e.area / probability;
+        tally.rays += 1;
+        let d = d2.sqrt();
+        let sample = Sample {
+            value: self.radiance_at(e, q, p) * k,
+            passed: self.passed(p, q, e),
+            direction: v / d,
+            cos: cos / d,
+            group: self.world.emission_group(e.triangle),
+        };
+        match unoccluded {
+            Some(unoccluded) => tally.weighted(unoccluded, luminance(e.radiance) * k, &sample),
+            None => tally.plain(&sample),
+        }
+    }
+
+    /// Share of light from the point `q` of emitter `e` that gets to `p`. The ray ends just before the emitter, which must not hide itself.
+    pub(super) fn passed(&self, p: &SurfacePoint, q: Vec3, e: &Emitter) -> Vec3 {
+        let to = q - p.origin;
+        // Stop as far off the emitter's plane as a receiver there would start.
+        let height = e.normal.dot(to).abs();
+        let stop = 2.0 * self.world.offset(q);
+        let t_max = 1.0 - (stop / height.max(1e-30)).min(1.0);
+        if t_max <= 0.0 {
+            return Vec3::ONE;
+        }
+        self.world.transmitted(p.origin, to, t_max)
+    }
+
+    /// Radiance that counts for the point `q` of `e` at `p`: from near what the texture says there, and from far the part's mean, which is
+    /// what arrives, without the noise of a texture read at a few points.
+    pub(super) fn radiance_at(&self, e: &Emitter, q: Vec3, p: &SurfacePoint) -> Vec3 {
+        let size2 = (e.corners[1] - e.corners[0])
+            .length_squared()
+            .max((e.corners[2] - e.corners[0]).length_squared());
+        if !e.textured || q.distance_squared(p.origin) > NEAR_TEXTURE * NEAR_TEXTURE * size2 {
+            return e.radiance;
+        }
+        let whole = self.world.soup.triangles[e.triangle as usize];
+        let (ab, ac, ap) = (whole[1] - whole[0], whole[2] - whole[0], q - whole[0]);
+        let (d11, d12, d22) = (ab.dot(ab), ab.dot(ac), ac.dot(ac));
+        let (p1, p2) = (ap.dot(ab), ap.dot(ac));
+        let det = (d11 * d22 - d12 * d12).max(1e-30);
+        let u = ((d22 * p1 - d12 * p2) / det).clamp(0.0, 1.0);
+        let v = ((d11 * p2 - d12 * p1) / det).clamp(0.0, 1.0 - u);
+        self.world.scene.emitted(self.world.soup, e.triangle, u, v)
+    }
+}
+
+/// A point uniform on the triangle.
+pub(super) fn on_triangle([a, b, c]: [Vec3; 3], u: f32, v: f32) -> Vec3 {
+    let s = u.sqrt();
+    a * (1.0 - s) + b * (s * (1.0 - v)) + c * (s * v)
+}
+
+/// The part of a triangle above the receiver's horizon, as up to two triangles, and how many.
+fn above_horizon(corners: [Vec3; 3], p: &SurfacePoint) -> ([[Vec3; 3]; 2], usize) {
+    let height = corners.map(|c| p.normal.dot(c - p.origin));
+    if height.iter().all(|h| *h >= 0.0) {
+        return ([corners; 2], 1);
+    }
+    let mut kept = [Vec3::ZERO; 4];
+    let mut n = 0;
+    for i in 0..3 {
+        let (j, k) = (i, (i + 1) % 3);
+        if height[j] >= 0.0 {
+            kept[n] = corners[j];
+            n += 1;
+        }
+        if (height[j] >= 0.0) != (height[k] >= 0.0) {
+            let t = height[j] / (height[j] - height[k]);
+            kept[n] = corners[j].lerp(corners[k], t);
+            n += 1;
+        }
+    }
+    let [a, b, c, d] = kept;
+    // Nothing above (only by rounding, since the closed form found light): its corners get weight 0.
+    ([[a, b, c], [a, c, d]], n.saturating_sub(2))
+}
