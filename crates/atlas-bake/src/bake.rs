@@ -173,7 +173,8 @@ pub fn bake(
     })?;
     follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;
     add_rays(&gatherer, &lumels, layout, &mut received, monitor)?;
-    smooth_indirect(&lumels, layout, &mut received);
+    let groups = gatherer.wanted.groups;
+    smooth_indirect(&lumels, layout, &mut received, groups);
     summarise(&lumels.lumels, &received, &mut out.report);
     let wanted = gatherer.wanted;
     let pages = Pages {

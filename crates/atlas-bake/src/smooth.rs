@@ -40,7 +40,14 @@ const SAME_FACING: f32 = 0.85;
 pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 
 /// Smooths `received` in place; only `indirect`, its variance and `error` change.
-pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [Received]) {
+///
+/// The first `groups` planes of a lumel are shares of its light, and stay so.
+pub(crate) fn smooth_indirect(
+    lumels: &Lumels,
+    layout: &Layout,
+    received: &mut [Received],
+    groups: usize,
+) {
     let window = Window::new(lumels, layout, received);
     let pooled: Vec<f32> = (0..received.len())
         .into_par_iter()
@@ -50,7 +57,12 @@ pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [
     let smoothed: Vec<Smoothed> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
-        .map(|i| window.fit(i, &pooled))
+        .map(|i| {
+            let mut smoothed = window.fit(i, &pooled);
+            let of_groups = groups.min(smoothed.planes.len());
+            share_out(smoothed.indirect, &mut smoothed.planes[..of_groups]);
+            smoothed
+        })
         .collect();
     for (r, s) in received.iter_mut().zip(smoothed) {
         let direct = (r.error * r.error - r.indirect_variance).max(0.0);
@@ -59,6 +71,25 @@ pub(crate) fn smooth_indirect(lumels: &Lumels, layout: &Layout, received: &mut [
         r.error = (direct + s.variance).sqrt();
         for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
             plane.indirect = indirect;
+        }
+    }
+}
+
+/// Takes away what is below zero from groups that sum to `whole`, and from the others in proportion what that adds: a fit may dip below
+/// zero for a group that brings next to nothing, though not for their sum.
+fn share_out(whole: Vec3, groups: &mut [Vec3]) {
+    if groups.iter().all(|g| g.min_element() >= 0.0) {
+        return;
+    }
+    for channel in 0..3 {
+        let left: f32 = groups.iter().map(|g| g[channel].max(0.0)).sum();
+        let scale = if left > 0.0 {
+            whole[channel] / left
+        } else {
+            0.0
+        };
+        for g in groups.iter_mut() {
+            g[channel] = g[channel].max(0.0) * scale;
         }
     }
 }
@@ -254,6 +285,24 @@ fn first_of_inverse(mut m: [[f64; TERMS]; TERMS]) -> Option<[f64; TERMS]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn groups_stay_shares_of_their_sum() {
+        let whole = Vec3::new(1.0, 2.0, 0.0);
+        let mut groups = [
+            Vec3::new(1.1, 0.5, 0.0),
+            Vec3::new(-0.1, 0.5, 0.0),
+            Vec3::new(0.0, 1.0, 0.0),
+        ];
+        share_out(whole, &mut groups);
+        assert!(groups.iter().all(|g| g.min_element() >= 0.0));
+        // One rounding of each share.
+        let sum: Vec3 = groups.iter().sum();
+        assert!((sum - whole).abs().max_element() <= 3e-7, "{sum}");
+        assert_eq!(groups[1].x, 0.0);
+        // What is not below zero is left alone.
+        assert_eq!(groups[2].y, 1.0);
+    }
 
     #[test]
     fn the_inverse_times_the_matrix_is_one() {
