@@ -3,15 +3,11 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::Vec3;
-use mesh_ingest::Scene;
-use radiosity::{
-    Cancelled, DirectLight, Emitters, Monitor, Phase, Solution, World, hash_u32, luminance,
-};
+use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Phase, Solution, World, luminance};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::atlas::{Layout, Page};
-use crate::footprint::VertexFootprint;
 use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
 use crate::lumels::{Lumel, Lumels};
@@ -20,6 +16,7 @@ use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
 use crate::smooth::smooth_indirect;
+use crate::vertices::bake_vertices;
 
 /// Extra channels of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -71,6 +68,23 @@ pub struct BakeOptions {
     pub directional: Option<Directional>,
     /// How far [`Layer::Ao`] looks, metres; `None` for a tenth of the scene's diagonal.
     pub ao_distance: Option<f32>,
+    /// What lumels hold of which a part lies inside or behind something.
+    pub hidden: Hidden,
+    /// Make bilinear lookups on both sides of chart borders agree.
+    pub stitch: bool,
+    /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh as it is.
+    pub vertex_error: Option<f32>,
+}
+
+/// What lumels hold of which a part lies inside or behind something, or beyond a wall.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Hidden {
+    /// The light of the part that can be seen; lumels of which nothing can be seen take their neighbours'.
+    #[default]
+    Fill,
+    /// The mean over all of it, hidden parts being dark: what an area average over the texel says, for measuring.
+    Mean,
 }
 
 impl BakeOptions {
@@ -258,112 +272,5 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     let middle = errors.len() / 2;
     if !errors.is_empty() {
         report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
-    }
-}
-
-/// Irradiance at every vertex that a triangle uses; 0 at the others.
-fn bake_vertices(
-    world: &World,
-    mut gatherer: Gatherer,
-    options: GatherOptions,
-    monitor: &dyn Monitor,
-    report: &mut BakeReport,
-) -> Result<Vec<Vec<Vec<[f32; 3]>>>, Cancelled> {
-    gatherer.options = options;
-    // Vertices hold one colour.
-    gatherer.wanted = Wanted::default();
-    let corners = VertexCorners::collect(world);
-    let received = in_blocks(corners.len(), Phase::Vertices, monitor, |i| {
-        let (around, seed) = corners.around(world, i);
-        gatherer.gather(
-            &VertexFootprint {
-                world,
-                around,
-                seed,
-            },
-            seed,
-        )
-    })?;
-    report.vertices = received.len() as u64;
-    report.vertex_rays = received.iter().map(|r| r.rays).sum();
-    let mut out = empty_vertices(world.scene);
-    for (i, r) in received.iter().enumerate() {
-        let (instance, primitive, vertex) = corners.vertex(i);
-        out[instance as usize][primitive as usize][vertex as usize] =
-            (r.direct + r.indirect).to_array();
-    }
-    Ok(out)
-}
-
-fn empty_vertices(scene: &Scene) -> Vec<Vec<Vec<[f32; 3]>>> {
-    scene
-        .instances
-        .iter()
-        .map(|i| {
-            scene.meshes[i.mesh]
-                .primitives
-                .iter()
-                .map(|p| vec![[0.0; 3]; p.positions.len()])
-                .collect()
-        })
-        .collect()
-}
-
-/// For every used vertex of every instance, the soup triangles that meet there.
-struct VertexCorners {
-    /// (instance, primitive, vertex, triangle, world corner), sorted.
-    corners: Vec<(u32, u32, u32, u32, u8)>,
-    /// Where each vertex's run begins; one more than there are.
-    starts: Vec<u32>,
-}
-
-impl VertexCorners {
-    fn collect(world: &World) -> Self {
-        let mut corners: Vec<_> = (0..world.soup.triangles.len() as u32)
-            .into_par_iter()
-            .filter(|&t| !world.scene.only_occludes(world.soup, t))
-            .flat_map_iter(|t| {
-                let s = world.soup.sources[t as usize];
-                let mesh = &world.scene.meshes[world.scene.instances[s.instance as usize].mesh];
-                let [a, b, c] =
-                    mesh.primitives[s.primitive as usize].triangles[s.triangle as usize];
-                let order = if s.mirrored { [a, c, b] } else { [a, b, c] };
-                (0..3u8).map(move |k| (s.instance, s.primitive, order[k as usize], t, k))
-            })
-            .collect();
-        corners.par_sort_unstable();
-        let mut starts = Vec::new();
-        for i in 0..corners.len() {
-            let key = |c: &(u32, u32, u32, u32, u8)| (c.0, c.1, c.2);
-            if i == 0 || key(&corners[i]) != key(&corners[i - 1]) {
-                starts.push(i as u32);
-            }
-        }
-        starts.push(corners.len() as u32);
-        VertexCorners { corners, starts }
-    }
-
-    fn len(&self) -> usize {
-        self.starts.len() - 1
-    }
-
-    fn vertex(&self, i: usize) -> (u32, u32, u32) {
-        let c = self.corners[self.starts[i] as usize];
-        (c.0, c.1, c.2)
-    }
-
-    /// Triangles about vertex `i` with running area, and a seed.
-    fn around(&self, world: &World, i: usize) -> (Vec<(u32, u8, f32)>, u32) {
-        let run = &self.corners[self.starts[i] as usize..self.starts[i + 1] as usize];
-        let mut area = 0.0;
-        let around = run
-            .iter()
-            .map(|c| {
-                area += world.soup.areas[c.3 as usize];
-                (c.3, c.4, area)
-            })
-            .collect();
-        let seed = hash_u32(run[0].2 ^ hash_u32(run[0].1 ^ hash_u32(run[0].0 ^ 0x51ed_270b)));
-        (around, seed)
     }
 }

@@ -26,9 +26,10 @@ mod smooth;
 mod texture;
 pub mod unwrap;
 mod uv_check;
+mod vertices;
 
 pub use atlas::*;
-pub use bake::{BakeOptions, BakeReport, Baked, Directional, Layer, bake};
+pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};

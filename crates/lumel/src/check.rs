@@ -62,6 +62,9 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
             )));
         }
     }
+    if let Some(e) = settings.vertex_error {
+        positive("the vertex error", e)?;
+    }
     if let Some(d) = settings.ao_distance {
         positive("the distance of ambient occlusion", d)?;
     }

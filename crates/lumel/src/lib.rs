@@ -29,7 +29,7 @@ pub use mesh_ingest;
 pub use radiosity;
 pub use visibility;
 
-pub use atlas_bake::{Directional, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
+pub use atlas_bake::{Directional, Hidden, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
 pub use error::Error;
 pub use files::{NamedFile, output_names};
 pub use inspect::{Inspection, inspect};

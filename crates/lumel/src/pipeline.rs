@@ -148,6 +148,9 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         value: settings.value,
         directional: settings.directional,
         ao_distance: settings.ao_distance,
+        hidden: settings.hidden,
+        stitch: settings.stitch,
+        vertex_error: settings.vertex_error,
     };
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;

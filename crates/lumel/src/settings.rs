@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
-use atlas_bake::{Directional, GatherOptions, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
+use atlas_bake::{
+    Directional, GatherOptions, Hidden, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice,
+};
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
@@ -119,6 +121,12 @@ pub struct Settings {
     /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light; fresh snow, the whitest thing that
     /// levels hold, reflects 0.9 to 0.98.
     pub max_reflectance: f32,
+    /// What lumels hold of which a part lies inside or behind something.
+    pub hidden: Hidden,
+    /// Make bilinear lookups on both sides of chart borders agree.
+    pub stitch: bool,
+    /// Split edges of the vertex-lit scene until its relative error is about this.
+    pub vertex_error: Option<f32>,
 }
 
 impl Default for Settings {
@@ -144,6 +152,9 @@ impl Default for Settings {
             probes: None,
             error: None,
             max_reflectance: 0.98,
+            hidden: Hidden::Fill,
+            stitch: true,
+            vertex_error: None,
         }
     }
 }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, Layer, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
-    UnwrapperChoice, UvMode, ValueKind,
+    Directional, Hidden, Layer, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource,
+    Sun, UnwrapperChoice, UvMode, ValueKind,
 };
 
 /// Bakes diffuse global illumination into glTF levels.
@@ -91,6 +91,15 @@ pub(crate) struct Bake {
     /// Reflectances above this count as this
     #[arg(long, value_name = "X", default_value_t = 0.98)]
     pub max_reflectance: f32,
+    /// Lumels that lie partly inside or behind something
+    #[arg(long, value_enum, default_value = "fill")]
+    pub hidden: HiddenArg,
+    /// Leave the borders of charts as they were gathered
+    #[arg(long)]
+    pub no_stitch: bool,
+    /// Split edges in the scene with vertex colours until its relative error is about X
+    #[arg(long, value_name = "X")]
+    pub vertex_error: Option<f32>,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
@@ -205,6 +214,10 @@ mirror!(LayerArg => Layer {
     Ao => Layer::Ao, "ao.Y: ambient occlusion (openness), see --ao-distance";
     #[value(name = "sun_mask")]
     SunMask => Layer::SunMask, "sun_mask.Y: share of directional lights' light that gets through";
+});
+mirror!(HiddenArg => Hidden {
+    Fill => Hidden::Fill, "Hold the light of the part that can be seen, or else their neighbours'";
+    Mean => Hidden::Mean, "Hold the mean over all of them, hidden parts being dark";
 });
 mirror!(DirectionalArg => Directional {
     Sh1 => Directional::Sh1, "Spherical harmonics of first order";
@@ -329,6 +342,9 @@ impl Bake {
             probes: self.probes.clone(),
             value: self.value.into(),
             max_reflectance: self.max_reflectance,
+            hidden: self.hidden.into(),
+            stitch: !self.no_stitch,
+            vertex_error: self.vertex_error,
             ..Settings::default()
         };
         s.lights
