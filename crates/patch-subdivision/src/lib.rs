@@ -12,6 +12,7 @@ mod grid;
 pub mod raster;
 mod region;
 mod subdivision;
+mod walls;
 
 pub use region::{RegionId, RegionOptions};
 pub use subdivision::{

@@ -9,6 +9,7 @@ use crate::grid::{
     Fragment, Frame, choose_frame, clip_to_fine, fine_corners, frame_of_cluster, rasterise,
 };
 use crate::region::{RegionOptions, Regions, gather_regions};
+use crate::walls::Walls;
 
 /// Index of a patch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -104,11 +105,28 @@ pub struct Stats {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Region {
-    frame: Frame,
+pub(crate) struct Region {
+    pub(crate) frame: Frame,
     /// Start of its row-major table in `tables`.
-    table: usize,
-    two_sided: bool,
+    pub(crate) table: usize,
+    pub(crate) two_sided: bool,
+    /// Disconnected pieces in one cell.
+    pub(crate) loose: bool,
+}
+
+impl Region {
+    /// Fine cells along each axis.
+    pub(crate) fn fine(&self) -> [i32; 2] {
+        self.frame.cells.map(|c| (c * self.frame.sub) as i32)
+    }
+}
+
+impl Patch {
+    /// The element in the cell of this bit.
+    #[inline]
+    pub(crate) fn element_of(&self, bit: u16) -> Option<u32> {
+        (self.mask & bit != 0).then(|| self.first_element + (self.mask & (bit - 1)).count_ones())
+    }
 }
 
 const NONE: u32 = u32::MAX;
@@ -116,12 +134,13 @@ const NONE: u32 = u32::MAX;
 /// A scene cut into patches and elements.
 #[derive(Debug)]
 pub struct Subdivision {
-    regions: Vec<Region>,
-    region_of_triangle: Vec<u32>,
+    pub(crate) regions: Vec<Region>,
+    pub(crate) region_of_triangle: Vec<u32>,
     /// Per region a table of front patches, [`NONE`] where a cell holds no surface.
-    tables: Vec<u32>,
-    patches: Vec<Patch>,
-    elements: Vec<Element>,
+    pub(crate) tables: Vec<u32>,
+    pub(crate) patches: Vec<Patch>,
+    pub(crate) elements: Vec<Element>,
+    pub(crate) walls: Walls,
     patch_size: f32,
 }
 
@@ -129,6 +148,7 @@ pub struct Subdivision {
 struct Piece {
     frame: Frame,
     two_sided: bool,
+    loose: bool,
     table: Vec<u32>,
     patches: Vec<Patch>,
     elements: Vec<Element>,
@@ -152,6 +172,7 @@ impl Subdivision {
             tables: Vec::new(),
             patches: Vec::new(),
             elements: Vec::new(),
+            walls: Walls::default(),
             patch_size: size,
         };
         for piece in pieces {
@@ -167,6 +188,7 @@ impl Subdivision {
             frame: piece.frame,
             table: self.tables.len(),
             two_sided: piece.two_sided,
+            loose: piece.loose,
         });
         self.tables.extend(
             piece
@@ -228,21 +250,18 @@ impl Subdivision {
         if front == NONE {
             front = self.nearest_patch(region, c, r)?;
         }
-        let id = front + (back as u32);
-        let patch = &self.patches[id as usize];
         let s = f.sub as f32;
         let sc = (((q[0] - c as f32) * s).max(0.0) as u32).min(f.sub - 1);
         let sr = (((q[1] - r as f32) * s).max(0.0) as u32).min(f.sub - 1);
         let bit = 1u16 << (sr * f.sub + sc);
-        let element = (patch.mask & bit != 0)
-            .then(|| ElementId(patch.first_element + (patch.mask & (bit - 1)).count_ones()));
+        let id = self.of_chain(front + (back as u32), bit, f.sub);
         Some(Locus {
             patch: PatchId(id),
-            element,
+            element: self.patches[id as usize].element_of(bit).map(ElementId),
         })
     }
 
-    /// Bilinear weights over the patches about `p`, those that exist in its region and are not hidden; at least one. Arguments as for
+    /// Bilinear weights over the patches about `p`, those that exist in its region, are not hidden and not behind a wall; at least one. Arguments as for
     /// [`locate`](Self::locate), which must have answered for them.
     #[inline]
     pub fn taps(&self, triangle: u32, p: Vec3, at: Locus) -> ([Tap; 4], usize) {
@@ -278,9 +297,14 @@ impl Subdivision {
                 continue;
             }
             let front = self.tables[region.table + (r as u32 * f.cells[0] + c as u32) as usize];
-            if front != NONE && !self.patches[(front + back) as usize].hidden {
+            if front == NONE {
+                continue;
+            }
+            if let Some(patch) = self.reached(at.patch.0, front + back)
+                && !self.patches[patch as usize].hidden
+            {
                 taps[n] = Tap {
-                    patch: PatchId(front + back),
+                    patch: PatchId(patch),
                     weight: w,
                 };
                 sum += w;
@@ -362,7 +386,8 @@ impl Subdivision {
             bytes: (self.regions.len() * size_of::<Region>()
                 + (self.region_of_triangle.len() + self.tables.len()) * 4
                 + self.patches.len() * size_of::<Patch>()
-                + self.elements.len() * size_of::<Element>()) as u64,
+                + self.elements.len() * size_of::<Element>()
+                + self.walls.bytes()) as u64,
         }
     }
 }
@@ -420,6 +445,7 @@ fn cut_region(
     let mut piece = Piece {
         frame,
         two_sided: two_sided(triangles[0] as usize),
+        loose: regions.cluster[region],
         table: vec![NONE; (frame.cells[0] * frame.cells[1]) as usize],
         patches: Vec::new(),
         elements: Vec::with_capacity(runs.len()),

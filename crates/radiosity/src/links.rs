@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_4d};
+use crate::solution::place;
 use crate::world::{Incoming, World};
 
 /// The ray left the scene.
@@ -269,7 +270,7 @@ fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
                 } else {
                     out.source[world.emission_group(hit.triangle)] += glow;
                 }
-                match cut.locate(hit.triangle, p.origin + direction * hit.t, hit.back) {
+                match place(world, cut, &hit, p.origin + direction * hit.t) {
                     Some(at) => at.patch.0,
                     None => NOWHERE,
                 }

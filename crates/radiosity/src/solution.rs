@@ -1,7 +1,7 @@
 //! The solved light of a scene.
 
 use glam::{DVec3, Vec3};
-use patch_subdivision::{Stats, Subdivision};
+use patch_subdivision::{Locus, Stats, Subdivision};
 use serde::Serialize;
 use visibility::Hit;
 
@@ -42,6 +42,29 @@ pub struct GroupLight {
     pub indirect: Vec<Vec3>,
 }
 
+/// Patch and element of the point `p`, which a ray found as `hit`: on its side of walls that stand on the surface. `None` as
+/// [`Subdivision::locate`].
+#[inline]
+pub(crate) fn place(world: &World, cut: &Subdivision, hit: &Hit, p: Vec3) -> Option<Locus> {
+    let at = cut.locate(hit.triangle, p, hit.back)?;
+    if !cut.has_walls() {
+        return Some(at);
+    }
+    Some(cut.on_this_side(hit.triangle, p, at, |e| {
+        let own = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+        let other = world.surface_point(e.triangle, e.u, e.v, hit.back, false);
+        !world.wall_between(&own, &other, WALL * element_edge(cut, hit.triangle))
+    }))
+}
+
+/// Height above a surface at which walls on it are looked for, in edges of an element.
+pub(crate) const WALL: f32 = 0.2;
+
+/// Edge of an element about `triangle`, metres.
+pub(crate) fn element_edge(cut: &Subdivision, triangle: u32) -> f32 {
+    0.25 * cut.patch_edge(triangle)
+}
+
 /// What the solve did.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SolveReport {
@@ -49,6 +72,8 @@ pub struct SolveReport {
     pub subdivision: Stats,
     /// Elements inside of things, which stand for nothing.
     pub buried_elements: u64,
+    /// Pairs of neighbouring elements that something on their surface keeps apart.
+    pub walled_elements: u64,
     /// Emissive triangles that direct light samples.
     pub emitters: usize,
     /// Patches whose direct light is computed anew at each hit.
@@ -85,7 +110,7 @@ impl Solution {
         p: Vec3,
         seed: u32,
     ) -> Vec3 {
-        let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
+        let Some(at) = place(world, &self.cut, hit, p) else {
             return Vec3::ZERO;
         };
         let direct = if self.rough[at.patch.0 as usize] {
@@ -130,7 +155,7 @@ impl Solution {
             }
             return light;
         };
-        let Some(at) = self.cut.locate(hit.triangle, p, hit.back) else {
+        let Some(at) = place(world, &self.cut, hit, p) else {
             return Vec3::ZERO;
         };
         let n = groups.count.min(parts.len());

@@ -14,7 +14,7 @@ use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
-use crate::solution::{GroupLight, Solution, SolveReport};
+use crate::solution::{GroupLight, Solution, SolveReport, WALL, element_edge};
 use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
@@ -66,10 +66,12 @@ pub fn solve(
     let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
     let buried = find_buried(world, &cut);
     cut.hide(&buried);
+    let walled_elements = stand_apart(world, &mut cut);
     let n = cut.patches().len();
     let mut report = SolveReport {
         subdivision: cut.stats(),
         buried_elements: buried.iter().filter(|b| **b).count() as u64,
+        walled_elements,
         emitters: emitters.len(),
         ..SolveReport::default()
     };
@@ -235,6 +237,29 @@ fn find_buried(world: &World, cut: &Subdivision) -> Vec<bool> {
                 .map(move |k| buried_at(PatchId(p), k))
         })
         .collect()
+}
+
+/// Cuts patches where walls stand on them; gives the number of pairs of elements that one parts.
+fn stand_apart(world: &World, cut: &mut Subdivision) -> u64 {
+    let pairs = cut.neighbours();
+    let point = |k: u32, back: bool| {
+        let e = cut.elements()[k as usize];
+        world.surface_point(e.triangle, e.u, e.v, back, false)
+    };
+    let back: Vec<bool> = (cut.patches().iter())
+        .flat_map(|p| std::iter::repeat_n(p.back, p.elements as usize))
+        .collect();
+    let blocked: Vec<bool> = pairs
+        .par_iter()
+        .with_min_len(1024)
+        .map(|&[a, b]| {
+            let side = back[a as usize];
+            let lift = WALL * element_edge(cut, cut.elements()[a as usize].triangle);
+            world.wall_between(&point(a, side), &point(b, side), lift)
+        })
+        .collect();
+    cut.separate(&pairs, &blocked);
+    blocked.iter().filter(|b| **b).count() as u64
 }
 
 /// Direct light on elements.

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
-use visibility::{BuildError, BuildOptions, Bvh, Hit, Ray};
+use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
 
 use crate::curved::{Curved, height};
 use crate::emitters::brightness;
@@ -325,6 +325,26 @@ impl<'a> World<'a> {
         glass.share()
     }
 
+    /// Whether something opaque stands between two points of one surface: a wall on it, say, and not the surface's own curvature.
+    ///
+    /// A straight way is looked along that begins and ends `lift` metres above the points, and higher where the surface bulges between them.
+    /// Cut-out, blended and glass surfaces are no walls.
+    pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
+        let way = b.position - a.position;
+        // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge rises over the middle of the straight
+        // way by at most half of that over the cosine of half their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
+        let below = (-a.geometric.dot(way)).max(b.geometric.dot(way)).max(0.0);
+        let lift = lift + 0.75 * below;
+        let (from, to) = (a.origin + a.geometric * lift, b.origin + b.geometric * lift);
+        let ray = Ray {
+            origin: from,
+            direction: to - from,
+            t_min: 0.0,
+            t_max: 1.0,
+        };
+        self.bvh.occluded(&ray, &Opaque)
+    }
+
     /// Whether light that passes surfaces may change its colour, so that [`incoming`](Self::incoming)'s share can differ from 1.
     pub(crate) fn tinted(&self) -> bool {
         self.tinted
@@ -373,6 +393,15 @@ impl<'a> World<'a> {
         } else {
             Vec3::ZERO
         }
+    }
+}
+
+/// Only what lets no light through at all.
+struct Opaque;
+
+impl HitFilter for Opaque {
+    fn accept(&self, _: u32, _: f32, _: f32, _: &Ray) -> bool {
+        false
     }
 }
 

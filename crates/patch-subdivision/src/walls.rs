@@ -1,0 +1,408 @@
+//! Walls that stand on a surface: what lies on their two sides is kept apart.
+//!
+//! A region's grid knows nothing of other surfaces: a floor that runs on under a wall has patches that lie in two rooms. Light that one of
+//! them receives would then shine from both. Whoever can cast rays says which neighbouring elements do not see each other
+//! ([`Subdivision::neighbours`], [`Subdivision::separate`]); patches are cut there, and interpolation stops there.
+
+use crate::subdivision::{ElementId, Locus, Patch, PatchId, Region, Subdivision};
+
+const NONE: u32 = u32::MAX;
+
+/// What [`Subdivision::separate`] found. All empty where no wall stands on any surface.
+#[derive(Debug, Default)]
+pub(crate) struct Walls {
+    /// By patch: another patch of the same cell and side, [`NONE`] if there is none.
+    next: Vec<u32>,
+    /// By patch: where its list begins in `joined`, [`NONE`] where no wall is near.
+    near: Vec<u32>,
+    /// Lists: a length, then so many patches, ascending: those that one may interpolate towards.
+    joined: Vec<u32>,
+    /// By element: a wall stands between it and one of its neighbours, or on it.
+    beside: Vec<bool>,
+}
+
+impl Walls {
+    /// The patches that one may interpolate towards from `patch`; `None` where no wall is near, and all may be.
+    #[inline]
+    fn joined(&self, patch: u32) -> Option<&[u32]> {
+        let at = *self.near.get(patch as usize)?;
+        if at == NONE {
+            return None;
+        }
+        let at = at as usize;
+        Some(&self.joined[at + 1..at + 1 + self.joined[at] as usize])
+    }
+
+    /// The patch that follows `patch` in its cell.
+    #[inline]
+    fn next(&self, patch: u32) -> Option<u32> {
+        self.next
+            .get(patch as usize)
+            .copied()
+            .filter(|&n| n != NONE)
+    }
+
+    /// Memory, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        (self.next.len() + self.near.len() + self.joined.len()) * 4 + self.beside.len()
+    }
+}
+
+/// A fine cell's column and row.
+type Fine = [i32; 2];
+
+impl Subdivision {
+    /// Pairs of elements that lie side by side on one surface, on the same side of it. Loose pieces that share a cell have none.
+    pub fn neighbours(&self) -> Vec<[u32; 2]> {
+        let mut pairs = Vec::with_capacity(2 * self.elements().len());
+        for region in self.regions.iter().filter(|r| !r.loose) {
+            let [w, h] = region.fine();
+            for back in 0..1 + region.two_sided as u32 {
+                for r in 0..h {
+                    for c in 0..w {
+                        let Some(own) = self.element_at(region, [c, r], back) else {
+                            continue;
+                        };
+                        for beside in [[c + 1, r], [c, r + 1]] {
+                            if let Some(other) = self.element_at(region, beside, back) {
+                                pairs.push([own, other]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        pairs
+    }
+
+    /// Parts what walls part. `blocked` says of each of [`neighbours`](Self::neighbours) whether something stands between the two.
+    ///
+    /// Patches whose elements a wall divides become one patch a part. Call it once, after [`hide`](Self::hide).
+    ///
+    /// # Panics
+    /// When the lists differ in length.
+    pub fn separate(&mut self, pairs: &[[u32; 2]], blocked: &[bool]) {
+        assert_eq!(pairs.len(), blocked.len(), "one flag a pair");
+        if !blocked.contains(&true) {
+            return;
+        }
+        let mut patch_of = vec![0u32; self.elements().len()];
+        for p in 0..self.patches().len() {
+            patch_of[self.elements_of(PatchId(p as u32))].fill(p as u32);
+        }
+        let part = parts(pairs, blocked, &patch_of);
+        let mut divided = vec![false; self.patches().len()];
+        for ([a, b], _) in pairs.iter().zip(blocked).filter(|x| *x.1) {
+            let p = patch_of[*a as usize];
+            divided[p as usize] |= p == patch_of[*b as usize];
+        }
+        let moved = self.divide(&divided, &part);
+        // Elements have new numbers now, and some new patches.
+        for p in 0..self.patches().len() {
+            for k in self.elements_of(PatchId(p as u32)) {
+                patch_of[k] = p as u32;
+            }
+        }
+        let renumbered = |e: u32| moved[e as usize];
+        let mut beside = vec![false; self.elements().len()];
+        let mut links: Vec<[u32; 2]> = Vec::new();
+        for ([a, b], blocked) in pairs.iter().zip(blocked) {
+            let [a, b] = [renumbered(*a), renumbered(*b)];
+            if *blocked {
+                beside[a as usize] = true;
+                beside[b as usize] = true;
+                continue;
+            }
+            let [p, q] = [patch_of[a as usize], patch_of[b as usize]];
+            if p != q {
+                links.push([p, q]);
+                links.push([q, p]);
+            }
+        }
+        links.sort_unstable();
+        links.dedup();
+        self.walls.beside = beside;
+        self.join(&links);
+    }
+
+    /// Cuts patches into their parts; gives each element's new number.
+    fn divide(&mut self, divided: &[bool], part: &[u32]) -> Vec<u32> {
+        let mut moved = vec![0u32; self.elements.len()];
+        let mut kept = Vec::with_capacity(self.elements.len());
+        // (patch of the first part, part's elements with their cells), in order.
+        let mut split: Vec<(u32, Vec<(u32, u16)>)> = Vec::new();
+        let old = std::mem::take(&mut self.elements);
+        for (p, patch) in self.patches.iter_mut().enumerate() {
+            let range = patch.first_element..patch.first_element + u32::from(patch.elements);
+            patch.first_element = kept.len() as u32;
+            if !divided[p] || patch.hidden {
+                for k in range {
+                    moved[k as usize] = kept.len() as u32;
+                    kept.push(old[k as usize]);
+                }
+                continue;
+            }
+            let mask = patch.mask;
+            let cells = (0..16u16).filter(|b| mask >> b & 1 == 1);
+            let mut members: Vec<(u32, u32, u16)> = range
+                .zip(cells)
+                .map(|(k, c)| (part[k as usize], k, c))
+                .collect();
+            members.sort_unstable();
+            let mut groups: Vec<Vec<(u32, u16)>> = members
+                .chunk_by(|a, b| a.0 == b.0)
+                .map(|g| g.iter().map(|&(_, k, c)| (k, c)).collect())
+                .collect();
+            // The largest part stays the patch.
+            let most = (0..groups.len()).max_by_key(|&g| (groups[g].len(), std::cmp::Reverse(g)));
+            let main = groups.swap_remove(most.unwrap_or(0));
+            groups.sort_unstable();
+            *patch = gather_part(patch, &main, &old, &mut kept, &mut moved);
+            split.extend(groups.into_iter().map(|g| (p as u32, g)));
+        }
+        let mut next = vec![NONE; self.patches.len() + split.len()];
+        for (p, members) in &split {
+            let own = self.patches[*p as usize];
+            let id = self.patches.len() as u32;
+            let patch = gather_part(&own, members, &old, &mut kept, &mut moved);
+            self.patches.push(patch);
+            // Before what the patch was followed by.
+            next[id as usize] = next[*p as usize];
+            next[*p as usize] = id;
+        }
+        self.elements = kept;
+        self.walls.next = next;
+        moved
+    }
+
+    /// Fills the lists of patches near walls: those that light can be interpolated towards without crossing one.
+    fn join(&mut self, links: &[[u32; 2]]) {
+        let count = self.patches.len();
+        let mut starts = vec![0u32; count + 1];
+        for l in links {
+            starts[l[0] as usize + 1] += 1;
+        }
+        for p in 0..count {
+            starts[p + 1] += starts[p];
+        }
+        let of = |p: u32| &links[starts[p as usize] as usize..starts[p as usize + 1] as usize];
+        let near = self.near_walls();
+        let (mut at, mut joined) = (vec![NONE; count], Vec::new());
+        let mut list = Vec::new();
+        for p in (0..count as u32).filter(|&p| near[p as usize]) {
+            list.clear();
+            for &[_, q] in of(p) {
+                list.push(q);
+                // Diagonal neighbours share no edge: one comes to them in two steps.
+                list.extend(of(q).iter().map(|l| l[1]).filter(|&r| r != p));
+            }
+            list.sort_unstable();
+            list.dedup();
+            at[p as usize] = joined.len() as u32;
+            joined.push(list.len() as u32);
+            joined.extend(&list);
+        }
+        self.walls.near = at;
+        self.walls.joined = joined;
+    }
+
+    /// Patches in or beside a cell that has an element beside a wall.
+    fn near_walls(&self) -> Vec<bool> {
+        let mut near = vec![false; self.patches.len()];
+        for region in self.regions.iter().filter(|r| !r.loose) {
+            let [w, h] = region.frame.cells.map(|x| x as i32);
+            for back in 0..1 + region.two_sided as u32 {
+                for (r, c) in (0..h).flat_map(|r| (0..w).map(move |c| (r, c))) {
+                    let walled = self
+                        .chain(region, [c, r], back)
+                        .any(|p| self.elements_of(PatchId(p)).any(|k| self.walls.beside[k]));
+                    if !walled {
+                        continue;
+                    }
+                    for (dr, dc) in (-1..=1).flat_map(|dr| (-1..=1).map(move |dc| (dr, dc))) {
+                        for p in self.chain(region, [c + dc, r + dr], back) {
+                            near[p as usize] = true;
+                        }
+                    }
+                }
+            }
+        }
+        near
+    }
+
+    /// The patches of a cell on one side, none where it lies outside of the grid.
+    pub(crate) fn chain(
+        &self,
+        region: &Region,
+        cell: Fine,
+        back: u32,
+    ) -> impl Iterator<Item = u32> + '_ {
+        let [w, h] = region.frame.cells.map(|x| x as i32);
+        let inside = cell[0] >= 0 && cell[1] >= 0 && cell[0] < w && cell[1] < h;
+        let front = if inside {
+            self.tables[region.table + (cell[1] * w + cell[0]) as usize]
+        } else {
+            NONE
+        };
+        let first = (front != NONE).then(|| front + back);
+        std::iter::successors(first, |&p| self.walls.next(p))
+    }
+
+    /// The element of a fine cell on one side.
+    fn element_at(&self, region: &Region, fine: Fine, back: u32) -> Option<u32> {
+        if fine[0] < 0 || fine[1] < 0 {
+            return None;
+        }
+        let sub = region.frame.sub as i32;
+        let bit = 1u16 << ((fine[1] % sub) * sub + fine[0] % sub);
+        self.chain(region, [fine[0] / sub, fine[1] / sub], back)
+            .find_map(|p| self.patches[p as usize].element_of(bit))
+    }
+
+    /// The patch of the cell at `front` (the first of its chain) that a point in fine cell `bit` belongs to: the one with an element there,
+    /// else the one with the nearest.
+    #[inline]
+    pub(crate) fn of_chain(&self, first: u32, bit: u16, sub: u32) -> u32 {
+        if self.walls.next(first).is_none() {
+            return first;
+        }
+        let chain = || std::iter::successors(Some(first), |&p| self.walls.next(p));
+        if let Some(p) = chain().find(|&p| self.patches[p as usize].mask & bit != 0) {
+            return p;
+        }
+        let place = |bit: u32| [(bit % sub) as i32, (bit / sub) as i32];
+        let own = place(bit.trailing_zeros());
+        let distance = |p: u32| {
+            let mask = self.patches[p as usize].mask;
+            (0..16u32)
+                .filter(|b| mask >> b & 1 == 1)
+                .map(|b| {
+                    let at = place(b);
+                    (at[0] - own[0]).pow(2) + (at[1] - own[1]).pow(2)
+                })
+                .min()
+        };
+        chain()
+            .min_by_key(|&p| (distance(p).unwrap_or(i32::MAX), p))
+            .unwrap_or(first)
+    }
+
+    /// Whether interpolation from `patch` may reach the cell whose chain begins with `first`, and which of its patches.
+    #[inline]
+    pub(crate) fn reached(&self, patch: u32, first: u32) -> Option<u32> {
+        let Some(joined) = self.walls.joined(patch) else {
+            return Some(first);
+        };
+        let chain = || std::iter::successors(Some(first), |&p| self.walls.next(p));
+        if chain().any(|p| p == patch) {
+            return Some(patch);
+        }
+        chain().find(|p| joined.binary_search(p).is_ok())
+    }
+
+    /// Whether walls stand on any surface, as [`separate`](Self::separate) was told.
+    #[inline]
+    pub fn has_walls(&self) -> bool {
+        !self.walls.beside.is_empty()
+    }
+
+    /// Like `at`, but on the right side of a wall: `sees` says whether nothing stands between the point and an element's. Asked only where a
+    /// wall is beside the element.
+    pub fn on_this_side(
+        &self,
+        triangle: u32,
+        p: glam::Vec3,
+        at: Locus,
+        sees: impl Fn(&crate::Element) -> bool,
+    ) -> Locus {
+        if !self.has_walls() || self.walls.joined(at.patch.0).is_none() {
+            return at;
+        }
+        if let Some(e) = at.element
+            && (!self.walls.beside[e.0 as usize] || sees(&self.elements[e.0 as usize]))
+        {
+            return at;
+        }
+        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        let back = self.patches[at.patch.0 as usize].back as u32;
+        let sub = region.frame.sub as f32;
+        let q = region.frame.project(p).map(|x| x * sub);
+        let [w, h] = region.fine();
+        let own = [(q[0] as i32).clamp(0, w - 1), (q[1] as i32).clamp(0, h - 1)];
+        // The nearest first.
+        let mut around: Vec<(f32, Fine)> = (-1..=1)
+            .flat_map(|dr| (-1..=1).map(move |dc| [own[0] + dc, own[1] + dr]))
+            .map(|f| {
+                let d = [f[0] as f32 + 0.5 - q[0], f[1] as f32 + 0.5 - q[1]];
+                (d[0] * d[0] + d[1] * d[1], f)
+            })
+            .collect();
+        around.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for (_, fine) in around {
+            let cell = [
+                fine[0].div_euclid(sub as i32),
+                fine[1].div_euclid(sub as i32),
+            ];
+            if fine[0] < 0 || fine[1] < 0 {
+                continue;
+            }
+            let bit = 1u16 << ((fine[1] % sub as i32) * sub as i32 + fine[0] % sub as i32);
+            for patch in self.chain(region, cell, back) {
+                if let Some(e) = self.patches[patch as usize].element_of(bit)
+                    && sees(&self.elements[e as usize])
+                {
+                    return Locus {
+                        patch: PatchId(patch),
+                        element: Some(ElementId(e)),
+                    };
+                }
+            }
+        }
+        at
+    }
+}
+
+/// Numbers the parts into which walls cut patches: elements of one patch in one part have the same number.
+fn parts(pairs: &[[u32; 2]], blocked: &[bool], patch_of: &[u32]) -> Vec<u32> {
+    let mut parent: Vec<u32> = (0..patch_of.len() as u32).collect();
+    fn root(parent: &mut [u32], mut i: u32) -> u32 {
+        while parent[i as usize] != i {
+            parent[i as usize] = parent[parent[i as usize] as usize];
+            i = parent[i as usize];
+        }
+        i
+    }
+    for ([a, b], blocked) in pairs.iter().zip(blocked) {
+        if !blocked && patch_of[*a as usize] == patch_of[*b as usize] {
+            let (a, b) = (root(&mut parent, *a), root(&mut parent, *b));
+            parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+    (0..patch_of.len() as u32)
+        .map(|i| root(&mut parent, i))
+        .collect()
+}
+
+/// A patch of some elements (number, cell) of `whole`, which are appended to `kept`.
+fn gather_part(
+    whole: &Patch,
+    members: &[(u32, u16)],
+    old: &[crate::Element],
+    kept: &mut Vec<crate::Element>,
+    moved: &mut [u32],
+) -> Patch {
+    let mut patch = Patch {
+        first_element: kept.len() as u32,
+        elements: members.len() as u16,
+        mask: 0,
+        area: 0.0,
+        ..*whole
+    };
+    for &(k, cell) in members {
+        moved[k as usize] = kept.len() as u32;
+        kept.push(old[k as usize]);
+        patch.mask |= 1 << cell;
+        patch.area += old[k as usize].area;
+    }
+    patch
+}
