@@ -10,13 +10,14 @@ use serde::Serialize;
 use crate::atlas::{Layout, Page};
 use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
-use crate::lumels::{Lumel, Lumels};
+use crate::lumels::{Lumel, Lumels, TexelIndex};
 use crate::manifest::ValueKind;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
 use crate::smooth::smooth_indirect;
 use crate::vertices::bake_vertices;
+use crate::walls::{Barriers, fill_hidden};
 
 /// Extra channels of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -174,21 +175,40 @@ pub fn bake(
 ) -> Result<Baked, Cancelled> {
     let mut out = Baked::default();
     let lumels = Lumels::find(world.scene, world.soup, layout);
-    let gatherer = Gatherer {
+    let gatherer = Gatherer::new(
         world,
         solution,
-        direct: DirectLight::new(world, emitters),
-        options: options.lumels,
-        wanted: options.wanted(world),
-    };
+        DirectLight::new(world, emitters),
+        GatherOptions {
+            open_only: options.hidden == Hidden::Fill,
+            ..options.lumels
+        },
+        options.wanted(world),
+    );
     let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
         let (footprint, seed) = lumels.footprint(world, i);
         gatherer.gather(&footprint, seed)
     })?;
     follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;
-    add_rays(&gatherer, &lumels, layout, &mut received, monitor)?;
+    let fill = options.hidden == Hidden::Fill;
+    let mut barriers = Barriers::default();
+    if fill {
+        let index = TexelIndex::build(&lumels.lumels, layout);
+        barriers = Barriers::find(world, &lumels, &index, &received);
+    }
+    add_rays(
+        &gatherer,
+        &lumels,
+        layout,
+        &mut received,
+        &barriers,
+        monitor,
+    )?;
     let groups = gatherer.wanted.groups;
-    smooth_indirect(&lumels, layout, &mut received, groups);
+    smooth_indirect(&lumels, layout, &mut received, &barriers, groups);
+    if fill {
+        fill_hidden(&lumels, layout, &mut received, options.padding + 1);
+    }
     summarise(&lumels.lumels, &received, &mut out.report);
     let wanted = gatherer.wanted;
     let pages = Pages {

@@ -7,6 +7,10 @@ use radiosity::luminance;
 /// what it is in. A sub-point that is merely near the back of things sees them in half of its hemisphere at most.
 const INSIDE: f32 = 0.9;
 
+/// The same for a part of a footprint that walls close off, which all of its points decide: half-way between what an open part sees of
+/// backs at most and what is seen inside of one thing.
+const MOSTLY_INSIDE: f32 = 0.75;
+
 /// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
 /// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
 const DISAGREE: f32 = 4.0;
@@ -14,14 +18,27 @@ const DISAGREE: f32 = 4.0;
 /// Running sums of one sub-point.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Point {
+    /// What a ray hits nearer than this is near, metres.
+    pub reach: f32,
+    /// A ray hit something near.
+    pub near: bool,
     pub sum: Vec3,
     /// Σ of squared luminances.
     pub square: f32,
     pub rays: u32,
     pub black: u32,
+    /// Rays that left the scene, or met black backs, and found no light.
+    pub void: u32,
 }
 
 impl Point {
+    pub(crate) fn with_reach(reach: f32) -> Self {
+        Point {
+            reach,
+            ..Point::default()
+        }
+    }
+
     pub(crate) fn add(&mut self, radiance: Vec3) {
         self.sum += radiance;
         let l = luminance(radiance);
@@ -30,6 +47,27 @@ impl Point {
 
     pub(crate) fn inside(&self) -> bool {
         self.black as f32 >= INSIDE * self.rays as f32
+    }
+
+    /// Whether these points lie inside something, by the most part of their rays. Inside of things that are in each other a ray may meet a
+    /// front.
+    pub(crate) fn all_inside<'p>(points: impl Iterator<Item = &'p Point>) -> bool {
+        let (mut black, mut rays) = (0, 0);
+        for p in points {
+            black += p.black;
+            rays += p.rays;
+        }
+        black as f32 >= MOSTLY_INSIDE * rays as f32
+    }
+
+    /// Whether nearly all rays of these points went where nothing is: out of the scene into the dark, or to black backs.
+    pub(crate) fn in_the_void<'p>(points: impl Iterator<Item = &'p Point>) -> bool {
+        let (mut void, mut rays) = (0, 0);
+        for p in points {
+            void += p.void;
+            rays += p.rays;
+        }
+        void as f32 >= INSIDE * rays as f32
     }
 
     /// Variance of the mean luminance over this point's own rays.

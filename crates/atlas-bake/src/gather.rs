@@ -3,12 +3,13 @@
 use glam::Vec3;
 use radiosity::{
     DirectEstimate, DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World,
-    cosine_hemisphere, hash_u32, sample_2d, sample_4d,
+    cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
 use crate::estimate::{Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::walls::Parts;
 
 /// How carefully light is gathered.
 #[derive(Debug, Clone, Copy)]
@@ -25,8 +26,8 @@ pub struct GatherOptions {
     pub error: f32,
     /// Direct light.
     pub direct: DirectOptions,
-    /// Leave sub-points inside closed things out of the mean. A lumel is by definition the mean over all of its part of the
-    /// surface, buried or not; a vertex in a corner stands for what is seen of its faces.
+    /// Only what can be seen counts: sub-points inside closed things are left out of the mean, and of a footprint that a wall divides
+    /// into a bright and a dark part, the bright one is. Else the mean is over all of the footprint, buried or not.
     pub open_only: bool,
 }
 
@@ -53,6 +54,8 @@ pub struct Received {
     pub open: f32,
     /// Gathering and shadow rays cast.
     pub rays: u64,
+    /// Something stands within the footprint's size of it.
+    pub near: bool,
     /// What crosses the footprint.
     pub edge: Edge,
     /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
@@ -102,6 +105,8 @@ pub struct Gatherer<'w, 'a> {
     pub options: GatherOptions,
     /// What to keep beside the irradiance.
     pub wanted: Wanted,
+    /// Less radiance than this on the back of a double-sided face is none: the inside of something.
+    dim: f32,
 }
 
 /// What a gathering ray found.
@@ -110,6 +115,61 @@ struct Found {
     radiance: Vec3,
     /// To the first surface, infinite if there is none; 0 where nothing can arrive.
     distance: f32,
+    /// The first surface turns its back.
+    back: bool,
+}
+
+/// A part of a footprint, its light gathered.
+struct Seen {
+    /// The points that count.
+    mask: Vec<bool>,
+    direct: DirectEstimate,
+    indirect: Estimate,
+    planes: Vec<Plane>,
+}
+
+impl Seen {
+    /// Luminance of the light.
+    fn light(&self) -> f32 {
+        luminance(self.direct.irradiance + self.indirect.mean)
+    }
+}
+
+/// The dark part of a footprint that a wall divides stands for all of it where it has less than this of the bright part's light: what
+/// comes through a wall is seen in the dark. Where both have about the same light, both count.
+const DARK_PART: f32 = 0.5;
+
+/// The same for what lies beyond a wall and is too little to hold one of the first points: few rays tell only what is black.
+const DARK_SLIVER: f32 = 0.02;
+
+/// A footprint of which less than this can be seen counts as hidden: what so little of it says is all noise, and its neighbours know better.
+const LEAST_OPEN: f32 = 1.0 / 32.0;
+
+/// Further rays of a point whose few all met black backs. An open point near the backs of things sees them in half of its hemisphere at most.
+const CONFIRM: u32 = 6;
+
+/// Radiance under this share of the scene's mean is none.
+const DIM: f32 = 1e-3;
+
+impl<'w, 'a> Gatherer<'w, 'a> {
+    /// Gathers from `solution`, which is of `world`.
+    pub fn new(
+        world: &'w World<'a>,
+        solution: &'w Solution,
+        direct: DirectLight<'w, 'a>,
+        options: GatherOptions,
+        wanted: Wanted,
+    ) -> Self {
+        let mean = luminance(solution.mean_irradiance().as_vec3());
+        Gatherer {
+            world,
+            solution,
+            direct,
+            options,
+            wanted,
+            dim: DIM * mean * std::f32::consts::FRAC_1_PI,
+        }
+    }
 }
 
 impl Gatherer<'_, '_> {
@@ -119,8 +179,9 @@ impl Gatherer<'_, '_> {
     /// crosses the footprint, and the mean is only as good as the share of points on either side: these footprints are gathered anew, with
     /// [`GatherOptions::edge_points`] points of two rays each.
     ///
-    /// Sub-points inside closed things are those from which nearly all rays meet black back faces. Where all of the footprint is
-    /// inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
+    /// Sub-points inside closed things are those from which nearly all rays meet black back faces, or, where only what is open counts, unlit
+    /// backs of double-sided ones. Where all of the footprint is inside, the mean is over all of it, whatever
+    /// [`GatherOptions::open_only`] says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         // Openness is there in the dark too.
         if self.world.is_dark() && self.wanted.openness.is_none() {
@@ -133,7 +194,7 @@ impl Gatherer<'_, '_> {
         let options = &self.options;
         let count = (options.points as usize).clamp(1, MOST_POINTS);
         let points = spread(footprint, count);
-        let mut sums = vec![Point::default(); count];
+        let mut sums = vec![Point::with_reach(footprint.size()); count];
         let per_point = self.rays_per_point();
         let mut planes = PlaneSums::new(self.wanted);
         for (k, sum) in sums.iter_mut().enumerate() {
@@ -148,14 +209,21 @@ impl Gatherer<'_, '_> {
         if in_the_open == 0 || !options.open_only {
             open.fill(true);
         }
+        let near = sums.iter().any(|s| s.near);
         let estimate = mean_and_spread(&sums, &open);
-        if !options.open_only && options.edge_points > count as u32 {
+        if options.edge_points > 0 {
+            let more = options.edge_points > count as u32;
             let edge = if in_the_open == 0 {
                 // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
-                rays += u64::from(options.edge_points);
+                rays += u64::from(options.edge_points.saturating_sub(options.points));
                 self.anything_open(footprint, seed)
+            } else if in_the_open < count {
+                more || options.open_only
             } else {
-                in_the_open < count || estimate.disagree
+                let parted = options.open_only
+                    && near
+                    && Parts::find(self.world, &points, footprint.size()).count > 1;
+                parted || (more && estimate.disagree)
             };
             if edge {
                 let mut out = self.gather_edge(footprint, seed);
@@ -177,8 +245,15 @@ impl Gatherer<'_, '_> {
             &mut planes,
         );
         rays += u64::from(direct.rays);
-        let open = in_the_open as f32 / count as f32;
-        received(footprint, &points, direct, &estimate, open, rays, planes)
+        let mut open = in_the_open as f32 / count as f32;
+        let dark = direct.irradiance == Vec3::ZERO && estimate.mean == Vec3::ZERO;
+        if options.open_only && near && dark && Point::in_the_void(sums.iter()) {
+            open = 0.0; // as the ends of things that reach through a room's shell
+        }
+        Received {
+            near,
+            ..received(footprint, &points, direct, &estimate, open, rays, planes)
+        }
     }
 
     /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.
@@ -228,34 +303,155 @@ impl Gatherer<'_, '_> {
         (self.options.rays / self.options.points.max(1)).max(1)
     }
 
-    /// Mean irradiance over a footprint that an edge crosses: many points, few rays each, and as many shadow rays as a penumbra gets.
+    /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many points, few rays each, and as many shadow rays as
+    /// a penumbra gets.
     pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
-        let count = self.options.edge_points as usize;
+        let count = self.options.edge_points.max(self.options.points) as usize;
         let points = spread(footprint, count);
         // Its own random numbers: what made the first points disagree should not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
-        let mut sums = vec![Point::default(); count];
-        let mut planes = PlaneSums::new(self.wanted);
-        for (k, sum) in sums.iter_mut().enumerate() {
+        let parts =
+            (self.options.open_only).then(|| Parts::find(self.world, &points, footprint.size()));
+        let mut sums = vec![Point::with_reach(footprint.size()); count];
+        // The part of each point, and whether it is open.
+        let mut part: Vec<(usize, bool)> = Vec::with_capacity(count);
+        // The last is of slivers.
+        let number = parts.as_ref().map_or(1, |p| p.count + 1);
+        let mut planes: Vec<PlaneSums> = (0..number).map(|_| PlaneSums::new(self.wanted)).collect();
+        let mut own = PlaneSums::new(self.wanted);
+        let mut nowhere = PlaneSums::new(self.wanted);
+        let mut rays = u64::from(EDGE_RAYS) * count as u64;
+        for (k, (sum, p)) in sums.iter_mut().zip(&points).enumerate() {
             let base = k as u32 * EDGE_RAYS;
-            planes.first_half = 2 * k < count;
-            self.indirect(&points[k], base..base + EDGE_RAYS, seed, sum, &mut planes);
+            own.first_half = 2 * k < count;
+            self.indirect(p, base..base + EDGE_RAYS, seed, sum, &mut own);
+            let of = parts.as_ref().map_or(0, |parts| parts.of(self.world, p));
+            let inside = parts.is_some()
+                && sum.inside()
+                && self.confirmed_inside(p, k as u32, seed, &mut rays);
+            let to = if inside {
+                &mut nowhere
+            } else {
+                &mut planes[of]
+            };
+            to.take(&mut own);
+            part.push((of, !inside));
         }
+        let near = sums.iter().any(|s| s.near);
+        let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
+        let mut hidden = vec![false; number];
+        for (k, planes) in planes.iter().enumerate() {
+            let of = || {
+                sums.iter()
+                    .zip(&part)
+                    .filter(move |x| x.1.0 == k)
+                    .map(|x| x.0)
+            };
+            let mask: Vec<bool> = part.iter().map(|p| *p == (k, true)).collect();
+            if parts.is_some() && Point::all_inside(of()) {
+                hidden[k] = true;
+            } else if mask.contains(&true) {
+                let one = self.see(footprint, &points, &sums, mask, seed, planes);
+                rays += u64::from(one.direct.rays);
+                if parts.is_some() && one.light() == 0.0 && Point::in_the_void(of()) {
+                    // The end of a wall, say, that reaches through the room's shell to where nobody will ever be.
+                    hidden[k] = true;
+                    continue;
+                }
+                let sliver = parts.as_ref().is_some_and(|p| p.count == k);
+                seen.push((one, if sliver { DARK_SLIVER } else { DARK_PART }));
+            }
+        }
+        let part: Vec<bool> = part.iter().map(|p| p.1 && !hidden[p.0]).collect();
+        let brightest = seen.iter().map(|s| s.0.light()).fold(0.0, f32::max);
+        let cut = seen.len() > 1;
+        let whole = !cut && !seen.is_empty();
+        seen.retain(|(part, share)| whole || part.light() < share * brightest);
+        seen.sort_by(|a, b| a.0.light().total_cmp(&b.0.light()));
+        let mut seen: Vec<Seen> = seen.into_iter().map(|s| s.0).collect();
+        if seen.is_empty() {
+            // No part is dark beside another: all of what is open; all of it where nothing is.
+            let mut all = nowhere;
+            if cut {
+                all = PlaneSums::new(self.wanted);
+                let open = planes.iter_mut().zip(&hidden).filter(|x| !x.1);
+                open.for_each(|(p, _)| all.take(p));
+            }
+            let mask: Vec<bool> = part.iter().map(|open| !cut || *open).collect();
+            seen.push(self.see(footprint, &points, &sums, mask, seed, &all));
+            rays += u64::from(seen[0].direct.rays);
+        }
+        let Seen {
+            mask,
+            direct,
+            indirect,
+            planes,
+        } = seen.swap_remove(0);
+        let inside = |s: &Point| s.inside();
+        let open = match &parts {
+            None => sums.iter().filter(|s| !inside(s)).count(),
+            Some(_) => part.iter().filter(|open| **open).count(),
+        };
+        let open = open as f32 / count as f32;
+        let mut counted = mask.iter();
+        let points: Vec<SurfacePoint> = points
+            .into_iter()
+            .filter(|_| counted.next().copied().unwrap_or(false))
+            .collect();
+        Received {
+            edge: Edge::Contact,
+            near,
+            // What a wall cuts is no whole lumel.
+            open: if parts.is_some() && open < LEAST_OPEN {
+                0.0
+            } else if cut {
+                open.min(1.0 - 1.0 / count as f32)
+            } else {
+                open
+            },
+            ..received(footprint, &points, direct, &indirect, open, rays, planes)
+        }
+    }
+
+    /// Light over the points of `mask`.
+    fn see(
+        &self,
+        footprint: &impl Footprint,
+        points: &[SurfacePoint],
+        sums: &[Point],
+        mask: Vec<bool>,
+        seed: u32,
+        planes: &PlaneSums,
+    ) -> Seen {
         let mut planes = planes.finish();
-        let everywhere = vec![true; count];
-        let estimate = mean_and_spread(&sums, &everywhere);
-        let most = self.options.direct.penumbra.max(self.options.edge_points);
-        let direct = DirectOptions {
+        // As many points as there are, at most what a penumbra gets.
+        let count = mask.iter().filter(|m| **m).count() as u32;
+        let most = if count as usize == mask.len() {
+            (self.options.direct.penumbra).max(count)
+        } else {
+            count
+        };
+        let options = DirectOptions {
             base: most,
             penumbra: most,
         };
-        let direct = self.direct_light(footprint, &points, &everywhere, seed, &direct, &mut planes);
-        let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
-        let rays = u64::from(EDGE_RAYS) * count as u64 + u64::from(direct.rays);
-        Received {
-            edge: Edge::Contact,
-            ..received(footprint, &points, direct, &estimate, open, rays, planes)
+        let direct = self.direct_light(footprint, points, &mask, seed, &options, &mut planes);
+        Seen {
+            indirect: mean_and_spread(sums, &mask),
+            direct,
+            planes,
+            mask,
         }
+    }
+
+    /// Whether some more rays from a point that seems to be inside something meet nothing but backs too.
+    fn confirmed_inside(&self, p: &SurfacePoint, k: u32, seed: u32, rays: &mut u64) -> bool {
+        let mut more = Point::default();
+        let mut planes = PlaneSums::new(Wanted::default());
+        let seed = hash_u32(seed ^ k ^ 0x9e37_79b9);
+        self.indirect(p, 0..CONFIRM, seed, &mut more, &mut planes);
+        *rays += u64::from(CONFIRM);
+        more.inside()
     }
 
     /// Direct light once more, with as many points as a penumbra gets: for footprints next to one that a shadow's edge crosses, of which the
@@ -315,9 +511,20 @@ impl Gatherer<'_, '_> {
                 match self.arriving(p, direction, i, seed, &mut planes.of_ray) {
                     Some(found) => {
                         out.add(found.radiance);
+                        out.near |= found.distance < out.reach;
+                        let unlit = self.options.open_only
+                            && found.back
+                            && luminance(found.radiance) <= self.dim;
+                        out.black += u32::from(unlit);
+                        let lost = found.distance == f32::INFINITY && found.radiance == Vec3::ZERO;
+                        out.void += u32::from(unlit || lost);
                         ray = found;
                     }
-                    None => out.black += 1,
+                    None => {
+                        out.black += 1;
+                        out.void += 1;
+                        out.near = true;
+                    }
                 }
             }
             if !planes.is_empty() {
@@ -347,7 +554,7 @@ impl Gatherer<'_, '_> {
     ) -> Option<Found> {
         let (mut point, mut direction) = (*p, direction);
         let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
-        let mut distance = f32::INFINITY;
+        let (mut distance, mut back) = (f32::INFINITY, false);
         let add = |radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]| {
             *sum += radiance;
             if let Some(part) = groups.get_mut(group) {
@@ -368,7 +575,7 @@ impl Gatherer<'_, '_> {
                 Incoming::Surface(hit) => hit,
             };
             if bounce == 0 {
-                distance = hit.t;
+                (distance, back) = (hit.t, hit.back);
             }
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
@@ -403,6 +610,7 @@ impl Gatherer<'_, '_> {
         Some(Found {
             radiance: sum,
             distance,
+            back,
         })
     }
 
@@ -474,6 +682,7 @@ fn received(
         first_half: indirect.first_half,
         error: (indirect.variance + direct.variance).sqrt(),
         indirect_variance: indirect.variance,
+        near: false,
         position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
         normal: points
             .iter()

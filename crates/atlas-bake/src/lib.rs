@@ -27,6 +27,7 @@ mod texture;
 pub mod unwrap;
 mod uv_check;
 mod vertices;
+mod walls;
 
 pub use atlas::*;
 pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};

@@ -113,6 +113,18 @@ impl PlaneSums {
         }
     }
 
+    /// Adds what `other` has, and empties that.
+    pub(crate) fn take(&mut self, other: &mut PlaneSums) {
+        for (sum, more) in self.sums.iter_mut().zip(&mut other.sums) {
+            for (a, b) in sum.iter_mut().zip(more) {
+                *a += std::mem::take(b);
+            }
+        }
+        for (n, more) in self.rays.iter_mut().zip(&mut other.rays) {
+            *n += std::mem::take(more);
+        }
+    }
+
     /// Whether there is nothing to keep.
     #[inline]
     pub(crate) fn is_empty(&self) -> bool {

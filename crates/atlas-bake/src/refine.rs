@@ -11,6 +11,7 @@ use crate::bake::in_blocks;
 use crate::gather::{Edge, Gatherer, Received};
 use crate::lumels::{Lumels, TexelIndex};
 use crate::smooth::Window;
+use crate::walls::Barriers;
 
 /// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
 /// of their first points stands for.
@@ -25,6 +26,8 @@ pub(crate) fn follow_edges(
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
     let index = TexelIndex::build(&lumels.lumels, layout);
+    // Where edges get no more points than others, a second look would see no more.
+    let contacts = gatherer.options.edge_points > gatherer.options.points;
     let beside: Vec<(usize, Edge)> = (0..received.len())
         .into_par_iter()
         .with_min_len(1024)
@@ -41,6 +44,9 @@ pub(crate) fn follow_edges(
                 }
             }
             // One light's shadow may end in a lumel that another's was found in. Buried lumels were searched through.
+            if !contacts {
+                edge = edge.min(Edge::Shadow);
+            }
             let news = mixed & !own.mixed != 0 || edge == Edge::Contact;
             (news && own.edge != Edge::Contact && own.open > 0.0).then_some((i, edge))
         })
@@ -77,6 +83,7 @@ pub(crate) fn add_rays(
     lumels: &Lumels,
     layout: &Layout,
     received: &mut [Received],
+    barriers: &Barriers,
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
     let options = &gatherer.options;
@@ -84,7 +91,7 @@ pub(crate) fn add_rays(
     if most < 2 || gatherer.world.is_dark() {
         return Ok(());
     }
-    let window = Window::new(lumels, layout, received);
+    let window = Window::new(lumels, layout, received, barriers);
     let short: Vec<(usize, u32)> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)

@@ -21,6 +21,7 @@ use rayon::prelude::*;
 use crate::atlas::Layout;
 use crate::gather::Received;
 use crate::lumels::{Lumel, Lumels, TexelIndex};
+use crate::walls::Barriers;
 
 /// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which leaves about a tenth of the
 /// variance, a third of the noise.
@@ -46,9 +47,10 @@ pub(crate) fn smooth_indirect(
     lumels: &Lumels,
     layout: &Layout,
     received: &mut [Received],
+    barriers: &Barriers,
     groups: usize,
 ) {
-    let window = Window::new(lumels, layout, received);
+    let window = Window::new(lumels, layout, received, barriers);
     let pooled: Vec<f32> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
@@ -111,14 +113,21 @@ pub(crate) struct Window<'a> {
     lumels: &'a [Lumel],
     index: TexelIndex,
     received: &'a [Received],
+    barriers: &'a Barriers,
 }
 
 impl<'a> Window<'a> {
-    pub(crate) fn new(lumels: &'a Lumels, layout: &Layout, received: &'a [Received]) -> Self {
+    pub(crate) fn new(
+        lumels: &'a Lumels,
+        layout: &Layout,
+        received: &'a [Received],
+        barriers: &'a Barriers,
+    ) -> Self {
         Window {
             lumels: &lumels.lumels,
             index: TexelIndex::build(&lumels.lumels, layout),
             received,
+            barriers,
         }
     }
 
@@ -147,7 +156,54 @@ impl<'a> Window<'a> {
                 }
             }
         }
+        if self.barriers.matter() {
+            n = self.on_this_side(&mut found, n);
+        }
         (found, n)
+    }
+
+    /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier, in their order, and says how many.
+    fn on_this_side(&self, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
+        // What a wall cuts is not among the neighbours, what it runs between has something near.
+        if !found[..n].iter().any(|f| self.received[f.0].near) {
+            return n;
+        }
+        let place = |dx: i64, dy: i64| ((dy + REACH) * SIDE as i64 + dx + REACH) as usize;
+        let mut slot = [usize::MAX; SIDE * SIDE];
+        for &(j, dx, dy) in &found[..n] {
+            slot[place(dx, dy)] = j;
+        }
+        let mut reached = [false; SIDE * SIDE];
+        let mut next = Vec::with_capacity(n);
+        next.push((0i64, 0i64));
+        reached[place(0, 0)] = true;
+        while let Some((x, y)) = next.pop() {
+            let own = slot[place(x, y)];
+            for (dx, dy) in [(1i64, 0i64), (-1, 0), (0, 1), (0, -1)] {
+                let (u, v) = (x + dx, y + dy);
+                if u.abs() > REACH || v.abs() > REACH || reached[place(u, v)] {
+                    continue;
+                }
+                let other = slot[place(u, v)];
+                // The middle itself may not be among those found.
+                let before = if dx + dy > 0 { own } else { other };
+                let free = other != usize::MAX
+                    && (before == usize::MAX || !self.barriers.after(before, dy != 0));
+                if free {
+                    reached[place(u, v)] = true;
+                    next.push((u, v));
+                }
+            }
+        }
+        let mut kept = 0;
+        for k in 0..n {
+            let (_, dx, dy) = found[k];
+            if reached[place(dx, dy)] {
+                found[kept] = found[k];
+                kept += 1;
+            }
+        }
+        kept
     }
 
     /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that

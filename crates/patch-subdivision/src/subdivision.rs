@@ -350,12 +350,14 @@ impl Subdivision {
     pub fn hide(&mut self, hidden: &[bool]) {
         assert_eq!(hidden.len(), self.elements.len(), "one flag an element");
         let mut kept = Vec::with_capacity(self.elements.len());
-        for patch in &mut self.patches {
+        self.walls.buried = vec![0; self.patches.len()];
+        for (patch, buried) in self.patches.iter_mut().zip(&mut self.walls.buried) {
             let first = patch.first_element as usize;
             let range = first..first + patch.elements as usize;
             patch.first_element = kept.len() as u32;
             patch.hidden = hidden[range.clone()].iter().all(|h| *h);
             if patch.hidden {
+                *buried = patch.mask;
                 kept.extend_from_slice(&self.elements[range]);
                 continue;
             }
@@ -370,6 +372,7 @@ impl Subdivision {
                     kept.push(self.elements[k]);
                 }
             }
+            *buried = patch.mask & !mask;
             (patch.mask, patch.area) = (mask, area);
             patch.elements = (kept.len() - patch.first_element as usize) as u16;
         }

@@ -19,6 +19,8 @@ pub(crate) struct Walls {
     joined: Vec<u32>,
     /// By element: a wall stands between it and one of its neighbours, or on it.
     beside: Vec<bool>,
+    /// By patch: cells whose element was taken out, or would have been if others had been left. Empty before [`Subdivision::hide`].
+    pub(crate) buried: Vec<u16>,
 }
 
 impl Walls {
@@ -44,7 +46,9 @@ impl Walls {
 
     /// Memory, bytes.
     pub(crate) fn bytes(&self) -> usize {
-        (self.next.len() + self.near.len() + self.joined.len()) * 4 + self.beside.len()
+        (self.next.len() + self.near.len() + self.joined.len()) * 4
+            + self.beside.len()
+            + self.buried.len() * 2
     }
 }
 
@@ -52,7 +56,8 @@ impl Walls {
 type Fine = [i32; 2];
 
 impl Subdivision {
-    /// Pairs of elements that lie side by side on one surface, on the same side of it. Loose pieces that share a cell have none.
+    /// Pairs of elements that lie side by side on one surface, on the same side of it, and are not hidden. Loose pieces that share a cell
+    /// have none.
     pub fn neighbours(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::with_capacity(2 * self.elements().len());
         for region in self.regions.iter().filter(|r| !r.loose) {
@@ -83,7 +88,8 @@ impl Subdivision {
     /// When the lists differ in length.
     pub fn separate(&mut self, pairs: &[[u32; 2]], blocked: &[bool]) {
         assert_eq!(pairs.len(), blocked.len(), "one flag a pair");
-        if !blocked.contains(&true) {
+        let buried = self.walls.buried.iter().any(|b| *b != 0);
+        if !buried && !blocked.contains(&true) {
             return;
         }
         let mut patch_of = vec![0u32; self.elements().len()];
@@ -91,7 +97,9 @@ impl Subdivision {
             patch_of[self.elements_of(PatchId(p as u32))].fill(p as u32);
         }
         let part = parts(pairs, blocked, &patch_of);
-        let mut divided = vec![false; self.patches().len()];
+        // What stands on a patch may divide it too.
+        let mut divided: Vec<bool> = self.walls.buried.iter().map(|b| *b != 0).collect();
+        divided.resize(self.patches().len(), false);
         for ([a, b], _) in pairs.iter().zip(blocked).filter(|x| *x.1) {
             let p = patch_of[*a as usize];
             divided[p as usize] |= p == patch_of[*b as usize];
@@ -121,7 +129,7 @@ impl Subdivision {
         }
         links.sort_unstable();
         links.dedup();
-        self.walls.beside = beside;
+        self.walls.beside = self.all_beside(&beside);
         self.join(&links);
     }
 
@@ -173,6 +181,36 @@ impl Subdivision {
         self.elements = kept;
         self.walls.next = next;
         moved
+    }
+
+    /// Marks the elements about those that are marked or buried: a wall that cuts off their corner may stand between none of the points.
+    fn all_beside(&self, marked: &[bool]) -> Vec<bool> {
+        let mut beside = marked.to_vec();
+        for region in self.regions.iter().filter(|r| !r.loose) {
+            let ([w, h], sub) = (region.fine(), region.frame.sub as i32);
+            for back in 0..1 + region.two_sided as u32 {
+                for (r, c) in (0..h).flat_map(|r| (0..w).map(move |c| (r, c))) {
+                    let walled = match self.element_at(region, [c, r], back) {
+                        Some(e) => marked[e as usize],
+                        None => {
+                            let bit = 1u16 << ((r % sub) * sub + c % sub);
+                            let first = self.chain(region, [c / sub, r / sub], back).next();
+                            let buried = first.and_then(|p| self.walls.buried.get(p as usize));
+                            buried.is_some_and(|b| b & bit != 0)
+                        }
+                    };
+                    if !walled {
+                        continue;
+                    }
+                    for (dr, dc) in (-1..=1).flat_map(|dr| (-1..=1).map(move |dc| (dr, dc))) {
+                        if let Some(e) = self.element_at(region, [c + dc, r + dr], back) {
+                            beside[e as usize] = true;
+                        }
+                    }
+                }
+            }
+        }
+        beside
     }
 
     /// Fills the lists of patches near walls: those that light can be interpolated towards without crossing one.
@@ -248,7 +286,7 @@ impl Subdivision {
         std::iter::successors(first, |&p| self.walls.next(p))
     }
 
-    /// The element of a fine cell on one side.
+    /// The element of a fine cell on one side, unless it is hidden.
     fn element_at(&self, region: &Region, fine: Fine, back: u32) -> Option<u32> {
         if fine[0] < 0 || fine[1] < 0 {
             return None;
@@ -256,7 +294,8 @@ impl Subdivision {
         let sub = region.frame.sub as i32;
         let bit = 1u16 << ((fine[1] % sub) * sub + fine[0] % sub);
         self.chain(region, [fine[0] / sub, fine[1] / sub], back)
-            .find_map(|p| self.patches[p as usize].element_of(bit))
+            .map(|p| &self.patches[p as usize])
+            .find_map(|p| p.element_of(bit).filter(|_| !p.hidden))
     }
 
     /// The patch of the cell at `front` (the first of its chain) that a point in fine cell `bit` belongs to: the one with an element there,
@@ -349,6 +388,7 @@ impl Subdivision {
             let bit = 1u16 << ((fine[1] % sub as i32) * sub as i32 + fine[0] % sub as i32);
             for patch in self.chain(region, cell, back) {
                 if let Some(e) = self.patches[patch as usize].element_of(bit)
+                    && !self.patches[patch as usize].hidden
                     && sees(&self.elements[e as usize])
                 {
                     return Locus {

@@ -327,22 +327,25 @@ impl<'a> World<'a> {
 
     /// Whether something opaque stands between two points of one surface: a wall on it, say, and not the surface's own curvature.
     ///
-    /// A straight way is looked along that begins and ends `lift` metres above the points, and higher where the surface bulges between them.
+    /// Looks along two straight ways, from either point to one above the middle between them: `lift` metres, and more where the surface
+    /// bulges. Not along one between two lifted points: a wall that leans would pass between a point and where it is lifted to.
     /// Cut-out, blended and glass surfaces are no walls.
     pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
         let way = b.position - a.position;
         // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge rises over the middle of the straight
         // way by at most half of that over the cosine of half their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
         let below = (-a.geometric.dot(way)).max(b.geometric.dot(way)).max(0.0);
-        let lift = lift + 0.75 * below;
-        let (from, to) = (a.origin + a.geometric * lift, b.origin + b.geometric * lift);
-        let ray = Ray {
-            origin: from,
-            direction: to - from,
-            t_min: 0.0,
-            t_max: 1.0,
-        };
-        self.bvh.occluded(&ray, &Opaque)
+        let up = (a.geometric + b.geometric).normalize_or(a.geometric);
+        let top = 0.5 * (a.origin + b.origin) + up * (lift + 0.75 * below);
+        [a, b].into_iter().any(|end| {
+            let ray = Ray {
+                origin: end.origin,
+                direction: top - end.origin,
+                t_min: 0.0,
+                t_max: 1.0,
+            };
+            self.bvh.occluded(&ray, &Opaque)
+        })
     }
 
     /// Whether light that passes surfaces may change its colour, so that [`incoming`](Self::incoming)'s share can differ from 1.

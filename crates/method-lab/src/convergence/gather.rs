@@ -115,11 +115,11 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     let wall = cube(1).patches[2].corners.clone();
     let mut out = Vec::new();
     for &rays in rays {
-        let gatherer = Gatherer {
-            world: &world,
-            solution: &solution,
-            direct: DirectLight::new(&world, &emitters),
-            options: GatherOptions {
+        let gatherer = Gatherer::new(
+            &world,
+            &solution,
+            DirectLight::new(&world, &emitters),
+            GatherOptions {
                 rays,
                 points,
                 edge_points: 0,
@@ -131,8 +131,8 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 },
                 open_only: false,
             },
-            wanted: atlas_bake::Wanted::default(),
-        };
+            atlas_bake::Wanted::default(),
+        );
         let (mut squares, mut truths) = (0.0, 0.0);
         for k in 0..RECEIVERS {
             // Floor: the middle, well inside of the cube.

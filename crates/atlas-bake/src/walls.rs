@@ -1,0 +1,228 @@
+//! Walls that stand on a surface that has lumels: what lies on their two sides is kept apart.
+//!
+//! A floor that runs on under a wall has lumels on both sides, and some that the wall cuts. The mean of a lit room and a dark one is wrong in
+//! both, and in the dark one it is seen: as light that comes through the wall. So the points of such a lumel are sorted by which of
+//! them see each other just above the surface ([`Parts`]), and lumels do not take light from neighbours behind a wall ([`Barriers`]).
+
+use radiosity::{SurfacePoint, World, luminance};
+use rayon::prelude::*;
+
+use crate::atlas::Layout;
+use crate::gather::Received;
+use crate::lumels::{Lumels, TexelIndex};
+
+/// Height above the surface at which walls are looked for, in lumels: above thresholds, mats and what else lies flat on a floor.
+pub(crate) const LIFT: f32 = 0.15;
+
+/// Points of a lumel that say into which parts it falls. A part that holds none of them is less than about a sixteenth of it.
+const SCOUTS: usize = 16;
+
+/// Parts of a footprint that walls keep from each other.
+pub(crate) struct Parts {
+    /// Points with the number of their part.
+    scouts: Vec<(SurfacePoint, u8)>,
+    lift: f32,
+    /// How many parts there are.
+    pub count: usize,
+}
+
+impl Parts {
+    /// Sorts the first of `points` by which of them see each other.
+    pub(crate) fn find(world: &World, points: &[SurfacePoint], size: f32) -> Parts {
+        let points = &points[..points.len().min(SCOUTS)];
+        let lift = LIFT * size;
+        let mut part: Vec<u8> = Vec::with_capacity(points.len());
+        for (k, p) in points.iter().enumerate() {
+            let mut before: Vec<usize> = (0..k).collect();
+            before.sort_by(|&a, &b| {
+                let far = |j: usize| points[j].position.distance_squared(p.position);
+                far(a).total_cmp(&far(b)).then(a.cmp(&b))
+            });
+            // The nearest two of each part before it: one may hide behind a pebble.
+            let (mut tried, mut own) = ([0u8; SCOUTS], None);
+            for j in before {
+                let of = part[j];
+                if own == Some(of) || tried[of as usize] == 2 {
+                    continue;
+                }
+                tried[of as usize] += 1;
+                if world.wall_between(p, &points[j], lift) {
+                    continue;
+                }
+                match own {
+                    None => own = Some(of),
+                    // It joins two that did not see each other.
+                    Some(one) => {
+                        let (low, high) = (one.min(of), one.max(of));
+                        part.iter_mut()
+                            .filter(|x| **x == high)
+                            .for_each(|x| *x = low);
+                        own = Some(low);
+                    }
+                }
+            }
+            part.push(own.unwrap_or(k as u8));
+        }
+        let mut names = part.clone();
+        names.sort_unstable();
+        names.dedup();
+        let number = |of: u8| names.binary_search(&of).unwrap_or(0) as u8;
+        Parts {
+            scouts: points
+                .iter()
+                .zip(&part)
+                .map(|(p, of)| (*p, number(*of)))
+                .collect(),
+            lift,
+            count: names.len(),
+        }
+    }
+
+    /// The part of a further point of the footprint; the one after the last where it sees none of those that it was sorted by: a sliver
+    /// beyond a wall.
+    pub(crate) fn of(&self, world: &World, p: &SurfacePoint) -> usize {
+        let mut order: Vec<usize> = (0..self.scouts.len()).collect();
+        order.sort_by(|&a, &b| {
+            let far = |j: usize| self.scouts[j].0.position.distance_squared(p.position);
+            far(a).total_cmp(&far(b)).then(a.cmp(&b))
+        });
+        order
+            .into_iter()
+            .map(|j| &self.scouts[j])
+            .find(|s| !world.wall_between(p, &s.0, self.lift))
+            .map_or(self.count, |s| s.1 as usize)
+    }
+}
+
+/// Between which lumels that touch a wall stands.
+#[derive(Debug, Default)]
+pub(crate) struct Barriers {
+    /// By lumel: bit 0 towards the right, bit 1 downwards. Empty where there is none at all.
+    bits: Vec<u8>,
+    /// There are barriers, or lumels that a wall cuts.
+    matter: bool,
+}
+
+impl Barriers {
+    /// Looks between lumels near which something stands.
+    pub(crate) fn find(
+        world: &World,
+        lumels: &Lumels,
+        index: &TexelIndex,
+        received: &[Received],
+    ) -> Barriers {
+        let bits: Vec<u8> = (0..received.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|i| {
+                let (l, own) = (&lumels.lumels[i], &received[i]);
+                if !own.near || own.open == 0.0 {
+                    return 0;
+                }
+                let [x, y] = l.texel.map(i64::from);
+                let blocked = |x: i64, y: i64| {
+                    let Some(j) = index.at(l.page, x, y) else {
+                        return false;
+                    };
+                    let other = &received[j];
+                    lumels.lumels[j].instance == l.instance
+                        && other.near
+                        && other.open > 0.0
+                        && world.wall_between(
+                            &own.point(world),
+                            &other.point(world),
+                            LIFT * own.size,
+                        )
+                };
+                u8::from(blocked(x + 1, y)) | u8::from(blocked(x, y + 1)) << 1
+            })
+            .collect();
+        let matter = bits.iter().any(|b| *b != 0) || received.iter().any(|r| r.open < 1.0);
+        Barriers { bits, matter }
+    }
+
+    /// Whether light might pass from lumel to lumel through a wall.
+    pub(crate) fn matter(&self) -> bool {
+        self.matter
+    }
+
+    /// Whether one stands right of, or below (`down`), lumel `i`.
+    #[inline]
+    pub(crate) fn after(&self, i: usize, down: bool) -> bool {
+        self.bits
+            .get(i)
+            .is_some_and(|b| b >> u8::from(down) & 1 == 1)
+    }
+}
+
+impl Received {
+    /// The middle of the footprint, as a point of the surface.
+    fn point(&self, world: &World) -> SurfacePoint {
+        SurfacePoint {
+            position: self.position,
+            origin: self.position + self.normal * world.offset(self.position),
+            normal: self.normal,
+            geometric: self.normal,
+        }
+    }
+}
+
+/// Gives lumels of which nothing can be seen the light of their neighbours, `rings` deep, since bilinear lookups beside them read it.
+///
+/// Of several neighbours the darkest counts: a wall of one lumel may have a lit room on one side and a dark one on the other, and light
+/// that comes through a wall is the worse fault.
+pub(crate) fn fill_hidden(lumels: &Lumels, layout: &Layout, received: &mut [Received], rings: u32) {
+    let index = TexelIndex::build(&lumels.lumels, layout);
+    let mut filled: Vec<bool> = received.iter().map(|r| r.open > 0.0).collect();
+    let mut empty: Vec<usize> = (0..received.len()).filter(|&i| !filled[i]).collect();
+    for _ in 0..rings {
+        let found: Vec<(usize, usize)> = empty
+            .par_iter()
+            .with_min_len(1024)
+            .filter_map(|&i| Some((i, darkest_beside(lumels, &index, received, &filled, i)?)))
+            .collect();
+        if found.is_empty() {
+            return;
+        }
+        for &(i, from) in &found {
+            let light = received[from].clone();
+            received[i] = Received {
+                position: received[i].position,
+                normal: received[i].normal,
+                open: 0.0,
+                rays: received[i].rays,
+                edge: received[i].edge,
+                ..light
+            };
+        }
+        for (i, _) in found {
+            filled[i] = true;
+        }
+        empty.retain(|&i| !filled[i]);
+    }
+}
+
+/// The darkest filled neighbour of lumel `i`: of those that share an edge with it, else of those at its corners.
+fn darkest_beside(
+    lumels: &Lumels,
+    index: &TexelIndex,
+    received: &[Received],
+    filled: &[bool],
+    i: usize,
+) -> Option<usize> {
+    const EDGES: [[i64; 2]; 4] = [[0, -1], [-1, 0], [1, 0], [0, 1]];
+    const CORNERS: [[i64; 2]; 4] = [[-1, -1], [1, -1], [-1, 1], [1, 1]];
+    let l = &lumels.lumels[i];
+    let [x, y] = l.texel.map(i64::from);
+    let darkest = |around: [[i64; 2]; 4]| {
+        (around.into_iter())
+            .filter_map(|[dx, dy]| index.at(l.page, x + dx, y + dy))
+            .filter(|&j| filled[j] && lumels.lumels[j].instance == l.instance)
+            .filter(|&j| received[j].normal.dot(received[i].normal) > 0.5)
+            .min_by(|&a, &b| {
+                let light = |j: usize| luminance(received[j].direct + received[j].indirect);
+                light(a).total_cmp(&light(b)).then(a.cmp(&b))
+            })
+    };
+    darkest(EDGES).or_else(|| darkest(CORNERS))
+}
