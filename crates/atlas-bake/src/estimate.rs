@@ -7,9 +7,13 @@ use radiosity::luminance;
 /// what it is in. A sub-point that is merely near the back of things sees them in half of its hemisphere at most.
 const INSIDE: f32 = 0.9;
 
-/// The same for a part of a footprint that walls close off, which all of its points decide: half-way between what an open part sees of
-/// backs at most and what is seen inside of one thing.
-const MOSTLY_INSIDE: f32 = 0.75;
+/// The same for a part of a footprint that walls close off, which all of its points decide: inside of things that are in each other a ray may
+/// meet a front. Half-way between what an open part sees of backs at most and what is seen inside of one thing.
+pub(crate) const MOSTLY_INSIDE: f32 = 0.75;
+
+/// Beside a part that sees less of black backs than this, one that sees more is none: it lies behind what the other lies before, as the foot of a
+/// wall does that goes on into the ground. Half-way between nothing and what is seen from right behind a plane.
+pub(crate) const BEHIND: f32 = 0.25;
 
 /// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
 /// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
@@ -49,15 +53,18 @@ impl Point {
         self.black as f32 >= INSIDE * self.rays as f32
     }
 
-    /// Whether these points lie inside something, by the most part of their rays. Inside of things that are in each other a ray may meet a
-    /// front.
-    pub(crate) fn all_inside<'p>(points: impl Iterator<Item = &'p Point>) -> bool {
+    /// What share of these points' rays met black backs; 1 for no points.
+    pub(crate) fn black_share<'p>(points: impl Iterator<Item = &'p Point>) -> f32 {
         let (mut black, mut rays) = (0, 0);
         for p in points {
             black += p.black;
             rays += p.rays;
         }
-        black as f32 >= MOSTLY_INSIDE * rays as f32
+        if rays > 0 {
+            black as f32 / rays as f32
+        } else {
+            1.0
+        }
     }
 
     /// Whether nearly all rays of these points went where nothing is: out of the scene into the dark, or to black backs.

@@ -6,7 +6,7 @@ use radiosity::{
     cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
-use crate::estimate::{Estimate, Point, mean_and_spread};
+use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::walls::Parts;
@@ -340,6 +340,14 @@ impl Gatherer<'_, '_> {
         let near = sums.iter().any(|s| s.near);
         let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
         let mut hidden = vec![false; number];
+        let black: Vec<f32> = (0..number)
+            .map(|k| {
+                let of = sums.iter().zip(&part).filter(|x| x.1.0 == k);
+                Point::black_share(of.map(|x| x.0))
+            })
+            .collect();
+        let some_before = black.iter().any(|b| *b < BEHIND);
+        let most = if some_before { BEHIND } else { MOSTLY_INSIDE };
         for (k, planes) in planes.iter().enumerate() {
             let of = || {
                 sums.iter()
@@ -348,7 +356,7 @@ impl Gatherer<'_, '_> {
                     .map(|x| x.0)
             };
             let mask: Vec<bool> = part.iter().map(|p| *p == (k, true)).collect();
-            if parts.is_some() && Point::all_inside(of()) {
+            if parts.is_some() && black[k] >= most {
                 hidden[k] = true;
             } else if mask.contains(&true) {
                 let one = self.see(footprint, &points, &sums, mask, seed, planes);
