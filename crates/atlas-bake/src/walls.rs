@@ -33,14 +33,11 @@ impl Parts {
         let lift = LIFT * size;
         let mut part: Vec<u8> = Vec::with_capacity(points.len());
         for (k, p) in points.iter().enumerate() {
-            let mut before: Vec<usize> = (0..k).collect();
-            before.sort_by(|&a, &b| {
-                let far = |j: usize| points[j].position.distance_squared(p.position);
-                far(a).total_cmp(&far(b)).then(a.cmp(&b))
-            });
+            let mut order = [(0.0, 0); SCOUTS];
+            let before = nearest_first(&mut order, points[..k].iter(), p);
             // The nearest two of each part before it: one may hide behind a pebble.
             let (mut tried, mut own) = ([0u8; SCOUTS], None);
-            for j in before {
+            for &(_, j) in before {
                 let of = part[j];
                 if own == Some(of) || tried[of as usize] == 2 {
                     continue;
@@ -81,17 +78,34 @@ impl Parts {
     /// The part of a further point of the footprint; the one after the last where it sees none of those that it was sorted by: a sliver
     /// beyond a wall.
     pub(crate) fn of(&self, world: &World, p: &SurfacePoint) -> usize {
-        let mut order: Vec<usize> = (0..self.scouts.len()).collect();
-        order.sort_by(|&a, &b| {
-            let far = |j: usize| self.scouts[j].0.position.distance_squared(p.position);
-            far(a).total_cmp(&far(b)).then(a.cmp(&b))
-        });
-        order
-            .into_iter()
-            .map(|j| &self.scouts[j])
+        let far = |s: &(SurfacePoint, u8)| s.0.position.distance_squared(p.position);
+        let nearest = (self.scouts.iter()).min_by(|a, b| far(a).total_cmp(&far(b)));
+        if let Some(s) = nearest.filter(|s| !world.wall_between(p, &s.0, self.lift)) {
+            return s.1 as usize;
+        }
+        let mut order = [(0.0, 0); SCOUTS];
+        nearest_first(&mut order, self.scouts.iter().map(|s| &s.0), p)
+            .iter()
+            .skip(1)
+            .map(|&(_, j)| &self.scouts[j])
             .find(|s| !world.wall_between(p, &s.0, self.lift))
             .map_or(self.count, |s| s.1 as usize)
     }
+}
+
+/// Squared distances from `p` and numbers of `points` (at most [`SCOUTS`]), the nearest first.
+fn nearest_first<'o, 'p>(
+    order: &'o mut [(f32, usize); SCOUTS],
+    points: impl Iterator<Item = &'p SurfacePoint>,
+    p: &SurfacePoint,
+) -> &'o [(f32, usize)] {
+    let mut n = 0;
+    for (slot, q) in order.iter_mut().zip(points) {
+        *slot = (q.position.distance_squared(p.position), n);
+        n += 1;
+    }
+    order[..n].sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    &order[..n]
 }
 
 /// Between which lumels that touch a wall stands.
