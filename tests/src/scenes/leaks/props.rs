@@ -253,15 +253,8 @@ pub(super) fn crates() -> LeakScene {
     let lining = block(frame, [-0.299, 0.001, -0.299], [0.299, 0.599, 0.299]).flipped();
     k.part("lining", &lining);
     k.region(Kind::Dark, "lining", Vec::new());
-    // What is under a crate is dark whoever looks: a crate that is taken away at run time shows it.
-    for (i, (name, frame)) in places.into_iter().enumerate() {
-        if name != "hovering" {
-            let s = 0.3;
-            let under = span_in(frame, [-s, s], ALL, [-s, s]);
-            if name == "double-sided" || name == "sunk" {
-                k.region(Kind::Dark, "floor", under);
-            }
-        }
+    // The floor under them is no region: nobody sees it, and a baker may put there what suits the lit lumels beside it.
+    for (i, (name, _)) in places.into_iter().enumerate() {
         let above = if i == 2 { 0.0 } else { 0.002 };
         k.region(Kind::Lit, name, span(ALL, [above, FAR], ALL));
     }
