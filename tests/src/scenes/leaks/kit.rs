@@ -1,62 +1,11 @@
 //! What the scenes of the leak suite are put together with.
 
-use glam::{Affine3A, DVec3, Vec3};
+use glam::{Affine3A, Vec3};
 
 use super::LeakScene;
+use super::region::{Hull, Kind, Region};
 use crate::geometry::{Geometry, cuboid, grid, quad};
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
-
-/// A convex body as half-spaces x·a + y·b + z·c ≤ d, each `[a, b, c, d]` with a unit normal; metres, world space. None at all is everywhere.
-pub type Hull = Vec<[f64; 4]>;
-
-/// Whether `p` lies in `hull` or on its surface.
-pub fn inside(hull: &Hull, p: DVec3) -> bool {
-    (hull.iter()).all(|&[a, b, c, d]| p.dot(DVec3::new(a, b, c)) <= d)
-}
-
-/// What light a region gets.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// None: E is exactly 0.
-    Dark,
-    /// Little, through an opening.
-    Dim,
-    /// That of the lit room or the open air.
-    Lit,
-}
-
-impl Kind {
-    /// Its name in `leaks.json`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Kind::Dark => "dark",
-            Kind::Dim => "dim",
-            Kind::Lit => "lit",
-        }
-    }
-}
-
-/// A part of a node's surface.
-#[derive(Debug, Clone)]
-pub struct Region {
-    /// Name of the node.
-    pub node: String,
-    /// What light it gets.
-    pub kind: Kind,
-    /// Only faces whose normal is at most 60° off this direction.
-    pub facing: Option<DVec3>,
-    /// Only what lies in here.
-    pub within: Hull,
-    /// And in none of these.
-    pub without: Vec<Hull>,
-}
-
-impl Region {
-    /// Whether faces of unit `normal` belong to it.
-    pub fn faces(&self, normal: DVec3) -> bool {
-        self.facing.is_none_or(|f| f.dot(normal) > 0.5)
-    }
-}
 
 /// The axis-parallel box from `min` to `max`, moved by `frame` (rigid), as half-spaces.
 pub(super) fn hull(frame: Affine3A, min: Vec3, max: Vec3) -> Hull {
@@ -101,7 +50,7 @@ pub(super) fn block(frame: Affine3A, min: [f32; 3], max: [f32; 3]) -> Geometry {
     cuboid(min.into(), max.into(), 1).transformed(frame)
 }
 
-/// A scene under construction. Surfaces have reflectance 0.7.
+/// A scene under construction, all in one paint.
 pub(super) struct Kit {
     b: GltfBuilder,
     paint: usize,
@@ -111,8 +60,16 @@ pub(super) struct Kit {
 
 impl Kit {
     pub fn new() -> Kit {
+        Kit::painted(Material::diffuse("paint", [0.7; 3]))
+    }
+
+    /// One whose surfaces reflect half of the light and emit as much: in a closed space all radiance is 1 and E = π.
+    pub fn furnace() -> Kit {
+        Kit::painted(Material::emitter("paint", [0.5; 3], [0.5; 3]))
+    }
+
+    fn painted(plain: Material) -> Kit {
         let mut b = GltfBuilder::new();
-        let plain = Material::diffuse("paint", [0.7; 3]);
         let paint = b.material(&plain);
         let both = b.material(&Material {
             name: "both".into(),
@@ -223,6 +180,14 @@ impl Kit {
         self
     }
 
+    /// Cuts the regions that `which` picks by a half-space.
+    pub fn narrow(&mut self, which: impl Fn(&Region) -> bool, plane: [f64; 4]) -> &mut Self {
+        for r in self.regions.iter_mut().filter(|r| which(r)) {
+            r.within.push(plane);
+        }
+        self
+    }
+
     fn last(&mut self) -> &mut Region {
         self.regions.last_mut().expect("a region was added")
     }
@@ -237,6 +202,7 @@ impl Kit {
             texels_per_unit: 8.0,
             regions: self.regions,
             shared_lumels: false,
+            even: None,
         }
     }
 }

@@ -8,11 +8,12 @@
 mod kit;
 mod outdoors;
 mod props;
+mod region;
 mod walls;
 
 use serde_json::{Value, json};
 
-pub use kit::{Hull, Kind, Region, inside};
+pub use region::{Hull, Kind, Region};
 
 /// A scene of the suite.
 #[derive(Debug, Clone)]
@@ -31,6 +32,8 @@ pub struct LeakScene {
     pub regions: Vec<Region>,
     /// A wall thinner than a lumel stands on a face that goes on behind it: a lumel there is on both sides, and no value is right on both.
     pub shared_lumels: bool,
+    /// E of every lit point, W/m², where it is the same for all (a furnace).
+    pub even: Option<f64>,
 }
 
 /// The scenes, in the order of `docs/leaks.md`.
@@ -54,6 +57,7 @@ pub const LEAKS: &[fn() -> LeakScene] = &[
     props::cabinet,
     props::overlapping_props,
     props::crates,
+    props::furnace,
 ];
 
 /// What `tools/leaks.py` needs to know of `scenes`, for `leaks.json`.
@@ -64,7 +68,7 @@ pub fn description(scenes: &[LeakScene]) -> Value {
             "without": r.without.iter().map(hull).collect::<Vec<_>>()})
     };
     let scene = |s: &LeakScene| {
-        json!({"name": s.name, "what": s.what, "sky": s.sky, "texels_per_unit": s.texels_per_unit, "shared_lumels": s.shared_lumels,
+        json!({"name": s.name, "what": s.what, "sky": s.sky, "texels_per_unit": s.texels_per_unit, "shared_lumels": s.shared_lumels, "even": s.even,
             "regions": s.regions.iter().map(region).collect::<Vec<_>>()})
     };
     Value::Array(scenes.iter().map(scene).collect())

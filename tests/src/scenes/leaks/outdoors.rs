@@ -4,8 +4,8 @@ use std::f32::consts::PI;
 
 use glam::{Affine3A, Vec2, Vec3};
 
-use super::kit::{ALL, FAR, Kind, Kit, block, hull, span, span_in, turned};
-use super::{Hull, LeakScene};
+use super::kit::{ALL, FAR, Kit, block, hull, span, span_in, turned};
+use super::{Hull, Kind, LeakScene};
 use crate::geometry::{Geometry, cuboid, grid, room};
 use crate::scenes::smooth::averaged;
 
@@ -66,6 +66,9 @@ pub(super) fn inward_room() -> LeakScene {
 const HOUSE: Vec3 = Vec3::new(1.7, 2.2, 1.3);
 const WALL: f32 = 0.15;
 
+/// The terrain under the barn: y = a x + b z + c.
+const SLOPE: [f32; 3] = [0.07, -0.05, 0.1];
+
 /// Four wall boxes that overlap at the corners and go down to `low`, and a roof of the same thickness `gap` above them.
 fn house(k: &mut Kit, frame: Affine3A, low: f32, wall: f32, gap: f32) {
     let Vec3 { x, y, z } = HOUSE;
@@ -119,7 +122,11 @@ pub(super) fn house_on_ground() -> LeakScene {
         "ground",
         sunny([HOUSE.x + WALL, FAR], [-0.5, FAR]),
     )
-    .region(Kind::Lit, "ground", sunny([-0.5, FAR], [HOUSE.z + WALL, FAR]));
+    .region(
+        Kind::Lit,
+        "ground",
+        sunny([-0.5, FAR], [HOUSE.z + WALL, FAR]),
+    );
     for (node, out) in [("east", Vec3::X), ("south", Vec3::Z)] {
         k.region(Kind::Lit, node, span(ALL, [0.0, FAR], ALL))
             .facing(frame.transform_vector3(out));
@@ -142,7 +149,12 @@ pub(super) fn barn_on_terrain() -> LeakScene {
         Vec3::Z * -9.0,
         [n, n],
     );
-    let height = |x: f32, z: f32| 0.25 * (1.3 * x + 0.4).sin() * (0.9 * z - 0.3).cos() + 0.1;
+    // A slope where the barn stands, wider than it by a cell at least, hills about it.
+    let [a, b, c] = SLOPE;
+    let height = |x: f32, z: f32| {
+        let far = ((x * x + z * z).sqrt() - 3.7).max(0.0);
+        a * x + b * z + c + 0.3 * far * (1.3 * x + 0.4).sin() * (0.9 * z - 0.3).cos()
+    };
     for (p, normal) in ground.positions.iter_mut().zip(&mut ground.normals) {
         p.y = height(p.x, p.z);
         let d = 1e-2;
@@ -155,6 +167,11 @@ pub(super) fn barn_on_terrain() -> LeakScene {
     let frame = turned(-12.0, Vec3::new(0.1, 0.0, 0.2));
     house(&mut k, frame, -0.6, WALL, -0.02);
     house_regions(&mut k, frame, Kind::Dark);
+    // What is below the slope looks out under the terrain, into the sky, and nobody sees it. 20 µm for the rounding of the slope's vertices.
+    let up = Vec3::new(-a, 1.0, -b).as_dvec3();
+    let [x, y, z] = (-up.normalize()).to_array();
+    let above = [x, y, z, (-f64::from(c) - 2e-5) / up.length()];
+    k.narrow(|r| r.node != "ground" && r.node != "roof", above);
     k.region(
         Kind::Lit,
         "ground",
@@ -281,7 +298,10 @@ fn vaulted(radius: f32, spring: f32, low: f32, z: f32) -> [Geometry; 3] {
         let (up, along) = (Vec3::Y * (spring - low), Vec3::Z * 2.0 * z);
         let g = grid(Vec3::new(x, low, -z), up, along, [1, 1]);
         let g = if x > 0.0 { g } else { g.flipped() };
-        Geometry { uv: Vec::new(), ..g }
+        Geometry {
+            uv: Vec::new(),
+            ..g
+        }
     };
     [
         arch(radius, spring, z, n),
@@ -302,7 +322,7 @@ pub(super) fn vault() -> LeakScene {
     // The inner arch stands on the inner walls; its facets' middles are 1.8 cm nearer to the axis than its edges.
     for (name, g) in names.iter().zip(vaulted(radius, spring, -0.05, z)) {
         k.part(name, &g.flipped());
-        k.region(Kind::Dark, name, Vec::new());
+        k.region(Kind::Dark, name, span(ALL, [0.0, FAR], ALL));
     }
     let outer = ["outer vault", "outer sides", "outer gables"];
     for (name, g) in outer.iter().zip(vaulted(radius + t, spring, -0.05, z + t)) {
@@ -310,7 +330,11 @@ pub(super) fn vault() -> LeakScene {
     }
     let hall = |e: f32| span([-radius - e, radius + e], ALL, [-z - e, z + e]);
     k.region(Kind::Dark, "ground", hall(0.0))
-        .region(Kind::Lit, "ground", span([radius + t, FAR], ALL, [-0.5, FAR]))
+        .region(
+            Kind::Lit,
+            "ground",
+            span([radius + t, FAR], ALL, [-0.5, FAR]),
+        )
         .region(Kind::Lit, "outer sides", span(ALL, [0.0, FAR], ALL))
         .facing(Vec3::X);
     LeakScene {

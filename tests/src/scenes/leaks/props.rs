@@ -1,9 +1,9 @@
-//! Things in a lit room.
+//! Things in a lit room, and in a furnace.
 
 use glam::{Affine3A, Vec3};
 
-use super::kit::{ALL, FAR, Kind, Kit, block, hull, span, span_in, turned};
-use super::{Hull, LeakScene};
+use super::kit::{ALL, FAR, Kit, block, hull, span, span_in, turned};
+use super::{Hull, Kind, LeakScene};
 use crate::geometry::{Geometry, cuboid, icosphere};
 
 /// A lit room of 4 × 2.8 × 4 m.
@@ -57,7 +57,10 @@ pub(super) fn stairs() -> LeakScene {
     for i in 0..count {
         let bottom = top(i) - tread;
         let last = i + 1 == count;
-        let x = [at(i) + if i == 0 { riser / 2.0 } else { 0.0 }, at(i + 1) + if last { -riser / 2.0 } else { riser / 2.0 }];
+        let x = [
+            at(i) + if i == 0 { riser / 2.0 } else { 0.0 },
+            at(i + 1) + if last { -riser / 2.0 } else { riser / 2.0 },
+        ];
         add(
             &mut panels,
             [x[0], -sunk, front - panel],
@@ -76,7 +79,10 @@ pub(super) fn stairs() -> LeakScene {
         .facing(Vec3::NEG_Z);
     for i in 0..count {
         // Treads from below, behind the riser that carries them; and the riser from behind.
-        let x = [at(i) + riser, at(i + 1) + if i + 1 == count { -riser } else { riser }];
+        let x = [
+            at(i) + riser,
+            at(i + 1) + if i + 1 == count { -riser } else { riser },
+        ];
         let inner = [back, front - panel];
         k.region(
             Kind::Dark,
@@ -92,7 +98,10 @@ pub(super) fn stairs() -> LeakScene {
             span(x, [under, top(i) - tread], inner),
         )
         .facing(Vec3::X);
-        let x = [at(i) - nose, at(i + 1) - if i + 1 == count { 0.0 } else { nose }];
+        let x = [
+            at(i) - nose,
+            at(i + 1) - if i + 1 == count { 0.0 } else { nose },
+        ];
         k.region(
             Kind::Lit,
             "boards",
@@ -128,7 +137,10 @@ pub(super) fn cabinet() -> LeakScene {
     for y in middles {
         add([-x + t / 2.0, y, back], [x - t / 2.0, y + t, front]);
     }
-    add([-x + t / 2.0, height - t, back], [x - t / 2.0, height, front]);
+    add(
+        [-x + t / 2.0, height - t, back],
+        [x - t / 2.0, height, front],
+    );
     k.part("boards", &boards);
     let low = -0.001;
     let door = cuboid(
@@ -185,7 +197,12 @@ pub(super) fn overlapping_props() -> LeakScene {
     let slab = turned(5.0, Vec3::new(0.9, 0.0, 0.9));
     let crates = [
         ("first crate", first, [-0.4, -0.1, -0.4], [0.4, 0.7, 0.4]),
-        ("second crate", second, [-0.3, -0.05, -0.3], [0.3, 0.45, 0.3]),
+        (
+            "second crate",
+            second,
+            [-0.3, -0.05, -0.3],
+            [0.3, 0.45, 0.3],
+        ),
         ("slab", slab, [-0.6, -0.01, -0.4], [0.6, 0.02, 0.4]),
         (
             "board",
@@ -267,6 +284,75 @@ pub(super) fn crates() -> LeakScene {
         ..k.finish(
             "crates",
             "crates flush on a floor (single- and double-sided), sunk, 1 mm above it, and a double-sided one with a lining",
+        )
+    }
+}
+
+/// A furnace with walls, boards and crates that stick in its walls and floor: every point that can be seen has E = π, so whatever lacks light is
+/// a black spot.
+pub(super) fn furnace() -> LeakScene {
+    let mut k = Kit::furnace();
+    let (half, height) = (2.0, 2.4);
+    k.shell([-half, 0.0, -half], [half, height, half]);
+    let low = -0.05;
+    let parts = [
+        // A wall of 1 mm from floor to ceiling that ends in the room, and one of 20 cm.
+        (
+            "thin wall",
+            turned(3.0, Vec3::ZERO),
+            [-0.0005, low, -2.3],
+            [0.0005, 2.45, 0.3],
+        ),
+        (
+            "thick wall",
+            turned(-4.0, Vec3::new(1.0, 0.0, 0.0)),
+            [-0.1, low, 0.4],
+            [0.1, 2.45, 2.3],
+        ),
+        (
+            "crate",
+            turned(20.0, Vec3::new(-1.0, 0.0, -0.9)),
+            [-0.35, low, -0.35],
+            [0.35, 0.6, 0.35],
+        ),
+        (
+            "shelf",
+            turned(0.0, Vec3::new(-1.0, 0.0, 1.0)),
+            [-1.05, 1.0, -0.5],
+            [-0.6, 1.002, 0.5],
+        ),
+        (
+            "slab",
+            turned(30.0, Vec3::new(-0.6, 0.0, 1.1)),
+            [-0.5, -0.01, -0.3],
+            [0.5, 0.02, 0.3],
+        ),
+        (
+            "pillar",
+            turned(12.0, Vec3::new(1.2, 0.0, -1.1)),
+            [-0.15, low, -0.15],
+            [0.15, 2.45, 0.15],
+        ),
+    ];
+    let hulls = parts.map(|(_, frame, min, max)| hull(frame, min.into(), max.into()));
+    for (name, frame, min, max) in parts {
+        k.part(name, &block(frame, min, max));
+    }
+    let inner = span([-half, half], [0.0, height], [-half, half]);
+    for (i, (name, ..)) in parts.into_iter().enumerate() {
+        let others = (hulls.iter().enumerate()).filter(|(j, _)| *j != i);
+        k.region(Kind::Lit, name, inner.clone())
+            .without(others.map(|(_, h)| h.clone()));
+    }
+    for node in ["floor", "ceiling", "walls"] {
+        k.region(Kind::Lit, node, Vec::new())
+            .without(hulls.iter().cloned());
+    }
+    LeakScene {
+        even: Some(std::f64::consts::PI),
+        ..k.finish(
+            "furnace",
+            "closed furnace with walls of 1 mm and 20 cm, a crate, a shelf, a slab and a pillar stuck in it: E is the same everywhere",
         )
     }
 }

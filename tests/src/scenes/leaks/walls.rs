@@ -2,8 +2,8 @@
 
 use glam::{Affine3A, Vec2, Vec3};
 
-use super::kit::{ALL, FAR, Kind, Kit, block, hull, span, span_in, turned};
-use super::{Hull, LeakScene};
+use super::kit::{ALL, FAR, Kit, block, hull, span, span_in, turned};
+use super::{Hull, Kind, LeakScene};
 use crate::carve::Carver;
 use crate::geometry::{Geometry, cuboid, grid, prism, room};
 
@@ -174,11 +174,7 @@ pub(super) fn three_rooms() -> LeakScene {
     k.region(Kind::Dark, "short", span_in(frame, [t, FAR], ALL, ALL));
     k.region(Kind::Dark, "long", Vec::new())
         .facing(frame.transform_vector3(Vec3::X))
-        .region(
-            Kind::Lit,
-            "long",
-            span(ALL, [0.0, height], [-3.0, 3.0]),
-        )
+        .region(Kind::Lit, "long", span(ALL, [0.0, height], [-3.0, 3.0]))
         .facing(frame.transform_vector3(Vec3::NEG_X));
     LeakScene {
         shared_lumels: true,
@@ -203,7 +199,10 @@ pub(super) fn door_ajar() -> LeakScene {
         (_, true) => Some(0),
         (space, _) => Some(space),
     }) {
-        k.part(["floor", "lit room", "doorway", "dim room"][usize::from(key)], &g);
+        k.part(
+            ["floor", "lit room", "doorway", "dim room"][usize::from(key)],
+            &g,
+        );
     }
     k.lamp(Vec3::new(-1.8, 2.5, 0.0), [0.7; 2]);
     // Hinges at z = −0.45 on the lit side; 5 mm of air about the leaf.
@@ -236,7 +235,9 @@ pub(super) fn storeys() -> LeakScene {
     );
     k.part("slab", &slab);
     let outline: Vec<Vec2> = (0..8)
-        .map(|i| Vec2::new(0.7, 0.1) + 0.25 * Vec2::from_angle(-std::f32::consts::TAU * i as f32 / 8.0))
+        .map(|i| {
+            Vec2::new(0.7, 0.1) + 0.25 * Vec2::from_angle(-std::f32::consts::TAU * i as f32 / 8.0)
+        })
         .collect();
     k.part("pillar", &prism(&outline, -SUNK, 5.2 + SUNK));
     let inner = span([-2.0, 2.0], ALL, [-2.0, 2.0]);
