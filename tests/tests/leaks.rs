@@ -66,6 +66,8 @@ impl Worst {
 struct Findings {
     /// Mean E over the lit regions.
     yard: f64,
+    /// Area of the lit regions, m².
+    area: f64,
     /// E of lumels that have a part in dark regions and none in lit ones.
     lumels: Worst,
     /// E that bilinear lookups find at points of dark regions.
@@ -74,11 +76,11 @@ struct Findings {
     uneven: Worst,
 }
 
-fn bake(scene: &LeakScene) -> (Scene, Vec<Page>) {
+fn bake(scene: &LeakScene, quality: Quality) -> (Scene, Vec<Page>) {
     let sky = SkySource::Color([scene.sky; 3]);
     let settings = Settings {
         texels_per_unit: Some(scene.texels_per_unit),
-        quality: Quality::Draft,
+        quality,
         sky: if scene.sky > 0.0 {
             sky
         } else {
@@ -113,8 +115,8 @@ fn points(polygon: &[DVec2]) -> Vec<DVec2> {
     polygon.iter().map(near).chain([middle]).collect()
 }
 
-fn look(scene: &LeakScene) -> Findings {
-    let (baked, pages) = bake(scene);
+fn look(scene: &LeakScene, quality: Quality) -> Findings {
+    let (baked, pages) = bake(scene, quality);
     let sizes: Vec<_> = pages.iter().map(|p| p.size).collect();
     let mut out = Findings::default();
     let (mut sum, mut area) = (0.0, 0.0);
@@ -162,6 +164,7 @@ fn look(scene: &LeakScene) -> Findings {
     }
     assert!(area > 0.0 && sum > 0.0, "{}: nothing is lit", scene.name);
     out.yard = sum / area;
+    out.area = area;
     eprintln!(
         "{}: yardstick {:.3}, {} dark lumels up to {:.2e}, seen up to {:.2e} of it, uneven by {:.2e}",
         scene.name,
@@ -192,7 +195,7 @@ macro_rules! dark {
 
             static FOUND: LazyLock<(super::LeakScene, super::Findings)> = LazyLock::new(|| {
                 let scene = super::scene(stringify!($name));
-                let found = super::look(&scene);
+                let found = super::look(&scene, super::Quality::Draft);
                 (scene, found)
             });
 
@@ -229,8 +232,8 @@ fn lumels_are_dark(found: &Findings) {
 fn nothing_is_seen(scene: &LeakScene, found: &Findings) {
     let w = &found.seen;
     assert!(w.count > 100, "{} points", w.count);
-    // Bilinear lookups reach one lumel far: a face that goes on behind a wall thinner than that shows what lies beyond it. The project's goal is half
-    // a per cent there, and nothing elsewhere.
+    // Bilinear lookups reach lumels that begin 1.6 lumels away (askew): on a face that goes on behind a wall thinner than that they show what lies
+    // beyond it. The project's goal is half a per cent there (issue 5), and nothing elsewhere.
     let allowed = if scene.shared_lumels { 0.005 } else { 0.0 };
     assert!(
         w.value <= allowed * found.yard,
@@ -243,7 +246,7 @@ fn nothing_is_seen(scene: &LeakScene, found: &Findings) {
 #[test]
 fn a_furnace_shows_no_black_spots_beside_what_sticks_in_it() {
     let scene = scene("furnace");
-    let found = look(&scene);
+    let found = look(&scene, Quality::Draft);
     let w = &found.uneven;
     assert!(w.count > 1000, "{} points", w.count);
     // Rays bring the same from everywhere. What is left is the solve's residual and half floats, as in `tests/closed_forms/enclosures.rs`.
@@ -253,6 +256,17 @@ fn a_furnace_shows_no_black_spots_beside_what_sticks_in_it() {
         100.0 * w.value,
         w.place
     );
+}
+
+#[test]
+fn a_white_room_loses_no_light_in_what_is_hidden() {
+    let scene = scene("white_room");
+    let found = look(&scene, Quality::Preview);
+    let exact = scene.received.expect("a scene whose light is known");
+    let off = found.yard * found.area / exact - 1.0;
+    eprintln!("white_room: {:+.2} % of the light", 100.0 * off);
+    // One in a hundred: what the preview's rays and residual may cost (`tests/closed_forms/enclosures.rs` allows it for furnaces).
+    assert!(off.abs() <= 0.01, "{:+.2} % of the light", 100.0 * off);
 }
 
 #[test]

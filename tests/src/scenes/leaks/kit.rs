@@ -59,8 +59,13 @@ pub(super) struct Kit {
 }
 
 impl Kit {
+    /// Reflectance 0.7.
     pub fn new() -> Kit {
-        Kit::painted(Material::diffuse("paint", [0.7; 3]))
+        Kit::of_reflectance(0.7)
+    }
+
+    pub fn of_reflectance(rho: f32) -> Kit {
+        Kit::painted(Material::diffuse("paint", [rho; 3]))
     }
 
     /// One whose surfaces reflect half of the light and emit as much: in a closed space all radiance is 1 and E = π.
@@ -141,6 +146,18 @@ impl Kit {
         self
     }
 
+    /// A point light of 1 W/sr.
+    pub fn point(&mut self, at: Vec3) -> &mut Self {
+        let light = self.b.light("point", Light::Point([1.0; 3]));
+        self.b.node(Node {
+            name: "point".into(),
+            translation: at,
+            light: Some(light),
+            ..Node::default()
+        });
+        self
+    }
+
     /// The inside of a box as three single-sided nodes: `floor`, `ceiling` and `walls`.
     pub fn shell(&mut self, min: [f32; 3], max: [f32; 3]) -> &mut Self {
         let [a, b, floor, ceiling, c, d] =
@@ -203,6 +220,7 @@ impl Kit {
             regions: self.regions,
             shared_lumels: false,
             even: None,
+            received: None,
         }
     }
 }

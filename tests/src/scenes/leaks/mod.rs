@@ -30,10 +30,13 @@ pub struct LeakScene {
     pub texels_per_unit: f32,
     /// Parts of its surfaces, and what light they get. The mean over those that are [`Kind::Lit`] is the yardstick.
     pub regions: Vec<Region>,
-    /// A wall thinner than a lumel stands on a face that goes on behind it: a lumel there is on both sides, and no value is right on both.
+    /// A face goes on behind a wall so thin that bilinear lookups on its dark side reach lumels with a part on the lit side (some 1.6 lumels,
+    /// askew), or even that one lumel is on both sides. No value is right on both.
     pub shared_lumels: bool,
     /// E of every lit point, W/m², where it is the same for all (a furnace).
     pub even: Option<f64>,
+    /// ∫ E dA over the lit regions, W, where it is known.
+    pub received: Option<f64>,
 }
 
 /// The scenes, in the order of `docs/leaks.md`.
@@ -58,6 +61,7 @@ pub const LEAKS: &[fn() -> LeakScene] = &[
     props::overlapping_props,
     props::crates,
     props::furnace,
+    props::white_room,
 ];
 
 /// What `tools/leaks.py` needs to know of `scenes`, for `leaks.json`.

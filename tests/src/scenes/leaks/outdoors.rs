@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Affine3A, Vec2, Vec3};
 
-use super::kit::{ALL, FAR, Kit, block, hull, span, span_in, turned};
+use super::kit::{ALL, FAR, Kit, block, span, span_in, turned};
 use super::{Hull, Kind, LeakScene};
 use crate::geometry::{Geometry, cuboid, grid, room};
 use crate::scenes::smooth::averaged;
@@ -52,9 +52,14 @@ pub(super) fn inward_room() -> LeakScene {
     let frame = turned(7.0, Vec3::new(0.1, 0.0, 0.2));
     let (min, max) = (Vec3::new(-1.5, 0.01, -1.2), Vec3::new(1.5, 2.4, 1.2));
     k.part("room", &room(min, max, 1).transformed(frame));
-    k.region(Kind::Dark, "room", Vec::new())
-        .region(Kind::Lit, "ground", Vec::new())
-        .without([hull(frame, min - Vec3::Y, max)]);
+    k.region(Kind::Dark, "room", Vec::new());
+    // Where its shadow does not fall.
+    for within in [
+        span_in(frame, [max.x, FAR], ALL, [-0.5, FAR]),
+        span_in(frame, [-0.5, FAR], ALL, [max.z, FAR]),
+    ] {
+        k.region(Kind::Lit, "ground", within);
+    }
     in_the_open(
         k,
         "inward_room",
@@ -131,11 +136,14 @@ pub(super) fn house_on_ground() -> LeakScene {
         k.region(Kind::Lit, node, span(ALL, [0.0, FAR], ALL))
             .facing(frame.transform_vector3(out));
     }
-    in_the_open(
-        k,
-        "house_on_ground",
-        "house of four wall boxes of 15 cm and a roof; its floor is the ground that runs on under the walls",
-    )
+    LeakScene {
+        shared_lumels: true,
+        ..in_the_open(
+            k,
+            "house_on_ground",
+            "house of four wall boxes of 15 cm and a roof; its floor is the ground that runs on under the walls",
+        )
+    }
 }
 
 /// The same on a smooth-shaded terrain.
@@ -182,11 +190,14 @@ pub(super) fn barn_on_terrain() -> LeakScene {
         "ground",
         span_in(frame, [-0.5, FAR], ALL, [HOUSE.z + WALL, FAR]),
     );
-    in_the_open(
-        k,
-        "barn_on_terrain",
-        "house sunk into a smooth-shaded terrain, which is its floor",
-    )
+    LeakScene {
+        shared_lumels: true,
+        ..in_the_open(
+            k,
+            "barn_on_terrain",
+            "house sunk into a smooth-shaded terrain, which is its floor",
+        )
+    }
 }
 
 /// A hall of a modular kit: instances of one wall panel, one floor tile and one roof tile that meet edge to edge.

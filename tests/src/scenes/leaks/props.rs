@@ -113,10 +113,13 @@ pub(super) fn stairs() -> LeakScene {
     k.region(Kind::Lit, "floor", Vec::new()).without([prism]);
     k.region(Kind::Lit, "walls", Vec::new())
         .without(solid.into_iter().chain(cupboard));
-    k.finish(
+    LeakScene {
+        shared_lumels: true,
+        ..k.finish(
         "stairs",
         "cupboard under stairs of boards (treads 3 cm, risers and side 2 cm), closed on all sides",
     )
+    }
 }
 
 /// A shelf of boards of 2 mm at a wall whose lowest compartment has a door.
@@ -288,10 +291,8 @@ pub(super) fn crates() -> LeakScene {
     }
 }
 
-/// A furnace with walls, boards and crates that stick in its walls and floor: every point that can be seen has E = π, so whatever lacks light is
-/// a black spot.
-pub(super) fn furnace() -> LeakScene {
-    let mut k = Kit::furnace();
+/// Walls, boards and crates that stick in a closed room's walls and floor, all that can be seen declared as lit.
+fn crowded(k: &mut Kit) {
     let (half, height) = (2.0, 2.4);
     k.shell([-half, 0.0, -half], [half, height, half]);
     let low = -0.05;
@@ -348,11 +349,33 @@ pub(super) fn furnace() -> LeakScene {
         k.region(Kind::Lit, node, Vec::new())
             .without(hulls.iter().cloned());
     }
+}
+
+/// A furnace: every point that can be seen has E = π, so whatever lacks light is a black spot.
+pub(super) fn furnace() -> LeakScene {
+    let mut k = Kit::furnace();
+    crowded(&mut k);
     LeakScene {
         even: Some(std::f64::consts::PI),
         ..k.finish(
             "furnace",
             "closed furnace with walls of 1 mm and 20 cm, a crate, a shelf, a slab and a pillar stuck in it: E is the same everywhere",
+        )
+    }
+}
+
+/// The same room with white walls and a lamp: what the lamp sends out is absorbed on surfaces that can be seen, so ∫ E dA = Φ/(1 − ρ), and
+/// light that bounces get lost in what is hidden counts ten times.
+pub(super) fn white_room() -> LeakScene {
+    let rho = 0.9;
+    let mut k = Kit::of_reflectance(rho);
+    crowded(&mut k);
+    k.point(Vec3::new(0.1, 1.4, -0.1));
+    LeakScene {
+        received: Some(4.0 * std::f64::consts::PI / (1.0 - f64::from(rho))),
+        ..k.finish(
+            "white_room",
+            "the same room, white (reflectance 0.9), with a point light: light must not get lost in what is hidden",
         )
     }
 }
