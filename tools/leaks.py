@@ -43,7 +43,7 @@ class Scene:
     def __init__(self, folder, what):
         self.path = os.path.join(folder, what["name"] + ".glb")
         self.name, self.what, self.sky, self.density = what["name"], what["what"], what["sky"], what["texels_per_unit"]
-        self.shared, self.even, self.regions = what["shared_lumels"], what["even"], what["regions"]
+        self.shared, self.even, self.received, self.regions = what["shared_lumels"], what["even"], what["received"], what["regions"]
         sc = gltf_scene.load(self.path)
         self.tri, self.nrm = sc.tri, sc.nrm
         self.node = np.array([sc.objects[o][0] for o in sc.obj])
@@ -307,6 +307,10 @@ def measure(scene, a, lumel):
     e, se = truth(scene, lit["position"], lit["normal"], "lit")
     yard = row["yard"] = float((e * lit["weight"]).sum() / lit["weight"].sum())
     value = baked.at(scene, lit)
+    if scene.received:
+        # Points nearer than LEAST to walls are not drawn: the truth's mean tells what share they stand for.
+        row["received"] = float((value * lit["weight"]).sum() / (e * lit["weight"]).sum())
+        row["truth received"] = float((e * lit["weight"]).sum() / scene.received)
     some = e > 0.02 * yard        # a relative error of next to nothing means nothing
     wrong = np.where(some, (e - value) / np.maximum(e, 1e-9), 0)
     for k, n in enumerate(NAMES):
@@ -416,6 +420,9 @@ def tables(rows):
         cells = [r["scene"]] + [" / ".join(percent(get(r, "lit %s %s" % (q, n)), q == "p50") for q in ("p50", "p95", "max")) for n in NAMES]
         cells += [percent(get(r, "lit brightest " + NAMES[k])) for k in (0, 1, 3)]
         out.append("| " + " | ".join(cells + [percent(r["truth noise"]), "%s %s" % (r["blackest"][3], tuple(r["blackest"][:3]))]) + " |")
+    for r in rows:
+        if "received" in r:
+            out += ["", "%s: its visible surfaces hold %+.2f %% of the light that truth says (truth of the closed form, by these points: %.2f %%)." % (r["scene"], 100 * (r["received"] - 1), 100 * r["truth received"])]
     return "\n".join(out) + "\n"
 
 

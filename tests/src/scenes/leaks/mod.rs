@@ -72,7 +72,7 @@ pub fn description(scenes: &[LeakScene]) -> Value {
             "without": r.without.iter().map(hull).collect::<Vec<_>>()})
     };
     let scene = |s: &LeakScene| {
-        json!({"name": s.name, "what": s.what, "sky": s.sky, "texels_per_unit": s.texels_per_unit, "shared_lumels": s.shared_lumels, "even": s.even,
+        json!({"name": s.name, "what": s.what, "sky": s.sky, "texels_per_unit": s.texels_per_unit, "shared_lumels": s.shared_lumels, "even": s.even, "received": s.received,
             "regions": s.regions.iter().map(region).collect::<Vec<_>>()})
     };
     Value::Array(scenes.iter().map(scene).collect())
