@@ -1,13 +1,31 @@
 //! Writes scenes: `cargo run -p lumel-tests --bin make-assets [DIR]` those of `assets/` (the default folder),
-//! `make-assets --closed-form DIR` the closed-form ones, `make-assets --dense DIR` those of many triangles.
+//! `make-assets --closed-form DIR` the closed-form ones, `make-assets --dense DIR` those of many triangles, `make-assets --leaks DIR` the
+//! leak suite, with `leaks.json` that says what is dark in them.
 #![allow(clippy::print_stdout, reason = "a program that lists what it wrote")]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use lumel_tests::assets::{ASSETS, CLOSED_FORM, DENSE};
+use lumel_tests::scenes::leaks::{self, LEAKS};
+
+fn write_leaks(dir: &Path) -> std::io::Result<()> {
+    std::fs::create_dir_all(dir)?;
+    let scenes: Vec<_> = LEAKS.iter().map(|make| make()).collect();
+    for scene in &scenes {
+        println!("{:9} {}.glb", scene.glb.len(), scene.name);
+        std::fs::write(dir.join(scene.name).with_extension("glb"), &scene.glb)?;
+    }
+    let text = serde_json::to_string_pretty(&leaks::description(&scenes))?;
+    std::fs::write(dir.join("leaks.json"), text + "\n")
+}
 
 fn main() -> std::io::Result<()> {
     let mut args: Vec<_> = std::env::args_os().skip(1).collect();
+    if let [flag, dir] = args.as_slice()
+        && flag == "--leaks"
+    {
+        return write_leaks(Path::new(dir));
+    }
     let list = match args.first().and_then(|a| a.to_str()) {
         Some("--closed-form") => Some(CLOSED_FORM),
         Some("--dense") => Some(DENSE),
@@ -21,7 +39,7 @@ fn main() -> std::io::Result<()> {
         (None, None) => PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets")),
         (None, Some(_)) => {
             return Err(std::io::Error::other(
-                "usage: make-assets [--closed-form DIR | --dense DIR | DIR]",
+                "usage: make-assets [--closed-form DIR | --dense DIR | --leaks DIR | DIR]",
             ));
         }
     };

@@ -73,6 +73,11 @@ impl Footprint {
         best.map(|b| b.1)
     }
 
+    /// Its parts: a triangle each, and the convex polygon in that triangle's barycentrics (of the second and third corner).
+    pub fn outlines(&self) -> impl Iterator<Item = (usize, &[DVec2])> {
+        (self.pieces.iter()).map(|p| (p.triangle, p.outline.as_slice()))
+    }
+
     /// The triangle of the first piece.
     pub fn triangle(&self) -> usize {
         self.pieces[0].triangle

@@ -6,6 +6,7 @@ mod cornell;
 mod demo;
 mod dense;
 mod furnace;
+pub mod leaks;
 mod sealed;
 pub mod second_method;
 pub mod smooth;

@@ -1,0 +1,278 @@
+//! The leak suite's dark sides are dark: every lumel that has no part in a lit surface, and every point that a viewer sees there.
+//!
+//! Which texel stands for which surface is read from the written .glb by the path tracer's reader, which shares nothing with the baker. Distances from
+//! walls, dim scenes and black spots need a path-traced truth: `tools/leaks.py`, `docs/leaks.md`.
+
+#![allow(
+    clippy::print_stderr,
+    reason = "figures of each scene, with --nocapture"
+)]
+
+mod common;
+
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3};
+use lumel::atlas_bake::read_exr;
+use lumel::{Quality, Settings, SkySource};
+use lumel_tests::path_tracer::{Footprint, Scene, footprints, luminance};
+use lumel_tests::scenes::leaks::{Kind, LEAKS, LeakScene, Region};
+
+/// Share of a texel below which surface is rounding of texture coordinates, as in the reader of footprints.
+const SHARE: f64 = 2e-4;
+
+/// A page: width, height, luminance of E.
+struct Page {
+    size: [u32; 2],
+    values: Vec<f64>,
+}
+
+impl Page {
+    fn texel(&self, x: i64, y: i64) -> f64 {
+        let [w, h] = self.size.map(i64::from);
+        self.values[(y.clamp(0, h - 1) * w + x.clamp(0, w - 1)) as usize]
+    }
+
+    /// Bilinear lookup at `uv` in 0..=1, as an engine does it.
+    fn look(&self, uv: DVec2) -> f64 {
+        let p = uv * DVec2::new(f64::from(self.size[0]), f64::from(self.size[1])) - 0.5;
+        let (floor, f) = (p.floor(), p - p.floor());
+        let (x, y) = (floor.x as i64, floor.y as i64);
+        let row = |y| self.texel(x, y) * (1.0 - f.x) + self.texel(x + 1, y) * f.x;
+        row(y) * (1.0 - f.y) + row(y + 1) * f.y
+    }
+}
+
+/// The greatest of some values, and where it is.
+#[derive(Debug, Clone, Default)]
+struct Worst {
+    count: usize,
+    value: f64,
+    place: String,
+}
+
+impl Worst {
+    fn add(&mut self, value: f64, place: impl FnOnce() -> String) {
+        self.count += 1;
+        if value > self.value {
+            self.value = value;
+            self.place = place();
+        }
+    }
+}
+
+/// What a bake of a scene shows.
+#[derive(Debug, Default)]
+struct Findings {
+    /// Mean E over the lit regions.
+    yard: f64,
+    /// Area of the lit regions, m².
+    area: f64,
+    /// E of lumels that have a part in dark regions and none in lit ones.
+    lumels: Worst,
+    /// E that bilinear lookups find at points of dark regions.
+    seen: Worst,
+    /// Where E is even: |E/even − 1| that lookups find at points of lit regions.
+    uneven: Worst,
+}
+
+fn bake(scene: &LeakScene, quality: Quality) -> (Scene, Vec<Page>) {
+    let sky = SkySource::Color([scene.sky; 3]);
+    let settings = Settings {
+        texels_per_unit: Some(scene.texels_per_unit),
+        quality,
+        sky: if scene.sky > 0.0 {
+            sky
+        } else {
+            SkySource::None
+        },
+        ..Settings::default()
+    };
+    let bake = common::bake(&scene.glb, &settings);
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    bake.write(dir.path()).expect("written");
+    let pages = (bake.page_names().iter())
+        .map(|name| {
+            let page = read_exr(&dir.path().join(name)).expect("an EXR");
+            let channel = |c: &str| page.channel(c).expect("a colour channel");
+            let [r, g, b] = ["R", "G", "B"].map(channel);
+            let value =
+                |i: usize| PI * luminance(DVec3::new(r[i].into(), g[i].into(), b[i].into()));
+            Page {
+                size: [page.width, page.height],
+                values: (0..r.len()).map(value).collect(),
+            }
+        })
+        .collect();
+    let glb = std::fs::read(dir.path().join("scene.glb")).expect("the written scene");
+    (Scene::from_glb(&glb).expect("a scene"), pages)
+}
+
+/// Points inside a convex polygon: its middle, and its corners drawn a tenth of the way to it.
+fn points(polygon: &[DVec2]) -> Vec<DVec2> {
+    let middle = polygon.iter().sum::<DVec2>() / polygon.len() as f64;
+    let near = |p: &DVec2| p.lerp(middle, 0.1);
+    polygon.iter().map(near).chain([middle]).collect()
+}
+
+fn look(scene: &LeakScene, quality: Quality) -> Findings {
+    let (baked, pages) = bake(scene, quality);
+    let sizes: Vec<_> = pages.iter().map(|p| p.size).collect();
+    let mut out = Findings::default();
+    let (mut sum, mut area) = (0.0, 0.0);
+    for footprint in footprints(&baked, &sizes) {
+        let [column, row] = footprint.texel.map(i64::from);
+        let page = &pages[footprint.page];
+        let value = page.texel(column, row);
+        let [mut dark, mut lit] = [0.0; 2];
+        for (triangle, outline) in footprint.outlines() {
+            let t = &baked.triangles[triangle];
+            let name = &baked.nodes[t.node];
+            let (_, uv) = t
+                .lightmap
+                .expect("a footprint lies on a lightmapped triangle");
+            let polygon: Vec<DVec3> = outline.iter().map(|p| t.at(p.x, p.y)).collect();
+            let mine = |r: &&Region| r.node == *name && r.faces(t.normal());
+            for region in scene.regions.iter().filter(mine) {
+                match region.kind {
+                    Kind::Dark => dark += region.area(&polygon),
+                    Kind::Lit => lit += region.area(&polygon),
+                    Kind::Dim => {}
+                }
+                for p in points(outline) {
+                    let at = t.at(p.x, p.y);
+                    if !region.holds(at) {
+                        continue;
+                    }
+                    let seen = page.look(uv[0] + (uv[1] - uv[0]) * p.x + (uv[2] - uv[0]) * p.y);
+                    let place = || format!("{name} at {at:.3}");
+                    match (region.kind, scene.even) {
+                        (Kind::Dark, _) => out.seen.add(seen, place),
+                        (Kind::Lit, Some(e)) => out.uneven.add((seen / e - 1.0).abs(), place),
+                        _ => {}
+                    }
+                }
+            }
+        }
+        sum += value * lit;
+        area += lit;
+        let texel = footprint.area / footprint.coverage;
+        if dark > SHARE * texel && lit <= SHARE * texel {
+            let place = || format!("{} of {}", middle(&baked, &footprint), footprint.texel[0]);
+            out.lumels.add(value, place);
+        }
+    }
+    assert!(area > 0.0 && sum > 0.0, "{}: nothing is lit", scene.name);
+    out.yard = sum / area;
+    out.area = area;
+    eprintln!(
+        "{}: yardstick {:.3}, {} dark lumels up to {:.2e}, seen up to {:.2e} of it, uneven by {:.2e}",
+        scene.name,
+        out.yard,
+        out.lumels.count,
+        out.lumels.value / out.yard,
+        out.seen.value / out.yard,
+        out.uneven.value
+    );
+    out
+}
+
+fn middle(scene: &Scene, footprint: &Footprint) -> String {
+    let node = scene.triangles[footprint.triangle()].node;
+    format!("{} at {:.3}", scene.nodes[node], footprint.centre(scene))
+}
+
+fn scene(name: &str) -> LeakScene {
+    let found = LEAKS.iter().map(|make| make()).find(|s| s.name == name);
+    found.expect("a scene of the suite")
+}
+
+/// Both tests of a scene with dark regions, on one bake.
+macro_rules! dark {
+    ($($name:ident)*) => {$(
+        mod $name {
+            use std::sync::LazyLock;
+
+            static FOUND: LazyLock<(super::LeakScene, super::Findings)> = LazyLock::new(|| {
+                let scene = super::scene(stringify!($name));
+                let found = super::look(&scene, super::Quality::Draft);
+                (scene, found)
+            });
+
+            #[test]
+            fn lumels_in_the_dark_are_zero() {
+                super::lumels_are_dark(&FOUND.1);
+            }
+
+            #[test]
+            fn no_light_is_seen_in_the_dark() {
+                super::nothing_is_seen(&FOUND.0, &FOUND.1);
+            }
+        }
+    )*};
+}
+
+dark! {
+    sealed_box box_on_floor wall_1mm wall_20cm sheet_wall three_rooms storeys corner_normals inward_room house_on_ground barn_on_terrain modular vault
+    stairs cabinet crates
+}
+
+fn lumels_are_dark(found: &Findings) {
+    let w = &found.lumels;
+    assert!(w.count > 20, "{} dark lumels", w.count);
+    assert_eq!(
+        w.value,
+        0.0,
+        "a dark lumel has {:.3} % of the lit side's mean: {}",
+        100.0 * w.value / found.yard,
+        w.place
+    );
+}
+
+fn nothing_is_seen(scene: &LeakScene, found: &Findings) {
+    let w = &found.seen;
+    assert!(w.count > 100, "{} points", w.count);
+    // Bilinear lookups reach lumels that begin 1.6 lumels away (askew): on a face that goes on behind a wall thinner than that they show what lies
+    // beyond it. The project's goal is half a per cent there (issue 5), and nothing elsewhere.
+    let allowed = if scene.shared_lumels { 0.005 } else { 0.0 };
+    assert!(
+        w.value <= allowed * found.yard,
+        "{:.3} % of the lit side's mean is seen in the dark: {}",
+        100.0 * w.value / found.yard,
+        w.place
+    );
+}
+
+#[test]
+fn a_furnace_shows_no_black_spots_beside_what_sticks_in_it() {
+    let scene = scene("furnace");
+    let found = look(&scene, Quality::Draft);
+    let w = &found.uneven;
+    assert!(w.count > 1000, "{} points", w.count);
+    // Rays bring the same from everywhere. What is left is the solve's residual and half floats, as in `tests/closed_forms/enclosures.rs`.
+    assert!(
+        w.value <= 5e-3,
+        "off by {:.2} %: {}",
+        100.0 * w.value,
+        w.place
+    );
+}
+
+#[test]
+fn a_white_room_loses_no_light_in_what_is_hidden() {
+    let scene = scene("white_room");
+    let found = look(&scene, Quality::Preview);
+    let exact = scene.received.expect("a scene whose light is known");
+    let off = found.yard * found.area / exact - 1.0;
+    eprintln!("white_room: {:+.2} % of the light", 100.0 * off);
+    // One in a hundred: what the preview's rays and residual may cost (`tests/closed_forms/enclosures.rs` allows it for furnaces).
+    assert!(off.abs() <= 0.01, "{:+.2} % of the light", 100.0 * off);
+}
+
+#[test]
+fn every_scene_with_darkness_is_tested() {
+    // `dark!` above has those with dark regions by name: sixteen.
+    let dark = |s: &LeakScene| s.regions.iter().any(|r| r.kind == Kind::Dark);
+    let count = LEAKS.iter().map(|make| make()).filter(dark).count();
+    assert_eq!(count, 16);
+}
