@@ -144,6 +144,10 @@ def outputs(directory):
                 manifest=pick(".lightmap.json"), pages=[os.path.join(directory, n) for n in names if n.endswith(".exr")])
 
 
+# What is held against means over whole texels, as Cycles and the references take them: hidden parts count, and borders stay as gathered.
+AREA_MEAN = ("--hidden", "mean", "--no-stitch")
+
+
 def bake(scene, directory, *options, timeout=None, memory=None):
     """Runs `lumel bake`; -> run()'s dict with `report` (parsed, or None) and outputs()"""
     os.makedirs(directory, exist_ok=True)

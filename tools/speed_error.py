@@ -81,7 +81,7 @@ class Scene:
     def lumel(self, setting, run):
         out = os.path.join(self.a.work, "%s.%s" % (self.name, setting.replace(", ", "_").replace(" ", "")))
         load = os.getloadavg()[0]
-        r = common.bake(self.path, out, *LUMEL[setting], "--texels-per-unit", self.table["density"], "--max-page", 2048, "--threads", self.a.threads,
+        r = common.bake(self.path, out, *common.AREA_MEAN, *LUMEL[setting], "--texels-per-unit", self.table["density"], "--max-page", 2048, "--threads", self.a.threads,
                         *speed_scenes.sky_options(self.name))
         if r["code"] != 0:
             raise SystemExit("lumel failed (%d): %s" % (r["code"], r["err"]))

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 use common::bake;
 use glam::DVec3;
 use lumel::atlas_bake::{ExrImage, read_exr};
-use lumel::{Layer, Quality, Settings, SkySource};
+use lumel::{Hidden, Layer, Quality, Settings, SkySource};
 use lumel_tests::path_tracer::{
     Comparison, Effort, Estimate, Footprint, Pair, PathTracer, Scene, choose, footprints, luminance,
 };
@@ -33,6 +33,8 @@ fn production(texels_per_unit: f32, sky: SkySource) -> Settings {
         texels_per_unit: Some(texels_per_unit),
         layers: vec![Layer::Error],
         sky,
+        // The path tracer takes the mean over all of a lumel, hidden parts too.
+        hidden: Hidden::Mean,
         ..Settings::default()
     }
 }
