@@ -526,4 +526,4 @@ fn hash(mut x: u32) -> u32 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -446,3 +446,6 @@ fn gather_part(
     }
     patch
 }
+
+#[cfg(test)]
+mod tests;

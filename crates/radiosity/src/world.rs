@@ -465,3 +465,6 @@ fn classify_emission(scene: &Scene, soup: &Soup) -> Vec<Emission> {
     }
     emission
 }
+
+#[cfg(test)]
+mod tests;

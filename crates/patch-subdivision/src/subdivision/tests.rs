@@ -1,6 +1,6 @@
 use super::*;
 
-fn soup(triangles: Vec<[Vec3; 3]>) -> Soup {
+pub(crate) fn soup(triangles: Vec<[Vec3; 3]>) -> Soup {
     let mut s = Soup::default();
     for (i, t) in triangles.iter().enumerate() {
         let g = (t[1] - t[0]).cross(t[2] - t[0]);
@@ -19,7 +19,7 @@ fn soup(triangles: Vec<[Vec3; 3]>) -> Soup {
     s
 }
 
-fn quad(o: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
+pub(crate) fn quad(o: Vec3, a: Vec3, b: Vec3) -> Vec<[Vec3; 3]> {
     vec![[o, o + a, o + a + b], [o, o + a + b, o + b]]
 }
 

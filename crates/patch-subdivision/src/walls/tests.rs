@@ -1,0 +1,141 @@
+use glam::Vec3;
+
+use super::*;
+use crate::Options;
+use crate::subdivision::tests::{quad, soup};
+
+/// A floor of 4 m by 4 m, cut in patches of 0.4 m.
+fn floor() -> (mesh_ingest::Soup, Subdivision) {
+    let s = soup(quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0));
+    let options = Options {
+        patches: 100,
+        region_share: 1.0,
+        ..Options::default()
+    };
+    let cut = Subdivision::build(&s, |_| false, &options);
+    assert_eq!(cut.patches().len(), 100);
+    (s, cut)
+}
+
+fn position(s: &mesh_ingest::Soup, e: &crate::Element) -> Vec3 {
+    let [a, b, c] = s.triangles[e.triangle as usize];
+    a + (b - a) * e.u + (c - a) * e.v
+}
+
+/// A wall through the floor that runs askew, without thickness.
+fn side(p: Vec3) -> bool {
+    p.x + 0.13 * p.z > 1.7
+}
+
+/// Points all over the floor, nearest to none of its grid's lines.
+fn points() -> impl Iterator<Item = Vec3> {
+    (0..97u32).flat_map(|i| {
+        (0..89u32).map(move |k| {
+            Vec3::new(
+                0.02 + 3.96 * i as f32 / 96.0,
+                0.0,
+                0.02 + 3.96 * k as f32 / 88.0,
+            )
+        })
+    })
+}
+
+fn triangle_at(p: Vec3) -> u32 {
+    // The quad's first triangle has z ≥ x.
+    u32::from(p.x > p.z)
+}
+
+#[test]
+fn a_wall_parts_patches_and_stops_interpolation() {
+    let (s, mut cut) = floor();
+    let pairs = cut.neighbours();
+    // A grid of 40 × 40 fine cells has so many inner edges.
+    assert_eq!(pairs.len(), 2 * 40 * 39);
+    let sides: Vec<bool> = cut
+        .elements()
+        .iter()
+        .map(|e| side(position(&s, e)))
+        .collect();
+    let blocked: Vec<bool> = pairs
+        .iter()
+        .map(|p| sides[p[0] as usize] != sides[p[1] as usize])
+        .collect();
+    let area: f32 = cut.patches().iter().map(|p| p.area).sum();
+    cut.separate(&pairs, &blocked);
+    assert!(cut.has_walls());
+    assert!(cut.patches().len() > 105, "{}", cut.patches().len());
+    let after: f32 = cut.patches().iter().map(|p| p.area).sum();
+    assert!((area - after).abs() < 1e-4, "{area} {after}"); // rounding of sums
+    let side_of = |patch: u32| {
+        let sides: Vec<bool> = cut
+            .elements_of(PatchId(patch))
+            .map(|k| side(position(&s, &cut.elements()[k])))
+            .collect();
+        assert!(sides.iter().all(|x| *x == sides[0]), "patch {patch}");
+        sides[0]
+    };
+    for p in 0..cut.patches().len() as u32 {
+        side_of(p);
+    }
+    let mut several = 0;
+    for p in points() {
+        let t = triangle_at(p);
+        let at = cut.locate(t, p, false).expect("the floor is whole");
+        let at = cut.on_this_side(t, p, at, |e| side(position(&s, e)) == side(p));
+        assert_eq!(side_of(at.patch.0), side(p), "{p}");
+        let (taps, n) = cut.taps(t, p, at);
+        let sum: f32 = taps[..n].iter().map(|t| t.weight).sum();
+        assert!((sum - 1.0).abs() < 1e-6);
+        for tap in &taps[..n] {
+            assert_eq!(side_of(tap.patch.0), side(p), "{p}");
+        }
+        several += usize::from(n > 1);
+    }
+    // Interpolation goes on where no wall is.
+    assert!(several > 8000, "{several}");
+}
+
+#[test]
+fn what_is_buried_under_a_thick_wall_parts_patches_too() {
+    let (s, mut cut) = floor();
+    // Half a patch thick: no two elements of different sides are neighbours.
+    let place = |p: Vec3| p.x + 0.13 * p.z - 1.7;
+    let hidden: Vec<bool> = (cut.elements().iter())
+        .map(|e| place(position(&s, e)).abs() < 0.15)
+        .collect();
+    assert!(hidden.contains(&true));
+    cut.hide(&hidden);
+    let pairs = cut.neighbours();
+    let free = vec![false; pairs.len()];
+    cut.separate(&pairs, &free);
+    for p in points().filter(|p| place(*p).abs() > 0.16) {
+        let t = triangle_at(p);
+        let at = cut.locate(t, p, false).expect("the floor is whole");
+        let at = cut.on_this_side(t, p, at, |e| side(position(&s, e)) == side(p));
+        let (taps, n) = cut.taps(t, p, at);
+        for tap in &taps[..n] {
+            for k in cut.elements_of(tap.patch) {
+                assert_eq!(side(position(&s, &cut.elements()[k])), side(p), "{p}");
+            }
+        }
+    }
+}
+
+#[test]
+fn without_walls_nothing_changes() {
+    let (_, mut cut) = floor();
+    let before: Vec<_> = cut
+        .patches()
+        .iter()
+        .map(|p| (p.first_element, p.mask))
+        .collect();
+    let pairs = cut.neighbours();
+    cut.separate(&pairs, &vec![false; pairs.len()]);
+    assert!(!cut.has_walls());
+    let after: Vec<_> = cut
+        .patches()
+        .iter()
+        .map(|p| (p.first_element, p.mask))
+        .collect();
+    assert_eq!(before, after);
+}
