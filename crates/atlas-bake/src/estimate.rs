@@ -22,7 +22,7 @@ const DISAGREE: f32 = 4.0;
 /// Running sums of one sub-point.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Point {
-    /// What a ray hits nearer than this is near, metres.
+    /// What a ray hits nearer than this is near, metres; what it hits nearer than a quarter of this is about to touch.
     pub reach: f32,
     /// A ray hit something near.
     pub near: bool,
@@ -31,6 +31,8 @@ pub(crate) struct Point {
     pub square: f32,
     pub rays: u32,
     pub black: u32,
+    /// Rays that ended in the dark right above the point.
+    pub touching: u32,
     /// Rays that left the scene, or met black backs, and found no light.
     pub void: u32,
 }
@@ -50,21 +52,21 @@ impl Point {
     }
 
     pub(crate) fn inside(&self) -> bool {
-        self.black as f32 >= INSIDE * self.rays as f32
+        (self.black + self.touching) as f32 >= INSIDE * self.rays as f32
     }
 
-    /// What share of these points' rays met black backs; 1 for no points.
-    pub(crate) fn black_share<'p>(points: impl Iterator<Item = &'p Point>) -> f32 {
-        let (mut black, mut rays) = (0, 0);
+    /// What share of these points' rays met black backs, and what share these or something right above; 1 for no points.
+    pub(crate) fn dark_shares<'p>(points: impl Iterator<Item = &'p Point>) -> [f32; 2] {
+        let (mut black, mut touching, mut rays) = (0, 0, 0);
         for p in points {
             black += p.black;
+            touching += p.touching;
             rays += p.rays;
         }
-        if rays > 0 {
-            black as f32 / rays as f32
-        } else {
-            1.0
+        if rays == 0 {
+            return [1.0; 2];
         }
+        [black, black + touching].map(|n| n as f32 / rays as f32)
     }
 
     /// Whether nearly all rays of these points went where nothing is: out of the scene into the dark, or to black backs.

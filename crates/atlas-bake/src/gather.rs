@@ -151,6 +151,12 @@ const CONFIRM: u32 = 6;
 /// Radiance under this share of the scene's mean is none.
 const DIM: f32 = 1e-3;
 
+/// What a ray hits nearer than this many footprints closes a gap that nobody looks into, under a crate that hovers by a millimetre.
+const TOUCHING: f32 = 0.2;
+
+/// Unless it brings this share of the scene's mean radiance: the gap behind a tube of light is no dark one.
+const SHADE: f32 = 0.1;
+
 impl<'w, 'a> Gatherer<'w, 'a> {
     /// Gathers from `solution`, which is of `world`.
     pub fn new(
@@ -340,14 +346,13 @@ impl Gatherer<'_, '_> {
         let near = sums.iter().any(|s| s.near);
         let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
         let mut hidden = vec![false; number];
-        let black: Vec<f32> = (0..number)
+        let dark: Vec<[f32; 2]> = (0..number)
             .map(|k| {
                 let of = sums.iter().zip(&part).filter(|x| x.1.0 == k);
-                Point::black_share(of.map(|x| x.0))
+                Point::dark_shares(of.map(|x| x.0))
             })
             .collect();
-        let some_before = black.iter().any(|b| *b < BEHIND);
-        let most = if some_before { BEHIND } else { MOSTLY_INSIDE };
+        let some_before = dark.iter().any(|d| d[0] < BEHIND && d[1] < MOSTLY_INSIDE);
         for (k, planes) in planes.iter().enumerate() {
             let of = || {
                 sums.iter()
@@ -356,7 +361,8 @@ impl Gatherer<'_, '_> {
                     .map(|x| x.0)
             };
             let mask: Vec<bool> = part.iter().map(|p| *p == (k, true)).collect();
-            if parts.is_some() && black[k] >= most {
+            let behind = some_before && dark[k][0] >= BEHIND;
+            if parts.is_some() && (behind || dark[k][1] >= MOSTLY_INSIDE) {
                 hidden[k] = true;
             } else if mask.contains(&true) {
                 let one = self.see(footprint, &points, &sums, mask, seed, planes);
@@ -520,9 +526,12 @@ impl Gatherer<'_, '_> {
                     Some(found) => {
                         out.add(found.radiance);
                         out.near |= found.distance < out.reach;
-                        let unlit = self.options.open_only
-                            && found.back
-                            && luminance(found.radiance) <= self.dim;
+                        let light = luminance(found.radiance);
+                        let unlit = self.options.open_only && found.back && light <= self.dim;
+                        let touching = self.options.open_only
+                            && found.distance < TOUCHING * out.reach
+                            && light <= SHADE / DIM * self.dim;
+                        out.touching += u32::from(touching && !unlit);
                         out.black += u32::from(unlit);
                         let lost = found.distance == f32::INFINITY && found.radiance == Vec3::ZERO;
                         out.void += u32::from(unlit || lost);
