@@ -5,6 +5,7 @@ mod bake;
 mod compare;
 pub mod density;
 mod dilate;
+mod edge;
 mod error;
 mod estimate;
 mod exr_io;

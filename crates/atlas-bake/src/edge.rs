@@ -1,0 +1,214 @@
+//! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
+
+use radiosity::{DirectEstimate, DirectOptions, SurfacePoint, hash_u32, luminance};
+
+use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
+use crate::footprint::Footprint;
+use crate::gather::{Edge, Gatherer, Received, received, spread};
+use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::walls::Parts;
+
+/// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
+const EDGE_RAYS: u32 = 2;
+
+/// A part of a footprint, its light gathered.
+struct Seen {
+    /// The points that count.
+    mask: Vec<bool>,
+    direct: DirectEstimate,
+    indirect: Estimate,
+    planes: Vec<Plane>,
+}
+
+impl Seen {
+    /// Luminance of the light.
+    fn light(&self) -> f32 {
+        luminance(self.direct.irradiance + self.indirect.mean)
+    }
+}
+
+/// The dark part of a footprint that a wall divides stands for all of it where it has less than this of the bright part's light: what
+/// comes through a wall is seen in the dark. Where both have about the same light, both count.
+const DARK_PART: f32 = 0.5;
+
+/// The same for what lies beyond a wall and is too little to hold one of the first points: few rays tell only what is black.
+const DARK_SLIVER: f32 = 0.02;
+
+/// A footprint of which less than this can be seen counts as hidden: what so little of it says is all noise, and its neighbours know better.
+const LEAST_OPEN: f32 = 1.0 / 32.0;
+
+/// Further rays of a point whose few all met black backs. An open point near the backs of things sees them in half of its hemisphere at most.
+const CONFIRM: u32 = 6;
+
+impl Gatherer<'_, '_> {
+    /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many points, few rays each, and as many shadow rays as
+    /// a penumbra gets.
+    pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        let count = self.options.edge_points.max(self.options.points) as usize;
+        let points = spread(footprint, count);
+        // Its own random numbers: what made the first points disagree should not decide again.
+        let seed = hash_u32(seed ^ 0x2545_f491);
+        let parts =
+            (self.options.open_only).then(|| Parts::find(self.world, &points, footprint.size()));
+        let mut sums = vec![Point::with_reach(footprint.size()); count];
+        // The part of each point, and whether it is open.
+        let mut part: Vec<(usize, bool)> = Vec::with_capacity(count);
+        // The last is of slivers.
+        let number = parts.as_ref().map_or(1, |p| p.count + 1);
+        let mut planes: Vec<PlaneSums> = (0..number).map(|_| PlaneSums::new(self.wanted)).collect();
+        let mut own = PlaneSums::new(self.wanted);
+        let mut nowhere = PlaneSums::new(self.wanted);
+        let mut rays = u64::from(EDGE_RAYS) * count as u64;
+        for (k, (sum, p)) in sums.iter_mut().zip(&points).enumerate() {
+            let base = k as u32 * EDGE_RAYS;
+            own.first_half = 2 * k < count;
+            self.indirect(p, base..base + EDGE_RAYS, seed, sum, &mut own);
+            let of = parts.as_ref().map_or(0, |parts| parts.of(self.world, p));
+            let inside = parts.is_some()
+                && sum.inside()
+                && self.confirmed_inside(p, k as u32, seed, &mut rays);
+            let to = if inside {
+                &mut nowhere
+            } else {
+                &mut planes[of]
+            };
+            to.take(&mut own);
+            part.push((of, !inside));
+        }
+        let near = sums.iter().any(|s| s.near);
+        let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
+        let mut hidden = vec![false; number];
+        let dark: Vec<[f32; 2]> = (0..number)
+            .map(|k| {
+                let of = sums.iter().zip(&part).filter(|x| x.1.0 == k);
+                Point::dark_shares(of.map(|x| x.0))
+            })
+            .collect();
+        let some_before = dark.iter().any(|d| d[0] < BEHIND && d[1] < MOSTLY_INSIDE);
+        for (k, planes) in planes.iter().enumerate() {
+            let of = || {
+                sums.iter()
+                    .zip(&part)
+                    .filter(move |x| x.1.0 == k)
+                    .map(|x| x.0)
+            };
+            let mask: Vec<bool> = part.iter().map(|p| *p == (k, true)).collect();
+            let behind = some_before && dark[k][0] >= BEHIND;
+            if parts.is_some() && (behind || dark[k][1] >= MOSTLY_INSIDE) {
+                hidden[k] = true;
+            } else if mask.contains(&true) {
+                let one = self.see(footprint, &points, &sums, mask, seed, planes);
+                rays += u64::from(one.direct.rays);
+                if parts.is_some() && one.light() == 0.0 && Point::in_the_void(of()) {
+                    // The end of a wall, say, that reaches through the room's shell to where nobody will ever be.
+                    hidden[k] = true;
+                    continue;
+                }
+                let sliver = parts.as_ref().is_some_and(|p| p.count == k);
+                seen.push((one, if sliver { DARK_SLIVER } else { DARK_PART }));
+            }
+        }
+        let part: Vec<bool> = part.iter().map(|p| p.1 && !hidden[p.0]).collect();
+        let brightest = seen.iter().map(|s| s.0.light()).fold(0.0, f32::max);
+        let cut = seen.len() > 1;
+        let whole = !cut && !seen.is_empty();
+        seen.retain(|(part, share)| whole || part.light() < share * brightest);
+        seen.sort_by(|a, b| a.0.light().total_cmp(&b.0.light()));
+        let mut seen: Vec<Seen> = seen.into_iter().map(|s| s.0).collect();
+        if seen.is_empty() {
+            // No part is dark beside another: all of what is open; all of it where nothing is.
+            let mut all = nowhere;
+            if cut {
+                all = PlaneSums::new(self.wanted);
+                let open = planes.iter_mut().zip(&hidden).filter(|x| !x.1);
+                open.for_each(|(p, _)| all.take(p));
+            }
+            let mask: Vec<bool> = part.iter().map(|open| !cut || *open).collect();
+            seen.push(self.see(footprint, &points, &sums, mask, seed, &all));
+            rays += u64::from(seen[0].direct.rays);
+        }
+        let Seen {
+            mask,
+            direct,
+            indirect,
+            planes,
+        } = seen.swap_remove(0);
+        let inside = |s: &Point| s.inside();
+        let open = match &parts {
+            None => sums.iter().filter(|s| !inside(s)).count(),
+            Some(_) => part.iter().filter(|open| **open).count(),
+        };
+        let open = open as f32 / count as f32;
+        let mut counted = mask.iter();
+        let points: Vec<SurfacePoint> = points
+            .into_iter()
+            .filter(|_| counted.next().copied().unwrap_or(false))
+            .collect();
+        Received {
+            edge: Edge::Contact,
+            near,
+            // What a wall cuts is no whole lumel.
+            open: if parts.is_some() && open < LEAST_OPEN {
+                0.0
+            } else if cut {
+                open.min(1.0 - 1.0 / count as f32)
+            } else {
+                open
+            },
+            ..received(footprint, &points, direct, &indirect, open, rays, planes)
+        }
+    }
+
+    /// Light over the points of `mask`.
+    fn see(
+        &self,
+        footprint: &impl Footprint,
+        points: &[SurfacePoint],
+        sums: &[Point],
+        mask: Vec<bool>,
+        seed: u32,
+        planes: &PlaneSums,
+    ) -> Seen {
+        let mut planes = planes.finish();
+        // As many points as there are, at most what a penumbra gets.
+        let count = mask.iter().filter(|m| **m).count() as u32;
+        let most = if count as usize == mask.len() {
+            (self.options.direct.penumbra).max(count)
+        } else {
+            count
+        };
+        let options = DirectOptions {
+            base: most,
+            penumbra: most,
+        };
+        let direct = self.direct_light(footprint, points, &mask, seed, &options, &mut planes);
+        Seen {
+            indirect: mean_and_spread(sums, &mask),
+            direct,
+            planes,
+            mask,
+        }
+    }
+
+    /// Whether some more rays from a point that seems to be inside something meet nothing but backs too.
+    fn confirmed_inside(&self, p: &SurfacePoint, k: u32, seed: u32, rays: &mut u64) -> bool {
+        let mut more = Point::default();
+        let mut planes = PlaneSums::new(Wanted::default());
+        let seed = hash_u32(seed ^ k ^ 0x9e37_79b9);
+        self.indirect(p, 0..CONFIRM, seed, &mut more, &mut planes);
+        *rays += u64::from(CONFIRM);
+        more.inside()
+    }
+
+    /// Whether a ray from any of the points that an edge would get meets anything but black back faces.
+    pub(crate) fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
+        (self.options.points..self.options.edge_points).any(|i| {
+            footprint.candidate(i).is_some_and(|p| {
+                let mut probe = Point::default();
+                let mut planes = PlaneSums::new(Wanted::default());
+                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe, &mut planes);
+                probe.black == 0
+            })
+        })
+    }
+}
