@@ -77,7 +77,7 @@ pub(crate) fn smooth_indirect(
 
 /// Takes away what is below zero from groups that sum to `whole`, and from the others in proportion what that adds: a fit may dip below
 /// zero for a group that brings next to nothing, though not for their sum.
-pub(crate) fn share_out(whole: Vec3, groups: &mut [Vec3]) {
+fn share_out(whole: Vec3, groups: &mut [Vec3]) {
     if groups.iter().all(|g| g.min_element() >= 0.0) {
         return;
     }

@@ -5,7 +5,6 @@ use radiosity::luminance;
 
 use crate::atlas::Page;
 use crate::seams::solve::{Channel, Stitcher};
-use crate::smooth::share_out;
 
 /// What values an extra channel can have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,7 +21,8 @@ pub(crate) enum Range {
 
 /// Makes lookups agree in all channels of `full`, whose extra channels have these ranges, and in the pages of groups.
 ///
-/// What sums to the light goes on doing so: the operator is linear, and where a part would become negative, the other parts give what that adds.
+/// What sums to the light goes on doing so. The operator is linear, so that only the solver's tolerance and parts that would become negative
+/// have to be made up for, by all parts in proportion.
 pub(crate) fn stitch(
     stitcher: &mut Stitcher,
     full: &mut [Page],
@@ -70,7 +70,7 @@ pub(crate) fn stitch(
         if let Some(parts) = parts {
             let mut values =
                 parts.map(|first| Vec3::from([0, 1, 2].map(|c| page.layers[first + c].1[at])));
-            share_out(whole, &mut values);
+            share(whole, &mut values);
             for (first, value) in parts.iter().zip(values) {
                 for c in 0..3 {
                     page.layers[first + c].1[at] = value[c];
@@ -90,12 +90,23 @@ pub(crate) fn stitch(
                 Vec3::from(pages[p].value[at]) + Vec3::from([0, 1, 2].map(|c| change[c][i]))
             })
             .collect();
-        share_out(whole, &mut values);
+        share(whole, &mut values);
         for (pages, value) in groups.iter_mut().zip(values) {
             pages[p].value[at] = value.to_array();
         }
     }
     stitcher.finish(&was, full, clamped);
+}
+
+/// Makes parts positive, and sum to `whole`.
+fn share(whole: Vec3, parts: &mut [Vec3]) {
+    for c in 0..3 {
+        let sum: f32 = parts.iter().map(|p| p[c].max(0.0)).sum();
+        let scale = if sum > 0.0 { whole[c] / sum } else { 0.0 };
+        for p in parts.iter_mut() {
+            p[c] = p[c].max(0.0) * scale;
+        }
+    }
 }
 
 /// Where the channels of direct and of indirect light begin, if there are both.
