@@ -15,6 +15,7 @@ use crate::manifest::ValueKind;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
+use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
 use crate::vertices::bake_vertices;
 use crate::walls::{Barriers, fill_hidden};
@@ -139,6 +140,8 @@ pub struct BakeReport {
     pub estimated_error: f64,
     /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners.
     pub median_error: f64,
+    /// Seams between charts: how far lookups on their two sides differ.
+    pub seams: SeamReport,
     /// Memory of pages and lumel lists, bytes.
     pub bytes: u64,
 }
@@ -219,8 +222,7 @@ pub fn bake(
         options,
         wanted,
     };
-    out.pages = pages.full();
-    out.groups = (0..wanted.groups).map(|g| pages.group(g)).collect();
+    (out.pages, out.groups, out.report.seams) = pages.make();
     out.report.bytes = lumels.bytes()
         + (received.len() * wanted.planes() * size_of::<Plane>()) as u64
         + (out.pages.iter().chain(out.groups.iter().flatten()))

@@ -2,18 +2,22 @@
 //! and not the void.
 
 use crate::atlas::{Page, Rect};
+use crate::seams::EMPTY;
 
-/// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `own` says which texels have a value, and is
-/// updated. Reads and writes nothing outside `rect`.
+/// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which piece of surface a texel has its value
+/// from, [`EMPTY`] where it has none, and is updated. Reads and writes nothing outside `rect`.
 ///
-/// A new texel is the mean of its filled neighbours, diagonal ones counting half.
-pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) {
+/// A new texel is the mean of the filled ones beside, above and below it; only where there is none, of those at its corners. A corner is
+/// farther away, and what lies there may be another surface's.
+pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], rect: Rect, rings: u32) {
     let width = page.width as usize;
     let index = |x: u32, y: u32| y as usize * width + x as usize;
     let mut frontier: Vec<(u32, u32)> = Vec::new();
     for y in rect.y..rect.y + rect.h {
         for x in rect.x..rect.x + rect.w {
-            if !own[index(x, y)] && touches(own, rect, x, y, index) {
+            if charts[index(x, y)] == EMPTY
+                && neighbours(rect, x, y).any(|(x, y, _)| charts[index(x, y)] != EMPTY)
+            {
                 frontier.push((x, y));
             }
         }
@@ -21,11 +25,14 @@ pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) 
     for ring in 0..rings {
         let filled: Vec<(usize, Fill)> = frontier
             .iter()
-            .filter_map(|&(x, y)| Some((index(x, y), mean_of_neighbours(page, own, rect, x, y)?)))
+            .filter_map(|&(x, y)| {
+                let fill = mean_of_neighbours(page, charts, rect, x, y)?;
+                Some((index(x, y), fill))
+            })
             .collect();
         for (at, fill) in filled {
+            charts[at] = fill.chart;
             fill.store(page, at);
-            own[at] = true;
         }
         if ring + 1 == rings {
             break;
@@ -33,7 +40,7 @@ pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) 
         let mut next: Vec<(u32, u32)> = frontier
             .iter()
             .flat_map(|&(x, y)| neighbours(rect, x, y).map(|(x, y, _)| (y, x)))
-            .filter(|&(y, x)| !own[index(x, y)])
+            .filter(|&(y, x)| charts[index(x, y)] == EMPTY)
             .collect();
         next.sort_unstable();
         next.dedup();
@@ -41,10 +48,11 @@ pub(crate) fn dilate(page: &mut Page, own: &mut [bool], rect: Rect, rings: u32) 
     }
 }
 
-/// Value and layers for one texel.
+/// Value and layers for one texel, and the piece of surface that the first of its neighbours belongs to.
 struct Fill {
     value: [f32; 3],
     layers: Vec<f32>,
+    chart: u32,
 }
 
 impl Fill {
@@ -59,34 +67,44 @@ impl Fill {
     }
 }
 
-/// Mean of the filled texels about (x, y) in `rect`, diagonal ones counting half; `None` where there is none.
-fn mean_of_neighbours(page: &Page, own: &[bool], rect: Rect, x: u32, y: u32) -> Option<Fill> {
-    let (mut value, mut weight) = ([0f32; 3], 0f32);
-    let mut layers = vec![0f32; page.layers.len()];
-    for (nx, ny, w) in neighbours(rect, x, y) {
-        let at = ny as usize * page.width as usize + nx as usize;
-        if own[at] {
-            for (s, v) in value.iter_mut().zip(page.value[at]) {
-                *s += w * v;
-            }
-            for (s, l) in layers.iter_mut().zip(&page.layers) {
-                *s += w * l.1[at];
-            }
-            weight += w;
+/// Mean of the filled texels about (x, y) in `rect`; `None` where there is none.
+fn mean_of_neighbours(page: &Page, charts: &[u32], rect: Rect, x: u32, y: u32) -> Option<Fill> {
+    let index = |x: u32, y: u32| y as usize * page.width as usize + x as usize;
+    let filled = || neighbours(rect, x, y).filter(|&(x, y, _)| charts[index(x, y)] != EMPTY);
+    let beside = filled().any(|(.., corner)| !corner);
+    let mut fill = Fill {
+        value: [0.0; 3],
+        layers: vec![0.0; page.layers.len()],
+        chart: EMPTY,
+    };
+    let mut count = 0f32;
+    for (nx, ny, corner) in filled() {
+        if corner && beside {
+            continue;
         }
+        let at = index(nx, ny);
+        for (s, v) in fill.value.iter_mut().zip(page.value[at]) {
+            *s += v;
+        }
+        for (s, l) in fill.layers.iter_mut().zip(&page.layers) {
+            *s += l.1[at];
+        }
+        if count == 0.0 {
+            fill.chart = charts[at];
+        }
+        count += 1.0;
     }
-    (weight > 0.0).then(|| Fill {
-        value: value.map(|s| s / weight),
-        layers: layers.into_iter().map(|s| s / weight).collect(),
-    })
+    if count == 0.0 {
+        return None;
+    }
+    for v in fill.value.iter_mut().chain(&mut fill.layers) {
+        *v /= count;
+    }
+    Some(fill)
 }
 
-fn touches(own: &[bool], rect: Rect, x: u32, y: u32, index: impl Fn(u32, u32) -> usize) -> bool {
-    neighbours(rect, x, y).any(|(x, y, _)| own[index(x, y)])
-}
-
-/// The texels about (x, y) inside `rect`, with weights.
-fn neighbours(rect: Rect, x: u32, y: u32) -> impl Iterator<Item = (u32, u32, f32)> {
+/// The texels about (x, y) inside `rect`, and whether they are at a corner.
+fn neighbours(rect: Rect, x: u32, y: u32) -> impl Iterator<Item = (u32, u32, bool)> {
     (-1i64..=1).flat_map(move |dy| {
         (-1i64..=1).filter_map(move |dx| {
             let (nx, ny) = (x as i64 + dx, y as i64 + dy);
@@ -94,8 +112,7 @@ fn neighbours(rect: Rect, x: u32, y: u32) -> impl Iterator<Item = (u32, u32, f32
                 && ny >= rect.y as i64
                 && nx < (rect.x + rect.w) as i64
                 && ny < (rect.y + rect.h) as i64;
-            let weight = if dx == 0 || dy == 0 { 1.0 } else { 0.5 };
-            ((dx, dy) != (0, 0) && inside).then_some((nx as u32, ny as u32, weight))
+            ((dx, dy) != (0, 0) && inside).then_some((nx as u32, ny as u32, dx * dy != 0))
         })
     })
 }
@@ -104,33 +121,54 @@ fn neighbours(rect: Rect, x: u32, y: u32) -> impl Iterator<Item = (u32, u32, f32
 mod tests {
     use super::*;
 
-    #[test]
-    fn fills_rings_inside_the_rectangle_only() {
-        let mut page = Page {
+    fn page() -> (Page, Vec<u32>) {
+        let page = Page {
             width: 8,
             height: 8,
             value: vec![[0.0; 3]; 64],
             coverage: vec![0.0; 64],
-            layers: vec![],
+            layers: vec![("direct.R".into(), vec![0.0; 64])],
         };
-        let mut own = vec![false; 64];
+        (page, vec![EMPTY; 64])
+    }
+
+    #[test]
+    fn fills_rings_inside_the_rectangle_only() {
+        let (mut page, mut charts) = page();
         page.value[3 * 8 + 3] = [2.0, 4.0, 6.0];
-        own[3 * 8 + 3] = true;
-        dilate(
-            &mut page,
-            &mut own,
-            Rect {
-                x: 2,
-                y: 2,
-                w: 6,
-                h: 6,
-            },
-            2,
-        );
+        charts[3 * 8 + 3] = 5;
+        let rect = Rect {
+            x: 2,
+            y: 2,
+            w: 6,
+            h: 6,
+        };
+        dilate(&mut page, &mut charts, rect, 2);
         // Two rings about (3, 3), cut at the rectangle's left and top edge (2).
-        let filled = own.iter().filter(|o| **o).count();
+        let filled = charts.iter().filter(|c| **c == 5).count();
         assert_eq!(filled, 16);
         assert_eq!(page.value[5 * 8 + 5], [2.0, 4.0, 6.0]);
         assert_eq!(page.value[8 + 3], [0.0; 3]);
+    }
+
+    #[test]
+    fn corners_count_only_where_nothing_is_nearer() {
+        let (mut page, mut charts) = page();
+        // Two surfaces: one above the row, another one at a corner of (3, 3).
+        for (x, y, v, chart) in [(3, 2, 1.0, 0), (4, 4, 9.0, 1)] {
+            page.value[y * 8 + x] = [v; 3];
+            page.layers[0].1[y * 8 + x] = v;
+            charts[y * 8 + x] = chart;
+        }
+        let rect = Rect {
+            x: 0,
+            y: 0,
+            w: 8,
+            h: 8,
+        };
+        dilate(&mut page, &mut charts, rect, 1);
+        assert_eq!((page.value[3 * 8 + 3], charts[3 * 8 + 3]), ([1.0; 3], 0));
+        assert_eq!(page.layers[0].1[3 * 8 + 3], 1.0);
+        assert_eq!(page.value[5 * 8 + 5], [9.0; 3]);
     }
 }

@@ -23,6 +23,7 @@ mod planes;
 mod preview;
 pub mod probes;
 mod refine;
+mod seams;
 mod smooth;
 mod texture;
 pub mod unwrap;
@@ -50,4 +51,5 @@ pub use planes::{Plane, Wanted};
 pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
+pub use seams::{SeamError, SeamReport};
 pub use uv_check::{UvMode, keep_uvs, overlap_share};

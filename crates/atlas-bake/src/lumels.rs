@@ -81,6 +81,11 @@ impl Lumels {
             })
     }
 
+    /// Page positions of a soup triangle's world corners, NaN where it receives no light.
+    pub(crate) fn corners(&self, triangle: u32) -> [Vec2; 3] {
+        self.corners[triangle as usize]
+    }
+
     /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
     pub(crate) fn footprint<'l, 'w, 'a>(
         &'l self,

@@ -5,7 +5,7 @@ use std::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 use radiosity::{World, luminance};
 
-use crate::atlas::{Layout, Page};
+use crate::atlas::{Layout, Page, Rect, UvOrigin};
 use crate::bake::{BakeOptions, Directional, Layer};
 use crate::dilate::dilate;
 use crate::footprint::LumelFootprint;
@@ -13,6 +13,7 @@ use crate::gather::Received;
 use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
 use crate::planes::{Plane, Wanted};
+use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
 
 /// What pages are made of.
 pub(crate) struct Pages<'p, 'w, 'a> {
@@ -24,22 +25,52 @@ pub(crate) struct Pages<'p, 'w, 'a> {
     pub wanted: Wanted,
 }
 
+/// An extra channel of a page.
+struct Channel {
+    name: String,
+    range: Range,
+    /// Colour channel of the surface's reflectance that it is multiplied with in the end: reflectance jumps where light does not.
+    tint: Option<usize>,
+}
+
+/// Lightmap pages, those of each group, and what was done about seams.
+pub(crate) type Made = (Vec<Page>, Vec<Vec<Page>>, SeamReport);
+
+/// Reflectance of the surface, while pages are made.
+const TINT: [&str; 3] = ["tint.R", "tint.G", "tint.B"];
+
 impl Pages<'_, '_, '_> {
-    /// The lightmap with its extra channels.
-    pub(crate) fn full(&self) -> Vec<Page> {
-        let names = self.channel_names();
+    /// The lightmap with its extra channels, and that of each group alone.
+    pub(crate) fn make(&self) -> Made {
+        let channels = self.channels();
+        let (mut full, texels) = self.full(&channels);
+        let mut groups: Vec<Vec<Page>> = (0..self.wanted.groups).map(|g| self.group(g)).collect();
+        let samples = find_samples(self.world, self.layout, self.lumels);
+        let mut stitcher = Stitcher::new(&samples, &full, &texels);
+        if self.options.stitch {
+            let ranges: Vec<Range> = channels.iter().map(|c| c.range).collect();
+            stitch(&mut stitcher, &mut full, &mut groups, &ranges);
+        }
+        self.apply_tint(&channels, &mut full, &mut groups);
+        (full, groups, stitcher.report())
+    }
+
+    /// Light and extra channels, not tinted.
+    fn full(&self, channels: &[Channel]) -> (Vec<Page>, Texels) {
         let mut values = Vec::new();
-        self.fill(&names, |l, r, page, at| {
-            let tint = self.tint(l);
+        self.fill(channels, |l, r, page, at| {
             let scale = self.scale();
-            page.value[at] = ((r.direct + r.indirect) * tint * scale).to_array();
+            page.value[at] = ((r.direct + r.indirect) * scale).to_array();
             values.clear();
             for layer in &self.options.layers {
-                self.layer(*layer, l, r, tint, &mut values);
+                self.layer(*layer, l, r, &mut values);
             }
             if let Some(directional) = self.options.directional {
                 let moments = &r.planes[self.wanted.moments_plane()..];
-                directions(directional, moments, tint * scale, &mut values);
+                directions(directional, moments, scale, &mut values);
+            }
+            if channels.len() > values.len() {
+                values.extend(self.reflectance(l).to_array());
             }
             for ((_, channel), v) in page.layers.iter_mut().zip(&values) {
                 channel[at] = *v;
@@ -47,12 +78,43 @@ impl Pages<'_, '_, '_> {
         })
     }
 
-    /// The light of one group alone.
-    pub(crate) fn group(&self, group: usize) -> Vec<Page> {
-        self.fill(&[], |l, r, page, at| {
-            let light = r.planes[group].sum() * self.tint(l) * self.scale();
-            page.value[at] = light.to_array();
+    /// The light of one group alone, not tinted.
+    fn group(&self, group: usize) -> Vec<Page> {
+        self.fill(&[], |_, r, page, at| {
+            page.value[at] = (r.planes[group].sum() * self.scale()).to_array();
         })
+        .0
+    }
+
+    /// Multiplies what holds light that surfaces send on with their reflectance, and takes that away from the channels.
+    fn apply_tint(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
+        if !self.tinted() {
+            return;
+        }
+        let all = self.options.value == ValueKind::Radiosity;
+        for (p, page) in full.iter_mut().enumerate() {
+            let tints = page.layers.split_off(page.layers.len() - TINT.len());
+            for (layer, channel) in page.layers.iter_mut().zip(channels) {
+                let Some(c) = channel.tint else { continue };
+                for (v, tint) in layer.1.iter_mut().zip(&tints[c].1) {
+                    *v *= tint;
+                }
+            }
+            let groups = groups.iter_mut().map(|pages| &mut pages[p].value);
+            for value in std::iter::once(&mut page.value).chain(groups) {
+                for (at, v) in value.iter_mut().enumerate().filter(|_| all) {
+                    for (v, tint) in v.iter_mut().zip(&tints) {
+                        *v *= tint.1[at];
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether any channel is multiplied with the surface's reflectance.
+    fn tinted(&self) -> bool {
+        self.options.value == ValueKind::Radiosity
+            || self.options.layers.contains(&Layer::Radiosity)
     }
 
     /// What irradiance is multiplied with for the pages' values.
@@ -63,27 +125,24 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    fn tint(&self, lumel: &Lumel) -> Vec3 {
-        match self.options.value {
-            ValueKind::Radiosity => self.reflectance(lumel),
-            ValueKind::Radiance | ValueKind::Irradiance => Vec3::ONE,
-        }
-    }
-
     fn reflectance(&self, lumel: &Lumel) -> Vec3 {
         LumelFootprint::new(self.world, self.lumels, *lumel, 0).mean_reflectance()
     }
 
-    fn layer(&self, layer: Layer, l: &Lumel, r: &Received, tint: Vec3, out: &mut Vec<f32>) {
+    fn layer(&self, layer: Layer, l: &Lumel, r: &Received, out: &mut Vec<f32>) {
         let scale = self.scale();
         match layer {
-            Layer::Direct => out.extend((r.direct * tint * scale).to_array()),
-            Layer::Indirect => out.extend((r.indirect * tint * scale).to_array()),
-            Layer::Radiosity => {
-                let sent = self.reflectance(l) * (r.direct + r.indirect) * FRAC_1_PI;
-                out.extend(sent.to_array());
+            Layer::Direct => out.extend((r.direct * scale).to_array()),
+            Layer::Indirect => out.extend((r.indirect * scale).to_array()),
+            // Times reflectance, in the end.
+            Layer::Radiosity => out.extend(((r.direct + r.indirect) * FRAC_1_PI).to_array()),
+            Layer::Error => {
+                let tint = match self.options.value {
+                    ValueKind::Radiosity => luminance(self.reflectance(l)),
+                    ValueKind::Radiance | ValueKind::Irradiance => 1.0,
+                };
+                out.push(r.error * tint * scale);
             }
-            Layer::Error => out.push(r.error * luminance(tint) * scale),
             Layer::Coverage => out.push(l.coverage),
             Layer::Ao => {
                 let open = r.planes[self.wanted.openness_plane()].sum().x;
@@ -97,38 +156,52 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    fn channel_names(&self) -> Vec<String> {
+    fn channels(&self) -> Vec<Channel> {
+        use Range::{Light, Share, Signed, Untouched};
+        let all = self.options.value == ValueKind::Radiosity;
         let layers = self.options.layers.iter().map(|layer| match layer {
-            Layer::Direct => ("direct", "RGB"),
-            Layer::Indirect => ("indirect", "RGB"),
-            Layer::Radiosity => ("radiosity", "RGB"),
-            Layer::Error => ("error", "Y"),
-            Layer::Coverage => ("coverage", "Y"),
-            Layer::Ao => ("ao", "Y"),
-            Layer::SunMask => ("sun_mask", "Y"),
+            Layer::Direct => ("direct", "RGB", Light, all),
+            Layer::Indirect => ("indirect", "RGB", Light, all),
+            Layer::Radiosity => ("radiosity", "RGB", Light, true),
+            Layer::Error => ("error", "Y", Untouched, false),
+            Layer::Coverage => ("coverage", "Y", Untouched, false),
+            Layer::Ao => ("ao", "Y", Share, false),
+            Layer::SunMask => ("sun_mask", "Y", Share, false),
         });
-        let directional: &[(&str, &str)] = match self.options.directional {
+        let directional: &[(&str, &str, Range, bool)] = match self.options.directional {
             None => &[],
             Some(Directional::Sh1) => &[
-                ("L0", "RGB"),
-                ("L1x", "RGB"),
-                ("L1y", "RGB"),
-                ("L1z", "RGB"),
+                ("L0", "RGB", Light, all),
+                ("L1x", "RGB", Signed, all),
+                ("L1y", "RGB", Signed, all),
+                ("L1z", "RGB", Signed, all),
             ],
-            Some(Directional::Dominant) => &[("dominant", "XYZ")],
+            Some(Directional::Dominant) => &[("dominant", "XYZ", Signed, false)],
         };
-        layers
-            .chain(directional.iter().copied())
-            .flat_map(|(name, parts)| parts.chars().map(move |p| format!("{name}.{p}")))
-            .collect()
+        let named =
+            layers
+                .chain(directional.iter().copied())
+                .flat_map(|(name, parts, range, tint)| {
+                    parts.chars().enumerate().map(move |(c, part)| Channel {
+                        name: format!("{name}.{part}"),
+                        range,
+                        tint: tint.then_some(c),
+                    })
+                });
+        let tint = TINT.iter().filter(|_| self.tinted()).map(|name| Channel {
+            name: (*name).into(),
+            range: Untouched,
+            tint: None,
+        });
+        named.chain(tint).collect()
     }
 
     /// Pages with these extra channels, to which `put` gives each lumel's values, dilated beyond the charts' borders.
     fn fill(
         &self,
-        channels: &[String],
+        channels: &[Channel],
         mut put: impl FnMut(&Lumel, &Received, &mut Page, usize),
-    ) -> Vec<Page> {
+    ) -> (Vec<Page>, Texels) {
         let mut pages: Vec<Page> = (self.layout.pages.iter())
             .map(|&[width, height]| {
                 let n = width as usize * height as usize;
@@ -138,18 +211,22 @@ impl Pages<'_, '_, '_> {
                     value: vec![[0.0; 3]; n],
                     coverage: vec![0.0; n],
                     layers: (channels.iter())
-                        .map(|name| (name.clone(), vec![0.0; n]))
+                        .map(|channel| (channel.name.clone(), vec![0.0; n]))
                         .collect(),
                 }
             })
             .collect();
-        // Which texels hold a value of their own.
-        let mut own: Vec<Vec<bool>> = pages.iter().map(|p| vec![false; p.value.len()]).collect();
+        let mut texels = Texels {
+            chart: pages.iter().map(|p| vec![EMPTY; p.value.len()]).collect(),
+            hidden: pages.iter().map(|p| vec![false; p.value.len()]).collect(),
+        };
+        let chart = self.chart_numbers();
         for (l, r) in self.lumels.lumels.iter().zip(self.received) {
             let page = &mut pages[l.page as usize];
             let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
             page.coverage[at] = l.coverage;
-            own[l.page as usize][at] = true;
+            texels.chart[l.page as usize][at] = chart(l);
+            texels.hidden[l.page as usize][at] = r.open == 0.0;
             put(l, r, page, at);
         }
         let scene = self.world.scene;
@@ -158,10 +235,49 @@ impl Pages<'_, '_, '_> {
             if !mesh.primitives.is_empty() {
                 let p = placement.page as usize;
                 let rings = self.options.padding + 1;
-                dilate(&mut pages[p], &mut own[p], placement.rect, rings);
+                let rect = self.own_rect(instance);
+                dilate(&mut pages[p], &mut texels.chart[p], rect, rings);
             }
         }
-        pages
+        (pages, texels)
+    }
+
+    /// The texels that are an instance's alone. An asset's own charts may touch their rectangle's border, and the layout leaves half of the
+    /// padding around it.
+    fn own_rect(&self, instance: usize) -> Rect {
+        let placement = &self.layout.placements[instance];
+        let rect = placement.rect;
+        let mesh = self.world.scene.instances[instance].mesh;
+        let around = match self.layout.meshes[mesh].origin {
+            UvOrigin::Kept if rect.w > 0 && rect.h > 0 => self.options.padding.div_ceil(2),
+            _ => return rect,
+        };
+        let [width, height] = self.layout.pages[placement.page as usize];
+        let (x, y) = (rect.x.saturating_sub(around), rect.y.saturating_sub(around));
+        Rect {
+            x,
+            y,
+            w: (rect.x + rect.w + around).min(width) - x,
+            h: (rect.y + rect.h + around).min(height) - y,
+        }
+    }
+
+    /// Numbers the charts of all instances; a lumel belongs to that of its first triangle.
+    fn chart_numbers(&self) -> impl Fn(&Lumel) -> u32 {
+        let scene = self.world.scene;
+        let first: Vec<u32> = (scene.instances.iter())
+            .scan(0, |next, instance| {
+                let first = *next;
+                *next += self.layout.meshes[instance.mesh].charts;
+                Some(first)
+            })
+            .collect();
+        move |l| {
+            let source = self.world.soup.sources[self.lumels.triangles[l.first as usize] as usize];
+            let atlas = &self.layout.meshes[scene.instances[l.instance as usize].mesh];
+            let primitive = &atlas.primitives[source.primitive as usize];
+            first[l.instance as usize] + primitive.chart[source.triangle as usize]
+        }
     }
 }
 
@@ -169,7 +285,7 @@ impl Pages<'_, '_, '_> {
 ///
 /// Truncated after the first order, radiance gives E(n) = ¼ ∫ L dω + ½ n · ∫ L ω dω (Ramamoorthi & Hanrahan, *An efficient
 /// representation for irradiance environment maps*, 2001, with A0 = π and A1 = 2π/3).
-fn directions(kind: Directional, moments: &[Plane], scale: Vec3, out: &mut Vec<f32>) {
+fn directions(kind: Directional, moments: &[Plane], scale: f32, out: &mut Vec<f32>) {
     match kind {
         Directional::Sh1 => {
             out.extend((moments[0].sum() * scale * 0.25).to_array());

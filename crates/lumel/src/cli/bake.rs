@@ -116,6 +116,15 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
         bake.report.gather.lumels,
         pages.join(", ")
     ));
+    let seams = &bake.report.gather.seams;
+    if seams.samples > 0 {
+        display.say(&format!(
+            "  seams     {:.1} m, 99 % of it differ by less than {:.2} % (before stitching {:.2} %)",
+            seams.metres,
+            100.0 * seams.after.p99,
+            100.0 * seams.before.p99
+        ));
+    }
     if let Some(p) = &bake.report.probes {
         display.say(&format!(
             "  probes    {}, {} of them inside or behind things",

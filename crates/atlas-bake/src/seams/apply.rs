@@ -1,0 +1,117 @@
+//! The same least squares for every channel of the pages.
+
+use glam::Vec3;
+use radiosity::luminance;
+
+use crate::atlas::Page;
+use crate::seams::solve::{Channel, Stitcher};
+
+/// What values an extra channel can have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Range {
+    /// 0 and more.
+    Light,
+    /// 0..=1.
+    Share,
+    /// Any.
+    Signed,
+    /// No quantity of the surface's: left as it is.
+    Untouched,
+}
+
+/// Makes lookups agree in all channels of `full`, whose extra channels have these ranges, and in the pages of groups.
+///
+/// What sums to the light goes on doing so. The operator is linear, so that only the solver's tolerance and parts that would become negative
+/// have to be made up for, by all parts in proportion.
+pub(crate) fn stitch(
+    stitcher: &mut Stitcher,
+    full: &mut [Page],
+    groups: &mut [Vec<Page>],
+    ranges: &[Range],
+) {
+    let layers: Vec<usize> = (0..ranges.len())
+        .filter(|&k| ranges[k] != Range::Untouched)
+        .collect();
+    let changes = {
+        let (full, groups) = (&*full, &*groups);
+        let mut channels: Vec<Box<dyn Channel + '_>> = Vec::new();
+        for c in 0..3 {
+            channels.push(Box::new(move |p: usize, at: usize| full[p].value[at][c]));
+        }
+        for &k in &layers {
+            channels.push(Box::new(move |p: usize, at: usize| full[p].layers[k].1[at]));
+        }
+        for pages in groups {
+            for c in 0..3 {
+                channels.push(Box::new(move |p: usize, at: usize| pages[p].value[at][c]));
+            }
+        }
+        stitcher.solve(&channels)
+    };
+    let (of_light, rest) = changes.split_at(3);
+    let (of_layers, of_groups) = rest.split_at(layers.len());
+    let parts = direct_and_indirect(full);
+    let (mut was, mut clamped) = (Vec::new(), 0);
+    for (i, &(p, at)) in stitcher.places().iter().enumerate() {
+        let (p, at) = (p as usize, at as usize);
+        let page = &mut full[p];
+        was.push(luminance(page.value[at].into()));
+        for (v, change) in page.value[at].iter_mut().zip(of_light) {
+            *v += change[i];
+            if *v < 0.0 {
+                clamped += u64::from(page.coverage[at] > 0.0);
+                *v = 0.0;
+            }
+        }
+        let whole = Vec3::from(page.value[at]);
+        for (&k, change) in layers.iter().zip(of_layers) {
+            page.layers[k].1[at] += change[i];
+        }
+        if let Some(parts) = parts {
+            let mut values =
+                parts.map(|first| Vec3::from([0, 1, 2].map(|c| page.layers[first + c].1[at])));
+            share(whole, &mut values);
+            for (first, value) in parts.iter().zip(values) {
+                for c in 0..3 {
+                    page.layers[first + c].1[at] = value[c];
+                }
+            }
+        }
+        for &k in &layers {
+            let v = &mut page.layers[k].1[at];
+            *v = match ranges[k] {
+                Range::Light => v.max(0.0),
+                Range::Share => v.clamp(0.0, 1.0),
+                Range::Signed | Range::Untouched => *v,
+            };
+        }
+        let mut values: Vec<Vec3> = (groups.iter().zip(of_groups.chunks_exact(3)))
+            .map(|(pages, change)| {
+                Vec3::from(pages[p].value[at]) + Vec3::from([0, 1, 2].map(|c| change[c][i]))
+            })
+            .collect();
+        share(whole, &mut values);
+        for (pages, value) in groups.iter_mut().zip(values) {
+            pages[p].value[at] = value.to_array();
+        }
+    }
+    stitcher.finish(&was, full, clamped);
+}
+
+/// Makes parts positive, and sum to `whole`.
+fn share(whole: Vec3, parts: &mut [Vec3]) {
+    for c in 0..3 {
+        let sum: f32 = parts.iter().map(|p| p[c].max(0.0)).sum();
+        let scale = if sum > 0.0 { whole[c] / sum } else { 0.0 };
+        for p in parts.iter_mut() {
+            p[c] = p[c].max(0.0) * scale;
+        }
+    }
+}
+
+/// Where the channels of direct and of indirect light begin, if there are both.
+fn direct_and_indirect(pages: &[Page]) -> Option<[usize; 2]> {
+    let layers = &pages.first()?.layers;
+    let first = |name: &str| layers.iter().position(|l| l.0 == name);
+    Some([first("direct.R")?, first("indirect.R")?])
+}

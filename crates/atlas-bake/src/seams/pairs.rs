@@ -1,0 +1,168 @@
+//! Places where the same point of a surface lies at two places of the lightmap.
+
+use glam::{Vec2, Vec3};
+use radiosity::World;
+use rayon::prelude::*;
+
+use crate::atlas::Layout;
+use crate::lumels::Lumels;
+use crate::seams::border::{Piece, border_pieces};
+use crate::seams::tree::BoxTree;
+
+/// A point of a seam.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sample {
+    /// Page and place on it, texels, of either side. Texel (c, r) has its centre at (c + ½, r + ½).
+    pub sides: [(u32, Vec2); 2],
+    /// Length of the seam that it stands for, texels of the denser side.
+    pub texels: f32,
+    /// The same in metres.
+    pub metres: f32,
+}
+
+/// Borders this far apart still meet, in texels of the denser side: a twentieth of a texel is no gap that one sees.
+const TEXELS_APART: f32 = 0.05;
+
+/// Nor may it be more than this share of the shorter edge, or small things would meet their own far side.
+const EDGES_APART: f32 = 0.01;
+
+/// Sine of the angle between edges that run along each other; at 1 : 100 of [`EDGES_APART`] they could hardly differ more.
+const EDGES_ASKEW: f32 = 0.02;
+
+/// Cosine of 8°: normals that differ by more describe a crease, where light truly jumps.
+const SAME_FACING: f32 = 0.990;
+
+/// Two triangles that lie on the same side of their common edge (a fold back, a double layer) are not each other's continuation: cosine
+/// between their directions away from it, at most.
+const FOLDED_BACK: f32 = 0.5;
+
+/// The same place on one page: lookups there agree by themselves, texels.
+const SAME_PLACE: f32 = 1e-3;
+
+/// Distance of samples along a seam, texels of the denser side. Lookups of either side have a knot per texel: two samples between knots are
+/// the least that sees a zigzag.
+const SPACING: f32 = 0.25;
+
+/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces where few of them coincide.
+///
+/// Of every two borders that run along each other, their common stretch is sampled where the surface goes on across it and nothing stands
+/// upon it.
+pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Sample> {
+    let pieces = border_pieces(world, layout, lumels);
+    let boxes: Vec<[Vec3; 2]> = pieces
+        .iter()
+        .map(|p| [p.world[0].min(p.world[1]), p.world[0].max(p.world[1])])
+        .collect();
+    let tree = BoxTree::build(&boxes);
+    (0..pieces.len())
+        .into_par_iter()
+        .with_min_len(64)
+        .flat_map_iter(|i| {
+            let apart = apart(world, &pieces[i]);
+            let mut near = Vec::new();
+            tree.meet(boxes[i][0] - apart, boxes[i][1] + apart, &mut |j| {
+                if j as usize > i {
+                    near.push(j as usize);
+                }
+            });
+            near.sort_unstable();
+            let mut out = Vec::new();
+            for j in near {
+                sample_stretch(world, [&pieces[i], &pieces[j]], &mut out);
+            }
+            out
+        })
+        .collect()
+}
+
+/// How far from this piece another one may lie to meet it, metres.
+fn apart(world: &World, p: &Piece) -> f32 {
+    // Rounding of two instances' transforms.
+    let rounding = 4.0 * world.offset(p.world[0]);
+    (TEXELS_APART * p.texel)
+        .min(EDGES_APART * p.edge)
+        .max(rounding)
+}
+
+/// Samples of what two pieces have in common, if they are a seam.
+fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
+    let [p, q] = pieces;
+    let apart = apart(world, p).min(apart(world, q));
+    let (along, other) = (p.world[1] - p.world[0], q.world[1] - q.world[0]);
+    let (length, other_length) = (along.length(), other.length());
+    let direction = along / length;
+    let cosine = direction.dot(other) / other_length;
+    if cosine * cosine < 1.0 - EDGES_ASKEW * EDGES_ASKEW {
+        return;
+    }
+    let place = |point: Vec3| direction.dot(point - p.world[0]);
+    let (a, b) = (place(q.world[0]), place(q.world[1]));
+    let (from, to) = (a.min(b).max(0.0), a.max(b).min(length));
+    if to - from <= (1e-3 * length.min(other_length)).max(2.0 * apart) {
+        return;
+    }
+    // Parameters of either piece at a distance along the first.
+    let at = |x: f32| [x / length, (x - a) / (b - a)];
+    for x in [from, to] {
+        let [s, t] = at(x);
+        let gap = p.world[0].lerp(p.world[1], s) - q.world[0].lerp(q.world[1], t);
+        if gap.length() > apart {
+            return;
+        }
+    }
+    let texel = |side: usize, s: f32| pieces[side].texels[0].lerp(pieces[side].texels[1], s);
+    let [[s0, t0], [s1, t1]] = [at(from), at(to)];
+    let same = |s, t| (texel(0, s) - texel(1, t)).length() <= SAME_PLACE;
+    if p.page == q.page && same(s0, t0) && same(s1, t1) {
+        return;
+    }
+    if p.inward.dot(q.inward) > FOLDED_BACK {
+        return;
+    }
+    let texels = (texel(0, s1) - texel(0, s0))
+        .length()
+        .max((texel(1, t1) - texel(1, t0)).length());
+    let n = (texels / SPACING).ceil().max(1.0);
+    for i in 0..n as u32 {
+        let params = at(from + (to - from) * (i as f32 + 0.5) / n);
+        if goes_on(world, pieces, params) {
+            out.push(Sample {
+                sides: [0, 1].map(|k| (pieces[k].page, texel(k, params[k]))),
+                texels: texels / n,
+                metres: (to - from) / n,
+            });
+        }
+    }
+}
+
+/// Lookups start this far to either side of a seam when they ask whether something stands upon it, in texels.
+const BESIDE: f32 = 0.5;
+
+/// And this high above the surface, as a share of the distance from the seam. What is lower casts no shadow that a lumel would show.
+const ABOVE: f32 = 0.4;
+
+/// Whether the surface goes on from one piece to the other: normals agree, and nothing is in between.
+fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
+    let normals = [0, 1].map(|k| {
+        let w = pieces[k].weights[0].lerp(pieces[k].weights[1], params[k]);
+        world
+            .scene
+            .shading_normal(world.soup, pieces[k].triangle, w.x, w.y)
+    });
+    if normals[0].dot(normals[1]) < SAME_FACING {
+        return false;
+    }
+    let beside = pieces.map(|p| (BESIDE * p.texel).min(p.altitude.max(0.1 * p.texel)));
+    let geometric = pieces.map(|p| world.soup.normals[p.triangle as usize]);
+    // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ between them lifts it over.
+    let cosine = geometric[0].dot(geometric[1]);
+    let top = geometric[0].cross(geometric[1]).length() / (1.0 + cosine).max(0.1);
+    let ends = [0, 1].map(|k| {
+        let p = pieces[k];
+        let on = p.world[0].lerp(p.world[1], params[k]);
+        let above = (ABOVE + top) * beside[k] + world.offset(on);
+        on + p.inward * beside[k] + geometric[k] * above
+    });
+    let free = world.transmitted(ends[0], ends[1] - ends[0], 1.0);
+    free.max_element() > 0.0
+}

@@ -1,0 +1,446 @@
+//! Least squares: texels change as little as they can until lookups on both sides of seams agree.
+//!
+//! With d the change of texels and a(·), b(·) the bilinear lookups of sample s on its two sides, least is
+//!
+//! Σ_s W ℓ_s ((a_s − b_s) / σ_s)² + Σ_i c_i (d_i / σ_i)² + Σ_(i,j) G ((d_i − d_j) / σ_ij)²
+//!
+//! where ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean, plus 1 %: errors are seen relative to it. The third sum, over
+//! neighbours in a chart, lets changes die out over a few texels instead of making a step beside the seam.
+
+use glam::Vec2;
+use radiosity::luminance;
+use rayon::prelude::*;
+
+use crate::atlas::Page;
+use crate::seams::Sample;
+use crate::seams::measure::{SeamError, SeamReport, quantiles};
+
+/// W: what agreement counts against leaving texels as they are. At 1e3 shadows that cross seams leave 99 % of them within 2 to 6 %, at 1e4
+/// within 0.6 %; 3e4 gains a little and moves lumels on (docs/seams.md).
+const AGREE: f32 = 1e4;
+
+/// G: what an even change counts against a small one. Changes die out over √G texels: at 2 lumels off the seam move six times as far as at ½,
+/// and at 0.2 single texels take what seams need.
+const EVEN: f32 = 0.5;
+
+/// c of texels of which nothing is seen but by lookups across the border: dilated ones, and lumels inside of something.
+const FREE: f32 = 0.02;
+
+/// Texels next to those that seams read may change up to this many steps away.
+const REACH: u8 = 5;
+
+/// Residual against the right-hand side's at which the solver stops, in the preconditioner's norm. Half floats round by 5e-4 of the light, and
+/// what the solver removes is at most that large.
+const TOLERANCE: f64 = 1e-4;
+
+/// It stops here in any case. The largest scenes measured took 260.
+const MOST_ITERATIONS: u64 = 1000;
+
+/// What is known of texels beside their light, by page.
+pub(crate) struct Texels {
+    /// Piece of surface that a texel belongs to, [`EMPTY`] where it has no value.
+    pub chart: Vec<Vec<u32>>,
+    /// Lumels of which nothing lies in the open.
+    pub hidden: Vec<Vec<bool>>,
+}
+
+/// No piece of surface.
+pub(crate) const EMPTY: u32 = u32::MAX;
+
+/// One sample's two lookups: Σ weights × texels is a − b.
+struct Row {
+    texels: [u32; 8],
+    weights: [f32; 8],
+    /// W ℓ / σ².
+    agree: f32,
+    /// σ.
+    scale: f32,
+    /// ℓ.
+    texels_long: f32,
+}
+
+/// The equations of a layout's seams, for any channel of its pages.
+pub(crate) struct Stitcher {
+    rows: Vec<Row>,
+    /// Page and index of each texel that takes part.
+    places: Vec<(u32, u32)>,
+    /// c / σ², infinite for those that must not change.
+    hold: Vec<f32>,
+    /// Neighbours and G / σ².
+    even: Vec<(u32, u32, f32)>,
+    /// Of all equations, inverse; 0 for those that must not change.
+    inverse_diagonal: Vec<f64>,
+    /// Steps from a seam.
+    steps: Vec<u8>,
+    /// Light plus 1 % of the mean, which changes are measured against.
+    light: Vec<f32>,
+    report: SeamReport,
+}
+
+/// A channel's values on all pages.
+pub(crate) trait Channel: Sync {
+    /// Value of texel `at` of page `page`.
+    fn get(&self, page: usize, at: usize) -> f32;
+}
+
+impl<F: Fn(usize, usize) -> f32 + Sync> Channel for F {
+    fn get(&self, page: usize, at: usize) -> f32 {
+        self(page, at)
+    }
+}
+
+impl Stitcher {
+    /// Sets the equations up. `pages` hold the light itself, dilated.
+    pub(crate) fn new(samples: &[Sample], pages: &[Page], texels: &Texels) -> Self {
+        let mean = mean_light(pages);
+        let mut list = TexelList::new(pages);
+        let light = |(p, at): (u32, u32)| light_at(&pages[p as usize], at as usize);
+        let mut report = SeamReport::default();
+        let mut rows = Vec::with_capacity(samples.len());
+        for s in samples {
+            let sides = s.sides.map(|(page, at)| lookup(&pages[page as usize], at));
+            // Whether the lumel that says most about this side lies inside of something.
+            let at_hidden = |k: usize| {
+                let page = s.sides[k].0 as usize;
+                let mut most = (0.0, false);
+                for &(at, w) in &sides[k] {
+                    if pages[page].coverage[at] > 0.0 && w > most.0 {
+                        most = (w, texels.hidden[page][at]);
+                    }
+                }
+                most.1
+            };
+            // Nobody sees it; and below a wall it must not join the light of two rooms.
+            if at_hidden(0) && at_hidden(1) {
+                continue;
+            }
+            let mut row = Row {
+                texels: [0; 8],
+                weights: [0.0; 8],
+                agree: 0.0,
+                scale: 0.0,
+                texels_long: s.texels,
+            };
+            for k in 0..2 {
+                let sign = [1.0, -1.0][k];
+                for (i, &(at, w)) in sides[k].iter().enumerate() {
+                    let place = (s.sides[k].0, at as u32);
+                    row.texels[4 * k + i] = list.number(place);
+                    row.weights[4 * k + i] = sign * w;
+                    row.scale += 0.5 * w * light(place);
+                }
+            }
+            row.scale += 0.01 * mean;
+            row.agree = AGREE * s.texels / (row.scale / mean).powi(2);
+            report.samples += 1;
+            report.metres += f64::from(s.metres);
+            rows.push(row);
+        }
+        let mut stitcher = Stitcher {
+            rows,
+            places: Vec::new(),
+            hold: Vec::new(),
+            even: Vec::new(),
+            inverse_diagonal: Vec::new(),
+            steps: Vec::new(),
+            light: Vec::new(),
+            report,
+        };
+        if mean > 0.0 {
+            stitcher.surround(list, pages, texels, mean);
+        } else {
+            stitcher.rows.clear();
+        }
+        let before = stitcher.error(pages);
+        (stitcher.report.before, stitcher.report.after) = (before, before);
+        stitcher
+    }
+
+    /// Adds what lies around the texels that seams read, and all equations but the seams'.
+    fn surround(&mut self, mut list: TexelList, pages: &[Page], texels: &Texels, mean: f32) {
+        let chart = |(p, at): (u32, u32)| texels.chart[p as usize][at as usize];
+        self.steps = vec![0; list.places.len()];
+        let mut from = 0;
+        for step in 1..=REACH {
+            let to = list.places.len();
+            for i in from..to {
+                let place = list.places[i];
+                for next in beside(pages, place).into_iter().flatten() {
+                    if chart(place) != EMPTY && chart(next) == chart(place) {
+                        list.number(next);
+                    }
+                }
+            }
+            self.steps.resize(list.places.len(), step);
+            from = to;
+        }
+        let light = |(p, at): (u32, u32)| light_at(&pages[p as usize], at as usize);
+        self.light = (list.places.iter())
+            .map(|&place| light(place) + 0.01 * mean)
+            .collect();
+        self.hold = (list.places.iter().zip(&self.light))
+            .map(|(&place, scale)| {
+                let (p, at) = (place.0 as usize, place.1 as usize);
+                // What got no light at all stays dark.
+                if light(place) <= 0.0 && !texels.hidden[p][at] {
+                    return f32::INFINITY;
+                }
+                let coverage = if texels.hidden[p][at] {
+                    0.0
+                } else {
+                    pages[p].coverage[at]
+                };
+                coverage.max(FREE) / (scale / mean).powi(2)
+            })
+            .collect();
+        let mut diagonal: Vec<f64> = self.hold.iter().map(|&h| f64::from(h)).collect();
+        for (i, &place) in list.places.iter().enumerate() {
+            for next in beside(pages, place).into_iter().flatten() {
+                if chart(next) != chart(place) || chart(place) == EMPTY {
+                    continue;
+                }
+                let scale = 0.5 * (light(place) + light(next)) + 0.01 * mean;
+                let weight = EVEN / (scale / mean).powi(2);
+                match list.known(next) {
+                    Some(j) if (j as usize) > i => {
+                        self.even.push((i as u32, j, weight));
+                        diagonal[i] += f64::from(weight);
+                        diagonal[j as usize] += f64::from(weight);
+                    }
+                    Some(_) => {}
+                    // Beyond reach nothing changes.
+                    None => {
+                        self.hold[i] += weight;
+                        diagonal[i] += f64::from(weight);
+                    }
+                }
+            }
+        }
+        for row in &self.rows {
+            for (&t, &w) in row.texels.iter().zip(&row.weights) {
+                diagonal[t as usize] += f64::from(row.agree * w * w);
+            }
+        }
+        self.inverse_diagonal = diagonal.iter().map(|d| 1.0 / d).collect();
+        self.places = list.places;
+    }
+
+    /// Differences of lookups in these pages' light.
+    fn error(&self, pages: &[Page]) -> SeamError {
+        let light: Vec<f32> = (self.places.iter())
+            .map(|&(p, at)| light_at(&pages[p as usize], at as usize))
+            .collect();
+        let differences = (self.rows.iter())
+            .map(|row| {
+                let d = row.difference(|t| f64::from(light[t]));
+                (d.abs() / f64::from(row.scale), f64::from(row.texels_long))
+            })
+            .collect();
+        quantiles(differences)
+    }
+
+    /// Page and index of the texels that change.
+    pub(crate) fn places(&self) -> &[(u32, u32)] {
+        &self.places
+    }
+
+    /// Changes that make each channel's lookups agree, in the order of [`places`](Self::places). Channels are solved in parallel, each by itself.
+    pub(crate) fn solve(&mut self, channels: &[Box<dyn Channel + '_>]) -> Vec<Vec<f32>> {
+        let solved: Vec<(Vec<f32>, u64)> = (channels.par_iter())
+            .map(|channel| self.solve_channel(&**channel))
+            .collect();
+        let most = solved.iter().map(|s| s.1).max().unwrap_or(0);
+        self.report.iterations = self.report.iterations.max(most);
+        solved.into_iter().map(|s| s.0).collect()
+    }
+
+    /// Conjugate gradients with the diagonal as preconditioner (Hestenes & Stiefel 1952).
+    fn solve_channel(&self, channel: &dyn Channel) -> (Vec<f32>, u64) {
+        let n = self.places.len();
+        let values: Vec<f64> = (self.places.iter())
+            .map(|&(p, at)| f64::from(channel.get(p as usize, at as usize)))
+            .collect();
+        let mut residual = vec![0f64; n];
+        for row in &self.rows {
+            let d = row.difference(|t| values[t]) * f64::from(row.agree);
+            row.spread(-d, &mut residual);
+        }
+        let dot = |x: &[f64], y: &[f64]| -> f64 { x.iter().zip(y).map(|(x, y)| x * y).sum() };
+        let precondition = |r: &[f64]| -> Vec<f64> {
+            r.iter()
+                .zip(&self.inverse_diagonal)
+                .map(|(r, d)| r * d)
+                .collect()
+        };
+        let mut change = vec![0f64; n];
+        let mut z = precondition(&residual);
+        let mut direction = z.clone();
+        let mut size = dot(&residual, &z);
+        let enough = size * TOLERANCE * TOLERANCE;
+        let mut product = vec![0f64; n];
+        let mut iterations = 0;
+        while size > enough && iterations < MOST_ITERATIONS {
+            self.multiply(&direction, &mut product);
+            let step = size / dot(&direction, &product);
+            if !step.is_finite() {
+                break;
+            }
+            for i in 0..n {
+                change[i] += step * direction[i];
+                residual[i] -= step * product[i];
+            }
+            z = precondition(&residual);
+            let next = dot(&residual, &z);
+            let keep = next / size;
+            size = next;
+            for (d, z) in direction.iter_mut().zip(&z) {
+                *d = z + keep * *d;
+            }
+            iterations += 1;
+        }
+        let finite = change.iter().all(|c| c.is_finite());
+        let change = change
+            .into_iter()
+            .map(|c| if finite { c as f32 } else { 0.0 });
+        (change.collect(), iterations)
+    }
+
+    fn multiply(&self, x: &[f64], out: &mut [f64]) {
+        for ((out, x), hold) in out.iter_mut().zip(x).zip(&self.hold) {
+            // What must not change has x = 0.
+            *out = if hold.is_finite() {
+                x * f64::from(*hold)
+            } else {
+                0.0
+            };
+        }
+        for &(i, j, weight) in &self.even {
+            let d = (x[i as usize] - x[j as usize]) * f64::from(weight);
+            out[i as usize] += d;
+            out[j as usize] -= d;
+        }
+        for row in &self.rows {
+            row.spread(row.difference(|t| x[t]) * f64::from(row.agree), out);
+        }
+    }
+
+    /// Takes notes of what became of the light: `was` at [`places`](Self::places), and the pages as they are.
+    pub(crate) fn finish(&mut self, was: &[f32], pages: &[Page], clamped: u64) {
+        self.report.after = self.error(pages);
+        self.report.clamped = clamped;
+        let (mut near, mut far) = (0f64, 0f64);
+        let (mut near_area, mut all_area) = (0f64, 0f64);
+        for (i, &(p, at)) in self.places.iter().enumerate() {
+            let page = &pages[p as usize];
+            let coverage = f64::from(page.coverage[at as usize]);
+            let moved = (light_at(page, at as usize) - was[i]) / self.light[i];
+            let square = coverage * f64::from(moved).powi(2);
+            if self.steps[i] <= 1 {
+                near += square;
+                near_area += coverage;
+            } else {
+                far += square;
+            }
+        }
+        for page in pages {
+            all_area += page.coverage.iter().map(|&c| f64::from(c)).sum::<f64>();
+        }
+        let root = |sum: f64, area: f64| if area > 0.0 { (sum / area).sqrt() } else { 0.0 };
+        self.report.moved_near = root(near, near_area);
+        self.report.moved_elsewhere = root(far, all_area - near_area);
+    }
+
+    /// What was found and done.
+    pub(crate) fn report(&self) -> SeamReport {
+        self.report
+    }
+}
+
+impl Row {
+    fn difference(&self, value: impl Fn(usize) -> f64) -> f64 {
+        let terms = self.texels.iter().zip(&self.weights);
+        terms.map(|(&t, &w)| f64::from(w) * value(t as usize)).sum()
+    }
+
+    fn spread(&self, x: f64, out: &mut [f64]) {
+        for (&t, &w) in self.texels.iter().zip(&self.weights) {
+            out[t as usize] += f64::from(w) * x;
+        }
+    }
+}
+
+/// Texels by number.
+struct TexelList {
+    places: Vec<(u32, u32)>,
+    numbers: Vec<Vec<u32>>,
+}
+
+impl TexelList {
+    fn new(pages: &[Page]) -> Self {
+        TexelList {
+            places: Vec::new(),
+            numbers: pages
+                .iter()
+                .map(|p| vec![u32::MAX; p.value.len()])
+                .collect(),
+        }
+    }
+
+    /// Its number, a new one if it has none.
+    fn number(&mut self, place: (u32, u32)) -> u32 {
+        let number = &mut self.numbers[place.0 as usize][place.1 as usize];
+        if *number == u32::MAX {
+            *number = self.places.len() as u32;
+            self.places.push(place);
+        }
+        *number
+    }
+
+    fn known(&self, place: (u32, u32)) -> Option<u32> {
+        let number = self.numbers[place.0 as usize][place.1 as usize];
+        (number != u32::MAX).then_some(number)
+    }
+}
+
+/// Texels that a bilinear lookup at `at` reads, with weights; the page's edge repeats.
+pub(crate) fn lookup(page: &Page, at: Vec2) -> [(usize, f32); 4] {
+    let corner = (at - 0.5).floor();
+    let f = at - 0.5 - corner;
+    let limit = |x: f32, size: u32| x.clamp(0.0, size.saturating_sub(1) as f32) as usize;
+    let [x0, x1] = [corner.x, corner.x + 1.0].map(|x| limit(x, page.width));
+    let [y0, y1] = [corner.y, corner.y + 1.0].map(|y| limit(y, page.height) * page.width as usize);
+    [
+        (y0 + x0, (1.0 - f.x) * (1.0 - f.y)),
+        (y0 + x1, f.x * (1.0 - f.y)),
+        (y1 + x0, (1.0 - f.x) * f.y),
+        (y1 + x1, f.x * f.y),
+    ]
+}
+
+/// The four texels next to one.
+fn beside(pages: &[Page], (p, at): (u32, u32)) -> [Option<(u32, u32)>; 4] {
+    let page = &pages[p as usize];
+    let (x, y) = (at % page.width, at / page.width);
+    [
+        (x > 0).then(|| (p, at - 1)),
+        (x + 1 < page.width).then(|| (p, at + 1)),
+        (y > 0).then(|| (p, at - page.width)),
+        (y + 1 < page.height).then(|| (p, at + page.width)),
+    ]
+}
+
+fn light_at(page: &Page, at: usize) -> f32 {
+    luminance(page.value[at].into())
+}
+
+/// Mean light of the surface.
+fn mean_light(pages: &[Page]) -> f32 {
+    let (mut sum, mut area) = (0f64, 0f64);
+    for page in pages {
+        for (at, &coverage) in page.coverage.iter().enumerate() {
+            sum += f64::from(coverage * light_at(page, at));
+            area += f64::from(coverage);
+        }
+    }
+    if area > 0.0 { (sum / area) as f32 } else { 0.0 }
+}

@@ -1,0 +1,242 @@
+//! Lookups on both sides of chart borders agree, within a mesh, between meshes and between instances.
+//!
+//! Errors are those of [`SeamReport`]: differences over the light there + 1 % of the mean. 1 % for 99 % of all seams is what the project
+//! promises; that stitching does it is seen from the error before, which is several times that in every scene here.
+
+#![allow(
+    clippy::print_stderr,
+    reason = "figures for docs/seams.md, with --nocapture"
+)]
+
+mod common;
+
+use common::{at, bake};
+use glam::Vec3;
+use lumel::atlas_bake::{Layer, SeamReport};
+use lumel::{Bake, LightGroup, Settings, SkySource};
+use lumel_tests::geometry::{Geometry, grid, quad};
+use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
+use lumel_tests::scenes::smooth::{lit, uv_sphere};
+
+/// What is promised.
+const AGREED: f64 = 0.01;
+
+fn lamp(x: f32, y: f32, z: f32) -> (Light, Vec3) {
+    (Light::Point([3.0, 2.0, 1.0]), Vec3::new(x, y, z))
+}
+
+/// A piece of floor: corners by (x, z), clockwise as seen from above on a map with z down.
+fn floor(corners: [[f32; 2]; 4]) -> Geometry {
+    quad(corners.map(|[x, z]| Vec3::new(x, 0.0, z)))
+}
+
+fn off(settings: &Settings) -> Settings {
+    Settings {
+        stitch: false,
+        ..settings.clone()
+    }
+}
+
+fn seams(name: &str, glb: &[u8], settings: &Settings) -> SeamReport {
+    let report = bake(glb, settings).report.gather.seams;
+    eprintln!("{name}: {report:?}");
+    report
+}
+
+#[track_caller]
+fn agrees(name: &str, glb: &[u8], settings: &Settings) -> SeamReport {
+    let found = seams(name, glb, settings);
+    assert!(found.samples > 50, "{name}: {found:?}");
+    assert!(found.before.p99 > 3.0 * AGREED, "{name}: {found:?}");
+    assert!(found.after.p99 <= AGREED, "{name}: {found:?}");
+    assert!(found.moved_elsewhere < 0.01, "{name}: {found:?}");
+    // Looked at, and left alone.
+    let not = seams(name, glb, &off(settings));
+    assert_eq!((not.before, not.after), (found.before, found.before));
+    assert_eq!((not.moved_near, not.moved_elsewhere), (0.0, 0.0));
+    found
+}
+
+/// A rectangle and a slanting piece beside it, whose charts lie at angles to each other, under a low lamp.
+fn two_meshes() -> Vec<u8> {
+    let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
+    let right = floor([[0.0, -1.0], [0.0, 1.0], [1.1, 1.9], [1.6, 0.3]]);
+    lit(
+        &[("left", &left), ("right", &right)],
+        0.5,
+        &[lamp(0.4, 0.6, 0.2)],
+    )
+}
+
+#[test]
+fn two_meshes_that_meet_agree() {
+    let found = agrees("two meshes", &two_meshes(), &at(8.0));
+    assert!((found.metres - 2.0).abs() < 0.02, "{found:?}");
+}
+
+#[test]
+fn charts_of_a_sphere_agree() {
+    let sphere = uv_sphere(1.0, [16, 12]);
+    let glb = lit(&[("sphere", &sphere)], 0.5, &[lamp(1.0, 1.5, 1.0)]);
+    let settings = Settings {
+        sky: SkySource::Color([0.2; 3]),
+        ..at(8.0)
+    };
+    agrees("sphere", &glb, &settings);
+}
+
+#[test]
+fn instances_of_a_kit_agree_and_long_edges_meet_short_ones() {
+    let mut b = GltfBuilder::new();
+    let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
+    let tile = grid(Vec3::ZERO, Vec3::Z, Vec3::X, [1, 1]);
+    let tile = b.mesh("tile", &[(&tile, grey)]);
+    let long = grid(Vec3::ZERO, Vec3::Z * 1.3, Vec3::X * 3.0, [1, 1]);
+    let long = b.mesh("long", &[(&long, grey)]);
+    for x in 0..3 {
+        b.node(Node {
+            translation: Vec3::new(x as f32, 0.0, -1.0),
+            ..Node::of_mesh("tile", tile)
+        });
+    }
+    b.node(Node::of_mesh("long", long));
+    let light = b.light("lamp", Light::Point([1.0; 3]));
+    b.node(Node {
+        translation: Vec3::new(1.2, 0.5, -0.2),
+        light: Some(light),
+        ..Node::default()
+    });
+    // Not a whole number of texels to a tile, so that no two of them are cut alike.
+    let found = agrees("kit", &b.finish(), &at(7.3));
+    // Two seams between three tiles, and three of them along the long one.
+    assert!((found.metres - 5.0).abs() < 0.05, "{found:?}");
+}
+
+/// Two floor tiles that meet at x = 0, a lamp over the left one, and a wall without thickness on the joint.
+fn tiles(wall: bool) -> Vec<u8> {
+    let left = floor([[-1.0, -1.0], [-1.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
+    let right = floor([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]]);
+    let side = quad([
+        Vec3::new(0.0, 0.0, 1.0),
+        Vec3::new(0.0, 0.0, -1.0),
+        Vec3::new(0.0, 3.0, -1.0),
+        Vec3::new(0.0, 3.0, 1.0),
+    ]);
+    let mut parts = vec![("left", &left), ("right", &right)];
+    if wall {
+        parts.push(("wall", &side));
+    }
+    lit(&parts, 0.0, &[lamp(-0.7, 1.0, 0.0)])
+}
+
+/// The largest value of a node's rectangle, dilated texels too.
+fn most_of(bake: &Bake, node: &str) -> f32 {
+    let scene = &bake.loaded.scene;
+    let i = (scene.instances.iter())
+        .position(|i| i.name == node)
+        .expect("the node");
+    let place = bake.layout.placements[i];
+    let page = &bake.baked.pages[place.page as usize];
+    let r = place.rect;
+    (r.y..r.y + r.h)
+        .flat_map(|y| (r.x..r.x + r.w).map(move |x| (y * page.width + x) as usize))
+        .flat_map(|at| page.value[at])
+        .fold(0.0, f32::max)
+}
+
+#[test]
+fn a_wall_on_the_joint_keeps_the_dark_side_dark() {
+    let settings = at(8.0);
+    let open = seams("no wall", &tiles(false), &settings);
+    assert!(open.samples > 0 && open.moved_near > 0.0, "{open:?}");
+    let (stitched, not) = (
+        bake(&tiles(true), &settings),
+        bake(&tiles(true), &off(&settings)),
+    );
+    assert_eq!(stitched.report.gather.seams.samples, 0);
+    assert_eq!(most_of(&stitched, "right"), 0.0);
+    assert!(most_of(&stitched, "left") > 0.1);
+    assert_eq!(stitched.baked.pages[0].value, not.baked.pages[0].value);
+}
+
+#[test]
+fn creases_are_no_seams() {
+    let floor = floor([[-1.0, -1.0], [-1.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
+    // Ten degrees up: more than the eight up to which surfaces go on.
+    let (s, c) = 10f32.to_radians().sin_cos();
+    let ramp = quad([
+        Vec3::new(0.0, 0.0, -1.0),
+        Vec3::new(0.0, 0.0, 1.0),
+        Vec3::new(c, s, 1.0),
+        Vec3::new(c, s, -1.0),
+    ]);
+    let glb = lit(
+        &[("floor", &floor), ("ramp", &ramp)],
+        0.5,
+        &[lamp(0.2, 1.0, 0.0)],
+    );
+    assert_eq!(seams("crease", &glb, &at(8.0)).samples, 0);
+}
+
+#[test]
+fn parts_go_on_summing_to_the_light() {
+    let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
+    let right = floor([[0.0, -1.0], [0.0, 1.0], [1.1, 1.9], [1.6, 0.3]]);
+    let post = quad([
+        Vec3::new(-0.5, 0.0, 0.3),
+        Vec3::new(0.5, 0.0, 0.3),
+        Vec3::new(0.5, 0.8, 0.3),
+        Vec3::new(-0.5, 0.8, 0.3),
+    ]);
+    let glb = lit(
+        &[("left", &left), ("right", &right), ("post", &post)],
+        0.7,
+        &[lamp(0.4, 0.6, 0.9), lamp(-0.5, 0.7, -0.6)],
+    );
+    let settings = Settings {
+        sky: SkySource::Color([0.1, 0.2, 0.3]),
+        layers: vec![Layer::Direct, Layer::Indirect],
+        groups: vec![LightGroup {
+            name: "first".into(),
+            sources: vec!["light 0".into()],
+        }],
+        ..at(8.0)
+    };
+    let bake = bake(&glb, &settings);
+    let found = bake.report.gather.seams;
+    assert!(found.moved_near > 0.01, "{found:?}");
+    let baked = &bake.baked;
+    assert_eq!(baked.groups.len(), 2);
+    let page = &baked.pages[0];
+    let mean = bake.report.gather.mean[0] as f32;
+    for (i, value) in page.value.iter().enumerate() {
+        for (c, &value) in value.iter().enumerate() {
+            let layers = page.layers[c].1[i] + page.layers[3 + c].1[i];
+            let groups: f32 = baked.groups.iter().map(|g| g[0].value[i][c]).sum();
+            // A few roundings. Groups where nothing was stitched are sums of other roundings, of light that is in part larger.
+            for sum in [layers, groups] {
+                let apart = (sum - value).abs();
+                assert!(apart <= 1e-6 * (value + mean), "{i} {c}: {sum} {value}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_same_bytes_for_one_and_two_threads() {
+    let glb = two_meshes();
+    let values = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool");
+        pool.install(|| {
+            let bake = bake(&glb, &at(8.0));
+            let values: Vec<u32> = (bake.baked.pages.iter().flat_map(|p| &p.value))
+                .flat_map(|v| v.map(f32::to_bits))
+                .collect();
+            (values, bake.report.gather.seams)
+        })
+    };
+    assert!(values(1) == values(2));
+}
