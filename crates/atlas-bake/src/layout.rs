@@ -26,8 +26,12 @@ pub struct LayoutOptions {
     pub lumel_budget: u64,
     /// Longest side of a page in texels, ≥ 8.
     pub max_page: u32,
-    /// Texels between charts.
+    /// Texels between charts, see [`UnwrapOptions::padding`].
     pub padding: u32,
+    /// Rectangles and pages keep to blocks of so many texels, see [`UnwrapOptions::block`].
+    pub block: u32,
+    /// Charts do so too, see [`UnwrapOptions::block_charts`].
+    pub block_charts: bool,
     /// Whether to use the asset's own coordinates.
     pub uv_mode: UvMode,
     /// Which unwrapper makes new ones.
@@ -41,6 +45,8 @@ impl Default for LayoutOptions {
             lumel_budget: 200_000,
             max_page: 2048,
             padding: 2,
+            block: 4,
+            block_charts: false,
             uv_mode: UvMode::Auto,
             unwrapper: UnwrapperChoice::Auto,
         }
@@ -317,6 +323,8 @@ fn lay_out_mesh(
     let unwrap_options = UnwrapOptions {
         texels_per_unit: wanted,
         padding: options.padding,
+        block: options.block,
+        block_charts: options.block_charts,
         max_size: options.max_page,
     };
     let (flat, unwrapper, failures) = unwrap_with_fallback(

@@ -4,8 +4,12 @@
 //! [`unwrap_with_fallback`] tries one after the other, so that a mesh always gets charts.
 
 mod boxes;
+mod charts;
 mod input;
+mod mask;
 mod measure;
+mod pack_charts;
+mod place;
 mod uvunwrap;
 mod xatlas;
 
@@ -28,6 +32,10 @@ pub struct UnwrapOptions {
     /// Texels between charts: with 2 (or more) no bilinear footprint reads two charts. Half as many, rounded up, lie between
     /// the charts and the border of the rectangle.
     pub padding: u32,
+    /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any size).
+    pub block: u32,
+    /// Also keeps charts to blocks: no block of `block` × `block` texels holds texels that lookups in two charts read.
+    pub block_charts: bool,
     /// Longest side of the rectangle in texels. The density is lowered until the charts fit.
     pub max_size: u32,
 }
