@@ -1,5 +1,6 @@
 //! The whole lightmap's plan: densities, charts per mesh, rectangles per instance, pages.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec2;
@@ -290,7 +291,7 @@ fn lay_out_mesh(
     if cancel() {
         return Err(LayoutError::Cancelled);
     }
-    let input = UnwrapInput::from_mesh(mesh, density.linear);
+    let input = Arc::new(UnwrapInput::from_mesh(mesh, density.linear));
     let mut report = MeshReport {
         gltf_mesh: mesh.gltf_mesh,
         name: mesh.name.clone(),
@@ -451,7 +452,7 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
             layout.meshes[mesh_of(i)].size.map(|s| (s + 2 * b).min(max))
         })
         .collect();
-    let packed = pack_pages(&sizes, max).unwrap_or_default();
+    let packed = pack_pages(&sizes, max, options.block).unwrap_or_default();
     let nowhere = Rect {
         x: 0,
         y: 0,

@@ -4,8 +4,9 @@ use glam::{DVec2, DVec3, Vec2};
 
 use super::charts::Charts;
 use super::measure::signed_area2;
-use super::pack_charts::pack_charts;
-use super::{Cancel, NONE, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
+use super::{
+    Cancel, NONE, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish,
+};
 use crate::uv_check::overlap_share;
 
 /// Faces join a group up to this angle from its first face (degrees); the stretch stays below 1/cos.
@@ -60,7 +61,7 @@ impl Unwrapper for BoxProjection {
             }
         }
         charts.renumber();
-        pack_charts(&charts, options, cancel)
+        finish(mesh, charts, options, cancel)
     }
 }
 

@@ -15,7 +15,10 @@ use super::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 
 /// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a border row of lumels that are half on the
 /// surface costs as much to bake as whole ones, and the texels won are few beside the chart's own.
-const LARGE_SIDE: f64 = 16.0;
+const LARGE_SIDE: f64 = 24.0;
+
+/// Charts that are no rectangles are tried on sixteen phases of the grid where that takes fewer steps (triangles × rows) than this.
+const PHASE_WORK: f64 = 20_000.0;
 
 /// How masks keep apart.
 #[derive(Debug, Clone, Copy)]
@@ -115,20 +118,53 @@ impl Stamp {
             .extent
             .to_array()
             .map(|e| Axis::new(e * density, shape.rectangle, small));
-        // A texel for what lookups read beyond the chart.
-        let map = |p: DVec2| DVec2::new(1.0 + axes[0].map(p.x * density), 1.0 + axes[1].map(p.y * density));
-        let mut corners: Vec<[DVec2; 3]> = shape.corners.iter().map(|c| c.map(map)).collect();
-        let size = axes.map(|a| (a.low + a.length).ceil() as u32 + 2);
-        let mut mask = Mask::new(size[0], size[1]);
-        for c in &corners {
-            mask.cover(c, rule.reach);
+        let mut best = Laid::new(shape, density, axes, rule.reach);
+        let work = shape.triangles.len() as f64 * (axes[1].length + 3.0);
+        if small && !shape.rectangle && work < PHASE_WORK {
+            let mut least = best.mask.count();
+            for phase in 0..16u8 {
+                let mut moved = axes;
+                moved[0].low = f64::from(phase % 4) * 0.25;
+                moved[1].low = f64::from(phase / 4) * 0.25;
+                let laid = Laid::new(shape, density, moved, rule.reach);
+                if laid.mask.count() < least {
+                    least = laid.mask.count();
+                    best = laid;
+                }
+            }
         }
+        let Laid { mask, mut corners } = best;
         let (mask, [left, top]) = mask.trimmed();
         let shift = DVec2::new(f64::from(left), f64::from(top));
         for p in corners.iter_mut().flatten() {
             *p -= shift;
         }
         Stamp { mask, corners }
+    }
+}
+
+/// A chart on one phase of the grid.
+struct Laid {
+    mask: Mask,
+    corners: Vec<[DVec2; 3]>,
+}
+
+impl Laid {
+    fn new(shape: &Shape, density: f64, axes: [Axis; 2], reach: f64) -> Laid {
+        // A texel for what lookups read beyond the chart.
+        let map = |p: DVec2| {
+            DVec2::new(
+                1.0 + axes[0].map(p.x * density),
+                1.0 + axes[1].map(p.y * density),
+            )
+        };
+        let corners: Vec<[DVec2; 3]> = shape.corners.iter().map(|c| c.map(map)).collect();
+        let size = axes.map(|a| (a.low + a.length).ceil() as u32 + 2);
+        let mut mask = Mask::new(size[0], size[1]);
+        for c in &corners {
+            mask.cover(c, reach);
+        }
+        Laid { mask, corners }
     }
 }
 
@@ -295,8 +331,8 @@ fn widths(needed: f64, widest: u32, inner: u32, count: usize) -> Vec<u32> {
         0..=64 => &[
             1.02, 1.0, 1.05, 1.1, 0.95, 0.9, 1.16, 0.84, 1.24, 0.78, 1.32, 0.72, 1.4,
         ],
-        65..=3000 => &[1.02, 1.06, 0.98, 1.12, 0.93, 1.18],
-        _ => &[1.02, 1.08, 0.96],
+        65..=12_000 => &[1.01, 1.05, 0.97, 1.09, 0.93, 1.14],
+        _ => &[1.01, 1.06, 0.96],
     };
     let mut out: Vec<u32> = Vec::new();
     for f in factors {

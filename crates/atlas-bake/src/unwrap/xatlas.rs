@@ -23,9 +23,8 @@ use glam::{Vec2, Vec3};
 // Nothing of the crate's Rust side is called: this links the C++ library that it builds.
 use xatlas_rs as _;
 
-use super::pack_charts::pack_charts;
 use super::uvunwrap::flatten;
-use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
+use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish};
 
 /// Largest mesh given to xatlas. 82,000 triangles of a sphere took it 80 s (FACTS.md §6), and its time grows faster than the
 /// number of triangles.
@@ -63,7 +62,7 @@ impl Unwrapper for Xatlas {
         for (t, corners) in charts {
             uv[t as usize] = corners;
         }
-        pack_charts(&flatten(mesh, Some(&uv), cancel)?, options, cancel)
+        finish(mesh, flatten(mesh, Some(&uv), cancel)?, options, cancel)
     }
 }
 
