@@ -19,7 +19,8 @@ const LARGE: usize = 20_000;
 /// When to give up on a mesh of so many triangles. Half a millisecond each is thirty times what uvunwrap takes (16 µs), and a minute more than
 /// anything small needs on a machine that does ten other things.
 pub(super) fn patience(triangles: usize) -> Duration {
-    Duration::from_secs(60) + Duration::from_micros(500) * u32::try_from(triangles).unwrap_or(u32::MAX)
+    Duration::from_secs(60)
+        + Duration::from_micros(500) * u32::try_from(triangles).unwrap_or(u32::MAX)
 }
 
 /// Runs `unwrapper` until it is done, `cancel` says so, or `patience` ends. A panic inside counts as a failure.
@@ -140,9 +141,14 @@ mod tests {
         static BREAKS: Bad = Bad { panics: true };
         for (bad, why) in [(&HANGS, "no result"), (&BREAKS, "broke down")] {
             let patience = |_: usize| Duration::from_millis(200);
-            let (result, by, failures) =
-                unwrap_within(&[bad, &BoxProjection], &Arc::new(triangle()), &OPTIONS, &|| false, patience)
-                    .expect("charts");
+            let (result, by, failures) = unwrap_within(
+                &[bad, &BoxProjection],
+                &Arc::new(triangle()),
+                &OPTIONS,
+                &|| false,
+                patience,
+            )
+            .expect("charts");
             assert_eq!((by, result.charts), ("box", 1));
             assert!(failures[0].contains(why), "{failures:?}");
         }

@@ -11,10 +11,10 @@ use super::charts::{Charts, cross2};
 use super::joints::{Joint, joints};
 
 /// Largest chart that is joined to another, lumels². Beyond it the texels saved are few beside the chart's own.
-const SMALL: f64 = 100.0;
+const SMALL: f64 = 256.0;
 
 /// A smooth or flat border joins two charts if it is as long as this share of the side of a square of the smaller one's area.
-const LEAST_BORDER: f64 = 0.3;
+const LEAST_BORDER: f64 = 0.2;
 
 /// Charts are joined across a hard edge if together they are no larger than this, lumels²: what lies within one lumel has
 /// one value anyway.
@@ -186,9 +186,8 @@ impl Islands {
             joints
                 .iter()
                 .flat_map(|j| {
-                    let place = |s: usize, e: usize| {
-                        self.motion[charts[s] as usize].apply(j.ends[s][e])
-                    };
+                    let place =
+                        |s: usize, e: usize| self.motion[charts[s] as usize].apply(j.ends[s][e]);
                     [0, 1].map(|e| (place(stay, e), place(go, e), j.length))
                 })
                 .collect()
@@ -207,7 +206,11 @@ impl Islands {
         let Some(along) = (edge[1].0 - edge[0].0).try_normalize() else {
             return;
         };
-        let out = if stay == 0 { -along.perp() } else { along.perp() };
+        let out = if stay == 0 {
+            -along.perp()
+        } else {
+            along.perp()
+        };
         let limit = (1.5e-3 * lumel).min(0.02 * side * lumel);
         for shift in SHIFTS {
             let mut moved = motion;
@@ -272,7 +275,11 @@ fn overlap(some: &[[DVec2; 3]], others: &[[DVec2; 3]], limit: f64) -> bool {
     let cell = ((high - low) / n).max(DVec2::splat(f64::MIN_POSITIVE));
     let cells = |c: &[DVec2; 3]| {
         let (a, b) = bounds(c);
-        let index = |p: DVec2| ((p - low) / cell).clamp(DVec2::ZERO, DVec2::splat(n - 1.0)).as_uvec2();
+        let index = |p: DVec2| {
+            ((p - low) / cell)
+                .clamp(DVec2::ZERO, DVec2::splat(n - 1.0))
+                .as_uvec2()
+        };
         let (a, b) = (index(a), index(b));
         (a.y..=b.y).flat_map(move |y| (a.x..=b.x).map(move |x| (y * n as u32 + x) as usize))
     };

@@ -107,7 +107,11 @@ fn partial(
             continue;
         }
         // The first component that is clearly not zero is positive.
-        let lead = d.to_array().into_iter().find(|x| x.abs() > 1e-3).unwrap_or(1.0);
+        let lead = d
+            .to_array()
+            .into_iter()
+            .find(|x| x.abs() > 1e-3)
+            .unwrap_or(1.0);
         let forward = lead > 0.0;
         let d = if forward { d } else { -d };
         let foot = (p - d * p.dot(d)) / size;
@@ -123,7 +127,15 @@ fn partial(
         for half in [0.0, 0.5] {
             let d = (d * 256.0 + half).floor().as_ivec3();
             let foot = (foot * 1024.0 + half).floor().as_ivec3();
-            let key = [primitive * 2 + i32::from(half > 0.0), d.x, d.y, d.z, foot.x, foot.y, foot.z];
+            let key = [
+                primitive * 2 + i32::from(half > 0.0),
+                d.x,
+                d.y,
+                d.z,
+                foot.x,
+                foot.y,
+                foot.z,
+            ];
             keyed.push((key, open));
         }
     }
@@ -139,7 +151,11 @@ fn partial(
                 if f.from >= e.to {
                     break;
                 }
-                let (e, f) = if (e.triangle, e.side) < (f.triangle, f.side) { (e, f) } else { (f, e) };
+                let (e, f) = if (e.triangle, e.side) < (f.triangle, f.side) {
+                    (e, f)
+                } else {
+                    (f, e)
+                };
                 if e.forward != f.forward {
                     found.push((e.triangle, e.side, f.triangle, f.side));
                 }

@@ -67,7 +67,9 @@ impl Mask {
             }
             let (left, right) = clipped(c, middle - reach, middle + reach);
             let from = (left - reach - 0.5).ceil().max(0.0) as u32;
-            let to = (right + reach + 0.5).floor().clamp(0.0, f64::from(self.width)) as u32;
+            let to = (right + reach + 0.5)
+                .floor()
+                .clamp(0.0, f64::from(self.width)) as u32;
             if from < to {
                 self.fill(y, from, to);
             }
@@ -185,7 +187,12 @@ mod tests {
 
     #[test]
     fn a_square_reads_a_ring_more_on_texel_borders_and_none_more_on_texel_middles() {
-        for (at, reach, texels) in [(2.0, 0.5, 9), (2.0, 1.0, 25), (2.5, 0.5, 16), (2.5, 1.0, 16)] {
+        for (at, reach, texels) in [
+            (2.0, 0.5, 9),
+            (2.0, 1.0, 25),
+            (2.5, 0.5, 16),
+            (2.5, 1.0, 16),
+        ] {
             let mut mask = Mask::new(9, 9);
             for t in square(at, at, 3.0, 3.0) {
                 mask.cover(&t, reach);

@@ -15,10 +15,14 @@ use super::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 
 /// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a border row of lumels that are half on the
 /// surface costs as much to bake as whole ones, and the texels won are few beside the chart's own.
-const LARGE_SIDE: f64 = 24.0;
+const LARGE_SIDE: f64 = 32.0;
 
 /// Charts that are no rectangles are tried on sixteen phases of the grid where that takes fewer steps (triangles × rows) than this.
 const PHASE_WORK: f64 = 20_000.0;
+
+/// A rectangle more than twice as long as wide counts as so much larger: six sides of a box fill 1 × 6 as well as 2 × 3, and squares are
+/// easier to pack. Five equal sides in 2 × 3 waste a fifth, which a strip across the page would waste as well.
+const STRIP_COST: f64 = 1.25;
 
 /// How masks keep apart.
 #[derive(Debug, Clone, Copy)]
@@ -224,7 +228,7 @@ fn arrange(
     cancel: Cancel<'_>,
 ) -> Result<Option<UnwrappedMesh>, UnwrapError> {
     let items: Vec<Item> = stamps.par_iter().map(|s| item(&s.mask, rule)).collect();
-    let order = largest_first(&items);
+    let orders = [largest_first(&items, true), largest_first(&items, false)];
     let Rule { unit, step, .. } = *rule;
     let border = rule.border.div_ceil(unit);
     let gap = rule.gap.div_ceil(unit);
@@ -244,23 +248,37 @@ fn arrange(
         .map(|i| i.turns.iter().map(|t| t.1.width).min().unwrap_or(1))
         .max()
         .unwrap_or(1);
-    let mut best: Option<(u64, [u32; 2], Vec<Place>)> = None;
-    for width in widths(needed, widest, inner, items.len()) {
+    let longest = items
+        .iter()
+        .map(|i| i.turns[0].1.width.max(i.turns[0].1.height))
+        .max()
+        .unwrap_or(1);
+    let mut best: Option<(f64, [u32; 2], Vec<Place>)> = None;
+    let tries = widths(needed, [widest, longest], inner, items.len());
+    for (width, order) in tries
+        .into_iter()
+        .flat_map(|w| orders.iter().map(move |o| (w, o)))
+    {
         if cancel() {
             return Err(UnwrapError::Cancelled);
         }
         let outer = (width + 2 * border).next_multiple_of(step);
         // Only what is smaller than the best so far is of interest.
         let limit = best.as_ref().map_or(max, |b| {
-            let lower = ((b.0 - 1) / u64::from(outer)).min(u64::from(max)) as u32;
+            let lower = ((b.0 - 1.0) / f64::from(outer)).clamp(0.0, f64::from(max)) as u32;
             lower / step * step
         });
         let Some(limit) = limit.checked_sub(2 * border) else {
             continue;
         };
-        if let Some((places, used)) = place_all(&items, &order, outer - 2 * border, limit, gap) {
+        if let Some((places, used)) = place_all(&items, order, outer - 2 * border, limit, gap) {
             let height = (used + 2 * border).next_multiple_of(step);
-            best = Some((u64::from(outer) * u64::from(height), [outer, height], places));
+            let area = f64::from(outer) * f64::from(height);
+            let long = outer.max(height) > 2 * outer.min(height);
+            let cost = area * if long { STRIP_COST } else { 1.0 };
+            if best.as_ref().is_none_or(|b| cost < b.0) {
+                best = Some((cost, [outer, height], places));
+            }
         }
     }
     let Some((_, size, places)) = best else {
@@ -277,7 +295,8 @@ fn arrange(
     for (((shape, stamp), item), place) in shapes.iter().zip(stamps).zip(&items).zip(&places) {
         let quarters = item.turns[place.turn].0;
         // Turned about the whole blocks that were placed.
-        let whole = [stamp.mask.width, stamp.mask.height].map(|s| f64::from(s.next_multiple_of(unit)));
+        let whole =
+            [stamp.mask.width, stamp.mask.height].map(|s| f64::from(s.next_multiple_of(unit)));
         let at = place.at.map(|s| f64::from((s + border) * unit));
         for (&t, corners) in shape.triangles.iter().zip(&stamp.corners) {
             result.corners[t as usize] =
@@ -312,38 +331,53 @@ fn item(mask: &Mask, rule: &Rule) -> Item {
     Item { turns }
 }
 
-/// Indices of items, those with the longest side first, then the fullest.
-fn largest_first(items: &[Item]) -> Vec<u32> {
+/// Indices of items: those first whose shorter side (`thick`) or longer side is longest, then the fullest. Neither order is always better.
+fn largest_first(items: &[Item], thick: bool) -> Vec<u32> {
     let key = |i: u32| {
         let mask = &items[i as usize].turns[0].1;
-        let longest = mask.width.max(mask.height);
-        (std::cmp::Reverse((longest, mask.count())), i)
+        let (short, long) = (mask.width.min(mask.height), mask.width.max(mask.height));
+        let side = if thick { short } else { long };
+        (std::cmp::Reverse((side, mask.count())), i)
     };
     let mut order: Vec<u32> = (0..items.len() as u32).collect();
     order.sort_by_cached_key(|&i| key(i));
     order
 }
 
-/// Widths to try for masks of `needed` units² together, most promising first.
-fn widths(needed: f64, widest: u32, inner: u32, count: usize) -> Vec<u32> {
+/// Widths to try for masks of `needed` units² together, most promising first. `sides`: the width that the widest mask needs at least, and the
+/// longest side of any.
+fn widths(needed: f64, sides: [u32; 2], inner: u32, count: usize) -> Vec<u32> {
     let side = needed.sqrt();
     let factors: &[f64] = match count {
         0..=64 => &[
             1.02, 1.0, 1.05, 1.1, 0.95, 0.9, 1.16, 0.84, 1.24, 0.78, 1.32, 0.72, 1.4,
         ],
-        65..=12_000 => &[1.01, 1.05, 0.97, 1.09, 0.93, 1.14],
+        65..=12_000 => &[1.01, 1.05, 0.97, 1.09, 0.93, 1.14, 0.99, 1.03],
         _ => &[1.01, 1.06, 0.96],
     };
+    let mut wanted: Vec<u32> = factors.iter().map(|f| (side * f).ceil() as u32).collect();
+    if count <= 64 {
+        // A few large charts: side by side.
+        let [widest, longest] = sides;
+        wanted.extend([
+            widest,
+            2 * widest,
+            3 * widest,
+            longest,
+            2 * longest,
+            widest + longest,
+        ]);
+    }
+    // The whole page as the last resort of charts that only just fit.
+    if side * 1.2 > f64::from(inner) {
+        wanted.push(inner);
+    }
     let mut out: Vec<u32> = Vec::new();
-    for f in factors {
-        let width = ((side * f).ceil() as u32).clamp(1, inner).max(widest);
+    for width in wanted {
+        let width = width.clamp(1, inner).max(sides[0]);
         if width <= inner && !out.contains(&width) {
             out.push(width);
         }
-    }
-    // The whole page as the last resort of charts that only just fit.
-    if !out.contains(&inner) && side * 1.2 > f64::from(inner) {
-        out.push(inner);
     }
     out
 }
@@ -362,7 +396,9 @@ fn unfold(mesh: &mut UnwrappedMesh) -> Result<(), UnwrapError> {
         if -twice > ROUNDING * sides.iter().fold(0.0, |a: f64, &b| a.max(b)) {
             return Err(UnwrapError::Failed("a chart folds over".into()));
         }
-        let shortest = (0..3).min_by(|&i, &j| sides[i].total_cmp(&sides[j])).unwrap_or(0);
+        let shortest = (0..3)
+            .min_by(|&i, &j| sides[i].total_cmp(&sides[j]))
+            .unwrap_or(0);
         c[(shortest + 1) % 3] = c[shortest];
     }
     Ok(())

@@ -120,9 +120,11 @@ impl Page {
                 return Some((0, y));
             }
             // The lowest of the mask's rows that finds no gap says how far to move at least.
-            let blocked = (0..mask.height)
-                .rev()
-                .find(|&r| self.free.get((y + r) as usize).is_some_and(|&f| f < need[r as usize]));
+            let blocked = (0..mask.height).rev().find(|&r| {
+                self.free
+                    .get((y + r) as usize)
+                    .is_some_and(|&f| f < need[r as usize])
+            });
             if blocked.is_none()
                 && let Some(x) = self.first_column(mask, &runs, y)
             {

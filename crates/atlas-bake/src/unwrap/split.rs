@@ -6,7 +6,7 @@ use super::charts::{Charts, Shape, cross2};
 use super::{NONE, UnwrapInput};
 
 /// A chart is cut where its box is empty over more than this share of all charts' area: other charts cannot fill that.
-const EMPTY: f64 = 1.0;
+const EMPTY: f64 = 0.5;
 
 /// Smaller charts are not cut, lumels²: a border costs more than is won.
 const LEAST: f64 = 256.0;

@@ -115,11 +115,7 @@ impl<'a> Layers<'a> {
         }
     }
 
-    fn generate(
-        &self,
-        texels_per_unit: f32,
-        cancel: Cancel<'_>,
-    ) -> Result<Charts, UnwrapError> {
+    fn generate(&self, texels_per_unit: f32, cancel: Cancel<'_>) -> Result<Charts, UnwrapError> {
         let meshes: Vec<MeshInput<'_>> = self
             .layers
             .iter()
