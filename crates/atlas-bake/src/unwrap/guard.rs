@@ -139,8 +139,9 @@ mod tests {
     fn a_hang_and_a_panic_both_give_way_to_the_fallback() {
         static HANGS: Bad = Bad { panics: false };
         static BREAKS: Bad = Bad { panics: true };
-        for (bad, why) in [(&HANGS, "no result"), (&BREAKS, "broke down")] {
-            let patience = |_: usize| Duration::from_millis(200);
+        // A panic is known at once, however long its backtrace takes to print.
+        for (bad, why, patience) in [(&HANGS, "no result", 200), (&BREAKS, "broke down", 600_000)] {
+            let patience = |_: usize| Duration::from_millis(patience);
             let (result, by, failures) = unwrap_within(
                 &[bad, &BoxProjection],
                 &Arc::new(triangle()),
