@@ -1,5 +1,6 @@
 //! The whole lightmap's plan: densities, charts per mesh, rectangles per instance, pages.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec2;
@@ -26,8 +27,12 @@ pub struct LayoutOptions {
     pub lumel_budget: u64,
     /// Longest side of a page in texels, ≥ 8.
     pub max_page: u32,
-    /// Texels between charts.
+    /// Texels between charts, see [`UnwrapOptions::padding`].
     pub padding: u32,
+    /// Rectangles and pages keep to blocks of so many texels, see [`UnwrapOptions::block`].
+    pub block: u32,
+    /// Charts do so too, see [`UnwrapOptions::block_charts`].
+    pub block_charts: bool,
     /// Whether to use the asset's own coordinates.
     pub uv_mode: UvMode,
     /// Which unwrapper makes new ones.
@@ -41,6 +46,8 @@ impl Default for LayoutOptions {
             lumel_budget: 200_000,
             max_page: 2048,
             padding: 2,
+            block: 4,
+            block_charts: false,
             uv_mode: UvMode::Auto,
             unwrapper: UnwrapperChoice::Auto,
         }
@@ -284,7 +291,7 @@ fn lay_out_mesh(
     if cancel() {
         return Err(LayoutError::Cancelled);
     }
-    let input = UnwrapInput::from_mesh(mesh, density.linear);
+    let input = Arc::new(UnwrapInput::from_mesh(mesh, density.linear));
     let mut report = MeshReport {
         gltf_mesh: mesh.gltf_mesh,
         name: mesh.name.clone(),
@@ -317,6 +324,8 @@ fn lay_out_mesh(
     let unwrap_options = UnwrapOptions {
         texels_per_unit: wanted,
         padding: options.padding,
+        block: options.block,
+        block_charts: options.block_charts,
         max_size: options.max_page,
     };
     let (flat, unwrapper, failures) = unwrap_with_fallback(
@@ -443,7 +452,7 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
             layout.meshes[mesh_of(i)].size.map(|s| (s + 2 * b).min(max))
         })
         .collect();
-    let packed = pack_pages(&sizes, max).unwrap_or_default();
+    let packed = pack_pages(&sizes, max, options.block).unwrap_or_default();
     let nowhere = Rect {
         x: 0,
         y: 0,

@@ -6,30 +6,21 @@ use guillotiere::{AllocatorOptions, SimpleAtlasAllocator, size2};
 /// grows quadratic (10 ms for 6000); from thousands on rows of falling height fill the page as well (both 97 %).
 const ROWS_FROM: usize = 8000;
 
-/// Rectangles on one page.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PackedPage {
-    /// Top left corner of each rectangle, in the order given.
-    pub corners: Vec<[u32; 2]>,
-    /// Width and height that they take up.
-    pub size: [u32; 2],
-}
-
 /// Rectangles on as many pages as they need.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PackedPages {
     /// Page and top left corner of each rectangle, in the order given.
     pub places: Vec<(u32, [u32; 2])>,
-    /// Width and height of each page: multiples of 4 where `max_page` is one, except for a lone rectangle, whose page is
-    /// exactly as large as it is.
+    /// Width and height of each page: multiples of the block, except for a lone rectangle, whose page is exactly as large as it is.
     pub pages: Vec<[u32; 2]>,
 }
 
-/// Packs `sizes` (width, height ≥ 1) without rotation into pages of at most `max_page` × `max_page`.
+/// Packs `sizes` (width, height ≥ 1) without rotation into pages of at most `max_page` × `max_page`. Rectangles begin on blocks of `block` texels
+/// (0 or 1: anywhere), and none shares a block with another.
 ///
 /// One page, nearly square and as tight as found, if that is enough; otherwise full pages and a tight last one. The same input gives the
 /// same output. `None` if a rectangle exceeds the page.
-pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32) -> Option<PackedPages> {
+pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32, block: u32) -> Option<PackedPages> {
     if sizes.iter().flatten().any(|&s| s > max_page) {
         return None;
     }
@@ -43,6 +34,24 @@ pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32) -> Option<PackedPages> {
         }
         _ => {}
     }
+    // In whole blocks. One that does not fit a page of whole blocks (its size is limited by a page that is none) goes without.
+    let block = block.max(1);
+    let blocks: Vec<[u32; 2]> = sizes.iter().map(|s| s.map(|x| x.div_ceil(block))).collect();
+    if blocks.iter().flatten().any(|&s| s > max_page / block) {
+        return Some(in_units(sizes, max_page));
+    }
+    let mut packed = in_units(&blocks, max_page / block);
+    for corner in packed.places.iter_mut().flat_map(|p| &mut p.1) {
+        *corner *= block;
+    }
+    for side in packed.pages.iter_mut().flatten() {
+        *side *= block;
+    }
+    Some(packed)
+}
+
+/// [`pack_pages`] for rectangles that all fit the page.
+fn in_units(sizes: &[[u32; 2]], max_page: u32) -> PackedPages {
     let order = by_height(sizes);
     let mut result = PackedPages {
         places: vec![(0, [0, 0]); sizes.len()],
@@ -69,39 +78,7 @@ pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32) -> Option<PackedPages> {
         result.pages.push(full);
         rest = left;
     }
-    Some(result)
-}
-
-/// Packs `sizes` in rows on one page no larger than `max_size` in either direction: fast for any number.
-pub fn shelf_pack(sizes: &[[u32; 2]], max_size: u32) -> Option<PackedPage> {
-    let order = by_height(sizes);
-    let area: f64 = sizes
-        .iter()
-        .map(|s| f64::from(s[0]) * f64::from(s[1]))
-        .sum();
-    let widest = sizes.iter().map(|s| s[0]).max().unwrap_or(1);
-    if widest > max_size || area > f64::from(max_size).powi(2) {
-        return None;
-    }
-    let mut width = widest.max((area.sqrt() * 1.02).ceil() as u32).min(max_size);
-    loop {
-        let placed = rows(sizes, &order, [width, max_size]);
-        if placed.iter().all(Option::is_some) {
-            let mut corners = vec![[0, 0]; sizes.len()];
-            let mut size = [1, 1];
-            for (&i, corner) in order.iter().zip(placed) {
-                corners[i] = corner.unwrap_or_default();
-                for axis in 0..2 {
-                    size[axis] = size[axis].max(corners[i][axis] + sizes[i][axis]);
-                }
-            }
-            return Some(PackedPage { corners, size });
-        }
-        if width == max_size {
-            return None;
-        }
-        width = (width + width / 8 + 1).min(max_size);
-    }
+    result
 }
 
 /// Indices of `sizes`, tallest first, then widest, then as given.
@@ -128,7 +105,7 @@ fn tight_page(
         return None;
     }
     let largest = |axis: usize| order.iter().map(|&i| sizes[i][axis]).max().unwrap_or(1);
-    let round = |x: u32| x.next_multiple_of(4).min(max_page);
+    let round = |x: u32| x.min(max_page);
     let (widest, tallest) = (largest(0), largest(1));
     // Grow the page by 1.5 % a side until something fits.
     let mut side = area.sqrt();

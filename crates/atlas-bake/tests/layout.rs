@@ -29,13 +29,22 @@ fn lay_out_lone(mesh: Mesh, options: &LayoutOptions) -> (Layout, LayoutReport) {
 
 #[test]
 fn a_rectangle_is_one_chart_on_whole_texels() {
-    // 3.05 x 2 m at 10 lumels per metre: 30.5 x 20 texels, stretched to 31 x 20, and a texel all round.
-    let (result, report) = lay_out_lone(plane(3.05, 2.0), &at_density(10.0));
+    // 3.05 x 4 m at 10 lumels per metre: 30.5 x 40 texels, and a texel all round: 32.5 x 42, in whole blocks of 4.
+    // At 20 lumels per metre both sides are large, and borders lie on texel borders.
+    let (small, _) = lay_out_lone(plane(3.05, 4.0), &at_density(10.0));
+    let mut size = small.meshes[0].size;
+    size.sort_unstable();
+    assert_eq!(
+        size,
+        [32, 44],
+        "30.5 texels read 32 from a texel's border to a middle"
+    );
+    let (result, report) = lay_out_lone(plane(3.05, 4.0), &at_density(20.0));
     let atlas = &result.meshes[0];
     assert_eq!(report.meshes[0].charts, 1);
     let mut size = atlas.size;
     size.sort_unstable();
-    assert_eq!(size, [22, 33]);
+    assert_eq!(size, [64, 84], "61 x 80, and a texel all round");
     assert_eq!(
         result.pages,
         vec![atlas.size],
@@ -125,7 +134,7 @@ fn a_moebius_strip_and_loose_triangles_are_laid_out_without_overlap() {
 
 #[test]
 fn padding_is_kept_at_every_width() {
-    for padding in [0, 1, 2, 3, 5, 8] {
+    for padding in 0..=16 {
         let options = LayoutOptions {
             padding,
             ..at_density(5.0)
@@ -133,6 +142,90 @@ fn padding_is_kept_at_every_width() {
         lay_out_lone(cuboid(Vec3::new(2.0, 3.0, 4.7)), &options);
         lay_out_lone(sphere(10, 1.3), &options);
     }
+}
+
+#[test]
+fn blocks_are_kept_by_rectangles_pages_and_charts() {
+    for (block, padding) in [(4, 2), (8, 0), (4, 5), (3, 1), (1, 2)] {
+        let options = LayoutOptions {
+            padding,
+            block,
+            block_charts: true,
+            ..at_density(5.0)
+        };
+        for mesh in [cuboid(Vec3::new(2.0, 3.0, 4.7)), sphere(10, 1.3)] {
+            let (result, _) = lay_out(&lone(mesh), &options);
+            check_blocks(&result.meshes[0], padding, i64::from(block));
+        }
+        let case = scene(
+            vec![cuboid(Vec3::new(2.0, 3.0, 4.7)), sphere(10, 1.3)],
+            (0..9)
+                .map(|i| (i % 2, at(f64::from(i as u32) * 5.0, 0.0, 0.0)))
+                .collect(),
+        );
+        let options = LayoutOptions {
+            block_charts: false,
+            ..options
+        };
+        let (result, _) = lay_out(&case, &options);
+        let whole = |x: &u32| x.is_multiple_of(block);
+        assert!(
+            result.pages.iter().flatten().all(whole),
+            "{:?}",
+            result.pages
+        );
+        for p in &result.placements {
+            assert!(
+                [p.rect.x, p.rect.y, p.rect.w, p.rect.h].iter().all(whole),
+                "{p:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn coplanar_pieces_that_share_parts_of_edges_become_one_chart() {
+    // A floor of one large and three small slabs that share no vertex but the outer ones; 0.4 m is two lumels.
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for [x, z, w, d] in [
+        [0.0, 0.0, 0.4, 1.2],
+        [0.4, 0.0, 0.4, 0.3],
+        [0.4, 0.3, 0.4, 0.5],
+        [0.4, 0.8, 0.4, 0.4],
+    ] {
+        let first = positions.len() as u32;
+        let p = |i: f32, j: f32| Vec3::new(x + i * w, 0.0, z + j * d);
+        positions.extend([p(0.0, 0.0), p(0.0, 1.0), p(1.0, 1.0), p(1.0, 0.0)]);
+        triangles.extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    let (result, report) = lay_out_lone(mesh(positions, triangles), &at_density(5.0));
+    assert_eq!(report.meshes[0].charts, 1);
+    // The pieces lie as they do in space: distances between their corners are kept.
+    let atlas = &result.meshes[0].primitives[0];
+    let uv = |v: u32| atlas.uv[atlas.xref.iter().position(|&x| x == v).expect("a copy") as usize];
+    let flat = uv(0).distance(uv(14));
+    assert!((flat - 5.0 * (0.64f32 + 1.44).sqrt()).abs() < 0.2, "{flat}");
+}
+
+#[test]
+fn a_ring_is_cut_rather_than_laid_around_nothing() {
+    let n = 64;
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for i in 0..n {
+        let a = std::f32::consts::TAU * i as f32 / n as f32;
+        for r in [19.0, 20.0] {
+            positions.push(Vec3::new(r * a.cos(), 0.0, r * a.sin()));
+        }
+        let [a, b] = [2 * i, 2 * i + 1];
+        let [c, d] = [(2 * i + 2) % (2 * n), (2 * i + 3) % (2 * n)];
+        triangles.extend([[a, c, b], [b, c, d]]);
+    }
+    let (_, report) = lay_out_lone(mesh(positions, triangles), &at_density(10.0));
+    // In one piece it covers 1 - 0.95² of a disc: 8 % of the page.
+    assert!(report.coverage > 0.4, "{}", report.coverage);
+    assert!(report.meshes[0].charts > 1);
 }
 
 #[test]
@@ -145,7 +238,8 @@ fn a_non_uniformly_scaled_instance_gets_charts_of_its_world_shape() {
     let (result, report) = lay_out(&case, &at_density(10.0));
     let mut size = result.meshes[0].size;
     size.sort_unstable();
-    assert_eq!(size, [22, 82]);
+    // 80 x 20, and what lookups read beyond: a texel in all, or one on either side.
+    assert_eq!(size, [24, 84]);
     assert!((report.meshes[0].density[1] - 10.0).abs() < 0.01);
     check_generated(&result.meshes[0], 2);
 }

@@ -81,5 +81,11 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
             settings.padding
         )));
     }
+    if !(1..=64).contains(&settings.block) {
+        return Err(Error::Setting(format!(
+            "blocks are {} texels wide, expected 1 to 64",
+            settings.block
+        )));
+    }
     Ok(())
 }

@@ -257,6 +257,8 @@ pub(crate) fn plan_layout(
         texels_per_unit: settings.texels_per_unit,
         max_page: settings.max_page,
         padding: settings.padding,
+        block: settings.block,
+        block_charts: settings.block_charts,
         uv_mode: settings.uv,
         unwrapper: settings.unwrapper,
         ..LayoutOptions::default()

@@ -90,6 +90,10 @@ pub struct Settings {
     pub max_page: u32,
     /// Texels between charts.
     pub padding: u32,
+    /// Pages and rectangles of instances keep to blocks of so many texels; 1 for any size.
+    pub block: u32,
+    /// Whether charts do so too.
+    pub block_charts: bool,
     /// Which lightmap coordinates to use.
     pub uv: UvMode,
     /// Which unwrapper makes new ones.
@@ -137,6 +141,8 @@ impl Default for Settings {
             texels_per_unit: None,
             max_page: 2048,
             padding: 2,
+            block: 4,
+            block_charts: false,
             uv: UvMode::Auto,
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,

@@ -2,9 +2,11 @@
 
 use glam::{DVec2, DVec3, Vec2};
 
-use super::measure::{signed_area2, snap_rectangles};
-use super::{Cancel, NONE, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
-use crate::pack::shelf_pack;
+use super::charts::Charts;
+use super::measure::signed_area2;
+use super::{
+    Cancel, NONE, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish,
+};
 use crate::uv_check::overlap_share;
 
 /// Faces join a group up to this angle from its first face (degrees); the stretch stays below 1/cos.
@@ -48,21 +50,18 @@ impl Unwrapper for BoxProjection {
         if cancel() {
             return Err(UnwrapError::Cancelled);
         }
-        let mut density = f64::from(options.texels_per_unit);
-        // Each round shrinks the charts by a quarter; below a texel a chart they stop shrinking.
-        for _ in 0..48 {
-            if let Some(result) = place(&groups, &flat, density, options) {
-                return Ok(result);
+        let mut charts = Charts {
+            corners: flat,
+            chart: vec![0; mesh.triangles.len()],
+            count: groups.len() as u32,
+        };
+        for (number, group) in groups.iter().enumerate() {
+            for &t in group {
+                charts.chart[t as usize] = number as u32;
             }
-            if cancel() {
-                return Err(UnwrapError::Cancelled);
-            }
-            density *= 0.75;
         }
-        Err(UnwrapError::DoesNotFit {
-            charts: groups.len() as u32,
-            max_size: options.max_size,
-        })
+        charts.renumber();
+        finish(mesh, charts, options, cancel)
     }
 }
 
@@ -142,49 +141,4 @@ fn overlaps_itself(group: &[u32], flat: &[[DVec2; 3]]) -> bool {
     }
     let size = (high * scale).ceil().max(DVec2::ONE).as_uvec2();
     overlap_share(&corners, size.to_array()) > 0.0
-}
-
-/// Packs the groups' bounding rectangles at `density`, or `None` where they do not fit.
-fn place(
-    groups: &[Vec<u32>],
-    flat: &[[DVec2; 3]],
-    density: f64,
-    options: &UnwrapOptions,
-) -> Option<UnwrappedMesh> {
-    let sizes: Vec<[u32; 2]> = groups
-        .iter()
-        .map(|group| {
-            let mut high = DVec2::ZERO;
-            for &t in group {
-                for p in flat[t as usize] {
-                    high = high.max(p);
-                }
-            }
-            let side = |x: f64| (x * density).ceil().clamp(1.0, 1e9) as u32;
-            [side(high.x), side(high.y)]
-        })
-        .collect();
-    let border = options.padding.div_ceil(2);
-    let gap = border * 2;
-    let padded: Vec<[u32; 2]> = sizes.iter().map(|s| [s[0] + gap, s[1] + gap]).collect();
-    let packed = shelf_pack(&padded, options.max_size)?;
-    let mut result = UnwrappedMesh {
-        size: packed.size,
-        texels_per_unit: density as f32,
-        corners: vec![[Vec2::ZERO; 3]; flat.len()],
-        chart: vec![0; flat.len()],
-        charts: groups.len() as u32,
-    };
-    for (chart, group) in groups.iter().enumerate() {
-        let [x, y] = packed.corners[chart];
-        let at = DVec2::new(f64::from(x + border), f64::from(y + border));
-        let high = at + DVec2::new(f64::from(sizes[chart][0]), f64::from(sizes[chart][1]));
-        for &t in group {
-            result.corners[t as usize] =
-                flat[t as usize].map(|p| (at + p * density).min(high).as_vec2());
-            result.chart[t as usize] = chart as u32;
-        }
-    }
-    snap_rectangles(&mut result);
-    Some(result)
 }

@@ -1,4 +1,4 @@
-//! Measures of an unwrap, and the fitting of rectangular charts to the texel grid.
+//! Measures of an unwrap.
 
 use glam::Vec2;
 use serde::Serialize;
@@ -88,47 +88,4 @@ pub(crate) fn weighted_median(sorted: &[(f64, f64)]) -> f64 {
         })
         .or(sorted.last())
         .map_or(0.0, |d| d.0)
-}
-
-/// Stretches charts that fill their bounding box (walls, floors) so that their borders lie on texel borders.
-///
-/// A lumel then lies wholly on the wall or wholly off it. The change is less than a texel a side and stays
-/// within the texels that the chart touches already, so distances between charts are kept. A strip thinner than a
-/// texel becomes one texel wide, which is what a bilinear lookup needs.
-pub(crate) fn snap_rectangles(mesh: &mut UnwrappedMesh) {
-    /// Rounding of texel coordinates that went through `f32` 0..1 on a page of up to 16384 texels.
-    const SLACK: f32 = 2e-3;
-    let charts = mesh.charts as usize;
-    let mut low = vec![Vec2::INFINITY; charts];
-    let mut high = vec![Vec2::NEG_INFINITY; charts];
-    let mut area = vec![0.0f64; charts];
-    for (corners, &chart) in mesh.corners.iter().zip(&mesh.chart) {
-        let c = chart as usize;
-        for &p in corners {
-            low[c] = low[c].min(p);
-            high[c] = high[c].max(p);
-        }
-        area[c] += 0.5 * signed_area2(corners);
-    }
-    let map: Vec<Option<(Vec2, Vec2, Vec2, Vec2)>> = (0..charts)
-        .map(|c| {
-            let extent = high[c] - low[c];
-            let full = f64::from(extent.x) * f64::from(extent.y);
-            let rectangle = extent.min_element() > 0.0 && area[c] > 0.999 * full;
-            rectangle.then(|| {
-                let to_low = (low[c] + SLACK).floor();
-                let to_high = (high[c] - SLACK).ceil().max(to_low + 1.0);
-                (low[c], high[c], to_low, to_high)
-            })
-        })
-        .collect();
-    for (corners, &chart) in mesh.corners.iter_mut().zip(&mesh.chart) {
-        if let Some((low, high, to_low, to_high)) = map[chart as usize] {
-            for p in corners {
-                // Both ends must land exactly, whatever the rounding in between.
-                let t = (*p - low) / (high - low);
-                *p = (to_low + t * (to_high - to_low)).clamp(to_low, to_high);
-            }
-        }
-    }
 }

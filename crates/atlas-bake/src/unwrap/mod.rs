@@ -4,19 +4,34 @@
 //! [`unwrap_with_fallback`] tries one after the other, so that a mesh always gets charts.
 
 mod boxes;
+mod charts;
+mod guard;
 mod input;
+mod join;
+mod joints;
+mod mask;
 mod measure;
+mod pack_charts;
+mod place;
+mod split;
 mod uvunwrap;
 mod xatlas;
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use glam::Vec2;
 use serde::Serialize;
+use split::split_hollow;
 use thiserror::Error;
 
 pub use boxes::BoxProjection;
+use charts::Charts;
 pub use input::{CREASE_DEGREES, NONE, SHARP_DEGREES, UnwrapInput};
+use join::join_small;
 pub(crate) use measure::weighted_median;
 pub use measure::{ChartMeasure, measure};
+use pack_charts::pack_charts;
 pub use uvunwrap::UvUnwrap;
 pub use xatlas::Xatlas;
 
@@ -28,6 +43,10 @@ pub struct UnwrapOptions {
     /// Texels between charts: with 2 (or more) no bilinear footprint reads two charts. Half as many, rounded up, lie between
     /// the charts and the border of the rectangle.
     pub padding: u32,
+    /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any size).
+    pub block: u32,
+    /// Also keeps charts to blocks: no block of `block` × `block` texels holds texels that lookups in two charts read.
+    pub block_charts: bool,
     /// Longest side of the rectangle in texels. The density is lowered until the charts fit.
     pub max_size: u32,
 }
@@ -119,21 +138,37 @@ impl UnwrapperChoice {
 
 /// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each earlier one failed.
 ///
+/// All but the last run under a guard: one that hangs or panics is left behind. The last is trusted to end.
+///
 /// # Errors
 /// The last one's error when none succeeds; [`UnwrapError::Cancelled`] at once.
 pub fn unwrap_with_fallback(
-    unwrappers: &[&dyn Unwrapper],
-    mesh: &UnwrapInput,
+    unwrappers: &[&'static dyn Unwrapper],
+    mesh: &Arc<UnwrapInput>,
     options: &UnwrapOptions,
     cancel: Cancel<'_>,
 ) -> Result<(UnwrappedMesh, &'static str, Vec<String>), UnwrapError> {
+    unwrap_within(unwrappers, mesh, options, cancel, guard::patience)
+}
+
+/// [`unwrap_with_fallback`] with a patience of one's own, by number of triangles.
+fn unwrap_within(
+    unwrappers: &[&'static dyn Unwrapper],
+    mesh: &Arc<UnwrapInput>,
+    options: &UnwrapOptions,
+    cancel: Cancel<'_>,
+    patience: impl Fn(usize) -> Duration,
+) -> Result<(UnwrappedMesh, &'static str, Vec<String>), UnwrapError> {
     let mut failures = Vec::new();
     let mut last = UnwrapError::Failed("no unwrapper".into());
-    for unwrapper in unwrappers {
-        match unwrapper
-            .unwrap(mesh, options, cancel)
-            .and_then(|result| check(mesh, options, result))
-        {
+    for (number, &unwrapper) in unwrappers.iter().enumerate() {
+        let result = if number + 1 == unwrappers.len() {
+            unwrapper.unwrap(mesh, options, cancel)
+        } else {
+            let patience = patience(mesh.triangles.len());
+            guard::run(unwrapper, mesh, options, cancel, patience)
+        };
+        match result.and_then(|result| check(mesh, options, result)) {
             Ok(result) => return Ok((result, unwrapper.name(), failures)),
             Err(UnwrapError::Cancelled) => return Err(UnwrapError::Cancelled),
             Err(error) => {
@@ -143,6 +178,22 @@ pub fn unwrap_with_fallback(
         }
     }
     Err(last)
+}
+
+/// Cuts hollow charts, joins small ones and packs them all: what every unwrapper ends with.
+fn finish(
+    mesh: &UnwrapInput,
+    mut charts: Charts,
+    options: &UnwrapOptions,
+    cancel: Cancel<'_>,
+) -> Result<UnwrappedMesh, UnwrapError> {
+    let lumel = 1.0 / f64::from(options.texels_per_unit);
+    split_hollow(mesh, &mut charts, lumel);
+    join_small(mesh, &mut charts, lumel);
+    if cancel() {
+        return Err(UnwrapError::Cancelled);
+    }
+    pack_charts(&charts, options, cancel)
 }
 
 /// Rejects what would break the bake: wrong counts, non-finite or outlying corners.

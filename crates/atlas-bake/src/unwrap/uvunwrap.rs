@@ -2,17 +2,16 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::{Vec2, Vec3};
+use glam::{DVec2, Vec2, Vec3};
 use uvunwrap::{Density, Error, MeshInput, Options, Packing};
 
-use super::measure::snap_rectangles;
-use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
+use super::charts::Charts;
+use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish};
 
-/// From how many charts on to pack by outline rows instead of by shape. Packing by shape fills 2 to 8 % more of the page at
-/// 400 to 2500 charts and costs a quarter of a second there, growing quadratic (`docs/unwrap.md`).
-const FAST_PACKING_CHARTS: u32 = 4000;
+/// Largest mesh given to uvunwrap: at 10 to 16 µs a triangle, a minute. Larger ones go to the box projection.
+pub const MAX_TRIANGLES: usize = 4_000_000;
 
-/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps, packing by shape.
+/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps. Packed here.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct UvUnwrap;
 
@@ -27,7 +26,12 @@ impl Unwrapper for UvUnwrap {
         options: &UnwrapOptions,
         cancel: Cancel<'_>,
     ) -> Result<UnwrappedMesh, UnwrapError> {
-        pack(mesh, None, options, cancel)
+        if mesh.triangles.len() > MAX_TRIANGLES {
+            return Err(UnwrapError::Failed(format!(
+                "more than {MAX_TRIANGLES} triangles"
+            )));
+        }
+        finish(mesh, flatten(mesh, None, cancel)?, options, cancel)
     }
 }
 
@@ -38,90 +42,27 @@ const LARGE_MESH: usize = 300_000;
 /// Triangles of average size in a chart of a large mesh, at most.
 const LARGE_MESH_CHART: f64 = 1024.0;
 
-/// Unwraps `mesh`, or packs the charts it already has: `existing` texture coordinates per corner, in any unit. Islands of
+/// Texels that the charts cover together on the page that `uvunwrap` packs and we throw away.
+const PAGE_TEXELS: f64 = 65536.0;
+
+/// Cuts `mesh` into flat charts, or takes the charts it already has: `existing` texture coordinates per corner, in any unit. Islands of
 /// them are scaled to their area in space; those that overlap or fold are unwrapped anew.
-pub(super) fn pack(
+pub(super) fn flatten(
     mesh: &UnwrapInput,
     existing: Option<&[[Vec2; 3]]>,
-    options: &UnwrapOptions,
     cancel: Cancel<'_>,
-) -> Result<UnwrappedMesh, UnwrapError> {
+) -> Result<Charts, UnwrapError> {
     let layers = Layers::new(mesh, existing);
     let area: f64 = mesh.areas().iter().sum();
-    let page = f64::from(options.max_size).powi(2);
-    let density = f64::from(options.texels_per_unit);
-    // Charts never fill the page; a first try at a density that leaves no room would be wasted.
-    if area * density * density <= 0.95 * page {
-        let fixed = Density::Fixed {
-            texels_per_unit: options.texels_per_unit,
-            page_size: None,
-        };
-        match layers.generate(options, fixed, cancel) {
-            Ok(result) if result.size.iter().all(|&s| s <= options.max_size) => {
-                return squarer(&layers, result, options, cancel);
-            }
-            Ok(_) | Err(UnwrapError::DoesNotFit { .. }) => {}
-            Err(error) => return Err(error),
+    let mut density = (PAGE_TEXELS / area.max(f64::MIN_POSITIVE)).sqrt();
+    // Long thin charts may ask for more texels than uvunwrap takes on; any density serves.
+    for _ in 0..8 {
+        match layers.generate(density as f32, cancel) {
+            Err(UnwrapError::DoesNotFit { .. }) => density /= 16.0,
+            result => return result,
         }
     }
-    let auto = Density::Auto {
-        page_size: options.max_size,
-    };
-    layers.generate(options, auto, cancel)
-}
-
-/// Packs again into a square where the charts were laid into a strip more than twice as long as wide (six equal sides of
-/// a box fill 1 × 6 as well as 2 × 3); keeps the strip where the square would waste more than a quarter
-/// (five equal sides in 2 × 3 waste a fifth, which a strip across the page would waste as well).
-fn squarer(
-    layers: &Layers<'_>,
-    strip: UnwrappedMesh,
-    options: &UnwrapOptions,
-    cancel: Cancel<'_>,
-) -> Result<UnwrappedMesh, UnwrapError> {
-    let [w, h] = strip.size;
-    if w.max(h) <= 2 * w.min(h) {
-        return Ok(strip);
-    }
-    let area = f64::from(w) * f64::from(h);
-    for growth in [1.03, 1.12, 1.25, 1.42] {
-        let side = (area.sqrt() * growth).ceil() as u32;
-        if side > options.max_size {
-            break;
-        }
-        let square = Density::Fixed {
-            texels_per_unit: options.texels_per_unit,
-            page_size: Some(side),
-        };
-        match layers.generate(options, square, cancel) {
-            Ok(mut result) => {
-                crop(&mut result, options.padding.div_ceil(2));
-                let cropped = f64::from(result.size[0]) * f64::from(result.size[1]);
-                let [w, h] = result.size;
-                if cropped <= area * 1.25 && w.max(h) <= 2 * w.min(h) {
-                    return Ok(result);
-                }
-            }
-            Err(UnwrapError::Cancelled) => return Err(UnwrapError::Cancelled),
-            // More than one page, or a chart longer than the square: the next is larger.
-            Err(_) => {}
-        }
-    }
-    Ok(strip)
-}
-
-/// Cuts off what lies beyond the charts and a border.
-fn crop(mesh: &mut UnwrappedMesh, border: u32) {
-    let high = mesh
-        .corners
-        .iter()
-        .flatten()
-        .fold(Vec2::ZERO, |high, &p| high.max(p));
-    for axis in 0..2 {
-        // Corners that were not snapped carry rounding of up to 1e-3 texel.
-        let used = (high[axis] - 1e-3).ceil().max(1.0) as u32 + border;
-        mesh.size[axis] = mesh.size[axis].min(used);
-    }
+    Err(UnwrapError::Failed("charts are too long".into()))
 }
 
 /// The mesh cut into one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].
@@ -174,12 +115,7 @@ impl<'a> Layers<'a> {
         }
     }
 
-    fn generate(
-        &self,
-        options: &UnwrapOptions,
-        density: Density,
-        cancel: Cancel<'_>,
-    ) -> Result<UnwrappedMesh, UnwrapError> {
+    fn generate(&self, texels_per_unit: f32, cancel: Cancel<'_>) -> Result<Charts, UnwrapError> {
         let meshes: Vec<MeshInput<'_>> = self
             .layers
             .iter()
@@ -191,14 +127,12 @@ impl<'a> Layers<'a> {
             })
             .collect();
         let settings = Options {
-            density,
-            // The crate keeps charts twice its padding apart.
-            padding: options.padding.div_ceil(2),
-            packing: if self.mesh.regions > FAST_PACKING_CHARTS {
-                Packing::Fast
-            } else {
-                Packing::Shape
+            density: Density::Fixed {
+                texels_per_unit,
+                page_size: None,
             },
+            padding: 0,
+            packing: Packing::Fast,
             max_chart_area: self.largest_chart(),
             ..Options::default()
         };
@@ -214,58 +148,54 @@ impl<'a> Layers<'a> {
             Err(Error::AtlasTooLarge { .. } | Error::ChartTooLarge { .. }) => {
                 return Err(UnwrapError::DoesNotFit {
                     charts: self.mesh.regions,
-                    max_size: options.max_size,
+                    max_size: 0,
                 });
             }
             Err(error) => return Err(UnwrapError::Failed(error.to_string())),
         };
-        if atlas.page_count > 1 {
-            return Err(UnwrapError::DoesNotFit {
-                charts: atlas.chart_count,
-                max_size: options.max_size,
-            });
-        }
         self.collect(&atlas)
     }
 
-    fn collect(&self, atlas: &uvunwrap::Atlas) -> Result<UnwrappedMesh, UnwrapError> {
+    /// The charts in metres, numbered in the order of their first triangles.
+    fn collect(&self, atlas: &uvunwrap::Atlas) -> Result<Charts, UnwrapError> {
         let count = self.mesh.triangles.len();
-        let mut result = UnwrappedMesh {
-            size: [atlas.width, atlas.height],
-            texels_per_unit: atlas.texels_per_unit,
-            corners: vec![[Vec2::ZERO; 3]; count],
+        let mut charts = Charts {
+            corners: vec![[DVec2::ZERO; 3]; count],
             chart: vec![u32::MAX; count],
-            charts: atlas.chart_count,
+            count: 0,
         };
-        let scale = Vec2::new(atlas.width as f32, atlas.height as f32);
-        let mut anchor = None;
+        let scale = DVec2::new(f64::from(atlas.width), f64::from(atlas.height))
+            / f64::from(atlas.texels_per_unit);
         let mut homeless = Vec::new();
         for (layer, output) in self.layers.iter().zip(&atlas.meshes) {
             for (&t, corners) in layer.triangles.iter().zip(output.indices.chunks_exact(3)) {
                 let vertices = [0, 1, 2].map(|k| &output.vertices[corners[k] as usize]);
                 match vertices[0].chart {
                     Some(chart) => {
-                        let at = vertices.map(|v| Vec2::from(v.uv) * scale);
-                        anchor.get_or_insert((chart, at[0]));
-                        result.corners[t as usize] = at;
-                        result.chart[t as usize] = chart;
+                        charts.corners[t as usize] =
+                            vertices.map(|v| Vec2::from(v.uv).as_dvec2() * scale);
+                        charts.chart[t as usize] = chart;
                     }
                     None => homeless.push(t as usize),
                 }
             }
         }
         // Triangles without area and without a neighbour that has any: a point of the first chart serves.
-        let Some((chart, at)) = anchor else {
+        let Some(first) = charts.chart.iter().position(|&c| c != u32::MAX) else {
             return Err(UnwrapError::Failed(
                 "no triangle is thick enough for a chart".into(),
             ));
         };
+        let (chart, at) = (charts.chart[first], charts.corners[first][0]);
         for t in homeless {
-            result.corners[t] = [at; 3];
-            result.chart[t] = chart;
+            charts.corners[t] = [at; 3];
+            charts.chart[t] = chart;
         }
-        snap_rectangles(&mut result);
-        Ok(result)
+        if charts.corners.iter().flatten().any(|p| !p.is_finite()) {
+            return Err(UnwrapError::Failed("a coordinate is not finite".into()));
+        }
+        charts.renumber();
+        Ok(charts)
     }
 }
 

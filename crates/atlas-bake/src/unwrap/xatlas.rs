@@ -23,8 +23,8 @@ use glam::{Vec2, Vec3};
 // Nothing of the crate's Rust side is called: this links the C++ library that it builds.
 use xatlas_rs as _;
 
-use super::uvunwrap::pack;
-use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper};
+use super::uvunwrap::flatten;
+use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish};
 
 /// Largest mesh given to xatlas. 82,000 triangles of a sphere took it 80 s (FACTS.md §6), and its time grows faster than the
 /// number of triangles.
@@ -62,7 +62,7 @@ impl Unwrapper for Xatlas {
         for (t, corners) in charts {
             uv[t as usize] = corners;
         }
-        pack(mesh, Some(&uv), options, cancel)
+        finish(mesh, flatten(mesh, Some(&uv), cancel)?, options, cancel)
     }
 }
 

@@ -198,62 +198,63 @@ pub fn signed_area(c: &[Vec2; 3]) -> f64 {
     0.5 * (b - a).perp_dot(c - a)
 }
 
-/// Every texel whose open square a triangle enters, by separating axes. `f(column, row)`.
-fn touched(c: &[Vec2; 3], mut f: impl FnMut(i64, i64)) {
-    // Rounding of texel coordinates that went through 0..1 in f32.
+/// Every texel of which the open square of half-width `reach` about its middle is entered by the triangle, by separating axes.
+/// 0.5: the texels that it touches. 1: those that a bilinear lookup on it gives any weight. `f(column, row)`.
+fn covered(c: &[Vec2; 3], reach: f64, mut f: impl FnMut(i64, i64)) {
+    // Rounding of texel coordinates that went through 0..1 in f32: a weight of 0.002 is none.
     const SLACK: f64 = 2e-3;
     let p = c.map(|v| v.as_dvec2());
-    let low = p[0].min(p[1]).min(p[2]) + SLACK;
-    let high = p[0].max(p[1]).max(p[2]) - SLACK;
+    let low = p[0].min(p[1]).min(p[2]) - reach;
+    let high = p[0].max(p[1]).max(p[2]) + reach;
     for y in low.y.floor() as i64..=high.y.floor() as i64 {
         for x in low.x.floor() as i64..=high.x.floor() as i64 {
-            let outside = (0..3).any(|k| {
-                let (a, b) = (p[k], p[(k + 1) % 3]);
-                let n = glam::DVec2::new(a.y - b.y, b.x - a.x).normalize_or_zero();
-                let third = p[(k + 2) % 3];
-                let n = if n.dot(third - a) < 0.0 { -n } else { n };
-                // The texel's corner that lies furthest inside this edge.
-                let corner = glam::DVec2::new(
-                    x as f64 + f64::from(u8::from(n.x > 0.0)),
-                    y as f64 + f64::from(u8::from(n.y > 0.0)),
-                );
-                n.dot(corner - a) <= SLACK
-            });
-            if !outside {
+            let middle = glam::DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
+            let half = reach - SLACK;
+            let apart = |axis: glam::DVec2| {
+                let d = p.map(|v| (v - middle).dot(axis));
+                let r = half * (axis.x.abs() + axis.y.abs());
+                d[0].min(d[1]).min(d[2]) >= r || d[0].max(d[1]).max(d[2]) <= -r
+            };
+            let edges = [0, 1, 2].map(|k| (p[(k + 1) % 3] - p[k]).perp());
+            if !apart(glam::DVec2::X) && !apart(glam::DVec2::Y) && !edges.into_iter().any(apart) {
                 f(x, y);
             }
         }
     }
 }
 
-/// Checks one generated atlas: finite and inside, not flipped, no overlap, charts `padding` texels apart and half of
-/// that from the border. Returns how many texels are touched.
+/// What `padding` promises: the reach of [`covered`] that counts, and the free texels between what two charts cover so.
+fn promise(padding: u32) -> (f64, i64) {
+    match padding {
+        0 => (0.5, 0),
+        1 => (0.5, 1),
+        n => (1.0, i64::from(n) - 2),
+    }
+}
+
+/// Checks one generated atlas: finite and inside, not flipped, no overlap, charts apart by `padding` and from the border by half of
+/// that. Returns how many texels are covered.
 pub fn check_generated(atlas: &MeshAtlas, padding: u32) -> usize {
-    let [w, h] = atlas.size.map(|s| s as usize);
+    check_blocks(atlas, padding, 1)
+}
+
+/// [`check_generated`], and no block of `block` × `block` texels holds what lookups in two charts read.
+pub fn check_blocks(atlas: &MeshAtlas, padding: u32, block: i64) -> usize {
+    let [w, h] = atlas.size.map(i64::from);
     let all = corners(atlas);
-    let mut owner = vec![u32::MAX; w * h];
-    let border = f32::from(padding.div_ceil(2) as u16) - 2e-3;
+    let mut owner = vec![u32::MAX; (w * h) as usize];
+    let (reach, gap) = promise(padding);
+    let border = (gap + 1) / 2;
     for (c, chart) in &all {
         assert!(*chart < atlas.charts, "chart {chart} of {}", atlas.charts);
-        for p in c {
-            assert!(p.is_finite());
+        assert!(c.iter().all(|p| p.is_finite()));
+        assert!(signed_area(c) >= 0.0, "flipped: {c:?} {}", signed_area(c));
+        covered(c, reach, |x, y| {
             assert!(
-                p.min_element() >= border && p.x <= w as f32 - border && p.y <= h as f32 - border,
-                "{p} lies within {border} of the border of {w} x {h}"
+                x >= border && y >= border && x < w - border && y < h - border,
+                "chart {chart} reads {x} {y}, within {border} of the border of {w} x {h}: {c:?}"
             );
-        }
-        // f32 coordinates on a page of up to 2048 texels are good to 1e-4, times the edge length of a sliver.
-        let longest = c[0]
-            .distance(c[1])
-            .max(c[1].distance(c[2]))
-            .max(c[2].distance(c[0]));
-        assert!(
-            signed_area(c) >= -3e-4 * f64::from(longest),
-            "flipped: {c:?} {}",
-            signed_area(c)
-        );
-        touched(c, |x, y| {
-            let cell = &mut owner[y as usize * w + x as usize];
+            let cell = &mut owner[(y * w + x) as usize];
             assert!(
                 *cell == u32::MAX || *cell == *chart,
                 "texel {x} {y} belongs to charts {} and {chart}",
@@ -265,23 +266,23 @@ pub fn check_generated(atlas: &MeshAtlas, padding: u32) -> usize {
     let flat: Vec<[Vec2; 3]> = all.iter().map(|x| x.0).collect();
     let overlap = atlas_bake::overlap_share(&flat, atlas.size);
     assert!(overlap == 0.0, "overlap {overlap}");
-    let gap = padding as i64;
-    for y in 0..h as i64 {
-        for x in 0..w as i64 {
-            let here = owner[y as usize * w + x as usize];
+    for y in 0..h {
+        for x in 0..w {
+            let here = owner[(y * w + x) as usize];
             if here == u32::MAX {
                 continue;
             }
-            for (dy, dx) in (-gap..=gap).flat_map(|dy| (-gap..=gap).map(move |dx| (dy, dx))) {
-                let (u, v) = (x + dx, y + dy);
-                if u < 0 || v < 0 || u >= w as i64 || v >= h as i64 {
-                    continue;
+            let (bx, by) = (x / block * block, y / block * block);
+            let rows = (y - gap).min(by).max(0)..=(y + gap).max(by + block - 1).min(h - 1);
+            for v in rows {
+                let columns = (x - gap).min(bx).max(0)..=(x + gap).max(bx + block - 1).min(w - 1);
+                for u in columns {
+                    let there = owner[(v * w + u) as usize];
+                    assert!(
+                        there == here || there == u32::MAX,
+                        "charts {here} and {there} are too close at {x} {y} for padding {padding}"
+                    );
                 }
-                let there = owner[v as usize * w + u as usize];
-                assert!(
-                    there == here || there == u32::MAX,
-                    "charts {here} and {there} are closer than {padding} texels at {x} {y}"
-                );
             }
         }
     }

@@ -149,6 +149,12 @@ pub(crate) struct Plan {
     /// Texels between charts
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub padding: u32,
+    /// Pages and instances' rectangles in whole blocks of N x N texels (4 for BC formats; 1 for any size)
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    pub block_align: u32,
+    /// Charts in whole blocks too, so that none is shared by two
+    #[arg(long)]
+    pub block_charts: bool,
     /// The asset's TEXCOORD_1, or new charts
     #[arg(long, value_enum, default_value = "auto")]
     pub uv: UvArg,
@@ -321,6 +327,8 @@ impl Plan {
         settings.texels_per_unit = self.texels_per_unit;
         settings.max_page = self.max_page;
         settings.padding = self.padding;
+        settings.block = self.block_align;
+        settings.block_charts = self.block_charts;
         settings.uv = self.uv.into();
         settings.unwrapper = self.unwrapper.into();
     }
