@@ -24,6 +24,7 @@ pub mod probes;
 mod refine;
 mod smooth;
 mod texture;
+mod unlike;
 pub mod unwrap;
 mod uv_check;
 mod vertices;
@@ -48,4 +49,5 @@ pub use planes::{Plane, Wanted};
 pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
+pub use unlike::separate_unlike;
 pub use uv_check::{UvMode, keep_uvs, overlap_share};

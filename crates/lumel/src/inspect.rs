@@ -59,6 +59,7 @@ pub fn inspect(
         },
     )?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
+    atlas_bake::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
     let (_, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
