@@ -50,4 +50,6 @@ pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
 pub use unlike::separate_unlike;
-pub use uv_check::{UvMode, keep_uvs, overlap_share};
+pub use uv_check::{
+    OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
+};
