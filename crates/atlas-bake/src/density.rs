@@ -308,10 +308,20 @@ mod tests {
 
     #[test]
     fn preferred_numbers_are_near_and_keep_their_digits_in_every_decade() {
-        for (x, expected) in [(1.0, 1.0), (1.05, 1.0), (1.07, 1.12), (9.6, 10.0), (7.4, 7.1)] {
+        for (x, expected) in [
+            (1.0, 1.0),
+            (1.05, 1.0),
+            (1.07, 1.12),
+            (9.6, 10.0),
+            (7.4, 7.1),
+        ] {
             for decade in [-4, 0, 3] {
                 let unit = 10f64.powi(decade);
-                assert_eq!(preferred(x * unit), (expected * unit) as f32, "{x} {decade}");
+                assert_eq!(
+                    preferred(x * unit),
+                    (expected * unit) as f32,
+                    "{x} {decade}"
+                );
             }
         }
         // R20's own rounding of 10^(k/20) is up to 1.2 %; half a step is 5.9 %.

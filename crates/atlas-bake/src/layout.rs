@@ -400,12 +400,7 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
             .iter()
             .map(|f| format!("{label}: {f}; {unwrapper} used")),
     );
-    warn_density(
-        &mut warnings,
-        &label,
-        wanted,
-        wanted * flat.texels_per_unit,
-    );
+    warn_density(&mut warnings, &label, wanted, wanted * flat.texels_per_unit);
     fill_report(&mut report, &input, &flat, wanted);
     report.origin = origin.clone();
     report.unwrapper = Some(unwrapper);

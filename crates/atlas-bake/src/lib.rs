@@ -27,6 +27,7 @@ mod texture;
 mod unlike;
 pub mod unwrap;
 mod uv_check;
+mod uv_picture;
 mod vertices;
 
 pub use atlas::*;
@@ -53,3 +54,4 @@ pub use unlike::separate_unlike;
 pub use uv_check::{
     OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
 };
+pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};

@@ -86,7 +86,8 @@ fn choose(classes: &[(DMat3, usize)], shape: DMat3, edges: &[DVec3]) -> Option<u
             best = Some((excess, index));
         }
     }
-    best.filter(|_| classes.len() >= COPIES).map(|(_, index)| index)
+    best.filter(|_| classes.len() >= COPIES)
+        .map(|(_, index)| index)
 }
 
 fn groups(scene: &Scene, instances: &[usize], edges: &[DVec3]) -> Vec<Group> {
@@ -130,7 +131,12 @@ fn edges(scene: &Scene, mesh: &Mesh) -> Vec<DVec3> {
         let [a, b, c] = t.map(|v| p.positions[v as usize].as_dvec3());
         let size = (b - a).cross(c - a).length().sqrt();
         let sides = [b - a, c - b, a - c].map(DVec3::normalize_or_zero);
-        out.extend(sides.map(|e| e * size).into_iter().filter(|e| *e != DVec3::ZERO));
+        out.extend(
+            sides
+                .map(|e| e * size)
+                .into_iter()
+                .filter(|e| *e != DVec3::ZERO),
+        );
     }
     out
 }

@@ -52,7 +52,11 @@ pub struct UvPlace {
 
 impl std::fmt::Display for UvPlace {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "primitive {}, triangle {}", self.primitive, self.triangle)?;
+        write!(
+            f,
+            "primitive {}, triangle {}",
+            self.primitive, self.triangle
+        )?;
         match self.uv {
             Some([u, v]) => write!(f, " near ({u:.4}, {v:.4})"),
             None => Ok(()),

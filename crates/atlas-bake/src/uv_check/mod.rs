@@ -10,9 +10,9 @@ use crate::atlas::{MeshAtlas, PrimitiveAtlas, UvOrigin};
 use crate::unwrap::{UnwrapInput, weighted_median};
 
 pub use fault::{Severity, UvFault, UvFaultKind, UvPlace};
+use raster::Overlaps;
 pub use raster::overlap_share;
-use raster::{Bleeding, Overlaps};
-pub(crate) use raster::for_each_texel;
+pub(crate) use raster::{Bleeding, for_each_texel};
 
 /// Share of covered texels that may lie under two triangles. Authors' atlases have shared borders that cross a few texel
 /// centres; a real overlap (a tiled or mirrored layout) is far above.
@@ -152,7 +152,11 @@ impl<'a> Check<'a> {
         let primitive = &self.mesh.primitives[number];
         UvPlace {
             primitive: primitive.gltf_primitive,
-            triangle: primitive.source_triangles.get(t - before).copied().unwrap_or(0),
+            triangle: primitive
+                .source_triangles
+                .get(t - before)
+                .copied()
+                .unwrap_or(0),
             uv: uv.filter(|p| p.is_finite()).map(|p| p.to_array()),
         }
     }
@@ -259,7 +263,8 @@ impl<'a> Check<'a> {
         // Less than a 1e-4th of a texel on a 4096² page.
         const LEAST: f64 = 1e-4 / (4096.0 * 4096.0);
         let mut tally = Tally::default();
-        let wrong = |kind: UvFaultKind| matches!(kind, UvFaultKind::Missing | UvFaultKind::NotFinite);
+        let wrong =
+            |kind: UvFaultKind| matches!(kind, UvFaultKind::Missing | UvFaultKind::NotFinite);
         if self.faults.iter().any(|f| wrong(f.kind)) {
             // Their triangles have no area here, and were told of.
             return;
@@ -272,13 +277,9 @@ impl<'a> Check<'a> {
         let share = tally.area / self.total.max(f64::MIN_POSITIVE);
         if self.total <= 0.0 || share > MAX_COLLAPSED {
             let percent = 100.0 * share;
-            self.report(
-                UvFaultKind::Collapsed,
-                Severity::Bad,
-                &tally,
-                share,
-                |at| format!("{percent:.1} % of the surface has no area in it ({at})"),
-            );
+            self.report(UvFaultKind::Collapsed, Severity::Bad, &tally, share, |at| {
+                format!("{percent:.1} % of the surface has no area in it ({at})")
+            });
         }
     }
 
@@ -307,18 +308,14 @@ impl<'a> Check<'a> {
     fn overlap(&mut self, size: [u32; 2]) {
         let covered: f64 = self.flat.iter().map(|c| 0.5 * cross(c).abs()).sum();
         // Tiled thousandfold, one triangle after the other would fill the page.
-        if covered > 64.0 {
+        if covered > 16.0 {
             let tally = Tally {
                 triangles: self.flat.len() as u64,
                 ..Tally::default()
             };
-            self.report(
-                UvFaultKind::Overlap,
-                Severity::Bad,
-                &tally,
-                1.0,
-                |_| format!("triangles overlap (they cover {covered:.0} times the unit square)"),
-            );
+            self.report(UvFaultKind::Overlap, Severity::Bad, &tally, 1.0, |_| {
+                format!("triangles overlap (they cover {covered:.0} times the unit square)")
+            });
             return;
         }
         let grid = size.map(|s| s.max(LEAST_GRID));
@@ -342,13 +339,9 @@ impl<'a> Check<'a> {
             format!(" over {place}")
         });
         let percent = 100.0 * share;
-        self.report(
-            UvFaultKind::Overlap,
-            Severity::Bad,
-            &tally,
-            share,
-            |at| format!("triangles overlap on {percent:.1} % of the texels ({at}{under})"),
-        );
+        self.report(UvFaultKind::Overlap, Severity::Bad, &tally, share, |at| {
+            format!("triangles overlap on {percent:.1} % of the texels ({at}{under})")
+        });
     }
 
     /// Charts beside charts.
@@ -357,7 +350,7 @@ impl<'a> Check<'a> {
         if chart.iter().all(|&c| c == chart[0]) {
             return;
         }
-        let found = Bleeding::find(&self.scaled(size), &chart, size);
+        let found = Bleeding::find(&self.scaled(size), &chart, size, |_, _| {});
         let share = found.share();
         if share <= CLOSE {
             return;
@@ -405,8 +398,7 @@ impl<'a> Check<'a> {
                 .or(list.last())
                 .copied()
         };
-        let (Some(low), Some(middle), Some(high)) =
-            (quantile(0.01), quantile(0.5), quantile(0.99))
+        let (Some(low), Some(middle), Some(high)) = (quantile(0.01), quantile(0.5), quantile(0.99))
         else {
             return;
         };
@@ -465,7 +457,9 @@ impl<'a> Check<'a> {
 
     /// Pieces of the atlas: triangles joined where edges coincide in space and in the atlas, across primitives too.
     fn islands(&self) -> Vec<u32> {
-        let mut edges: Vec<([(u32, [u32; 2]); 2], u32)> = Vec::with_capacity(self.flat.len() * 3);
+        // Welded vertex and bits of its coordinates.
+        type End = (u32, [u32; 2]);
+        let mut edges: Vec<([End; 2], u32)> = Vec::with_capacity(self.flat.len() * 3);
         for (t, (vertices, corners)) in self.input.triangles.iter().zip(&self.flat).enumerate() {
             let end = |k: usize| {
                 let uv = (corners[k % 3] + Vec2::ZERO).to_array();
@@ -489,7 +483,9 @@ impl<'a> Check<'a> {
             let (a, b) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
             parent[a.max(b) as usize] = a.min(b);
         }
-        (0..self.flat.len() as u32).map(|t| root(&mut parent, t)).collect()
+        (0..self.flat.len() as u32)
+            .map(|t| root(&mut parent, t))
+            .collect()
     }
 
     fn atlas(&self, size: [u32; 2]) -> MeshAtlas {

@@ -117,8 +117,14 @@ impl Bleeding {
     /// `corners` in texels of a `size` grid; `chart` of each triangle.
     ///
     /// A lookup reads the four texels whose centres are around it, so which they are hangs on the quarter of the texel that it falls
-    /// into: charts are rasterised as areas of quarters. Texels count as a chart's if any of it lies there.
-    pub fn find(corners: &[[Vec2; 3]], chart: &[u32], size: [u32; 2]) -> Bleeding {
+    /// into: charts are rasterised as areas of quarters. Texels count as a chart's if any of it lies there. `mark` is called with the
+    /// column and row, in half texels, of each quarter that has such lookups.
+    pub fn find(
+        corners: &[[Vec2; 3]],
+        chart: &[u32],
+        size: [u32; 2],
+        mut mark: impl FnMut(u32, u32),
+    ) -> Bleeding {
         let [w, h] = size.map(|s| s.max(1) as usize);
         let mut owner = vec![NOBODY; w * h];
         for (c, &chart) in corners.iter().zip(chart) {
@@ -158,11 +164,12 @@ impl Bleeding {
                 // Column or row of the texel, and of the other one that is read on this side of its middle.
                 let pair = |q: u32| {
                     let own = i64::from(q / 2);
-                    [own, own + if q % 2 == 0 { -1 } else { 1 }]
+                    [own, own + if q.is_multiple_of(2) { -1 } else { 1 }]
                 };
                 let reads = pair(qy).into_iter();
                 let mut reads = reads.flat_map(|y| pair(qx).map(|x| (x, y)));
                 if reads.any(|(x, y)| foreign(x, y, chart)) {
+                    mark(qx, qy);
                     out.by_triangle[t] += part;
                     if part > out.at[t].1 {
                         let middle = Vec2::new(qx as f32 + 0.5, qy as f32 + 0.5) * 0.5;
@@ -194,7 +201,7 @@ mod tests {
 
     fn bleeding(gap: f32) -> f64 {
         let corners = [square(2.0, 2.0, 4.0), square(6.0 + gap, 2.0, 4.0)].concat();
-        Bleeding::find(&corners, &[0, 0, 1, 1], [16, 8]).share()
+        Bleeding::find(&corners, &[0, 0, 1, 1], [16, 8], |_, _| {}).share()
     }
 
     #[test]
