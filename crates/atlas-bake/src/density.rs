@@ -272,17 +272,31 @@ pub fn shape_of(transform: &DAffine3) -> DMat3 {
     let q2 = b.normalize_or_zero();
     let (r13, r23) = (q1.dot(c), q2.dot(c));
     let r33 = (c - q1 * r13 - q2 * r23).length();
-    let largest = r11.max(r22).max(r33);
+    // Rounding noise of node transforms is 1e-7.
+    rounded(DMat3::from_cols_array(&[
+        r11, 0.0, 0.0, r12, r22, 0.0, r13, r23, r33,
+    ]))
+}
+
+/// A shape in lumels: what it makes of metres, times lumels per metre. Rounded again, as densities have the rounding of `f32`: 9 a metre
+/// and 0.009 a millimetre are the same.
+pub(crate) fn shape_in_lumels(shape: DMat3, texels_per_unit: f32) -> DMat3 {
+    rounded(shape * f64::from(texels_per_unit))
+}
+
+/// Rounds an upper triangular matrix to 1e-5 of its largest entry's decade; its diagonal stays positive.
+fn rounded(m: DMat3) -> DMat3 {
+    let [x, y, z] = [m.x_axis.x, m.y_axis.y, m.z_axis.z];
+    let largest = x.max(y).max(z);
     if !(largest > 0.0 && largest.is_finite()) {
         return DMat3::IDENTITY;
     }
-    // Five digits of the largest entry: rounding noise of node transforms is 1e-7.
     let grid = 10f64.powi(largest.log10().floor() as i32 - 5);
     let round = |x: f64| (x / grid).round() * grid;
     DMat3::from_cols(
-        DVec3::new(round(r11).max(grid), 0.0, 0.0),
-        DVec3::new(round(r12), round(r22).max(grid), 0.0),
-        DVec3::new(round(r13), round(r23), round(r33).max(grid)),
+        DVec3::new(round(x).max(grid), 0.0, 0.0),
+        DVec3::new(round(m.y_axis.x), round(y).max(grid), 0.0),
+        DVec3::new(round(m.z_axis.x), round(m.z_axis.y), round(z).max(grid)),
     )
 }
 

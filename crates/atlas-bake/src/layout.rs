@@ -9,7 +9,7 @@ use serde::Serialize;
 use thiserror::Error;
 
 use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect, UvOrigin};
-use crate::density::{Adjusted, DensityPlan, MeshDensity, plan};
+use crate::density::{Adjusted, DensityPlan, MeshDensity, plan, shape_in_lumels};
 use crate::pack::pack_pages;
 use crate::unwrap::{
     Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, UnwrapperChoice, measure,
@@ -339,7 +339,7 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
     }
     let wanted = density.texels_per_unit;
     // In lumels: the same mesh in other units, with the density to match, then has the same numbers.
-    let input = UnwrapInput::from_mesh(mesh, density.linear * f64::from(wanted));
+    let input = UnwrapInput::from_mesh(mesh, shape_in_lumels(density.linear, wanted));
     let mut report = MeshReport {
         gltf_mesh: mesh.gltf_mesh,
         name: mesh.name.clone(),

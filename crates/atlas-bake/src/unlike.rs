@@ -15,7 +15,7 @@ const LEAST: f64 = std::f64::consts::FRAC_1_SQRT_2;
 /// … nor, while there are copies to be had, more than this many times as many.
 const MOST: f64 = 2.0;
 
-/// Copies of one mesh, the first included. A mesh whose instances all differ is shared by those that are least unlike.
+/// Copies of one mesh for one density factor, the first included. A mesh whose instances all differ is shared by those that are least unlike.
 const COPIES: usize = 8;
 
 /// Triangles of a mesh that are looked at, evenly spread over its list: its edges give the directions of its surface.
@@ -24,14 +24,23 @@ const SAMPLES: usize = 64;
 /// Instances that must share whatever they are like: one, or the copies of one node (`EXT_mesh_gpu_instancing`).
 struct Group {
     instances: Vec<usize>,
-    /// Density factor × shape of the one that wants most.
+    /// Shape and density factor of the one that wants most.
     shape: DMat3,
+    factor: f32,
     demand: f64,
+}
+
+/// Groups that share a mesh, by the first of them.
+struct Class {
+    shape: DMat3,
+    factor: f32,
+    mesh: usize,
 }
 
 /// Appends copies of meshes to `scene`, so that instances which share one are alike: see the constants of this module. Returns how many.
 ///
-/// Depends on the instances' shapes and density factors only. What has no lumels stays with the mesh that it had.
+/// Who asks for another density always gets it: instances share a mesh only if their factors are equal. Depends on the instances' shapes and
+/// density factors only. What has no lumels stays with the mesh that it had.
 pub fn separate_unlike(scene: &mut Scene) -> usize {
     let mut by_mesh: Vec<Vec<usize>> = vec![Vec::new(); scene.meshes.len()];
     for i in (0..scene.instances.len()).filter(|&i| scene.has_lumels(i)) {
@@ -46,20 +55,20 @@ pub fn separate_unlike(scene: &mut Scene) -> usize {
         let mut groups = groups(scene, &instances, &edges);
         // Stable: of equals the first in the scene leads.
         groups.sort_by(|a, b| b.demand.total_cmp(&a.demand));
-        let mut classes: Vec<(DMat3, usize)> = Vec::new();
+        let mut classes: Vec<Class> = Vec::new();
         for group in groups {
-            let place = match classes.is_empty() {
-                true => None,
-                false => choose(&classes, group.shape, &edges),
-            };
-            let index = place.unwrap_or_else(|| {
+            let index = choose(&classes, &group, &edges).unwrap_or_else(|| {
                 let index = if classes.is_empty() {
                     mesh
                 } else {
                     scene.meshes.push(scene.meshes[mesh].clone());
                     scene.meshes.len() - 1
                 };
-                classes.push((group.shape, index));
+                classes.push(Class {
+                    shape: group.shape,
+                    factor: group.factor,
+                    mesh: index,
+                });
                 index
             });
             for i in group.instances {
@@ -70,32 +79,34 @@ pub fn separate_unlike(scene: &mut Scene) -> usize {
     scene.meshes.len() - before
 }
 
-/// The mesh that a shape may share; `None` if it needs its own.
-fn choose(classes: &[(DMat3, usize)], shape: DMat3, edges: &[DVec3]) -> Option<usize> {
+/// The mesh that a group may share; `None` if it needs its own.
+fn choose(classes: &[Class], group: &Group, edges: &[DVec3]) -> Option<usize> {
     let mut best: Option<(f64, usize)> = None;
-    for &(class, index) in classes {
+    let mut count = 0;
+    for class in classes.iter().filter(|c| c.factor == group.factor) {
+        count += 1;
         // How far beyond the bounds the worst direction is.
         let excess = edges.iter().fold(1.0f64, |worst, &e| {
-            let given = (class * e).length() / (shape * e).length();
+            let given = (class.shape * e).length() / (group.shape * e).length();
             worst.max(LEAST / given).max(given / MOST)
         });
         if excess <= 1.0 {
-            return Some(index);
+            return Some(class.mesh);
         }
         if best.is_none_or(|(b, _)| excess < b) {
-            best = Some((excess, index));
+            best = Some((excess, class.mesh));
         }
     }
-    best.filter(|_| classes.len() >= COPIES)
-        .map(|(_, index)| index)
+    best.filter(|_| count >= COPIES).map(|(_, mesh)| mesh)
 }
 
 fn groups(scene: &Scene, instances: &[usize], edges: &[DVec3]) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for &i in instances {
         let instance = &scene.instances[i];
-        let shape = shape_of(&instance.transform) * f64::from(instance.density);
-        let demand = edges.iter().map(|&e| (shape * e).length_squared()).sum();
+        let shape = shape_of(&instance.transform);
+        let lumels = shape * f64::from(instance.density);
+        let demand = edges.iter().map(|&e| (lumels * e).length_squared()).sum();
         // Copies of a node follow each other.
         let before = groups.last_mut().filter(|g| {
             instance.copy.is_some() && scene.instances[g.instances[0]].node == instance.node
@@ -105,11 +116,13 @@ fn groups(scene: &Scene, instances: &[usize], edges: &[DVec3]) -> Vec<Group> {
                 group.instances.push(i);
                 if demand > group.demand {
                     (group.shape, group.demand) = (shape, demand);
+                    group.factor = instance.density;
                 }
             }
             None => groups.push(Group {
                 instances: vec![i],
                 shape,
+                factor: instance.density,
                 demand,
             }),
         }

@@ -20,7 +20,7 @@ pub enum Paint {
 }
 
 /// Longest side of a picture to aim at, pixels: lumels are enlarged by a whole number up to this.
-const SIDE: u32 = 1024;
+const SIDE: u32 = 2048;
 
 /// Longest side of any picture, pixels.
 const LONGEST: u32 = 4096;
@@ -101,14 +101,13 @@ pub fn mesh_picture(
 
 /// An asset's own `TEXCOORD_1` of a mesh as it stands in the file, whatever is wrong with it.
 ///
-/// The light frame is the unit square; triangles beyond it are magenta, overlaps red. Up to one unit around it is shown. Chart
-/// colours go by primitive, as charts may not be known.
+/// The light frame is the unit square; triangles beyond it are magenta, overlaps red. Up to one unit around it is shown.
 ///
 /// # Errors
 /// As [`mesh_picture`].
 pub fn own_uv_picture(mesh: &Mesh, faults: &[UvFault]) -> Result<Vec<u8>> {
     let mut pieces = Vec::new();
-    for (number, primitive) in mesh.primitives.iter().enumerate() {
+    for primitive in &mesh.primitives {
         let uv = primitive.tex_coords.get(1);
         for triangle in uv.map_or(&[][..], |_| &primitive.triangles) {
             let corners = triangle.map(|v| uv.and_then(|uv| uv.get(v as usize)).copied());
@@ -119,7 +118,7 @@ pub fn own_uv_picture(mesh: &Mesh, faults: &[UvFault]) -> Result<Vec<u8>> {
             if corners.iter().all(|p| p.is_finite()) {
                 pieces.push(Piece {
                     corners,
-                    island: number as u32,
+                    island: 0,
                     density: 1.0,
                     mirrored: area_of(&corners) < 0.0,
                 });
@@ -127,6 +126,7 @@ pub fn own_uv_picture(mesh: &Mesh, faults: &[UvFault]) -> Result<Vec<u8>> {
         }
     }
     mirror_least(&mut pieces);
+    join_islands(&mut pieces);
     let slack = 0.01 * UNIT;
     let (mut low, mut high) = (Vec2::splat(-slack), Vec2::splat(UNIT + slack));
     for p in pieces.iter().flat_map(|p| &p.corners) {
@@ -182,7 +182,7 @@ pub fn page_picture(
             pieces.push(Piece {
                 corners,
                 // Instances of one mesh in other colours; what is drawn of them is apart anyway.
-                island: chart.wrapping_add((i as u32).wrapping_mul(0x9e37_79b1)),
+                island: chart.wrapping_add((i as u32).wrapping_mul(100_003)),
                 density: density / layout.texels_per_unit,
                 mirrored: false,
             });
@@ -198,6 +198,52 @@ pub fn page_picture(
         canvas.frame(low, low + Vec2::new(r.w as f32, r.h as f32));
     }
     canvas.finish()
+}
+
+/// Numbers the pieces that hang together by edges.
+fn join_islands(pieces: &mut [Piece]) {
+    let mut edges: Vec<([[u32; 2]; 2], usize)> = Vec::with_capacity(pieces.len() * 3);
+    for (i, piece) in pieces.iter().enumerate() {
+        edges.extend(piece.edges().map(|e| (e, i)));
+    }
+    edges.sort_unstable();
+    let mut parent: Vec<usize> = (0..pieces.len()).collect();
+    let root = |parent: &mut [usize], mut i: usize| {
+        while parent[i] != i {
+            parent[i] = parent[parent[i]];
+            i = parent[i];
+        }
+        i
+    };
+    for pair in edges.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+        let (a, b) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
+        parent[a.max(b)] = a.min(b);
+    }
+    let mut number = vec![u32::MAX; pieces.len()];
+    let mut next = 0;
+    for (i, piece) in pieces.iter_mut().enumerate() {
+        let r = root(&mut parent, i);
+        if number[r] == u32::MAX {
+            number[r] = next;
+            next += 1;
+        }
+        piece.island = number[r];
+    }
+}
+
+impl Piece {
+    /// Its edges by their ends' bits, either direction the same.
+    fn edges(&self) -> [[[u32; 2]; 2]; 3] {
+        let end = |k: usize| {
+            (self.corners[k % 3] + Vec2::ZERO)
+                .to_array()
+                .map(f32::to_bits)
+        };
+        [0, 1, 2].map(|k| {
+            let (a, b) = (end(k), end(k + 1));
+            if a < b { [a, b] } else { [b, a] }
+        })
+    }
 }
 
 /// Signed, x right and y down.
@@ -258,6 +304,11 @@ impl Canvas {
         if (0..i64::from(self.width)).contains(&x) && (0..i64::from(self.height)).contains(&y) {
             self.pixels[y as usize * self.width as usize + x as usize] = color;
         }
+    }
+
+    fn at(&self, x: i64, y: i64) -> Option<[u8; 3]> {
+        let inside = x >= 0 && y >= 0 && x < self.width.into() && y < self.height.into();
+        inside.then(|| self.pixels[y as usize * self.width as usize + x as usize])
     }
 
     /// Calls `f` with the index, column and row of each pixel whose centre lies in the triangle.
@@ -351,7 +402,7 @@ impl Canvas {
             for py in y0 as i64..(y0 + half) as i64 {
                 for px in x0 as i64..(x0 + half) as i64 {
                     // Half of the pixels: the chart stays visible.
-                    if (px + py) % 2 == 0 {
+                    if (px + py) % 2 == 0 && self.at(px, py) != Some(OVERLAP) {
                         self.put(px, py, BLEEDING);
                     }
                 }
@@ -377,11 +428,7 @@ impl Canvas {
     fn outlines(&mut self, pieces: &[Piece]) {
         let mut edges: Vec<(u32, [[u32; 2]; 2])> = Vec::with_capacity(pieces.len() * 3);
         for piece in pieces {
-            for k in 0..3 {
-                let end = |k: usize| (piece.corners[k % 3] + Vec2::ZERO).to_array();
-                let [a, b] = [end(k), end(k + 1)].map(|p| p.map(f32::to_bits));
-                edges.push((piece.island, if a < b { [a, b] } else { [b, a] }));
-            }
+            edges.extend(piece.edges().map(|e| (piece.island, e)));
         }
         edges.sort_unstable();
         for run in edges.chunk_by(|a, b| a == b).filter(|run| run.len() == 1) {
@@ -391,8 +438,9 @@ impl Canvas {
     }
 
     fn frame(&mut self, low: Vec2, high: Vec2) {
-        // The last pixel within.
-        let inner = high - 1.0 / self.scale;
+        // Through the middles of the pixels within.
+        let half = 0.5 / self.scale;
+        let (low, inner) = (low + half, high - half);
         let (b, d) = (Vec2::new(inner.x, low.y), Vec2::new(low.x, inner.y));
         for (from, to) in [(low, b), (b, inner), (d, inner), (low, d)] {
             self.line(from, to, |_| FRAME);
@@ -442,8 +490,8 @@ fn dim(color: [u8; 3]) -> [u8; 3] {
 
 fn color_of(piece: &Piece, paint: Paint) -> [u8; 3] {
     let color = match paint {
-        // Golden angle steps: neighbours in number are far in hue. Red is kept for what is wrong.
-        Paint::Charts => hue(30.0 + (piece.island as f32 * 137.508) % 300.0),
+        // About a golden angle from one to the next: neighbours in number are far in hue. Red is kept for what is wrong.
+        Paint::Charts => hue((30 + piece.island.wrapping_mul(137) % 300) as f32),
         Paint::Density => {
             let t = (piece.density.log2() / 2.0).clamp(-1.0, 1.0);
             let (low, middle, high) = (

@@ -344,10 +344,12 @@ impl<'a> Check<'a> {
         });
     }
 
-    /// Charts beside charts.
+    /// Charts beside charts, where none lie on each other.
     fn close(&mut self, size: [u32; 2]) {
+        // Charts on each other are too near, and that was said.
+        let overlap = |f: &UvFault| f.kind == UvFaultKind::Overlap;
         let chart = self.islands();
-        if chart.iter().all(|&c| c == chart[0]) {
+        if self.faults.iter().any(overlap) || chart.iter().all(|&c| c == chart[0]) {
             return;
         }
         let found = Bleeding::find(&self.scaled(size), &chart, size, |_, _| {});
