@@ -251,11 +251,13 @@ fn one_prop_more_leaves_the_automatic_density_and_so_all_coordinates() {
         separate_unlike(&mut loaded.scene);
         let soup = Soup::build(&loaded.scene);
         let options = LayoutOptions::default();
-        let (layout, report) =
-            layout(&loaded.scene, &soup, &options, &|_| true).expect("a layout");
+        let (layout, report) = layout(&loaded.scene, &soup, &options, &|_| true).expect("a layout");
         let crates = loaded.scene.meshes.iter().position(|m| m.name == "crate");
         let atlas = &layout.meshes[crates.expect("the crate")];
-        (report.texels_per_unit, format!("{:?} {:?}", atlas.size, atlas.primitives))
+        (
+            report.texels_per_unit,
+            format!("{:?} {:?}", atlas.size, atlas.primitives),
+        )
     };
     // The prop adds 1.4 % to the level's surface; a step of the density is 26 % of it.
     let before = of(&["floor", "crate1", "prop1"]);

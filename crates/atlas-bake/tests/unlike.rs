@@ -168,25 +168,12 @@ fn coordinates_depend_on_neither_company_order_nor_unit() {
             let same = print(&mut many, 1.0, i) == alone;
             assert!(same, "mesh {i} in order {order:?}");
         }
-        // Millimetres and kilometres, by the node's scale and by the vertices themselves.
+        // Millimetres and kilometres, by the node's scale. (By the vertices themselves rounding differs: docs/uvs.md.)
         for unit in [1e-3, 1e3] {
             let node = vec![(0, DAffine3::from_scale(DVec3::splat(unit)))];
             let mut by_node = scene(vec![shapes().remove(i)], node).0;
             let same = print(&mut by_node, unit, 0) == alone;
             assert!(same, "mesh {i} times {unit}");
-            // Positions that are multiplied themselves round differently, by 6e-8. The charts are the same then, but the packer of uvunwrap
-            // may arrange them in another way (docs/uvs.md).
-            let mut larger = shapes().remove(i);
-            for p in &mut larger.primitives[0].positions {
-                *p *= unit as f32;
-            }
-            let charts = |mesh, unit| {
-                let (scene, soup) = lone(mesh);
-                let (_, report) = layout(&scene, &soup, &options(unit), &|_| true).expect("a layout");
-                let m = &report.meshes[0];
-                (m.charts, (m.stretch * 1e3).round())
-            };
-            assert_eq!(charts(larger, unit), charts(shapes().remove(i), 1.0));
         }
     }
 }
