@@ -170,6 +170,7 @@ fn hard_scenes() -> Vec<(String, Scene)> {
                     mesh: 0,
                     transform: DAffine3::IDENTITY,
                     occluder: false,
+                    density: 1.0,
                     extras: None,
                 }],
                 materials: vec![Material::default()],

@@ -24,14 +24,16 @@ const UNEVEN: f64 = 4.0;
 /// Density of one mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshDensity {
-    /// Shape of the representative (largest) instance: lengths after this map are metres ([`shape_of`]).
+    /// Shape of the representative instance, the one that wants most lumels: lengths after this map are metres ([`shape_of`]).
     pub linear: DMat3,
     /// World area of that instance, m².
     pub area: f64,
-    /// Number of instances that receive light.
+    /// Number of instances that have lumels.
     pub instances: usize,
-    /// Lumels per metre on that instance.
+    /// Lumels per metre on the representative instance.
     pub texels_per_unit: f32,
+    /// What that instance's own factor contributes ([`mesh_ingest::Instance::density`]).
+    pub factor: f32,
     /// Why this differs from the scene's density.
     pub adjusted: Option<Adjusted>,
 }
@@ -57,9 +59,10 @@ pub struct DensityPlan {
     pub meshes: Vec<MeshDensity>,
 }
 
-/// The default density of a scene: lumels per metre with which all instances together get about `lumels` lumels.
+/// The default density of a scene: lumels per metre with which all instances together get about `lumels` lumels (within 12 %).
 ///
-/// Rounded to three digits. Huge instances count only with their share.
+/// A [preferred number](preferred), so that charts stay as they are while a level grows. Huge instances count only with their share,
+/// and nodes' own factors not at all: a factor on one node does not change the others.
 pub fn choose_texels_per_unit(scene: &Scene, soup: &Soup, lumels: u64) -> f32 {
     plan(scene, soup, None, lumels).texels_per_unit
 }
@@ -69,7 +72,7 @@ pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> Den
     let mut meshes = survey(scene, soup);
     if let Some(texels_per_unit) = wanted {
         for mesh in &mut meshes {
-            mesh.texels_per_unit = texels_per_unit;
+            mesh.texels_per_unit = (texels_per_unit * mesh.factor).clamp(1e-6, 1e6);
         }
         return DensityPlan {
             texels_per_unit,
@@ -81,7 +84,7 @@ pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> Den
     // Area that each mesh's instances are charged with.
     let charged: Vec<f64> = meshes
         .iter()
-        .map(|m| m.area.min(UNEVEN * m.total / m.instances.max(1) as f64))
+        .map(|m| (m.largest).min(UNEVEN * m.total / m.instances.max(1) as f64))
         .collect();
     let huge = huge_meshes(&meshes, &charged, count);
     let cap = budget * HUGE_SHARE.min(HUGE_TOTAL / huge.len().max(1) as f64);
@@ -96,15 +99,19 @@ pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> Den
     for &i in &huge {
         density = density.min(HUGE_CONTRAST * (cap / charged[i]).sqrt());
     }
-    let density = three_digits(density.clamp(1e-6, 1e6));
+    let density = preferred(density.clamp(1e-6, 1e6));
     let floor = FLOOR_LUMELS.min(FLOOR_SHARE * budget / count.max(1) as f64);
     for (i, m) in meshes.iter_mut().enumerate() {
         let (mut own, mut adjusted) = (f64::from(density), None);
         if huge.contains(&i) {
             own = own.min((cap / charged[i]).sqrt());
             adjusted = Some(Adjusted::Huge);
-        } else if charged[i] < m.area * 0.99 {
-            own *= (charged[i] / m.area).sqrt();
+        }
+        own *= f64::from(m.factor);
+        let most = UNEVEN * m.demand / m.instances.max(1) as f64;
+        let wanted = m.area * f64::from(m.factor).powi(2);
+        if most < wanted * 0.99 {
+            own *= (most / wanted).sqrt();
             adjusted = Some(Adjusted::Uneven);
         }
         let least = (floor / m.area.max(f64::MIN_POSITIVE)).sqrt().min(1e6);
@@ -149,8 +156,12 @@ fn huge_meshes(meshes: &[Surveyed], charged: &[f64], count: usize) -> Vec<usize>
 /// A mesh with its instances summed up.
 struct Surveyed {
     density: MeshDensity,
+    /// World area of its largest instance, m².
+    largest: f64,
     /// World area of all its instances, m².
     total: f64,
+    /// The same, each multiplied with the square of its factor.
+    demand: f64,
 }
 
 impl std::ops::Deref for Surveyed {
@@ -172,7 +183,7 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
         .par_iter()
         .enumerate()
         .map(|(i, instance)| {
-            if !scene.has_lightmap(i) {
+            if !scene.has_lumels(i) {
                 return None;
             }
             let listed = soup.instance_ranges.get(i).map_or(0.0, |&[first, end]| {
@@ -200,9 +211,12 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
                 area: 0.0,
                 instances: 0,
                 texels_per_unit: 1.0,
+                factor: 1.0,
                 adjusted: None,
             },
+            largest: 0.0,
             total: 0.0,
+            demand: 0.0,
         })
         .collect();
     for (instance, &area) in scene.instances.iter().zip(&areas) {
@@ -212,9 +226,14 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
         let mesh = &mut meshes[instance.mesh];
         mesh.instances += 1;
         mesh.total += area;
+        mesh.largest = mesh.largest.max(area);
+        let square = |factor: f32| f64::from(factor).powi(2);
+        let demand = area * square(instance.density);
+        mesh.demand += demand;
         // A hair more is the same: rotations must not decide which instance represents the mesh.
-        if mesh.instances == 1 || area > mesh.area * (1.0 + 1e-4) {
+        if mesh.instances == 1 || demand > mesh.area * square(mesh.factor) * (1.0 + 1e-4) {
             mesh.area = area;
+            mesh.factor = instance.density;
             mesh.linear = shape_of(&instance.transform);
         }
     }
@@ -253,22 +272,78 @@ pub fn shape_of(transform: &DAffine3) -> DMat3 {
     let q2 = b.normalize_or_zero();
     let (r13, r23) = (q1.dot(c), q2.dot(c));
     let r33 = (c - q1 * r13 - q2 * r23).length();
-    let largest = r11.max(r22).max(r33);
+    // Rounding noise of node transforms is 1e-7.
+    rounded(DMat3::from_cols_array(&[
+        r11, 0.0, 0.0, r12, r22, 0.0, r13, r23, r33,
+    ]))
+}
+
+/// A shape in lumels: what it makes of metres, times lumels per metre. Rounded again, as densities have the rounding of `f32`: 9 a metre
+/// and 0.009 a millimetre are the same.
+pub(crate) fn shape_in_lumels(shape: DMat3, texels_per_unit: f32) -> DMat3 {
+    rounded(shape * f64::from(texels_per_unit))
+}
+
+/// Rounds an upper triangular matrix to 1e-5 of its largest entry's decade; its diagonal stays positive.
+fn rounded(m: DMat3) -> DMat3 {
+    let [x, y, z] = [m.x_axis.x, m.y_axis.y, m.z_axis.z];
+    let largest = x.max(y).max(z);
     if !(largest > 0.0 && largest.is_finite()) {
         return DMat3::IDENTITY;
     }
-    // Five digits of the largest entry: rounding noise of node transforms is 1e-7.
     let grid = 10f64.powi(largest.log10().floor() as i32 - 5);
     let round = |x: f64| (x / grid).round() * grid;
     DMat3::from_cols(
-        DVec3::new(round(r11).max(grid), 0.0, 0.0),
-        DVec3::new(round(r12), round(r22).max(grid), 0.0),
-        DVec3::new(round(r13), round(r23), round(r33).max(grid)),
+        DVec3::new(round(x).max(grid), 0.0, 0.0),
+        DVec3::new(round(m.y_axis.x), round(y).max(grid), 0.0),
+        DVec3::new(round(m.z_axis.x), round(m.z_axis.y), round(z).max(grid)),
     )
 }
 
-/// Rounds to three significant digits, as a user would write it.
-fn three_digits(x: f64) -> f32 {
-    let unit = 10f64.powi(x.log10().floor() as i32 - 2);
-    ((x / unit).round() * unit) as f32
+/// The preferred number of the series R20 (ISO 3:1973) nearest to `x` > 0, by ratio: steps of 12 %.
+///
+/// With steps a level's density, and with it all its charts, stays the same until its surface has grown by a quarter. Three digits
+/// would change them with every crate that is added.
+pub fn preferred(x: f64) -> f32 {
+    const R20: [f64; 21] = [
+        1.0, 1.12, 1.25, 1.4, 1.6, 1.8, 2.0, 2.24, 2.5, 2.8, 3.15, 3.55, 4.0, 4.5, 5.0, 5.6, 6.3,
+        7.1, 8.0, 9.0, 10.0,
+    ];
+    let power = x.log10().floor();
+    let unit = 10f64.powi(power as i32);
+    let off = |n: f64| (x / (unit * n)).ln().abs();
+    let near = |best: f64, n: f64| if off(n) < off(best) { n } else { best };
+    (R20.into_iter().fold(1.0, near) * unit) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn preferred_numbers_are_near_and_keep_their_digits_in_every_decade() {
+        for (x, expected) in [
+            (1.0, 1.0),
+            (1.05, 1.0),
+            (1.07, 1.12),
+            (9.6, 10.0),
+            (7.4, 7.1),
+        ] {
+            for decade in [-4, 0, 3] {
+                let unit = 10f64.powi(decade);
+                assert_eq!(
+                    preferred(x * unit),
+                    (expected * unit) as f32,
+                    "{x} {decade}"
+                );
+            }
+        }
+        // R20's own rounding of 10^(k/20) is up to 1.2 %; half a step is 5.9 %.
+        let mut x = 0.01f64;
+        while x < 1000.0 {
+            let ratio = f64::from(preferred(x)) / x;
+            assert!((1.0 / 1.072..1.072).contains(&ratio), "{x}: {ratio}");
+            x *= 1.0137;
+        }
+    }
 }

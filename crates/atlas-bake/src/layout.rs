@@ -4,24 +4,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec2;
-use mesh_ingest::{Mesh, Scene, Soup};
+use mesh_ingest::{Instance, Mesh, Scene, Soup};
 use rayon::prelude::*;
 use serde::Serialize;
 use thiserror::Error;
 
 use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect, UvOrigin};
-use crate::density::{Adjusted, DensityPlan, MeshDensity, plan};
+use crate::density::{Adjusted, DensityPlan, MeshDensity, plan, shape_in_lumels};
 use crate::pack::pack_pages;
 use crate::unwrap::{
     Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, UnwrapperChoice, measure,
     unwrap_with_fallback,
 };
-use crate::uv_check::{UvMode, keep_uvs};
+use crate::uv_check::{OwnUvs, Severity, UvFault, UvMode, check_uvs};
+
+/// A lightmap with more lumels than this is warned about where a density was asked for: it bakes for minutes. The default
+/// budget is a twentieth.
+const MANY_LUMELS: f64 = 4e6;
 
 /// How to lay a scene out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LayoutOptions {
-    /// Lumels per metre on every mesh; `None`: from the budget.
+    /// Lumels per metre on every mesh, times its node's own factor; `None`: from the budget.
     pub texels_per_unit: Option<f32>,
     /// Lumels to aim at where no density is given.
     pub lumel_budget: u64,
@@ -78,8 +82,8 @@ pub enum LayoutError {
         /// What it must be.
         requirement: &'static str,
     },
-    /// Everything in the scene only occludes.
-    #[error("no surface receives light: every one is an occluder")]
+    /// Everything in the scene only occludes, or has the density 0.
+    #[error("no surface gets lumels: every one is an occluder or has the density 0")]
     NothingReceives,
     /// A mesh got no charts.
     #[error("mesh {mesh} \"{name}\" cannot be unwrapped: {source}")]
@@ -108,6 +112,12 @@ pub struct LayoutReport {
     pub lumels: f64,
     /// `lumels` over the pages' texels.
     pub coverage: f64,
+    /// Charts of all meshes, once for each mesh.
+    pub charts: u64,
+    /// Mean of the meshes' L² stretch by area of their instances, 1 = none.
+    pub stretch: f64,
+    /// Smallest, median and largest lumels per metre of all surfaces, by area; from a histogram with bins of 1 %.
+    pub density: [f64; 3],
     /// What a user should know.
     pub warnings: Vec<String>,
 }
@@ -119,7 +129,11 @@ pub struct MeshReport {
     pub gltf_mesh: usize,
     /// Its name.
     pub name: String,
-    /// Number of instances.
+    /// First node with lumels that has it.
+    pub node: usize,
+    /// That node's name.
+    pub node_name: String,
+    /// Number of instances that have lumels.
     pub instances: usize,
     /// Where its coordinates come from.
     pub origin: UvOrigin,
@@ -134,8 +148,10 @@ pub struct MeshReport {
     pub utilisation: f64,
     /// L² stretch, 1 = none.
     pub stretch: f64,
-    /// Smallest, median and largest lumels per metre on the largest instance.
+    /// Smallest, median and largest lumels per metre on the instance that wants most.
     pub density: [f64; 3],
+    /// That instance's own factor (`extras.lumel.density`).
+    pub factor: f32,
     /// Triangles whose chart triangle is turned over (0 unless kept from the asset).
     pub flipped: u64,
     /// Triangles too thin for any area in the lightmap.
@@ -143,13 +159,27 @@ pub struct MeshReport {
     /// Why its density is not the scene's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adjusted: Option<Adjusted>,
+    /// What is wrong with the asset's own `TEXCOORD_1`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub uv_faults: Vec<UvFault>,
+}
+
+impl MeshReport {
+    /// The mesh and its first node, as messages name them.
+    pub fn label(&self) -> String {
+        format!(
+            "mesh {} \"{}\" (node {} \"{}\")",
+            self.gltf_mesh, self.name, self.node, self.node_name
+        )
+    }
 }
 
 /// Plans the lightmap of `scene`.
 ///
 /// `progress` is called from several threads and now and then even when nothing has moved; `false` stops the work within about a second.
-/// The result depends on the scene and the options only, and a mesh's coordinates only on the mesh, its largest
-/// instance's scale and its density.
+/// The result depends on the scene and the options only, and a mesh's coordinates only on the mesh, its density, and the scale and
+/// density factor of the instance that wants most. Instances that are too unlike to share charts should have been given meshes
+/// of their own ([`separate_unlike`](crate::separate_unlike)).
 ///
 /// # Errors
 /// [`LayoutError`].
@@ -160,7 +190,7 @@ pub fn layout(
     progress: &(dyn Fn(LayoutProgress) -> bool + Sync),
 ) -> Result<(Layout, LayoutReport), LayoutError> {
     validate(options)?;
-    if !(0..scene.instances.len()).any(|i| scene.has_lightmap(i)) {
+    if !(0..scene.instances.len()).any(|i| scene.has_lumels(i)) {
         return Err(LayoutError::NothingReceives);
     }
     let plan = plan(scene, soup, options.texels_per_unit, options.lumel_budget);
@@ -172,12 +202,25 @@ pub fn layout(
             total,
         })
     };
+    let mut first_node = vec![None; scene.meshes.len()];
+    for (i, instance) in scene.instances.iter().enumerate() {
+        if scene.has_lumels(i) {
+            first_node[instance.mesh].get_or_insert(instance);
+        }
+    }
     let results: Vec<Result<Option<LaidOut>, LayoutError>> = scene
         .meshes
         .par_iter()
         .zip(&plan.meshes)
-        .map(|(mesh, density)| {
-            let result = lay_out_receiving(scene, mesh, density, options, &cancel);
+        .enumerate()
+        .map(|(i, (mesh, density))| {
+            let task = Task {
+                mesh,
+                density,
+                options,
+                node: first_node[i],
+            };
+            let result = lay_out_receiving(scene, task, &cancel);
             done.fetch_add(triangle_count(mesh), Ordering::Relaxed);
             if cancel() {
                 return Err(LayoutError::Cancelled);
@@ -210,7 +253,8 @@ pub fn layout(
     if cancel() {
         return Err(LayoutError::Cancelled);
     }
-    summarise(&plan, &layout, &mut report);
+    summarise(&plan, &layout, options, &mut report);
+    report.density = densities(scene, soup, &layout);
     Ok((layout, report))
 }
 
@@ -246,31 +290,39 @@ fn triangle_count(mesh: &Mesh) -> usize {
 /// Charts of a mesh, what the report says of it, and its warnings.
 type LaidOut = (MeshAtlas, MeshReport, Vec<String>);
 
-/// Lays out the primitives of `mesh` that receive light; `None` if there are none, or no instance does.
+/// What is to be laid out.
+#[derive(Clone, Copy)]
+struct Task<'a> {
+    mesh: &'a Mesh,
+    density: &'a MeshDensity,
+    options: &'a LayoutOptions,
+    /// First instance with lumels.
+    node: Option<&'a Instance>,
+}
+
+/// Lays out the primitives of a mesh that receive light; `None` if there are none, or no instance does.
 fn lay_out_receiving(
     scene: &Scene,
-    mesh: &Mesh,
-    density: &MeshDensity,
-    options: &LayoutOptions,
+    task: Task<'_>,
     cancel: Cancel<'_>,
 ) -> Result<Option<LaidOut>, LayoutError> {
-    if density.instances == 0 {
+    if task.density.instances == 0 {
         return Ok(None);
     }
-    let receives: Vec<bool> = mesh
+    let receives: Vec<bool> = (task.mesh)
         .primitives
         .iter()
         .map(|p| !scene.materials[p.material].occluder_only)
         .collect();
     if receives.iter().all(|&r| r) {
-        return lay_out_mesh(mesh, density, options, cancel).map(Some);
+        return lay_out_mesh(task, cancel).map(Some);
     }
     // Rare: the copy spares everyone else a list of primitives beside the mesh.
-    let mut own = mesh.clone();
+    let mut own = task.mesh.clone();
     let mut kept = receives.iter();
     own.primitives
         .retain(|_| kept.next().copied().unwrap_or(true));
-    let (mut atlas, report, warnings) = lay_out_mesh(&own, density, options, cancel)?;
+    let (mut atlas, report, warnings) = lay_out_mesh(Task { mesh: &own, ..task }, cancel)?;
     let mut charted = std::mem::take(&mut atlas.primitives).into_iter();
     atlas.primitives = receives
         .iter()
@@ -282,47 +334,60 @@ fn lay_out_receiving(
     Ok(Some((atlas, report, warnings)))
 }
 
-fn lay_out_mesh(
-    mesh: &Mesh,
-    density: &MeshDensity,
-    options: &LayoutOptions,
-    cancel: Cancel<'_>,
-) -> Result<LaidOut, LayoutError> {
+fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutError> {
+    let Task {
+        mesh,
+        density,
+        options,
+        node,
+    } = task;
     if cancel() {
         return Err(LayoutError::Cancelled);
     }
-    let input = Arc::new(UnwrapInput::from_mesh(mesh, density.linear));
+    let wanted = density.texels_per_unit;
+    // In lumels: the same mesh in other units, with the density to match, then has the same numbers.
+    let input = Arc::new(UnwrapInput::from_mesh(
+        mesh,
+        shape_in_lumels(density.linear, wanted),
+    ));
     let mut report = MeshReport {
         gltf_mesh: mesh.gltf_mesh,
         name: mesh.name.clone(),
+        node: node.map_or(0, |i| i.node),
+        node_name: node.map_or(String::new(), |i| i.name.clone()),
         instances: density.instances,
+        factor: density.factor,
         adjusted: density.adjusted,
         ..MeshReport::default()
     };
+    let label = report.label();
     let mut warnings = Vec::new();
-    let label = format!("mesh {} \"{}\"", mesh.gltf_mesh, mesh.name);
-    let wanted = density.texels_per_unit;
     let mut origin = UvOrigin::Generated;
-    if options.uv_mode != UvMode::Generate {
-        match keep_uvs(mesh, &input, wanted, options.max_page) {
-            Some(Ok((atlas, reached))) => {
-                fill_report(&mut report, &input, &flat_view(&atlas));
-                report.origin = UvOrigin::Kept;
-                warn_density(&mut warnings, &label, wanted, reached);
-                return Ok((atlas, report, warnings));
+    let own = match options.uv_mode {
+        UvMode::Generate => None,
+        UvMode::Auto | UvMode::Keep => check_uvs(mesh, &input, options.max_page),
+    };
+    match own {
+        Some(own) => {
+            let verdict = judge(&own, options.uv_mode, &label, &mut warnings);
+            report.uv_faults = own.faults;
+            match (verdict, own.atlas) {
+                (UvOrigin::Kept, Some(atlas)) => {
+                    fill_report(&mut report, &input, &flat_view(&atlas), wanted);
+                    report.origin = UvOrigin::Kept;
+                    warn_density(&mut warnings, &label, wanted, wanted * own.reached);
+                    return Ok((atlas, report, warnings));
+                }
+                (verdict, _) => origin = verdict,
             }
-            Some(Err(why)) => {
-                warnings.push(format!("{label}: TEXCOORD_1 replaced: {why}"));
-                origin = UvOrigin::Replaced { why };
-            }
-            None if options.uv_mode == UvMode::Keep => {
-                warnings.push(format!("{label}: no TEXCOORD_1 to keep, made one"));
-            }
-            None => {}
         }
+        None if options.uv_mode == UvMode::Keep => {
+            warnings.push(format!("{label}: no TEXCOORD_1 to keep, made one"));
+        }
+        None => {}
     }
     let unwrap_options = UnwrapOptions {
-        texels_per_unit: wanted,
+        texels_per_unit: 1.0,
         padding: options.padding,
         block: options.block,
         block_charts: options.block_charts,
@@ -347,11 +412,34 @@ fn lay_out_mesh(
             .iter()
             .map(|f| format!("{label}: {f}; {unwrapper} used")),
     );
-    warn_density(&mut warnings, &label, wanted, flat.texels_per_unit);
-    fill_report(&mut report, &input, &flat);
+    warn_density(&mut warnings, &label, wanted, wanted * flat.texels_per_unit);
+    fill_report(&mut report, &input, &flat, wanted);
     report.origin = origin.clone();
     report.unwrapper = Some(unwrapper);
     Ok((assemble(mesh, &flat, origin), report, warnings))
+}
+
+/// Whether the asset's own coordinates are kept, with what the user must know.
+fn judge(own: &OwnUvs, mode: UvMode, label: &str, warnings: &mut Vec<String>) -> UvOrigin {
+    let limit = match mode {
+        UvMode::Keep => Severity::Unusable,
+        UvMode::Auto | UvMode::Generate => Severity::Bad,
+    };
+    match own.worst().filter(|f| f.severity >= limit) {
+        Some(fault) => {
+            warnings.push(format!("{label}: TEXCOORD_1 replaced: {}", fault.message));
+            UvOrigin::Replaced {
+                why: fault.message.clone(),
+            }
+        }
+        None => {
+            let worth_saying = own.faults.iter().filter(|f| f.severity > Severity::Note);
+            warnings.extend(
+                worth_saying.map(|f| format!("{label}: TEXCOORD_1 kept, but {}", f.message)),
+            );
+            UvOrigin::Kept
+        }
+    }
 }
 
 fn warn_density(warnings: &mut Vec<String>, label: &str, wanted: f32, reached: f32) {
@@ -362,13 +450,19 @@ fn warn_density(warnings: &mut Vec<String>, label: &str, wanted: f32, reached: f
     }
 }
 
-fn fill_report(report: &mut MeshReport, input: &UnwrapInput, flat: &UnwrappedMesh) {
+/// `texels_per_unit`: lumels per metre that `input` is scaled with.
+fn fill_report(
+    report: &mut MeshReport,
+    input: &UnwrapInput,
+    flat: &UnwrappedMesh,
+    texels_per_unit: f32,
+) {
     let measured = measure(input, flat);
     report.size = flat.size;
     report.charts = measured.charts;
     report.utilisation = measured.utilisation;
     report.stretch = measured.stretch;
-    report.density = measured.density;
+    report.density = measured.density.map(|d| d * f64::from(texels_per_unit));
     report.flipped = measured.flipped;
     report.collapsed = measured.collapsed;
 }
@@ -435,7 +529,7 @@ fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
 /// Gives every instance that receives light a rectangle of its mesh's size.
 fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) {
     let receiving: Vec<usize> = (0..scene.instances.len())
-        .filter(|&i| scene.has_lightmap(i))
+        .filter(|&i| scene.has_lumels(i))
         .collect();
     let lone = receiving.len() == 1;
     // Charts made here keep their distance from the rectangle's border; an asset's own may touch it.
@@ -481,27 +575,92 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
     layout.pages = packed.pages;
 }
 
-fn summarise(plan: &DensityPlan, layout: &Layout, report: &mut LayoutReport) {
+fn summarise(
+    plan: &DensityPlan,
+    layout: &Layout,
+    options: &LayoutOptions,
+    report: &mut LayoutReport,
+) {
     report.pages.clone_from(&layout.pages);
     let receiving = plan.meshes.iter().filter(|m| m.instances > 0);
+    let (mut area, mut greediest) = (0.0, (0.0, String::new()));
     for (mesh, density) in report.meshes.iter().zip(receiving) {
         let texels = f64::from(mesh.size[0]) * f64::from(mesh.size[1]);
-        report.lumels += mesh.utilisation * texels * density.instances as f64;
+        let lumels = mesh.utilisation * texels * density.instances as f64;
+        let own_area = density.area * density.instances as f64;
+        report.lumels += lumels;
+        report.charts += u64::from(mesh.charts);
+        report.stretch += own_area * mesh.stretch;
+        area += own_area;
+        if lumels > greediest.0 {
+            greediest = (lumels, mesh.label());
+        }
         if let Some(Adjusted::Huge) = density.adjusted {
             report.warnings.push(format!(
-                "mesh {} \"{}\" is huge ({:.0} m2): {:.4} lumels per metre instead of {:.4}",
-                mesh.gltf_mesh,
-                mesh.name,
+                "{} is huge ({:.0} m2): {:.4} lumels per metre instead of {:.4}",
+                mesh.label(),
                 density.area,
                 density.texels_per_unit,
-                plan.texels_per_unit
+                plan.texels_per_unit * density.factor
             ));
         }
     }
+    report.stretch /= f64::max(area, f64::MIN_POSITIVE);
     let texels: f64 = layout
         .pages
         .iter()
         .map(|p| f64::from(p[0]) * f64::from(p[1]))
         .sum();
     report.coverage = report.lumels / texels.max(1.0);
+    if let (Some(asked), true) = (options.texels_per_unit, report.lumels > MANY_LUMELS) {
+        let (lumels, label) = greediest;
+        report.warnings.push(format!(
+            "{asked} lumels per metre make {:.1} million lumels, {:.1} of them on {label}; a density that is asked for is not \
+             thinned out on huge meshes, as the automatic one is (extras.lumel.density on the node does it)",
+            report.lumels * 1e-6,
+            lumels * 1e-6
+        ));
+    }
+}
+
+/// Smallest, median and largest lumels per metre of all surfaces with lumels, by area.
+fn densities(scene: &Scene, soup: &Soup, layout: &Layout) -> [f64; 3] {
+    /// Bins a factor e: 1 % each.
+    const BINS: f64 = 100.0;
+    /// Logarithms of the densities that count: 1e-9 to 1e9.
+    const RANGE: f64 = 20.7;
+    let mut area = vec![0.0f64; (2.0 * RANGE * BINS) as usize + 1];
+    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+    for (t, source) in soup.sources.iter().enumerate() {
+        let instance = source.instance as usize;
+        let mesh = scene.instances[instance].mesh;
+        let primitive = &layout.meshes[mesh].primitives[source.primitive as usize];
+        let corners = primitive.triangles.get(source.triangle as usize);
+        let Some(corners) = corners.filter(|_| layout.placements[instance].rect.w > 0) else {
+            continue;
+        };
+        let [a, b, c] = corners.map(|v| primitive.uv[v as usize].as_dvec2());
+        let texels = 0.5 * (b - a).perp_dot(c - a).abs();
+        let metres = f64::from(soup.areas[t]);
+        let density = (texels / metres).sqrt();
+        let at = (density.ln() + RANGE) * BINS;
+        if at >= 0.0 && at < area.len() as f64 {
+            area[at as usize] += metres;
+            least = least.min(density);
+            most = most.max(density);
+        }
+    }
+    let half = 0.5 * area.iter().sum::<f64>();
+    let mut seen = 0.0;
+    let middle = area.iter().position(|a| {
+        seen += a;
+        seen >= half && seen > 0.0
+    });
+    match middle {
+        Some(bin) => {
+            let median = ((bin as f64 + 0.5) / BINS - RANGE).exp();
+            [least, median.clamp(least, most), most]
+        }
+        None => [0.0; 3],
+    }
 }

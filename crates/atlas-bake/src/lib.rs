@@ -26,8 +26,10 @@ mod refine;
 mod seams;
 mod smooth;
 mod texture;
+mod unlike;
 pub mod unwrap;
 mod uv_check;
+mod uv_picture;
 mod vertices;
 mod walls;
 
@@ -52,4 +54,8 @@ pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
 pub use seams::{SeamError, SeamReport};
-pub use uv_check::{UvMode, keep_uvs, overlap_share};
+pub use unlike::separate_unlike;
+pub use uv_check::{
+    OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
+};
+pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};

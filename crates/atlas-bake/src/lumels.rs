@@ -159,7 +159,7 @@ fn rasterise_instance(
     // (texel in the rectangle, triangle, covered texel area)
     let mut covered: Vec<(u32, u32, f32)> = Vec::new();
     for t in start..end {
-        if !scene.receives(instance, soup.sources[t as usize].primitive as usize) {
+        if size[0] == 0 || !scene.receives(instance, soup.sources[t as usize].primitive as usize) {
             corners.push([Vec2::NAN; 3]);
             continue;
         }

@@ -145,7 +145,7 @@ impl Manifest {
         let mut nodes = Vec::with_capacity(scene.instances.len());
         for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate()
         {
-            if !scene.has_lightmap(i) {
+            if !scene.has_lumels(i) {
                 continue;
             }
             nodes.push(ManifestNode {
@@ -252,6 +252,7 @@ mod tests {
             mesh: 0,
             transform: glam::DAffine3::IDENTITY,
             occluder: false,
+            density: 1.0,
             extras: None,
         };
         let scene = Scene {

@@ -308,8 +308,9 @@ fn the_budget_is_met_and_a_mesh_too_large_for_the_page_is_lowered() {
         &LayoutOptions::default(),
     );
     // Rounding of the density to three digits and of borders to whole texels.
+    // Half a step of the preferred numbers, 7 % with their own rounding, squared.
     assert!(
-        (report.lumels - 200_000.0).abs() < 6_000.0,
+        (report.lumels - 200_000.0).abs() < 30_000.0,
         "{}",
         report.lumels
     );

@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-use atlas_bake::{LayoutReport, UvOrigin};
+use atlas_bake::{LayoutReport, MeshReport, Paint, Severity, UvOrigin};
 use mesh_ingest::{IngestReport, LightKind, LoadOptions, Soup};
 use radiosity::Monitor;
 use serde::Serialize;
 
+use crate::check::check;
 use crate::error::Error;
+use crate::files::NamedFile;
+use crate::pictures::Drawn;
 use crate::pipeline::plan_layout;
 use crate::report::clamped_warning;
 use crate::settings::Settings;
@@ -51,6 +54,21 @@ pub fn inspect(
     settings: &Settings,
     monitor: &dyn Monitor,
 ) -> Result<Inspection, Error> {
+    inspect_and_draw(file, settings, None, monitor).map(|(inspection, ..)| inspection)
+}
+
+/// The same, with pictures of the charts where `paint` says what they are to show: PNG files, and how many pages and meshes have none because
+/// there are too many.
+///
+/// # Errors
+/// As [`bake`](crate::bake).
+pub fn inspect_and_draw(
+    file: &Path,
+    settings: &Settings,
+    paint: Option<Paint>,
+    monitor: &dyn Monitor,
+) -> Result<(Inspection, Vec<NamedFile>, usize), Error> {
+    check(settings)?;
     let mut loaded = mesh_ingest::load(
         file,
         &LoadOptions {
@@ -59,9 +77,10 @@ pub fn inspect(
         },
     )?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
+    atlas_bake::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
-    let (_, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
+    let (plan, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
     let mut low = glam::Vec3::INFINITY;
     let mut high = glam::Vec3::NEG_INFINITY;
     for p in soup.triangles.iter().flatten() {
@@ -69,7 +88,21 @@ pub fn inspect(
         high = high.max(*p);
     }
     let glows = |t: usize| scene.materials[soup.materials[t] as usize].emissive != glam::Vec3::ZERO;
-    Ok(Inspection {
+    let (pictures, left) = match paint {
+        Some(paint) => {
+            let drawn = Drawn {
+                scene,
+                soup: &soup,
+                layout: &plan,
+                report: &layout,
+                paint,
+            };
+            let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+            drawn.pictures(&stem, || monitor.cancelled())?
+        }
+        None => (Vec::new(), 0),
+    };
+    let inspection = Inspection {
         scene: file
             .file_name()
             .unwrap_or_default()
@@ -85,7 +118,8 @@ pub fn inspect(
         environment: scene.environment.as_ref().map(describe_sky),
         ingest: loaded.report.clone(),
         layout,
-    })
+    };
+    Ok((inspection, pictures, left))
 }
 
 fn describe(light: &mesh_ingest::Light) -> String {
@@ -211,6 +245,12 @@ impl Inspection {
             pages.join(", "),
             100.0 * self.layout.coverage
         )?;
+        let [least, median, most] = self.layout.density;
+        writeln!(
+            s,
+            "              {} charts, stretch {:.3}, lumels per metre {least:.3} to {most:.3}, median {median:.3}",
+            self.layout.charts, self.layout.stretch
+        )?;
         let kept = self
             .layout
             .meshes
@@ -223,14 +263,9 @@ impl Inspection {
             self.layout.meshes.len() - kept
         )?;
         for m in &self.layout.meshes {
-            if let UvOrigin::Replaced { why } = &m.origin {
-                writeln!(
-                    s,
-                    "              meshes[{}] {:?}: TEXCOORD_1 unusable: {why}",
-                    m.gltf_mesh, m.name
-                )?;
-            }
+            write_faults(s, m)?;
         }
+        write_charts(s, &self.layout.meshes)?;
         let mut problems: Vec<String> = Vec::new();
         for (what, n) in &self.ingest.counts {
             problems.push(format!("{what}: {n}"));
@@ -270,6 +305,69 @@ impl Inspection {
         }
         Ok(())
     }
+}
+
+/// What is wrong with a mesh's own coordinates.
+fn write_faults(s: &mut String, m: &MeshReport) -> std::fmt::Result {
+    if m.uv_faults.is_empty() {
+        return Ok(());
+    }
+    let fate = match m.origin {
+        UvOrigin::Kept => "kept",
+        UvOrigin::Generated | UvOrigin::Replaced { .. } => "replaced",
+    };
+    writeln!(s, "              {}: TEXCOORD_1 {fate}", m.label())?;
+    for fault in &m.uv_faults {
+        let word = match fault.severity {
+            Severity::Note => "note",
+            Severity::Warning => "warning",
+            Severity::Bad => "bad",
+            Severity::Unusable => "unusable",
+        };
+        writeln!(s, "                {word}: {}", fault.message)?;
+    }
+    Ok(())
+}
+
+/// A table of the meshes with most lumels.
+fn write_charts(s: &mut String, meshes: &[MeshReport]) -> std::fmt::Result {
+    /// More lines than this nobody reads; `--json` has them all.
+    const LINES: usize = 20;
+    let lumels = |m: &MeshReport| {
+        let texels = f64::from(m.size[0]) * f64::from(m.size[1]);
+        texels * m.utilisation * m.instances as f64
+    };
+    let mut order: Vec<&MeshReport> = meshes.iter().collect();
+    order.sort_by(|a, b| lumels(b).total_cmp(&lumels(a)));
+    writeln!(
+        s,
+        "  charts      {:>9} {:>9} {:>6} {:>5} {:>7} {:>7}  {:<26}  mesh",
+        "lumels", "texels", "charts", "used", "stretch", "factor", "lumels/m least median most"
+    )?;
+    for m in order.iter().take(LINES) {
+        let [least, median, most] = m.density;
+        let copies = if m.instances > 1 {
+            format!(", {} times", m.instances)
+        } else {
+            String::new()
+        };
+        writeln!(
+            s,
+            "              {:>9.0} {:>9} {:>6} {:>4.0}% {:>7.3} {:>7}  {least:>8.3} {median:>8.3} {most:>8.3}  {} {:?}{copies}",
+            lumels(m),
+            format!("{}x{}", m.size[0], m.size[1]),
+            m.charts,
+            100.0 * m.utilisation,
+            m.stretch,
+            m.factor,
+            m.gltf_mesh,
+            m.name,
+        )?;
+    }
+    if order.len() > LINES {
+        writeln!(s, "              and {} more", order.len() - LINES)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

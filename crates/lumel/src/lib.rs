@@ -17,6 +17,7 @@ mod error;
 mod files;
 mod inspect;
 mod memory;
+mod pictures;
 mod pipeline;
 mod probes;
 mod report;
@@ -29,10 +30,12 @@ pub use mesh_ingest;
 pub use radiosity;
 pub use visibility;
 
-pub use atlas_bake::{Directional, Hidden, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice};
+pub use atlas_bake::{
+    Directional, Hidden, Layer, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
+};
 pub use error::Error;
 pub use files::{NamedFile, output_names};
-pub use inspect::{Inspection, inspect};
+pub use inspect::{Inspection, inspect, inspect_and_draw};
 pub use pipeline::{Bake, bake};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use report::{GroupReport, Measured, PhaseTime, Report};

@@ -107,6 +107,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     )?;
     let (groups, group_names) = chosen.groups.unzip();
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
+    atlas_bake::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),

@@ -12,14 +12,20 @@ use crate::report::IngestReport;
 /// Keys of nodes; `radius`, `angle` are the node's light's.
 const NODE_KEYS: &[&str] = &["angle", "bake", "density", "exclude", "occluder", "radius"];
 
-/// Keys of materials, of the scene and of the document as a whole.
-const SURFACE_KEYS: &[&str] = &[
+/// Keys of materials.
+const MATERIAL_KEYS: &[&str] = &["emitScale", "exclude", "maxReflectance", "occluder"];
+
+/// Keys of the scene and of the document as a whole: those of materials, and what holds for all nodes.
+const DOCUMENT_KEYS: &[&str] = &[
     "density",
     "emitScale",
     "exclude",
     "maxReflectance",
     "occluder",
 ];
+
+/// Largest factor of `density`: from a lumel a metre to one a millimetre.
+const MOST_DENSITY: f64 = 1000.0;
 
 /// The `extras.lumel` object of `item`, if there is one.
 fn lumel_of<'a>(item: &Item<'a>, report: &mut IngestReport) -> Option<Item<'a>> {
@@ -88,6 +94,12 @@ fn number(
     })
 }
 
+/// How many times the scene's density.
+fn density(lumel: &Item<'_>, report: &mut IngestReport) -> Option<f64> {
+    let expected = "a number from 0 to 1000";
+    number(lumel, "density", MOST_DENSITY, expected, report)
+}
+
 /// What a node's extras say; `None` where they say nothing.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct NodeExtras {
@@ -97,6 +109,8 @@ pub(crate) struct NodeExtras {
     pub exclude: Option<bool>,
     /// It and its children only cast shadows.
     pub occluder: Option<bool>,
+    /// Lumels per metre over the scene's, of it and its children, ≥ 0.
+    pub density: Option<f64>,
 }
 
 impl NodeExtras {
@@ -109,6 +123,7 @@ impl NodeExtras {
             bake: flag(&lumel, "bake", report),
             exclude: flag(&lumel, "exclude", report),
             occluder: flag(&lumel, "occluder", report),
+            density: density(&lumel, report),
         }
     }
 }
@@ -127,12 +142,17 @@ pub(crate) struct SurfaceExtras {
 }
 
 impl SurfaceExtras {
-    /// Reads those of a material, of a scene or of the document's root.
+    /// Reads those of a material.
     pub fn read(item: &Item<'_>, report: &mut IngestReport) -> SurfaceExtras {
+        Self::read_known(item, MATERIAL_KEYS, report)
+    }
+
+    /// Reads those of a material, of a scene or of the document's root.
+    fn read_known(item: &Item<'_>, known: &[&str], report: &mut IngestReport) -> SurfaceExtras {
         let Some(lumel) = lumel_of(item, report) else {
             return SurfaceExtras::default();
         };
-        warn_unknown(&lumel, SURFACE_KEYS, report);
+        warn_unknown(&lumel, known, report);
         let most = f64::from(f32::MAX);
         let emit_scale = number(&lumel, "emitScale", most, "a number of at least 0", report);
         let limit = number(
@@ -157,10 +177,10 @@ impl SurfaceExtras {
         report: &mut IngestReport,
     ) -> SurfaceExtras {
         let root = document.root();
-        let all = SurfaceExtras::read(&root, report);
+        let all = SurfaceExtras::read_known(&root, DOCUMENT_KEYS, report);
         let scene = scene.and_then(|scene| root.element("scenes", scene).ok());
         match scene {
-            Some(scene) => SurfaceExtras::read(&scene, report).or(all),
+            Some(scene) => SurfaceExtras::read_known(&scene, DOCUMENT_KEYS, report).or(all),
             None => all,
         }
     }
@@ -174,6 +194,22 @@ impl SurfaceExtras {
             max_reflectance: self.max_reflectance.or(other.max_reflectance),
         }
     }
+}
+
+/// Density of nodes that say nothing about theirs: the chosen scene's word before the root's.
+pub(crate) fn density_of_all(
+    root: &Item<'_>,
+    scene: Option<usize>,
+    report: &mut IngestReport,
+) -> Option<f64> {
+    let scene = scene.and_then(|scene| root.element("scenes", scene).ok());
+    let items = scene.iter().chain(std::iter::once(root));
+    let mut words = items.filter_map(|item| {
+        // That it is no object, and what else is in it, others have said.
+        let lumel = item.get("extras")?.get("lumel")?;
+        density(&lumel, report)
+    });
+    words.next()
 }
 
 /// Warns about `extras.lumel` where nothing reads it: exporters write a mesh's custom properties there, not on its node.

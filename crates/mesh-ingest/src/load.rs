@@ -334,6 +334,7 @@ fn instance(
         mesh,
         transform: placed.transform,
         occluder: placed.occluder,
+        density: placed.density as f32,
         extras: lumel.map(|lumel| serde_json::json!({ "lumel": lumel })),
     })
 }

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::document::Document;
 use crate::error::{Fault, Faults, Outcome};
-use crate::extras::NodeExtras;
+use crate::extras::{NodeExtras, density_of_all};
 use crate::json::Item;
 use crate::report::{IngestReport, LeftOut, LeftOutReason};
 
@@ -19,6 +19,8 @@ pub(crate) struct Placed {
     pub transform: DAffine3,
     /// The node or an ancestor only casts shadows.
     pub occluder: bool,
+    /// Lumels per metre over the scene's.
+    pub density: f64,
 }
 
 /// Everything that the chosen scene places.
@@ -41,6 +43,8 @@ struct Inherited {
     excluded: bool,
     /// Nearest `extras.lumel.occluder`.
     occluder: bool,
+    /// Nearest `extras.lumel.density`.
+    density: f64,
 }
 
 /// What animations do to each node.
@@ -79,6 +83,8 @@ pub(crate) fn walk(
         hidden: false,
         excluded: false,
         occluder: false,
+        density: density_of_all(&root, chosen_scene(&root, scene).unwrap_or(None), report)
+            .unwrap_or(1.0),
     };
     let mut stack: Vec<(usize, Inherited)> = roots.into_iter().rev().map(|r| (r, top)).collect();
     while let Some((index, from_parent)) = stack.pop() {
@@ -262,6 +268,7 @@ fn visit(
         hidden: from.hidden || !visible,
         excluded: from.excluded || extras.exclude == Some(true),
         occluder: extras.occluder.unwrap_or(from.occluder),
+        density: extras.density.unwrap_or(from.density),
     };
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
     let light = light_of(&root, &node, "KHR_lights_punctual")?;
@@ -287,6 +294,7 @@ fn visit(
             index: light,
             transform: own.transform,
             occluder: own.occluder,
+            density: own.density,
         }));
     }
     if let Some(mesh) = mesh {
@@ -297,6 +305,7 @@ fn visit(
                 index: mesh,
                 transform: own.transform,
                 occluder: own.occluder,
+                density: own.density,
             }),
             Some(ext) => place_copies(document, &ext, index, mesh, own, graph)?,
         }
@@ -471,6 +480,7 @@ fn place_copies(
             index: mesh,
             transform: own.transform * local,
             occluder: own.occluder,
+            density: own.density,
         });
     }
     Ok(())

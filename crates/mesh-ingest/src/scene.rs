@@ -20,7 +20,8 @@ use glam::{Affine2, DAffine3, DVec3, Mat3, Vec2, Vec3, Vec4};
 /// about the scene's centre.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    /// Unique geometry, in the order of the document's `meshes` (a mesh that is not used has no entry).
+    /// Unique geometry, in the order of the document's `meshes` (a mesh that is not used has no entry). Whoever gives instances of one
+    /// mesh geometry of their own appends copies, which name the same mesh of the document.
     pub meshes: Vec<Mesh>,
     /// Placements of meshes that receive and cast light, in scene-graph order (depth first).
     pub instances: Vec<Instance>,
@@ -46,10 +47,15 @@ impl Scene {
         !instance.occluder && !self.materials[worn].occluder_only
     }
 
-    /// Whether some primitive of instance `instance` receives light, so that it needs a lightmap.
+    /// Whether some primitive of instance `instance` receives light.
     pub fn has_lightmap(&self, instance: usize) -> bool {
         let primitives = &self.meshes[self.instances[instance].mesh].primitives;
         (0..primitives.len()).any(|p| self.receives(instance, p))
+    }
+
+    /// Whether instance `instance` has a place in the lightmap: it receives light and its density is not 0.
+    pub fn has_lumels(&self, instance: usize) -> bool {
+        self.instances[instance].density > 0.0 && self.has_lightmap(instance)
     }
 
     /// Which materials some primitive wears.
@@ -110,6 +116,9 @@ pub struct Instance {
     pub transform: DAffine3,
     /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder` of the node or an ancestor).
     pub occluder: bool,
+    /// Lumels per metre over the scene's, 0..=1000; with 0 it gets no lightmap but else takes part in the light
+    /// (`extras.lumel.density` of the node or the nearest ancestor that says something, 1 if none does).
+    pub density: f32,
     /// `{"lumel": …}` from the node's `extras`, where it is there; nothing else of them.
     pub extras: Option<serde_json::Value>,
 }

@@ -33,6 +33,7 @@ pub(crate) fn add_triangles(
         mesh: scene.meshes.len(),
         transform: DAffine3::IDENTITY,
         occluder: false,
+        density: 1.0,
         extras: None,
     });
     scene.meshes.push(Mesh {

@@ -1,16 +1,16 @@
 //! `level.glb`: the input with lightmap coordinates in `TEXCOORD_1` and each node's place in its extras.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use mesh_ingest::{Document, Scene};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::editor::{Editor, remove_extensions};
-use super::json::{element, element_mut, index, object_at, set_extra};
+use super::json::{element, element_mut, index, object_at, push, set_extra};
 use super::split::{Split, accessor_of, add_gathered};
 use super::{LIGHTMAP_EXTRA, by_node, texcoord};
-use crate::atlas::Layout;
+use crate::atlas::{Layout, UvOrigin};
 use crate::error::{Error, Result};
 use crate::manifest::{ValueKind, check, uv_of};
 
@@ -29,6 +29,8 @@ pub struct GltfStats {
     pub sets_replaced: u64,
     /// Materials copied so that only those primitives read the moved set.
     pub materials_copied: u64,
+    /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](crate::separate_unlike)).
+    pub meshes_copied: u64,
     /// Images that came as files or data URIs and lie in the .glb now.
     pub images_embedded: u64,
     /// Images that could not be read or are of no known kind, and keep their URI.
@@ -55,7 +57,8 @@ pub fn write_lightmapped_glb(
     let mut editor = Editor::new(document)?;
     let mut stats = GltfStats::default();
     let mut moves = BTreeMap::new();
-    for (mesh, atlas) in scene.meshes.iter().zip(&layout.meshes) {
+    let targets = targets(&mut editor, scene, layout, &mut stats);
+    for ((mesh, atlas), &target) in scene.meshes.iter().zip(&layout.meshes).zip(&targets) {
         if mesh.primitives.len() != atlas.primitives.len() {
             let message = format!(
                 "{} primitives, {} in the layout",
@@ -67,9 +70,9 @@ pub fn write_lightmapped_glb(
                 message,
             });
         }
-        if atlas.size == [0, 0] {
+        let Some(Target { mesh: target, .. }) = target.filter(|t| !t.there) else {
             continue;
-        }
+        };
         for (primitive, atlas_of) in mesh.primitives.iter().zip(&atlas.primitives) {
             if scene.materials[primitive.material].occluder_only {
                 continue;
@@ -78,7 +81,7 @@ pub fn write_lightmapped_glb(
             let path = format!("meshes[{}].primitives[{}]", at.0, at.1);
             let raw = document.primitive_raw(at.0, at.1)?;
             let split = Split::new(primitive, atlas_of, &raw, atlas.size, &path)?;
-            let own = element(&editor.json, "meshes", at.0)
+            let own = element(&editor.json, "meshes", target)
                 .and_then(|m| element(m, "primitives", at.1))
                 .cloned();
             let mut own = own.ok_or_else(|| Error::Inconsistent {
@@ -100,9 +103,9 @@ pub fn write_lightmapped_glb(
             if !same
                 && let Some(set) = put_coordinates(&mut editor, &mut own, &split.uv, &mut stats)
             {
-                moves.insert(at, set);
+                moves.insert((target, at.1), set);
             }
-            if let Some(slot) = element_mut(&mut editor.json, "meshes", at.0)
+            if let Some(slot) = element_mut(&mut editor.json, "meshes", target)
                 .and_then(|m| element_mut(m, "primitives", at.1))
             {
                 *slot = own;
@@ -112,8 +115,14 @@ pub fn write_lightmapped_glb(
     stats.materials_copied = texcoord::follow(&mut editor.json, &moves);
     let mut places = Vec::with_capacity(scene.instances.len());
     for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate() {
-        if !scene.has_lightmap(i) {
+        if !scene.has_lumels(i) {
             continue;
+        }
+        let own = scene.meshes[instance.mesh].gltf_mesh;
+        if let Some(copy) = targets[instance.mesh].map(|t| t.mesh).filter(|&t| t != own)
+            && let Some(node) = element_mut(&mut editor.json, "nodes", instance.node)
+        {
+            node.insert("mesh".into(), copy.into());
         }
         let uv = uv_of(layout, placement, i)?;
         let mut place = json!({
@@ -141,6 +150,51 @@ pub fn write_lightmapped_glb(
     stats.images_embedded = finished.images_embedded;
     stats.images_left = finished.images_left;
     Ok((glb, stats))
+}
+
+/// Where a mesh of the scene goes.
+#[derive(Clone, Copy)]
+struct Target {
+    /// The document's mesh: its own, or a copy where an earlier one took that.
+    mesh: usize,
+    /// Whether an earlier one is there already whose coordinates, the document's own, serve this one too.
+    there: bool,
+}
+
+/// Targets by mesh of the scene; `None` where no instance has lumels.
+fn targets(
+    editor: &mut Editor<'_>,
+    scene: &Scene,
+    layout: &Layout,
+    stats: &mut GltfStats,
+) -> Vec<Option<Target>> {
+    let mut taken = BTreeSet::new();
+    let mut kept: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut targets = Vec::with_capacity(scene.meshes.len());
+    for (mesh, atlas) in scene.meshes.iter().zip(&layout.meshes) {
+        let own = mesh.gltf_mesh;
+        let keeps = atlas.origin == UvOrigin::Kept;
+        let there = kept.get(&own).copied().filter(|_| keeps);
+        let target = if atlas.size == [0, 0] {
+            None
+        } else if there.is_some() {
+            there
+        } else if taken.insert(own) {
+            Some(own)
+        } else {
+            let copy = element(&editor.json, "meshes", own).cloned();
+            stats.meshes_copied += 1;
+            copy.map(|copy| push(&mut editor.json, "meshes", Value::Object(copy)))
+        };
+        if let (Some(target), true) = (target, keeps) {
+            kept.insert(own, target);
+        }
+        targets.push(target.map(|mesh| Target {
+            mesh,
+            there: there.is_some(),
+        }));
+    }
+    targets
 }
 
 /// Replaces attributes, morph targets and indices of `own` by those of `split`, plain and as a triangle list.

@@ -40,6 +40,7 @@ fn wall() -> (Scene, Layout, Vec<Page>) {
             mesh: 0,
             transform: DAffine3::IDENTITY,
             occluder: false,
+            density: 1.0,
             extras: None,
         }],
         materials: vec![material],

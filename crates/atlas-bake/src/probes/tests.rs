@@ -25,6 +25,7 @@ fn add_mesh(scene: &mut Scene, material: Material, positions: Vec<Vec3>, triangl
         copy: None,
         mesh: scene.meshes.len(),
         occluder: false,
+        density: 1.0,
         transform: DAffine3::IDENTITY,
         extras: None,
     });

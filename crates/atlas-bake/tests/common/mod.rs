@@ -28,6 +28,7 @@ pub fn scene(meshes: Vec<Mesh>, instances: Vec<(usize, DAffine3)>) -> (Scene, So
             mesh,
             transform,
             occluder: false,
+            density: 1.0,
             extras: None,
         })
         .collect();

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, Hidden, Layer, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource,
-    Sun, UnwrapperChoice, UvMode, ValueKind,
+    Directional, Hidden, Layer, LightGroup, LightScale, Paint, ProbeSource, Quality, Settings,
+    SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
 };
 
 /// Bakes diffuse global illumination into glTF levels.
@@ -23,7 +23,7 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Bake a level: lightmap (EXR), lightmapped glTF, vertex-coloured glTF, manifest and report
     Bake(Box<Bake>),
-    /// Show what would be baked, and every problem found; writes nothing
+    /// Show what would be baked, and every problem found; writes nothing but the pictures asked for
     Inspect(Box<Inspect>),
     /// Error between two lightmaps
     Diff(Diff),
@@ -132,6 +132,12 @@ pub(crate) struct Inspect {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+    /// Write pictures of the lightmap's charts into this folder: of the pages, and of the meshes with something wrong or most lumels
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// What the pictures show
+    #[arg(long, value_enum, default_value = "charts", requires = "pictures")]
+    pub paint: PaintArg,
 }
 
 /// What decides the atlas.
@@ -202,7 +208,7 @@ mirror!(ValueArg => ValueKind {
 });
 mirror!(UvArg => UvMode {
     Auto => UvMode::Auto, "Keep a usable TEXCOORD_1, else make charts";
-    Keep => UvMode::Keep, "The same, with a warning for each that cannot be kept";
+    Keep => UvMode::Keep, "Keep a TEXCOORD_1 that overlaps or has holes too, with warnings; make charts where it cannot be used at all";
     Generate => UvMode::Generate, "Always make charts";
 });
 mirror!(UnwrapperArg => UnwrapperChoice {
@@ -220,6 +226,10 @@ mirror!(LayerArg => Layer {
     Ao => Layer::Ao, "ao.Y: ambient occlusion (openness), see --ao-distance";
     #[value(name = "sun_mask")]
     SunMask => Layer::SunMask, "sun_mask.Y: share of directional lights' light that gets through";
+});
+mirror!(PaintArg => Paint {
+    Charts => Paint::Charts, "Charts, and where they overlap, are mirrored or too near to each other";
+    Density => Paint::Density, "Lumels per metre: blue too few, orange too many";
 });
 mirror!(HiddenArg => Hidden {
     Fill => Hidden::Fill, "Hold the light of the part that can be seen, or else their neighbours'";

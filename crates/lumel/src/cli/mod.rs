@@ -7,9 +7,11 @@ mod interrupt;
 mod progress;
 
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
+use lumel::atlas_bake::OutputSet;
 
 use args::{Arguments, Command};
 
@@ -79,11 +81,35 @@ pub(crate) fn run() -> ExitCode {
     }
 }
 
+/// Writes all or nothing.
+fn write_pictures(dir: &Path, pictures: &[lumel::NamedFile]) -> Result<usize, Failure> {
+    let mut set = OutputSet::create(dir)?;
+    for (name, bytes) in pictures {
+        set.add(name, bytes)?;
+    }
+    Ok(interrupt::committing(|| set.commit())?.len())
+}
+
 fn inspect(a: &args::Inspect) -> Result<(), Failure> {
     let settings = a.settings()?;
-    let report = interrupt::under_control(None, || {
-        lumel::inspect(&a.scene, &settings, &interrupt::Cancel).map_err(Failure::from)
+    let paint = a.pictures.as_ref().map(|_| a.paint.into());
+    let (report, drawn) = interrupt::under_control(a.pictures.clone(), || {
+        let (report, pictures, left) =
+            lumel::inspect_and_draw(&a.scene, &settings, paint, &interrupt::Cancel)?;
+        let written = match &a.pictures {
+            Some(dir) => write_pictures(dir, &pictures)?,
+            None => 0,
+        };
+        Ok::<_, Failure>((report, (written, left)))
     })?;
+    if let (Some(dir), (written, left)) = (&a.pictures, drawn) {
+        let more = match left {
+            0 => String::new(),
+            n => format!("; {n} more pages and meshes have none"),
+        };
+        let at = dir.display();
+        let _ = writeln!(std::io::stderr(), "wrote {written} pictures to {at}{more}");
+    }
     let mut out = std::io::stdout().lock();
     if a.json {
         let text = serde_json::to_string_pretty(&report).unwrap_or_default();

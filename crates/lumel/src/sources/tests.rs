@@ -44,6 +44,7 @@ fn scene() -> (Scene, Value) {
             copy: None,
             mesh: 0,
             occluder: false,
+            density: 1.0,
             transform: Default::default(),
             extras: None,
         }],

@@ -94,7 +94,7 @@ fn values_that_cannot_be_used_are_named_and_ignored() {
 
 #[test]
 fn extras_of_others_are_none_of_our_business() {
-    let mut doc = with_extras(json!({"density": 4}));
+    let mut doc = with_extras(json!({"emitScale": 4}));
     doc.json["nodes"][0]["extras"] =
         json!({"lumel": {"radius": 0.1, "angle": 0.5, "density": 2}, "exclude": true});
     doc.json["scenes"][0]["extras"] = json!("text");
@@ -327,4 +327,26 @@ fn reflectance_is_limited_where_it_exceeds_and_counted_where_it_is_worn() {
     assert_eq!(scene.materials[0].max_reflectance, 0.3);
     doc.json["materials"][0]["extras"]["lumel"]["occluder"] = json!(true);
     assert_eq!(doc.load().unwrap().scene.limit_reflectance(0.1), 0);
+}
+
+#[test]
+fn density_is_inherited_from_the_nearest_node_the_scene_or_the_root() {
+    let density = |doc: &Doc| {
+        let loaded = doc.load().unwrap();
+        (loaded.scene.instances[0].density, warnings(&loaded).len())
+    };
+    let mut doc = with_extras(json!({}));
+    assert_eq!(density(&doc), (1.0, 0));
+    doc.json["extras"] = json!({"lumel": {"density": 3}});
+    assert_eq!(density(&doc), (3.0, 0));
+    doc.json["scenes"][0]["extras"] = json!({"lumel": {"density": 0.5}});
+    assert_eq!(density(&doc), (0.5, 0));
+    doc.json["nodes"][0]["extras"] = json!({"lumel": {"density": 0}});
+    assert_eq!(density(&doc), (0.0, 0));
+    let loaded = doc.load().unwrap();
+    assert!(loaded.scene.has_lightmap(0) && !loaded.scene.has_lumels(0));
+    for bad in [json!(-1), json!(1001), json!("2"), json!(true)] {
+        doc.json["nodes"][0]["extras"] = json!({"lumel": {"density": bad}});
+        assert_eq!(density(&doc), (0.5, 1), "{bad}");
+    }
 }

@@ -23,6 +23,7 @@ fn add_quad(scene: &mut Scene, reflectance: f32, radiance: f32, [corner, x, y]: 
         mesh: scene.meshes.len(),
         transform: DAffine3::IDENTITY,
         occluder: false,
+        density: 1.0,
         extras: None,
     });
     scene.meshes.push(Mesh {
