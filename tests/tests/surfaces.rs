@@ -219,7 +219,6 @@ fn brighter_lamps_scale_every_lumel_alike() {
 }
 
 #[test]
-#[ignore = "known weakness: faces left out as duplicates get no light of their own, in the lightmap and at vertices"]
 fn a_face_that_coincides_with_another_is_no_blacker_than_that() {
     let b = under_the_sun(&[("floor", &floor()), ("copy", &floor())]);
     for instance in &b.baked.vertices.instances {

@@ -26,6 +26,7 @@ mod smooth;
 mod texture;
 pub mod unwrap;
 mod uv_check;
+mod vertex_footprint;
 mod vertices;
 
 pub use atlas::*;
@@ -33,7 +34,7 @@ pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake}
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
-pub use footprint::{Footprint, LumelFootprint, VertexFootprint};
+pub use footprint::{Footprint, LumelFootprint};
 pub use gather::{Edge, GatherOptions, Gatherer, Received};
 pub use gltf_out::{
     GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats, write_lightmapped_glb,

@@ -5,9 +5,9 @@ use radiosity::{Cancelled, Monitor, Phase, World, hash_u32};
 use rayon::prelude::*;
 
 use crate::bake::{BakeReport, in_blocks};
-use crate::footprint::VertexFootprint;
 use crate::gather::{GatherOptions, Gatherer};
 use crate::planes::Wanted;
+use crate::vertex_footprint::{Spoke, VertexFootprint};
 
 /// Irradiance at every vertex that a triangle uses; 0 at the others.
 pub(crate) fn bake_vertices(
@@ -59,7 +59,7 @@ fn empty_vertices(scene: &Scene) -> Vec<Vec<Vec<[f32; 3]>>> {
 
 /// For every used vertex of every instance, the soup triangles that meet there.
 struct VertexCorners {
-    /// (instance, primitive, vertex, triangle, world corner), sorted.
+    /// (instance, primitive, vertex, face, world corner), sorted.
     corners: Vec<(u32, u32, u32, u32, u8)>,
     /// Where each vertex's run begins; one more than there are.
     starts: Vec<u32>,
@@ -67,11 +67,12 @@ struct VertexCorners {
 
 impl VertexCorners {
     fn collect(world: &World) -> Self {
-        let mut corners: Vec<_> = (0..world.soup.triangles.len() as u32)
+        let faces = world.soup.len() + world.soup.duplicates.len();
+        let mut corners: Vec<_> = (0..faces as u32)
             .into_par_iter()
             .filter(|&t| !world.scene.only_occludes(world.soup, t))
             .flat_map_iter(|t| {
-                let s = world.soup.sources[t as usize];
+                let s = world.soup.source(t);
                 let mesh = &world.scene.meshes[world.scene.instances[s.instance as usize].mesh];
                 let [a, b, c] =
                     mesh.primitives[s.primitive as usize].triangles[s.triangle as usize];
@@ -101,14 +102,24 @@ impl VertexCorners {
     }
 
     /// Triangles about vertex `i` with running area, and a seed.
-    fn around(&self, world: &World, i: usize) -> (Vec<(u32, u8, f32)>, u32) {
+    fn around(&self, world: &World, i: usize) -> (Vec<Spoke>, u32) {
         let run = &self.corners[self.starts[i] as usize..self.starts[i + 1] as usize];
         let mut area = 0.0;
         let around = run
             .iter()
             .map(|c| {
-                area += world.soup.areas[c.3 as usize];
-                (c.3, c.4, area)
+                let (face, corner) = (c.3, c.4);
+                let (triangle, corner, back) = match world.soup.duplicate(face) {
+                    None => (face, corner, false),
+                    Some(d) => (d.kept, d.corners[usize::from(corner)], d.turned),
+                };
+                area += world.soup.areas[triangle as usize];
+                Spoke {
+                    triangle,
+                    corner,
+                    back,
+                    running: area,
+                }
             })
             .collect();
         let seed = hash_u32(run[0].2 ^ hash_u32(run[0].1 ^ hash_u32(run[0].0 ^ 0x51ed_270b)));
