@@ -27,7 +27,7 @@ mod texture;
 pub mod unwrap;
 mod uv_check;
 mod vertex_footprint;
-mod vertices;
+mod vertex_light;
 
 pub use atlas::*;
 pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
@@ -37,8 +37,8 @@ pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_light
 pub use footprint::{Footprint, LumelFootprint};
 pub use gather::{Edge, GatherOptions, Gatherer, Received};
 pub use gltf_out::{
-    GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats, write_lightmapped_glb,
-    write_vertex_glb,
+    GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats,
+    write_lightmapped_glb, write_vertex_glb,
 };
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
@@ -50,3 +50,4 @@ pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
 pub use uv_check::{UvMode, keep_uvs, overlap_share};
+pub use vertex_light::{MOST_ADDED_VERTICES, VertexDifference, VertexReport};

@@ -98,6 +98,11 @@ impl Lumels {
             })
     }
 
+    /// Page corners of a face, in the order of the world corners of the triangle in whose place it is; NaN where it has none.
+    pub(crate) fn page_corners(&self, face: u32) -> [Vec2; 3] {
+        self.corners[face as usize]
+    }
+
     /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
     pub(crate) fn footprint<'l, 'w, 'a>(
         &'l self,
@@ -157,7 +162,7 @@ struct InstanceLumels {
 }
 
 /// All faces of an instance: its triangles in the soup, and those that others take the place of.
-fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
+pub(crate) fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
     let [start, end] = soup.instance_ranges[instance];
     let [first, last] = soup.duplicate_ranges[instance];
     let n = soup.len() as u32;

@@ -4,20 +4,20 @@ use radiosity::{SurfacePoint, World};
 
 use crate::footprint::Footprint;
 
-/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted is what the vertex's colour
-/// stands for once it is interpolated.
-pub struct VertexFootprint<'w, 'a> {
+/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted is what the
+/// vertex's colour stands for where light hardly changes over a triangle.
+pub(crate) struct VertexFootprint<'b, 'w, 'a> {
     /// The world.
     pub world: &'w World<'a>,
     /// The triangles, at least one.
-    pub around: Vec<Spoke>,
+    pub around: &'b [Spoke],
     /// Scrambles the points.
     pub seed: u32,
 }
 
 /// A triangle about a vertex.
 #[derive(Debug, Clone, Copy)]
-pub struct Spoke {
+pub(crate) struct Spoke {
     /// Index into the [`mesh_ingest::Soup`].
     pub triangle: u32,
     /// Which of its world corners is the vertex.
@@ -28,7 +28,7 @@ pub struct Spoke {
     pub running: f32,
 }
 
-impl Footprint for VertexFootprint<'_, '_> {
+impl Footprint for VertexFootprint<'_, '_, '_> {
     fn candidate(&self, i: u32) -> Option<SurfacePoint> {
         let s = radiosity::sample_4d(i, 62, self.seed);
         let total = self.around[self.around.len() - 1].running;

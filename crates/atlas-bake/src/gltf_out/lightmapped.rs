@@ -10,7 +10,7 @@ use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, index, object_at, set_extra};
 use super::split::{Split, accessor_of, add_gathered};
 use super::{LIGHTMAP_EXTRA, by_node, texcoord};
-use crate::atlas::Layout;
+use crate::atlas::{Layout, UvOrigin};
 use crate::error::{Error, Result};
 use crate::manifest::{ValueKind, check, uv_of};
 
@@ -77,7 +77,8 @@ pub fn write_lightmapped_glb(
             let at = (mesh.gltf_mesh, primitive.gltf_primitive);
             let path = format!("meshes[{}].primitives[{}]", at.0, at.1);
             let raw = document.primitive_raw(at.0, at.1)?;
-            let split = Split::new(primitive, atlas_of, &raw, atlas.size, &path)?;
+            let kept = atlas.origin == UvOrigin::Kept;
+            let split = Split::new(primitive, atlas_of, &raw, atlas.size, kept, &path)?;
             let own = element(&editor.json, "meshes", at.0)
                 .and_then(|m| element(m, "primitives", at.1))
                 .cloned();
