@@ -166,3 +166,94 @@ pub(super) fn triangles(
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use mesh_ingest::Dimensions;
+
+    use super::*;
+
+    fn raw(
+        component: DataType,
+        normalized: bool,
+        dimensions: Dimensions,
+        bytes: &[u8],
+    ) -> RawAccessor<'_> {
+        let count = bytes.len() / (dimensions.multiplicity() * component.size());
+        RawAccessor {
+            component,
+            dimensions,
+            count,
+            normalized,
+            bytes: bytes.into(),
+        }
+    }
+
+    #[test]
+    fn quantised_directions_stay_unit_and_handedness_whole() {
+        // +X and +Y with w = 1 and −1, signed bytes.
+        let bytes = [127, 0, 0, 127, 0, 127, 0, 129];
+        let tangents = raw(DataType::I8, true, Dimensions::Vec4, &bytes);
+        let out = extended("TANGENT", &tangents, &[[0, 1]]);
+        // 127/√2 = 89.8.
+        assert_eq!(out[8..], [90, 90, 0, 127]);
+        let opposite = [127, 0, 0, 127, 129, 0, 0, 127];
+        let tangents = raw(DataType::I8, true, Dimensions::Vec4, &opposite);
+        assert_eq!(
+            extended("TANGENT", &tangents, &[[0, 1]])[8..],
+            opposite[..4]
+        );
+    }
+
+    #[test]
+    fn middles_of_middles_and_numbers_that_name_something() {
+        let bytes = [0, 100, 201, 255];
+        let weights = raw(DataType::U8, true, Dimensions::Scalar, &bytes);
+        // 50, then the middle of 50 and 201: 125.5 is rounded away from zero.
+        assert_eq!(
+            extended("_PAINT", &weights, &[[0, 1], [4, 2]])[4..],
+            [50, 126]
+        );
+        let ids = raw(DataType::U8, false, Dimensions::Scalar, &bytes);
+        assert_eq!(extended("_ID", &ids, &[[1, 2], [4, 3]])[4..], [100, 100]);
+        let floats: Vec<u8> = [1.0f32, 2.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let heat = raw(DataType::F32, false, Dimensions::Scalar, &floats);
+        assert_eq!(
+            extended("_HEAT", &heat, &[[0, 1]])[8..],
+            1.5f32.to_le_bytes()
+        );
+    }
+
+    #[test]
+    fn what_ingest_dropped_is_split_with_what_it_repeats_or_stays() {
+        let primitive = Primitive {
+            positions: vec![glam::Vec3::ZERO; 4],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            source_triangles: vec![0, 3],
+            ..Primitive::default()
+        };
+        // The second has no area; the third repeats the first, turned over.
+        let raw = RawPrimitive {
+            vertex_count: 4,
+            attributes: Vec::new(),
+            targets: Vec::new(),
+            mode: mesh_ingest::Mode::Triangles,
+            triangles: vec![[0, 1, 2], [0, 0, 3], [0, 2, 1], [0, 2, 3]],
+        };
+        let split = SplitPrimitive {
+            parents: vec![[0, 1]],
+            triangles: vec![(0, [0, 4, 2]), (0, [4, 1, 2])],
+        };
+        assert_eq!(
+            triangles(&primitive, &raw, &split),
+            [
+                [0, 4, 2],
+                [4, 1, 2],
+                [0, 0, 3],
+                [0, 2, 4],
+                [4, 2, 1],
+                [0, 2, 3]
+            ]
+        );
+    }
+}

@@ -759,6 +759,49 @@ fn vertex_colours_times_material_times_scale_are_the_outgoing_radiance() {
 }
 
 #[test]
+fn meshes_that_deform_are_not_split() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let split = |loaded: &Loaded| {
+        let mut light = graded(&loaded.scene);
+        for of in &mut light.instances {
+            of[0].push([1.0; 3]);
+        }
+        let part = SplitPrimitive {
+            parents: vec![[0, 2]],
+            triangles: vec![
+                (0, [0, 1, 4]),
+                (0, [4, 1, 2]),
+                (1, [0, 4, 3]),
+                (1, [4, 2, 3]),
+            ],
+        };
+        light.split = vec![vec![part]; light.instances.len()];
+        let (glb, stats) = write_vertex_glb(&loaded.document, &loaded.scene, &light).unwrap();
+        let back = fixture.reload(&glb);
+        (
+            back.document.primitive_raw(0, 0).unwrap().vertex_count,
+            stats.vertices_added,
+        )
+    };
+    let loaded = fixture.load(&json, &bin);
+    assert_eq!(split(&loaded), (4, 0));
+    // Without what deforms it the same mesh is.
+    let mut rigid = json.clone();
+    let primitive = rigid["meshes"][0]["primitives"][0].as_object_mut().unwrap();
+    primitive.remove("targets");
+    let attributes = primitive["attributes"].as_object_mut().unwrap();
+    attributes.remove("JOINTS_0");
+    attributes.remove("WEIGHTS_0");
+    rigid["meshes"][0]
+        .as_object_mut()
+        .unwrap()
+        .remove("weights");
+    let loaded = fixture.load(&rigid, &bin);
+    assert_eq!(split(&loaded), (5, 2));
+}
+
+#[test]
 fn own_colours_multiply_and_keep_their_alpha() {
     let fixture = Fixture::new();
     let (json, bin) = rich();
