@@ -129,12 +129,10 @@ fn attributes(doc: &mut Doc) -> Value {
         "COLOR_0": doc.raw(&[10, 20, 30, 255, 40, 50, 60, 255, 70, 80, 90, 255, 100, 110, 120, 255], 5121, "VEC4", 4),
         "_ID": doc.floats(&[[0.5], [1.5], [2.5], [3.5]]),
     });
-    for (key, name) in [("COLOR_0", "paint")] {
-        let at = a[key].as_u64().unwrap() as usize;
-        doc.accessors[at]["normalized"] = json!(true);
-        doc.accessors[at]["name"] = json!(name);
-        doc.accessors[at]["extras"] = json!({"layer": 1});
-    }
+    let paint = a["COLOR_0"].as_u64().unwrap() as usize;
+    doc.accessors[paint]["normalized"] = json!(true);
+    doc.accessors[paint]["name"] = json!("paint");
+    doc.accessors[paint]["extras"] = json!({"layer": 1});
     // Sparse: the second of four differs from the view below.
     let (at, values) = (doc.view(&[1, 0]), doc.view(&7.25f32.to_le_bytes()));
     let sparse = doc.floats(&[[0.0], [0.0], [0.0], [0.0]]);
@@ -181,9 +179,9 @@ pub fn everything() -> (Doc, Value) {
         "scene": 0,
         "scenes": [{"nodes": [0, 1, 2, 3, 5, 6, 7, 8], "name": "main", "extras": {"fog": 0.1}}, {"nodes": [4], "name": "other"}],
         "nodes": [
-            {"name": "quad", "mesh": 0, "extras": {"keep": [1, 2], "lightmap": "old", "pi": 3.141592653589793}},
+            {"name": "quad", "mesh": 0, "extras": {"keep": [1, 2], "lightmap": "old", "digits": 3.0415926535897933}},
             {"name": "again", "mesh": 0, "translation": [2.123456789012345, 0.0, 0.1], "extras": "text"},
-            {"name": "camera", "camera": 0, "rotation": [0.0, 0.7071067811865475, 0.0, 0.7071067811865476]},
+            {"name": "camera", "camera": 0, "rotation": [0.0, 0.5000000000000001, 0.0, 0.8660254037844386]},
             {"name": "person", "mesh": 1, "skin": 0, "children": [4], "weights": [0.5]},
             {"name": "bone", "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0.1, 0.2, 0.3, 1]},
             {"name": "strip", "mesh": 2, "scale": [1.0, -1.0, 1.0], "translation": [0.0, 5.0, 0.0], "extras": 7},

@@ -57,7 +57,7 @@ pub(super) fn extended(name: &str, raw: &RawAccessor<'_>, parents: &[[u32; 2]]) 
             let length = values.iter().take(3).map(|x| x * x).sum::<f64>().sqrt();
             let unit = full_scale(raw);
             // Opposite directions have none between them: the first parent's stays.
-            if !(length > 1e-3 * unit) {
+            if length.is_nan() || length <= 1e-3 * unit {
                 continue;
             }
             values.iter_mut().take(3).for_each(|x| *x *= unit / length);

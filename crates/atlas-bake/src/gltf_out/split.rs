@@ -77,6 +77,27 @@ fn check(
     Ok(())
 }
 
+/// Whether each triangle that ingest dropped has its vertices in one chart, so that it can stay as it is.
+fn stay_in_their_chart(
+    primitive: &Primitive,
+    atlas: &PrimitiveAtlas,
+    raw: &RawPrimitive<'_>,
+) -> bool {
+    if raw.triangles.len() == primitive.triangles.len() {
+        return true; // none was dropped
+    }
+    let mut chart_of: Vec<Option<u32>> = vec![None; raw.vertex_count];
+    for (t, chart) in atlas.triangles.iter().zip(&atlas.chart) {
+        for &v in t {
+            chart_of[v as usize] = Some(*chart);
+        }
+    }
+    raw.triangles.iter().all(|t| {
+        let [a, b, c] = t.map(|v| chart_of[v as usize]);
+        a.is_some() && a == b && b == c
+    })
+}
+
 impl Split {
     /// Brings the document's triangles together with `atlas`, whose coordinates are texels of a rectangle of `size`.
     ///
@@ -97,7 +118,7 @@ impl Split {
         let identity = atlas.xref.len() == raw.vertex_count
             && atlas.xref.iter().enumerate().all(|(i, &v)| i == v as usize)
             && atlas.triangles == primitive.triangles
-            && (kept || raw.triangles.len() == primitive.triangles.len());
+            && (kept || stay_in_their_chart(primitive, atlas, raw));
         if identity {
             let uv = (0..atlas.uv.len()).map(uv_at).collect();
             return Ok(Split {

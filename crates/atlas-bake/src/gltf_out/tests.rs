@@ -332,7 +332,7 @@ fn every_attribute_and_every_triangle_survives_the_split() {
     let back = fixture.reload(&glb);
     assert_eq!(
         back.document.primitive_raw(0, 0).unwrap().triangles,
-        [[0, 1, 2], [3, 4, 5], [0, 0, 1], [1, 2, 0]]
+        [[0, 1, 2], [3, 4, 5], [0, 0, 6], [1, 2, 0]]
     );
     let before = corners(&loaded, 0, 0, &["TEXCOORD_1"]);
     let after = corners(&back, 0, 0, &["TEXCOORD_1", "TEXCOORD_2"]);

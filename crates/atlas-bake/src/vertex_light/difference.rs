@@ -39,7 +39,7 @@ pub(super) fn pairs(
     let mut sums = vec![(0.0f64, 0.0f64); range.len()];
     for tri in &sheet.tris {
         let texels = tri.texels();
-        if !(texels > 0.0) {
+        if texels.is_nan() || texels <= 0.0 {
             continue;
         }
         let scale = tri.area / texels;
@@ -73,7 +73,7 @@ pub(super) fn summarise(pairs: &[Pair]) -> VertexDifference {
         squares += p.area * p.light * p.light;
         errors += p.area * (p.interpolated - p.light).powi(2);
     }
-    if !(squares > 0.0) {
+    if squares.is_nan() || squares <= 0.0 {
         return VertexDifference::default();
     }
     let floor = 0.01 * sum / area;

@@ -74,8 +74,8 @@ impl Moments {
             ..Moments::default()
         };
         let texels = tri.texels();
-        // NaN, where there is no chart, is no more.
-        if !(texels >= LEAST_TEXELS) {
+        // NaN where there is no chart.
+        if texels.is_nan() || texels < LEAST_TEXELS {
             return Moments::default();
         }
         let scale = tri.area / texels;
