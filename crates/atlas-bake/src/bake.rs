@@ -17,7 +17,7 @@ use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
-use crate::vertices::bake_vertices;
+use crate::vertex_light::{LumelLight, VertexBake, VertexReport};
 use crate::walls::{Barriers, fill_hidden};
 
 /// Extra channels of a page.
@@ -130,10 +130,8 @@ pub struct BakeReport {
     pub shadow_edge_lumels: u64,
     /// Gathering and shadow rays, lumels.
     pub lumel_rays: u64,
-    /// Vertices gathered at.
-    pub vertices: u64,
-    /// Gathering and shadow rays, vertices.
-    pub vertex_rays: u64,
+    /// Light at vertices.
+    pub vertices: VertexReport,
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean).
@@ -228,9 +226,16 @@ pub fn bake(
         + (out.pages.iter().chain(out.groups.iter().flatten()))
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
             .sum::<u64>();
-    drop((received, lumels));
-    out.vertices.instances =
-        bake_vertices(world, gatherer, options.vertices, monitor, &mut out.report)?;
+    let light: Vec<LumelLight> = received.iter().map(LumelLight::of).collect();
+    drop(received);
+    let vertices = VertexBake {
+        world,
+        layout,
+        lumels: &lumels,
+        light: &light,
+        error: options.vertex_error,
+    };
+    (out.vertices, out.report.vertices) = vertices.run(gatherer, options.vertices, monitor)?;
     Ok(out)
 }
 

@@ -46,20 +46,31 @@ impl LumelFootprint<'_, '_, '_> {
     pub fn mean_reflectance(&self) -> Vec3 {
         let (mut sum, mut n) = (Vec3::ZERO, 0.0f32);
         for i in 0..16 {
-            if let Some((triangle, u, v)) = self.locate(i) {
-                sum += self.world.reflectance(triangle, u, v);
+            if let Some((fragment, u, v)) = self.locate(i) {
+                sum += self.reflectance(&fragment, u, v);
                 n += 1.0;
             }
         }
         if n > 0.0 {
             return sum / n;
         }
-        let triangle = self.lumels.triangles[self.lumel.first as usize];
-        self.world.reflectance(triangle, 1.0 / 3.0, 1.0 / 3.0)
+        let third = 1.0 / 3.0;
+        (self.lumels.fragments(&self.lumel).next())
+            .map_or(Vec3::ZERO, |f| self.reflectance(&f, third, third))
+    }
+
+    /// Of the face itself, which may be a duplicate with looks of its own.
+    fn reflectance(&self, fragment: &Fragment, u: f32, v: f32) -> Vec3 {
+        let w = [1.0 - u - v, u, v];
+        let [u, v] = match self.world.soup.duplicate(fragment.face) {
+            None => [u, v],
+            Some(d) => [w[d.corners[1] as usize], w[d.corners[2] as usize]],
+        };
+        self.world.reflectance(fragment.face, u, v)
     }
 
     /// Triangle and barycentrics of candidate `i`.
-    fn locate(&self, i: u32) -> Option<(u32, f32, f32)> {
+    fn locate(&self, i: u32) -> Option<(Fragment, f32, f32)> {
         let [x, y] = sample_2d(i, 63, self.seed);
         let p = Vec2::new(
             self.lumel.texel[0] as f32 + x,
@@ -67,7 +78,7 @@ impl LumelFootprint<'_, '_, '_> {
         );
         self.lumels.fragments(&self.lumel).find_map(|f| {
             let (u, v) = barycentrics(f.corners, p)?;
-            (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then_some((f.triangle, u, v))
+            (u >= 0.0 && v >= 0.0 && u + v <= 1.0).then_some((f, u, v))
         })
     }
 }
@@ -96,8 +107,8 @@ fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
 
 impl Footprint for LumelFootprint<'_, '_, '_> {
     fn candidate(&self, i: u32) -> Option<SurfacePoint> {
-        let (triangle, u, v) = self.locate(i)?;
-        Some(self.world.inset_point(triangle, u, v, false, true))
+        let (f, u, v) = self.locate(i)?;
+        Some(self.world.inset_point(f.triangle, u, v, f.back, true))
     }
 
     fn fallback(&self) -> SurfacePoint {
@@ -106,24 +117,24 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
             self.lumel.texel[0] as f32 + 0.5,
             self.lumel.texel[1] as f32 + 0.5,
         );
-        let mut best = (
-            f32::INFINITY,
-            self.lumels.triangles[self.lumel.first as usize],
-            1.0 / 3.0,
-            1.0 / 3.0,
-        );
+        let third = 1.0 / 3.0;
+        let (mut best, mut place) = (f32::INFINITY, None);
         for f in self.lumels.fragments(&self.lumel) {
+            place = place.or(Some((f, third, third)));
             let q = closest_on_triangle(f.corners, middle);
             let d = q.distance_squared(middle);
-            if d < best.0
+            if d < best
                 && let Some((u, v)) = barycentrics(f.corners, q)
             {
                 let (u, v) = (u.clamp(0.0, 1.0), v.clamp(0.0, 1.0));
                 let s = (u + v).max(1.0);
-                best = (d, f.triangle, u / s, v / s);
+                (best, place) = (d, Some((f, u / s, v / s)));
             }
         }
-        self.world.inset_point(best.1, best.2, best.3, false, true)
+        let (triangle, back, u, v) = place.map_or((0, false, third, third), |(f, u, v)| {
+            (f.triangle, f.back, u, v)
+        });
+        self.world.inset_point(triangle, u, v, back, true)
     }
 
     fn size(&self) -> f32 {
@@ -150,45 +161,4 @@ fn closest_on_triangle(t: [Vec2; 3], p: Vec2) -> Vec2 {
         }
     }
     best
-}
-
-/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted is what the vertex's colour
-/// stands for once it is interpolated.
-pub struct VertexFootprint<'w, 'a> {
-    /// The world.
-    pub world: &'w World<'a>,
-    /// Triangle and which of its world corners is the vertex, with running area.
-    pub around: Vec<(u32, u8, f32)>,
-    /// Scrambles the points.
-    pub seed: u32,
-}
-
-impl Footprint for VertexFootprint<'_, '_> {
-    fn candidate(&self, i: u32) -> Option<SurfacePoint> {
-        let s = radiosity::sample_4d(i, 62, self.seed);
-        let total = self.around[self.around.len() - 1].2;
-        let k = self
-            .around
-            .partition_point(|a| a.2 <= s[0] * total)
-            .min(self.around.len() - 1);
-        let (triangle, corner, _) = self.around[k];
-        // Density ∝ b over the triangle: b has density 6b(1−b), whose distribution 3b² − 2b³ inverts in closed form.
-        let b = 0.5 - ((1.0 - 2.0 * s[1]).clamp(-1.0, 1.0).asin() / 3.0).sin();
-        let mut w = [0.0; 3];
-        w[corner as usize] = b;
-        w[(corner as usize + 1) % 3] = (1.0 - b) * (1.0 - s[2]);
-        w[(corner as usize + 2) % 3] = (1.0 - b) * s[2];
-        Some(self.world.inset_point(triangle, w[1], w[2], false, true))
-    }
-
-    fn fallback(&self) -> SurfacePoint {
-        self.world
-            .inset_point(self.around[0].0, 1.0 / 3.0, 1.0 / 3.0, false, true)
-    }
-
-    fn size(&self) -> f32 {
-        let (t, ..) = self.around[0];
-        let corners: [Vec3; 3] = self.world.soup.triangles[t as usize];
-        (corners[1] - corners[0]).length()
-    }
 }

@@ -30,7 +30,8 @@ mod unlike;
 pub mod unwrap;
 mod uv_check;
 mod uv_picture;
-mod vertices;
+mod vertex_footprint;
+mod vertex_light;
 mod walls;
 
 pub use atlas::*;
@@ -38,11 +39,11 @@ pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake}
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
-pub use footprint::{Footprint, LumelFootprint, VertexFootprint};
+pub use footprint::{Footprint, LumelFootprint};
 pub use gather::{Edge, GatherOptions, Gatherer, Received};
 pub use gltf_out::{
-    GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats, write_lightmapped_glb,
-    write_vertex_glb,
+    GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats,
+    write_lightmapped_glb, write_vertex_glb,
 };
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
@@ -59,3 +60,4 @@ pub use uv_check::{
     OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
 };
 pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};
+pub use vertex_light::{MOST_ADDED_VERTICES, VertexDifference, VertexReport};

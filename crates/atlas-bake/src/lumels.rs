@@ -32,8 +32,12 @@ pub struct Lumel {
 pub struct Fragment {
     /// Index into the [`Soup`].
     pub triangle: u32,
-    /// Page position of world corners 0, 1, 2.
+    /// Page position of the triangle's world corners 0, 1, 2.
     pub corners: [Vec2; 3],
+    /// The lumel lies on the triangle's back.
+    pub back: bool,
+    /// The face that the lumel belongs to: `triangle`, or a duplicate in its place (see [`mesh_ingest::Duplicate`]).
+    pub face: u32,
 }
 
 /// All lumels of a layout, in the order of instances, rows, columns.
@@ -41,49 +45,67 @@ pub struct Fragment {
 pub struct Lumels {
     /// The lumels.
     pub lumels: Vec<Lumel>,
-    /// Soup triangles under them, by [`Lumel::first`] and [`Lumel::count`].
-    pub triangles: Vec<u32>,
-    /// Page corners of each soup triangle, by triangle; unused ones are NaN.
+    /// Faces under them, by [`Lumel::first`] and [`Lumel::count`].
+    faces: Vec<u32>,
+    /// Page corners of each face; unused ones are NaN. Those of a duplicate are in the order of the triangle in whose place it is.
     corners: Vec<[Vec2; 3]>,
+    /// By duplicate: the triangle in whose place it is, and whether it lies on that one's back.
+    duplicates: Vec<(u32, bool)>,
 }
 
 impl Lumels {
-    /// Rasterises every instance's charts. Memory: 24 bytes a soup triangle, 32 a lumel, 4 a fragment.
+    /// Rasterises every instance's charts. Memory: 24 bytes a face, 32 a lumel, 4 a fragment.
     pub fn find(scene: &Scene, soup: &Soup, layout: &Layout) -> Self {
         let parts: Vec<InstanceLumels> = (0..scene.instances.len())
             .into_par_iter()
             .map(|i| rasterise_instance(scene, soup, layout, i))
             .collect();
         let mut all = Lumels {
-            corners: vec![[Vec2::NAN; 3]; soup.triangles.len()],
+            corners: vec![[Vec2::NAN; 3]; soup.len() + soup.duplicates.len()],
+            duplicates: (soup.duplicates.iter())
+                .map(|d| (d.kept, d.turned))
+                .collect(),
             ..Lumels::default()
         };
         for (i, part) in parts.into_iter().enumerate() {
-            let base = all.triangles.len() as u32;
+            let base = all.faces.len() as u32;
             all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {
                 first: l.first + base,
                 ..l
             }));
-            all.triangles.extend(part.triangles);
-            let start = soup.instance_ranges[i][0] as usize;
-            all.corners[start..start + part.corners.len()].copy_from_slice(&part.corners);
+            all.faces.extend(part.faces);
+            for (face, corners) in faces_of(soup, i).zip(part.corners) {
+                all.corners[face as usize] = corners;
+            }
         }
         all
     }
 
     /// The triangles under a lumel.
     pub fn fragments(&self, lumel: &Lumel) -> impl Iterator<Item = Fragment> + '_ {
-        self.triangles[lumel.first as usize..(lumel.first + lumel.count) as usize]
+        self.faces[lumel.first as usize..(lumel.first + lumel.count) as usize]
             .iter()
-            .map(|&t| Fragment {
-                triangle: t,
-                corners: self.corners[t as usize],
+            .map(|&face| {
+                let own = self.corners.len() - self.duplicates.len();
+                let duplicate = (face as usize).checked_sub(own);
+                let (triangle, back) = duplicate.map_or((face, false), |d| self.duplicates[d]);
+                Fragment {
+                    triangle,
+                    corners: self.corners[face as usize],
+                    back,
+                    face,
+                }
             })
     }
 
-    /// Page positions of a soup triangle's world corners, NaN where it receives no light.
-    pub(crate) fn corners(&self, triangle: u32) -> [Vec2; 3] {
-        self.corners[triangle as usize]
+    /// The first face under a lumel.
+    pub(crate) fn first_face(&self, lumel: &Lumel) -> u32 {
+        self.faces[lumel.first as usize]
+    }
+
+    /// Page corners of a face, in the order of the world corners of the triangle in whose place it is; NaN where it has none.
+    pub(crate) fn page_corners(&self, face: u32) -> [Vec2; 3] {
+        self.corners[face as usize]
     }
 
     /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
@@ -100,8 +122,9 @@ impl Lumels {
     /// Memory, bytes.
     pub fn bytes(&self) -> u64 {
         (self.lumels.len() * size_of::<Lumel>()
-            + self.triangles.len() * 4
-            + self.corners.len() * 24) as u64
+            + self.faces.len() * 4
+            + self.corners.len() * 24
+            + self.duplicates.len() * 8) as u64
     }
 }
 
@@ -138,8 +161,17 @@ impl TexelIndex {
 
 struct InstanceLumels {
     lumels: Vec<Lumel>,
-    triangles: Vec<u32>,
+    faces: Vec<u32>,
+    /// By face of the instance, as [`faces_of`] lists them.
     corners: Vec<[Vec2; 3]>,
+}
+
+/// All faces of an instance: its triangles in the soup, and those that others take the place of.
+pub(crate) fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
+    let [start, end] = soup.instance_ranges[instance];
+    let [first, last] = soup.duplicate_ranges[instance];
+    let n = soup.len() as u32;
+    (start..end).chain(n + first..n + last)
 }
 
 /// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and dilation gives it a value.
@@ -153,13 +185,12 @@ fn rasterise_instance(
 ) -> InstanceLumels {
     let placement = layout.placements[instance];
     let atlas = &layout.meshes[scene.instances[instance].mesh];
-    let [start, end] = soup.instance_ranges[instance];
     let size = [placement.rect.w, placement.rect.h];
-    let mut corners = Vec::with_capacity((end - start) as usize);
-    // (texel in the rectangle, triangle, covered texel area)
+    let mut corners = Vec::new();
+    // (texel in the rectangle, face, covered texel area)
     let mut covered: Vec<(u32, u32, f32)> = Vec::new();
-    for t in start..end {
-        if size[0] == 0 || !scene.receives(instance, soup.sources[t as usize].primitive as usize) {
+    for t in faces_of(soup, instance) {
+        if size[0] == 0 || !scene.receives(instance, soup.source(t).primitive as usize) {
             corners.push([Vec2::NAN; 3]);
             continue;
         }
@@ -177,7 +208,7 @@ fn rasterise_instance(
     covered.sort_by_key(|c| c.0); // stable: triangles stay in order
     let mut out = InstanceLumels {
         lumels: Vec::new(),
-        triangles: Vec::with_capacity(covered.len()),
+        faces: Vec::with_capacity(covered.len()),
         corners,
     };
     for run in covered.chunk_by(|a, b| a.0 == b.0) {
@@ -185,8 +216,8 @@ fn rasterise_instance(
         if coverage < LEAST_COVERAGE {
             continue;
         }
-        let first = out.triangles.len() as u32;
-        out.triangles.extend(run.iter().map(|c| c.1));
+        let first = out.faces.len() as u32;
+        out.faces.extend(run.iter().map(|c| c.1));
         out.lumels.push(Lumel {
             page: placement.page,
             texel: [
@@ -202,14 +233,24 @@ fn rasterise_instance(
     out
 }
 
-/// Positions of world corners 0, 1, 2 in the mesh's rectangle.
-fn corners_of(soup: &Soup, atlas: &MeshAtlas, triangle: u32) -> [Vec2; 3] {
-    let source = soup.sources[triangle as usize];
+/// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; of a duplicate, in the order of the triangle in whose place it is.
+fn corners_of(soup: &Soup, atlas: &MeshAtlas, face: u32) -> [Vec2; 3] {
+    let source = soup.source(face);
     let primitive = &atlas.primitives[source.primitive as usize];
     let [a, b, c] = primitive.triangles[source.triangle as usize].map(|v| primitive.uv[v as usize]);
-    if source.mirrored {
+    let own = if source.mirrored {
         [a, c, b]
     } else {
         [a, b, c]
+    };
+    match soup.duplicate(face) {
+        None => own,
+        Some(duplicate) => {
+            let mut out = own;
+            for (place, p) in duplicate.corners.into_iter().zip(own) {
+                out[usize::from(place)] = p;
+            }
+            out
+        }
     }
 }

@@ -273,7 +273,7 @@ impl Pages<'_, '_, '_> {
             })
             .collect();
         move |l| {
-            let source = self.world.soup.sources[self.lumels.triangles[l.first as usize] as usize];
+            let source = self.world.soup.source(self.lumels.first_face(l));
             let atlas = &self.layout.meshes[scene.instances[l.instance as usize].mesh];
             let primitive = &atlas.primitives[source.primitive as usize];
             first[l.instance as usize] + primitive.chart[source.triangle as usize]

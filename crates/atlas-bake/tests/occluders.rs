@@ -122,6 +122,7 @@ fn written_documents_keep_them_as_they_were() {
             Vec::new(),
             vec![vec![[9.0; 3]; 3]],
         ],
+        ..VertexLight::default()
     };
     let (glb, stats) = write_vertex_glb(&loaded.document, &loaded.scene, &light).unwrap();
     let written = json_of(&glb);

@@ -177,7 +177,7 @@ impl Bake {
         let rays = self.report.solve.link_rays
             + self.report.solve.shadow_rays
             + self.report.gather.lumel_rays
-            + self.report.gather.vertex_rays
+            + self.report.gather.vertices.rays
             + self.report.probes.as_ref().map_or(0, |p| p.rays);
         Measured {
             threads: rayon::current_num_threads(),

@@ -313,7 +313,7 @@ fn warnings(
     out.extend(layout.warnings.iter().cloned());
     if duplicates > 0 {
         out.push(format!(
-            "{duplicates} triangles coincide with others of another mesh or node; they get no light of their own and stay black"
+            "{duplicates} triangles coincide with others of another mesh or node; they get the same light, but what lies in one place twice flickers when it is drawn"
         ));
     }
     if solution.report.audit.flux_in.iter().all(|f| *f == 0.0) {

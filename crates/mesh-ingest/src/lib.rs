@@ -52,4 +52,4 @@ pub use options::{Limits, LoadOptions};
 pub use primitive::{Mode, RawPrimitive};
 pub use report::{IngestReport, LeftOut, LeftOutReason, Totals, Warning};
 pub use scene::*;
-pub use soup::{Soup, TriangleSource};
+pub use soup::{Duplicate, Soup, TriangleSource};

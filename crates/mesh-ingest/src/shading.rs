@@ -66,7 +66,7 @@ impl Lookup<'_> {
 
 impl Scene {
     fn lookup(&self, soup: &Soup, tri: u32) -> Lookup<'_> {
-        let source = soup.sources[tri as usize];
+        let source = soup.source(tri);
         let mesh = self.instances[source.instance as usize].mesh;
         let primitive = &self.meshes[mesh].primitives[source.primitive as usize];
         let [a, b, c] = primitive.triangles[source.triangle as usize].map(|i| i as usize);
@@ -81,20 +81,20 @@ impl Scene {
     }
 
     fn material_of(&self, soup: &Soup, tri: u32) -> &Material {
-        &self.materials[soup.materials[tri as usize] as usize]
+        &self.materials[soup.material(tri) as usize]
     }
 
     /// Whether soup triangle `tri` only casts shadows: it reflects and emits nothing and gets no light
     /// ([`Material::occluder_only`], [`crate::Instance::occluder`]).
     pub fn only_occludes(&self, soup: &Soup, tri: u32) -> bool {
-        let instance = soup.sources[tri as usize].instance;
+        let instance = soup.source(tri).instance;
         self.material_of(soup, tri).occluder_only || self.instances[instance as usize].occluder
     }
 
     /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`,
     /// at most [`Material::max_reflectance`] in each channel; black where the triangle only occludes.
     ///
-    /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2.
+    /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2. `tri` may be any face, duplicates among them.
     pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
         let material = self.material_of(soup, tri);
         let color = self.color(soup, tri, u, v);

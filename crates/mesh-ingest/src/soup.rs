@@ -9,8 +9,9 @@ use crate::scene::Scene;
 /// World-space (recentred) triangles of every instance, in the order instance, primitive, triangle.
 ///
 /// Triangles whose area vanishes in world space, or which coincide exactly with an earlier one (same three corners, any
-/// rotation, and no side that the earlier ones leave free: a double-sided triangle takes both; occluders count as last), are left out and counted. Winding is already flipped for mirroring transforms, so the
-/// front is always the counter-clockwise side.
+/// rotation, and no side that the earlier ones leave free: a double-sided triangle takes both; occluders count as last), are left out and
+/// counted; the latter are listed in [`duplicates`](Soup::duplicates), since they receive light all the same. Winding is already flipped for
+/// mirroring transforms, so the front is always the counter-clockwise side.
 #[derive(Debug, Clone, Default)]
 pub struct Soup {
     /// Corners, metres, recentred.
@@ -27,8 +28,29 @@ pub struct Soup {
     pub instance_ranges: Vec<[u32; 2]>,
     /// Left out because their world-space area is zero.
     pub dropped_zero_area: u64,
-    /// Left out as exact duplicates.
+    /// Left out as exact duplicates, in the order of instance, primitive, triangle.
+    pub duplicates: Vec<Duplicate>,
+    /// `[first, end)` of each instance's duplicates.
+    pub duplicate_ranges: Vec<[u32; 2]>,
+    /// Number of `duplicates`.
     pub dropped_duplicate: u64,
+}
+
+/// A triangle that rays never meet, because one in its place does.
+///
+/// Where a triangle's number is called a *face*, numbers from [`Soup::len`] on mean duplicates: face `len() + i` is `duplicates[i]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Duplicate {
+    /// Where it comes from.
+    pub source: TriangleSource,
+    /// Index into [`Scene::materials`].
+    pub material: u32,
+    /// The triangle of the soup that takes its place.
+    pub kept: u32,
+    /// Where each of its world corners 0, 1, 2 is among those of `kept`.
+    pub corners: [u8; 3],
+    /// Its front lies on the back of `kept`, which is then double-sided.
+    pub turned: bool,
 }
 
 /// Origin of a world-space triangle.
@@ -91,7 +113,10 @@ impl Soup {
             soup.dropped_zero_area += part.dropped;
         }
         soup.drop_duplicates(scene);
-        soup.find_instance_ranges(scene.instances.len());
+        soup.instance_ranges = ranges(&soup.sources, scene.instances.len(), |s| s.instance);
+        soup.duplicate_ranges = ranges(&soup.duplicates, scene.instances.len(), |d| {
+            d.source.instance
+        });
         soup
     }
 
@@ -103,6 +128,31 @@ impl Soup {
     /// Whether there is no triangle.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
+    }
+
+    /// Where a face comes from.
+    #[inline]
+    pub fn source(&self, face: u32) -> TriangleSource {
+        match self.sources.get(face as usize) {
+            Some(source) => *source,
+            None => self.duplicates[face as usize - self.len()].source,
+        }
+    }
+
+    /// Index into [`Scene::materials`] of a face.
+    #[inline]
+    pub fn material(&self, face: u32) -> u32 {
+        match self.materials.get(face as usize) {
+            Some(material) => *material,
+            None => self.duplicates[face as usize - self.len()].material,
+        }
+    }
+
+    /// The duplicate that a face is, if it is one.
+    #[inline]
+    pub fn duplicate(&self, face: u32) -> Option<&Duplicate> {
+        self.duplicates
+            .get((face as usize).checked_sub(self.len())?)
     }
 
     /// Drops triangles that add no acting side to an earlier one with the same corners: a ray tree cannot split coincident
@@ -117,7 +167,8 @@ impl Soup {
             .map(|(i, corners)| (hash(&Key::of(corners)), i as u32))
             .collect();
         order.par_sort_unstable();
-        let mut dropped = Vec::new();
+        // (dropped, takes its place)
+        let mut dropped: Vec<(u32, u32)> = Vec::new();
         for run in order
             .chunk_by(|a, b| a.0 == b.0)
             .filter(|run| run.len() > 1)
@@ -130,29 +181,57 @@ impl Soup {
             members
                 .sort_unstable_by_key(|(key, i)| (key.corners, scene.only_occludes(self, *i), *i));
             for equal in members.chunk_by(|a, b| a.0.corners == b.0.corners) {
-                // Bit 0: the side whose winding is even is taken, bit 1: the other.
-                let mut taken = 0u8;
+                // Who has the side whose winding is even, and who the other.
+                let mut sides: [Option<u32>; 2] = [None; 2];
                 for (key, i) in equal {
                     let double_sided =
                         scene.materials[self.materials[*i as usize] as usize].double_sided;
-                    let sides = if double_sided {
-                        3
-                    } else {
-                        1 << u8::from(key.odd)
-                    };
-                    if taken | sides == taken {
-                        dropped.push(*i);
+                    let front = usize::from(key.odd);
+                    match sides[front] {
+                        Some(kept) if !double_sided || sides[1 - front].is_some() => {
+                            dropped.push((*i, kept));
+                        }
+                        _ => {
+                            sides[front].get_or_insert(*i);
+                            if double_sided {
+                                sides[1 - front].get_or_insert(*i);
+                            }
+                        }
                     }
-                    taken |= sides;
                 }
             }
         }
         if dropped.is_empty() {
             return;
         }
+        dropped.sort_unstable();
         self.dropped_duplicate = dropped.len() as u64;
         let mut keep = vec![true; self.triangles.len()];
-        dropped.into_iter().for_each(|i| keep[i as usize] = false);
+        for &(i, _) in &dropped {
+            keep[i as usize] = false;
+        }
+        let before: Vec<u32> = (keep.iter())
+            .scan(0, |kept, k| {
+                *kept += u32::from(*k);
+                Some(*kept - u32::from(*k))
+            })
+            .collect();
+        self.duplicates = (dropped.iter())
+            .map(|&(i, kept)| {
+                let (own, other) = (self.order(i), self.order(kept));
+                let mut corners = [0; 3];
+                for (o, k) in own.places.into_iter().zip(other.places) {
+                    corners[o as usize] = k;
+                }
+                Duplicate {
+                    source: self.sources[i as usize],
+                    material: self.materials[i as usize],
+                    kept: before[kept as usize],
+                    corners,
+                    turned: own.odd != other.odd,
+                }
+            })
+            .collect();
         retain(&mut self.triangles, &keep);
         retain(&mut self.normals, &keep);
         retain(&mut self.areas, &keep);
@@ -160,21 +239,21 @@ impl Soup {
         retain(&mut self.materials, &keep);
     }
 
-    fn find_instance_ranges(&mut self, instances: usize) {
-        self.instance_ranges = vec![[0, 0]; instances];
-        let mut at = 0;
-        for (i, range) in self.instance_ranges.iter_mut().enumerate() {
-            let first = at;
-            while self
-                .sources
-                .get(at)
-                .is_some_and(|s| s.instance as usize == i)
-            {
-                at += 1;
-            }
-            *range = [first as u32, at as u32];
-        }
+    fn order(&self, triangle: u32) -> Key {
+        Key::of(&self.triangles[triangle as usize])
     }
+}
+
+/// `[first, end)` of each instance in a list that is sorted by instance.
+fn ranges<T>(list: &[T], instances: usize, instance_of: impl Fn(&T) -> u32) -> Vec<[u32; 2]> {
+    let mut at = 0;
+    (0..instances)
+        .map(|i| {
+            let first = at;
+            at += list[first..].partition_point(|x| instance_of(x) as usize <= i);
+            [first as u32, at as u32]
+        })
+        .collect()
 }
 
 fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {
@@ -215,6 +294,8 @@ fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {
 /// A triangle's corners in a fixed order, and whether that order reverses its winding.
 struct Key {
     corners: [[u32; 3]; 3],
+    /// Which of the triangle's corners each is.
+    places: [u8; 3],
     odd: bool,
 }
 
@@ -222,14 +303,19 @@ impl Key {
     fn of(corners: &[Vec3; 3]) -> Key {
         // Adding zero turns −0 into +0, which is the same place.
         let mut k = corners.map(|p| (p + Vec3::ZERO).to_array().map(f32::to_bits));
-        let mut odd = false;
+        let (mut places, mut odd) = ([0, 1, 2], false);
         for (i, j) in [(0, 1), (1, 2), (0, 1)] {
             if k[i] > k[j] {
                 k.swap(i, j);
+                places.swap(i, j);
                 odd = !odd;
             }
         }
-        Key { corners: k, odd }
+        Key {
+            corners: k,
+            places,
+            odd,
+        }
     }
 }
 

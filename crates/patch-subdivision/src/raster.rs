@@ -96,6 +96,15 @@ impl Polygon {
 ///
 /// A triangle that is degenerate in the plane goes whole to the cell of its centroid. Cost: rows plus cells touched.
 pub fn cover_triangle(corners: [DVec2; 3], size: [u32; 2], mut emit: impl FnMut(u32, u32, f64)) {
+    cut_triangle(corners, size, |c, r, _, share| emit(c, r, share));
+}
+
+/// [`cover_triangle`] that gives the part of the triangle too.
+pub fn cut_triangle(
+    corners: [DVec2; 3],
+    size: [u32; 2],
+    mut emit: impl FnMut(u32, u32, &Polygon, f64),
+) {
     let cell_of = |x: f64, n: u32| (x.floor().max(0.0) as u32).min(n - 1);
     let whole = Polygon::triangle(corners);
     let total = whole.area2();
@@ -105,7 +114,8 @@ pub fn cover_triangle(corners: [DVec2; 3], size: [u32; 2], mut emit: impl FnMut(
     let (r0, r1) = (cell_of(y0, size[1]), cell_of(y1, size[1]));
     let one_cell = r0 == r1 && cell_of(x0, size[0]) == cell_of(x1, size[0]);
     if one_cell || total.abs() < 1e-12 {
-        emit(cell_of(mid.x, size[0]), cell_of(mid.y, size[1]), 1.0);
+        let (c, r) = (cell_of(mid.x, size[0]), cell_of(mid.y, size[1]));
+        emit(c, r, &whole, 1.0);
         return;
     }
     for r in r0..=r1 {
@@ -135,7 +145,7 @@ pub fn cover_triangle(corners: [DVec2; 3], size: [u32; 2], mut emit: impl FnMut(
                 part.area2() / total
             };
             if share > 0.0 {
-                emit(c, r, share);
+                emit(c, r, &part, share);
             }
         }
     }

@@ -379,10 +379,10 @@ impl<'a> World<'a> {
         self.groups.as_ref().map_or(0, |g| g.sky as usize)
     }
 
-    /// Reflectance at a hit (linear, per channel).
+    /// Reflectance at a hit (linear, per channel); of any face, duplicates among them.
     #[inline]
     pub fn reflectance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
-        if let Some(even) = self.even[self.soup.materials[triangle as usize] as usize] {
+        if let Some(even) = self.even[self.soup.material(triangle) as usize] {
             return even;
         }
         self.scene.base_color(self.soup, triangle, u, v).truncate()

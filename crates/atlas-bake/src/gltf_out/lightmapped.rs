@@ -80,7 +80,8 @@ pub fn write_lightmapped_glb(
             let at = (mesh.gltf_mesh, primitive.gltf_primitive);
             let path = format!("meshes[{}].primitives[{}]", at.0, at.1);
             let raw = document.primitive_raw(at.0, at.1)?;
-            let split = Split::new(primitive, atlas_of, &raw, atlas.size, &path)?;
+            let kept = atlas.origin == UvOrigin::Kept;
+            let split = Split::new(primitive, atlas_of, &raw, atlas.size, kept, &path)?;
             let own = element(&editor.json, "meshes", target)
                 .and_then(|m| element(m, "primitives", at.1))
                 .cloned();

@@ -8,6 +8,7 @@ mod editor;
 mod glb;
 mod json;
 mod lightmapped;
+mod midpoints;
 mod refs;
 mod split;
 #[cfg(test)]
@@ -20,7 +21,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 pub use lightmapped::{GltfStats, write_lightmapped_glb};
-pub use vertex::{VertexLight, VertexStats, write_vertex_glb};
+pub use vertex::{SplitPrimitive, VertexLight, VertexStats, write_vertex_glb};
 
 /// Name of the node extra with a lightmap's place.
 pub const LIGHTMAP_EXTRA: &str = "lightmap";

@@ -77,16 +77,39 @@ fn check(
     Ok(())
 }
 
+/// Whether each triangle that ingest dropped has its vertices in one chart, so that it can stay as it is.
+fn stay_in_their_chart(
+    primitive: &Primitive,
+    atlas: &PrimitiveAtlas,
+    raw: &RawPrimitive<'_>,
+) -> bool {
+    if raw.triangles.len() == primitive.triangles.len() {
+        return true; // none was dropped
+    }
+    let mut chart_of: Vec<Option<u32>> = vec![None; raw.vertex_count];
+    for (t, chart) in atlas.triangles.iter().zip(&atlas.chart) {
+        for &v in t {
+            chart_of[v as usize] = Some(*chart);
+        }
+    }
+    raw.triangles.iter().all(|t| {
+        let [a, b, c] = t.map(|v| chart_of[v as usize]);
+        a.is_some() && a == b && b == c
+    })
+}
+
 impl Split {
     /// Brings the document's triangles together with `atlas`, whose coordinates are texels of a rectangle of `size`.
     ///
-    /// A triangle that ingest dropped keeps its place: a duplicate uses the corners of the triangle that it repeats, any other
-    /// uses some copy of each of its vertices (it has no area, so where it lies in the lightmap cannot be seen).
+    /// A triangle that ingest dropped keeps its place: a duplicate uses the corners of the triangle that it repeats; any other has no area,
+    /// and no extent in the lightmap either: its corners get one point, that of some copy of one of its vertices. `kept` coordinates,
+    /// which are the document's own, stay as they are.
     pub fn new(
         primitive: &Primitive,
         atlas: &PrimitiveAtlas,
         raw: &RawPrimitive<'_>,
         size: [u32; 2],
+        kept: bool,
         at: &str,
     ) -> Result<Split> {
         check(primitive, atlas, raw, at)?;
@@ -94,7 +117,8 @@ impl Split {
         let uv_at = |v: usize| [atlas.uv[v].x / scale[0], atlas.uv[v].y / scale[1]];
         let identity = atlas.xref.len() == raw.vertex_count
             && atlas.xref.iter().enumerate().all(|(i, &v)| i == v as usize)
-            && atlas.triangles == primitive.triangles;
+            && atlas.triangles == primitive.triangles
+            && (kept || stay_in_their_chart(primitive, atlas, raw));
         if identity {
             let uv = (0..atlas.uv.len()).map(uv_at).collect();
             return Ok(Split {
@@ -133,7 +157,8 @@ impl Split {
             let copy = &mut copy_of[atlas.xref[v] as usize];
             *copy = (*copy).min(*new);
         }
-        let repeated = Repeated::new(primitive, &triangles);
+        let mut collapsed = HashMap::new();
+        let repeated = Repeated::new(primitive, triangles.contains(&None));
         for (number, corners) in triangles.iter().enumerate() {
             let original = raw.triangles[number];
             let corners = corners.map(|c| c.map(|v| new_of_atlas[v as usize]));
@@ -142,10 +167,39 @@ impl Split {
                 let of = atlas.triangles[first];
                 Some(order.map(|k| new_of_atlas[of[k] as usize]))
             });
-            let corners = corners.unwrap_or_else(|| original.map(|v| split.copy(v, &mut copy_of)));
+            let corners = corners.unwrap_or_else(|| match kept {
+                true => original.map(|v| split.copy(v, &mut copy_of)),
+                false => split.collapse(original, &mut copy_of, &mut collapsed),
+            });
             split.triangles.push(corners);
         }
         Ok(split)
+    }
+
+    /// Copies of three vertices that lie in one point of the lightmap: where the first of them that has a copy lies. `made` remembers the
+    /// copies by vertex and place, so that many such triangles do not make many.
+    fn collapse(
+        &mut self,
+        triangle: [u32; 3],
+        copy_of: &mut [u32],
+        made: &mut HashMap<(u32, [u32; 2]), u32>,
+    ) -> [u32; 3] {
+        let has_copy = |v: &u32| copy_of[*v as usize] != u32::MAX;
+        let anchor = triangle.into_iter().find(has_copy).unwrap_or(triangle[0]);
+        let anchor = self.copy(anchor, copy_of);
+        let uv = self.uv[anchor as usize];
+        triangle.map(|v| {
+            let copy = copy_of[v as usize];
+            if copy != u32::MAX && self.uv[copy as usize] == uv {
+                return copy;
+            }
+            *made.entry((v, uv.map(f32::to_bits))).or_insert_with(|| {
+                self.source.push(v);
+                self.uv.push(uv);
+                copy_of[v as usize] = copy_of[v as usize].min(self.source.len() as u32 - 1);
+                self.source.len() as u32 - 1
+            })
+        })
     }
 
     /// A new vertex that copies vertex `v`, made if there is none.
@@ -161,15 +215,16 @@ impl Split {
 }
 
 /// Finds the kept triangle that a dropped one repeats.
-struct Repeated<'a> {
+pub(super) struct Repeated<'a> {
     primitive: &'a Primitive,
     by_vertices: HashMap<[u32; 3], usize>,
 }
 
 impl<'a> Repeated<'a> {
-    fn new(primitive: &'a Primitive, kept: &[Option<[u32; 3]>]) -> Repeated<'a> {
+    /// `any`: whether there is any dropped triangle to ask for.
+    pub fn new(primitive: &'a Primitive, any: bool) -> Repeated<'a> {
         let mut by_vertices = HashMap::new();
-        if kept.iter().any(Option::is_none) {
+        if any {
             for (i, t) in primitive.triangles.iter().enumerate() {
                 let mut key = *t;
                 key.sort_unstable();
@@ -183,7 +238,7 @@ impl<'a> Repeated<'a> {
     }
 
     /// The kept triangle of the same vertices, and for each corner of `triangle` which corner of that it is.
-    fn find(&self, triangle: [u32; 3]) -> Option<(usize, [usize; 3])> {
+    pub fn find(&self, triangle: [u32; 3]) -> Option<(usize, [usize; 3])> {
         let mut key = triangle;
         key.sort_unstable();
         let &i = self.by_vertices.get(&key)?;

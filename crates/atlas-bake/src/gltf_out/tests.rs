@@ -319,19 +319,20 @@ fn every_attribute_and_every_triangle_survives_the_split() {
     let (json, bin) = rich();
     let loaded = fixture.load(&json, &bin);
     let (glb, stats) = write(&loaded, &torn(&loaded.scene));
-    // Two triangles of three corners each; the flat one uses copies of 0 and 1, the repeated one all of the first's corners.
+    // Two triangles of three corners each; the flat one uses a copy of 0 and has one of 1 in the same point; the repeated one uses all
+    // of the first's corners.
     assert_eq!(
         (
             stats.primitives_rewritten,
             stats.vertices_before,
             stats.vertices_after
         ),
-        (1, 4, 6)
+        (1, 4, 7)
     );
     let back = fixture.reload(&glb);
     assert_eq!(
         back.document.primitive_raw(0, 0).unwrap().triangles,
-        [[0, 1, 2], [3, 4, 5], [0, 0, 1], [1, 2, 0]]
+        [[0, 1, 2], [3, 4, 5], [0, 0, 6], [1, 2, 0]]
     );
     let before = corners(&loaded, 0, 0, &["TEXCOORD_1"]);
     let after = corners(&back, 0, 0, &["TEXCOORD_1", "TEXCOORD_2"]);
@@ -689,6 +690,7 @@ fn graded(scene: &Scene) -> VertexLight {
     });
     VertexLight {
         instances: instances.collect(),
+        ..VertexLight::default()
     }
 }
 
@@ -754,6 +756,49 @@ fn vertex_colours_times_material_times_scale_are_the_outgoing_radiance() {
         (&material["alphaMode"], &material["extensions"]),
         (&json!("BLEND"), &json!({"KHR_materials_unlit": {}}))
     );
+}
+
+#[test]
+fn meshes_that_deform_are_not_split() {
+    let fixture = Fixture::new();
+    let (json, bin) = rich();
+    let split = |loaded: &Loaded| {
+        let mut light = graded(&loaded.scene);
+        for of in &mut light.instances {
+            of[0].push([1.0; 3]);
+        }
+        let part = SplitPrimitive {
+            parents: vec![[0, 2]],
+            triangles: vec![
+                (0, [0, 1, 4]),
+                (0, [4, 1, 2]),
+                (1, [0, 4, 3]),
+                (1, [4, 2, 3]),
+            ],
+        };
+        light.split = vec![vec![part]; light.instances.len()];
+        let (glb, stats) = write_vertex_glb(&loaded.document, &loaded.scene, &light).unwrap();
+        let back = fixture.reload(&glb);
+        (
+            back.document.primitive_raw(0, 0).unwrap().vertex_count,
+            stats.vertices_added,
+        )
+    };
+    let loaded = fixture.load(&json, &bin);
+    assert_eq!(split(&loaded), (4, 0));
+    // Without what deforms it the same mesh is.
+    let mut rigid = json.clone();
+    let primitive = rigid["meshes"][0]["primitives"][0].as_object_mut().unwrap();
+    primitive.remove("targets");
+    let attributes = primitive["attributes"].as_object_mut().unwrap();
+    attributes.remove("JOINTS_0");
+    attributes.remove("WEIGHTS_0");
+    rigid["meshes"][0]
+        .as_object_mut()
+        .unwrap()
+        .remove("weights");
+    let loaded = fixture.load(&rigid, &bin);
+    assert_eq!(split(&loaded), (5, 2));
 }
 
 #[test]
@@ -857,6 +902,7 @@ fn hot_spots_are_clamped_and_unusable_light_is_black() {
             .iter()
             .map(|i| i.iter().map(|p| vec![[0.0; 3]; p.len()]).collect())
             .collect(),
+        ..VertexLight::default()
     };
     assert_eq!(
         write_vertex_glb(&loaded.document, &loaded.scene, &dark)

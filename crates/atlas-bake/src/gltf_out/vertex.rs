@@ -15,14 +15,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::PI;
 
 use glam::Vec3;
-use mesh_ingest::{Document, Primitive, Scene};
+use mesh_ingest::{Document, Primitive, RawAccessor, Scene};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, elements_mut, index, object_at, push, set_extra};
 use super::split::{accessor_of, add_gathered};
-use super::{VERTEX_LIGHT_EXTRA, by_node};
+use super::{VERTEX_LIGHT_EXTRA, by_node, midpoints};
 use crate::error::{Error, Result};
 use crate::texture;
 
@@ -36,8 +36,27 @@ const LEAST_REFLECTANCE: f32 = 0.05;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VertexLight {
     /// By instance of the scene, by primitive of its mesh, by vertex of [`Primitive::positions`]: E, linear Rec.709. What is there for
-    /// instances and primitives that receive no light ([`Scene::receives`]) is not looked at.
+    /// instances and primitives that receive no light ([`Scene::receives`]) is not looked at. Vertices that splitting added come after them.
     pub instances: Vec<Vec<Vec<[f32; 3]>>>,
+    /// By instance, by primitive: how triangles were split. An inner list is empty where an instance is as it was; so is all of it where all are.
+    pub split: Vec<Vec<SplitPrimitive>>,
+}
+
+/// A primitive whose triangles were split, without any vertex on another's edge.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SplitPrimitive {
+    /// Added vertices: of each, the two earlier ones in whose middle it is. They are numbered on from [`Primitive::positions`].
+    pub parents: Vec<[u32; 2]>,
+    /// The parts of triangles, whole ones among them: index into [`Primitive::triangles`], ascending, and vertices.
+    pub triangles: Vec<(u32, [u32; 3])>,
+}
+
+impl VertexLight {
+    /// How primitive `p` of instance `i` was split, if it was.
+    fn split_of(&self, i: usize, p: usize) -> Option<&SplitPrimitive> {
+        let split = self.split.get(i)?.get(p)?;
+        (!split.parents.is_empty()).then_some(split)
+    }
 }
 
 /// What [`write_vertex_glb`] did.
@@ -53,6 +72,8 @@ pub struct VertexStats {
     pub unusable: u64,
     /// Meshes that were copied, since two instances cannot share colours.
     pub meshes_copied: u64,
+    /// Vertices that splitting added.
+    pub vertices_added: u64,
     /// Nodes made out of `EXT_mesh_gpu_instancing` copies.
     pub nodes_added: u64,
 }
@@ -91,7 +112,7 @@ pub fn write_vertex_glb(
             mesh_of.push(None);
             continue;
         }
-        let mesh = writer.lit_mesh(instance.mesh, &light.instances[i])?;
+        let mesh = writer.lit_mesh(i, light)?;
         let own = scene.meshes[instance.mesh].gltf_mesh;
         let at = if in_place.contains(&own) && taken.insert(own) {
             writer.editor.json["meshes"][own] = mesh;
@@ -114,21 +135,21 @@ pub fn write_vertex_glb(
     Ok((glb, writer.stats))
 }
 
-fn check(scene: &Scene, light: &VertexLight) -> Result<()> {
+fn check(scene: &Scene, all: &VertexLight) -> Result<()> {
     let fail = |at: String, expected: usize, got: usize| {
         Err(Error::Inconsistent {
             at,
             message: format!("expected {expected}, got {got}"),
         })
     };
-    if light.instances.len() != scene.instances.len() {
+    if all.instances.len() != scene.instances.len() {
         return fail(
             "vertex light of the instances".into(),
             scene.instances.len(),
-            light.instances.len(),
+            all.instances.len(),
         );
     }
-    for (i, (instance, light)) in scene.instances.iter().zip(&light.instances).enumerate() {
+    for (i, (instance, light)) in scene.instances.iter().zip(&all.instances).enumerate() {
         if !scene.has_lightmap(i) {
             continue;
         }
@@ -144,12 +165,31 @@ fn check(scene: &Scene, light: &VertexLight) -> Result<()> {
             );
         }
         for (p, (primitive, light)) in primitives.iter().zip(light).enumerate() {
-            if scene.receives(i, p) && light.len() != primitive.positions.len() {
-                return fail(
-                    format!("vertex light of instance {i}, primitive {p}"),
-                    primitive.positions.len(),
-                    light.len(),
-                );
+            if !scene.receives(i, p) {
+                continue;
+            }
+            let own = primitive.positions.len();
+            let split = all.split_of(i, p);
+            let count = own + split.map_or(0, |s| s.parents.len());
+            if light.len() != count {
+                let at = format!("vertex light of instance {i}, primitive {p}");
+                return fail(at, count, light.len());
+            }
+            let Some(split) = split else {
+                continue;
+            };
+            let at = || format!("split triangles of instance {i}, primitive {p}");
+            for (k, pair) in split.parents.iter().enumerate() {
+                if let Some(&v) = pair.iter().find(|&&v| v as usize >= own + k) {
+                    return fail(at(), own + k, v as usize);
+                }
+            }
+            let mut vertices = split.triangles.iter().flat_map(|t| t.1);
+            if let Some(v) = vertices.find(|&v| v as usize >= count) {
+                return fail(at(), count, v as usize);
+            }
+            if !split.triangles.is_sorted_by_key(|t| t.0) {
+                return fail(at(), 0, 1);
             }
         }
     }
@@ -200,15 +240,18 @@ fn target(scene: &Scene, primitive: &Primitive, glows: bool, v: usize, e: [f32; 
 }
 
 /// The file's scale; 1 in the dark.
-fn scale_of(scene: &Scene, light: &VertexLight) -> f32 {
+fn scale_of(scene: &Scene, all: &VertexLight) -> f32 {
     let glows = glowing(scene);
     let (mut reflected, mut largest) = (Vec::new(), 0f32);
-    for (i, (instance, light)) in scene.instances.iter().zip(&light.instances).enumerate() {
+    for (i, (instance, light)) in scene.instances.iter().zip(&all.instances).enumerate() {
         let primitives = &scene.meshes[instance.mesh].primitives;
         for (p, (primitive, light)) in primitives.iter().zip(light).enumerate() {
             if !scene.receives(i, p) {
                 continue;
             }
+            let parents = all.split_of(i, p).map_or(&[][..], |s| &s.parents);
+            let looks = midpoints::looks(primitive, parents);
+            let primitive = looks.as_ref();
             for (v, &e) in light.iter().enumerate() {
                 reflected.push((own_color(primitive, v) * radiance(e)).max_element());
                 let whole = target(scene, primitive, glows[primitive.material], v, e).max_element();
@@ -392,26 +435,87 @@ impl Writer<'_> {
         Ok(base)
     }
 
-    /// A copy of `mesh` with `light` on it.
-    fn lit_mesh(&mut self, mesh: usize, light: &[Vec<[f32; 3]>]) -> Result<Value> {
+    /// A copy of an instance's mesh with `light` on it.
+    fn lit_mesh(&mut self, instance: usize, light: &VertexLight) -> Result<Value> {
+        let mesh = self.scene.instances[instance].mesh;
         let mut lit = self.base(mesh)?;
-        for (primitive, light) in self.scene.meshes[mesh].primitives.iter().zip(light) {
+        let gltf_mesh = self.scene.meshes[mesh].gltf_mesh;
+        // Where any of a mesh's primitives deforms none is split: they would come apart.
+        let mut splits = false;
+        if light.split.get(instance).is_some_and(|s| !s.is_empty()) {
+            splits = true;
+            for primitive in &self.scene.meshes[mesh].primitives {
+                let document = self.editor.document;
+                let raw = document.primitive_raw(gltf_mesh, primitive.gltf_primitive)?;
+                splits &= !midpoints::deforms(&raw);
+            }
+        }
+        let primitives = &self.scene.meshes[mesh].primitives;
+        for (p, (primitive, light_of)) in primitives
+            .iter()
+            .zip(&light.instances[instance])
+            .enumerate()
+        {
             if !self.receives(primitive) {
                 continue;
             }
-            let colors = self.add_colors(primitive, light);
-            let irradiance = self.editor.add_floats(light_only(light).as_slice());
-            let Some(own) = element_mut(&mut lit, "primitives", primitive.gltf_primitive) else {
+            let split = light.split_of(instance, p).filter(|_| splits);
+            let own = primitive.positions.len();
+            let (light_of, parents) = match split {
+                Some(split) => (&light_of[..], &split.parents[..]),
+                None => (&light_of[..own], &[][..]),
+            };
+            let Some(slot) = element_mut(&mut lit, "primitives", primitive.gltf_primitive) else {
                 continue;
             };
-            let attributes = object_at(own, "attributes");
+            if let Some(split) = split {
+                self.rewrite(slot, primitive, gltf_mesh, split)?;
+            }
+            let colors = self.add_colors(&midpoints::looks(primitive, parents), light_of);
+            let irradiance = self.editor.add_floats(light_only(light_of).as_slice());
+            let attributes = object_at(slot, "attributes");
             attributes.insert("COLOR_0".into(), colors.into());
             attributes.insert("_IRRADIANCE".into(), irradiance.into());
             if let Some(&material) = self.materials.get(&primitive.material) {
-                own.insert("material".into(), material.into());
+                slot.insert("material".into(), material.into());
             }
         }
         Ok(Value::Object(lit))
+    }
+
+    /// Gives a primitive the vertices and triangles of `split`.
+    fn rewrite(
+        &mut self,
+        slot: &mut Map<String, Value>,
+        primitive: &Primitive,
+        gltf_mesh: usize,
+        split: &SplitPrimitive,
+    ) -> Result<()> {
+        let document = self.editor.document;
+        let raw = document.primitive_raw(gltf_mesh, primitive.gltf_primitive)?;
+        let count = raw.vertex_count + split.parents.len();
+        slot.shift_remove("mode");
+        let attributes = object_at(slot, "attributes");
+        for (name, accessor) in &raw.attributes {
+            if name == "COLOR_0" || name == "_IRRADIANCE" {
+                continue; // replaced
+            }
+            let template = accessor_of(attributes, name);
+            let elements = midpoints::extended(name, accessor, &split.parents);
+            let extended = RawAccessor {
+                bytes: elements.into(),
+                count,
+                ..accessor.clone()
+            };
+            let all: Vec<u32> = (0..count as u32).collect();
+            let new = add_gathered(&mut self.editor, name, &extended, &all, template);
+            attributes.insert(name.clone(), new.into());
+        }
+        let triangles = midpoints::triangles(primitive, &raw, split);
+        let indices = self.editor.add_indices(&triangles);
+        slot.insert("indices".into(), indices.into());
+        self.stats.vertices_added += split.parents.len() as u64;
+        Ok(())
     }
 
     /// Normalised 16-bit colours; with alpha where the primitive has colours of its own, as any of them may be transparent.

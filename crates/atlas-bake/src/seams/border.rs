@@ -58,7 +58,7 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
     for t in start..end {
         let source = world.soup.sources[t as usize];
         let primitive = &atlas.primitives[source.primitive as usize];
-        let corners = lumels.corners(t);
+        let corners = lumels.page_corners(t);
         if !(area(corners).abs() > 0.0) {
             continue;
         }
@@ -79,7 +79,7 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
     alone.sort_unstable();
     let mut out = Vec::new();
     for (t, k) in alone {
-        cut(world, lumels.corners(t), page, t, k as usize, &mut out);
+        cut(world, lumels.page_corners(t), page, t, k as usize, &mut out);
     }
     out
 }

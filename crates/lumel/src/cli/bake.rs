@@ -186,6 +186,20 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
             100.0 * audit.bound
         ));
     }
+    let v = &report.gather.vertices;
+    if v.points > 0 {
+        let added = match v.added {
+            0 => String::new(),
+            n => format!(", {n} added by splitting"),
+        };
+        display.say(&format!(
+            "  vertices  {} with a colour of their own{added}; {:.1} % root mean square from the lightmap (median {:.1} %, 99th percentile {:.0} %)",
+            v.points,
+            100.0 * v.difference.relative_rms,
+            100.0 * v.difference.median,
+            100.0 * v.difference.p99,
+        ));
+    }
     let peak = m
         .peak_bytes
         .map(|b| format!(", {} MiB", b >> 20))

@@ -30,6 +30,47 @@ fn coincident_triangles_keep_one_per_acting_side() {
 }
 
 #[test]
+fn duplicates_say_where_they_lie() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["materials"] = json!([{"doubleSided": true}]);
+    doc.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    let single = doc.mesh(json!([{"attributes": {"POSITION": 0}}]));
+    doc.root(json!({"mesh": single, "scale": [1, 1, -1]}));
+    doc.root(json!({"mesh": single}));
+    let scene = doc.load().unwrap().scene;
+    let soup = Soup::build(&scene);
+    assert_eq!((soup.len(), soup.duplicates.len()), (1, 2));
+    assert_eq!(soup.duplicate_ranges.len(), soup.instance_ranges.len());
+    for (i, d) in soup.duplicates.iter().enumerate() {
+        let face = (soup.len() + i) as u32;
+        assert_eq!(soup.duplicate(face), Some(d));
+        assert_eq!(
+            (soup.source(face), soup.material(face)),
+            (d.source, d.material)
+        );
+        let [first, end] = soup.duplicate_ranges[d.source.instance as usize];
+        assert!((first..end).contains(&(i as u32)));
+        // Its own corners, as ingest would place them, are those of the kept one in the order that it says.
+        let instance = &scene.instances[d.source.instance as usize];
+        let primitive = &scene.meshes[instance.mesh].primitives[d.source.primitive as usize];
+        let [a, b, c] = primitive.triangles[d.source.triangle as usize];
+        let order = if d.source.mirrored {
+            [a, c, b]
+        } else {
+            [a, b, c]
+        };
+        for (v, place) in order.into_iter().zip(d.corners) {
+            let local = primitive.positions[v as usize].as_dvec3();
+            let world = (instance.transform.transform_point3(local) - scene.origin).as_vec3();
+            assert_eq!(world, soup.triangles[d.kept as usize][usize::from(place)]);
+        }
+    }
+    assert_eq!(soup.duplicate(0), None);
+    let turned: Vec<bool> = soup.duplicates.iter().map(|d| d.turned).collect();
+    assert_eq!(turned, [true, false]);
+}
+
+#[test]
 fn many_coincident_triangles_are_not_quadratic() {
     // 200,000 copies of one triangle; quadratic work would take minutes.
     let mut doc = Doc::with_triangles(&UNIT.repeat(200_000));

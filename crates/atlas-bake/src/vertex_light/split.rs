@@ -1,0 +1,254 @@
+//! Splits triangles over which light is not linear.
+//!
+//! Longest-edge bisection (after Rivara, *Algorithms for refining triangular grids suitable for adaptive and multigrid techniques*, 1984):
+//! an edge that is to be split makes the longest edge of both its triangles be split too, so that no corner ever lies on another triangle's edge
+//! and angles stay above half of the smallest that there was. Edges are told apart by places, so that vertices which texture seams,
+//! hard edges or primitives double are split alike.
+
+use std::collections::{HashMap, HashSet};
+
+use glam::Vec3;
+use radiosity::luminance;
+
+use super::moments::{LEAST_TEXELS, Moments};
+use super::sheet::{Sheet, Tri, Vertex};
+
+/// An edge: its two places, the lower first.
+type Edge = (u32, u32);
+
+/// When to split, and how often.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SplitOptions {
+    /// Root mean square error over a triangle, relative to its mean light.
+    pub error: f64,
+    /// 1 % of the scene's mean luminance: errors in the dark count for less.
+    pub floor: f64,
+    /// Vertices that one instance may get.
+    pub most: usize,
+}
+
+/// What a round of splitting did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Round {
+    /// No triangle is too far off.
+    Done,
+    /// Some were split; their moments have yet to be computed ([`Tri::moments`] is empty).
+    Split,
+    /// Some would have to be, but there are as many vertices as there may be.
+    Full,
+}
+
+/// Splits the triangles whose light is too far from what `values` make of it. `values` and `gathered` get entries for new points.
+pub(super) fn split(
+    sheet: &mut Sheet,
+    values: &mut Vec<Vec3>,
+    gathered: &mut Vec<Vec3>,
+    options: &SplitOptions,
+) -> Round {
+    let mut bad: Vec<(f64, u32)> = (sheet.tris.iter().enumerate())
+        .filter_map(|(t, tri)| Some((error(sheet, tri, values, options)?, t as u32)))
+        .filter(|(error, _)| *error > options.error)
+        .collect();
+    if bad.is_empty() {
+        return Round::Done;
+    }
+    // The worst first, in case there is not room for all.
+    bad.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    // A hard or textured edge makes two vertices and more; these rounds stop a little early rather than late.
+    let room = options.most.saturating_sub(sheet.parents.len()) / 2;
+    let edges = mark(sheet, &bad, room);
+    if edges.is_empty() {
+        return Round::Full;
+    }
+    let mut cutter = Cutter {
+        edges: &edges,
+        vertices: HashMap::new(),
+        places: HashMap::new(),
+        points: HashMap::new(),
+        sheet,
+        values,
+        gathered,
+    };
+    cutter.cut_all();
+    Round::Split
+}
+
+/// Relative error of a triangle; `None` if it cannot be split further.
+fn error(sheet: &Sheet, tri: &Tri, values: &[Vec3], options: &SplitOptions) -> Option<f64> {
+    let m = &tri.moments;
+    if !m.measured() || tri.texels() < 2.0 * LEAST_TEXELS {
+        return None;
+    }
+    let corners = (sheet.points_of(tri)).map(|p| f64::from(luminance(values[p])));
+    // What the lumels' own noise explains is no error.
+    let square = (m.residual(corners) - m.noise).max(0.0) / m.weight;
+    Some(square.sqrt() / (m.mean() + options.floor).max(f64::MIN_POSITIVE))
+}
+
+/// The longest edge of a triangle, by length and then by place, so that both triangles of an edge judge alike.
+fn longest(sheet: &Sheet, tri: &Tri) -> usize {
+    let edges = edges_of(sheet, tri);
+    let length = |(a, b): Edge| {
+        let [a, b] = [a, b].map(|p| sheet.places[p as usize].as_dvec3());
+        a.distance_squared(b)
+    };
+    let longer = |a: usize, b: usize| {
+        length(edges[b])
+            .total_cmp(&length(edges[a]))
+            .then(edges[b].cmp(&edges[a]))
+            .is_gt()
+    };
+    let mut best = 0;
+    for k in 1..3 {
+        if longer(best, k) {
+            best = k;
+        }
+    }
+    best
+}
+
+/// Edge k is opposite of corner k: between corners k + 1 and k + 2.
+fn edges_of(sheet: &Sheet, tri: &Tri) -> [Edge; 3] {
+    let place = |k: usize| sheet.vertices[tri.corners[k % 3] as usize].place;
+    [0, 1, 2].map(|k| {
+        let (a, b) = (place(k + 1), place(k + 2));
+        (a.min(b), a.max(b))
+    })
+}
+
+/// The edges to split: the longest of each triangle of `bad`, as long as there is `room`, and what they entail.
+fn mark(sheet: &Sheet, bad: &[(f64, u32)], room: usize) -> HashSet<Edge> {
+    let mut at: Vec<(Edge, u32)> = (sheet.tris.iter().enumerate())
+        .flat_map(|(t, tri)| edges_of(sheet, tri).map(|e| (e, t as u32)))
+        .collect();
+    at.sort_unstable();
+    let mut marked: HashSet<Edge> = HashSet::new();
+    let mut queue: Vec<u32> = Vec::new();
+    for &(_, t) in bad {
+        if marked.len() >= room {
+            break;
+        }
+        queue.push(t);
+        let mut first = true;
+        while let Some(t) = queue.pop() {
+            let tri = &sheet.tris[t as usize];
+            let edges = edges_of(sheet, tri);
+            let edge = edges[longest(sheet, tri)];
+            let wanted = std::mem::take(&mut first) || edges.iter().any(|e| marked.contains(e));
+            if wanted && marked.insert(edge) {
+                let start = at.partition_point(|a| a.0 < edge);
+                let users = at[start..].iter().take_while(|a| a.0 == edge);
+                queue.extend(users.map(|a| a.1));
+            }
+        }
+    }
+    marked
+}
+
+struct Cutter<'s> {
+    edges: &'s HashSet<Edge>,
+    /// New vertices by the two vertices between which they are.
+    vertices: HashMap<[u32; 2], u32>,
+    places: HashMap<[u32; 2], u32>,
+    points: HashMap<[u32; 2], u32>,
+    sheet: &'s mut Sheet,
+    values: &'s mut Vec<Vec3>,
+    gathered: &'s mut Vec<Vec3>,
+}
+
+impl Cutter<'_> {
+    fn cut_all(&mut self) {
+        let tris = std::mem::take(&mut self.sheet.tris);
+        let mut out = Vec::with_capacity(tris.len() + 2 * self.edges.len());
+        for tri in tris {
+            self.cut(&tri, &mut out);
+        }
+        self.sheet.tris = out;
+    }
+
+    fn cut(&mut self, tri: &Tri, out: &mut Vec<Tri>) {
+        let edges = edges_of(self.sheet, tri).map(|e| self.edges.contains(&e));
+        if edges == [false; 3] {
+            out.push(*tri);
+            return;
+        }
+        // Turned so that the longest edge is opposite of corner 0.
+        let k = longest(self.sheet, tri);
+        let turned = Tri {
+            corners: [0, 1, 2].map(|i| tri.corners[(k + i) % 3]),
+            page: [0, 1, 2].map(|i| tri.page[(k + i) % 3]),
+            ..*tri
+        };
+        let middle = self.middle(turned.corners[1], turned.corners[2]);
+        // Two halves that meet in the line from corner 0 to the middle; each has one more edge that may be split.
+        let on_page = (turned.page[1] + turned.page[2]) * 0.5;
+        let half = |replaced: usize| {
+            let mut part = Tri {
+                area: 0.5 * turned.area,
+                moments: Moments::default(),
+                ..turned
+            };
+            part.corners[replaced] = middle;
+            part.page[replaced] = on_page;
+            part
+        };
+        let (first, second) = (half(2), half(1));
+        // Corner 2 is the middle in the first half: the outer edge 0–1 is opposite of it; in the second it is corner 1.
+        for (part, opposite, cut) in [
+            (first, 2, edges[(k + 2) % 3]),
+            (second, 1, edges[(k + 1) % 3]),
+        ] {
+            if !cut {
+                out.push(part);
+                continue;
+            }
+            let (i, j) = ((opposite + 1) % 3, (opposite + 2) % 3);
+            let m = self.middle(part.corners[i], part.corners[j]);
+            let page = (part.page[i] + part.page[j]) * 0.5;
+            for keep in [i, j] {
+                let mut piece = part;
+                let moved = if keep == i { j } else { i };
+                piece.corners[moved] = m;
+                piece.page[moved] = page;
+                piece.area *= 0.5;
+                out.push(piece);
+            }
+        }
+    }
+
+    /// The vertex in the middle of two of one primitive.
+    fn middle(&mut self, a: u32, b: u32) -> u32 {
+        let pair = [a.min(b), a.max(b)];
+        if let Some(&v) = self.vertices.get(&pair) {
+            return v;
+        }
+        let [p, q] = pair.map(|v| self.sheet.vertices[v as usize]);
+        let sorted = |a: u32, b: u32| [a.min(b), a.max(b)];
+        let sheet = &mut *self.sheet;
+        let place = *(self.places.entry(sorted(p.place, q.place))).or_insert_with(|| {
+            let [a, b] = [p.place, q.place].map(|i| sheet.places[i as usize]);
+            sheet.places.push((a + b) * 0.5);
+            sheet.places.len() as u32 - 1
+        });
+        let point = *(self.points.entry(sorted(p.point, q.point))).or_insert_with(|| {
+            for list in [&mut *self.values, &mut *self.gathered] {
+                let [a, b] = [p.point, q.point].map(|i| list[i as usize]);
+                list.push((a + b) * 0.5);
+            }
+            sheet.points += 1;
+            sheet.points as u32 - 1
+        });
+        let count = &mut sheet.counts[p.primitive as usize];
+        let v = sheet.vertices.len() as u32;
+        sheet.vertices.push(Vertex {
+            primitive: p.primitive,
+            index: *count,
+            place,
+            point,
+        });
+        *count += 1;
+        sheet.parents.push(pair);
+        self.vertices.insert(pair, v);
+        v
+    }
+}

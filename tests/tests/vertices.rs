@@ -1,0 +1,271 @@
+//! Light at vertices: what it is the best value of, who shares it, and where triangles are split for it.
+
+mod common;
+
+use std::collections::BTreeMap;
+
+use common::{at, bake};
+use glam::{DVec3, Vec3};
+use lumel::mesh_ingest::{LoadOptions, Loaded, load};
+use lumel::{Bake, Quality, Settings};
+use lumel_tests::geometry::{Geometry, box_faces, grid};
+use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
+use lumel_tests::scenes::closed_form::point_irradiance;
+
+/// A mesh of these black primitives under a lamp of 4 candela at `lamp`.
+fn lit(primitives: &[&Geometry], lamp: Vec3) -> Vec<u8> {
+    let mut b = GltfBuilder::new();
+    let parts: Vec<_> = primitives
+        .iter()
+        .map(|g| (*g, b.material(&Material::diffuse("black", [0.0; 3]))))
+        .collect();
+    let mesh = b.mesh("mesh", &parts);
+    b.node(Node::of_mesh("node", mesh));
+    let light = b.light("lamp", Light::Point([4.0; 3]));
+    b.node(Node {
+        name: "lamp".into(),
+        translation: lamp,
+        light: Some(light),
+        ..Node::default()
+    });
+    b.finish()
+}
+
+/// A floor of 2 m about the origin, `n` cells an edge.
+fn floor(n: u32) -> Geometry {
+    let corner = Vec3::new(-1.0, 0.0, 1.0);
+    grid(corner, Vec3::X * 2.0, Vec3::Z * -2.0, [n, n])
+}
+
+/// Every triangle with vertices of its own.
+fn torn(g: &Geometry) -> Geometry {
+    let corners: Vec<usize> = g.triangles.iter().flatten().map(|v| *v as usize).collect();
+    Geometry {
+        positions: corners.iter().map(|v| g.positions[*v]).collect(),
+        normals: corners.iter().map(|v| g.normals[*v]).collect(),
+        triangles: (0..g.triangles.len() as u32)
+            .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+            .collect(),
+        ..Geometry::default()
+    }
+}
+
+#[test]
+fn vertices_of_one_place_and_normal_have_one_light_and_hard_edges_have_two() {
+    // A floor in two primitives, every triangle by itself, and a wall that stands at its edge. At 8 lumels a metre its triangles have some
+    // lumels each, at 1 less than one: fitted and gathered.
+    for density in [8.0, 1.0] {
+        let whole = torn(&floor(4));
+        let half = |part: usize| {
+            let mut g = whole.clone();
+            g.triangles = whole.triangles.chunks(16).nth(part).unwrap().to_vec();
+            g
+        };
+        let wall = grid(
+            Vec3::new(-1.0, 0.0, -1.0),
+            Vec3::X * 2.0,
+            Vec3::Y * 2.0,
+            [4, 4],
+        );
+        let mut parts = [half(0), half(1), torn(&wall)];
+        for g in &mut parts[..2] {
+            g.uv.clear();
+        }
+        let b = bake(
+            &lit(&[&parts[0], &parts[1], &parts[2]], Vec3::new(0.3, 0.8, 0.2)),
+            &at(density),
+        );
+        let mut by_place: BTreeMap<([u32; 3], bool), Vec<[f32; 3]>> = BTreeMap::new();
+        let light = &b.baked.vertices.instances[0];
+        for (p, g) in parts.iter().enumerate() {
+            for t in &g.triangles {
+                for &v in t {
+                    let v = v as usize;
+                    let place = (g.positions[v] + Vec3::ZERO).to_array().map(f32::to_bits);
+                    by_place
+                        .entry((place, p == 2))
+                        .or_default()
+                        .push(light[p][v]);
+                }
+            }
+        }
+        let mut shared = 0;
+        for lights in by_place.values() {
+            assert!(lights.iter().all(|l| l == &lights[0]), "{lights:?}");
+            shared += usize::from(lights.len() > 1);
+        }
+        assert!(shared >= 40, "{shared}");
+        // At the common edge floor and wall differ: the lamp is nearer to one, and shines at another angle.
+        let mut edges = 0;
+        for ((place, of_wall), lights) in &by_place {
+            if !of_wall && let Some(other) = by_place.get(&(*place, true)) {
+                assert!((lights[0][0] / other[0][0] - 1.0).abs() > 0.05);
+                edges += 1;
+            }
+        }
+        assert_eq!(edges, 5);
+    }
+}
+
+/// ∫ over the floor's triangles of `f(position, φ of the corners)`, by the midpoints of `n`² parts of each.
+fn integrate(g: &Geometry, n: u32, mut f: impl FnMut(&[u32; 3], DVec3, [f64; 3], f64)) {
+    for t in &g.triangles {
+        let [a, b, c] = t.map(|v| g.positions[v as usize].as_dvec3());
+        let area = 0.5 * (b - a).cross(c - a).length() / f64::from(n * n);
+        let mut put = |u: f64, v: f64| {
+            let phi = [1.0 - u - v, u, v];
+            f(t, a * phi[0] + b * phi[1] + c * phi[2], phi, area);
+        };
+        for i in 0..n {
+            for j in 0..n - i {
+                let (x, y, h) = (f64::from(i), f64::from(j), f64::from(n));
+                put((x + 1.0 / 3.0) / h, (y + 1.0 / 3.0) / h);
+                if i + j + 1 < n {
+                    put((x + 2.0 / 3.0) / h, (y + 2.0 / 3.0) / h);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn fitted_light_is_nearer_to_the_truth_than_means_are() {
+    // A lamp 0.5 m over cells of as much: what is interpolated from means of the light about each vertex is too flat.
+    let (g, lamp) = (floor(4), DVec3::new(0.1, 0.5, 0.2));
+    let truth = |p: DVec3| point_irradiance(4.0, lamp.y, (p.x - lamp.x).hypot(p.z - lamp.z));
+    let b = bake(&lit(&[&g], lamp.as_vec3()), &at(32.0));
+    let mut sums = vec![(0.0, 0.0); g.positions.len()];
+    integrate(&g, 32, |t, p, phi, area| {
+        for (v, phi) in t.iter().zip(phi) {
+            sums[*v as usize].0 += area * phi * truth(p);
+            sums[*v as usize].1 += area * phi;
+        }
+    });
+    let means: Vec<f64> = sums.iter().map(|(e, w)| e / w).collect();
+    let fitted: Vec<f64> = b.baked.vertices.instances[0][0]
+        .iter()
+        .map(|e| f64::from(e[0]))
+        .collect();
+    let error = |values: &[f64]| {
+        let (mut errors, mut squares) = (0.0, 0.0);
+        integrate(&g, 32, |t, p, phi, area| {
+            let there: f64 = t
+                .iter()
+                .zip(phi)
+                .map(|(v, phi)| values[*v as usize] * phi)
+                .sum();
+            errors += area * (there - truth(p)).powi(2);
+            squares += area * truth(p).powi(2);
+        });
+        (errors / squares).sqrt()
+    };
+    let (means, fitted) = (error(&means), error(&fitted));
+    assert!(fitted < 0.65 * means, "{fitted} {means}");
+    // What the report says is that error, but for lumels' means being a little flatter than the truth: h²/24 E'' of 3 cm under 0.5 m is
+    // some 1e-3 of the light, which is a tenth of the error.
+    let reported = b.report.gather.vertices.difference.relative_rms;
+    assert!((reported / fitted - 1.0).abs() < 0.1, "{reported} {fitted}");
+    assert_eq!(b.report.gather.vertices.points, 25);
+    assert_eq!(b.report.gather.vertices.gathered, 0);
+}
+
+/// A room of 2 m whose faces are primitives by themselves, no vertex shared, and a lamp off its middle.
+fn room() -> Vec<u8> {
+    let faces = box_faces(Vec3::ZERO, Vec3::splat(2.0), 1).map(Geometry::flipped);
+    let refs: Vec<&Geometry> = faces.iter().collect();
+    lit(&refs, Vec3::new(0.7, 1.4, 1.1))
+}
+
+fn with_splits(error: Option<f32>) -> Bake {
+    let settings = Settings {
+        vertex_error: error,
+        quality: Quality::Draft,
+        ..at(24.0)
+    };
+    bake(&room(), &settings)
+}
+
+/// The written scene with vertex colours, read back.
+fn vertex_scene(b: &Bake, dir: &std::path::Path) -> Loaded {
+    b.write(dir).expect("written");
+    load(&dir.join("scene.vertex.glb"), &LoadOptions::default()).expect("it loads")
+}
+
+#[test]
+fn split_triangles_fit_together_and_come_close_to_the_lightmap() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let whole = with_splits(None);
+    let before = whole.report.gather.vertices;
+    assert_eq!((before.added, before.full), (0, 0));
+    let mut last = before.difference.relative_rms;
+    for error in [0.2, 0.05] {
+        let b = with_splits(Some(error));
+        let report = b.report.gather.vertices;
+        assert!(report.added > 0 && report.difference.relative_rms < last);
+        last = report.difference.relative_rms;
+        // No triangle is further off than asked, so that all together are not.
+        assert!(last < f64::from(error), "{last}");
+        let back = vertex_scene(&b, dir.path());
+        let mesh = &back.scene.meshes[0];
+        // A closed surface: in places, every edge has a triangle on either side. A corner on another's edge would leave one with one.
+        let mut edges: BTreeMap<[[u32; 3]; 2], [u32; 2]> = BTreeMap::new();
+        let (mut area, mut vertices) = (0.0, 0);
+        for p in &mesh.primitives {
+            vertices += p.positions.len();
+            for t in &p.triangles {
+                let at = t.map(|v| p.positions[v as usize]);
+                area += f64::from(0.5 * (at[1] - at[0]).cross(at[2] - at[0]).length());
+                for k in 0..3 {
+                    let ends = [at[k], at[(k + 1) % 3]];
+                    let key = ends.map(|e| (e + Vec3::ZERO).to_array().map(f32::to_bits));
+                    let (sorted, side) = if key[0] < key[1] {
+                        (key, 0)
+                    } else {
+                        ([key[1], key[0]], 1)
+                    };
+                    edges.entry(sorted).or_default()[side] += 1;
+                }
+            }
+            // A plane face: whatever is linear in the position stays so.
+            let (p0, uv) = (&p.positions, &p.tex_coords[0]);
+            let normal = p.normals[0];
+            for (v, n) in p.normals.iter().enumerate() {
+                assert!(n.dot(normal) > 0.99999);
+                assert!((p0[v] - p0[0]).dot(normal).abs() < 1e-5);
+                // Metres along both edges (see `grid`): distances on the texture are those in space.
+                let (a, b) = (p0[v].distance(p0[0]), uv[v].distance(uv[0]));
+                assert!((a - b).abs() < 1e-5, "{a} {b}");
+            }
+        }
+        assert!(edges.values().all(|uses| *uses == [1, 1]), "error {error}");
+        assert!((area - 24.0).abs() < 1e-4, "{area}");
+        assert_eq!(vertices as u64, 24 + report.added);
+        // Corners that faces share in space are split alike, and have a colour on each face.
+        let own = &back.document.json()["meshes"][0]["primitives"][0]["attributes"];
+        assert!(own["COLOR_0"].is_u64() && own["_IRRADIANCE"].is_u64());
+    }
+}
+
+#[test]
+fn splitting_is_the_same_for_any_number_of_threads() {
+    let bytes = |threads: usize| {
+        let pool = rayon_pool(threads);
+        pool.install(|| {
+            let b = with_splits(Some(0.1));
+            let (files, _) = b.files().expect("files");
+            let of = |end: &str| {
+                let file = files.iter().find(|(name, _)| name.ends_with(end));
+                file.expect("written").1.clone()
+            };
+            of(".vertex.glb")
+        })
+    };
+    assert!(bytes(1) == bytes(3));
+}
+
+fn rayon_pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("a pool")
+}
