@@ -225,7 +225,7 @@ fn instances_share_their_mesh_and_the_manifest_says_what_the_extras_say() {
         ] {
             assert_eq!(x[key], y[key], "{key} of {}", x["name"]);
         }
-        // A ruined pillar a quarter as high as the whole one has charts of its own (docs/uvs.md): a copy of the mesh at the list's end.
+        // A ruined pillar much lower than the whole one has charts of its own (docs/uvs.md): a copy of the mesh at the list's end.
         let name = |glb: &Glb, node: &Value| match node["mesh"].as_u64() {
             Some(mesh) => glb.doc["meshes"][mesh as usize]["name"].clone(),
             None => Value::Null,

@@ -1,5 +1,6 @@
 //! `lumel inspect` by the real binary: what it says of a level's own coordinates, and the pictures that it draws.
 
+#[allow(dead_code, reason = "what the other test binaries use")]
 mod common;
 
 use std::fs;

@@ -1,5 +1,4 @@
 //! Runs the real binary in folders of its own.
-#![allow(dead_code, reason = "each test binary uses its part")]
 
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
