@@ -10,11 +10,11 @@ use mesh_ingest::{Mesh, Scene};
 use crate::density::shape_of;
 
 /// In no direction of its surface has an instance less than this share of the lumels per metre that it asks for …
-const LEAST: f64 = std::f64::consts::FRAC_1_SQRT_2;
+const LEAST: f64 = 0.5;
 
 /// … nor, while there are copies to be had, more than this many times as many. Too many are no fault of the picture, only waste, which is
 /// weighed against a mesh more in the written file.
-const MOST: f64 = 3.0;
+const MOST: f64 = 8.0;
 
 /// Copies of one mesh for one density factor, the first included. A mesh whose instances all differ is shared by those that are least unlike.
 const COPIES: usize = 8;
