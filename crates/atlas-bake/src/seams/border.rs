@@ -59,7 +59,9 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
         let source = world.soup.sources[t as usize];
         let primitive = &atlas.primitives[source.primitive as usize];
         let corners = lumels.page_corners(t);
-        if !(area(corners).abs() > 0.0) {
+        // NaN where the triangle receives no light.
+        let extent = area(corners).abs();
+        if extent.is_nan() || extent == 0.0 {
             continue;
         }
         let chart = primitive.chart[source.triangle as usize];
