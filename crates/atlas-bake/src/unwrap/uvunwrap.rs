@@ -40,7 +40,7 @@ impl Unwrapper for UvUnwrap {
 const LARGE_MESH: usize = 300_000;
 
 /// Triangles of average size in a chart of a large mesh, at most.
-const LARGE_MESH_CHART: f64 = 8192.0;
+const LARGE_MESH_CHART: f64 = 1024.0;
 
 /// Texels that the charts cover together on the page that `uvunwrap` packs and we throw away.
 const PAGE_TEXELS: f64 = 65536.0;
