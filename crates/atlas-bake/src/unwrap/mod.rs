@@ -40,8 +40,9 @@ pub use xatlas::Xatlas;
 pub struct UnwrapOptions {
     /// Lumels per metre wanted.
     pub texels_per_unit: f32,
-    /// Texels between charts: with 2 (or more) no bilinear footprint reads two charts. Half as many, rounded up, lie between
-    /// the charts and the border of the rectangle.
+    /// What keeps charts apart. 2: the texels that bilinear lookups on two charts read are disjoint; each one more is a free texel
+    /// between those. 1: one free texel between the texels that charts touch; 0: no texel is touched by two charts. Half
+    /// of the free texels, rounded up, lie between the charts and the border of the rectangle.
     pub padding: u32,
     /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any size).
     pub block: u32,

@@ -15,7 +15,7 @@ use super::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 
 /// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a border row of lumels that are half on the
 /// surface costs as much to bake as whole ones, and the texels won are few beside the chart's own.
-const LARGE_SIDE: f64 = 32.0;
+const LARGE_SIDE: f64 = 64.0;
 
 /// Charts that are no rectangles are tried on sixteen phases of the grid where that takes fewer steps (triangles × rows) than this.
 const PHASE_WORK: f64 = 20_000.0;

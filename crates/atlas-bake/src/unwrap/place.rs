@@ -246,10 +246,10 @@ fn fill(row: &mut [u64], from: u32, to: u32) {
 /// `out` = `row` moved `by` bits to the left of the page (towards bit 0).
 fn shift_down(row: &[u64], by: u32, out: &mut [u64]) {
     let (words, bits) = ((by / 64) as usize, by % 64);
-    for w in 0..row.len() {
+    for (w, word) in out.iter_mut().enumerate() {
         let low = row.get(w + words).copied().unwrap_or(0);
         let high = row.get(w + words + 1).copied().unwrap_or(0);
-        out[w] = if bits == 0 {
+        *word = if bits == 0 {
             low
         } else {
             low >> bits | high << (64 - bits)
