@@ -16,6 +16,10 @@ use super::sheet::{Sheet, Tri, Vertex};
 /// An edge: its two places, the lower first.
 type Edge = (u32, u32);
 
+/// Triangles of which less can be seen are not split for their own sake: lumels count 1e-3 where they are hidden, and one of twenty in the open
+/// is a rim that its neighbours have too.
+const LEAST_SEEN: f64 = 0.05;
+
 /// When to split, and how often.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SplitOptions {
@@ -76,7 +80,9 @@ pub(super) fn split(
 /// Relative error of a triangle; `None` if it cannot be split further.
 fn error(sheet: &Sheet, tri: &Tri, values: &[Vec3], options: &SplitOptions) -> Option<f64> {
     let m = &tri.moments;
-    if !m.measured() || tri.texels() < 2.0 * LEAST_TEXELS {
+    // Nobody sees how well the light inside a wall is met.
+    let seen = m.weight > LEAST_SEEN * tri.area;
+    if !m.measured() || !seen || tri.texels() < 2.0 * LEAST_TEXELS {
         return None;
     }
     let corners = (sheet.points_of(tri)).map(|p| f64::from(luminance(values[p])));
