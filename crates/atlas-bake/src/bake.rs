@@ -208,7 +208,13 @@ pub fn bake(
     let groups = gatherer.wanted.groups;
     smooth_indirect(&lumels, layout, &mut received, &barriers, groups);
     if fill {
-        fill_hidden(&lumels, layout, &mut received, options.padding + 1);
+        fill_hidden(
+            &lumels,
+            layout,
+            &mut received,
+            &barriers,
+            options.padding + 1,
+        );
     }
     summarise(&lumels.lumels, &received, &mut out.report);
     let wanted = gatherer.wanted;

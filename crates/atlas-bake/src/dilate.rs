@@ -5,11 +5,14 @@ use crate::atlas::{Page, Rect};
 use crate::seams::EMPTY;
 
 /// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which piece of surface a texel has its value
-/// from, [`EMPTY`] where it has none, and is updated. Reads and writes nothing outside `rect`.
+/// from, [`EMPTY`] where it has none, and is updated; `readers`, which piece's lookups read a texel that has none. Reads and writes nothing
+/// outside `rect`.
 ///
 /// A new texel is the mean of the filled ones beside, above and below it; only where there is none, of those at its corners. A corner is
 /// farther away, and what lies there may be another surface's.
-pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], rect: Rect, rings: u32) {
+///
+/// A texel that lookups on one piece of surface read takes nothing of another, whose lumels may lie right beside it.
+pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], readers: &[u32], rect: Rect, rings: u32) {
     let width = page.width as usize;
     let index = |x: u32, y: u32| y as usize * width + x as usize;
     let mut frontier: Vec<(u32, u32)> = Vec::new();
@@ -26,7 +29,7 @@ pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], rect: Rect, rings: u32
         let filled: Vec<(usize, Fill)> = frontier
             .iter()
             .filter_map(|&(x, y)| {
-                let fill = mean_of_neighbours(page, charts, rect, x, y)?;
+                let fill = mean_of_neighbours(page, charts, readers, rect, x, y)?;
                 Some((index(x, y), fill))
             })
             .collect();
@@ -67,10 +70,19 @@ impl Fill {
     }
 }
 
-/// Mean of the filled texels about (x, y) in `rect`; `None` where there is none.
-fn mean_of_neighbours(page: &Page, charts: &[u32], rect: Rect, x: u32, y: u32) -> Option<Fill> {
+/// Mean of the filled texels about (x, y) in `rect` that serve it; `None` where there is none.
+fn mean_of_neighbours(
+    page: &Page,
+    charts: &[u32],
+    readers: &[u32],
+    rect: Rect,
+    x: u32,
+    y: u32,
+) -> Option<Fill> {
     let index = |x: u32, y: u32| y as usize * page.width as usize + x as usize;
-    let filled = || neighbours(rect, x, y).filter(|&(x, y, _)| charts[index(x, y)] != EMPTY);
+    let reader = readers[index(x, y)];
+    let serves = |chart: u32| chart != EMPTY && (reader == EMPTY || chart == reader);
+    let filled = || neighbours(rect, x, y).filter(|&(x, y, _)| serves(charts[index(x, y)]));
     let beside = filled().any(|(.., corner)| !corner);
     let mut fill = Fill {
         value: [0.0; 3],
@@ -143,7 +155,7 @@ mod tests {
             w: 6,
             h: 6,
         };
-        dilate(&mut page, &mut charts, rect, 2);
+        dilate(&mut page, &mut charts, &[EMPTY; 64], rect, 2);
         // Two rings about (3, 3), cut at the rectangle's left and top edge (2).
         let filled = charts.iter().filter(|c| **c == 5).count();
         assert_eq!(filled, 16);
@@ -166,9 +178,16 @@ mod tests {
             w: 8,
             h: 8,
         };
-        dilate(&mut page, &mut charts, rect, 1);
+        let (fresh, fresh_charts) = (page.clone(), charts.clone());
+        let mut readers = vec![EMPTY; 64];
+        dilate(&mut page, &mut charts, &readers, rect, 1);
         assert_eq!((page.value[3 * 8 + 3], charts[3 * 8 + 3]), ([1.0; 3], 0));
         assert_eq!(page.layers[0].1[3 * 8 + 3], 1.0);
         assert_eq!(page.value[5 * 8 + 5], [9.0; 3]);
+        // Unless it is the other one's lookups that read it.
+        (page, charts) = (fresh, fresh_charts);
+        readers[3 * 8 + 3] = 1;
+        dilate(&mut page, &mut charts, &readers, rect, 1);
+        assert_eq!((page.value[3 * 8 + 3], charts[3 * 8 + 3]), ([9.0; 3], 1));
     }
 }

@@ -49,8 +49,8 @@ impl Gatherer<'_, '_> {
         // Its own random numbers: what made the first points disagree should not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
         let parts =
-            (self.options.open_only).then(|| Parts::find(self.world, &points, footprint.size()));
-        let mut sums = vec![Point::with_reach(footprint.size()); count];
+            (self.options.open_only).then(|| Parts::find(self.world, &points, footprint.reach()));
+        let mut sums = vec![Point::with_reach(footprint.reach()); count];
         // The part of each point, and whether it is open.
         let mut part: Vec<(usize, bool)> = Vec::with_capacity(count);
         // The last is of slivers.
@@ -139,14 +139,18 @@ impl Gatherer<'_, '_> {
             Some(_) => part.iter().filter(|open| **open).count(),
         };
         let open = open as f32 / count as f32;
-        let mut counted = mask.iter();
+        let mut keep = mask.iter();
         let points: Vec<SurfacePoint> = points
             .into_iter()
-            .filter(|_| counted.next().copied().unwrap_or(false))
+            .filter(|_| keep.next().copied().unwrap_or(false))
             .collect();
         Received {
             edge: Edge::Contact,
             near,
+            behind: {
+                let counted = sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
+                Point::dark_shares(counted)[0] >= BEHIND
+            },
             // What a wall cuts is no whole lumel.
             open: if parts.is_some() && open < LEAST_OPEN {
                 0.0

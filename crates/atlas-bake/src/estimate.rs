@@ -31,8 +31,8 @@ pub(crate) struct Point {
     pub square: f32,
     pub rays: u32,
     pub black: u32,
-    /// Rays that ended in the dark right above the point.
-    pub touching: u32,
+    /// Rays that met unlit backs of double-sided faces, or ended in the dark right above the point.
+    pub unlit: u32,
     /// Rays that left the scene, or met black backs, and found no light.
     pub void: u32,
 }
@@ -52,21 +52,21 @@ impl Point {
     }
 
     pub(crate) fn inside(&self) -> bool {
-        (self.black + self.touching) as f32 >= INSIDE * self.rays as f32
+        (self.black + self.unlit) as f32 >= INSIDE * self.rays as f32
     }
 
-    /// What share of these points' rays met black backs, and what share these or something right above; 1 for no points.
+    /// What share of these points' rays met black backs, and what share these, unlit ones, or something right above; 1 for no points.
     pub(crate) fn dark_shares<'p>(points: impl Iterator<Item = &'p Point>) -> [f32; 2] {
-        let (mut black, mut touching, mut rays) = (0, 0, 0);
+        let (mut black, mut unlit, mut rays) = (0, 0, 0);
         for p in points {
             black += p.black;
-            touching += p.touching;
+            unlit += p.unlit;
             rays += p.rays;
         }
         if rays == 0 {
             return [1.0; 2];
         }
-        [black, black + touching].map(|n| n as f32 / rays as f32)
+        [black, black + unlit].map(|n| n as f32 / rays as f32)
     }
 
     /// Whether nearly all rays of these points went where nothing is: out of the scene into the dark, or to black backs.

@@ -11,8 +11,12 @@ pub trait Footprint: Sync {
     fn candidate(&self, i: u32) -> Option<SurfacePoint>;
     /// A point that is on the surface for certain.
     fn fallback(&self) -> SurfacePoint;
-    /// Size of the piece, metres.
+    /// Size of the piece, metres: the root of its area, or of what that would be if it were whole.
     fn size(&self) -> f32;
+    /// How far it extends, metres: more than its size where it is drawn out.
+    fn reach(&self) -> f32 {
+        self.size()
+    }
 }
 
 /// The part of a lumel's texel that lies on the surface.
@@ -22,21 +26,24 @@ pub struct LumelFootprint<'l, 'w, 'a> {
     lumel: Lumel,
     seed: u32,
     size: f32,
+    reach: f32,
 }
 
 impl<'l, 'w, 'a> LumelFootprint<'l, 'w, 'a> {
     /// The footprint of `lumel`.
     pub fn new(world: &'w World<'a>, lumels: &'l Lumels, lumel: Lumel, seed: u32) -> Self {
-        let size = lumels
-            .fragments(&lumel)
-            .map(|f| texel_size(world, &f))
-            .fold(0.0, f32::max);
+        let (mut size, mut reach) = (0f32, 0f32);
+        for f in lumels.fragments(&lumel) {
+            size = size.max(texel_size(world, &f));
+            reach = reach.max(texel_reach(world, &f));
+        }
         LumelFootprint {
             world,
             lumels,
             lumel,
             seed,
             size,
+            reach: reach.max(size),
         }
     }
 }
@@ -94,6 +101,20 @@ fn texel_size(world: &World, f: &Fragment) -> f32 {
     }
 }
 
+/// Length in metres of the longer of a texel's edges on the triangle.
+fn texel_reach(world: &World, f: &Fragment) -> f32 {
+    let (e1, e2) = (f.corners[1] - f.corners[0], f.corners[2] - f.corners[0]);
+    let det = e1.perp_dot(e2);
+    if det == 0.0 {
+        return 0.0;
+    }
+    let [a, b, c] = world.soup.triangles[f.triangle as usize];
+    let (s1, s2) = (b - a, c - a);
+    let along_x = (s1 * e2.y - s2 * e1.y) / det;
+    let along_y = (s2 * e1.x - s1 * e2.x) / det;
+    along_x.length().max(along_y.length())
+}
+
 /// Barycentrics of corners 1 and 2 of the point `p`, if the triangle has any extent on the page.
 fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
     let (e1, e2, d) = (
@@ -135,6 +156,10 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
             (f.triangle, f.back, u, v)
         });
         self.world.inset_point(triangle, u, v, back, true)
+    }
+
+    fn reach(&self) -> f32 {
+        self.reach
     }
 
     fn size(&self) -> f32 {

@@ -6,7 +6,7 @@ use radiosity::{
     cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
-use crate::estimate::{Estimate, Point, mean_and_spread};
+use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::walls::Parts;
@@ -56,6 +56,8 @@ pub struct Received {
     pub rays: u64,
     /// Something stands within the footprint's size of it.
     pub near: bool,
+    /// Many of its rays meet black backs: it lies behind what others lie before.
+    pub behind: bool,
     /// What crosses the footprint.
     pub edge: Edge,
     /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
@@ -168,7 +170,7 @@ impl Gatherer<'_, '_> {
         let options = &self.options;
         let count = (options.points as usize).clamp(1, MOST_POINTS);
         let points = spread(footprint, count);
-        let mut sums = vec![Point::with_reach(footprint.size()); count];
+        let mut sums = vec![Point::with_reach(footprint.reach()); count];
         let per_point = self.rays_per_point();
         let mut planes = PlaneSums::new(self.wanted);
         for (k, sum) in sums.iter_mut().enumerate() {
@@ -196,7 +198,7 @@ impl Gatherer<'_, '_> {
             } else {
                 let parted = options.open_only
                     && near
-                    && Parts::find(self.world, &points, footprint.size()).count > 1;
+                    && Parts::find(self.world, &points, footprint.reach()).count > 1;
                 parted || (more && estimate.disagree)
             };
             if edge {
@@ -226,6 +228,7 @@ impl Gatherer<'_, '_> {
         }
         Received {
             near,
+            behind: Point::dark_shares(sums.iter())[0] >= BEHIND,
             ..received(footprint, &points, direct, &estimate, open, rays, planes)
         }
     }
@@ -328,8 +331,7 @@ impl Gatherer<'_, '_> {
                         let touching = self.options.open_only
                             && found.distance < TOUCHING * out.reach
                             && light <= SHADE / DIM * self.dim;
-                        out.touching += u32::from(touching && !unlit);
-                        out.black += u32::from(unlit);
+                        out.unlit += u32::from(touching || unlit);
                         let lost = found.distance == f32::INFINITY && found.radiance == Vec3::ZERO;
                         out.void += u32::from(unlit || lost);
                         ray = found;
@@ -497,6 +499,7 @@ pub(crate) fn received(
         error: (indirect.variance + direct.variance).sqrt(),
         indirect_variance: indirect.variance,
         near: false,
+        behind: false,
         position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
         normal: points
             .iter()

@@ -1,8 +1,8 @@
 //! Lumels into pages, and what each channel holds.
 
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, PI};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use radiosity::{World, luminance};
 
 use crate::atlas::{Layout, Page, Rect, UvOrigin};
@@ -31,6 +31,8 @@ struct Channel {
     range: Range,
     /// Colour channel of the surface's reflectance that it is multiplied with in the end: reflectance jumps where light does not.
     tint: Option<usize>,
+    /// It holds light in the unit that was asked for.
+    in_unit: bool,
 }
 
 /// Lightmap pages, those of each group, and what was done about seams.
@@ -52,6 +54,7 @@ impl Pages<'_, '_, '_> {
             stitch(&mut stitcher, &mut full, &mut groups, &ranges);
         }
         self.apply_tint(&channels, &mut full, &mut groups);
+        self.apply_unit(&channels, &mut full, &mut groups);
         (full, groups, stitcher.report())
     }
 
@@ -59,7 +62,7 @@ impl Pages<'_, '_, '_> {
     fn full(&self, channels: &[Channel]) -> (Vec<Page>, Texels) {
         let mut values = Vec::new();
         self.fill(channels, |l, r, page, at| {
-            let scale = self.scale();
+            let scale = FRAC_1_PI;
             page.value[at] = ((r.direct + r.indirect) * scale).to_array();
             values.clear();
             for layer in &self.options.layers {
@@ -81,7 +84,7 @@ impl Pages<'_, '_, '_> {
     /// The light of one group alone, not tinted.
     fn group(&self, group: usize) -> Vec<Page> {
         self.fill(&[], |_, r, page, at| {
-            page.value[at] = (r.planes[group].sum() * self.scale()).to_array();
+            page.value[at] = (r.planes[group].sum() * FRAC_1_PI).to_array();
         })
         .0
     }
@@ -117,11 +120,19 @@ impl Pages<'_, '_, '_> {
             || self.options.layers.contains(&Layer::Radiosity)
     }
 
-    /// What irradiance is multiplied with for the pages' values.
-    fn scale(&self) -> f32 {
-        match self.options.value {
-            ValueKind::Radiance => FRAC_1_PI,
-            ValueKind::Irradiance | ValueKind::Radiosity => 1.0,
+    /// Takes light, which is E/π until here, to the pages' unit. Last of all, so that nothing before it hangs on the unit.
+    fn apply_unit(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
+        if self.options.value == ValueKind::Radiance {
+            return;
+        }
+        for page in full.iter_mut() {
+            for (layer, _) in (page.layers.iter_mut().zip(channels)).filter(|x| x.1.in_unit) {
+                layer.1.iter_mut().for_each(|v| *v *= PI);
+            }
+        }
+        for page in full.iter_mut().chain(groups.iter_mut().flatten()) {
+            let values = page.value.iter_mut().flatten();
+            values.for_each(|v| *v *= PI);
         }
     }
 
@@ -130,7 +141,7 @@ impl Pages<'_, '_, '_> {
     }
 
     fn layer(&self, layer: Layer, l: &Lumel, r: &Received, out: &mut Vec<f32>) {
-        let scale = self.scale();
+        let scale = FRAC_1_PI;
         match layer {
             Layer::Direct => out.extend((r.direct * scale).to_array()),
             Layer::Indirect => out.extend((r.indirect * scale).to_array()),
@@ -160,38 +171,39 @@ impl Pages<'_, '_, '_> {
         use Range::{Light, Share, Signed, Untouched};
         let all = self.options.value == ValueKind::Radiosity;
         let layers = self.options.layers.iter().map(|layer| match layer {
-            Layer::Direct => ("direct", "RGB", Light, all),
-            Layer::Indirect => ("indirect", "RGB", Light, all),
-            Layer::Radiosity => ("radiosity", "RGB", Light, true),
-            Layer::Error => ("error", "Y", Untouched, false),
-            Layer::Coverage => ("coverage", "Y", Untouched, false),
-            Layer::Ao => ("ao", "Y", Share, false),
-            Layer::SunMask => ("sun_mask", "Y", Share, false),
+            Layer::Direct => ("direct", "RGB", Light, all, true),
+            Layer::Indirect => ("indirect", "RGB", Light, all, true),
+            Layer::Radiosity => ("radiosity", "RGB", Light, true, false),
+            Layer::Error => ("error", "Y", Untouched, false, true),
+            Layer::Coverage => ("coverage", "Y", Untouched, false, false),
+            Layer::Ao => ("ao", "Y", Share, false, false),
+            Layer::SunMask => ("sun_mask", "Y", Share, false, false),
         });
-        let directional: &[(&str, &str, Range, bool)] = match self.options.directional {
+        let directional: &[(&str, &str, Range, bool, bool)] = match self.options.directional {
             None => &[],
             Some(Directional::Sh1) => &[
-                ("L0", "RGB", Light, all),
-                ("L1x", "RGB", Signed, all),
-                ("L1y", "RGB", Signed, all),
-                ("L1z", "RGB", Signed, all),
+                ("L0", "RGB", Light, all, true),
+                ("L1x", "RGB", Signed, all, true),
+                ("L1y", "RGB", Signed, all, true),
+                ("L1z", "RGB", Signed, all, true),
             ],
-            Some(Directional::Dominant) => &[("dominant", "XYZ", Signed, false)],
+            Some(Directional::Dominant) => &[("dominant", "XYZ", Signed, false, false)],
         };
-        let named =
-            layers
-                .chain(directional.iter().copied())
-                .flat_map(|(name, parts, range, tint)| {
-                    parts.chars().enumerate().map(move |(c, part)| Channel {
-                        name: format!("{name}.{part}"),
-                        range,
-                        tint: tint.then_some(c),
-                    })
-                });
+        let named = layers.chain(directional.iter().copied()).flat_map(
+            |(name, parts, range, tint, in_unit)| {
+                parts.chars().enumerate().map(move |(c, part)| Channel {
+                    name: format!("{name}.{part}"),
+                    range,
+                    tint: tint.then_some(c),
+                    in_unit,
+                })
+            },
+        );
         let tint = TINT.iter().filter(|_| self.tinted()).map(|name| Channel {
             name: (*name).into(),
             range: Untouched,
             tint: None,
+            in_unit: false,
         });
         named.chain(tint).collect()
     }
@@ -229,6 +241,7 @@ impl Pages<'_, '_, '_> {
             texels.hidden[l.page as usize][at] = r.open == 0.0;
             put(l, r, page, at);
         }
+        let readers = self.readers(&texels.chart);
         let scene = self.world.scene;
         for (instance, placement) in self.layout.placements.iter().enumerate() {
             let mesh = &scene.meshes[scene.instances[instance].mesh];
@@ -236,10 +249,43 @@ impl Pages<'_, '_, '_> {
                 let p = placement.page as usize;
                 let rings = self.options.padding + 1;
                 let rect = self.own_rect(instance);
-                dilate(&mut pages[p], &mut texels.chart[p], rect, rings);
+                dilate(
+                    &mut pages[p],
+                    &mut texels.chart[p],
+                    &readers[p],
+                    rect,
+                    rings,
+                );
             }
         }
         (pages, texels)
+    }
+
+    /// By page and texel, which piece of surface's bilinear lookups read it; told only of texels beside lumels that have no value of their own.
+    ///
+    /// The packing sees to it that there is one such piece at most. Its lumels need not be the only ones beside the texel.
+    fn readers(&self, charts: &[Vec<u32>]) -> Vec<Vec<u32>> {
+        let mut readers: Vec<Vec<u32>> = charts.iter().map(|c| vec![EMPTY; c.len()]).collect();
+        for l in &self.lumels.lumels {
+            let page = l.page as usize;
+            let [w, h] = self.layout.pages[page].map(i64::from);
+            let [x, y] = l.texel.map(i64::from);
+            let own = charts[page][(y * w + x) as usize];
+            for (nx, ny) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy))) {
+                if nx < 0 || ny < 0 || nx >= w || ny >= h {
+                    continue;
+                }
+                let at = (ny * w + nx) as usize;
+                if charts[page][at] != EMPTY || readers[page][at] == own {
+                    continue;
+                }
+                let middle = Vec2::new(nx as f32 + 0.5, ny as f32 + 0.5);
+                if (self.lumels.fragments(l)).any(|f| within(&f.corners, middle, READ)) {
+                    readers[page][at] = own;
+                }
+            }
+        }
+        readers
     }
 
     /// The texels that are an instance's alone. An asset's own charts may touch their rectangle's border, and the layout leaves half of the
@@ -279,6 +325,24 @@ impl Pages<'_, '_, '_> {
             first[l.instance as usize] + primitive.chart[source.triangle as usize]
         }
     }
+}
+
+/// A bilinear lookup less than this from a texel's middle, along both axes, reads it: one texel, less what rounding of coordinates may be (twice
+/// that is what the packing allows for).
+const READ: f32 = 1.0 - 1e-3;
+
+/// Whether a triangle comes within `reach` of `middle` along both axes: no line parallel to a side of either parts it from that square.
+fn within(corners: &[Vec2; 3], middle: Vec2, reach: f32) -> bool {
+    let p = corners.map(|c| c - middle);
+    let parted = |axis: Vec2| {
+        let d = p.map(|p| p.dot(axis));
+        let low = d[0].min(d[1]).min(d[2]);
+        let high = d[0].max(d[1]).max(d[2]);
+        let square = reach * (axis.x.abs() + axis.y.abs());
+        low >= square || high <= -square
+    };
+    let sides = [p[1] - p[0], p[2] - p[1], p[0] - p[2]];
+    !(parted(Vec2::X) || parted(Vec2::Y) || sides.iter().any(|s| parted(s.perp())))
 }
 
 /// Directional channels from ∫ L dω and ∫ L ω dω; `scale` takes irradiance to the pages' unit.

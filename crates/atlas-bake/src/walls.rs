@@ -160,6 +160,13 @@ impl Barriers {
         self.matter
     }
 
+    /// Whether one stands between two lumels that share an edge.
+    fn between(&self, lumels: &Lumels, i: usize, j: usize) -> bool {
+        let [a, b] = [i, j].map(|k| lumels.lumels[k].texel);
+        let first = if (a[1], a[0]) < (b[1], b[0]) { i } else { j };
+        self.after(first, a[1] != b[1])
+    }
+
     /// Whether one stands right of, or below (`down`), lumel `i`.
     #[inline]
     pub(crate) fn after(&self, i: usize, down: bool) -> bool {
@@ -185,30 +192,47 @@ impl Received {
 ///
 /// Of several neighbours the darkest counts: a wall of one lumel may have a lit room on one side and a dark one on the other, and light
 /// that comes through a wall is the worse fault.
-pub(crate) fn fill_hidden(lumels: &Lumels, layout: &Layout, received: &mut [Received], rings: u32) {
+///
+/// So do lumels behind what their neighbours lie before, with something between them: the first row of a wall that goes on into the ground,
+/// where it may see the sky from below.
+pub(crate) fn fill_hidden(
+    lumels: &Lumels,
+    layout: &Layout,
+    received: &mut [Received],
+    barriers: &Barriers,
+    rings: u32,
+) {
     let index = TexelIndex::build(&lumels.lumels, layout);
     let mut filled: Vec<bool> = received.iter().map(|r| r.open > 0.0).collect();
+    let behind: Vec<(usize, usize)> = (0..received.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .filter(|&i| received[i].behind && filled[i])
+        .filter_map(|i| {
+            let before = |j: usize| filled[j] && !received[j].behind;
+            let parted = |j: usize| barriers.between(lumels, i, j);
+            let beside = |j: usize| before(j) && parted(j);
+            Some((
+                i,
+                darkest_beside(lumels, &index, received, beside, i, false)?,
+            ))
+        })
+        .collect();
+    take(received, &behind);
     let mut empty: Vec<usize> = (0..received.len()).filter(|&i| !filled[i]).collect();
     for _ in 0..rings {
         let found: Vec<(usize, usize)> = empty
             .par_iter()
             .with_min_len(1024)
-            .filter_map(|&i| Some((i, darkest_beside(lumels, &index, received, &filled, i)?)))
+            .filter_map(|&i| {
+                let of = |j: usize| filled[j];
+                Some((i, darkest_beside(lumels, &index, received, of, i, true)?))
+            })
             .collect();
         if found.is_empty() {
             return;
         }
-        for &(i, from) in &found {
-            let light = received[from].clone();
-            received[i] = Received {
-                position: received[i].position,
-                normal: received[i].normal,
-                open: 0.0,
-                rays: received[i].rays,
-                edge: received[i].edge,
-                ..light
-            };
-        }
+        take(received, &found);
         for (i, _) in found {
             filled[i] = true;
         }
@@ -216,13 +240,29 @@ pub(crate) fn fill_hidden(lumels: &Lumels, layout: &Layout, received: &mut [Rece
     }
 }
 
-/// The darkest filled neighbour of lumel `i`: of those that share an edge with it, else of those at its corners.
+/// Gives each lumel of `pairs` the light of the other.
+fn take(received: &mut [Received], pairs: &[(usize, usize)]) {
+    for &(i, from) in pairs {
+        let light = received[from].clone();
+        received[i] = Received {
+            position: received[i].position,
+            normal: received[i].normal,
+            open: 0.0,
+            rays: received[i].rays,
+            edge: received[i].edge,
+            ..light
+        };
+    }
+}
+
+/// The darkest neighbour of lumel `i` that `may` serve: of those that share an edge with it, else, with `corners`, of those at its corners.
 fn darkest_beside(
     lumels: &Lumels,
     index: &TexelIndex,
     received: &[Received],
-    filled: &[bool],
+    may: impl Fn(usize) -> bool,
     i: usize,
+    corners: bool,
 ) -> Option<usize> {
     const EDGES: [[i64; 2]; 4] = [[0, -1], [-1, 0], [1, 0], [0, 1]];
     const CORNERS: [[i64; 2]; 4] = [[-1, -1], [1, -1], [-1, 1], [1, 1]];
@@ -231,12 +271,12 @@ fn darkest_beside(
     let darkest = |around: [[i64; 2]; 4]| {
         (around.into_iter())
             .filter_map(|[dx, dy]| index.at(l.page, x + dx, y + dy))
-            .filter(|&j| filled[j] && lumels.lumels[j].instance == l.instance)
+            .filter(|&j| lumels.lumels[j].instance == l.instance && may(j))
             .filter(|&j| received[j].normal.dot(received[i].normal) > 0.5)
             .min_by(|&a, &b| {
                 let light = |j: usize| luminance(received[j].direct + received[j].indirect);
                 light(a).total_cmp(&light(b)).then(a.cmp(&b))
             })
     };
-    darkest(EDGES).or_else(|| darkest(CORNERS))
+    darkest(EDGES).or_else(|| if corners { darkest(CORNERS) } else { None })
 }

@@ -109,6 +109,10 @@ fn a_factor_is_relative_to_the_scenes_density_and_changes_nobody_else() {
         scene(vec![plane(4.0, 4.0)], instances).0
     };
     for options in [at_density(8.0), LayoutOptions::default()] {
+        let options = LayoutOptions {
+            block: 1,
+            ..options
+        };
         let plan = |densities: &[f32]| {
             let mut scene = with_densities(three(), densities);
             separate_unlike(&mut scene);
@@ -124,7 +128,7 @@ fn a_factor_is_relative_to_the_scenes_density_and_changes_nobody_else() {
         let (same, widths) = plan(&[1.0, 0.6, 4.0]);
         assert_eq!(base, same, "factors do not move the scene's density");
         assert_eq!(widths[0], plain[0]);
-        // A border of a texel on both sides, and the rounding of the chart to whole ones.
+        // A border of a texel on both sides, and the rounding of the chart to whole ones; without blocks.
         for (width, factor) in [(widths[1], 0.6), (widths[2], 4.0)] {
             let wanted = 4.0 * base * factor;
             assert!(

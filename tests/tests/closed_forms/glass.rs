@@ -187,13 +187,13 @@ fn reflected_light_passes_glass() {
         (Some(blend(0.25)), [0.75; 3]),
     ] {
         let glb = lit_square(&white, pane.as_ref()).finish();
-        let bake = golden(&glb, &production(8.0));
+        let bake = golden(&glb, &production(24.0));
         let e = colour(&lumels_of(&bake, "plate"));
         // Panes reflect nothing: no light meets their upper side, and the lower one, being a back, is black.
         for (e, passed) in e.into_iter().zip(passed) {
             let exact = 0.5 * 2.0 * f * passed;
-            // 512 rays in each of 64 lumels, a fifth of which meet the square: √(0.2·0.8/32768)/0.2 = 1.1 % unstratified for opaque, and stratified a
-            // third of that; of a coloured pane's coins a per cent more.
+            // 512 rays in each of 576 lumels, a fifth of which meet the square: √(0.2·0.8/294912)/0.2 = 0.37 % unstratified for opaque, and
+            // stratified a third of that. Behind the pane of 0.4, coins leave a twelfth: √(0.08·0.92/294912)/0.08 = 0.6 %, half of it stratified.
             assert!((e / exact - 1.0).abs() < GOLDEN, "{pane:?}: {e} {exact}");
         }
     }

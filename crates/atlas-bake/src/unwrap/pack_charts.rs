@@ -191,7 +191,10 @@ impl Axis {
     fn new(from: f64, rectangle: bool, small: bool) -> Axis {
         let halves = (2.0 * (from - SLACK)).ceil().max(1.0);
         let odd = halves % 2.0 == 1.0;
-        let (length, low) = match (rectangle, small) {
+        // A wall of a whole number of texels keeps whole lumels: whoever builds on a grid and chooses the density to fit it gets what is
+        // asked for.
+        let whole = from >= 4.0 && (from - from.round()).abs() < SLACK;
+        let (length, low) = match (rectangle, small && !whole) {
             (true, true) => (halves / 2.0, if odd { 0.0 } else { 0.5 }),
             (false, true) => (from, if odd { 0.0 } else { 0.5 }),
             (true, false) => ((from - SLACK).ceil().max(1.0), 0.0),
