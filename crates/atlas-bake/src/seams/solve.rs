@@ -4,18 +4,20 @@
 //!
 //! Σ_s W ℓ_s ((a_s − b_s) / σ_s)² + Σ_i c_i (d_i / σ_i)² + Σ_(i,j) G ((d_i − d_j) / σ_ij)²
 //!
-//! where ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean, plus 1 %: errors are seen relative to it. The third sum, over
+//! where W falls with the light's contrast along the seam ([`contrast`](super::contrast)), ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean, plus 1 %: errors are seen relative to it. The third sum, over
 //! neighbours in a chart, lets changes die out over a few texels instead of making a step beside the seam.
 
-use glam::Vec2;
+use glam::{DVec4, Vec2, Vec4};
 use radiosity::luminance;
 use rayon::prelude::*;
 
 use crate::atlas::Page;
 use crate::seams::Sample;
+use crate::seams::bounds::bounds;
+use crate::seams::contrast::{faith, misfit};
 use crate::seams::measure::{SeamError, SeamReport, quantiles};
 
-/// W: what agreement counts against leaving texels as they are. At 1e3 shadows that cross seams leave 99 % of them within 2 to 6 %, at 1e4
+/// W: what agreement counts against leaving texels as they are, where light is even. At 1e3 shadows that cross seams leave 99 % of them within 2 to 6 %, at 1e4
 /// within 0.6 %; 3e4 gains a little and moves lumels on (docs/seams.md).
 const AGREE: f32 = 1e4;
 
@@ -31,10 +33,13 @@ const REACH: u8 = 5;
 
 /// Residual against the right-hand side's at which the solver stops, in the preconditioner's norm. Half floats round by 5e-4 of the light, and
 /// what the solver removes is at most that large.
-const TOLERANCE: f64 = 1e-4;
+const TOLERANCE: f64 = 2e-4;
 
 /// It stops here in any case. The largest scenes measured took 260.
 const MOST_ITERATIONS: u64 = 1000;
+
+/// Times that the solver goes on after texels met their bounds, and the first.
+const ROUNDS: usize = 2;
 
 /// What is known of texels beside their light, by page.
 pub(crate) struct Texels {
@@ -48,9 +53,9 @@ pub(crate) struct Texels {
 pub(crate) const EMPTY: u32 = u32::MAX;
 
 /// One sample's two lookups: Σ weights × texels is a − b.
-struct Row {
-    texels: [u32; 8],
-    weights: [f32; 8],
+pub(super) struct Row {
+    pub texels: [u32; 8],
+    pub weights: [f32; 8],
     /// W ℓ / σ².
     agree: f32,
     /// σ.
@@ -69,9 +74,11 @@ pub(crate) struct Stitcher {
     /// Neighbours and G / σ².
     even: Vec<(u32, u32, f32)>,
     /// Of all equations, inverse; 0 for those that must not change.
-    inverse_diagonal: Vec<f64>,
+    inverse_diagonal: Vec<f32>,
     /// Steps from a seam.
     steps: Vec<u8>,
+    /// Coverage, 0 for lumels inside of something: nobody sees their own place.
+    seen: Vec<f32>,
     /// Light plus 1 % of the mean, which changes are measured against.
     light: Vec<f32>,
     report: SeamReport,
@@ -131,7 +138,8 @@ impl Stitcher {
                 }
             }
             row.scale += 0.01 * mean;
-            row.agree = AGREE * s.texels / (row.scale / mean).powi(2);
+            let misfit = misfit(s, pages, texels) / row.scale;
+            row.agree = AGREE * faith(misfit) * s.texels / (row.scale / mean).powi(2);
             report.samples += 1;
             report.metres += f64::from(s.metres);
             rows.push(row);
@@ -143,6 +151,7 @@ impl Stitcher {
             even: Vec::new(),
             inverse_diagonal: Vec::new(),
             steps: Vec::new(),
+            seen: Vec::new(),
             light: Vec::new(),
             report,
         };
@@ -175,6 +184,13 @@ impl Stitcher {
             from = to;
         }
         let light = |(p, at): (u32, u32)| light_at(&pages[p as usize], at as usize);
+        self.seen = (list.places.iter())
+            .map(|&(p, at)| (p as usize, at as usize))
+            .map(|(p, at)| match texels.hidden[p][at] {
+                true => 0.0,
+                false => pages[p].coverage[at],
+            })
+            .collect();
         self.light = (list.places.iter())
             .map(|&place| light(place) + 0.01 * mean)
             .collect();
@@ -221,7 +237,11 @@ impl Stitcher {
                 diagonal[t as usize] += f64::from(row.agree * w * w);
             }
         }
-        self.inverse_diagonal = diagonal.iter().map(|d| 1.0 / d).collect();
+        self.inverse_diagonal = diagonal.iter().map(|d| (1.0 / d) as f32).collect();
+        // Their inverse of 0 holds them.
+        for hold in self.hold.iter_mut().filter(|h| h.is_infinite()) {
+            *hold = 0.0;
+        }
         self.places = list.places;
     }
 
@@ -232,7 +252,10 @@ impl Stitcher {
             .collect();
         let differences = (self.rows.iter())
             .map(|row| {
-                let d = row.difference(|t| f64::from(light[t]));
+                let terms = row.texels.iter().zip(&row.weights);
+                let d: f64 = terms
+                    .map(|(&t, &w)| f64::from(w) * f64::from(light[t as usize]))
+                    .sum();
                 (d.abs() / f64::from(row.scale), f64::from(row.texels_long))
             })
             .collect();
@@ -244,83 +267,119 @@ impl Stitcher {
         &self.places
     }
 
-    /// Changes that make each channel's lookups agree, in the order of [`places`](Self::places). Channels are solved in parallel, each by itself.
+    /// Changes that make each channel's lookups agree, in the order of [`places`](Self::places). Channels are solved four at a time, each by
+    /// itself, and blocks of them in parallel.
     pub(crate) fn solve(&mut self, channels: &[Box<dyn Channel + '_>]) -> Vec<Vec<f32>> {
-        let solved: Vec<(Vec<f32>, u64)> = (channels.par_iter())
-            .map(|channel| self.solve_channel(&**channel))
+        let solved: Vec<(Vec<Vec4>, u64)> = (channels.par_chunks(4))
+            .map(|channels| self.solve_channels(channels))
             .collect();
         let most = solved.iter().map(|s| s.1).max().unwrap_or(0);
         self.report.iterations = self.report.iterations.max(most);
-        solved.into_iter().map(|s| s.0).collect()
+        (0..channels.len())
+            .map(|c| solved[c / 4].0.iter().map(|v| v[c % 4]).collect())
+            .collect()
     }
 
-    /// Conjugate gradients with the diagonal as preconditioner (Hestenes & Stiefel 1952).
-    fn solve_channel(&self, channel: &dyn Channel) -> (Vec<f32>, u64) {
+    /// Conjugate gradients with the diagonal as preconditioner (Hestenes & Stiefel 1952), for up to four channels.
+    fn solve_channels(&self, channels: &[Box<dyn Channel + '_>]) -> (Vec<Vec4>, u64) {
         let n = self.places.len();
-        let values: Vec<f64> = (self.places.iter())
-            .map(|&(p, at)| f64::from(channel.get(p as usize, at as usize)))
+        let values: Vec<Vec4> = (self.places.iter())
+            .map(|&(p, at)| {
+                let mut value = Vec4::ZERO;
+                for (c, channel) in channels.iter().enumerate() {
+                    value[c] = channel.get(p as usize, at as usize);
+                }
+                value
+            })
             .collect();
-        let mut residual = vec![0f64; n];
-        for row in &self.rows {
-            let d = row.difference(|t| values[t]) * f64::from(row.agree);
-            row.spread(-d, &mut residual);
-        }
-        let dot = |x: &[f64], y: &[f64]| -> f64 { x.iter().zip(y).map(|(x, y)| x * y).sum() };
-        let precondition = |r: &[f64]| -> Vec<f64> {
-            r.iter()
-                .zip(&self.inverse_diagonal)
-                .map(|(r, d)| r * d)
-                .collect()
-        };
-        let mut change = vec![0f64; n];
-        let mut z = precondition(&residual);
-        let mut direction = z.clone();
-        let mut size = dot(&residual, &z);
-        let enough = size * TOLERANCE * TOLERANCE;
-        let mut product = vec![0f64; n];
+        let [least, greatest] = bounds(&self.rows, &self.even, &self.steps, &self.seen, &values);
+        let mut change = vec![Vec4::ZERO; n];
+        let mut free = vec![Vec4::ONE; n];
         let mut iterations = 0;
-        while size > enough && iterations < MOST_ITERATIONS {
+        let mut enough = None;
+        // What met its bounds stays there while the rest makes up for it.
+        for _ in 0..ROUNDS {
+            iterations += self.descend(&values, &free, &mut change, &mut enough);
+            for i in 0..n {
+                let c = if change[i].is_finite() {
+                    change[i]
+                } else {
+                    Vec4::ZERO
+                };
+                change[i] = c.max(least[i]).min(greatest[i]);
+                free[i] *= Vec4::select(c.cmpeq(change[i]), Vec4::ONE, Vec4::ZERO);
+            }
+        }
+        (change, iterations)
+    }
+
+    /// Changes what is free (1, else 0) so that the sum becomes least; returns the number of iterations. The first call sets what residual is
+    /// small `enough`.
+    fn descend(
+        &self,
+        values: &[Vec4],
+        free: &[Vec4],
+        change: &mut [Vec4],
+        enough: &mut Option<DVec4>,
+    ) -> u64 {
+        let n = values.len();
+        let mut product = vec![Vec4::ZERO; n];
+        self.multiply(change, &mut product);
+        let mut residual: Vec<Vec4> = product.iter().map(|p| -p).collect();
+        for row in &self.rows {
+            row.spread(-row.difference(values) * row.agree, &mut residual);
+        }
+        let inverse: Vec<Vec4> = (free.iter().zip(&self.inverse_diagonal))
+            .map(|(free, d)| free * *d)
+            .collect();
+        // Sums of single products, in double precision over hundreds of thousands of texels.
+        let dot = |x: &[Vec4], y: &[Vec4]| -> DVec4 {
+            x.iter().zip(y).map(|(x, y)| (x * y).as_dvec4()).sum()
+        };
+        let weighted = |r: &[Vec4]| -> DVec4 {
+            (r.iter().zip(&inverse))
+                .map(|(r, d)| (r * r * d).as_dvec4())
+                .sum()
+        };
+        let mut direction: Vec<Vec4> = residual.iter().zip(&inverse).map(|(r, d)| r * d).collect();
+        let mut size = weighted(&residual);
+        let enough = *enough.get_or_insert(size * (TOLERANCE * TOLERANCE));
+        let mut iterations = 0;
+        // A channel that is done stands still: what it becomes does not hang on its neighbours.
+        while size.cmpgt(enough).any() && iterations < MOST_ITERATIONS {
             self.multiply(&direction, &mut product);
-            let step = size / dot(&direction, &product);
-            if !step.is_finite() {
+            let curvature = dot(&direction, &product);
+            let going = size.cmpgt(enough) & curvature.cmpgt(DVec4::ZERO);
+            if !going.any() {
                 break;
             }
+            let step = DVec4::select(going, size / curvature, DVec4::ZERO).as_vec4();
             for i in 0..n {
                 change[i] += step * direction[i];
                 residual[i] -= step * product[i];
             }
-            z = precondition(&residual);
-            let next = dot(&residual, &z);
-            let keep = next / size;
-            size = next;
-            for (d, z) in direction.iter_mut().zip(&z) {
-                *d = z + keep * *d;
+            let next = weighted(&residual);
+            let keep = DVec4::select(going, next / size, DVec4::ZERO).as_vec4();
+            size = DVec4::select(going, next, size);
+            for (d, (r, inverse)) in direction.iter_mut().zip(residual.iter().zip(&inverse)) {
+                *d = r * inverse + keep * *d;
             }
             iterations += 1;
         }
-        let finite = change.iter().all(|c| c.is_finite());
-        let change = change
-            .into_iter()
-            .map(|c| if finite { c as f32 } else { 0.0 });
-        (change.collect(), iterations)
+        iterations
     }
 
-    fn multiply(&self, x: &[f64], out: &mut [f64]) {
+    fn multiply(&self, x: &[Vec4], out: &mut [Vec4]) {
         for ((out, x), hold) in out.iter_mut().zip(x).zip(&self.hold) {
-            // What must not change has x = 0.
-            *out = if hold.is_finite() {
-                x * f64::from(*hold)
-            } else {
-                0.0
-            };
+            *out = x * *hold;
         }
         for &(i, j, weight) in &self.even {
-            let d = (x[i as usize] - x[j as usize]) * f64::from(weight);
+            let d = (x[i as usize] - x[j as usize]) * weight;
             out[i as usize] += d;
             out[j as usize] -= d;
         }
         for row in &self.rows {
-            row.spread(row.difference(|t| x[t]) * f64::from(row.agree), out);
+            row.spread(row.difference(x) * row.agree, out);
         }
     }
 
@@ -357,14 +416,15 @@ impl Stitcher {
 }
 
 impl Row {
-    fn difference(&self, value: impl Fn(usize) -> f64) -> f64 {
+    /// a − b.
+    pub(super) fn difference(&self, values: &[Vec4]) -> Vec4 {
         let terms = self.texels.iter().zip(&self.weights);
-        terms.map(|(&t, &w)| f64::from(w) * value(t as usize)).sum()
+        terms.map(|(&t, &w)| values[t as usize] * w).sum()
     }
 
-    fn spread(&self, x: f64, out: &mut [f64]) {
+    fn spread(&self, x: Vec4, out: &mut [Vec4]) {
         for (&t, &w) in self.texels.iter().zip(&self.weights) {
-            out[t as usize] += f64::from(w) * x;
+            out[t as usize] += x * w;
         }
     }
 }
@@ -429,7 +489,7 @@ fn beside(pages: &[Page], (p, at): (u32, u32)) -> [Option<(u32, u32)>; 4] {
     ]
 }
 
-fn light_at(page: &Page, at: usize) -> f32 {
+pub(super) fn light_at(page: &Page, at: usize) -> f32 {
     luminance(page.value[at].into())
 }
 

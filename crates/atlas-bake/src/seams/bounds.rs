@@ -1,0 +1,71 @@
+//! How far stitching may change a texel at most.
+
+use glam::Vec4;
+
+use crate::seams::solve::Row;
+
+/// Least and greatest change that the seams at hand give reason for, for four channels at once.
+///
+/// No whole lumel moves further than twice what lookups that read it or its neighbours differed before, nor out of the range of what those lookups read
+/// on both sides and it had itself: nothing becomes brighter or darker than all that lies about. What is `seen` by a share only, 0 if
+/// dilated, has more room. Texels beyond those that seams read, `steps` from them, have
+/// the bounds of the neighbours (`even`) by which they are reached.
+pub(super) fn bounds(
+    rows: &[Row],
+    even: &[(u32, u32, f32)],
+    steps: &[u8],
+    seen: &[f32],
+    values: &[Vec4],
+) -> [Vec<Vec4>; 2] {
+    let mut low = values.to_vec();
+    let mut high = values.to_vec();
+    let mut most = vec![Vec4::ZERO; values.len()];
+    for row in rows {
+        let difference = row.difference(values).abs();
+        let reads = || {
+            let terms = row.texels.iter().zip(&row.weights);
+            terms.filter(|(_, w)| **w != 0.0).map(|(&t, _)| t as usize)
+        };
+        // What is only dilated, or inside of something, sets no bounds of its own if there is better.
+        let any = reads().any(|t| seen[t] > 0.0);
+        let (lo, hi) = reads()
+            .filter(|&t| seen[t] > 0.0 || !any)
+            .fold((Vec4::INFINITY, Vec4::NEG_INFINITY), |(lo, hi), t| {
+                (lo.min(values[t]), hi.max(values[t]))
+            });
+        for t in reads() {
+            low[t] = low[t].min(lo);
+            high[t] = high[t].max(hi);
+            most[t] = most[t].max(difference);
+        }
+    }
+    // What lies beside a texel along the seam counts too: a value between two others of one grid may be outermost in the other.
+    let own = (low.clone(), high.clone(), most.clone());
+    for &(i, j, _) in even {
+        for (i, j) in [(i as usize, j as usize), (j as usize, i as usize)] {
+            if steps[i] == 0 && steps[j] == 0 {
+                low[j] = low[j].min(own.0[i]);
+                high[j] = high[j].max(own.1[i]);
+                most[j] = most[j].max(own.2[i]);
+            }
+        }
+    }
+    // In ascending order of the nearer texel, whose bounds are then known.
+    for &(i, j, _) in even {
+        let (i, j) = (i as usize, j as usize);
+        if steps[j] == steps[i] + 1 {
+            low[j] = low[j].min(low[i]);
+            high[j] = high[j].max(high[i]);
+            most[j] = most[j].max(most[i]);
+        }
+    }
+    for i in 0..values.len() {
+        // A lumel of which little is surface stands for a slope that goes on past the border, where its centre lies.
+        let room = (high[i] - low[i]) * (1.0 - seen[i]);
+        // Across the border a lookup reads half of a whole lumel at most, and twice the difference is what makes up for it.
+        let most = 2.0 * most[i] / seen[i].max(1e-3);
+        low[i] = (low[i] - room - values[i]).max(-most);
+        high[i] = (high[i] + room - values[i]).min(most);
+    }
+    [low, high]
+}
