@@ -10,10 +10,12 @@ mod common;
 use std::f64::consts::PI;
 
 use common::{Seen, at, bake, lumels_of, worst};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
+use lumel::atlas_bake::read_exr;
 use lumel::{Settings, SkySource};
 use lumel_tests::geometry::{Geometry, cuboid, room};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
+use lumel_tests::path_tracer::{Scene, footprints};
 use lumel_tests::scenes::smooth::{averaged, glowing, lit, tube, uv_sphere};
 
 /// Meridians and bands.
@@ -59,6 +61,55 @@ fn under_the_sky(texels_per_unit: f32) -> Settings {
     Settings {
         sky: SkySource::Color([1.0; 3]),
         ..at(texels_per_unit)
+    }
+}
+
+/// Root mean square difference of bilinear lookups all over the surface from `exact`, by area.
+fn error_of_lookups(glb: &[u8], settings: &Settings, exact: impl Fn(DVec3) -> f64) -> f64 {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let baked = bake(glb, settings);
+    baked.write(dir.path()).expect("written");
+    let image = read_exr(&dir.path().join(&baked.page_names()[0])).expect("an EXR");
+    let red = image.channel("R").expect("a colour channel");
+    let (w, h) = (i64::from(image.width), i64::from(image.height));
+    let texel = |x: i64, y: i64| {
+        let at = y.clamp(0, h - 1) * w + x.clamp(0, w - 1);
+        PI * f64::from(red[at as usize])
+    };
+    let written = std::fs::read(dir.path().join("scene.glb")).expect("the written scene");
+    let scene = Scene::from_glb(&written).expect("a scene");
+    let (mut squares, mut area) = (0.0, 0.0);
+    for footprint in footprints(&scene, &[[image.width, image.height]]) {
+        for (triangle, outline) in footprint.outlines() {
+            let t = &scene.triangles[triangle];
+            let (_, uv) = t.lightmap.expect("a lightmapped triangle");
+            let middle = outline.iter().sum::<DVec2>() / outline.len() as f64;
+            let uv = uv[0] + (uv[1] - uv[0]) * middle.x + (uv[2] - uv[0]) * middle.y;
+            let p = uv * DVec2::new(w as f64, h as f64) - 0.5;
+            let (x, y) = (p.x.floor() as i64, p.y.floor() as i64);
+            let f = p - p.floor();
+            let row = |y| texel(x, y) * (1.0 - f.x) + texel(x + 1, y) * f.x;
+            let seen = row(y) * (1.0 - f.y) + row(y + 1) * f.y;
+            let weight = footprint.area / footprint.outlines().count() as f64;
+            squares += weight * (seen - exact(t.at(middle.x, middle.y))).powi(2);
+            area += weight;
+        }
+    }
+    assert!(area > 0.0);
+    (squares / area).sqrt()
+}
+
+#[test]
+fn lookups_on_a_sphere_are_as_near_to_the_truth_as_lumels_allow() {
+    let from = Vec3::new(0.48, 0.6, 0.64);
+    let exact = |p: DVec3| p.normalize().dot(from.as_dvec3()).max(0.0);
+    for n in TESSELLATIONS {
+        let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[sun(from)]);
+        let off = error_of_lookups(&glb, &at(8.0), exact);
+        eprintln!("lookups {n:?}: RMS {off:.5}");
+        // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it reads, where E changes by 1/16 at most; borders are an
+        // eighth of the surface or less: 1/16 · √(1/8)/√3 = 0.013.
+        assert!(off < 0.013, "{n:?}: {off}");
     }
 }
 

