@@ -1,6 +1,6 @@
 //! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
 
-use radiosity::{DirectEstimate, DirectOptions, SurfacePoint, hash_u32, luminance};
+use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, hash_u32, luminance};
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
@@ -36,6 +36,9 @@ const DARK_SLIVER: f32 = 0.02;
 
 /// A footprint of which less than this can be seen counts as hidden: what so little of it says is all noise, and its neighbours know better.
 const LEAST_OPEN: f32 = 1.0 / 32.0;
+
+/// What touches a footprint throws a shadow on a part of it, which so many points do not miss as easily as [`DirectOptions::scouts`].
+const LEAST_SCOUTS: u32 = 32;
 
 /// Further rays of a point whose few all met black backs. An open point near the backs of things sees them in half of its hemisphere at most.
 const CONFIRM: u32 = 6;
@@ -184,10 +187,16 @@ impl Gatherer<'_, '_> {
         let options = DirectOptions {
             base: most,
             penumbra: most,
+            scouts: self.options.direct.scouts.max(LEAST_SCOUTS),
         };
-        let direct = self.direct_light(footprint, points, &mask, seed, &options, &mut planes);
+        let indirect = mean_and_spread(sums, &mask);
+        let known = Known {
+            light: luminance(indirect.mean),
+            look: 0,
+        };
+        let direct = self.direct_light(footprint, points, &mask, seed, &options, &known, &mut planes);
         Seen {
-            indirect: mean_and_spread(sums, &mask),
+            indirect,
             direct,
             planes,
             mask,

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use radiosity::{
-    DirectEstimate, DirectLight, DirectOptions, Incoming, Solution, SurfacePoint, World,
+    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Solution, SurfacePoint, World,
     cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
@@ -62,6 +62,12 @@ pub struct Received {
     pub edge: Edge,
     /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
     pub mixed: u32,
+    /// Lamps that a point of it sees, and lamps that are hidden from one, by the same bits.
+    pub lit: u32,
+    /// See `lit`.
+    pub hidden: u32,
+    /// Lights at whose shadows it was looked as closely as at most.
+    pub looked: u32,
     /// What [`Gatherer::wanted`] asks for, in its order; empty where that is nothing.
     pub planes: Box<[Plane]>,
 }
@@ -218,6 +224,10 @@ impl Gatherer<'_, '_> {
             &open,
             seed,
             &options.direct,
+            &Known {
+                light: luminance(estimate.mean),
+                look: 0,
+            },
             &mut planes,
         );
         rays += u64::from(direct.rays);
@@ -280,22 +290,24 @@ impl Gatherer<'_, '_> {
         (self.options.rays / self.options.points.max(1)).max(1)
     }
 
-    /// Direct light once more, with as many points as a penumbra gets: for footprints next to one that a shadow's edge crosses, of which the
-    /// edge may cut a corner.
+    /// Direct light once more, with as many points as a penumbra gets for the lights of `look`: for footprints next to one that the edges of
+    /// their shadows cross, which may cut a corner.
     pub(crate) fn refine_direct(
         &self,
         footprint: &impl Footprint,
         seed: u32,
         first: &Received,
+        look: u32,
     ) -> Received {
         let points = spread(footprint, self.options.points as usize);
-        let options = DirectOptions {
-            base: self.options.direct.penumbra,
-            ..self.options.direct
+        let options = &self.options.direct;
+        let known = Known {
+            light: luminance(first.indirect),
+            look,
         };
         let open = vec![true; points.len()];
         let mut planes = first.planes.clone();
-        let direct = self.direct_light(footprint, &points, &open, seed, &options, &mut planes);
+        let direct = self.direct_light(footprint, &points, &open, seed, options, &known, &mut planes);
         Received {
             planes,
             direct: direct.irradiance,
@@ -303,6 +315,9 @@ impl Gatherer<'_, '_> {
             rays: first.rays + u64::from(direct.rays),
             edge: shadow(direct.mixed),
             mixed: direct.mixed,
+            lit: direct.lit,
+            hidden: direct.hidden,
+            looked: first.looked | look,
             ..first.clone()
         }
     }
@@ -437,6 +452,7 @@ impl Gatherer<'_, '_> {
         open: &[bool],
         seed: u32,
         options: &DirectOptions,
+        known: &Known,
         planes: &mut [Plane],
     ) -> DirectEstimate {
         let valid: Vec<SurfacePoint> = points
@@ -470,8 +486,8 @@ impl Gatherer<'_, '_> {
         };
         let mut parts = self.wanted.direct_parts();
         let seed = seed ^ 0x68bc_21eb;
-        let out =
-            (self.direct).irradiance_parts(point, footprint.size(), seed, options, &mut parts);
+        let size = footprint.size();
+        let out = (self.direct).irradiance_parts(point, size, seed, options, known, &mut parts);
         self.wanted.place_direct(&parts, planes);
         out
     }
@@ -511,6 +527,9 @@ pub(crate) fn received(
         rays,
         edge: shadow(direct.mixed),
         mixed: direct.mixed,
+        lit: direct.lit,
+        hidden: direct.hidden,
+        looked: 0,
         planes: planes.into(),
     }
 }

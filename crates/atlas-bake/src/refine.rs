@@ -28,50 +28,74 @@ pub(crate) fn follow_edges(
     let index = TexelIndex::build(&lumels.lumels, layout);
     // Where edges get no more points than others, a second look would see no more.
     let contacts = gatherer.options.edge_points > gatherer.options.points;
-    let beside: Vec<(usize, Edge)> = (0..received.len())
-        .into_par_iter()
-        .with_min_len(1024)
-        .filter_map(|i| {
-            let l = &lumels.lumels[i];
-            let [x, y] = l.texel.map(i64::from);
-            let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
-            let own = &received[i];
-            let (mut edge, mut mixed) = (Edge::None, 0);
-            for j in around.filter_map(|(x, y)| index.at(l.page, x, y)) {
-                if lumels.lumels[j].instance == l.instance {
-                    edge = edge.max(received[j].edge);
-                    mixed |= received[j].mixed;
-                }
-            }
-            // One light's shadow may end in a lumel that another's was found in. Buried lumels were searched through.
-            if !contacts {
-                edge = edge.min(Edge::Shadow);
-            }
-            let news = mixed & !own.mixed != 0 || edge == Edge::Contact;
-            (news && own.edge != Edge::Contact && own.open > 0.0).then_some((i, edge))
-        })
-        .collect();
-    let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
-        let (i, edge) = beside[k];
-        let (footprint, seed) = lumels.footprint(gatherer.world, i);
-        let first = &received[i];
-        match edge {
-            Edge::Contact => {
-                let again = gatherer.gather_edge(&footprint, seed);
-                Received {
-                    // What the smoothing goes by, which the many points know better.
-                    open: first.open.min(again.open),
-                    rays: first.rays + again.rays,
-                    ..again
-                }
-            }
-            Edge::Shadow | Edge::None => gatherer.refine_direct(&footprint, seed, first),
+    for round in 0..ROUNDS {
+        let beside: Vec<(usize, Look)> = (0..received.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .filter_map(|i| {
+                let look = look_again(lumels, &index, received, i);
+                let contact = look.contact && contacts && round == 0;
+                (contact || look.lights != 0).then_some((i, Look { contact, ..look }))
+            })
+            .collect();
+        if beside.is_empty() {
+            break;
         }
-    })?;
-    for ((i, _), again) in beside.into_iter().zip(refined) {
-        received[i] = again;
+        let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
+            let (i, look) = beside[k];
+            let (footprint, seed) = lumels.footprint(gatherer.world, i);
+            let first = &received[i];
+            if !look.contact {
+                return gatherer.refine_direct(&footprint, seed, first, look.lights);
+            }
+            let again = gatherer.gather_edge(&footprint, seed);
+            Received {
+                // What the smoothing goes by, which the many points know better.
+                open: first.open.min(again.open),
+                rays: first.rays + again.rays,
+                ..again
+            }
+        })?;
+        for ((i, _), again) in beside.into_iter().zip(refined) {
+            received[i] = again;
+        }
     }
     Ok(())
+}
+
+/// An edge is followed for so many lumels from where it was found. It was found in most that it crosses.
+const ROUNDS: u32 = 3;
+
+/// Why a lumel is to be looked at again.
+#[derive(Clone, Copy, Default)]
+struct Look {
+    /// Something touches its neighbour.
+    contact: bool,
+    /// Lights whose shadow's edge crosses a neighbour, or runs between it and the lumel.
+    lights: u32,
+}
+
+fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usize) -> Look {
+    let (l, own) = (&lumels.lumels[i], &received[i]);
+    // Buried lumels were searched through, and those at contacts looked at closely.
+    if own.edge == Edge::Contact || own.open == 0.0 {
+        return Look::default();
+    }
+    let [x, y] = l.texel.map(i64::from);
+    let mut look = Look::default();
+    for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
+        let Some(j) = index.at(l.page, x + dx, y + dy) else {
+            continue;
+        };
+        let other = &received[j];
+        if lumels.lumels[j].instance == l.instance {
+            look.contact |= other.edge == Edge::Contact;
+            // One light's shadow may end in a lumel that another's was found in.
+            look.lights |= other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit);
+        }
+    }
+    look.lights &= !(own.mixed | own.looked);
+    look
 }
 
 /// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).

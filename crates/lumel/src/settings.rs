@@ -210,7 +210,11 @@ impl Settings {
             edge_points,
             most_rays: most,
             error,
-            direct: DirectOptions { base, penumbra },
+            direct: DirectOptions {
+                base,
+                penumbra,
+                scouts: std::env::var("SC").map_or(4, |s| s.parse().unwrap()),
+            },
             open_only: false,
         }
     }

@@ -10,10 +10,10 @@ mod terms;
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
 
-use crate::emitters::{Emitter, Emitters};
+use crate::emitters::{Emitter, Emitters, Few};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
-use crate::world::{SurfacePoint, World};
+use crate::world::{SurfacePoint, World, luminance};
 use tally::Tally;
 
 /// How many shadow rays a light gets.
@@ -23,6 +23,29 @@ pub struct DirectOptions {
     pub base: u32,
     /// Points where the first ones disagree about visibility: a shadow's edge crosses the receiver.
     pub penumbra: u32,
+    /// Points that have a shadow ray. Where these agree, the rest of `base` is taken to see what they saw: a light's closed form varies
+    /// over a receiver in any case, what is seen of it only where a shadow's edge runs.
+    pub scouts: u32,
+}
+
+impl DirectOptions {
+    /// A shadow ray for every point.
+    pub const fn every(base: u32, penumbra: u32) -> Self {
+        DirectOptions {
+            base,
+            penumbra,
+            scouts: u32::MAX,
+        }
+    }
+}
+
+/// What is known of a receiver before its direct light is.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Known {
+    /// Luminance of the irradiance that arrives beside direct light. A light that brings next to nothing beside the rest is worth few rays.
+    pub light: f32,
+    /// Lights that get a shadow ray at as many points as a penumbra has, as [`DirectEstimate::mixed`] names them.
+    pub look: u32,
 }
 
 /// Direct irradiance at a receiver.
@@ -38,6 +61,10 @@ pub struct DirectEstimate {
     /// Lights that some points see and others do not: a bit for each lamp (the 32nd and on share with the first), the top bit for
     /// emitters and the bright parts of the sky.
     pub mixed: u32,
+    /// Lamps that some point sees, and lamps that are hidden from one, by the same bits.
+    pub lit: u32,
+    /// See `lit`.
+    pub hidden: u32,
 }
 
 /// What is to be kept of direct light beside its sum. What is empty or `None` is not asked for and costs nothing; the rest is added to.
@@ -99,7 +126,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         seed: u32,
         options: &DirectOptions,
     ) -> DirectEstimate {
-        self.irradiance_parts(point, scale, seed, options, &mut DirectParts::default())
+        let parts = &mut DirectParts::default();
+        self.irradiance_parts(point, scale, seed, options, &Known::default(), parts)
     }
 
     /// [`irradiance`](Self::irradiance), of which `parts` keeps what it asks for.
@@ -109,6 +137,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         scale: f32,
         seed: u32,
         options: &DirectOptions,
+        known: &Known,
         parts: &mut DirectParts,
     ) -> DirectEstimate {
         let mut out = DirectEstimate::default();
@@ -127,44 +156,35 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             options,
             out: &mut out,
             parts,
+            mixed: Vec::new(),
         };
         let shares = self.shares_of_lamps(&first, scale);
         for (k, light) in lights.iter().enumerate() {
             let share = shares.as_ref().map_or(1.0, |s| s[k]);
-            let term = Term::Lamp(light, self.world.lamp_group(k));
-            if share <= 0.0 {
-                continue;
-            }
-            let mixed = if matches!(light.kind, LightKind::Directional { .. }) {
-                self.add(&term, share, &mut work)
-            } else {
-                work.without_sun(|work| self.add(&term, share, work))
-            };
-            if mixed {
-                work.out.mixed |= 1 << (k % 31);
+            if share > 0.0 {
+                let term = Term::Lamp(light, self.world.lamp_group(k));
+                let sun = matches!(light.kind, LightKind::Directional { .. });
+                let bit = 1 << (k % 31);
+                self.begin(term, share, bit, known.look & bit != 0, sun, &mut work);
             }
         }
-        if self.emitters.is_empty() && bright.is_none() {
-            return out;
-        }
-        work.without_sun(|work| {
-            let mut mixed = false;
+        if !self.emitters.is_empty() || bright.is_some() {
+            let look = known.look & EMITTERS != 0;
             if let Some(bright) = bright {
                 let total: f32 = bright.cells.iter().map(|c| c.power).sum();
                 for cell in &bright.cells {
-                    mixed |= self.add(&Term::Sky(cell), cell.power / total, work);
+                    let share = cell.power / total;
+                    self.begin(Term::Sky(cell), share, EMITTERS, look, false, &mut work);
                 }
             }
             let mut terms = Vec::new();
             self.emitter_terms(&first, scale, options.base.max(4) as usize * 2, &mut terms);
             let total: f32 = terms.iter().map(|t| t.1).sum();
             for (term, weight) in terms {
-                mixed |= self.add(&term, weight / total, work);
+                self.begin(term, weight / total, EMITTERS, look, false, &mut work);
             }
-            if mixed {
-                work.out.mixed |= EMITTERS;
-            }
-        });
+        }
+        self.look_closer(known.light, work);
         out
     }
 
@@ -205,31 +225,40 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         (tally.lit() * (total / weight), tally.group)
     }
 
-    /// Adds one light, and says whether its samples disagree about what gets through. `share` is roughly its part of the light, which
-    /// decides how much work it is worth.
-    fn add<P: FnMut(u32) -> SurfacePoint>(
+    /// Takes a light's first samples, and adds it to what arrives unless they disagree about what gets through. `share` is roughly its
+    /// part of the light, which decides how much work it is worth.
+    fn begin<'t, P: FnMut(u32) -> SurfacePoint>(
         &self,
-        term: &Term,
+        term: Term<'t>,
         share: f32,
-        work: &mut Work<P>,
-    ) -> bool {
+        bit: u32,
+        look: bool,
+        sun: bool,
+        work: &mut Work<'_, 't, P>,
+    ) {
         // Up to four lights of equal strength get the whole number of points each; more share four times that number, by what
         // they bring, so that a hundred emissive triangles cost little more than four.
         let part = (4.0 * share).min(1.0);
+        let is_random = self.is_random(&term);
+        // One point, one direction: all samples are the same.
+        let part = if is_random || work.scale > 0.0 { part } else { 0.0 };
         let base = ((work.options.base as f32 * part).ceil() as u32).max(1);
         let most = ((work.options.penumbra as f32 * part).ceil() as u32).max(base);
+        // Half shadows of lights that have an extent are seen by many points or not at all.
+        let scouts = if is_random {
+            u32::MAX
+        } else {
+            ((work.options.scouts as f32 * part).ceil() as u32).max(1)
+        };
         let groups = match term {
             Term::Group(..) => self.world.group_count(),
             _ => 1,
         };
         // What each of a few emitters brings, found once for all points of the receiver.
         let few = match term {
-            Term::Group(node) => self.emitters.few(*node, &work.first, work.scale),
+            Term::Group(node) => self.emitters.few(node, &work.first, work.scale),
             _ => None,
         };
-        let mut tally = Tally::new(work.parts, groups);
-        let mut n = 0;
-        let mut target = base;
         // Lights that get few points start at different ones: else all would be seen from the same corner of the receiver. Aligned
         // blocks of a Sobol sequence are well distributed.
         let whole = work.options.base.max(1);
@@ -238,30 +267,98 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         } else {
             0
         };
-        while n < target {
-            let at = if n < whole { (n + shift) % whole } else { n };
+        let mut light = Started {
+            is_random,
+            tally: Tally::new(work.parts, groups, sun),
+            term,
+            few,
+            bit,
+            set: work.set,
+            shift,
+            taken: 0,
+            most,
+        };
+        work.set += 1;
+        if look {
+            self.go_on(&mut light, most, u32::MAX, work);
+        } else {
+            self.go_on(&mut light, base, scouts, work);
+        }
+        if light.tally.mixed() && light.taken < most {
+            work.mixed.push(light);
+        } else {
+            work.finish(light);
+        }
+    }
+
+    /// Takes samples of a light until it has `target`, of which the first `scouts` that count have a shadow ray, and the others too if
+    /// these disagree.
+    fn go_on<P: FnMut(u32) -> SurfacePoint>(
+        &self,
+        light: &mut Started,
+        target: u32,
+        scouts: u32,
+        work: &mut Work<P>,
+    ) {
+        let whole = work.options.base.max(1);
+        while light.taken < target {
+            let n = light.taken;
+            light.tally.assume(scouts);
+            let at = if n < whole {
+                (n + light.shift) % whole
+            } else {
+                n
+            };
             let p = (work.point)(at);
-            let random = if self.is_random(term) {
-                sample_4d(n, work.set, work.seed)
+            let random = if light.is_random {
+                sample_4d(n, light.set, work.seed)
             } else {
                 [0.0; 4]
             };
-            self.sample(term, few.as_ref(), &p, random, &mut tally);
-            n += 1;
-            // Seen from some points and hidden from others: look closer.
-            if n == target && tally.mixed() {
-                target = most;
-            }
+            let few = light.few.as_ref();
+            self.sample(&light.term, few, &p, random, &mut light.tally);
+            light.taken += 1;
         }
-        work.set += 1;
-        let mixed = tally.mixed();
-        tally.finish(n, work.out, work.parts);
-        mixed
+    }
+
+    /// Lights of which the first samples disagree: a shadow's edge crosses the receiver. They get more samples, the more the larger their
+    /// part in all light that arrives, of which `beside` is known to come from elsewhere.
+    fn look_closer<P: FnMut(u32) -> SurfacePoint>(&self, beside: f32, mut work: Work<P>) {
+        let mixed = std::mem::take(&mut work.mixed);
+        let lit: f32 = mixed.iter().map(|l| l.tally.luminances(l.taken)[0]).sum();
+        let total = (beside + luminance(work.out.irradiance) + lit).max(1e-30);
+        for mut light in mixed {
+            let [_, full] = light.tally.luminances(light.taken);
+            let worth = (WORTH * full / total).min(1.0) * light.most as f32;
+            let target = (worth.ceil() as u32).clamp(light.taken, light.most);
+            self.go_on(&mut light, target, u32::MAX, &mut work);
+            work.finish(light);
+        }
     }
 }
 
+/// A light of which this part of what arrives would come, if nothing were in the way, gets one part in so many of a penumbra's points; one that
+/// would bring half of it, all of them.
+const WORTH: f32 = 2.0;
+
+/// A light of which samples were taken.
+struct Started<'t> {
+    term: Term<'t>,
+    few: Option<Few>,
+    is_random: bool,
+    /// What stands for it in [`DirectEstimate::mixed`].
+    bit: u32,
+    /// Its set of random numbers, and the point that it starts at.
+    set: u32,
+    shift: u32,
+    /// Samples taken, and the most that it gets.
+    taken: u32,
+    most: u32,
+    tally: Tally,
+}
+
 /// What is under way at one receiver.
-struct Work<'r, P> {
+struct Work<'r, 't, P> {
     /// Points of the receiver, the first of them, and its size in metres.
     point: &'r mut P,
     first: SurfacePoint,
@@ -272,15 +369,22 @@ struct Work<'r, P> {
     options: &'r DirectOptions,
     out: &'r mut DirectEstimate,
     parts: &'r mut DirectParts,
+    /// Lights to be looked at more closely.
+    mixed: Vec<Started<'t>>,
 }
 
-impl<P> Work<'_, P> {
-    /// For lights that are no suns.
-    fn without_sun<T>(&mut self, add: impl FnOnce(&mut Self) -> T) -> T {
-        let sun = self.parts.sun.take();
-        let out = add(self);
-        self.parts.sun = sun;
-        out
+impl<P> Work<'_, '_, P> {
+    fn finish(&mut self, light: Started) {
+        let [lit, hidden] = light.tally.seen();
+        if light.tally.mixed() {
+            self.out.mixed |= light.bit;
+        }
+        // Emitters share a bit, and are seen here and hidden there all the time.
+        if light.bit != EMITTERS {
+            self.out.lit |= if lit { light.bit } else { 0 };
+            self.out.hidden |= if hidden { light.bit } else { 0 };
+        }
+        light.tally.finish(light.taken, self.out, self.parts);
     }
 }
 

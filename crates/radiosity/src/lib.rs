@@ -27,7 +27,7 @@ mod solve;
 mod world;
 
 pub use audit::{Audit, AuditBounds, RowsOfNode};
-pub use direct::{DirectEstimate, DirectLight, DirectOptions, DirectParts};
+pub use direct::{DirectEstimate, DirectLight, DirectOptions, DirectParts, Known};
 pub use emitters::Emitters;
 pub use form_factor::form_factor_polygon;
 pub use groups::LightGroups;

@@ -8,7 +8,7 @@ use patch_subdivision::{Options as CutOptions, PatchId, Subdivision};
 use rayon::prelude::*;
 
 use crate::audit::audit;
-use crate::direct::{DirectLight, DirectOptions, DirectParts};
+use crate::direct::{DirectLight, DirectOptions, DirectParts, Known};
 use crate::emitters::Emitters;
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
@@ -38,10 +38,7 @@ impl Default for SolveOptions {
             cut: CutOptions::default(),
             rays: 256,
             link_bytes: 512 << 20,
-            direct: DirectOptions {
-                base: 4,
-                penumbra: 8,
-            },
+            direct: DirectOptions::every(4, 8),
             relax: RelaxOptions::default(),
         }
     }
@@ -319,6 +316,7 @@ fn direct_light(
         let mut cast = 0u64;
         let count = patches.len() as u64;
         let mut slot = 0;
+        let known = Known::default();
         let mut parts = DirectParts {
             groups: vec![Vec3::ZERO; groups],
             ..DirectParts::default()
@@ -329,7 +327,7 @@ fn direct_light(
                 let e = cut.elements()[k];
                 let point = world.inset_point(e.triangle, e.u, e.v, back, false);
                 let seed = hash_u32(k as u32 ^ 0x2545_f491);
-                let got = light.irradiance_parts(|_| point, 0.0, seed, options, &mut parts);
+                let got = light.irradiance_parts(|_| point, 0.0, seed, options, &known, &mut parts);
                 cast += got.rays as u64;
                 out[slot] = got.irradiance;
                 by_group[slot * groups..(slot + 1) * groups].copy_from_slice(&parts.groups);

@@ -125,10 +125,7 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 edge_points: 0,
                 most_rays: rays,
                 error: 0.0,
-                direct: DirectOptions {
-                    base: 1,
-                    penumbra: 1,
-                },
+                direct: DirectOptions::every(1, 1),
                 open_only: false,
             },
             atlas_bake::Wanted::default(),
@@ -161,10 +158,7 @@ pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
     let light = DirectLight::new(&world, &emitters);
     let mut out = Vec::new();
     for &rays in rays {
-        let options = DirectOptions {
-            base: rays,
-            penumbra: rays,
-        };
+        let options = DirectOptions::every(rays, rays);
         let (mut squares, mut truths) = (0.0, 0.0);
         for k in 0..RECEIVERS {
             // Within a sixth of a metre of the edge's foot: the shadow cuts the lamp.

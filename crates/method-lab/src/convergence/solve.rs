@@ -41,10 +41,7 @@ fn with_solution<T>(
         },
         rays,
         link_bytes: 4 << 30,
-        direct: DirectOptions {
-            base: 4,
-            penumbra: 8,
-        },
+        direct: DirectOptions::every(4, 8),
         relax,
     };
     look(&world, &solve(&world, &emitters, &options, &Silent))

@@ -63,10 +63,10 @@ impl DirectLight<'_, '_> {
         let Some(a) = self.arrival(light, p) else {
             return;
         };
-        tally.rays += 1;
+        let passed = tally.passed(|| self.world.transmitted(p.origin, a.to, a.t_max));
         tally.plain(&Sample {
             value: a.value,
-            passed: self.world.transmitted(p.origin, a.to, a.t_max),
+            passed,
             direction: a.axis,
             cos: a.cos,
             group,
@@ -97,8 +97,7 @@ impl DirectLight<'_, '_> {
         let passed = if p.geometric.dot(direction) <= 0.0 || radiance == Vec3::ZERO {
             Vec3::ZERO
         } else {
-            tally.rays += 1;
-            self.world.transmitted(p.origin, direction, reach)
+            tally.passed(|| self.world.transmitted(p.origin, direction, reach))
         };
         let sample = Sample {
             value: radiance * weight,
@@ -125,10 +124,10 @@ impl DirectLight<'_, '_> {
         if cos <= 0.0 || p.geometric.dot(direction) <= 0.0 {
             return;
         }
-        tally.rays += 1;
+        let passed = tally.passed(|| (self.world).transmitted(p.origin, direction, f32::INFINITY));
         tally.plain(&Sample {
             value: light * cos,
-            passed: self.world.transmitted(p.origin, direction, f32::INFINITY),
+            passed,
             direction,
             cos,
             group: self.world.sky_group(),

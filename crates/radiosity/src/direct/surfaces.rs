@@ -94,11 +94,11 @@ impl DirectLight<'_, '_> {
         if weight <= 0.0 || p.geometric.dot(to) <= 0.0 {
             return tally.unweighted(unoccluded);
         }
-        tally.rays += 1;
+        let passed = tally.passed(|| self.passed(p, target, e));
         let direction = to.normalize_or(p.normal);
         let sample = Sample {
             value: self.radiance_at(e, target, p) * weight,
-            passed: self.passed(p, target, e),
+            passed,
             direction,
             cos: p.normal.dot(direction).max(1e-6),
             group: self.world.emission_group(e.triangle),
@@ -150,11 +150,11 @@ impl DirectLight<'_, '_> {
             return;
         }
         let k = cos * facing / (d2 * d2) * e.area / probability;
-        tally.rays += 1;
+        let passed = tally.passed(|| self.passed(p, q, e));
         let d = d2.sqrt();
         let sample = Sample {
             value: self.radiance_at(e, q, p) * k,
-            passed: self.passed(p, q, e),
+            passed,
             direction: v / d,
             cos: cos / d,
             group: self.world.emission_group(e.triangle),

@@ -28,6 +28,12 @@ pub(super) struct Tally {
     squares: f32,
     least: f32,
     most: f32,
+    /// What got through of the last sample that counts.
+    last: Vec3,
+    /// What is taken to get through of the samples to come, without a ray.
+    assumed: Option<Vec3>,
+    /// The light is a sun.
+    sun: bool,
     pub rays: u32,
     /// Sums of lights that are estimated sample by sample.
     plain: Sums,
@@ -75,7 +81,7 @@ impl Sums {
 
 impl Tally {
     /// For a light whose samples belong to `groups` groups: 1 unless that is to be known.
-    pub(super) fn new(parts: &DirectParts, groups: usize) -> Self {
+    pub(super) fn new(parts: &DirectParts, groups: usize, sun: bool) -> Self {
         let sums = || Sums {
             groups: if groups > 1 && !parts.groups.is_empty() {
                 vec![Vec3::ZERO; groups]
@@ -88,6 +94,7 @@ impl Tally {
         Tally {
             plain: sums(),
             closed: sums(),
+            sun,
             ..Tally::default()
         }
     }
@@ -100,7 +107,51 @@ impl Tally {
         }
     }
 
+    /// From `scouts` samples on, what all of them saw is taken for granted; never if they disagree.
+    #[inline]
+    pub(super) fn assume(&mut self, scouts: u32) {
+        self.assumed = (self.count >= scouts && !self.mixed()).then_some(self.last);
+    }
+
+    /// Share of a sample's light that gets through, by a ray that `cast` casts unless it is taken for granted.
+    #[inline]
+    pub(super) fn passed(&mut self, cast: impl FnOnce() -> Vec3) -> Vec3 {
+        self.assumed.unwrap_or_else(|| {
+            self.rays += 1;
+            cast()
+        })
+    }
+
+    /// Luminance of what arrives, and of what would if nothing were in the way, after samples at `n` points.
+    pub(super) fn luminances(&self, n: u32) -> [f32; 2] {
+        let (plain, closed) = self.scales(n);
+        [
+            luminance(self.plain.lit * plain + self.closed.lit * closed),
+            luminance(self.plain.all * plain + self.closed.all * closed),
+        ]
+    }
+
+    /// Whether a sample saw the light, and whether one did not.
+    pub(super) fn seen(&self) -> [bool; 2] {
+        [
+            self.count > 0 && self.most > 0.0,
+            self.count > 0 && self.least == 0.0,
+        ]
+    }
+
+    /// Factors of the sums of plain and of closed samples.
+    fn scales(&self, n: u32) -> (f32, f32) {
+        let plain = 1.0 / n as f32;
+        let closed = if self.weight > 0.0 {
+            self.unoccluded / n as f32 / self.weight
+        } else {
+            0.0
+        };
+        (plain, closed)
+    }
+
     fn mark(&mut self, passed: Vec3) {
+        self.last = passed;
         let share = luminance(passed);
         if self.count == 0 {
             (self.least, self.most) = (share, share);
@@ -151,12 +202,7 @@ impl Tally {
     /// Adds the light to `out` and `parts`, after samples at `n` points.
     pub(super) fn finish(self, n: u32, out: &mut DirectEstimate, parts: &mut DirectParts) {
         out.rays += self.rays;
-        let plain = 1.0 / n as f32;
-        let closed = if self.weight > 0.0 {
-            self.unoccluded / n as f32 / self.weight
-        } else {
-            0.0
-        };
+        let (plain, closed) = self.scales(n);
         let lit = self.plain.lit * plain + self.closed.lit * closed;
         out.irradiance += lit;
         if self.mixed() {
@@ -181,7 +227,7 @@ impl Tally {
                 into[k] += a[k] * plain + b[k] * closed;
             }
         }
-        if let Some(sun) = &mut parts.sun {
+        if let Some(sun) = parts.sun.as_mut().filter(|_| self.sun) {
             sun[0] += luminance(lit);
             sun[1] += luminance(self.plain.all * plain + self.closed.all * closed);
         }

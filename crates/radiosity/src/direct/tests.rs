@@ -8,14 +8,8 @@ use crate::fixtures::{add_quad, light, material};
 use crate::form_factor::form_factor_polygon;
 use crate::world::WorldOptions;
 
-const FEW: DirectOptions = DirectOptions {
-    base: 4,
-    penumbra: 16,
-};
-const MANY: DirectOptions = DirectOptions {
-    base: 64,
-    penumbra: 1024,
-};
+const FEW: DirectOptions = DirectOptions::every(4, 16);
+const MANY: DirectOptions = DirectOptions::every(64, 1024);
 
 fn with_light<R>(scene: &Scene, test: impl FnOnce(&DirectLight) -> R) -> R {
     let soup = Soup::build(scene);
@@ -323,10 +317,7 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
     }
     let at = receiver(Vec3::new(0.5, 0.2, 0.0), Vec3::Z);
     let exact = estimate(&one, at, &FEW).irradiance.x as f64;
-    let options = DirectOptions {
-        base: 16,
-        penumbra: 64,
-    };
+    let options = DirectOptions::every(16, 64);
     with_light(&many, |l| {
         assert_eq!(l.emitters.len(), 400);
         let mut terms = Vec::new();

@@ -120,10 +120,7 @@ fn statistics(
 }
 
 /// What `--quality preview` takes at a lumel.
-const PREVIEW: DirectOptions = DirectOptions {
-    base: 16,
-    penumbra: 128,
-};
+const PREVIEW: DirectOptions = DirectOptions::every(16, 128);
 
 /// Under the panel of [`panel`], beside it, on a wall, just beside its edge, and close to it.
 fn receivers() -> [SurfacePoint; 5] {
