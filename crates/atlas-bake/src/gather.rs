@@ -146,7 +146,7 @@ impl<'w, 'a> Gatherer<'w, 'a> {
         Gatherer {
             world,
             solution,
-            direct,
+            direct: direct.on_patches(&solution.cut),
             options,
             wanted,
             dim: DIM * mean * std::f32::consts::FRAC_1_PI,
@@ -429,7 +429,11 @@ impl Gatherer<'_, '_> {
                 add(throughput * glow, group, &mut sum, groups);
             }
             throughput *= self.world.reflectance(hit.triangle, hit.u, hit.v);
-            let (direct, group) = self.direct.sample_one(&point, random);
+            let cut = &self.solution.cut;
+            let (direct, group) = match cut.locate(hit.triangle, at, hit.back) {
+                Some(place) => self.direct.sample_on(cut, place.patch, &point, random),
+                None => self.direct.sample_one(&point, random),
+            };
             let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
             add(reflected, group, &mut sum, groups);
             let [u, v] = sample_2d(i, 40 + bounce, seed);

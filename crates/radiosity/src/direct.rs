@@ -2,6 +2,7 @@
 
 mod around;
 mod cap;
+mod choice;
 mod sample;
 mod surfaces;
 mod tally;
@@ -9,11 +10,13 @@ mod terms;
 
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
+use patch_subdivision::Subdivision;
 
 use crate::emitters::{Emitter, Emitters, Few};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
+use choice::Tables;
 use tally::Tally;
 
 /// How many shadow rays a light gets.
@@ -89,6 +92,7 @@ const EMITTERS: u32 = 1 << 31;
 pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
+    tables: Tables,
 }
 
 /// A light as one receiver sees it.
@@ -105,7 +109,20 @@ enum Term<'e> {
 impl<'w, 'a> DirectLight<'w, 'a> {
     /// Direct light of `world`'s lamps and of `emitters`, which were collected from it.
     pub fn new(world: &'w World<'a>, emitters: &'w Emitters) -> Self {
-        DirectLight { world, emitters }
+        DirectLight {
+            world,
+            emitters,
+            tables: Tables::default(),
+        }
+    }
+
+    /// The same, ready for [`sample_on`](Self::sample_on) the patches of `cut`. What hits choose from is kept per patch: 12 bytes a
+    /// lamp or group of emitters.
+    pub fn on_patches(self, cut: &Subdivision) -> Self {
+        DirectLight {
+            tables: Tables::new(cut.patches().len()),
+            ..self
+        }
     }
 
     /// Whether there is no light to compute.

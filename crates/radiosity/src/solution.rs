@@ -115,7 +115,7 @@ impl Solution {
         };
         let direct = if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            lights.sample_one(&point, seed).0
+            lights.sample_on(&self.cut, at.patch, &point, seed).0
         } else {
             match at.element {
                 Some(e) => self.direct[e.0 as usize],
@@ -168,7 +168,7 @@ impl Solution {
         };
         if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            let (direct, group) = lights.sample_one(&point, seed);
+            let (direct, group) = lights.sample_on(&self.cut, at.patch, &point, seed);
             add(group, reflected * direct);
         } else {
             let direct = match at.element {

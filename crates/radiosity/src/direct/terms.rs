@@ -82,6 +82,29 @@ impl<'w> DirectLight<'w, '_> {
         most: usize,
         terms: &mut Vec<(Term<'w>, f32)>,
     ) {
+        let mut nodes = Vec::new();
+        self.emitter_nodes(first, scale, most, &mut nodes);
+        terms.extend((nodes.into_iter()).map(|(id, weight)| (self.term_of_node(id), weight)));
+    }
+
+    /// A node of the emitters' tree as a term.
+    pub(super) fn term_of_node(&self, id: u32) -> Term<'w> {
+        let node = &self.emitters.nodes[id as usize];
+        if node.second == 0 {
+            Term::Triangle(&self.emitters.emitters[node.start as usize])
+        } else {
+            Term::Group(id)
+        }
+    }
+
+    /// [`emitter_terms`](Self::emitter_terms) by their nodes.
+    pub(super) fn emitter_nodes(
+        &self,
+        first: &SurfacePoint,
+        scale: f32,
+        most: usize,
+        nodes: &mut Vec<(u32, f32)>,
+    ) {
         if self.emitters.is_empty() {
             return;
         }
@@ -130,14 +153,6 @@ impl<'w> DirectLight<'w, '_> {
             cut.extend(judge(id + 1));
             cut.extend(judge(self.emitters.nodes[id as usize].second));
         }
-        terms.extend(cut.into_iter().map(|(id, weight, _)| {
-            let node = &self.emitters.nodes[id as usize];
-            let term = if node.second == 0 {
-                Term::Triangle(&self.emitters.emitters[node.start as usize])
-            } else {
-                Term::Group(id)
-            };
-            (term, weight)
-        }));
+        nodes.extend(cut.into_iter().map(|(id, weight, _)| (id, weight)));
     }
 }
