@@ -17,6 +17,7 @@ use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
+use crate::sparse::Sparse;
 use crate::vertex_light::{LumelLight, VertexBake, VertexReport};
 use crate::walls::{Barriers, fill_hidden};
 
@@ -186,10 +187,12 @@ pub fn bake(
         },
         options.wanted(world),
     );
-    let mut received = in_blocks(lumels.lumels.len(), Phase::Gather, monitor, |i| {
-        let (footprint, seed) = lumels.footprint(world, i);
-        gatherer.gather(&footprint, seed)
-    })?;
+    let mut sparse = if world.is_dark() {
+        Sparse::none(lumels.lumels.len())
+    } else {
+        Sparse::find(world, &lumels, layout)
+    };
+    let mut received = sparse.gather(&gatherer, &lumels, monitor)?;
     follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;
     let fill = options.hidden == Hidden::Fill;
     let mut barriers = Barriers::default();
@@ -203,10 +206,12 @@ pub fn bake(
         layout,
         &mut received,
         &barriers,
+        &sparse,
         monitor,
     )?;
     let groups = gatherer.wanted.groups;
-    smooth_indirect(&lumels, layout, &mut received, &barriers, groups);
+    smooth_indirect(&lumels, layout, &mut received, &barriers, &sparse, groups);
+    sparse.interpolate(&mut received);
     if fill {
         fill_hidden(
             &lumels,

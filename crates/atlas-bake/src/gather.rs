@@ -9,6 +9,7 @@ use radiosity::{
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::sparse::Between;
 use crate::walls::Parts;
 
 /// How carefully light is gathered.
@@ -241,6 +242,43 @@ impl Gatherer<'_, '_> {
             behind: Point::dark_shares(sums.iter())[0] >= BEHIND,
             ..received(footprint, &points, direct, &estimate, open, rays, planes)
         }
+    }
+
+    /// Direct light alone; the rest comes from neighbours. The footprint lies in the open, and nothing is near.
+    pub(crate) fn gather_direct(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        indirect: Between,
+    ) -> Received {
+        let options = &self.options;
+        let points = spread(footprint, (options.points as usize).clamp(1, MOST_POINTS));
+        let mut planes = vec![Plane::default(); self.wanted.planes()];
+        for (plane, [all, first]) in planes.iter_mut().zip(&indirect.planes) {
+            (plane.indirect, plane.first_half) = (*all, *first);
+        }
+        let known = Known {
+            light: luminance(indirect.indirect),
+            look: 0,
+        };
+        let open = vec![true; points.len()];
+        let direct = self.direct_light(
+            footprint,
+            &points,
+            &open,
+            seed,
+            &options.direct,
+            &known,
+            &mut planes,
+        );
+        let rays = u64::from(direct.rays);
+        let estimate = Estimate {
+            mean: indirect.indirect,
+            first_half: indirect.first_half,
+            variance: indirect.variance,
+            disagree: false,
+        };
+        received(footprint, &points, direct, &estimate, 1.0, rays, planes)
     }
 
     /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.

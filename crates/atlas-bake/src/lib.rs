@@ -25,6 +25,7 @@ pub mod probes;
 mod refine;
 mod seams;
 mod smooth;
+mod sparse;
 mod texture;
 mod unlike;
 pub mod unwrap;

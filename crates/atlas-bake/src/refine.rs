@@ -11,6 +11,7 @@ use crate::bake::in_blocks;
 use crate::gather::{Edge, Gatherer, Received};
 use crate::lumels::{Lumels, TexelIndex};
 use crate::smooth::Window;
+use crate::sparse::Sparse;
 use crate::walls::Barriers;
 
 /// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
@@ -108,6 +109,7 @@ pub(crate) fn add_rays(
     layout: &Layout,
     received: &mut [Received],
     barriers: &Barriers,
+    sparse: &Sparse,
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
     let options = &gatherer.options;
@@ -115,12 +117,12 @@ pub(crate) fn add_rays(
     if most < 2 || gatherer.world.is_dark() {
         return Ok(());
     }
-    let window = Window::new(lumels, layout, received, barriers);
+    let window = Window::new(lumels, layout, received, barriers, sparse);
     let short: Vec<(usize, u32)> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
         .filter_map(|i| {
-            if received[i].edge == Edge::Contact || received[i].open < 1.0 {
+            if received[i].edge == Edge::Contact || received[i].open < 1.0 || sparse.is(i) {
                 return None; // has many already, or none that matter
             }
             let (around, n) = window.around(i);

@@ -21,6 +21,7 @@ use rayon::prelude::*;
 use crate::atlas::Layout;
 use crate::gather::Received;
 use crate::lumels::{Lumel, Lumels, TexelIndex};
+use crate::sparse::Sparse;
 use crate::walls::Barriers;
 
 /// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which leaves about a tenth of the
@@ -48,9 +49,10 @@ pub(crate) fn smooth_indirect(
     layout: &Layout,
     received: &mut [Received],
     barriers: &Barriers,
+    sparse: &Sparse,
     groups: usize,
 ) {
-    let window = Window::new(lumels, layout, received, barriers);
+    let window = Window::new(lumels, layout, received, barriers, sparse);
     let pooled: Vec<f32> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
@@ -114,6 +116,7 @@ pub(crate) struct Window<'a> {
     index: TexelIndex,
     received: &'a [Received],
     barriers: &'a Barriers,
+    sparse: &'a Sparse,
 }
 
 impl<'a> Window<'a> {
@@ -122,31 +125,61 @@ impl<'a> Window<'a> {
         layout: &Layout,
         received: &'a [Received],
         barriers: &'a Barriers,
+        sparse: &'a Sparse,
     ) -> Self {
         Window {
             lumels: &lumels.lumels,
             index: TexelIndex::build(&lumels.lumels, layout),
             received,
             barriers,
+            sparse,
         }
     }
 
-    /// Lumels about `i`, itself among them, on the same piece of surface and wholly in the open.
+    /// Lumels about `i`, itself among them, on the same piece of surface and wholly in the open. Beside ones that are interpolated, every
+    /// second lumel of a window twice as wide: as many that were gathered at.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
-        let (l, own) = (&self.lumels[i], &self.received[i]);
+        let l = &self.lumels[i];
+        let between = (l.texel[0] | l.texel[1]) & 1 == 0
+            && [(1, 0), (-1, 0), (0, 1), (0, -1)].iter().any(|(dx, dy)| {
+                let (x, y) = (i64::from(l.texel[0]) + dx, i64::from(l.texel[1]) + dy);
+                (self.index.at(l.page, x, y)).is_some_and(|j| self.sparse.is(j))
+            });
         let mut found = [(0, 0, 0); SIDE * SIDE];
+        if between {
+            let n = self.on_grid(i, 2, &mut found);
+            if 2 * n >= SIDE * SIDE {
+                return (found, n);
+            }
+        }
+        let mut n = self.on_grid(i, 1, &mut found);
+        if self.barriers.matter() {
+            n = self.on_this_side(&mut found, n);
+        }
+        (found, n)
+    }
+
+    /// Lumels on the grid about `i` with this many texels between its lines. With more than one, what is near something is left out:
+    /// between such, barriers are not looked for.
+    fn on_grid(&self, i: usize, stride: i64, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
+        let (l, own) = (&self.lumels[i], &self.received[i]);
         let mut n = 0;
         for dy in -REACH..=REACH {
             for dx in -REACH..=REACH {
-                let (x, y) = (l.texel[0] as i64 + dx, l.texel[1] as i64 + dy);
+                let (x, y) = (
+                    l.texel[0] as i64 + stride * dx,
+                    l.texel[1] as i64 + stride * dy,
+                );
                 let Some(j) = self.index.at(l.page, x, y) else {
                     continue;
                 };
                 let r = &self.received[j];
-                let steps = ((dx * dx + dy * dy) as f32).sqrt();
+                let steps = ((dx * dx + dy * dy) as f32).sqrt() * stride as f32;
                 let between = r.position - own.position;
                 if self.lumels[j].instance == l.instance
+                    && !self.sparse.is(j)
                     && r.open == 1.0
+                    && (stride == 1 || j == i || !r.near)
                     && r.normal.dot(own.normal) >= SAME_FACING
                     && between.length() <= 1.5 * (steps + 0.5) * own.size
                     && between.dot(own.normal).abs() <= 0.5 * (steps + 1.0) * own.size
@@ -156,10 +189,7 @@ impl<'a> Window<'a> {
                 }
             }
         }
-        if self.barriers.matter() {
-            n = self.on_this_side(&mut found, n);
-        }
-        (found, n)
+        n
     }
 
     /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier, in their order, and says how many.
@@ -209,6 +239,9 @@ impl<'a> Window<'a> {
     /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that
     /// chanced to miss it finds itself dark and certain, and would stay a dark dot.
     fn pooled_variance(&self, i: usize) -> f32 {
+        if self.sparse.is(i) {
+            return self.received[i].indirect_variance;
+        }
         let (around, n) = self.around(i);
         let sum: f32 = around[..n]
             .iter()
@@ -229,7 +262,7 @@ impl<'a> Window<'a> {
             variance,
             planes: Vec::new(),
         };
-        if variance[i] <= 0.0 || own.open < 1.0 {
+        if variance[i] <= 0.0 || own.open < 1.0 || self.sparse.is(i) {
             return keep(own.indirect_variance);
         }
         let (around, n) = self.around(i);

@@ -353,6 +353,26 @@ impl<'a> World<'a> {
         })
     }
 
+    /// Whether anything rises above the plane through `p` within a box of half-size `reach` about it. What lies in the plane, or within rounding
+    /// of it, does not.
+    pub fn anything_above(&self, p: &SurfacePoint, reach: f32) -> bool {
+        let (low, high) = (p.position - reach, p.position + reach);
+        let floor = (4.0 * self.offset(p.position)).max(1e-3 * reach);
+        self.bvh.any_near(low, high, |_, corners| {
+            let height = |q: Vec3| (q - p.position).dot(p.geometric) - floor;
+            let mut part: Polygon = corners.into_iter().collect();
+            part = clip(&part, height);
+            for axis in 0..3 {
+                if part.is_empty() {
+                    return false;
+                }
+                part = clip(&part, |q| q[axis] - low[axis]);
+                part = clip(&part, |q| high[axis] - q[axis]);
+            }
+            !part.is_empty()
+        })
+    }
+
     /// Whether light that passes surfaces may change its colour, so that [`incoming`](Self::incoming)'s share can differ from 1.
     pub(crate) fn tinted(&self) -> bool {
         self.tinted
@@ -402,6 +422,25 @@ impl<'a> World<'a> {
             Vec3::ZERO
         }
     }
+}
+
+/// A triangle cut by seven planes has ten corners at most.
+type Polygon = smallvec::SmallVec<[Vec3; 10]>;
+
+/// The part of a convex polygon where `height` is not below zero.
+fn clip(polygon: &Polygon, height: impl Fn(Vec3) -> f32) -> Polygon {
+    let mut out = Polygon::new();
+    for (k, &a) in polygon.iter().enumerate() {
+        let b = polygon[(k + 1) % polygon.len()];
+        let (ha, hb) = (height(a), height(b));
+        if ha >= 0.0 {
+            out.push(a);
+        }
+        if (ha >= 0.0) != (hb >= 0.0) {
+            out.push(a.lerp(b, ha / (ha - hb)));
+        }
+    }
+    out
 }
 
 /// Only what lets no light through at all.

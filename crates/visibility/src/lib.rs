@@ -38,6 +38,7 @@ mod node;
 mod ray;
 mod traverse;
 mod validate;
+mod within;
 
 pub use bvh::{BuildOptions, Bvh, BvhStats, Quality};
 pub use error::{BuildError, ValidateError};

@@ -1,0 +1,79 @@
+//! Which triangles come near a place.
+
+use glam::Vec3;
+
+use crate::bvh::Bvh;
+use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
+
+impl Bvh {
+    /// Whether `found` holds for one of the triangles whose tree boxes overlap the box from `low` to `high`: all that touch it, and some beside
+    /// it. `found` gets a triangle's index and its corners. Stops at the first; their order hangs on the tree.
+    pub fn any_near(
+        &self,
+        low: Vec3,
+        high: Vec3,
+        mut found: impl FnMut(u32, [Vec3; 3]) -> bool,
+    ) -> bool {
+        if self.nodes.is_empty() {
+            return false;
+        }
+        let mut stack = vec![Child::node(0)];
+        while let Some(child) = stack.pop() {
+            if child.is_leaf() {
+                for pack in &self.packs[child.packs()] {
+                    for (lane, &id) in pack.ids.iter().enumerate() {
+                        let index = id & !FILTERED;
+                        if index != NO_TRIANGLE && found(index, pack.triangle(lane)) {
+                            return true;
+                        }
+                    }
+                }
+                continue;
+            }
+            let node = &self.nodes[child.0 as usize];
+            for slot in 0..WIDTH {
+                let (lo, hi) = node.child_box(slot);
+                // The boxes of empty slots are inverted, and overlap nothing.
+                if lo.cmple(high).all() && hi.cmpge(low).all() {
+                    stack.push(node.child(slot));
+                }
+            }
+        }
+        false
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::BuildOptions;
+
+    #[test]
+    fn finds_all_that_touch() {
+        // A grid of small triangles: those whose boxes overlap are found, whatever the query.
+        let triangles: Vec<[Vec3; 3]> = (0..400)
+            .map(|k| {
+                let p = Vec3::new((k % 20) as f32, (k / 20) as f32, (k % 7) as f32);
+                [p, p + Vec3::X * 0.5, p + Vec3::Y * 0.5]
+            })
+            .collect();
+        let bvh = Bvh::build(&triangles, |t| t % 3 == 0, &BuildOptions::default()).unwrap();
+        for k in 0..50 {
+            let low = Vec3::new((k % 10) as f32 * 1.7, k as f32 * 0.3, (k % 5) as f32);
+            let high = low + Vec3::splat(0.3 + 0.1 * k as f32);
+            let mut seen = vec![false; triangles.len()];
+            bvh.any_near(low, high, |t, corners| {
+                assert_eq!(corners, triangles[t as usize]);
+                seen[t as usize] = true;
+                false
+            });
+            for (t, [a, b, c]) in triangles.iter().enumerate() {
+                let (lo, hi) = (a.min(*b).min(*c), a.max(*b).max(*c));
+                let overlaps = lo.cmple(high).all() && hi.cmpge(low).all();
+                assert!(seen[t] || !overlaps, "triangle {t}, query {k}");
+            }
+            let first = bvh.any_near(low, high, |_, _| true);
+            assert_eq!(first, seen.iter().any(|s| *s));
+        }
+    }
+}
