@@ -205,12 +205,14 @@ impl Gatherer<'_, '_> {
 
     /// Whether some more rays from a point that seems to be inside something meet nothing but backs too.
     fn confirmed_inside(&self, p: &SurfacePoint, k: u32, seed: u32, rays: &mut u64) -> bool {
-        let mut more = Point::default();
         let mut planes = PlaneSums::new(Wanted::default());
         let seed = hash_u32(seed ^ k ^ 0x9e37_79b9);
-        self.indirect(p, 0..CONFIRM, seed, &mut more, &mut planes);
-        *rays += u64::from(CONFIRM);
-        more.inside()
+        (0..CONFIRM).all(|i| {
+            let mut one = Point::default();
+            self.indirect(p, i..i + 1, seed, &mut one, &mut planes);
+            *rays += 1;
+            one.inside()
+        })
     }
 
     /// Whether a ray from any of the points that an edge would get meets anything but black back faces.

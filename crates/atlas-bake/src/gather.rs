@@ -99,6 +99,10 @@ const MOST_POINTS: usize = 64;
 /// After so many near bounces a path reads the solution: light that has gone to and fro in a gap so often has lost what told its places apart.
 const MOST_NEAR_BOUNCES: u32 = 4;
 
+/// A hit is near within this share of a patch's size, by the bounces before it. What a path meets after its first bounce is seen with the others' beside it;
+/// there the elements, a quarter of a patch, are fine enough.
+const NEAR: [f32; MOST_NEAR_BOUNCES as usize + 1] = [1.0, 0.5, 0.25, 0.25, 0.0];
+
 /// Gathers light at footprints.
 pub struct Gatherer<'w, 'a> {
     /// Scene.
@@ -448,7 +452,8 @@ impl Gatherer<'_, '_> {
             }
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
-            if bounce == MOST_NEAR_BOUNCES || hit.t > self.solution.cut.patch_edge(hit.triangle) {
+            let near = NEAR[bounce as usize] * self.solution.cut.patch_edge(hit.triangle);
+            if bounce == MOST_NEAR_BOUNCES || hit.t > near {
                 let (solution, world) = (self.solution, self.world);
                 sum += if groups.is_empty() {
                     throughput * solution.radiance(world, &self.direct, &hit, at, random)

@@ -197,8 +197,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let mut terms = Vec::new();
             self.emitter_terms(&first, scale, options.base.max(4) as usize * 2, &mut terms);
             let total: f32 = terms.iter().map(|t| t.1).sum();
+            // Beside strong other light they are worth less.
+            let worth = (WORTH * total / (total + known.light + work.lit())).min(1.0);
             for (term, weight) in terms {
-                self.begin(term, weight / total, EMITTERS, look, false, &mut work);
+                let share = worth * weight / total;
+                self.begin(term, share, EMITTERS, look, false, &mut work);
             }
         }
         self.look_closer(known.light, work);
@@ -341,9 +344,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     /// Lights of which the first samples disagree: a shadow's edge crosses the receiver. They get more samples, the more the larger their
     /// part in all light that arrives, of which `beside` is known to come from elsewhere.
     fn look_closer<P: FnMut(u32) -> SurfacePoint>(&self, beside: f32, mut work: Work<P>) {
+        let total = (beside + work.lit()).max(1e-30);
         let mixed = std::mem::take(&mut work.mixed);
-        let lit: f32 = mixed.iter().map(|l| l.tally.luminances(l.taken)[0]).sum();
-        let total = (beside + luminance(work.out.irradiance) + lit).max(1e-30);
         for mut light in mixed {
             let [_, full] = light.tally.luminances(light.taken);
             let worth = (WORTH * full / total).min(1.0) * light.most as f32;
@@ -391,6 +393,14 @@ struct Work<'r, 't, P> {
 }
 
 impl<P> Work<'_, '_, P> {
+    /// Luminance of what arrives from all lights so far.
+    fn lit(&self) -> f32 {
+        let mixed: f32 = (self.mixed.iter())
+            .map(|l| l.tally.luminances(l.taken)[0])
+            .sum();
+        luminance(self.out.irradiance) + mixed
+    }
+
     fn finish(&mut self, light: Started) {
         let [lit, hidden] = light.tally.seen();
         if light.tally.mixed() {
