@@ -194,7 +194,15 @@ impl Gatherer<'_, '_> {
             light: luminance(indirect.mean),
             look: 0,
         };
-        let direct = self.direct_light(footprint, points, &mask, seed, &options, &known, &mut planes);
+        let direct = self.direct_light(
+            footprint,
+            points,
+            &mask,
+            seed,
+            &options,
+            &known,
+            &mut planes,
+        );
         Seen {
             indirect,
             direct,

@@ -349,7 +349,15 @@ impl Gatherer<'_, '_> {
         };
         let open = vec![true; points.len()];
         let mut planes = first.planes.clone();
-        let direct = self.direct_light(footprint, &points, &open, seed, options, &known, &mut planes);
+        let direct = self.direct_light(
+            footprint,
+            &points,
+            &open,
+            seed,
+            options,
+            &known,
+            &mut planes,
+        );
         Received {
             planes,
             direct: direct.irradiance,

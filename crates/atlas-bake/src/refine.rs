@@ -99,6 +99,9 @@ fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usi
     look
 }
 
+/// Lumels that others are interpolated between have so many times the rays: there are few, and what they are wrong by is seen in four.
+const BEARING: u32 = 2;
+
 /// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).
 ///
 /// # Errors
@@ -113,8 +116,8 @@ pub(crate) fn add_rays(
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
     let options = &gatherer.options;
-    let most = options.most_rays / options.rays.max(1);
-    if most < 2 || gatherer.world.is_dark() {
+    let most = (options.most_rays / options.rays.max(1)).max(1);
+    if gatherer.world.is_dark() {
         return Ok(());
     }
     let window = Window::new(lumels, layout, received, barriers, sparse);
@@ -140,12 +143,10 @@ pub(crate) fn add_rays(
             }
             let wanted = options.error * total / others;
             let ratio = variance / others / (wanted * wanted).max(1e-30);
-            if ratio <= 1.0 {
-                return None;
-            }
             // Powers of two keep the points of the sequence well distributed.
-            let times = (ratio.min(most as f32).ceil() as u32).next_power_of_two();
+            let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
             let times = if times > most { times / 2 } else { times };
+            let times = times.max(if sparse.bears(i) { BEARING } else { 1 });
             (times > 1).then_some((i, times))
         })
         .collect();

@@ -139,14 +139,8 @@ impl<'a> Window<'a> {
     /// Lumels about `i`, itself among them, on the same piece of surface and wholly in the open. Beside ones that are interpolated, every
     /// second lumel of a window twice as wide: as many that were gathered at.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
-        let l = &self.lumels[i];
-        let between = (l.texel[0] | l.texel[1]) & 1 == 0
-            && [(1, 0), (-1, 0), (0, 1), (0, -1)].iter().any(|(dx, dy)| {
-                let (x, y) = (i64::from(l.texel[0]) + dx, i64::from(l.texel[1]) + dy);
-                (self.index.at(l.page, x, y)).is_some_and(|j| self.sparse.is(j))
-            });
         let mut found = [(0, 0, 0); SIDE * SIDE];
-        if between {
+        if self.sparse.bears(i) {
             let n = self.on_grid(i, 2, &mut found);
             if 2 * n >= SIDE * SIDE {
                 return (found, n);

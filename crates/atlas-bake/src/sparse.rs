@@ -42,6 +42,8 @@ type Beside = [Option<u32>; 4];
 pub(crate) struct Sparse {
     /// By lumel; all `None` for one that is gathered at.
     beside: Vec<Beside>,
+    /// By lumel: others are interpolated between it and its like.
+    bears: Vec<bool>,
 }
 
 impl Sparse {
@@ -49,6 +51,7 @@ impl Sparse {
     pub(crate) fn none(lumels: usize) -> Self {
         Sparse {
             beside: vec![[None; 4]; lumels],
+            bears: vec![false; lumels],
         }
     }
 
@@ -68,13 +71,20 @@ impl Sparse {
             .with_min_len(256)
             .map(|i| candidate(world, lumels, &index, &places, i))
             .collect();
-        Sparse { beside }
+        let bears = vec![false; lumels.lumels.len()];
+        Sparse { beside, bears }
     }
 
     /// Whether lumel `i` is interpolated.
     #[inline]
     pub(crate) fn is(&self, i: usize) -> bool {
         self.beside[i].iter().any(|j| j.is_some())
+    }
+
+    /// Whether others are interpolated between lumel `i` and its like.
+    #[inline]
+    pub(crate) fn bears(&self, i: usize) -> bool {
+        self.bears[i]
     }
 
     fn of(&self, i: usize) -> impl Iterator<Item = usize> + Clone + '_ {
@@ -113,6 +123,9 @@ impl Sparse {
             if *unsteady {
                 *beside = [None; 4];
             }
+        }
+        for &j in self.beside.iter().flatten().flatten() {
+            self.bears[j as usize] = true;
         }
         let rest: Vec<usize> = (0..n).filter(|&i| self.is(i) || unsteady[i]).collect();
         let gathered = in_blocks(rest.len(), Phase::Gather, monitor, |k| {

@@ -213,7 +213,7 @@ impl Settings {
             direct: DirectOptions {
                 base,
                 penumbra,
-                scouts: std::env::var("SC").map_or(4, |s| s.parse().unwrap()),
+                scouts: 4,
             },
             open_only: false,
         }

@@ -261,7 +261,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let part = (4.0 * share).min(1.0);
         let is_random = self.is_random(&term);
         // One point, one direction: all samples are the same.
-        let part = if is_random || work.scale > 0.0 { part } else { 0.0 };
+        let part = if is_random || work.scale > 0.0 {
+            part
+        } else {
+            0.0
+        };
         let base = ((work.options.base as f32 * part).ceil() as u32).max(1);
         let most = ((work.options.penumbra as f32 * part).ceil() as u32).max(base);
         // Half shadows of lights that have an extent are seen by many points or not at all.

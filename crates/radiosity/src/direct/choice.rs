@@ -25,7 +25,7 @@ const GROUPS: usize = 12;
 const LEAST: f32 = 0.01;
 
 /// Light that nothing was seen of counts by this share: something may stand between it and the elements' points, and not everywhere.
-const HIDDEN: f32 = 0.25;
+const HIDDEN: f32 = 0.1;
 
 /// Patches whose elements' normals are within an angle of this cosine count as flat: 11°.
 const FLAT: f32 = 0.98;
@@ -48,7 +48,11 @@ pub(super) struct Tables(Vec<OnceLock<Box<[Choice]>>>);
 
 impl Tables {
     pub(super) fn new(patches: usize) -> Self {
-        Tables(std::iter::repeat_with(OnceLock::new).take(patches).collect())
+        Tables(
+            std::iter::repeat_with(OnceLock::new)
+                .take(patches)
+                .collect(),
+        )
     }
 }
 

@@ -436,3 +436,101 @@ fn one_sample_is_right_on_average_under_an_edge_and_at_the_horizon() {
         "horizon: {z} standard errors, {relative:+.4}"
     );
 }
+
+#[test]
+fn a_choice_made_for_a_patch_is_right_on_average_at_its_points() {
+    // Two lamps and a panel, of which a board hides one or the other from parts of the floor's patches.
+    let mut scene = floor();
+    add_panel(&mut scene, 2.0, 2.0, 1.0, 3.0, false);
+    for (x, intensity) in [(1.0, 2.0), (-2.0, 5.0)] {
+        let position = Vec3::new(x, 1.0, 0.9);
+        let kind = LightKind::Point {
+            position,
+            range: None,
+            radius: 0.0,
+        };
+        scene.lights.push(light(intensity, kind));
+    }
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::ZERO),
+        Vec3::new(0.2, -2.0, 0.1),
+        Vec3::Z * 0.6,
+        Vec3::Y * 4.0,
+    );
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+    let emitters = Emitters::collect(&world);
+    let options = patch_subdivision::Options {
+        patches: 40,
+        ..patch_subdivision::Options::default()
+    };
+    let cut = Subdivision::build(&soup, |t| world.two_sided(t as u32), &options);
+    let light = DirectLight::new(&world, &emitters).on_patches(&cut);
+    for (k, (u, v)) in [(0.5, 0.25), (0.3, 0.4), (0.52, 0.2)]
+        .into_iter()
+        .enumerate()
+    {
+        let at = world.inset_point(0, u, v, false, false);
+        let patch = cut.locate(0, at.position, false).unwrap().patch;
+        let n = 40_000u32;
+        let mean = |sample: &dyn Fn(u32) -> f32| {
+            let (mut sum, mut squares) = (0f64, 0f64);
+            for k in 0..n {
+                let e = f64::from(sample(hash_u32(k)));
+                sum += e;
+                squares += e * e;
+            }
+            let mean = sum / f64::from(n);
+            (mean, (squares / f64::from(n) - mean * mean) / f64::from(n))
+        };
+        // Against the choice that each point makes for itself, which other tests hold against closed forms.
+        let (one, a) = mean(&|seed| light.sample_one(&at, seed).0.x);
+        let (on, b) = mean(&|seed| light.sample_on(&cut, patch, &at, seed ^ 0x55).0.x);
+        let z = (one - on) / (a + b).sqrt();
+        assert!(
+            one > 0.0 && z.abs() < 4.0,
+            "point {k}: {on} for {one}, {z} standard errors"
+        );
+    }
+}
+
+#[test]
+fn scouts_that_agree_save_rays_and_change_nothing() {
+    let mut scene = floor();
+    let position = Vec3::new(0.3, 0.2, 1.0);
+    let kind = LightKind::Point {
+        position,
+        range: None,
+        radius: 0.0,
+    };
+    scene.lights.push(light(2.0, kind));
+    let point = |i: u32| {
+        let p = Vec3::new(0.1 * (i % 4) as f32, 0.1 * (i / 4 % 4) as f32, 0.0);
+        receiver(p, Vec3::Z)
+    };
+    let few = DirectOptions {
+        base: 16,
+        penumbra: 64,
+        scouts: 4,
+    };
+    let all = DirectOptions::every(16, 64);
+    let at = |options: &DirectOptions, scene: &Scene| {
+        with_light(scene, |l| l.irradiance(point, 0.3, 1, options))
+    };
+    let (a, b) = (at(&few, &scene), at(&all, &scene));
+    assert_eq!((a.irradiance, a.mixed), (b.irradiance, 0));
+    assert_eq!((a.rays, b.rays), (4, 16));
+    assert_eq!((a.lit, a.hidden), (1, 0));
+    // A board over half of the receiver: all points are looked at, and more.
+    add_quad(
+        &mut scene,
+        material(0.5, Vec3::ZERO),
+        Vec3::new(0.17, -1.0, 0.01),
+        Vec3::X,
+        Vec3::Y * 3.0,
+    );
+    let (a, b) = (at(&few, &scene), at(&all, &scene));
+    assert_eq!((a.irradiance, a.rays), (b.irradiance, b.rays));
+    assert_eq!((a.mixed, a.lit, a.hidden), (1, 1, 1));
+}

@@ -121,3 +121,40 @@ fn a_room_beyond_a_sheet_on_the_same_floor_is_dark() {
     }
     assert!(dark > 200 && lit > 200, "{dark} {lit}");
 }
+
+#[test]
+fn what_rises_above_a_floor_is_found_and_what_lies_in_it_is_not() {
+    let above = |corner: Vec3, x: Vec3, y: Vec3| {
+        let mut scene = floor();
+        add_quad(&mut scene, material(0.5, Vec3::ZERO), corner, x, y);
+        let soup = Soup::build(&scene);
+        let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+        let p = SurfacePoint {
+            position: Vec3::ZERO,
+            origin: Vec3::Y * 1e-5,
+            normal: Vec3::Y,
+            geometric: Vec3::Y,
+        };
+        world.anything_above(&p, 0.5)
+    };
+    let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+    // A needle within the box, one that passes through it, one beside it, one under the floor.
+    assert!(above(Vec3::new(0.4, 0.0, 0.4), y * 0.1, x * 1e-3));
+    assert!(above(Vec3::new(-9.0, 0.3, 0.2), x * 20.0, y * 1e-3));
+    assert!(!above(Vec3::new(0.6, 0.0, 0.4), y * 0.1, x * 1e-3));
+    assert!(!above(Vec3::new(0.1, -0.3, 0.1), y * 0.2, x * 0.1));
+    // A large triangle whose box overlaps and that passes the corner by.
+    assert!(!above(
+        Vec3::new(2.1, 0.0, -1.0),
+        Vec3::new(-3.0, 0.0, 3.0),
+        y * 3.0
+    ));
+    assert!(above(
+        Vec3::new(1.7, 0.0, -1.0),
+        Vec3::new(-3.0, 0.0, 3.0),
+        y * 3.0
+    ));
+    // A second floor within rounding, and a mat.
+    assert!(!above(Vec3::new(-1.0, 1e-6, -1.0), z * 2.0, x * 2.0));
+    assert!(above(Vec3::new(-1.0, 0.01, -1.0), z * 2.0, x * 2.0));
+}
