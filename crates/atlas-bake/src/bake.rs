@@ -209,9 +209,9 @@ pub fn bake(
         &sparse,
         monitor,
     )?;
+    sparse.interpolate(&mut received);
     let groups = gatherer.wanted.groups;
     smooth_indirect(&lumels, layout, &mut received, &barriers, &sparse, groups);
-    sparse.interpolate(&mut received);
     if fill {
         fill_hidden(
             &lumels,

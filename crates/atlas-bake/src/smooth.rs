@@ -136,11 +136,11 @@ impl<'a> Window<'a> {
         }
     }
 
-    /// Lumels about `i`, itself among them, on the same piece of surface and wholly in the open. Beside ones that are interpolated, every
-    /// second lumel of a window twice as wide: as many that were gathered at.
+    /// Lumels that were gathered at about `i`, itself among them if it was, on the same piece of surface and wholly in the open. Where light is
+    /// interpolated, every second lumel of a window twice as wide: as many as elsewhere.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
         let mut found = [(0, 0, 0); SIDE * SIDE];
-        if self.sparse.bears(i) {
+        if self.sparse.bears(i) || self.sparse.is(i) {
             let n = self.on_grid(i, 2, &mut found);
             if 2 * n >= SIDE * SIDE {
                 return (found, n);
@@ -153,22 +153,26 @@ impl<'a> Window<'a> {
         (found, n)
     }
 
-    /// Lumels on the grid about `i` with this many texels between its lines. With more than one, what is near something is left out:
-    /// between such, barriers are not looked for.
+    /// Lumels in the window about `i` whose column and row are multiples of `stride`, or any if that is 1. With more than one, what is near
+    /// something is left out: between such, barriers are not looked for.
     fn on_grid(&self, i: usize, stride: i64, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
         let (l, own) = (&self.lumels[i], &self.received[i]);
+        let [cx, cy] = l.texel.map(i64::from);
+        // From an odd lumel one column less fits in than from an even one.
+        let side = |c: i64| {
+            let odd = c.rem_euclid(stride);
+            let steps = REACH * stride - odd;
+            (-steps..=steps).step_by(stride as usize)
+        };
         let mut n = 0;
-        for dy in -REACH..=REACH {
-            for dx in -REACH..=REACH {
-                let (x, y) = (
-                    l.texel[0] as i64 + stride * dx,
-                    l.texel[1] as i64 + stride * dy,
-                );
+        for dy in side(cy) {
+            for dx in side(cx) {
+                let (x, y) = (cx + dx, cy + dy);
                 let Some(j) = self.index.at(l.page, x, y) else {
                     continue;
                 };
                 let r = &self.received[j];
-                let steps = ((dx * dx + dy * dy) as f32).sqrt() * stride as f32;
+                let steps = ((dx * dx + dy * dy) as f32).sqrt();
                 let between = r.position - own.position;
                 if self.lumels[j].instance == l.instance
                     && !self.sparse.is(j)
@@ -233,9 +237,6 @@ impl<'a> Window<'a> {
     /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that
     /// chanced to miss it finds itself dark and certain, and would stay a dark dot.
     fn pooled_variance(&self, i: usize) -> f32 {
-        if self.sparse.is(i) {
-            return self.received[i].indirect_variance;
-        }
         let (around, n) = self.around(i);
         let sum: f32 = around[..n]
             .iter()
@@ -256,7 +257,7 @@ impl<'a> Window<'a> {
             variance,
             planes: Vec::new(),
         };
-        if variance[i] <= 0.0 || own.open < 1.0 || self.sparse.is(i) {
+        if variance[i] <= 0.0 || own.open < 1.0 {
             return keep(own.indirect_variance);
         }
         let (around, n) = self.around(i);
@@ -268,6 +269,8 @@ impl<'a> Window<'a> {
             .map(|a| self.received[a.0].halves())
             .collect();
         let own_halves = own.halves();
+        let wide = (around[..n].iter()).any(|a| a.1.abs().max(a.2.abs()) > REACH);
+        let reach = if wide { 2 * REACH } else { REACH };
         let (mut sum, mut fitted) = (Vec3::ZERO, 0f32);
         let mut planes = vec![Vec3::ZERO; own.planes.len()];
         for (judge, judged) in [(0, 1), (1, 0)] {
@@ -278,7 +281,7 @@ impl<'a> Window<'a> {
                 // A half has twice the variance of the whole.
                 let noise = 2.0 * (variance[i] + variance[j]);
                 let likely = (-d * d / (2.0 * SIGMAS * SIGMAS * noise)).exp();
-                let near = (-0.5 * (dx * dx + dy * dy) as f32 / (REACH * REACH) as f32).exp();
+                let near = (-0.5 * (dx * dx + dy * dy) as f32 / (reach * reach) as f32).exp();
                 likely * near * self.lumels[j].coverage.max(0.05)
             };
             let Some(shares) = shares_of_fit(&around[..n], weigh) else {

@@ -1,8 +1,8 @@
 //! Lumels whose indirect light is interpolated between their neighbours'.
 //!
 //! Light that surfaces reflect changes slowly over a flat piece of surface that nothing stands on or near. There every second lumel in either
-//! direction is gathered at, and the three between them take the mean of those beside them: a quarter of the gathering rays. What is near, and
-//! throws light or shadow that changes from lumel to lumel, is found by geometry, not by rays, which miss what is thin. Direct light is
+//! direction is gathered at. The three between them take the mean of those beside them at first, and then what the smoothing's quadratic says
+//! of their place: half of the gathering rays, since each of the few has twice as many. What is near, and throws light or shadow that changes from lumel to lumel, is found by geometry, not by rays, which miss what is thin. Direct light is
 //! computed at every lumel.
 //!
 //! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (what is near decides how far a sample
@@ -18,8 +18,8 @@ use crate::footprint::Footprint;
 use crate::gather::{Edge, Gatherer, Received};
 use crate::lumels::{Lumels, TexelIndex};
 
-/// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light from what is R away changes over R: between
-/// neighbours two lumels apart, by what a straight line misses of it, (2/R)²/8.
+/// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light from what is R away changes over R, and
+/// the window that the quadratic is fitted in reaches seven lumels at most.
 const CLEAR: f32 = 4.0;
 
 /// Neighbours may differ by this share of their light, beside noise. A straight line through light that changes so much misses an eighth of it
@@ -184,7 +184,7 @@ fn between<'r>(beside: impl Iterator<Item = &'r Received>) -> Between {
         n += 1.0;
         out.indirect += r.indirect;
         out.first_half += r.first_half;
-        // As if neighbours' errors were one: after smoothing they nearly are.
+        // As if neighbours' errors were one; smoothing finds out what they are.
         out.variance += r.indirect_variance;
         out.planes.resize(r.planes.len(), [Vec3::ZERO; 2]);
         for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
