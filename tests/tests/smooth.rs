@@ -105,11 +105,14 @@ fn lookups_on_a_sphere_are_as_near_to_the_truth_as_lumels_allow() {
     let exact = |p: DVec3| p.normalize().dot(from.as_dvec3()).max(0.0);
     for n in TESSELLATIONS {
         let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[sun(from)]);
-        let off = error_of_lookups(&glb, &at(8.0), exact);
-        eprintln!("lookups {n:?}: RMS {off:.5}");
-        // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it reads, where E changes by 1/16 at most; borders are an
-        // eighth of the surface or less: 1/16 · √(1/8)/√3 = 0.013.
-        assert!(off < 0.013, "{n:?}: {off}");
+        for stitch in [false, true] {
+            let settings = Settings { stitch, ..at(8.0) };
+            let off = error_of_lookups(&glb, &settings, exact);
+            eprintln!("lookups {n:?}, stitched {stitch}: RMS {off:.5}");
+            // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it reads, where E changes by 1/16 at most; borders are an
+            // eighth of the surface or less: 1/16 · √(1/8)/√3 = 0.013.
+            assert!(off < 0.013, "{n:?}, stitched {stitch}: {off}");
+        }
     }
 }
 
