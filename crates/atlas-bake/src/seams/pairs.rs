@@ -14,6 +14,8 @@ use crate::seams::tree::BoxTree;
 pub(crate) struct Sample {
     /// Page and place on it, texels, of either side. Texel (c, r) has its centre at (c + ½, r + ½).
     pub sides: [(u32, Vec2); 2],
+    /// Where a texel of the denser side along the seam leads to on either page, texels.
+    pub along: [Vec2; 2],
     /// Length of the seam that it stands for, texels of the denser side.
     pub texels: f32,
     /// The same in metres.
@@ -126,11 +128,13 @@ fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
     let texels = (texel(0, s1) - texel(0, s0))
         .length()
         .max((texel(1, t1) - texel(1, t0)).length());
+    let along = [texel(0, s1) - texel(0, s0), texel(1, t1) - texel(1, t0)].map(|v| v / texels);
     let n = (texels / SPACING).ceil().max(1.0);
     for i in 0..n as u32 {
         let params = at(from + (to - from) * (i as f32 + 0.5) / n);
         if goes_on(world, pieces, params) {
             out.push(Sample {
+                along,
                 sides: [0, 1].map(|k| (pieces[k].page, texel(k, params[k]))),
                 texels: texels / n,
                 metres: (to - from) / n,

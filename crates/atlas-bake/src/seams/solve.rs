@@ -4,7 +4,7 @@
 //!
 //! Σ_s W ℓ_s ((a_s − b_s) / σ_s)² + Σ_i c_i (d_i / σ_i)² + Σ_(i,j) G ((d_i − d_j) / σ_ij)²
 //!
-//! where ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean, plus 1 %: errors are seen relative to it. The third sum, over
+//! where W falls a little with the light's contrast along the seam ([`contrast`](super::contrast)), ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean, plus 1 %: errors are seen relative to it. The third sum, over
 //! neighbours in a chart, lets changes die out over a few texels instead of making a step beside the seam.
 
 use glam::{DVec4, Vec2, Vec4};
@@ -14,9 +14,10 @@ use rayon::prelude::*;
 use crate::atlas::Page;
 use crate::seams::Sample;
 use crate::seams::bounds::bounds;
+use crate::seams::contrast::{faith, misfit};
 use crate::seams::measure::{SeamError, SeamReport, quantiles};
 
-/// W: what agreement counts against leaving texels as they are. At 1e3 shadows that cross seams leave 99 % of them within 2 to 6 %; 3e4 gains nothing, and
+/// W: what agreement counts against leaving texels as they are, where light is even. At 1e3 shadows that cross seams leave 99 % of them within 2 to 6 %; 3e4 gains nothing, and
 /// moves lumels on (docs/seams.md).
 const AGREE: f32 = 1e4;
 
@@ -141,7 +142,8 @@ impl Stitcher {
             }
             row.scale += 0.01 * mean;
             if !row.shares_texels() {
-                row.agree = AGREE * s.texels / (row.scale / mean).powi(2);
+                let misfit = misfit(s, pages, texels) / row.scale;
+                row.agree = AGREE * faith(misfit) * s.texels / (row.scale / mean).powi(2);
             }
             report.samples += 1;
             report.metres += f64::from(s.metres);
