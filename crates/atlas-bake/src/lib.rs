@@ -49,7 +49,7 @@ pub use gltf_out::{
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{Manifest, ManifestGroup, ManifestNode, ManifestPage, UvTransform, ValueKind};
-pub use output::{OutputSet, TEMPORARY_PREFIX};
+pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};
 pub use preview::{

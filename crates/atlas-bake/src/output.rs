@@ -6,7 +6,7 @@
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
-use std::io::Write;
+use std::io::{BufRead, Write};
 use std::path::{Component, Path, PathBuf};
 
 use tempfile::NamedTempFile;
@@ -25,6 +25,22 @@ pub struct OutputSet {
     cleaned: BTreeSet<PathBuf>,
     files: Vec<(NamedTempFile, PathBuf)>,
     obsolete: Vec<PathBuf>,
+}
+
+/// What a commit did, each in the order in which files were added.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Committed {
+    /// Files that are new or have other content than before.
+    pub written: Vec<PathBuf>,
+    /// Files that held the same bytes already and were left alone.
+    pub unchanged: Vec<PathBuf>,
+}
+
+impl Committed {
+    /// All files of the set.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        (self.written.iter().chain(&self.unchanged)).map(PathBuf::as_path)
+    }
 }
 
 impl OutputSet {
@@ -97,7 +113,8 @@ impl OutputSet {
     }
 
     /// Flushes every temporary to the disk, then renames them all in the order in which they were added, replacing what was
-    /// there. Returns the final paths.
+    /// there. A file that holds the same bytes already is left alone, its time of change included, so that what is built from it
+    /// need not be built again.
     ///
     /// Each rename is atomic; the set is as nearly so as a file system allows: all that can be known to fail is tried
     /// before the first rename.
@@ -105,8 +122,12 @@ impl OutputSet {
     /// # Errors
     /// [`Error::Io`] where a file cannot be flushed or renamed. If a flush fails nothing has changed; if a rename fails,
     /// earlier ones of the set have been made.
-    pub fn commit(mut self) -> Result<Vec<PathBuf>> {
-        for (file, path) in &self.files {
+    pub fn commit(mut self) -> Result<Committed> {
+        let mut committed = Committed::default();
+        let equal: Vec<bool> = (self.files.iter())
+            .map(|(file, path)| same_content(file.path(), path))
+            .collect();
+        for ((file, path), _) in self.files.iter().zip(&equal).filter(|(_, same)| !**same) {
             refuse_folder(path)?;
             file.as_file().sync_all().map_err(|source| Error::Io {
                 path: path.clone(),
@@ -114,23 +135,26 @@ impl OutputSet {
             })?;
         }
         self.created.clear();
-        let mut done = Vec::with_capacity(self.files.len());
-        for (file, path) in std::mem::take(&mut self.files) {
+        for ((file, path), same) in std::mem::take(&mut self.files).into_iter().zip(equal) {
+            if same {
+                committed.unchanged.push(path);
+                continue;
+            }
             file.persist(&path).map_err(|e| Error::Io {
                 path: path.clone(),
                 source: e.error,
             })?;
-            done.push(path);
+            committed.written.push(path);
         }
         for path in &self.obsolete {
-            if !done.contains(path) && path.is_file() {
+            if !committed.files().any(|p| p == path) && path.is_file() {
                 fs::remove_file(path).map_err(|source| Error::Io {
                     path: path.clone(),
                     source,
                 })?;
             }
         }
-        Ok(done)
+        Ok(committed)
     }
 
     fn write(&mut self, path: PathBuf, bytes: &[u8]) -> Result<()> {
@@ -197,6 +221,34 @@ fn parent_of(path: &Path) -> PathBuf {
     }
 }
 
+/// Whether `old` is an ordinary file with the content of `new`; `false` also where either cannot be read.
+fn same_content(new: &Path, old: &Path) -> bool {
+    let compare = || -> std::io::Result<bool> {
+        // A link is replaced by a file, as it always was.
+        let (a, b) = (fs::metadata(new)?, fs::symlink_metadata(old)?);
+        if !b.is_file() || a.len() != b.len() {
+            return Ok(false);
+        }
+        let mut readers = [new, old].map(|p| File::open(p).map(std::io::BufReader::new));
+        let [Ok(x), Ok(y)] = &mut readers else {
+            return Ok(false);
+        };
+        loop {
+            let (left, right) = (x.fill_buf()?, y.fill_buf()?);
+            let n = left.len().min(right.len());
+            if left[..n] != right[..n] {
+                return Ok(false);
+            }
+            if n == 0 {
+                return Ok(left.len() == right.len());
+            }
+            x.consume(n);
+            y.consume(n);
+        }
+    };
+    compare().unwrap_or(false)
+}
+
 fn refuse_folder(path: &Path) -> Result<()> {
     if path.is_dir() {
         return Err(Error::OutputName {
@@ -259,9 +311,39 @@ mod tests {
         assert_eq!(fs::read(dir.path().join("a.exr")).unwrap(), b"old");
         assert!(!dir.path().join("b.glb").exists());
         let done = set.commit().unwrap();
-        assert_eq!(done, [dir.path().join("a.exr"), dir.path().join("b.glb")]);
+        let expected = [dir.path().join("a.exr"), dir.path().join("b.glb")];
+        assert_eq!(done.written, expected);
+        assert_eq!(done.unchanged, [PathBuf::new(); 0]);
         assert_eq!(names(dir.path()), ["a.exr", "b.glb"]);
         assert_eq!(fs::read(dir.path().join("a.exr")).unwrap(), b"new");
+    }
+
+    #[test]
+    fn files_that_hold_the_same_already_are_left_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |n: &str| dir.path().join(n);
+        let long = vec![7u8; 100_000];
+        let mut other = long.clone();
+        other[99_999] = 8;
+        for (name, bytes) in [("same", &long[..]), ("other", &other), ("short", b"7")] {
+            fs::write(path(name), bytes).unwrap();
+            let past = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1000);
+            let file = File::options().write(true).open(path(name)).unwrap();
+            file.set_modified(past).unwrap();
+        }
+        let changed = |n: &str| fs::metadata(path(n)).unwrap().modified().unwrap();
+        let before = changed("same");
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        for name in ["other", "same", "short", "new"] {
+            set.add(name, &long).unwrap();
+        }
+        set.remove_obsolete("same");
+        let done = set.commit().unwrap();
+        assert_eq!(done.written, ["other", "short", "new"].map(path));
+        assert_eq!(done.unchanged, [path("same")]);
+        assert_eq!(changed("same"), before);
+        assert!(changed("other") > before);
+        assert_eq!(names(dir.path()), ["new", "other", "same", "short"]);
     }
 
     #[cfg(unix)]

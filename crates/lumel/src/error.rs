@@ -40,6 +40,16 @@ pub enum Error {
         /// It could not be read at all.
         io: bool,
     },
+    /// A file of settings cannot be used.
+    #[error("{}{message}", file.display())]
+    Config {
+        /// The file.
+        file: PathBuf,
+        /// Where in it and why: `:LINE:COLUMN: found …, expected …`.
+        message: String,
+        /// It could not be read at all.
+        io: bool,
+    },
     /// Two images cannot be compared.
     #[error("{} and {}: {source}", a.display(), b.display())]
     Compare {
@@ -75,7 +85,7 @@ impl Error {
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
             | Error::Compare { .. } => 3,
             Error::Output(_) => 2,
-            Error::Sky { io, .. } | Error::Probes { io, .. } => {
+            Error::Sky { io, .. } | Error::Probes { io, .. } | Error::Config { io, .. } => {
                 if *io {
                     2
                 } else {

@@ -6,14 +6,15 @@ use atlas_bake::{
     ExrOptions, LitScene, Manifest, ManifestGroup, OutputSet, choose_camera, render_preview,
     scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
 };
-use mesh_ingest::Soup;
+use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
 use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
 use crate::memory;
 use crate::pipeline::{Bake, Clock};
-use crate::report::{Measured, Report};
+use crate::record::{self, PREVIEW, Provenance, RecordedOutput};
+use crate::report::{Blank, Measured, Report};
 use crate::settings::Settings;
 use crate::sources;
 
@@ -67,6 +68,14 @@ impl Bake {
     /// # Errors
     /// [`Error::Output`].
     pub fn files(&self) -> Result<(Vec<NamedFile>, Report), Error> {
+        self.files_beside(None)
+    }
+
+    /// As [`files`](Bake::files), for a bake of which a picture is written too: the report records its content.
+    ///
+    /// # Errors
+    /// [`Error::Output`].
+    pub fn files_beside(&self, preview: Option<&[u8]>) -> Result<(Vec<NamedFile>, Report), Error> {
         let mut clock = self.clock.clone();
         let mut report = self.report.clone();
         let uris = self.page_names();
@@ -108,10 +117,30 @@ impl Bake {
         if let Some(probes) = &self.probes {
             files.push((format!("{}.{PROBES}", self.stem), probes.to_json()));
         }
+        self.record(&files, preview, &mut report);
         clock.lap(Phase::Write);
         report.measured = self.measure(clock);
         files.push((self.report_name(), report.to_json()));
         Ok((files, report))
+    }
+
+    /// Completes the record of what was read and written.
+    fn record(&self, files: &[NamedFile], preview: Option<&[u8]>, report: &mut Report) {
+        let content = &mut report.content;
+        // Asked for now: writers read images that light does not need.
+        content.inputs = record::document_inputs(&report.scene, self.loaded.document.inputs());
+        content.inputs.extend(self.option_inputs.iter().cloned());
+        content.key = record::key(&report.settings, &report.origins, &content.inputs);
+        let files = files
+            .iter()
+            .map(|(name, bytes)| (name.as_str(), &bytes[..]));
+        content.outputs = files
+            .chain(preview.map(|bytes| (PREVIEW, bytes)))
+            .map(|(file, bytes)| RecordedOutput {
+                file: file.into(),
+                digest: Digest::of(bytes),
+            })
+            .collect();
     }
 
     /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay as they are.
@@ -125,7 +154,19 @@ impl Bake {
             set.add(name, bytes)?;
         }
         self.retire_pages(&mut set);
-        Ok(set.commit()?)
+        Ok(set.commit()?.files().map(Path::to_owned).collect())
+    }
+
+    /// Every file that was read and is there, where it was read: for a dependency file. Complete once files were made.
+    pub fn input_paths(&self, settings: &Settings, provenance: &Provenance) -> Vec<PathBuf> {
+        let mut all: Vec<PathBuf> = (self.loaded.document.inputs().into_iter())
+            .filter(|i| i.digest.is_some())
+            .map(|i| i.file)
+            .collect();
+        let scene = self.loaded.document.file();
+        let locate = |i| record::locate(scene, settings, provenance, i);
+        all.extend(self.option_inputs.iter().filter_map(locate));
+        all
     }
 
     /// Pages of an earlier bake that had more of them would be left over.
@@ -186,6 +227,7 @@ impl Bake {
                 / seconds_in(&["solve", "gather", "probes"]).max(1e-9),
             peak_bytes: memory::peak_bytes(),
             phases: clock.phases,
+            digest: Blank,
         }
     }
 }

@@ -13,13 +13,17 @@
 //! ```
 
 mod check;
+mod depfile;
 mod error;
+mod estimate;
 mod files;
 mod inspect;
 mod memory;
+mod origin;
 mod pictures;
 mod pipeline;
 mod probes;
+mod record;
 mod report;
 mod settings;
 mod sky;
@@ -33,11 +37,17 @@ pub use visibility;
 pub use atlas_bake::{
     Directional, Hidden, Layer, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
 };
+pub use depfile::depfile;
 pub use error::Error;
+pub use estimate::{Estimate, estimate};
 pub use files::{NamedFile, output_names};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
-pub use pipeline::{Bake, bake};
+pub use origin::Origin;
+pub use pipeline::{Bake, bake, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
-pub use report::{GroupReport, Measured, PhaseTime, Report};
+pub use record::{
+    Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,
+};
+pub use report::{Blank, GroupReport, Measured, PhaseTime, Report};
 pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
 pub use sources::{Source, SourceKind};

@@ -9,15 +9,16 @@ use atlas_bake::{
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
-use radiosity::{DirectLight, Emitters, Monitor, Phase, Solution, World, WorldOptions};
+use radiosity::{DirectLight, Emitters, Monitor, Phase, Sky, Solution, World, WorldOptions};
 
 use crate::check::check;
 use crate::error::Error;
 use crate::probes::{self, ProbePlan};
+use crate::record::{self, Provenance, Record, RecordedInput};
 use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
 use crate::settings::{Settings, SkySource};
 use crate::sky;
-use crate::sources::Sources;
+use crate::sources::{Chosen, Sources};
 
 /// A finished bake, in memory.
 pub struct Bake {
@@ -33,6 +34,8 @@ pub struct Bake {
     pub report: Report,
     /// Names of the groups of [`Baked::groups`].
     pub(crate) group_names: Vec<String>,
+    /// Files that settings name.
+    pub(crate) option_inputs: Vec<RecordedInput>,
     pub(crate) stem: String,
     pub(crate) value: ValueKind,
     pub(crate) clock: Clock,
@@ -75,17 +78,20 @@ fn begin(monitor: &dyn Monitor, phase: Phase) -> Result<(), Error> {
     Ok(())
 }
 
-/// Bakes the scene in `file`.
-///
-/// The result is the same for any number of threads of the current rayon pool. `monitor` sees phases and may cancel.
+/// A scene read and changed as settings say, before anything is planned.
+pub(crate) struct Prepared {
+    pub loaded: Loaded,
+    pub soup: Soup,
+    pub chosen: Chosen,
+    pub sky: Sky,
+    pub clamped_materials: u64,
+}
+
+/// Reads a scene, adds the settings' suns and sky, and switches and dims its lights.
 ///
 /// # Errors
 /// [`Error`], by fault.
-pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<Bake, Error> {
-    check(settings)?;
-    let points = settings.probes.as_ref().map(probes::read).transpose()?;
-    let mut clock = Clock::new();
-    begin(monitor, Phase::Ingest)?;
+pub(crate) fn prepare(file: &Path, settings: &Settings) -> Result<Prepared, Error> {
     let mut loaded = mesh_ingest::load(
         file,
         &LoadOptions {
@@ -105,10 +111,52 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         chosen.sky_factor,
         loaded.scene.environment.as_ref(),
     )?;
-    let (groups, group_names) = chosen.groups.unzip();
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas_bake::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
+    Ok(Prepared {
+        loaded,
+        soup,
+        chosen,
+        sky,
+        clamped_materials,
+    })
+}
+
+/// Bakes the scene in `file`.
+///
+/// The result is the same for any number of threads of the current rayon pool. `monitor` sees phases and may cancel.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<Bake, Error> {
+    bake_from(file, settings, &Provenance::default(), monitor)
+}
+
+/// As [`bake`]; the report also says where settings came from.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub fn bake_from(
+    file: &Path,
+    settings: &Settings,
+    provenance: &Provenance,
+    monitor: &dyn Monitor,
+) -> Result<Bake, Error> {
+    check(settings)?;
+    // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
+    let option_inputs = record::option_inputs(settings, provenance);
+    let points = settings.probes.as_ref().map(probes::read).transpose()?;
+    let mut clock = Clock::new();
+    begin(monitor, Phase::Ingest)?;
+    let Prepared {
+        loaded,
+        soup,
+        chosen,
+        sky,
+        clamped_materials,
+    } = prepare(file, settings)?;
+    let (groups, group_names) = chosen.groups.unzip();
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
         _ => None,
@@ -191,6 +239,8 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
         scene: name,
         settings: settings.clone(),
+        origins: provenance.origins.clone(),
+        content: Record::default(),
         ingest: loaded.report.clone(),
         dropped_triangles: [soup.dropped_zero_area, soup.dropped_duplicate],
         clamped_materials,
@@ -210,6 +260,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
         probes,
         report,
         group_names: group_names.unwrap_or_default(),
+        option_inputs,
         stem,
         value: settings.value,
         clock,

@@ -6,6 +6,13 @@ use mesh_ingest::IngestReport;
 use radiosity::{Audit, SolveReport};
 use serde::Serialize;
 
+use std::collections::BTreeMap;
+
+use mesh_ingest::Digest;
+use serde_json::Value;
+
+use crate::origin::Origin;
+use crate::record::Record;
 use crate::settings::Settings;
 
 /// What a bake read, did and found: `level.report.json`.
@@ -19,6 +26,11 @@ pub struct Report {
     pub scene: String,
     /// Settings.
     pub settings: Settings,
+    /// Settings that are not defaults, and who gave them.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub origins: BTreeMap<String, Origin>,
+    /// What was read and written, by content.
+    pub content: Record,
     /// What was read, dropped, clamped and left out.
     pub ingest: IngestReport,
     /// World-space triangles left out: zero area, duplicates.
@@ -65,7 +77,22 @@ pub struct Measured {
     pub mrays_per_second: f64,
     /// Peak resident memory, bytes; absent where the system does not tell.
     pub peak_bytes: Option<u64>,
+    /// Hash of this file with zeros in the place of these digits.
+    pub digest: Blank,
 }
+
+/// 64 zeros, which [`Report::to_json`] replaces.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Blank;
+
+impl Serialize for Blank {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(ZEROS)
+    }
+}
+
+/// No hash that anyone will meet.
+const ZEROS: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// Wall time of one phase.
 #[derive(Debug, Clone, Serialize)]
@@ -80,10 +107,26 @@ impl Report {
     /// The file's bytes.
     pub fn to_json(&self) -> Vec<u8> {
         // Plain structs with string keys always serialise.
-        let mut bytes = serde_json::to_vec_pretty(self).unwrap_or_default();
-        bytes.push(b'\n');
-        bytes
+        let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
+        text.push('\n');
+        let digest = Digest::of(text.as_bytes()).to_string();
+        if let Some(at) = text.rfind(ZEROS) {
+            text.replace_range(at..at + ZEROS.len(), &digest);
+        }
+        text.into_bytes()
     }
+}
+
+/// The JSON of a report that is byte for byte as [`Report::to_json`] wrote it; `None` for anything else.
+pub(crate) fn parse_sealed(report: &[u8]) -> Option<Value> {
+    let text = std::str::from_utf8(report).ok()?;
+    let v: Value = serde_json::from_str(text).ok()?;
+    let seal = v["measured"]["digest"].as_str()?;
+    let digest: Digest = seal.parse().ok()?;
+    let at = text.rfind(seal)?;
+    let mut blank = text.to_owned();
+    blank.replace_range(at..at + seal.len(), ZEROS);
+    (Digest::of(blank.as_bytes()) == digest).then_some(v)
 }
 
 /// That `materials` reflect more than they may; nothing where there is none.

@@ -468,3 +468,30 @@ fn a_bake_beside_its_scene_leaves_the_scene_alone() {
     assert_ne!(run.code, Some(0));
     assert!(fs::read(&scene).expect("there") == fs::read(asset("cornell_box.glb")).expect("there"));
 }
+
+#[test]
+fn the_grammar_speaks_for_itself() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let run = lumel(["completions", shell]).ok();
+        assert!(run.stdout.contains("skip-if-unchanged"), "{shell}");
+    }
+    lumel(["completions", "cmd"]).fails(1, &["bash"]);
+    let page = lumel(["man"]).ok().stdout;
+    assert!(
+        page.contains(".TH lumel") && page.contains("bake"),
+        "{page}"
+    );
+    let page = lumel(["man", "bake"]).ok().stdout;
+    assert!(page.contains("texels\\-per\\-unit"), "{page}");
+    lumel(["man", "fly"]).fails(1, &["\"fly\"", "bake"]);
+    let t = temp();
+    let out = t.path().join("man1");
+    lumel(["man", "-o", out.to_str().expect("UTF-8")]).ok();
+    assert!(names(&out).contains(&"lumel-inspect.1".to_owned()));
+    assert!(
+        lumel(["config"])
+            .ok()
+            .stdout
+            .contains("#quality = \"preview\"")
+    );
+}

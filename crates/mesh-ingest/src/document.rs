@@ -1,14 +1,16 @@
 //! The document as it came: JSON, buffers, and dense access to what they hold.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use serde_json::Value;
 
 use crate::accessor::RawAccessor;
 use crate::container::{self, Target};
 use crate::error::{Error, Fault, Faults, Outcome};
+use crate::input::{Digest, Input};
 use crate::json::Item;
 use crate::options::Limits;
 use crate::version;
@@ -25,8 +27,9 @@ pub struct Document {
     pub(crate) buffers: Vec<Option<Vec<u8>>>,
     /// Decoded `EXT_meshopt_compression` views, filled on first use: several accessors usually share one.
     pub(crate) decoded: Vec<OnceLock<Result<Vec<u8>, String>>>,
-    inputs: Vec<PathBuf>,
-    input_uris: Vec<String>,
+    inputs: Vec<Input>,
+    /// Image files that only writers asked for, by image.
+    written: Mutex<BTreeMap<usize, Input>>,
     pub(crate) limits: Limits,
 }
 
@@ -44,6 +47,7 @@ impl Document {
     pub(crate) fn open(file: &Path, limits: &Limits) -> Result<Document, Error> {
         let fail = |fault: Fault| fault.into_error(file);
         let bytes = container::read_file(file, "", limits.file_bytes).map_err(fail)?;
+        let input = Input::new(file.to_path_buf(), String::new(), &bytes);
         let container = container::parse(bytes).map_err(fail)?;
         let base = file.parent().map(Path::to_path_buf).unwrap_or_default();
         let mut document = Document {
@@ -53,8 +57,8 @@ impl Document {
             binary: container.binary,
             buffers: Vec::new(),
             decoded: Vec::new(),
-            inputs: vec![file.to_path_buf()],
-            input_uris: Vec::new(),
+            inputs: vec![input],
+            written: Mutex::default(),
             limits: limits.clone(),
         };
         version::check(&document.root()).map_err(fail)?;
@@ -74,9 +78,7 @@ impl Document {
         }
         faults.check(&self.file)?;
         self.buffers = buffers;
-        for (file, uri) in files {
-            self.note_input(file, uri);
-        }
+        files.into_iter().for_each(|f| self.note_input(f));
         Ok(())
     }
 
@@ -84,7 +86,7 @@ impl Document {
         &self,
         i: usize,
         chunk: &mut Option<Vec<u8>>,
-        files: &mut Vec<(PathBuf, String)>,
+        files: &mut Vec<Input>,
     ) -> Outcome<Option<Vec<u8>>> {
         let item = self.root().element("buffers", i)?;
         let length = item.uint("byteLength")?;
@@ -94,7 +96,7 @@ impl Document {
                 Target::Data(bytes) => bytes,
                 Target::File(file) => {
                     let bytes = container::read_file(&file, &path, self.limits.file_bytes)?;
-                    files.push((file, uri.to_string()));
+                    files.push(Input::new(file, uri.to_string(), &bytes));
                     bytes
                 }
             },
@@ -113,10 +115,9 @@ impl Document {
         Ok(Some(bytes))
     }
 
-    pub(crate) fn note_input(&mut self, file: PathBuf, uri: String) {
-        if !self.inputs.contains(&file) {
-            self.inputs.push(file);
-            self.input_uris.push(uri);
+    pub(crate) fn note_input(&mut self, input: Input) {
+        if !self.inputs.iter().any(|i| i.file == input.file) {
+            self.inputs.push(input);
         }
     }
 
@@ -128,8 +129,9 @@ impl Document {
         &self.limits
     }
 
-    pub(crate) fn input_uris(&self) -> &[String] {
-        &self.input_uris
+    /// The document's names of the files that were read so far, but itself.
+    pub(crate) fn input_uris(&self) -> Vec<String> {
+        self.inputs[1..].iter().map(|i| i.uri.clone()).collect()
     }
 
     /// The document's file.
@@ -152,9 +154,17 @@ impl Document {
         &self.json
     }
 
-    /// All files that were read: the document first, then buffers and images, each once. For a depfile.
-    pub fn inputs(&self) -> &[PathBuf] {
-        &self.inputs
+    /// All files that were read, each once: the document first, then buffers, measured lamps and images; last, in the order of images,
+    /// those that were only asked for by [`Document::image_bytes`], there or not.
+    pub fn inputs(&self) -> Vec<Input> {
+        let mut all = self.inputs.clone();
+        let written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        for input in written.values() {
+            if !all.iter().any(|i| i.file == input.file) {
+                all.push(input.clone());
+            }
+        }
+        all
     }
 
     /// Number of buffers.
@@ -205,11 +215,36 @@ impl Document {
         match self.image_source(i)? {
             ImageSource::Embedded(bytes) => Ok(bytes),
             ImageSource::File(file) => {
-                container::read_file(&file, &format!("images[{i}].uri"), self.limits.file_bytes)
-                    .map(Cow::Owned)
-                    .map_err(|f| f.into_error(&self.file))
+                let path = format!("images[{i}].uri");
+                let read = container::read_file(&file, &path, self.limits.file_bytes);
+                self.note_image(i, &file, read.as_deref().ok())
+                    .map_err(|f| f.into_error(&self.file))?;
+                read.map(Cow::Owned).map_err(|f| f.into_error(&self.file))
             }
         }
+    }
+
+    /// Remembers that image `i` was read from `file`, or could not be.
+    ///
+    /// # Errors
+    /// The light was computed from the same file when it held something else.
+    fn note_image(&self, i: usize, file: &Path, bytes: Option<&[u8]>) -> Outcome<()> {
+        let item = self.root().element("images", i)?;
+        let input = Input {
+            file: file.to_path_buf(),
+            uri: item.opt_str("uri")?.unwrap_or_default().to_string(),
+            digest: bytes.map(Digest::of),
+        };
+        if let Some(known) = self.inputs.iter().find(|k| k.file == input.file)
+            && known.digest != input.digest
+        {
+            let changed = std::io::Error::other("the file changed while it was being used");
+            return Err(Fault::io(item.path_of("uri"), file, changed));
+        }
+        let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        // Of two that differ the first stays: what is there now will not equal it, and the next run sees that.
+        written.entry(i).or_insert(input);
+        Ok(())
     }
 
     pub(crate) fn image(&self, i: usize) -> Outcome<ImageSource<'_>> {

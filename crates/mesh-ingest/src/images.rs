@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use crate::container;
 use crate::document::{Document, ImageSource};
 use crate::error::{Fault, Faults, Outcome};
+use crate::input::Input;
 use crate::material::{AVIF_WAY_OUT, KTX2_WAY_OUT};
 use crate::scene::Image;
 
@@ -50,9 +51,7 @@ pub(crate) fn decode(
     for (i, outcome) in decoded {
         images[i] = faults.take(outcome);
     }
-    for (file, uri) in files {
-        document.note_input(file, uri);
-    }
+    files.into_iter().for_each(|f| document.note_input(f));
     images
 }
 
@@ -87,13 +86,11 @@ pub(crate) fn decode_all(
         .collect::<Vec<Outcome<_>>>();
     // In order, so that the fault that is told does not depend on threads.
     let images = images.into_iter().collect::<Outcome<_>>()?;
-    for (file, uri) in files {
-        document.note_input(file, uri);
-    }
+    files.into_iter().for_each(|f| document.note_input(f));
     Ok(images)
 }
 
-type Opened = (Vec<u8>, Option<(std::path::PathBuf, String)>);
+type Opened = (Vec<u8>, Option<Input>);
 
 fn open(document: &Document, i: usize) -> Outcome<Opened> {
     match document.image(i)? {
@@ -107,7 +104,8 @@ fn open(document: &Document, i: usize) -> Outcome<Opened> {
                 .opt_str("uri")?
                 .unwrap_or_default()
                 .to_string();
-            Ok((bytes, Some((file, uri))))
+            let input = Input::new(file, uri, &bytes);
+            Ok((bytes, Some(input)))
         }
     }
 }

@@ -76,7 +76,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     }
     settle_alpha(&mut scene, &used_materials, &mut report);
     warn_missing_images(&document, &needed, &mut report);
-    report.files = document.input_uris().to_vec();
+    report.files = document.input_uris();
     report.totals = totals(&scene);
     tracing::debug!(totals = ?report.totals, counts = ?report.counts, "ingested {}", path.display());
     Ok(Loaded {

@@ -4,9 +4,11 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, Hidden, Layer, LightGroup, LightScale, Paint, ProbeSource, Quality, Settings,
-    SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
+    Directional, Hidden, Layer, LightGroup, LightScale, Origin, Paint, ProbeSource, Quality,
+    Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
 };
+
+use super::config::{self, ConfigArgs, Layered};
 
 /// Bakes diffuse global illumination into glTF levels.
 ///
@@ -27,6 +29,12 @@ pub(crate) enum Command {
     Inspect(Box<Inspect>),
     /// Error between two lightmaps
     Diff(Diff),
+    /// Print a file of settings to start from: every key with its default, for SCENE.lumel.toml
+    Config,
+    /// Print a shell's completions, e.g. `lumel completions bash > /etc/bash_completion.d/lumel`
+    Completions(Completions),
+    /// Print the manual page of lumel or of one of its commands, e.g. `lumel man bake | man -l -`
+    Man(Man),
 }
 
 #[derive(Debug, Args)]
@@ -38,26 +46,23 @@ pub(crate) struct Bake {
     pub output: PathBuf,
     #[command(flatten)]
     pub plan: Plan,
-    /// How much work the bake is worth
-    #[arg(long, value_enum, default_value = "preview")]
-    pub quality: QualityArg,
+    #[command(flatten)]
+    pub config: ConfigArgs,
+    /// How much work the bake is worth [default: preview]
+    #[arg(long, value_enum)]
+    pub quality: Option<QualityArg>,
     /// Gather until the estimated relative error is below X, e.g. 0.01 [default: by quality]
     #[arg(long, value_name = "X")]
     pub error: Option<f32>,
     /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr
     #[arg(long, value_name = "COLOR|FILE")]
     pub sky: Option<String>,
-    /// Multiplies the sky
-    #[arg(long, value_name = "X", default_value_t = 1.0)]
-    pub sky_intensity: f32,
-    /// Turns a sky map about +Y, degrees, counter-clockwise seen from above
-    #[arg(
-        long,
-        value_name = "DEG",
-        default_value_t = 0.0,
-        allow_hyphen_values = true
-    )]
-    pub sky_rotation: f32,
+    /// Multiplies the sky [default: 1]
+    #[arg(long, value_name = "X")]
+    pub sky_intensity: Option<f32>,
+    /// Turns a sky map about +Y, degrees, counter-clockwise seen from above [default: 0]
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub sky_rotation: Option<f32>,
     /// A sun: direction in which its light travels, illuminance in lux, and its disc's diameter (0.533 for ours; without it, shadows
     /// are sharp), e.g. 0.3,-1,0.2,100000,0.533; may be repeated
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
@@ -72,9 +77,9 @@ pub(crate) struct Bake {
     /// Keep sources of light apart under a name of your own; what no group names becomes the group `rest`; may be repeated
     #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
     pub group: Vec<LightGroup>,
-    /// What the lightmap holds
-    #[arg(long, value_enum, default_value = "radiance")]
-    pub value: ValueArg,
+    /// What the lightmap holds [default: radiance]
+    #[arg(long, value_enum)]
+    pub value: Option<ValueArg>,
     /// Extra channels in the EXR
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LAYER,…")]
     pub layers: Vec<LayerArg>,
@@ -88,15 +93,18 @@ pub(crate) struct Bake {
     /// this distance in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
-    /// Reflectances above this count as this
-    #[arg(long, value_name = "X", default_value_t = 0.98)]
-    pub max_reflectance: f32,
-    /// Lumels that lie partly inside or behind something
-    #[arg(long, value_enum, default_value = "fill")]
-    pub hidden: HiddenArg,
+    /// Reflectances above this count as this [default: 0.98]
+    #[arg(long, value_name = "X")]
+    pub max_reflectance: Option<f32>,
+    /// Lumels that lie partly inside or behind something [default: fill]
+    #[arg(long, value_enum)]
+    pub hidden: Option<HiddenArg>,
     /// Leave the borders of charts as they were gathered
     #[arg(long)]
     pub no_stitch: bool,
+    /// Stitch the borders of charts, whatever the file of settings says
+    #[arg(long, conflicts_with = "no_stitch")]
+    pub stitch: bool,
     /// Split edges in the scene with vertex colours until its relative error is about X
     #[arg(long, value_name = "X")]
     pub vertex_error: Option<f32>,
@@ -109,12 +117,27 @@ pub(crate) struct Bake {
     /// Write the report here too
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Write a dependency file for make or ninja: results: everything that was read
+    #[arg(long, value_name = "FILE")]
+    pub depfile: Option<PathBuf>,
+    /// The dependency file's target, instead of all results: a stamp, or the one name that the build knows; may be repeated
+    #[arg(long, value_name = "PATH", requires = "depfile")]
+    pub depfile_target: Vec<PathBuf>,
+    /// Print what the bake would do, its pages, lumels, memory and time, and write nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Do nothing if the results are there and whole, and inputs, settings and version are those that they were made with, by content
+    #[arg(long)]
+    pub skip_if_unchanged: bool,
     /// Print the report on standard output
     #[arg(long)]
     pub json: bool,
     /// Exit with code 5 if there was any warning
     #[arg(long)]
     pub strict: bool,
+    /// Do not, whatever the file of settings says
+    #[arg(long, conflicts_with = "strict")]
+    pub no_strict: bool,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
@@ -129,6 +152,8 @@ pub(crate) struct Inspect {
     pub scene: PathBuf,
     #[command(flatten)]
     pub plan: Plan,
+    #[command(flatten)]
+    pub config: ConfigArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -149,24 +174,27 @@ pub(crate) struct Plan {
     /// Lumels per metre [default: by the scene's size]
     #[arg(long, value_name = "X")]
     pub texels_per_unit: Option<f32>,
-    /// Longest side of a page in texels
-    #[arg(long, value_name = "N", default_value_t = 2048)]
-    pub max_page: u32,
-    /// Texels between charts
-    #[arg(long, value_name = "N", default_value_t = 2)]
-    pub padding: u32,
-    /// Pages and instances' rectangles in whole blocks of N x N texels (4 for BC formats; 1 for any size)
-    #[arg(long, value_name = "N", default_value_t = 4)]
-    pub block_align: u32,
+    /// Longest side of a page in texels [default: 2048]
+    #[arg(long, value_name = "N")]
+    pub max_page: Option<u32>,
+    /// Texels between charts [default: 2]
+    #[arg(long, value_name = "N")]
+    pub padding: Option<u32>,
+    /// Pages and instances' rectangles in whole blocks of N x N texels (4 for BC formats; 1 for any size) [default: 4]
+    #[arg(long, value_name = "N")]
+    pub block_align: Option<u32>,
     /// Charts in whole blocks too, so that none is shared by two
     #[arg(long)]
     pub block_charts: bool,
-    /// The asset's TEXCOORD_1, or new charts
-    #[arg(long, value_enum, default_value = "auto")]
-    pub uv: UvArg,
-    /// What makes new charts
-    #[arg(long, value_enum, default_value = "auto")]
-    pub unwrapper: UnwrapperArg,
+    /// Not so, whatever the file of settings says
+    #[arg(long, conflicts_with = "block_charts")]
+    pub no_block_charts: bool,
+    /// The asset's TEXCOORD_1, or new charts [default: auto]
+    #[arg(long, value_enum)]
+    pub uv: Option<UvArg>,
+    /// What makes new charts [default: auto]
+    #[arg(long, value_enum)]
+    pub unwrapper: Option<UnwrapperArg>,
 }
 
 #[derive(Debug, Args)]
@@ -181,6 +209,22 @@ pub(crate) struct Diff {
     /// Write a false-colour picture of the relative error
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Completions {
+    /// Which shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Man {
+    /// Which command [default: lumel itself]
+    pub command: Option<String>,
+    /// Write the pages of all commands into this folder instead
+    #[arg(short, long, value_name = "DIR", conflicts_with = "command")]
+    pub output: Option<PathBuf>,
 }
 
 /// Declares a clap enum that mirrors one of the library's, so that the library needs no clap.
@@ -304,7 +348,7 @@ fn parse_probes(text: &str) -> Result<ProbeSource, String> {
     }
 }
 
-fn parse_sky(text: &str) -> Result<SkySource, String> {
+pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
     if let Some(hex) = text.strip_prefix('#')
         && hex.len() == 6
         && let Ok(v) = u32::from_str_radix(hex, 16)
@@ -331,65 +375,105 @@ fn parse_sky(text: &str) -> Result<SkySource, String> {
     }
 }
 
+/// What a pair of flags says.
+fn either(yes: bool, no: bool) -> Option<bool> {
+    (yes || no).then_some(yes)
+}
+
+/// What a repeated option says, if it was given.
+fn given<T: Clone>(values: &[T]) -> Option<Vec<T>> {
+    (!values.is_empty()).then(|| values.to_vec())
+}
+
 impl Plan {
-    fn apply(&self, settings: &mut Settings) {
-        settings.scene = self.scene;
-        settings.texels_per_unit = self.texels_per_unit;
-        settings.max_page = self.max_page;
-        settings.padding = self.padding;
-        settings.block = self.block_align;
-        settings.block_charts = self.block_charts;
-        settings.uv = self.uv.into();
-        settings.unwrapper = self.unwrapper.into();
+    fn apply(&self, out: &mut Layered) {
+        use Origin::Flag;
+        out.put(Flag, "scene", self.scene, |s, x| s.scene = Some(x));
+        out.put(Flag, "texels-per-unit", self.texels_per_unit, |s, x| {
+            s.texels_per_unit = Some(x)
+        });
+        out.put(Flag, "max-page", self.max_page, |s, x| s.max_page = x);
+        out.put(Flag, "padding", self.padding, |s, x| s.padding = x);
+        out.put(Flag, "block-align", self.block_align, |s, x| s.block = x);
+        let charts = either(self.block_charts, self.no_block_charts);
+        out.put(Flag, "block-charts", charts, |s, x| s.block_charts = x);
+        out.put(Flag, "uv", self.uv, |s, x| s.uv = x.into());
+        out.put(Flag, "unwrapper", self.unwrapper, |s, x| {
+            s.unwrapper = x.into()
+        });
     }
 }
 
 impl Bake {
-    /// The library's settings.
-    pub(crate) fn settings(&self) -> Result<Settings, lumel::Error> {
-        let mut s = Settings {
-            quality: self.quality.into(),
-            error: self.error,
-            sky_intensity: self.sky_intensity,
-            sky_rotation: self.sky_rotation,
-            suns: self.sun.clone(),
-            lights: self.light.clone(),
-            groups: self.group.clone(),
-            directional: self.directional.map(Directional::from),
-            ao_distance: self.ao_distance,
-            probes: self.probes.clone(),
-            value: self.value.into(),
-            max_reflectance: self.max_reflectance,
-            hidden: self.hidden.into(),
-            stitch: !self.no_stitch,
-            vertex_error: self.vertex_error,
-            ..Settings::default()
-        };
-        s.lights
-            .extend(self.exclude_light.iter().map(|name| LightScale {
-                name: name.clone(),
-                factor: 0.0,
-            }));
-        for &layer in &self.layers {
-            let layer = layer.into();
-            if !s.layers.contains(&layer) {
-                s.layers.push(layer);
+    /// Defaults, then the file of settings, then options.
+    ///
+    /// # Errors
+    /// [`lumel::Error::Setting`], [`lumel::Error::Config`].
+    pub(crate) fn settings(&self) -> Result<Layered, lumel::Error> {
+        use Origin::Flag;
+        let sky = self.sky.as_deref().map(parse_sky).transpose();
+        let sky = sky.map_err(lumel::Error::Setting)?;
+        let mut out = self.config.layered(&self.scene)?;
+        self.plan.apply(&mut out);
+        out.put(Flag, "quality", self.quality, |s, x| s.quality = x.into());
+        out.put(Flag, "error", self.error, |s, x| s.error = Some(x));
+        out.put(Flag, "sky", sky, |s, x| s.sky = x);
+        out.put(Flag, "sky-intensity", self.sky_intensity, |s, x| {
+            s.sky_intensity = x
+        });
+        out.put(Flag, "sky-rotation", self.sky_rotation, |s, x| {
+            s.sky_rotation = x
+        });
+        out.put(Flag, "sun", given(&self.sun), |s, x| s.suns = x);
+        // Of several that fit a source the last counts: options go before the file, and what is left out before what is dimmed.
+        out.put(Flag, "light", given(&self.light), |s, x| s.lights.extend(x));
+        out.put(Flag, "exclude-light", given(&self.exclude_light), |s, x| {
+            s.lights.extend(x.into_iter().map(config::excluded))
+        });
+        out.put(Flag, "group", given(&self.group), |s, x| s.groups = x);
+        out.put(Flag, "value", self.value, |s, x| s.value = x.into());
+        out.put(Flag, "layers", given(&self.layers), |s, x| {
+            s.layers.clear();
+            for layer in x.into_iter().map(Layer::from) {
+                if !s.layers.contains(&layer) {
+                    s.layers.push(layer);
+                }
             }
+        });
+        out.put(Flag, "directional", self.directional, |s, x| {
+            s.directional = Some(x.into())
+        });
+        out.put(Flag, "ao-distance", self.ao_distance, |s, x| {
+            s.ao_distance = Some(x)
+        });
+        out.put(Flag, "probes", self.probes.clone(), |s, x| {
+            s.probes = Some(x)
+        });
+        out.put(Flag, "max-reflectance", self.max_reflectance, |s, x| {
+            s.max_reflectance = x
+        });
+        out.put(Flag, "hidden", self.hidden, |s, x| s.hidden = x.into());
+        let stitch = either(self.stitch, self.no_stitch);
+        out.put(Flag, "stitch", stitch, |s, x| s.stitch = x);
+        out.put(Flag, "vertex-error", self.vertex_error, |s, x| {
+            s.vertex_error = Some(x)
+        });
+        if let Some(strict) = either(self.strict, self.no_strict) {
+            out.strict = strict;
         }
-        if let Some(sky) = &self.sky {
-            s.sky = parse_sky(sky).map_err(lumel::Error::Setting)?;
-        }
-        self.plan.apply(&mut s);
-        Ok(s)
+        Ok(out)
     }
 }
 
 impl Inspect {
-    /// The library's settings.
+    /// The library's settings: what of them decides the atlas.
+    ///
+    /// # Errors
+    /// [`lumel::Error::Config`].
     pub(crate) fn settings(&self) -> Result<Settings, lumel::Error> {
-        let mut s = Settings::default();
-        self.plan.apply(&mut s);
-        Ok(s)
+        let mut out = self.config.layered(&self.scene)?;
+        self.plan.apply(&mut out);
+        Ok(out.settings)
     }
 }
 

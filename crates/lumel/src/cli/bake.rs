@@ -4,20 +4,34 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use lumel::atlas_bake::OutputSet;
-use lumel::{Monitor, Phase, Report};
+use lumel::{Monitor, Phase, Provenance, Report, Settings};
 
 use super::Failure;
 use super::args::Bake;
+use super::config::Layered;
+use super::dry_run;
 use super::interrupt;
 use super::progress::Display;
+use super::unchanged::{self, dependencies};
 
 /// Size of the preview picture.
 const PREVIEW: [u32; 2] = [1280, 720];
 
 /// Bakes and writes.
 pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
-    let settings = a.settings()?;
-    check_outputs(a, &settings)?;
+    let Layered {
+        settings,
+        provenance,
+        strict,
+    } = a.settings()?;
+    check_outputs(a, &settings, &provenance)?;
+    let display = Display::new(a.quiet);
+    if a.skip_if_unchanged
+        && !a.dry_run
+        && unchanged::skip(a, &settings, &provenance, strict, &display)?
+    {
+        return Ok(());
+    }
     if let Some(n) = a.threads {
         if n == 0 || n > 1024 {
             return Err(
@@ -29,8 +43,12 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
             .num_threads(n)
             .build_global();
     }
-    let display = Display::new(a.quiet);
-    let outcome = interrupt::under_control(Some(a.output.clone()), || bake(a, &settings, &display));
+    if a.dry_run {
+        return dry_run::run(a, &settings, &provenance);
+    }
+    let outcome = interrupt::under_control(Some(a.output.clone()), || {
+        bake(a, &settings, &provenance, &display)
+    });
     display.finish();
     let report = outcome?;
     for w in &report.warnings {
@@ -40,14 +58,18 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     if a.json {
         std::io::stdout().lock().write_all(&report.to_json())?;
     }
-    if a.strict && !report.warnings.is_empty() {
+    if strict && !report.warnings.is_empty() {
         return Err(Failure::Strict(report.warnings.len()));
     }
     Ok(())
 }
 
 /// Refuses, before any work, outputs that would replace the scene or each other.
-fn check_outputs(a: &Bake, settings: &lumel::Settings) -> Result<(), lumel::Error> {
+fn check_outputs(
+    a: &Bake,
+    settings: &Settings,
+    provenance: &Provenance,
+) -> Result<(), lumel::Error> {
     let place = |path: &Path| -> PathBuf {
         let folder = match path.parent() {
             Some(p) if !p.as_os_str().is_empty() => p,
@@ -82,12 +104,13 @@ fn check_outputs(a: &Bake, settings: &lumel::Settings) -> Result<(), lumel::Erro
     let mut taken = outputs;
     taken.push(place(&a.scene));
     taken.extend(points.map(|p| place(p)));
+    taken.extend(provenance.config.iter().map(|(path, _)| place(path)));
     // The report may be asked for where it goes anyway.
     let report = a
         .report
         .iter()
         .filter(|path| Some(place(path)) != own_report);
-    for path in report.chain(&a.preview) {
+    for path in report.chain(&a.preview).chain(&a.depfile) {
         let path = place(path);
         if taken.contains(&path) {
             return Err(lumel::Error::Setting(format!(
@@ -100,10 +123,15 @@ fn check_outputs(a: &Bake, settings: &lumel::Settings) -> Result<(), lumel::Erro
     Ok(())
 }
 
-fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Report, Failure> {
+fn bake(
+    a: &Bake,
+    settings: &Settings,
+    provenance: &Provenance,
+    display: &Display,
+) -> Result<Report, Failure> {
     // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit, it goes again.
     let mut set = OutputSet::create(&a.output)?;
-    let bake = lumel::bake(&a.scene, settings, display)?;
+    let bake = lumel::bake_from(&a.scene, settings, provenance, display)?;
     let layout = &bake.report.layout;
     let pages: Vec<String> = layout
         .pages
@@ -132,11 +160,11 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
         ));
     }
     display.progress(Phase::Write, 0, 0);
-    let (files, report) = bake.files()?;
     let preview = match &a.preview {
         Some(path) => Some((path, bake.preview(PREVIEW)?)),
         None => None,
     };
+    let (files, report) = bake.files_beside(preview.as_ref().map(|(_, bytes)| &bytes[..]))?;
     if interrupt::cancelled() {
         return Err(lumel::Error::Cancelled.into());
     }
@@ -152,11 +180,19 @@ fn bake(a: &Bake, settings: &lumel::Settings, display: &Display) -> Result<Repor
     if let Some((path, bytes)) = preview {
         set.add_path(path, &bytes)?;
     }
+    if let Some(path) = &a.depfile {
+        let outputs: Vec<PathBuf> = set.paths().map(Path::to_owned).collect();
+        let inputs = bake.input_paths(settings, provenance);
+        set.add_path(path, &dependencies(a, outputs, &inputs)?)?;
+    }
     bake.retire_pages(&mut set);
-    let written = interrupt::committing(|| set.commit())?;
+    let done = interrupt::committing(|| set.commit())?;
     if a.verbose {
-        for path in written {
+        for path in &done.written {
             display.say(&format!("  wrote     {}", path.display()));
+        }
+        for path in &done.unchanged {
+            display.say(&format!("  unchanged {}", path.display()));
         }
     }
     Ok(report)

@@ -2,9 +2,13 @@
 
 mod args;
 mod bake;
+mod config;
 mod diff;
+mod dry_run;
 mod interrupt;
+mod manual;
 mod progress;
+mod unchanged;
 
 use std::io::Write;
 use std::path::Path;
@@ -58,6 +62,9 @@ pub(crate) fn run() -> ExitCode {
         Command::Bake(a) => bake::run(&a),
         Command::Inspect(a) => inspect(&a),
         Command::Diff(a) => diff::run(&a),
+        Command::Config => manual::config(),
+        Command::Completions(a) => manual::completions(&a),
+        Command::Man(a) => manual::man(&a),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -87,7 +94,7 @@ fn write_pictures(dir: &Path, pictures: &[lumel::NamedFile]) -> Result<usize, Fa
     for (name, bytes) in pictures {
         set.add(name, bytes)?;
     }
-    Ok(interrupt::committing(|| set.commit())?.len())
+    Ok(interrupt::committing(|| set.commit())?.files().count())
 }
 
 fn inspect(a: &args::Inspect) -> Result<(), Failure> {

@@ -1,7 +1,6 @@
 //! `EXT_lights_ies`: lamps with a measured distribution.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
@@ -9,6 +8,7 @@ use crate::container::{self, Target};
 use crate::document::Document;
 use crate::error::{Fault, Outcome};
 use crate::ies;
+use crate::input::Input;
 use crate::json::Item;
 use crate::nodes::Placed;
 use crate::options::MAX_COORDINATE;
@@ -21,7 +21,7 @@ pub(super) struct Profiles {
     profiles: Vec<Profile>,
     /// By what names them: a URI, or `bufferViews[i]`, which no relative path that a document means resembles.
     known: BTreeMap<String, (usize, f64)>,
-    files: Vec<(PathBuf, String)>,
+    files: Vec<Input>,
 }
 
 impl Profiles {
@@ -41,7 +41,7 @@ impl Profiles {
             Target::Data(bytes) => self.keep(uri, &bytes, path, report),
             Target::File(file) => {
                 let bytes = container::read_file(&file, path, limit)?;
-                self.files.push((file, uri.to_string()));
+                self.files.push(Input::new(file, uri.to_string(), &bytes));
                 self.keep(uri, &bytes, path, report)
             }
         }
@@ -81,9 +81,7 @@ impl Profiles {
 
     /// The profiles in the order of their first use; notes their files in the document.
     pub fn finish(self, document: &mut Document) -> Vec<Profile> {
-        for (file, uri) in self.files {
-            document.note_input(file, uri);
-        }
+        self.files.into_iter().for_each(|f| document.note_input(f));
         self.profiles
     }
 }

@@ -1,0 +1,72 @@
+//! `lumel bake --dry-run`.
+
+use std::io::Write;
+
+use lumel::{Provenance, Settings};
+
+use super::args::Bake;
+use super::{Failure, config, interrupt};
+
+/// Prints the plan; writes nothing.
+pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Result<(), Failure> {
+    let e = interrupt::under_control(None, || {
+        lumel::estimate(&a.scene, settings, &interrupt::Cancel)
+    })?;
+    let mut out = std::io::stdout().lock();
+    if a.json {
+        let v = serde_json::json!({
+            "estimate": e,
+            "settings": settings,
+            "origins": provenance.origins,
+        });
+        writeln!(out, "{v:#}")?;
+        return Ok(());
+    }
+    let pages: Vec<String> = (e.layout.pages.iter())
+        .map(|[w, h]| format!("{w} x {h}"))
+        .collect();
+    writeln!(out, "scene     {}, {} triangles", e.scene, e.triangles)?;
+    if let Some((path, _)) = &provenance.config {
+        writeln!(out, "settings  {}", path.display())?;
+    }
+    writeln!(out, "          {}", config::describe(&provenance.origins))?;
+    writeln!(
+        out,
+        "lightmap  {:.4} texels per unit, {:.0} lumels in {} charts, pages {}",
+        e.layout.texels_per_unit,
+        e.layout.lumels,
+        e.layout.charts,
+        pages.join(", ")
+    )?;
+    if e.probes > 0 {
+        writeln!(out, "probes    {}", e.probes)?;
+    }
+    writeln!(
+        out,
+        "writes    {} into {}",
+        e.files.join(", "),
+        a.output.display()
+    )?;
+    writeln!(
+        out,
+        "cost      about {} and {:.0} MiB: {:.1} M rays, of which this machine casts {:.2} M a second here",
+        duration(e.seconds),
+        e.bytes / f64::from(1 << 20),
+        1e-6 * e.rays,
+        e.mrays_per_second
+    )?;
+    for w in &e.layout.warnings {
+        writeln!(out, "warning   {w}")?;
+    }
+    Ok(())
+}
+
+/// Two digits of a time, for people.
+fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 10.0 => format!("{s:.1} s"),
+        s if s < 100.0 => format!("{s:.0} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}

@@ -1,0 +1,275 @@
+//! What a bake read and wrote, by content, and whether it would do so again.
+//!
+//! The report holds the record. Nothing in it depends on the clock or on where files lie: it names inputs as the document does, and
+//! outputs by their file names.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use mesh_ingest::{Digest, Input};
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::origin::Origin;
+use crate::settings::{ProbeSource, Settings, SkySource};
+
+/// Which program made a result: its version, and a hash of its sources for builds between two versions.
+pub(crate) const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("LUMEL_SOURCES"));
+
+/// Inputs and outputs of a bake by content.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Record {
+    /// Hash of all that the results depend on: program, settings, names, and content of every input. Empty until files are made.
+    pub key: String,
+    /// Every file that was read.
+    pub inputs: Vec<RecordedInput>,
+    /// Every file that was written, but the report itself.
+    pub outputs: Vec<RecordedOutput>,
+}
+
+/// A file that a bake read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct RecordedInput {
+    /// What it was read as.
+    pub kind: InputKind,
+    /// The scene's file name, or how the scene names the file; empty for files that options name.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub uri: String,
+    /// Hash of its content; null where it was not there.
+    pub digest: Option<Digest>,
+}
+
+/// What a file is to a bake.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum InputKind {
+    /// The glTF.
+    Scene,
+    /// A file that the glTF names: buffer, image, measured lamp.
+    Linked,
+    /// The sky's picture.
+    Sky,
+    /// The list of probes' points.
+    Probes,
+    /// The settings' file.
+    Config,
+}
+
+/// A file that a bake wrote.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct RecordedOutput {
+    /// Its name in the output folder; [`PREVIEW`] for the picture, which may lie anywhere.
+    pub file: String,
+    /// Hash of its content.
+    pub digest: Digest,
+}
+
+/// Stands for the picture of `--preview` among outputs: no file name has a `/`.
+pub const PREVIEW: &str = "/preview";
+
+/// Where settings came from; part of the report, so that two bakes that got the same settings from different places differ.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Provenance {
+    /// The settings' file, if there was one, and its content.
+    pub config: Option<(PathBuf, Digest)>,
+    /// Which settings are not defaults, and who gave them.
+    pub origins: BTreeMap<String, Origin>,
+}
+
+/// Hash of a file's present content; `None` where it cannot be read.
+pub(crate) fn hash_file(path: &Path) -> Option<Digest> {
+    let file = File::open(path).ok()?;
+    // A folder opens on Unix, a pipe may never end.
+    let regular = file.metadata().is_ok_and(|m| m.is_file());
+    regular.then(|| Digest::of_reader(file).ok()).flatten()
+}
+
+/// Files that settings name, hashed as they are now.
+pub(crate) fn option_inputs(settings: &Settings, provenance: &Provenance) -> Vec<RecordedInput> {
+    let mut out = Vec::new();
+    let mut add = |kind, digest| {
+        out.push(RecordedInput {
+            kind,
+            uri: String::new(),
+            digest,
+        })
+    };
+    if let SkySource::File(path) = &settings.sky {
+        add(InputKind::Sky, hash_file(path));
+    }
+    if let Some(ProbeSource::File(path)) = &settings.probes {
+        add(InputKind::Probes, hash_file(path));
+    }
+    if let Some((_, digest)) = &provenance.config {
+        add(InputKind::Config, Some(*digest));
+    }
+    out
+}
+
+/// Files that the document read.
+pub(crate) fn document_inputs(scene: &str, inputs: Vec<Input>) -> Vec<RecordedInput> {
+    let inputs = inputs.into_iter().enumerate();
+    inputs
+        .map(|(i, input)| RecordedInput {
+            kind: if i == 0 {
+                InputKind::Scene
+            } else {
+                InputKind::Linked
+            },
+            uri: if i == 0 { scene.into() } else { input.uri },
+            digest: input.digest,
+        })
+        .collect()
+}
+
+/// [`Record::key`].
+pub(crate) fn key(
+    settings: &Settings,
+    origins: &BTreeMap<String, Origin>,
+    inputs: &[RecordedInput],
+) -> String {
+    // JSON keeps the parts apart, whatever names hold.
+    let parts = serde_json::json!(["lumel bake", PROGRAM, settings, origins, inputs]);
+    Digest::of(parts.to_string().as_bytes()).to_string()
+}
+
+/// A finished bake that a new one would repeat.
+#[derive(Debug)]
+pub struct Current {
+    /// The report, as it lies in the output folder.
+    pub report: Vec<u8>,
+    /// Warnings of the report.
+    pub warnings: Vec<String>,
+    /// Every file that the bake read and that is there.
+    pub inputs: Vec<PathBuf>,
+    /// Every file that the bake wrote into its folder.
+    pub outputs: Vec<PathBuf>,
+}
+
+/// Whether the results in `dir` are what baking `scene` would give, by content: nothing else is read than the report there, and the
+/// files that it names.
+///
+/// `preview` is where the picture is wanted, if it is.
+///
+/// # Errors
+/// Why not, in a few words for people.
+pub fn find_current(
+    scene: &Path,
+    settings: &Settings,
+    provenance: &Provenance,
+    dir: &Path,
+    preview: Option<&Path>,
+) -> Result<Current, String> {
+    let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
+    let report_path = dir.join(format!("{stem}.report.json"));
+    let report = std::fs::read(&report_path).map_err(|_| "there is no report yet".to_owned())?;
+    let broken = || format!("{} is not as it was written", report_path.display());
+    let v = crate::report::parse_sealed(&report).ok_or_else(broken)?;
+    let recorded = read_inputs(&v["content"]["inputs"]).ok_or_else(broken)?;
+    let outputs = read_outputs(&v["content"]["outputs"]).ok_or_else(broken)?;
+    let expected = key(settings, &provenance.origins, &recorded);
+    if v["content"]["key"] != expected.as_str() {
+        return Err("settings or the program's version changed".into());
+    }
+    let mut inputs = Vec::new();
+    let mut options = Vec::new();
+    for input in &recorded {
+        let file = locate(scene, settings, provenance, input).ok_or_else(broken)?;
+        let now = match (input.kind, &provenance.config) {
+            (InputKind::Config, Some((_, digest))) => Some(*digest),
+            _ => hash_file(&file),
+        };
+        if now != input.digest {
+            return Err(format!("{} changed", file.display()));
+        }
+        if !matches!(input.kind, InputKind::Scene | InputKind::Linked) {
+            options.push(input.kind);
+        }
+        inputs.extend(now.map(|_| file));
+    }
+    // An option that names a file where there was none is another setting, but for the settings' file.
+    if provenance.config.is_some() != options.contains(&InputKind::Config) {
+        return Err("the file of settings came or went".into());
+    }
+    let mut written = Vec::new();
+    for output in &outputs {
+        let file = match (output.file == PREVIEW, preview) {
+            (false, _) => dir.join(&output.file),
+            (true, Some(path)) => path.to_owned(),
+            (true, None) => continue,
+        };
+        if hash_file(&file) != Some(output.digest) {
+            return Err(format!("{} is not as it was written", file.display()));
+        }
+        if output.file != PREVIEW {
+            written.push(file);
+        }
+    }
+    // Last, as a bake writes it.
+    written.push(report_path.clone());
+    if preview.is_some() && !outputs.iter().any(|o| o.file == PREVIEW) {
+        return Err("no preview was made".into());
+    }
+    let warnings = v["warnings"].as_array().ok_or_else(broken)?;
+    Ok(Current {
+        warnings: (warnings.iter().filter_map(Value::as_str).map(str::to_owned)).collect(),
+        report,
+        inputs,
+        outputs: written,
+    })
+}
+
+/// Where a recorded input lies now; `None` where the record makes no sense.
+pub(crate) fn locate(
+    scene: &Path,
+    settings: &Settings,
+    provenance: &Provenance,
+    input: &RecordedInput,
+) -> Option<PathBuf> {
+    match (input.kind, &settings.sky, &settings.probes) {
+        (InputKind::Scene, ..) => {
+            let name = scene.file_name()?.to_string_lossy();
+            (name == input.uri).then(|| scene.to_owned())
+        }
+        (InputKind::Linked, ..) => {
+            let base = scene.parent().unwrap_or(Path::new(""));
+            Input::locate(base, &input.uri)
+        }
+        (InputKind::Sky, SkySource::File(path), _) => Some(path.clone()),
+        (InputKind::Probes, _, Some(ProbeSource::File(path))) => Some(path.clone()),
+        (InputKind::Config, ..) => provenance.config.as_ref().map(|(path, _)| path.clone()),
+        _ => None,
+    }
+}
+
+fn read_inputs(v: &Value) -> Option<Vec<RecordedInput>> {
+    let one = |v: &Value| {
+        Some(RecordedInput {
+            kind: match v["kind"].as_str()? {
+                "scene" => InputKind::Scene,
+                "linked" => InputKind::Linked,
+                "sky" => InputKind::Sky,
+                "probes" => InputKind::Probes,
+                "config" => InputKind::Config,
+                _ => return None,
+            },
+            uri: v["uri"].as_str().unwrap_or_default().to_owned(),
+            digest: match &v["digest"] {
+                Value::Null => None,
+                digest => Some(digest.as_str()?.parse().ok()?),
+            },
+        })
+    };
+    v.as_array()?.iter().map(one).collect()
+}
+
+fn read_outputs(v: &Value) -> Option<Vec<RecordedOutput>> {
+    let one = |v: &Value| {
+        Some(RecordedOutput {
+            file: v["file"].as_str()?.to_owned(),
+            digest: v["digest"].as_str()?.parse().ok()?,
+        })
+    };
+    v.as_array()?.iter().map(one).collect()
+}
