@@ -199,8 +199,7 @@ impl Gatherer<'_, '_> {
             points,
             &mask,
             seed,
-            &options,
-            &known,
+            (&options, &known),
             &mut planes,
         );
         Seen {

@@ -228,11 +228,13 @@ impl Gatherer<'_, '_> {
             &points,
             &open,
             seed,
-            &options.direct,
-            &Known {
-                light: luminance(estimate.mean),
-                look: 0,
-            },
+            (
+                &options.direct,
+                &Known {
+                    light: luminance(estimate.mean),
+                    look: 0,
+                },
+            ),
             &mut planes,
         );
         rays += u64::from(direct.rays);
@@ -271,8 +273,7 @@ impl Gatherer<'_, '_> {
             &points,
             &open,
             seed,
-            &options.direct,
-            &known,
+            (&options.direct, &known),
             &mut planes,
         );
         let rays = u64::from(direct.rays);
@@ -354,8 +355,7 @@ impl Gatherer<'_, '_> {
             &points,
             &open,
             seed,
-            options,
-            &known,
+            (options, &known),
             &mut planes,
         );
         Received {
@@ -506,8 +506,7 @@ impl Gatherer<'_, '_> {
         points: &[SurfacePoint],
         open: &[bool],
         seed: u32,
-        options: &DirectOptions,
-        known: &Known,
+        (options, known): (&DirectOptions, &Known),
         planes: &mut [Plane],
     ) -> DirectEstimate {
         let valid: Vec<SurfacePoint> = points
