@@ -142,6 +142,7 @@ impl<'a> Window<'a> {
         let mut found = [(0, 0, 0); SIDE * SIDE];
         if self.sparse.bears(i) || self.sparse.is(i) {
             let n = self.on_grid(i, 2, &mut found);
+            let n = self.over_clear_ground(i, &mut found, n);
             if 2 * n >= SIDE * SIDE {
                 return (found, n);
             }
@@ -188,6 +189,58 @@ impl<'a> Window<'a> {
             }
         }
         n
+    }
+
+    /// Keeps those of the first `n` lumels, which lie on every second column and row, that one comes to from the middle by steps over lumels near
+    /// which nothing stands: a floor that a wall passes through lies within or beside one of them.
+    fn over_clear_ground(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
+        const WIDE: i64 = 2 * REACH;
+        const ACROSS: usize = (2 * WIDE + 1) as usize;
+        let l = &self.lumels[i];
+        let [cx, cy] = l.texel.map(i64::from);
+        let place = |dx: i64, dy: i64| ((dy + WIDE) * ACROSS as i64 + dx + WIDE) as usize;
+        let mut there = [false; ACROSS * ACROSS];
+        let mut reached = [false; ACROSS * ACROSS];
+        let mut next = [(0i64, 0i64); SIDE * SIDE];
+        let mut waiting = 0;
+        for &(_, dx, dy) in &found[..n] {
+            there[place(dx, dy)] = true;
+            // What the lumel lies between; itself, if it was gathered at.
+            if dx.abs() <= 1 && dy.abs() <= 1 {
+                reached[place(dx, dy)] = true;
+                next[waiting] = (dx, dy);
+                waiting += 1;
+            }
+        }
+        while waiting > 0 {
+            waiting -= 1;
+            let (x, y) = next[waiting];
+            for (sx, sy) in [(1i64, 0i64), (-1, 0), (0, 1), (0, -1)] {
+                let (u, v) = (x + 2 * sx, y + 2 * sy);
+                if u.abs() > WIDE || v.abs() > WIDE || !there[place(u, v)] || reached[place(u, v)] {
+                    continue;
+                }
+                let between = self.index.at(l.page, cx + x + sx, cy + y + sy);
+                let clear = |j: usize| {
+                    let r = &self.received[j];
+                    self.lumels[j].instance == l.instance && r.open == 1.0 && !r.near
+                };
+                if between.is_some_and(clear) {
+                    reached[place(u, v)] = true;
+                    next[waiting] = (u, v);
+                    waiting += 1;
+                }
+            }
+        }
+        let mut kept = 0;
+        for k in 0..n {
+            let (_, dx, dy) = found[k];
+            if reached[place(dx, dy)] {
+                found[kept] = found[k];
+                kept += 1;
+            }
+        }
+        kept
     }
 
     /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier, in their order, and says how many.
