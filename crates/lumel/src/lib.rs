@@ -15,15 +15,18 @@
 mod check;
 mod error;
 mod files;
+mod folder;
 mod inspect;
 mod memory;
 mod pictures;
 mod pipeline;
 mod probes;
 mod report;
+mod report_page;
 mod settings;
 mod sky;
 mod sources;
+pub mod view;
 
 pub use atlas_bake;
 pub use mesh_ingest;
@@ -35,9 +38,11 @@ pub use atlas_bake::{
 };
 pub use error::Error;
 pub use files::{NamedFile, output_names};
+pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
 pub use pipeline::{Bake, bake};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use report::{GroupReport, Measured, PhaseTime, Report};
+pub use report_page::report_page;
 pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
 pub use sources::{Source, SourceKind};

@@ -27,6 +27,10 @@ pub(crate) enum Command {
     Inspect(Box<Inspect>),
     /// Error between two lightmaps
     Diff(Diff),
+    /// Look at a finished bake in a browser: a page on this machine alone
+    View(super::view::View),
+    /// A finished bake as one HTML page, with its lightmaps, errors, curves and problems
+    Report(super::report::Report),
 }
 
 #[derive(Debug, Args)]

@@ -5,6 +5,8 @@ mod bake;
 mod diff;
 mod interrupt;
 mod progress;
+mod report;
+mod view;
 
 use std::io::Write;
 use std::path::Path;
@@ -58,6 +60,8 @@ pub(crate) fn run() -> ExitCode {
         Command::Bake(a) => bake::run(&a),
         Command::Inspect(a) => inspect(&a),
         Command::Diff(a) => diff::run(&a),
+        Command::View(a) => view::run(&a),
+        Command::Report(a) => report::run(&a),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
