@@ -19,13 +19,25 @@ const FILES: &[(&str, &str)] = &[
     ("controls.js", "web/controls.js"),
     ("panel.js", "web/panel.js"),
     ("pick.js", "web/pick.js"),
-    ("lumel-lightmap.js", "../../tools/engines/three/lumel-lightmap.js"),
+    (
+        "lumel-lightmap.js",
+        "../../tools/engines/three/lumel-lightmap.js",
+    ),
     ("three.core.js", "vendor/three/build/three.core.js"),
     ("three.module.js", "vendor/three/build/three.module.js"),
     ("GLTFLoader.js", "vendor/three/addons/loaders/GLTFLoader.js"),
-    ("OrbitControls.js", "vendor/three/addons/controls/OrbitControls.js"),
-    ("BufferGeometryUtils.js", "vendor/three/addons/utils/BufferGeometryUtils.js"),
-    ("SkeletonUtils.js", "vendor/three/addons/utils/SkeletonUtils.js"),
+    (
+        "OrbitControls.js",
+        "vendor/three/addons/controls/OrbitControls.js",
+    ),
+    (
+        "BufferGeometryUtils.js",
+        "vendor/three/addons/utils/BufferGeometryUtils.js",
+    ),
+    (
+        "SkeletonUtils.js",
+        "vendor/three/addons/utils/SkeletonUtils.js",
+    ),
     ("THREE-LICENSE.txt", "vendor/three/LICENSE"),
 ];
 
@@ -45,8 +57,8 @@ fn main() {
     for (name, file) in FILES {
         let path = root.join(file);
         println!("cargo::rerun-if-changed={}", path.display());
-        let mut text = fs::read_to_string(&path)
-            .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        let mut text =
+            fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         if name.ends_with(".js") {
             for (from, to) in IMPORTS {
                 text = text.replace(from, to);
@@ -54,7 +66,11 @@ fn main() {
         }
         let packed = out.join(format!("{name}.gz"));
         compress(text.as_bytes(), &packed);
-        let _ = writeln!(table, "    ({name:?}, include_bytes!({:?})),", packed.display().to_string());
+        let _ = writeln!(
+            table,
+            "    ({name:?}, include_bytes!({:?})),",
+            packed.display().to_string()
+        );
     }
     table.push_str("]\n");
     fs::write(out.join("assets.rs"), table).expect("OUT_DIR can be written");

@@ -67,12 +67,17 @@ impl BakeFolder {
         let folder = if path_is_file {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             let Some(stem) = name.strip_suffix(MANIFEST) else {
-                let message = format!("expected a folder that `lumel bake` wrote or its *{MANIFEST}, found another file");
+                let message = format!(
+                    "expected a folder that `lumel bake` wrote or its *{MANIFEST}, found another file"
+                );
                 return Err(folder_error(path, message, false));
             };
             let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
             BakeFolder {
-                dir: parent.unwrap_or(Path::new(".")).canonicalize().map_err(failed)?,
+                dir: parent
+                    .unwrap_or(Path::new("."))
+                    .canonicalize()
+                    .map_err(failed)?,
                 only: Some(stem.to_owned()),
             }
         } else {
@@ -113,7 +118,9 @@ impl BakeFolder {
         let version = value.get("version").and_then(Value::as_u64);
         if version != Some(MANIFEST_VERSION) {
             let found = value.get("version").map_or("none".into(), Value::to_string);
-            return Err(bad(format!("found version {found} of the manifest, expected {MANIFEST_VERSION}")));
+            return Err(bad(format!(
+                "found version {found} of the manifest, expected {MANIFEST_VERSION}"
+            )));
         }
         FinishedManifest::deserialize(&value).map_err(|e| bad(e.to_string()))
     }
@@ -162,10 +169,7 @@ impl BakeFolder {
 
 /// Whether a name is that of a file in the same folder, on every system.
 fn is_plain(name: &str) -> bool {
-    !name.is_empty()
-        && name != "."
-        && name != ".."
-        && !name.contains(['/', '\\', ':', '\0'])
+    !name.is_empty() && name != "." && name != ".." && !name.contains(['/', '\\', ':', '\0'])
 }
 
 fn folder_error(path: &Path, message: String, io: bool) -> Error {
@@ -188,14 +192,29 @@ mod tests {
         let e = BakeFolder::open(t.path()).unwrap_err();
         assert_eq!(e.exit_code(), 3);
         assert!(e.to_string().contains("no bake"), "{e}");
-        for name in ["b.lightmap.json", "a.lightmap.json", ".lightmap.json", "c.json"] {
+        for name in [
+            "b.lightmap.json",
+            "a.lightmap.json",
+            ".lightmap.json",
+            "c.json",
+        ] {
             std::fs::write(t.path().join(name), EMPTY).unwrap();
         }
         assert_eq!(BakeFolder::open(t.path()).unwrap().bakes(), ["a", "b"]);
         let one = BakeFolder::open(&t.path().join("b.lightmap.json")).unwrap();
         assert_eq!(one.bakes(), ["b"]);
-        assert_eq!(BakeFolder::open(&t.path().join("c.json")).unwrap_err().exit_code(), 3);
-        assert_eq!(BakeFolder::open(&t.path().join("none")).unwrap_err().exit_code(), 2);
+        assert_eq!(
+            BakeFolder::open(&t.path().join("c.json"))
+                .unwrap_err()
+                .exit_code(),
+            3
+        );
+        assert_eq!(
+            BakeFolder::open(&t.path().join("none"))
+                .unwrap_err()
+                .exit_code(),
+            2
+        );
     }
 
     #[test]
@@ -223,7 +242,17 @@ mod tests {
         let folder = BakeFolder::open(&inner).unwrap();
         assert!(folder.file("a.lightmap.json").is_some() && folder.file("..a").is_some());
         let absolute = t.path().join("secret");
-        for name in ["", ".", "..", "../secret", "..\\secret", "a.lightmap.json/", absolute.to_str().unwrap(), "c:secret", "a\0"] {
+        for name in [
+            "",
+            ".",
+            "..",
+            "../secret",
+            "..\\secret",
+            "a.lightmap.json/",
+            absolute.to_str().unwrap(),
+            "c:secret",
+            "a\0",
+        ] {
             assert!(folder.file(name).is_none(), "{name:?}");
         }
         #[cfg(unix)]

@@ -2,9 +2,9 @@
 //!
 //! Skipped, loudly, where no Chromium is installed.
 
-mod common;
 #[path = "common/browser.rs"]
 mod browser;
+mod common;
 #[path = "common/quads.rs"]
 mod quads;
 
@@ -33,7 +33,9 @@ impl Server {
             .expect("the binary starts");
         let mut line = String::new();
         let output = child.stdout.take().expect("a pipe");
-        BufReader::new(output).read_line(&mut line).expect("it says where it is");
+        BufReader::new(output)
+            .read_line(&mut line)
+            .expect("it says where it is");
         Server(child, line.trim().to_owned())
     }
 }
@@ -48,10 +50,17 @@ impl Drop for Server {
 /// The squares, baked with `options`.
 fn squares(options: &str) -> (TempDir, PathBuf) {
     let t = temp();
+    // The shadow's edge lies on the border of two primitives, which stitching takes for a seam to be smoothed (docs/seams.md).
+    let options = format!("--no-stitch {options}");
     // A name that has to be encoded in an address.
     let file = write(t.path().join("four squares #1.gltf"), scene());
     let out = t.path().join("out");
-    bake(&file, &out, &format!("--texels-per-unit 8 --sun {} {options}", sun())).ok();
+    bake(
+        &file,
+        &out,
+        &format!("--texels-per-unit 8 --sun {} {options}", sun()),
+    )
+    .ok();
     (t, out)
 }
 
@@ -76,7 +85,10 @@ fn pixel(b: &mut Browser, picture: &RgbImage, at: [f64; 3]) -> [u8; 3] {
 #[track_caller]
 fn assert_pixel(found: [u8; 3], linear: [f64; 3], what: &str) {
     let want = linear.map(shown);
-    let near = found.iter().zip(want).all(|(f, w)| (f64::from(*f) - w).abs() <= 1.0);
+    let near = found
+        .iter()
+        .zip(want)
+        .all(|(f, w)| (f64::from(*f) - w).abs() <= 1.0);
     assert!(near, "{what}: {found:?} is not {want:.2?}");
 }
 
@@ -101,14 +113,22 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
 
     // Each view and light by its button.
     let press = |b: &mut Browser, name: &str| {
-        b.eval(&format!("document.querySelector('#panel [data-name={name}]').click()"));
+        b.eval(&format!(
+            "document.querySelector('#panel [data-name={name}]').click()"
+        ));
         settle(b);
         b.screenshot()
     };
-    let [(at, ..), _, _, _, (green, ..), _] = points()[..] else { panic!() };
+    let [(at, ..), _, _, _, (green, ..), _] = points()[..] else {
+        panic!()
+    };
     let shot = press(&mut b, "albedo");
     assert_pixel(pixel(&mut b, &shot, at), ALBEDO, "albedo");
-    assert_pixel(pixel(&mut b, &shot, green), OTHER, "albedo of the other primitive");
+    assert_pixel(
+        pixel(&mut b, &shot, green),
+        OTHER,
+        "albedo of the other primitive",
+    );
     let shot = press(&mut b, "light");
     assert_pixel(pixel(&mut b, &shot, at), [R; 3], "light alone");
     let shot = press(&mut b, "indirect");
@@ -120,22 +140,42 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
     // Nothing is uncertain here: the scale's lower end.
     let shot = press(&mut b, "error");
     assert_pixel(pixel(&mut b, &shot, at), [0.0; 3], "no error");
-    assert_eq!(b.eval("document.getElementById('legend').hidden"), json!(false));
+    assert_eq!(
+        b.eval("document.getElementById('legend').hidden"),
+        json!(false)
+    );
     press(&mut b, "lit");
     press(&mut b, "groups");
     b.eval("{ const s = document.querySelector('#groups input'); s.value = '0.5'; s.dispatchEvent(new Event('input')); }");
     settle(&mut b);
     let shot = b.screenshot();
-    assert_pixel(pixel(&mut b, &shot, at), times(ALBEDO, 0.5 * R), "half of the group");
+    assert_pixel(
+        pixel(&mut b, &shot, at),
+        times(ALBEDO, 0.5 * R),
+        "half of the group",
+    );
     press(&mut b, "all");
 
     // What is not there is grey, and says how to get it.
     let ao = "document.querySelector('#views [data-name=ao]')";
-    assert_eq!(b.eval(&format!("{ao}.disabled && {ao}.title.includes('--layers ao')")), json!(true));
+    assert_eq!(
+        b.eval(&format!(
+            "{ao}.disabled && {ao}.title.includes('--layers ao')"
+        )),
+        json!(true)
+    );
     let missing = b.eval("document.getElementById('missing').innerText");
-    assert!(missing.as_str().is_some_and(|m| m.contains("ao") && !m.contains("error")), "{missing}");
+    assert!(
+        missing
+            .as_str()
+            .is_some_and(|m| m.contains("ao") && !m.contains("error")),
+        "{missing}"
+    );
     let report = b.eval("document.getElementById('report').innerText");
-    assert!(report.as_str().is_some_and(|m| m.contains("draft")), "{report}");
+    assert!(
+        report.as_str().is_some_and(|m| m.contains("draft")),
+        "{report}"
+    );
 
     // A click says what is there.
     let place = b.eval(&format!("lumel.project({}, 0, {})", at[0], at[2]));
@@ -143,7 +183,10 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
     b.wait("!document.getElementById('readout').hidden && document.getElementById('readout').innerText.includes('R = E/π')");
     let text = b.eval("document.getElementById('readout').innerText");
     let text = text.as_str().expect("text");
-    assert!(text.contains("flat") && text.contains("tan") && text.contains("0.6"), "{text}");
+    assert!(
+        text.contains("flat") && text.contains("tan") && text.contains("0.6"),
+        "{text}"
+    );
 
     // Keys: exposure doubles, the grid darkens every other texel, and W walks.
     let key = |b: &mut Browser, key: &str, code: &str| {
@@ -155,7 +198,11 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
         key(&mut b, "-", "Minus");
     }
     let shot = b.screenshot();
-    assert_pixel(pixel(&mut b, &shot, at), times(ALBEDO, 0.5 * R), "one stop darker");
+    assert_pixel(
+        pixel(&mut b, &shot, at),
+        times(ALBEDO, 0.5 * R),
+        "one stop darker",
+    );
     key(&mut b, "g", "KeyG");
     assert_ne!(b.screenshot(), shot, "the grid is seen");
     key(&mut b, "f", "KeyF");
@@ -163,7 +210,10 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
     b.key("w", "KeyW", true);
     b.wait(&format!("lumel.stage.camera.position.y < {height} - 0.05"));
     b.key("w", "KeyW", false);
-    assert_eq!(b.eval("new URLSearchParams(location.hash.slice(1)).get('bake')"), json!("four squares #1"));
+    assert_eq!(
+        b.eval("new URLSearchParams(location.hash.slice(1)).get('bake')"),
+        json!("four squares #1")
+    );
     assert_eq!(b.errors, [""; 0]);
 }
 
@@ -183,7 +233,10 @@ fn light_is_right_way_up_under_the_plate_and_small_windows_hold_the_page() {
     }
     for size in [[1280, 720], [800, 600], [480, 360], [320, 480]] {
         b.resize(size);
-        b.wait(&format!("innerWidth === {} && innerHeight === {}", size[0], size[1]));
+        b.wait(&format!(
+            "innerWidth === {} && innerHeight === {}",
+            size[0], size[1]
+        ));
         settle(&mut b);
         let fits = b.eval(
             "[document.documentElement.scrollWidth <= innerWidth, document.documentElement.scrollHeight <= innerHeight, \
@@ -194,7 +247,10 @@ fn light_is_right_way_up_under_the_plate_and_small_windows_hold_the_page() {
         assert_eq!(fits, json!([true; 5]), "{size:?}");
         b.eval("document.getElementById('hide-panel').click()");
         settle(&mut b);
-        assert_eq!(b.eval("getComputedStyle(document.getElementById('panel')).display"), json!("none"));
+        assert_eq!(
+            b.eval("getComputedStyle(document.getElementById('panel')).display"),
+            json!("none")
+        );
         b.eval("document.getElementById('show-panel').click()");
         settle(&mut b);
     }
@@ -210,12 +266,24 @@ fn a_bake_made_anew_is_shown_without_a_reload() {
     let server = Server::start(&out);
     b.open(&format!("{}#tone=linear&panel=0&cam={ABOVE}", server.1));
     settle(&mut b);
-    bake(&t.path().join("four squares #1.gltf"), &out, &format!("--texels-per-unit 8 --sun {} --light sun=0.5", sun())).ok();
+    bake(
+        &t.path().join("four squares #1.gltf"),
+        &out,
+        &format!(
+            "--no-stitch --texels-per-unit 8 --sun {} --light sun=0.5",
+            sun()
+        ),
+    )
+    .ok();
     let at = points()[0].0;
     b.wait("lumel.opened() === 2");
     settle(&mut b);
     let picture = b.screenshot();
-    assert_pixel(pixel(&mut b, &picture, at), times(ALBEDO, 0.5 * R), "half the sun");
+    assert_pixel(
+        pixel(&mut b, &picture, at),
+        times(ALBEDO, 0.5 * R),
+        "half the sun",
+    );
     assert_eq!(b.errors, [""; 0]);
 }
 
@@ -227,22 +295,37 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
     let (_t, out) = squares("");
     let site = Site::start(&out);
     // Lambertian materials are exact; the file's own, MeshStandardMaterial, keep a few per cent to themselves.
-    for (options, exact) in [("diffuse=1", true), ("diffuse=1&manifest=1", true), ("", false)] {
+    for (options, exact) in [
+        ("diffuse=1", true),
+        ("diffuse=1&manifest=1", true),
+        ("", false),
+    ] {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");
-            b.open(&format!("{}/engines/index.html?glb={}&cam={cam}&{options}", site.url, "/bake/four%20squares%20%231.glb"));
+            b.open(&format!(
+                "{}/engines/index.html?glb={}&cam={cam}&{options}",
+                site.url, "/bake/four%20squares%20%231.glb"
+            ));
             b.wait("document.body.dataset.state");
-            assert_eq!(b.eval("document.body.dataset.state"), json!("ready"), "{}", b.eval("document.body.innerText"));
+            assert_eq!(
+                b.eval("document.body.dataset.state"),
+                json!("ready"),
+                "{}",
+                b.eval("document.body.innerText")
+            );
             let picture = b.screenshot();
             for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
                 let found = pixel(&mut b, &picture, at);
                 if exact {
                     assert_pixel(found, times(albedo, r), &format!("{options} {at:?}"));
                 } else {
-                    // Of a white surface at normal incidence three.js r187 shows 0.96, which is its Fresnel term: half to all of that here.
+                    // No closed form: r187 was seen to show 0.935 to 0.99 of it at these angles. The bounds catch a factor or a page gone wrong.
                     for (f, want) in found.iter().zip(times(albedo, r)) {
-                        let (low, high) = (shown(0.94 * want) - 1.0, shown(want) + 1.0);
-                        assert!((low..=high).contains(&f64::from(*f)), "{options} {at:?}: {found:?}");
+                        let (low, high) = (shown(0.9 * want) - 1.0, shown(want) + 1.0);
+                        assert!(
+                            (low..=high).contains(&f64::from(*f)),
+                            "{options} {at:?}: {found:?}"
+                        );
                     }
                 }
             }
@@ -262,8 +345,14 @@ impl Site {
     fn start(bake: &Path) -> Site {
         let own = Path::new(env!("CARGO_MANIFEST_DIR"));
         let folders = [
-            ("/engines/node_modules/three/build/", own.join("vendor/three/build")),
-            ("/engines/node_modules/three/examples/jsm/", own.join("vendor/three/addons")),
+            (
+                "/engines/node_modules/three/build/",
+                own.join("vendor/three/build"),
+            ),
+            (
+                "/engines/node_modules/three/examples/jsm/",
+                own.join("vendor/three/addons"),
+            ),
             ("/engines/", own.join("../../tools/engines/three")),
             ("/bake/", bake.to_owned()),
         ];
@@ -273,7 +362,9 @@ impl Site {
         let thread = std::thread::spawn(move || {
             while let Ok(request) = serving.recv() {
                 let target = request.url().split('?').next().unwrap_or_default();
-                let path = percent_encoding::percent_decode_str(target).decode_utf8_lossy().into_owned();
+                let path = percent_encoding::percent_decode_str(target)
+                    .decode_utf8_lossy()
+                    .into_owned();
                 let found = folders.iter().find_map(|(prefix, dir)| {
                     let file = dir.join(path.strip_prefix(prefix)?);
                     Some((std::fs::read(&file).ok()?, file))
@@ -286,7 +377,8 @@ impl Site {
                             Some("json") => "application/json",
                             _ => "application/octet-stream",
                         };
-                        let header = tiny_http::Header::from_bytes("Content-Type", kind).expect("a header");
+                        let header =
+                            tiny_http::Header::from_bytes("Content-Type", kind).expect("a header");
                         request.respond(tiny_http::Response::from_data(bytes).with_header(header))
                     }
                     None => request.respond(tiny_http::Response::empty(404)),

@@ -32,11 +32,19 @@ pub(crate) fn run(a: &View) -> Result<(), Failure> {
     out.flush()?;
     drop(out);
     let mut note = std::io::stderr().lock();
-    let _ = writeln!(note, "showing {} ({}); Ctrl-C ends it", a.folder.display(), viewer.bakes().join(", "));
+    let _ = writeln!(
+        note,
+        "showing {} ({}); Ctrl-C ends it",
+        a.folder.display(),
+        viewer.bakes().join(", ")
+    );
     if a.open
         && let Err(e) = open::that_detached(&url)
     {
-        let _ = writeln!(note, "no browser could be started ({e}): open the address above");
+        let _ = writeln!(
+            note,
+            "no browser could be started ({e}): open the address above"
+        );
     }
     drop(note);
     // Ctrl-C is how it is meant to end, so that is a success. Nothing is left to put in order. Where no handler can be installed, the

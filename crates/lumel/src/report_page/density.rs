@@ -17,9 +17,15 @@ pub(super) fn section(source: &Source<'_>) -> String {
     let mut out = String::new();
     let density = list(source.report, "/layout/density");
     if let [low, middle, high] = density
-        && let (Some(low), Some(middle), Some(high)) = (low.as_f64(), middle.as_f64(), high.as_f64())
+        && let (Some(low), Some(middle), Some(high)) =
+            (low.as_f64(), middle.as_f64(), high.as_f64())
     {
-        out += &format!("<p>Least {}, median {}, most {}, by area.</p>\n", short(low), short(middle), short(high));
+        out += &format!(
+            "<p>Least {}, median {}, most {}, by area.</p>\n",
+            short(low),
+            short(middle),
+            short(high)
+        );
     }
     let wanted = number(source.report, "/layout/texels_per_unit");
     match measure(source) {
@@ -32,7 +38,9 @@ pub(super) fn section(source: &Source<'_>) -> String {
 fn measure(source: &Source<'_>) -> Result<Vec<[f64; 2]>, Error> {
     let path = source.folder.expect_file(&source.manifest.scene)?;
     let scene = mesh_ingest::load(&path, &LoadOptions::default())?.scene;
-    let places = source.folder.json(&format!("{}.lightmap.json", source.stem))?;
+    let places = source
+        .folder
+        .json(&format!("{}.lightmap.json", source.stem))?;
     Ok(triangles(&scene, &places))
 }
 
@@ -43,13 +51,25 @@ fn triangles(scene: &Scene, manifest: &Value) -> Vec<[f64; 2]> {
             continue;
         };
         let index = node.get("node").and_then(Value::as_u64);
-        for instance in scene.instances.iter().filter(|i| Some(i.node as u64) == index) {
+        for instance in scene
+            .instances
+            .iter()
+            .filter(|i| Some(i.node as u64) == index)
+        {
             for p in &scene.meshes[instance.mesh].primitives {
-                let Some(uv) = p.tex_coords.get(1).filter(|uv| uv.len() == p.positions.len()) else {
+                let Some(uv) = p
+                    .tex_coords
+                    .get(1)
+                    .filter(|uv| uv.len() == p.positions.len())
+                else {
                     continue;
                 };
                 for t in &p.triangles {
-                    let [a, b, c] = t.map(|v| instance.transform.transform_point3(p.positions[v as usize].as_dvec3()));
+                    let [a, b, c] = t.map(|v| {
+                        instance
+                            .transform
+                            .transform_point3(p.positions[v as usize].as_dvec3())
+                    });
                     let area = 0.5 * (b - a).cross(c - a).length();
                     let [a, b, c] = t.map(|v| {
                         let uv = uv[v as usize].as_dvec2();
@@ -73,7 +93,10 @@ fn chart(samples: &[[f64; 2]], wanted: Option<f64>) -> String {
         return note("No triangle has a place in the lightmap.");
     }
     // Whole factors of two, so that labels are round.
-    let (low, high) = (least.log2().floor(), most.log2().ceil().max(least.log2().floor() + 1.0));
+    let (low, high) = (
+        least.log2().floor(),
+        most.log2().ceil().max(least.log2().floor() + 1.0),
+    );
     let mut bins = vec![0.0; BINS];
     let all: f64 = samples.iter().map(|s| s[1]).sum();
     for [density, area] in samples {
@@ -86,10 +109,23 @@ fn chart(samples: &[[f64; 2]], wanted: Option<f64>) -> String {
         .step_by(every)
         .map(|k| (k * BINS / octaves, short(2f64.powf(low + k as f64))))
         .collect();
-    let mut out = histogram("Area by lumels per metre", &bins, &labels, "lumels per metre, by area");
+    let mut out = histogram(
+        "Area by lumels per metre",
+        &bins,
+        &labels,
+        "lumels per metre, by area",
+    );
     if let Some(wanted) = wanted {
-        let near: f64 = samples.iter().filter(|s| (s[0] / wanted).log2().abs() <= 0.5).map(|s| s[1]).sum();
-        out += &note(&format!("{} of the area is within a factor √2 of the {} asked for.", percent(near / all), short(wanted)));
+        let near: f64 = samples
+            .iter()
+            .filter(|s| (s[0] / wanted).log2().abs() <= 0.5)
+            .map(|s| s[1])
+            .sum();
+        out += &note(&format!(
+            "{} of the area is within a factor √2 of the {} asked for.",
+            percent(near / all),
+            short(wanted)
+        ));
     }
     out
 }

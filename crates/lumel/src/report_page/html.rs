@@ -66,7 +66,10 @@ pub(super) fn number(value: &Value, pointer: &str) -> Option<f64> {
 
 /// The list at a JSON pointer; empty where there is none.
 pub(super) fn list<'v>(value: &'v Value, pointer: &str) -> &'v [Value] {
-    value.pointer(pointer).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+    value
+        .pointer(pointer)
+        .and_then(Value::as_array)
+        .map_or(&[], Vec::as_slice)
 }
 
 /// The text of a field, or nothing.
@@ -112,7 +115,10 @@ mod tests {
 
     #[test]
     fn nothing_in_a_text_is_markup() {
-        assert_eq!(escape("<b a=\"1\" c='2'>&\u{0}"), "&lt;b a=&quot;1&quot; c=&#39;2&#39;&gt;&amp;\u{FFFD}");
+        assert_eq!(
+            escape("<b a=\"1\" c='2'>&\u{0}"),
+            "&lt;b a=&quot;1&quot; c=&#39;2&#39;&gt;&amp;\u{FFFD}"
+        );
         let t = table(&["<h>"], &[vec![Cell::Text("<script>".into())]]);
         assert!(t.contains("&lt;script&gt;") && t.contains("&lt;h&gt;") && !t.contains("<script"));
     }
@@ -120,8 +126,22 @@ mod tests {
     #[test]
     fn figures() {
         assert_eq!(short(0.0), "0");
-        assert_eq!((short(1234.5), short(12.345), short(0.012345), short(-0.5)), ("1234".into(), "12.3".into(), "0.0123".into(), "-0.500".into()));
-        assert_eq!((short(1e-9), short(2.5e8)), ("1.00e-9".into(), "2.50e8".into()));
-        assert_eq!((count(1234567.0), count(12.0)), ("1\u{A0}234\u{A0}567".into(), "12".into()));
+        assert_eq!(
+            (short(1234.5), short(12.345), short(0.012345), short(-0.5)),
+            (
+                "1234".into(),
+                "12.3".into(),
+                "0.0123".into(),
+                "-0.500".into()
+            )
+        );
+        assert_eq!(
+            (short(1e-9), short(2.5e8)),
+            ("1.00e-9".into(), "2.50e8".into())
+        );
+        assert_eq!(
+            (count(1234567.0), count(12.0)),
+            ("1\u{A0}234\u{A0}567".into(), "12".into())
+        );
     }
 }

@@ -55,7 +55,9 @@ pub fn report_page(folder: &BakeFolder, stem: &str) -> Result<String, Error> {
         .collect::<Vec<_>>()
         .join(" ");
     let body: String = (sections.iter())
-        .map(|(id, name, text)| format!("<section id=\"{id}\">\n<h2>{name}</h2>\n{text}</section>\n"))
+        .map(|(id, name, text)| {
+            format!("<section id=\"{id}\">\n<h2>{name}</h2>\n{text}</section>\n")
+        })
         .collect();
     let generator = escape(report["generator"].as_str().unwrap_or("lumel"));
     Ok(format!(

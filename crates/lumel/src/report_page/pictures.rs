@@ -36,7 +36,9 @@ pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
     let shown = pages.len().min(PAGES);
     // Lightmap, error and groups share the budget.
     let kinds = 2 + source.manifest.groups.len();
-    let side = (BUDGET / (shown.max(1) * kinds) as f64).sqrt().clamp(SIDE[1], SIDE[0]);
+    let side = (BUDGET / (shown.max(1) * kinds) as f64)
+        .sqrt()
+        .clamp(SIDE[1], SIDE[0]);
     let (mut lightmaps, mut errors) = (String::new(), String::new());
     let (mut bins, mut lumels) = (vec![0.0; BINS], 0.0);
     for (i, page) in pages.iter().enumerate() {
@@ -46,7 +48,10 @@ pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
             let small = shrink(&image, side as usize);
             lightmaps += &figure(&lightmap_png(&small)?, &size_of(&page.uri, &image));
             if let Some(t) = relative_error(&small) {
-                errors += &figure(&heat_png(&small, &t, [0.0, 1.0])?, &size_of(&page.uri, &image));
+                errors += &figure(
+                    &heat_png(&small, &t, [0.0, 1.0])?,
+                    &size_of(&page.uri, &image),
+                );
             }
         }
     }
@@ -54,13 +59,19 @@ pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
     for group in &source.manifest.groups {
         for uri in group.pages.iter().take(PAGES) {
             let image = read_exr(&source.folder.expect_file(uri)?)?;
-            groups += &figure(&lightmap_png(&shrink(&image, side as usize))?, &format!("group {}: {}", group.name, size_of(uri, &image)));
+            groups += &figure(
+                &lightmap_png(&shrink(&image, side as usize))?,
+                &format!("group {}: {}", group.name, size_of(uri, &image)),
+            );
         }
     }
     let mut text = note("Tone-mapped, each by its own brightness. Row 0 is at the top.");
     text += &wall(&lightmaps);
     if pages.len() > PAGES {
-        text += &note(&format!("{} further pages are not shown.", pages.len() - PAGES));
+        text += &note(&format!(
+            "{} further pages are not shown.",
+            pages.len() - PAGES
+        ));
     }
     if pages.is_empty() {
         text += &note("This bake has no pages: no mesh receives light.");
@@ -83,13 +94,23 @@ fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> String {
     let labels: Vec<(usize, String)> = (0..=3)
         .map(|k| {
             let at = f64::from(k) / decades;
-            ((at * BINS as f64).round() as usize, percent(RANGE[0] * 10f64.powi(k)))
+            (
+                (at * BINS as f64).round() as usize,
+                percent(RANGE[0] * 10f64.powi(k)),
+            )
         })
         .collect();
-    let mut out = note("Estimated standard error of each lumel's luminance over that luminance: black 0.1 % and less, then blue (0.4 %), green (1.6 %), yellow (6 %), red (25 %), white 100 % and more.");
+    let mut out = note(
+        "Estimated standard error of each lumel's luminance over that luminance: black 0.1 % and less, then blue (0.4 %), green (1.6 %), yellow (6 %), red (25 %), white 100 % and more.",
+    );
     out += &wall(pictures);
     out += "<h3>Lumels by estimated error</h3>\n";
-    out += &histogram("Lumels by estimated relative error", &shares, &labels, "estimated relative error");
+    out += &histogram(
+        "Lumels by estimated relative error",
+        &shares,
+        &labels,
+        "estimated relative error",
+    );
     out
 }
 
@@ -103,7 +124,10 @@ fn size_of(uri: &str, image: &ExrImage) -> String {
 
 fn figure(png: &[u8], caption: &str) -> String {
     let caption = escape(caption);
-    format!("<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>\n", STANDARD.encode(png))
+    format!(
+        "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>\n",
+        STANDARD.encode(png)
+    )
 }
 
 const WEIGHTS: [f32; 3] = [0.2126, 0.7152, 0.0722];
@@ -174,18 +198,29 @@ fn shrink(image: &ExrImage, side: usize) -> Page {
 
 /// Place of a relative error on the scale, 0..=1.
 fn on_scale(error: f64, luminance: f64) -> f64 {
-    let relative = if error > 0.0 { error / luminance.max(1e-30) } else { 0.0 };
+    let relative = if error > 0.0 {
+        error / luminance.max(1e-30)
+    } else {
+        0.0
+    };
     ((relative / RANGE[0]).log10() / (RANGE[1] / RANGE[0]).log10()).clamp(0.0, 1.0)
 }
 
 fn luminance(rgb: [f32; 3]) -> f64 {
-    rgb.iter().zip(WEIGHTS).map(|(x, w)| f64::from(*x) * f64::from(w)).sum()
+    rgb.iter()
+        .zip(WEIGHTS)
+        .map(|(x, w)| f64::from(*x) * f64::from(w))
+        .sum()
 }
 
 fn relative_error(page: &Page) -> Option<Vec<f32>> {
     let (_, error) = page.layers.first()?;
     let values = page.value.iter().zip(error);
-    Some(values.map(|(v, e)| on_scale(f64::from(*e), luminance(*v)) as f32).collect())
+    Some(
+        values
+            .map(|(v, e)| on_scale(f64::from(*e), luminance(*v)) as f32)
+            .collect(),
+    )
 }
 
 /// Adds a page's lumels, by coverage where it is known.
@@ -229,7 +264,10 @@ mod tests {
         assert_eq!((page.value[0], page.value[1]), ([1.0; 3], [5.0; 3]));
         // 10 % lies two thirds up from 0.1 to 100 %, 1 % a third; errors of f32 are 1e-7.
         let t = relative_error(&page).unwrap();
-        assert!((t[0] - 2.0 / 3.0).abs() < 1e-5 && (t[1] - 1.0 / 3.0).abs() < 1e-5, "{t:?}");
+        assert!(
+            (t[0] - 2.0 / 3.0).abs() < 1e-5 && (t[1] - 1.0 / 3.0).abs() < 1e-5,
+            "{t:?}"
+        );
         let (mut bins, mut lumels) = (vec![0.0; 3], 0.0);
         count_errors(&image, &mut bins, &mut lumels);
         assert_eq!(lumels, 1.5);

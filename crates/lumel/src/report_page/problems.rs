@@ -14,11 +14,31 @@ pub(super) fn section(report: &Value) -> String {
         .filter_map(|w| Some(vec![Cell::Text(w.as_str()?.to_owned())]))
         .collect();
     out += &titled("Warnings", &[], warnings);
-    out += &titled("Left out of the bake", &["node", "name", "reason"], left_out(report));
-    out += &titled("Lightmap coordinates of the asset", &["mesh", "node", "severity", "fault", "what became of them"], uv_faults(report));
-    out += &titled("Meshes whose density is not the scene's", &["mesh", "node", "why", "lumels per metre"], adjusted(report));
-    out += &titled("Nodes that look at backs of faces or out of gaps", &["node", "patches", "least row sum", "near"], rows_of_nodes(report));
-    out += &titled("Repaired while reading", &["what", "how often"], counts(report));
+    out += &titled(
+        "Left out of the bake",
+        &["node", "name", "reason"],
+        left_out(report),
+    );
+    out += &titled(
+        "Lightmap coordinates of the asset",
+        &["mesh", "node", "severity", "fault", "what became of them"],
+        uv_faults(report),
+    );
+    out += &titled(
+        "Meshes whose density is not the scene's",
+        &["mesh", "node", "why", "lumels per metre"],
+        adjusted(report),
+    );
+    out += &titled(
+        "Nodes that look at backs of faces or out of gaps",
+        &["node", "patches", "least row sum", "near"],
+        rows_of_nodes(report),
+    );
+    out += &titled(
+        "Repaired while reading",
+        &["what", "how often"],
+        counts(report),
+    );
     if out.is_empty() {
         out = "<p>None.</p>\n".into();
     }
@@ -31,7 +51,11 @@ fn titled(title: &str, head: &[&str], mut rows: Vec<Vec<Cell>>) -> String {
     }
     let all = rows.len();
     rows.truncate(ROWS);
-    let more = if all > ROWS { note(&format!("… and {} more", all - ROWS)) } else { String::new() };
+    let more = if all > ROWS {
+        note(&format!("… and {} more", all - ROWS))
+    } else {
+        String::new()
+    };
     format!("<h3>{title} ({all})</h3>\n{}{more}", table(head, &rows))
 }
 
@@ -47,7 +71,11 @@ fn left_out(report: &Value) -> Vec<Vec<Cell>> {
     (list(report, "/ingest/left_out").iter())
         .map(|n| {
             let node = n.get("node").map(Value::to_string).unwrap_or_default();
-            vec![Cell::Number(node), Cell::Text(name_of(text(n, "name"), None)), Cell::Text(text(n, "reason").into())]
+            vec![
+                Cell::Number(node),
+                Cell::Text(name_of(text(n, "name"), None)),
+                Cell::Text(text(n, "reason").into()),
+            ]
         })
         .collect()
 }
@@ -69,9 +97,18 @@ fn uv_faults(report: &Value) -> Vec<Vec<Cell>> {
             if severity == "note" {
                 continue;
             }
-            let kind = mesh.pointer("/origin/kind").and_then(Value::as_str).unwrap_or_default();
+            let kind = mesh
+                .pointer("/origin/kind")
+                .and_then(Value::as_str)
+                .unwrap_or_default();
             let fault = Cell::Text(text(fault, "kind").replace('_', " "));
-            rows.push(vec![a, b, Cell::Text(severity.into()), fault, Cell::Text(kind.replace('_', " "))]);
+            rows.push(vec![
+                a,
+                b,
+                Cell::Text(severity.into()),
+                fault,
+                Cell::Text(kind.replace('_', " ")),
+            ]);
         }
     }
     rows
@@ -92,7 +129,11 @@ fn rows_of_nodes(report: &Value) -> Vec<Vec<Cell>> {
     let lists = ["/solve/audit/beyond", "/solve/audit/gaps"];
     (lists.iter().flat_map(|pointer| list(report, pointer)))
         .map(|n| {
-            let at: Vec<String> = list(n, "/at").iter().filter_map(Value::as_f64).map(|x| format!("{x:.2}")).collect();
+            let at: Vec<String> = list(n, "/at")
+                .iter()
+                .filter_map(Value::as_f64)
+                .map(|x| format!("{x:.2}"))
+                .collect();
             vec![
                 Cell::Text(name_of(text(n, "node"), None)),
                 Cell::Number(number(n, "/rows").map(count).unwrap_or_default()),
@@ -106,17 +147,35 @@ fn rows_of_nodes(report: &Value) -> Vec<Vec<Cell>> {
 fn counts(report: &Value) -> Vec<Vec<Cell>> {
     let of = report.pointer("/ingest/counts").and_then(Value::as_object);
     let mut rows: Vec<Vec<Cell>> = (of.into_iter().flatten())
-        .filter_map(|(what, n)| Some(vec![Cell::Text(what.clone()), Cell::Number(count(n.as_f64()?))]))
+        .filter_map(|(what, n)| {
+            Some(vec![
+                Cell::Text(what.clone()),
+                Cell::Number(count(n.as_f64()?)),
+            ])
+        })
         .collect();
     let mut add = |what: &str, n: f64| {
         if n > 0.0 {
             rows.push(vec![Cell::Text(what.into()), Cell::Number(count(n))]);
         }
     };
-    add("triangles without area", number(report, "/dropped_triangles/0").unwrap_or(0.0));
-    add("triangles that coincide with others", number(report, "/dropped_triangles/1").unwrap_or(0.0));
-    add("materials that reflect more than allowed", number(report, "/clamped_materials").unwrap_or(0.0));
-    for (field, what) in [("clamped", "samples beyond what halves hold"), ("non_finite", "samples that were not finite"), ("negative", "negative samples")] {
+    add(
+        "triangles without area",
+        number(report, "/dropped_triangles/0").unwrap_or(0.0),
+    );
+    add(
+        "triangles that coincide with others",
+        number(report, "/dropped_triangles/1").unwrap_or(0.0),
+    );
+    add(
+        "materials that reflect more than allowed",
+        number(report, "/clamped_materials").unwrap_or(0.0),
+    );
+    for (field, what) in [
+        ("clamped", "samples beyond what halves hold"),
+        ("non_finite", "samples that were not finite"),
+        ("negative", "negative samples"),
+    ] {
         let pages = list(report, "/clamped").iter();
         add(what, pages.filter_map(|p| p.get(field)?.as_f64()).sum());
     }

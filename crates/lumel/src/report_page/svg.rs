@@ -21,7 +21,12 @@ pub(super) struct Line<'a> {
 pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -> String {
     let map = |y: f64| if log { y.log10() } else { y };
     let sound = |p: &[f64; 2]| p[0].is_finite() && map(p[1]).is_finite();
-    let all: Vec<[f64; 2]> = lines.iter().flat_map(|l| &l.points).copied().filter(sound).collect();
+    let all: Vec<[f64; 2]> = lines
+        .iter()
+        .flat_map(|l| &l.points)
+        .copied()
+        .filter(sound)
+        .collect();
     if all.len() < 2 {
         return String::new();
     }
@@ -45,18 +50,34 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
     let mut out = open(title);
     let ticks: Vec<f64> = if log {
         let step = ((y1 - y0) / 6.0).ceil().max(1.0);
-        (0..=((y1 - y0) / step) as u32).map(|k| 10f64.powf(y0 + f64::from(k) * step)).collect()
+        (0..=((y1 - y0) / step) as u32)
+            .map(|k| 10f64.powf(y0 + f64::from(k) * step))
+            .collect()
     } else {
-        (0..=4).map(|k| y0 + (y1 - y0) * f64::from(k) / 4.0).collect()
+        (0..=4)
+            .map(|k| y0 + (y1 - y0) * f64::from(k) / 4.0)
+            .collect()
     };
     for t in ticks {
         let (_, y) = at(&[x0, t]);
-        out += &format!("<path class=\"grid\" d=\"M{LEFT:.1} {y:.1}H{:.1}\"/>", SIZE[0] - RIGHT);
-        let label = if log { format!("1e{:.0}", t.log10()) } else { short(t) };
+        out += &format!(
+            "<path class=\"grid\" d=\"M{LEFT:.1} {y:.1}H{:.1}\"/>",
+            SIZE[0] - RIGHT
+        );
+        let label = if log {
+            format!("1e{:.0}", t.log10())
+        } else {
+            short(t)
+        };
         out += &text(LEFT - 6.0, y + 4.0, "end", &label);
     }
     for (x, anchor) in [(x0, "start"), (x1, "end")] {
-        out += &text(at(&[x, if log { 10f64.powf(y0) } else { y0 }]).0, SIZE[1] - BOTTOM + 15.0, anchor, &short(x));
+        out += &text(
+            at(&[x, if log { 10f64.powf(y0) } else { y0 }]).0,
+            SIZE[1] - BOTTOM + 15.0,
+            anchor,
+            &short(x),
+        );
     }
     out += &text(0.5 * (LEFT + SIZE[0]), SIZE[1] - 6.0, "middle", x_title);
     for (i, line) in lines.iter().enumerate() {
@@ -66,16 +87,30 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
                 format!("{x:.1},{y:.1}")
             })
             .collect();
-        out += &format!("<polyline class=\"{}\" points=\"{}\"/>", line.class, points.join(" "));
+        out += &format!(
+            "<polyline class=\"{}\" points=\"{}\"/>",
+            line.class,
+            points.join(" ")
+        );
         let y = TOP + 14.0 + 15.0 * i as f64;
-        out += &format!("<path class=\"{}\" stroke-width=\"2\" d=\"M{:.1} {:.1}h16\"/>", line.class, SIZE[0] - 190.0, y - 4.0);
+        out += &format!(
+            "<path class=\"{}\" stroke-width=\"2\" d=\"M{:.1} {:.1}h16\"/>",
+            line.class,
+            SIZE[0] - 190.0,
+            y - 4.0
+        );
         out += &text(SIZE[0] - 168.0, y, "start", line.name);
     }
     out + "</svg>\n"
 }
 
 /// A histogram: heights of bins, and labels at borders of bins (index, text).
-pub(super) fn histogram(title: &str, bins: &[f64], labels: &[(usize, String)], x_title: &str) -> String {
+pub(super) fn histogram(
+    title: &str,
+    bins: &[f64],
+    labels: &[(usize, String)],
+    x_title: &str,
+) -> String {
     let most = bins.iter().copied().fold(0.0, f64::max);
     if most <= 0.0 {
         return String::new();
@@ -92,7 +127,10 @@ pub(super) fn histogram(title: &str, bins: &[f64], labels: &[(usize, String)], x
             (wide - 0.5).max(0.5),
         );
     }
-    out += &format!("<path class=\"grid\" d=\"M{LEFT:.1} {floor:.1}H{:.1}\"/>", SIZE[0] - RIGHT);
+    out += &format!(
+        "<path class=\"grid\" d=\"M{LEFT:.1} {floor:.1}H{:.1}\"/>",
+        SIZE[0] - RIGHT
+    );
     for (i, label) in labels {
         out += &text(LEFT + wide * *i as f64, floor + 15.0, "middle", label);
     }
@@ -121,7 +159,10 @@ pub(super) fn bars(title: &str, rows: &[(String, f64, String)]) -> String {
         let y = ROW * i as f64;
         let wide = value / most * (SIZE[0] - NAMES - TEXTS);
         out += &text(NAMES - 8.0, y + 15.0, "end", name);
-        out += &format!("<rect class=\"a\" x=\"{NAMES:.1}\" y=\"{:.1}\" width=\"{wide:.1}\" height=\"14\"/>", y + 4.0);
+        out += &format!(
+            "<rect class=\"a\" x=\"{NAMES:.1}\" y=\"{:.1}\" width=\"{wide:.1}\" height=\"14\"/>",
+            y + 4.0
+        );
         out += &text(NAMES + wide + 6.0, y + 15.0, "start", label);
     }
     out + "</svg>\n"
@@ -129,11 +170,17 @@ pub(super) fn bars(title: &str, rows: &[(String, f64, String)]) -> String {
 
 fn open(title: &str) -> String {
     let [w, h] = SIZE;
-    format!("<svg viewBox=\"0 0 {w:.0} {h:.0}\" width=\"{w:.0}\" height=\"{h:.0}\" role=\"img\" aria-label=\"{}\">", escape(title))
+    format!(
+        "<svg viewBox=\"0 0 {w:.0} {h:.0}\" width=\"{w:.0}\" height=\"{h:.0}\" role=\"img\" aria-label=\"{}\">",
+        escape(title)
+    )
 }
 
 fn text(x: f64, y: f64, anchor: &str, text: &str) -> String {
-    format!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{}</text>", escape(text))
+    format!(
+        "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{}</text>",
+        escape(text)
+    )
 }
 
 #[cfg(test)]
@@ -143,7 +190,11 @@ mod tests {
     #[test]
     fn charts_of_nothing_are_nothing() {
         assert_eq!(lines("t", "x", &[], true), "");
-        let flat = Line { name: "n", class: "la", points: vec![[0.0, 0.0], [1.0, f64::NAN]] };
+        let flat = Line {
+            name: "n",
+            class: "la",
+            points: vec![[0.0, 0.0], [1.0, f64::NAN]],
+        };
         assert_eq!(lines("t", "x", &[flat], true), "");
         assert_eq!(histogram("t", &[0.0], &[], "x"), "");
         assert_eq!(bars("t", &[]), "");
@@ -151,10 +202,26 @@ mod tests {
 
     #[test]
     fn equal_values_still_make_a_chart() {
-        let flat = Line { name: "<n>", class: "la", points: vec![[0.0, 1.0], [0.0, 1.0]] };
+        let flat = Line {
+            name: "<n>",
+            class: "la",
+            points: vec![[0.0, 1.0], [0.0, 1.0]],
+        };
         for log in [false, true] {
-            let svg = lines("t", "x", &[Line { name: flat.name, class: "la", points: flat.points.clone() }], log);
-            assert!(svg.contains("polyline") && !svg.contains("NaN") && svg.contains("&lt;n&gt;"), "{svg}");
+            let svg = lines(
+                "t",
+                "x",
+                &[Line {
+                    name: flat.name,
+                    class: "la",
+                    points: flat.points.clone(),
+                }],
+                log,
+            );
+            assert!(
+                svg.contains("polyline") && !svg.contains("NaN") && svg.contains("&lt;n&gt;"),
+                "{svg}"
+            );
         }
     }
 }

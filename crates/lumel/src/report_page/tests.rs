@@ -13,7 +13,10 @@ fn bake(layers: &[&str], change: impl FnOnce(&mut Value)) -> (TempDir, BakeFolde
         height: 4,
         value: (0..n).map(|i| [i as f32; 3]).collect(),
         coverage: vec![1.0; n],
-        layers: layers.iter().map(|l| ((*l).to_owned(), vec![0.25; n])).collect(),
+        layers: layers
+            .iter()
+            .map(|l| ((*l).to_owned(), vec![0.25; n]))
+            .collect(),
     };
     let exr = write_lightmap_exr(&page, &ExrOptions::default()).unwrap().0;
     let write = |name: &str, bytes: &[u8]| std::fs::write(t.path().join(name), bytes).unwrap();
@@ -67,10 +70,16 @@ fn assert_well_formed(page: &str) {
     let body = rest.split_once("</style>").unwrap().1;
     for part in [head, body] {
         for tag in part.split('<').skip(1) {
-            let (tag, text) = tag.split_once('>').unwrap_or_else(|| panic!("<{tag} does not end"));
+            let (tag, text) = tag
+                .split_once('>')
+                .unwrap_or_else(|| panic!("<{tag} does not end"));
             assert!(!text.contains('>'), "a bare > after <{tag}>");
             assert_eq!(tag.matches('"').count() % 2, 0, "<{tag}>");
-            let name = tag.trim_start_matches('/').split([' ', '/']).next().unwrap();
+            let name = tag
+                .trim_start_matches('/')
+                .split([' ', '/'])
+                .next()
+                .unwrap();
             if let Some(closed) = tag.strip_prefix('/') {
                 assert_eq!(open.pop(), Some(closed));
             } else if !(tag.starts_with('!') || tag.ends_with('/') || VOID.contains(&name)) {
@@ -81,7 +90,17 @@ fn assert_well_formed(page: &str) {
     assert!(open.is_empty(), "{open:?} stay open");
 }
 
-const SECTIONS: [&str; 9] = ["summary", "problems", "lightmaps", "error", "solve", "density", "seams", "time", "settings"];
+const SECTIONS: [&str; 9] = [
+    "summary",
+    "problems",
+    "lightmaps",
+    "error",
+    "solve",
+    "density",
+    "seams",
+    "time",
+    "settings",
+];
 
 #[test]
 fn all_sections_are_there_and_names_are_text() {
@@ -93,8 +112,17 @@ fn all_sections_are_there_and_names_are_text() {
     }
     assert!(!page.contains("<script") && !page.contains("<b>") && !page.contains("<i>"));
     for words in [
-        "&lt;script&gt;lamp", "&lt;script&gt;alert(1)", "tree&lt;/td&gt;", "(no name) #3", "overlap", "skinned", "<polyline",
-        "within what sampling explains", "group &lt;i&gt;lamps", "Lumels by estimated error", "1.0 MiB",
+        "&lt;script&gt;lamp",
+        "&lt;script&gt;alert(1)",
+        "tree&lt;/td&gt;",
+        "(no name) #3",
+        "overlap",
+        "skinned",
+        "<polyline",
+        "within what sampling explains",
+        "group &lt;i&gt;lamps",
+        "Lumels by estimated error",
+        "1.0 MiB",
     ] {
         assert!(page.contains(words), "{words}");
     }
@@ -116,19 +144,35 @@ fn without_optional_layers_and_fields_the_page_says_so() {
     for id in SECTIONS {
         assert!(page.contains(&format!("<section id=\"{id}\">")), "{id}");
     }
-    for words in ["--layers error", "<p>None.</p>", "no history", "Seams were not measured"] {
+    for words in [
+        "--layers error",
+        "<p>None.</p>",
+        "no history",
+        "Seams were not measured",
+    ] {
         assert!(page.contains(words), "{words}");
     }
 }
 
 #[test]
 fn odd_types_in_a_report_leave_lines_out_and_nothing_else() {
-    for odd in [json!(null), json!([]), json!("x"), json!({}), json!(-1e300), json!([[[]], 1, "x", {}])] {
+    for odd in [
+        json!(null),
+        json!([]),
+        json!("x"),
+        json!({}),
+        json!(-1e300),
+        json!([[[]], 1, "x", {}]),
+    ] {
         let (_t, folder) = bake(&["error.Y"], |report| {
             fn spoil(v: &mut Value, odd: &Value, depth: usize) {
                 if let Value::Object(o) = v {
                     for (_, child) in o.iter_mut() {
-                        if depth == 0 { *child = odd.clone() } else { spoil(child, odd, depth - 1) }
+                        if depth == 0 {
+                            *child = odd.clone()
+                        } else {
+                            spoil(child, odd, depth - 1)
+                        }
                     }
                 }
             }

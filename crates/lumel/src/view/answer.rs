@@ -98,7 +98,10 @@ impl Answers {
         // A page of another site may point a name of its own at this machine and read what its own origin answers. It cannot fake
         // the name, though.
         if !ask.host.is_some_and(is_local) {
-            return Reply::text(403, "refused: this server answers to 127.0.0.1 and localhost only\n");
+            return Reply::text(
+                403,
+                "refused: this server answers to 127.0.0.1 and localhost only\n",
+            );
         }
         if !matches!(ask.method, "GET" | "HEAD") {
             return Reply::text(405, "refused: only GET and HEAD\n").with("Allow", "GET, HEAD");
@@ -137,18 +140,28 @@ impl Answers {
         let bakes: Vec<Value> = (self.folder.bakes().iter())
             .map(|name| json!({"name": name, "stamp": self.stamp(name)}))
             .collect();
-        Reply::json(&json!({"generator": concat!("lumel ", env!("CARGO_PKG_VERSION")), "bakes": bakes}))
+        Reply::json(
+            &json!({"generator": concat!("lumel ", env!("CARGO_PKG_VERSION")), "bakes": bakes}),
+        )
     }
 
     fn stamp(&self, bake: &str) -> String {
-        let mut names = vec![format!("{bake}.lightmap.json"), format!("{bake}.report.json")];
+        let mut names = vec![
+            format!("{bake}.lightmap.json"),
+            format!("{bake}.report.json"),
+        ];
         if let Ok(m) = self.folder.manifest(bake) {
             names.push(m.scene);
             names.extend(m.pages.into_iter().map(|p| p.uri));
             names.extend(m.groups.into_iter().flat_map(|g| g.pages));
         }
         let newest = (names.iter())
-            .filter_map(|n| std::fs::metadata(self.folder.file(n)?).ok()?.modified().ok())
+            .filter_map(|n| {
+                std::fs::metadata(self.folder.file(n)?)
+                    .ok()?
+                    .modified()
+                    .ok()
+            })
             .filter_map(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
             .max();
         format!("{}", newest.map_or(0, |t| t.as_nanos()))
@@ -190,9 +203,13 @@ impl Answers {
         let path = self.folder.expect_file(&uri)?;
         let layer = query.get("layer").unwrap_or_default();
         Ok(match self.planes.read(&path, &layer)? {
-            Some(plane) => Reply::new(200, "application/octet-stream", Body::Bytes(plane.bytes.into()))
-                .with("X-Width", plane.width.to_string())
-                .with("X-Height", plane.height.to_string()),
+            Some(plane) => Reply::new(
+                200,
+                "application/octet-stream",
+                Body::Bytes(plane.bytes.into()),
+            )
+            .with("X-Width", plane.width.to_string())
+            .with("X-Height", plane.height.to_string()),
             None => Reply::not_found(&format!("{uri} has no layer {layer:?}")),
         })
     }
@@ -200,7 +217,8 @@ impl Answers {
     /// A file of the folder, or a part of it.
     fn file(&self, name: &str, range: Option<&str>) -> Reply {
         match self.folder.file(name) {
-            Some(path) => send(&path, name, range).unwrap_or_else(|e| Reply::text(500, format!("{name}: {e}"))),
+            Some(path) => send(&path, name, range)
+                .unwrap_or_else(|e| Reply::text(500, format!("{name}: {e}"))),
             None => Reply::not_found(name),
         }
     }
@@ -224,14 +242,19 @@ fn own(name: &str, gzip: bool) -> Reply {
 fn send(path: &Path, name: &str, range: Option<&str>) -> std::io::Result<Reply> {
     let mut file = File::open(path)?;
     let size = file.metadata()?.len();
-    let reply = |status, file, length| Reply::new(status, media_type(name), Body::File(file, length)).with("Accept-Ranges", "bytes");
+    let reply = |status, file, length| {
+        Reply::new(status, media_type(name), Body::File(file, length))
+            .with("Accept-Ranges", "bytes")
+    };
     Ok(match range.and_then(|r| parse_range(r, size)) {
         None => reply(200, file, size),
         Some(Ok((first, last))) => {
             file.seek(SeekFrom::Start(first))?;
-            reply(206, file, last - first + 1).with("Content-Range", format!("bytes {first}-{last}/{size}"))
+            reply(206, file, last - first + 1)
+                .with("Content-Range", format!("bytes {first}-{last}/{size}"))
         }
-        Some(Err(())) => Reply::text(416, "the range is beyond the file\n").with("Content-Range", format!("bytes */{size}")),
+        Some(Err(())) => Reply::text(416, "the range is beyond the file\n")
+            .with("Content-Range", format!("bytes */{size}")),
     })
 }
 
@@ -243,7 +266,11 @@ fn parse_range(header: &str, size: u64) -> Option<Result<(u64, u64), ()>> {
     if first.trim().is_empty() {
         // The last so many.
         let n = number(last)?;
-        return Some(if n == 0 || size == 0 { Err(()) } else { Ok((size.saturating_sub(n), size - 1)) });
+        return Some(if n == 0 || size == 0 {
+            Err(())
+        } else {
+            Ok((size.saturating_sub(n), size - 1))
+        });
     }
     let first = number(first)?;
     let last = match last.trim() {
@@ -253,7 +280,11 @@ fn parse_range(header: &str, size: u64) -> Option<Result<(u64, u64), ()>> {
     if last < first {
         return None;
     }
-    Some(if first >= size { Err(()) } else { Ok((first, last.min(size - 1))) })
+    Some(if first >= size {
+        Err(())
+    } else {
+        Ok((first, last.min(size - 1)))
+    })
 }
 
 /// Whether a `Host` names this machine to itself. Any port: tunnels change it.
@@ -292,4 +323,3 @@ impl Body {
 #[cfg(test)]
 #[path = "tests.rs"]
 mod tests;
-

@@ -46,14 +46,23 @@ mod tests {
         for (name, packed) in ASSETS.iter().filter(|a| a.0.ends_with(".js")) {
             let text = String::from_utf8(plain(packed)).unwrap();
             // Only statements: three's comments show imports of their own.
-            let code = text.lines().filter(|l| !l.trim_start().starts_with(['*', '/']));
+            let code = text
+                .lines()
+                .filter(|l| !l.trim_start().starts_with(['*', '/']));
             for line in code {
-                let Some((_, rest)) = line.split_once(" from '") else { continue };
-                if !(line.starts_with("import") || line.starts_with('}') || line.starts_with("export")) {
+                let Some((_, rest)) = line.split_once(" from '") else {
+                    continue;
+                };
+                if !(line.starts_with("import")
+                    || line.starts_with('}')
+                    || line.starts_with("export"))
+                {
                     continue;
                 }
                 let target = rest.split('\'').next().unwrap();
-                let file = target.strip_prefix("./").unwrap_or_else(|| panic!("{name}: {line}"));
+                let file = target
+                    .strip_prefix("./")
+                    .unwrap_or_else(|| panic!("{name}: {line}"));
                 assert!(compressed(file).is_some(), "{name} imports {target}");
             }
         }

@@ -110,7 +110,13 @@ fn respond(answers: &Answers, request: Request) -> io::Result<()> {
         .collect();
     let (reader, length) = body.open();
     // Lengths are known, and clients show progress by them.
-    let response = Response::new(StatusCode(status), headers, reader, usize::try_from(length).ok(), None)
-        .with_chunked_threshold(usize::MAX);
+    let response = Response::new(
+        StatusCode(status),
+        headers,
+        reader,
+        usize::try_from(length).ok(),
+        None,
+    )
+    .with_chunked_threshold(usize::MAX);
     request.respond(response)
 }

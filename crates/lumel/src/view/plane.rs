@@ -104,7 +104,10 @@ mod tests {
         ExrImage {
             width: 1,
             height: 2,
-            channels: names.iter().map(|(n, x)| ((*n).to_owned(), vec![*x, 2.0 * *x])).collect(),
+            channels: names
+                .iter()
+                .map(|(n, x)| ((*n).to_owned(), vec![*x, 2.0 * *x]))
+                .collect(),
         }
     }
 
@@ -112,17 +115,31 @@ mod tests {
     fn texels(image: &ExrImage, layer: &str) -> Vec<f32> {
         let plane = plane(image, layer).unwrap();
         assert_eq!((plane.width, plane.height), (1, 2));
-        let halves = plane.bytes.chunks(2).map(|b| f16::from_le_bytes([b[0], b[1]]));
+        let halves = plane
+            .bytes
+            .chunks(2)
+            .map(|b| f16::from_le_bytes([b[0], b[1]]));
         halves.map(f16::to_f32).collect()
     }
 
     #[test]
     fn layers_are_found_by_their_names_and_rows_stay_in_order() {
-        let names = [("B", 3.0), ("G", 2.0), ("R", 1.0), ("d.X", 0.25), ("d.Y", 0.5), ("d.Z", -1.0), ("error.Y", 0.125)];
+        let names = [
+            ("B", 3.0),
+            ("G", 2.0),
+            ("R", 1.0),
+            ("d.X", 0.25),
+            ("d.Y", 0.5),
+            ("d.Z", -1.0),
+            ("error.Y", 0.125),
+        ];
         let i = image(&names);
         assert_eq!(texels(&i, ""), [1.0, 2.0, 3.0, 1.0, 2.0, 4.0, 6.0, 1.0]);
         assert_eq!(texels(&i, "d"), [0.25, 0.5, -1.0, 1.0, 0.5, 1.0, -2.0, 1.0]);
-        assert_eq!(texels(&i, "error"), [0.125, 0.125, 0.125, 1.0, 0.25, 0.25, 0.25, 1.0]);
+        assert_eq!(
+            texels(&i, "error"),
+            [0.125, 0.125, 0.125, 1.0, 0.25, 0.25, 0.25, 1.0]
+        );
         for none in ["direct", "error.Y", "R", "."] {
             assert!(plane(&i, none).is_none(), "{none}");
         }

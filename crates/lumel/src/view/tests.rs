@@ -17,7 +17,11 @@ fn folder() -> (TempDir, Answers) {
         coverage: vec![1.0; 2],
         layers: vec![("error.Y".into(), vec![0.5; 2])],
     };
-    let exr = |x| write_lightmap_exr(&page(x), &ExrOptions::default()).unwrap().0;
+    let exr = |x| {
+        write_lightmap_exr(&page(x), &ExrOptions::default())
+            .unwrap()
+            .0
+    };
     let write = |name: &str, bytes: &[u8]| std::fs::write(dir.join(name), bytes).unwrap();
     let manifest = json!({
         "version": 1, "scene": "a b.glb", "value": "radiance", "pages": [{"uri": "a b.exr", "width": 2, "height": 1}],
@@ -63,13 +67,25 @@ fn get(answers: &Answers, target: &str) -> (u16, Vec<u8>) {
 #[test]
 fn own_files_come_packed_or_plain_and_nothing_else_does() {
     let (_t, a) = folder();
-    let packed = a.answer(&Ask { gzip: true, ..ask("/") });
+    let packed = a.answer(&Ask {
+        gzip: true,
+        ..ask("/")
+    });
     assert_eq!(header(&packed, "Content-Encoding"), Some("gzip"));
     let (status, page) = get(&a, "/");
     assert_eq!(status, 200);
     assert_eq!(plain(&read(packed).1), page);
     assert_eq!(get(&a, "/static/viewer.js").0, 200);
-    for none in ["/static/", "/static/../Cargo.toml", "/static/none.js", "/index.html", "/api", "", "*", "//"] {
+    for none in [
+        "/static/",
+        "/static/../Cargo.toml",
+        "/static/none.js",
+        "/index.html",
+        "/api",
+        "",
+        "*",
+        "//",
+    ] {
         assert_eq!(get(&a, none).0, 404, "{none}");
     }
 }
@@ -107,23 +123,76 @@ fn nothing_outside_of_the_folder_is_served() {
 #[test]
 fn other_names_for_this_machine_and_other_methods_are_refused() {
     let (_t, a) = folder();
-    for host in ["127.0.0.1", "127.0.0.1:80", "localhost:9", "LocalHost", "[::1]:7"] {
-        assert_eq!(a.answer(&Ask { host: Some(host), ..ask("/") }).status, 200, "{host}");
+    for host in [
+        "127.0.0.1",
+        "127.0.0.1:80",
+        "localhost:9",
+        "LocalHost",
+        "[::1]:7",
+    ] {
+        assert_eq!(
+            a.answer(&Ask {
+                host: Some(host),
+                ..ask("/")
+            })
+            .status,
+            200,
+            "{host}"
+        );
     }
-    for host in ["evil.example", "evil.example:1234", "127.0.0.1.evil.example", "localhost.evil.example:80", "", ":80", "10.0.0.1"] {
-        assert_eq!(a.answer(&Ask { host: Some(host), ..ask("/") }).status, 403, "{host}");
+    for host in [
+        "evil.example",
+        "evil.example:1234",
+        "127.0.0.1.evil.example",
+        "localhost.evil.example:80",
+        "",
+        ":80",
+        "10.0.0.1",
+    ] {
+        assert_eq!(
+            a.answer(&Ask {
+                host: Some(host),
+                ..ask("/")
+            })
+            .status,
+            403,
+            "{host}"
+        );
     }
-    assert_eq!(a.answer(&Ask { host: None, ..ask("/") }).status, 403);
-    let post = a.answer(&Ask { method: "POST", ..ask("/api/bakes") });
-    assert_eq!((post.status, header(&post, "Allow")), (405, Some("GET, HEAD")));
-    assert_eq!(a.answer(&Ask { method: "HEAD", ..ask("/") }).status, 200);
+    assert_eq!(
+        a.answer(&Ask {
+            host: None,
+            ..ask("/")
+        })
+        .status,
+        403
+    );
+    let post = a.answer(&Ask {
+        method: "POST",
+        ..ask("/api/bakes")
+    });
+    assert_eq!(
+        (post.status, header(&post, "Allow")),
+        (405, Some("GET, HEAD"))
+    );
+    assert_eq!(
+        a.answer(&Ask {
+            method: "HEAD",
+            ..ask("/")
+        })
+        .status,
+        200
+    );
 }
 
 #[test]
 fn parts_of_files() {
     let (_t, a) = folder();
     let part = |range: &str| {
-        let reply = a.answer(&Ask { range: Some(range), ..ask("/files/a%20b.glb") });
+        let reply = a.answer(&Ask {
+            range: Some(range),
+            ..ask("/files/a%20b.glb")
+        });
         let place = header(&reply, "Content-Range").map(str::to_owned);
         let (status, bytes) = read(reply);
         (status, place, String::from_utf8(bytes).unwrap())
@@ -132,13 +201,26 @@ fn parts_of_files() {
     assert_eq!(part("bytes=2-4"), (206, some("bytes 2-4/10"), "234".into()));
     assert_eq!(part("bytes=7-"), (206, some("bytes 7-9/10"), "789".into()));
     assert_eq!(part("bytes=-3"), (206, some("bytes 7-9/10"), "789".into()));
-    assert_eq!(part("bytes=-30"), (206, some("bytes 0-9/10"), "0123456789".into()));
-    assert_eq!(part("bytes=5-99"), (206, some("bytes 5-9/10"), "56789".into()));
+    assert_eq!(
+        part("bytes=-30"),
+        (206, some("bytes 0-9/10"), "0123456789".into())
+    );
+    assert_eq!(
+        part("bytes=5-99"),
+        (206, some("bytes 5-9/10"), "56789".into())
+    );
     for beyond in ["bytes=10-", "bytes=-0"] {
         let (status, place, _) = part(beyond);
         assert_eq!((status, place), (416, some("bytes */10")), "{beyond}");
     }
-    for ignored in ["bytes=4-2", "bytes=0-1,3-4", "lines=1-2", "bytes=x-", "bytes", ""] {
+    for ignored in [
+        "bytes=4-2",
+        "bytes=0-1,3-4",
+        "lines=1-2",
+        "bytes=x-",
+        "bytes",
+        "",
+    ] {
         assert_eq!(part(ignored), (200, None, "0123456789".into()), "{ignored}");
     }
 }
@@ -147,15 +229,29 @@ fn parts_of_files() {
 fn planes_are_halves_with_their_size() {
     let (_t, a) = folder();
     let reply = a.answer(&ask("/api/plane?bake=a%20b&page=0"));
-    assert_eq!((header(&reply, "X-Width"), header(&reply, "X-Height")), (Some("2"), Some("1")));
+    assert_eq!(
+        (header(&reply, "X-Width"), header(&reply, "X-Height")),
+        (Some("2"), Some("1"))
+    );
     // 1.0 is 0x3C00.
     let (one, zero) = ([0x00, 0x3C], [0, 0]);
-    assert_eq!(read(reply), (200, [one, zero, zero, one, zero, one, zero, one].concat()));
+    assert_eq!(
+        read(reply),
+        (200, [one, zero, zero, one, zero, one, zero, one].concat())
+    );
     let (status, group) = get(&a, "/api/plane?bake=a%20b&page=0&group=l");
     assert_eq!((status, &group[..2]), (200, &[0x00, 0x34][..]));
     let (status, error) = get(&a, "/api/plane?page=0&layer=error&bake=a%20b");
     assert_eq!((status, &error[..2]), (200, &[0x00, 0x38][..]));
-    for none in ["bake=b&page=0", "page=0", "bake=a%20b", "bake=a%20b&page=1", "bake=a%20b&page=-1", "bake=a%20b&page=0&group=x", "bake=a%20b&page=0&layer=direct"] {
+    for none in [
+        "bake=b&page=0",
+        "page=0",
+        "bake=a%20b",
+        "bake=a%20b&page=1",
+        "bake=a%20b&page=-1",
+        "bake=a%20b&page=0&group=x",
+        "bake=a%20b&page=0&layer=direct",
+    ] {
         assert_eq!(get(&a, &format!("/api/plane?{none}")).0, 404, "{none}");
     }
 }
@@ -167,10 +263,17 @@ fn bakes_are_listed_and_a_stamp_says_that_one_changed() {
     let before = list();
     assert_eq!(before["bakes"][0]["name"], "a b");
     assert_eq!(list(), before);
-    let file = File::options().write(true).open(t.path().join("out/l.exr")).unwrap();
-    file.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5)).unwrap();
+    let file = File::options()
+        .write(true)
+        .open(t.path().join("out/l.exr"))
+        .unwrap();
+    file.set_modified(std::time::SystemTime::now() + std::time::Duration::from_secs(5))
+        .unwrap();
     assert_ne!(list()["bakes"][0]["stamp"], before["bakes"][0]["stamp"]);
-    assert_eq!(get(&a, "/api/report?bake=a%20b"), (200, b"{\"scene\":\"a\"}".to_vec()));
+    assert_eq!(
+        get(&a, "/api/report?bake=a%20b"),
+        (200, b"{\"scene\":\"a\"}".to_vec())
+    );
     assert_eq!(get(&a, "/api/manifest?bake=a%20b").0, 200);
     assert_eq!(get(&a, "/api/report?bake=..%2fa").0, 404);
 }

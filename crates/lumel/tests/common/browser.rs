@@ -33,8 +33,15 @@ fn find() -> Option<PathBuf> {
         return Some(path.into());
     }
     let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
-    let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
-    let all = names.iter().flat_map(|n| folders.iter().map(move |f| f.join(n)));
+    let names = [
+        "chromium",
+        "chromium-browser",
+        "google-chrome",
+        "google-chrome-stable",
+    ];
+    let all = names
+        .iter()
+        .flat_map(|n| folders.iter().map(move |f| f.join(n)));
     all.into_iter().find(|p| p.is_file())
 }
 
@@ -100,7 +107,10 @@ impl Browser {
             _profile: profile,
         };
         let target = browser.call("Target.createTarget", json!({"url": "about:blank"}));
-        let attached = browser.call("Target.attachToTarget", json!({"targetId": target["targetId"], "flatten": true}));
+        let attached = browser.call(
+            "Target.attachToTarget",
+            json!({"targetId": target["targetId"], "flatten": true}),
+        );
         browser.session = attached["sessionId"].as_str().map(str::to_owned);
         for domain in ["Page.enable", "Runtime.enable", "Log.enable"] {
             browser.call(domain, json!({}));
@@ -129,7 +139,10 @@ impl Browser {
             "Runtime.evaluate",
             json!({"expression": expression, "awaitPromise": true, "returnByValue": true}),
         );
-        assert!(answer.get("exceptionDetails").is_none(), "{expression}: {answer}");
+        assert!(
+            answer.get("exceptionDetails").is_none(),
+            "{expression}: {answer}"
+        );
         answer["result"]["value"].clone()
     }
 
@@ -139,7 +152,11 @@ impl Browser {
         let start = Instant::now();
         while self.eval(&format!("Boolean({expression})")) != json!(true) {
             let text = self.eval("document.body?.innerText ?? ''");
-            assert!(start.elapsed() < PATIENCE, "{expression} does not come true: {text}; {:?}", self.errors);
+            assert!(
+                start.elapsed() < PATIENCE,
+                "{expression} does not come true: {text}; {:?}",
+                self.errors
+            );
             std::thread::sleep(Duration::from_millis(50));
         }
     }
@@ -147,7 +164,9 @@ impl Browser {
     /// What the page looks like.
     pub fn screenshot(&mut self) -> RgbImage {
         let answer = self.call("Page.captureScreenshot", json!({"format": "png"}));
-        let png = STANDARD.decode(answer["data"].as_str().expect("a picture")).expect("base64");
+        let png = STANDARD
+            .decode(answer["data"].as_str().expect("a picture"))
+            .expect("base64");
         image::load_from_memory(&png).expect("PNG").to_rgb8()
     }
 
@@ -164,7 +183,10 @@ impl Browser {
     /// Presses (`down`) or lets go a key, e.g. `("g", "KeyG")`.
     pub fn key(&mut self, key: &str, code: &str, down: bool) {
         let kind = if down { "keyDown" } else { "keyUp" };
-        self.call("Input.dispatchKeyEvent", json!({"type": kind, "key": key, "code": code}));
+        self.call(
+            "Input.dispatchKeyEvent",
+            json!({"type": kind, "key": key, "code": code}),
+        );
     }
 
     fn call(&mut self, method: &str, params: Value) -> Value {
@@ -177,9 +199,16 @@ impl Browser {
         bytes.push(0);
         self.input.write_all(&bytes).expect("the browser listens");
         loop {
-            let answer = self.messages.recv_timeout(PATIENCE).unwrap_or_else(|e| panic!("{method}: {e}"));
+            let answer = self
+                .messages
+                .recv_timeout(PATIENCE)
+                .unwrap_or_else(|e| panic!("{method}: {e}"));
             if answer["id"] == self.last {
-                assert!(answer.get("error").is_none(), "{method}: {}", answer["error"]);
+                assert!(
+                    answer.get("error").is_none(),
+                    "{method}: {}",
+                    answer["error"]
+                );
                 return answer["result"].clone();
             }
             self.note(&answer);
@@ -190,12 +219,21 @@ impl Browser {
     fn note(&mut self, event: &Value) {
         let params = &event["params"];
         match event["method"].as_str() {
-            Some("Runtime.consoleAPICalled") if matches!(params["type"].as_str(), Some("error" | "warning" | "assert")) => {
+            Some("Runtime.consoleAPICalled")
+                if matches!(
+                    params["type"].as_str(),
+                    Some("error" | "warning" | "assert")
+                ) =>
+            {
                 self.errors.push(params["args"].to_string());
             }
-            Some("Runtime.exceptionThrown") => self.errors.push(params["exceptionDetails"].to_string()),
+            Some("Runtime.exceptionThrown") => {
+                self.errors.push(params["exceptionDetails"].to_string())
+            }
             // The browser's own advice on drivers is no fault of the page.
-            Some("Log.entryAdded") if params["entry"]["level"] == "error" => self.errors.push(params["entry"].to_string()),
+            Some("Log.entryAdded") if params["entry"]["level"] == "error" => {
+                self.errors.push(params["entry"].to_string())
+            }
             _ => {}
         }
     }

@@ -46,7 +46,11 @@ pub fn scene() -> String {
     let left: [u16; 6] = [0, 1, 2, 2, 1, 3];
     let right: [u16; 6] = [2, 3, 4, 4, 3, 5];
     let mut bytes: Vec<u8> = Vec::new();
-    for f in positions.as_flattened().iter().chain(normals.as_flattened()) {
+    for f in positions
+        .as_flattened()
+        .iter()
+        .chain(normals.as_flattened())
+    {
         bytes.extend(f.to_le_bytes());
     }
     for i in left.iter().chain(&right) {
@@ -54,9 +58,7 @@ pub fn scene() -> String {
     }
     use base64::Engine;
     let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
-    let material = |name: &str, c: [f64; 3]| {
-        json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [c[0], c[1], c[2], 1.0], "metallicFactor": 0.0}})
-    };
+    let material = |name: &str, c: [f64; 3]| json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [c[0], c[1], c[2], 1.0], "metallicFactor": 0.0}});
     let part = |indices: u32, material: u32| json!({"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": indices, "material": material});
     // 60° about z, away from the others.
     let (s, c) = (-(30f64.to_radians().sin()), 30f64.to_radians().cos());
@@ -97,5 +99,10 @@ pub fn scene() -> String {
 /// A linear value as the byte that an sRGB screen shows (IEC 61966-2-1).
 pub fn shown(linear: f64) -> f64 {
     let x = linear.clamp(0.0, 1.0);
-    255.0 * if x <= 0.0031308 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
+    255.0
+        * if x <= 0.0031308 {
+            12.92 * x
+        } else {
+            1.055 * x.powf(1.0 / 2.4) - 0.055
+        }
 }
