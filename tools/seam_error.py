@@ -1,6 +1,6 @@
 """Measure the seams of a finished bake: how far bilinear lookups on the two sides of chart borders differ.
 
-Usage : python seam_error.py OUT_DIR ... [--angle 8] [--no-rays] [--worst N] [--json]
+Usage : python seam_error.py OUT_DIR ... [--angle 8] [--fold 65] [--no-rays] [--worst N] [--json]
 Input : folders written by `lumel bake`: the lightmapped .glb (TEXCOORD_1, and extras.lightmap with page, offset and scale) and its EXR
         pages.  Nothing of the report is read, and no code of the baker's is used.
 Output: a line per folder: number of samples, metres of seam, and of |a - b| / (mean of both + 1 % of the map's mean), by luminance and
@@ -8,9 +8,10 @@ Output: a line per folder: number of samples, metres of seam, and of |a - b| / (
 
 Border edges are edges of lightmap triangles that no other triangle shares on the page.  Points are spread along each at random, half a
 texel apart; every other border edge through the same point (to 0.05 texels and 1 % of the shorter edge) that runs along it, whose
-shading normal is within --angle degrees, and whose triangle lies on the other side, makes a sample.  Those with something standing
+shading normal is within --angle degrees and whose plane is within --fold (across a sharper fold both sides have horizons of their
+own), and whose triangle lies on the other side, makes a sample.  Those with something standing
 on the seam (a ray from half a texel on this side to half a texel on that side, 0.2 texels above the surface, by Mitsuba) are left out
-unless --no-rays says so: there light may jump.  So are those where both sides lie inside of something, by rays that meet backs of faces.  Each side looks for its own partners, so every seam is measured twice, at different points.
+unless --no-rays says so: there light may jump.  So are those of which a side lies inside or behind something, by rays that meet backs of faces.  Each side looks for its own partners, so every seam is measured twice, at different points.
 """
 import argparse
 import glob
@@ -124,18 +125,24 @@ def free_between(scene, a, b):
 
 
 def inside(scene, tri, two_sided, at, normal, rng, rays=32):
-    """whether all but at most a tenth of the rays from these points meet backs of single-sided faces: nobody sees the place"""
+    """whether the ray straight up from these points, or all but at most a tenth of those all about, meet backs of single-sided faces:
+    nobody sees the place"""
     mi, scene, centre = scene
     geo = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     backs = np.zeros(len(at))
-    for _ in range(rays):
+    above = np.zeros(len(at), bool)
+    for i in range(rays + 1):
         v = rng.normal(size=at.shape)
-        d = unit(normal + 0.999 * unit(v))
+        d = unit(normal + 0.999 * unit(v)) if i else normal
         hit = scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f((at - centre).astype(np.float32).T), mi.Vector3f(d.astype(np.float32).T)))
         met, t = np.array(hit.is_valid()), np.array(hit.prim_index).astype(int)
         t = np.where(met, t, 0)
-        backs += met & ~two_sided[t] & ((geo[t] * d).sum(1) > 0)
-    return backs >= 0.9 * rays
+        back = met & ~two_sided[t] & ((geo[t] * d).sum(1) > 0)
+        if i:
+            backs += back
+        else:
+            above = back
+    return above | (backs >= 0.9 * rays)
 
 
 def mean_light(images, page, uv, rng, n=200000):
@@ -148,7 +155,7 @@ def mean_light(images, page, uv, rng, n=200000):
     return bilinear(images, page[t], at).mean()
 
 
-def seams(path, angle=8.0, rays=True, seed=1):
+def seams(path, angle=8.0, rays=True, seed=1, fold=65.0):
     """-> dict of arrays by sample (relative difference, weight in texels, metres, place, page and texel of both sides), mean light"""
     rng = np.random.default_rng(seed)
     tri, nrm, uv, page, two_sided, images = surfaces(path)
@@ -212,6 +219,7 @@ def seams(path, angle=8.0, rays=True, seed=1):
     ok &= np.abs((along[ei] * along[j]).sum(1)) > np.sqrt(1 - 0.02 ** 2)
     ok &= (page[t[ei]] != page[t[j]]) | (np.linalg.norm(texel_i - texel_j, axis=1) > 2e-3)
     ok &= (inward[ei] * inward[j]).sum(1) <= 0.5
+    ok &= (geo[ei] * geo[j]).sum(1) >= np.cos(np.radians(fold))
     ok &= (shade(ei, s[i]) * shade(j, np.clip(r, 0, 1))).sum(1) >= np.cos(np.radians(angle))
     i, j, ei, texel_i, texel_j = i[ok], j[ok], ei[ok], texel_i[ok], texel_j[ok]
     if rays and len(i):
@@ -227,7 +235,7 @@ def seams(path, angle=8.0, rays=True, seed=1):
         for x in (ei, j):
             off = np.minimum(0.5 * size[x], np.maximum(altitude[x] / 3, 0.1 * size[x]))
             sides.append(inside(scene, everything, two_sided, p[i] + inward[x] * off[:, None] + geo[x] * (1e-3 * size[x] + rounding)[:, None], geo[x], rng))
-        shown &= ~(sides[0] & sides[1])
+        shown &= ~(sides[0] | sides[1])
         i, j, ei, texel_i, texel_j = i[shown], j[shown], ei[shown], texel_i[shown], texel_j[shown]
     x, y = bilinear(images, page[t[ei]], texel_i), bilinear(images, page[t[j]], texel_j)
     return dict(difference=np.abs(x - y) / (0.5 * (x + y) + 0.01 * mean), weight=(lu / n)[ei], metres=0.5 * (le / n)[ei], place=p[i], values=np.stack([x, y], 1),
@@ -243,13 +251,14 @@ def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("folder", nargs="+")
     ap.add_argument("--angle", type=float, default=8.0)
+    ap.add_argument("--fold", type=float, default=65.0)
     ap.add_argument("--no-rays", action="store_true")
     ap.add_argument("--worst", type=int, default=0)
     ap.add_argument("--json", action="store_true")
     args = ap.parse_args()
     for folder in args.folder:
         path, = [g for g in glob.glob(os.path.join(folder, "*.glb")) if not g.endswith(".vertex.glb")]
-        s, mean = seams(path, args.angle, not args.no_rays)
+        s, mean = seams(path, args.angle, not args.no_rays, fold=args.fold)
         d, w = s["difference"], s["weight"]
         row = dict(scene=os.path.basename(path), samples=len(d), metres=float(s["metres"].sum()), median=float(quantile(d, w, 0.5)),
                    p99=float(quantile(d, w, 0.99)), max=float(d.max(initial=0)), above=float(w[d > 0.01].sum() / max(w.sum(), 1e-300)), mean=float(mean))

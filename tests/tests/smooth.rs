@@ -56,11 +56,20 @@ fn all_dark(lumels: &[Seen]) {
     }
 }
 
-/// A density under a uniform sky of radiance 1.
+/// A density, and lumels as they were gathered: means over what they cover. Stitching makes border lumels what lookups need, which
+/// [`error_of_lookups`] holds against the truth.
+fn means(texels_per_unit: f32) -> Settings {
+    Settings {
+        stitch: false,
+        ..at(texels_per_unit)
+    }
+}
+
+/// The same under a uniform sky of radiance 1.
 fn under_the_sky(texels_per_unit: f32) -> Settings {
     Settings {
         sky: SkySource::Color([1.0; 3]),
-        ..at(texels_per_unit)
+        ..means(texels_per_unit)
     }
 }
 
@@ -105,11 +114,14 @@ fn lookups_on_a_sphere_are_as_near_to_the_truth_as_lumels_allow() {
     let exact = |p: DVec3| p.normalize().dot(from.as_dvec3()).max(0.0);
     for n in TESSELLATIONS {
         let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[sun(from)]);
-        let off = error_of_lookups(&glb, &at(8.0), exact);
-        eprintln!("lookups {n:?}: RMS {off:.5}");
-        // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it reads, where E changes by 1/16 at most; borders are an
-        // eighth of the surface or less: 1/16 · √(1/8)/√3 = 0.013.
-        assert!(off < 0.013, "{n:?}: {off}");
+        for stitch in [false, true] {
+            let settings = Settings { stitch, ..at(8.0) };
+            let off = error_of_lookups(&glb, &settings, exact);
+            eprintln!("lookups {n:?}, stitched {stitch}: RMS {off:.5}");
+            // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it reads, where E changes by 1/16 at most; borders are an
+            // eighth of the surface or less: 1/16 · √(1/8)/√3 = 0.013.
+            assert!(off < 0.013, "{n:?}, stitched {stitch}: {off}");
+        }
     }
 }
 
@@ -135,7 +147,7 @@ fn a_sphere_in_the_sun_is_round_at_any_tessellation() {
     let from = Vec3::new(0.48, 0.6, 0.64);
     for n in TESSELLATIONS {
         let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[sun(from)]);
-        let seen = lumels_of(&bake(&glb, &at(8.0)), "sphere");
+        let seen = lumels_of(&bake(&glb, &means(8.0)), "sphere");
         let exact = |p: DVec3| p.normalize().dot(from.as_dvec3()).max(0.0);
         holds(&format!("sun {n:?}"), &seen, 1.0, exact);
     }
@@ -158,7 +170,7 @@ fn a_sphere_beside_a_lamp_is_as_far_from_it_as_the_round_one() {
     let most = 1.0 / (f64::from(place.length()) - 1.0).powi(2);
     for n in TESSELLATIONS {
         let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[lamp(place)]);
-        let seen = lumels_of(&bake(&glb, &at(8.0)), "sphere");
+        let seen = lumels_of(&bake(&glb, &means(8.0)), "sphere");
         holds(&format!("lamp {n:?}"), &seen, most, lamp_on_sphere(place));
     }
 }
@@ -168,7 +180,7 @@ fn a_tube_is_round_outside() {
     let from = Vec3::new(0.6, 0.48, 0.64);
     for faces in [6, 12] {
         let glb = lit(&[("tube", &tube(1.0, 1.0, faces, 1))], 0.0, &[sun(from)]);
-        let seen = lumels_of(&bake(&glb, &at(8.0)), "tube");
+        let seen = lumels_of(&bake(&glb, &means(8.0)), "tube");
         let exact = |p: DVec3| {
             let n = DVec3::new(p.x, 0.0, p.z).normalize();
             n.dot(from.as_dvec3()).max(0.0)
@@ -189,7 +201,7 @@ fn a_hollow_furnace_loses_no_light_between_the_horizons() {
     let (rho, radiance) = (0.5, 1.0);
     for n in &TESSELLATIONS[..2] {
         let hollow = uv_sphere(1.0, *n).flipped();
-        let bake = bake(&glowing("hollow", &hollow, radiance, rho), &at(4.0));
+        let bake = bake(&glowing("hollow", &hollow, radiance, rho), &means(4.0));
         let seen = lumels_of(&bake, "hollow");
         let off = worst(&seen, 0.0, |_| PI / (1.0 - f64::from(rho)));
         eprintln!("hollow {n:?}: {off:.5}");
@@ -211,7 +223,7 @@ fn a_bright_ball_does_not_light_itself() {
             let mesh = b.mesh(name, &[(g, m)]);
             b.node(Node::of_mesh(name, mesh));
         }
-        all_dark(&lumels_of(&bake(&b.finish(), &at(4.0)), "ball"));
+        all_dark(&lumels_of(&bake(&b.finish(), &means(4.0)), "ball"));
     }
 }
 
@@ -220,7 +232,7 @@ fn a_closed_sphere_lets_no_light_out_or_in() {
     for n in TESSELLATIONS {
         let ball = uv_sphere(1.0, n);
         let glb = lit(&[("ball", &ball)], 0.5, &[lamp(Vec3::new(0.2, 0.1, 0.5))]);
-        all_dark(&lumels_of(&bake(&glb, &at(4.0)), "ball"));
+        all_dark(&lumels_of(&bake(&glb, &means(4.0)), "ball"));
         let lights = [
             lamp(Vec3::new(0.7, 0.6, 0.7)),
             sun(Vec3::new(0.48, -0.6, 0.64)),
@@ -272,7 +284,7 @@ fn a_cube_with_averaged_normals_keeps_its_horizons() {
     let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
     let low = Vec3::new(0.96, -0.28, 0.0);
     let glb = lit(&[("cube", &cube)], 0.0, &[sun(low)]);
-    let mut top = lumels_of(&bake(&glb, &at(8.0)), "cube");
+    let mut top = lumels_of(&bake(&glb, &means(8.0)), "cube");
     top.retain(|l| l.all(|p| p.y > 0.4999));
     assert!(top.len() >= 64, "{}", top.len());
     all_dark(&top);

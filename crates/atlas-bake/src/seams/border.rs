@@ -81,7 +81,7 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
     alone.sort_unstable();
     let mut out = Vec::new();
     // Lookups on curved surfaces are within half a per cent of the truth as they are, and four times as far from it once they agree.
-    for (t, k) in alone.into_iter().filter(|a| !world.is_curved(a.0)) {
+    for (t, k) in alone.into_iter() {
         cut(world, lumels.page_corners(t), page, t, k as usize, &mut out);
     }
     out

@@ -1,7 +1,7 @@
 //! Places where the same point of a surface lies at two places of the lightmap.
 
 use glam::{Vec2, Vec3};
-use radiosity::World;
+use radiosity::{Incoming, World};
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
@@ -33,6 +33,10 @@ const EDGES_ASKEW: f32 = 0.02;
 
 /// Cosine of 8°: normals that differ by more describe a crease, where light truly jumps.
 const SAME_FACING: f32 = 0.990;
+
+/// Cosine of 65°: across a sharper fold each side has its own horizon, and light truly jumps whatever the shading normals say. The same angle
+/// at which the unwrapping parts charts.
+const SHARPEST_FOLD: f32 = 0.423;
 
 /// Two triangles that lie on the same side of their common edge (a fold back, a double layer) are not each other's continuation: cosine
 /// between their directions away from it, at most.
@@ -130,8 +134,8 @@ fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
         let params = at(from + (to - from) * (i as f32 + 0.5) / n);
         if goes_on(world, pieces, params) {
             out.push(Sample {
-                sides: [0, 1].map(|k| (pieces[k].page, texel(k, params[k]))),
                 along,
+                sides: [0, 1].map(|k| (pieces[k].page, texel(k, params[k]))),
                 texels: texels / n,
                 metres: (to - from) / n,
             });
@@ -145,7 +149,7 @@ const BESIDE: f32 = 0.5;
 /// And this high above the surface, as a share of the distance from the seam. What is lower casts no shadow that a lumel would show.
 const ABOVE: f32 = 0.4;
 
-/// Whether the surface goes on from one piece to the other: normals agree, and nothing is in between.
+/// Whether the surface goes on from one piece to the other: normals agree, nothing is in between, and neither side is buried.
 fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let normals = [0, 1].map(|k| {
         let w = pieces[k].weights[0].lerp(pieces[k].weights[1], params[k]);
@@ -158,15 +162,26 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     }
     let beside = pieces.map(|p| (BESIDE * p.texel).min(p.altitude.max(0.1 * p.texel)));
     let geometric = pieces.map(|p| world.soup.normals[p.triangle as usize]);
-    // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ between them lifts it over.
     let cosine = geometric[0].dot(geometric[1]);
+    if cosine < SHARPEST_FOLD {
+        return false;
+    }
+    // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ between them lifts it over.
     let top = geometric[0].cross(geometric[1]).length() / (1.0 + cosine).max(0.1);
-    let ends = [0, 1].map(|k| {
+    let mut ends = [Vec3::ZERO; 2];
+    for k in 0..2 {
         let p = pieces[k];
         let on = p.world[0].lerp(p.world[1], params[k]);
+        // Behind the back of something: a slope that goes on below the ground, say. Its light ends where nobody sees it. Asked above the triangle itself,
+        // however narrow it is: what lies beside it may be behind it.
+        let own = on + p.inward * beside[k].min(p.altitude / 3.0);
+        let above_it = own + geometric[k] * world.offset(own);
+        if matches!(world.incoming(above_it, geometric[k]).0, Incoming::Black) {
+            return false;
+        }
         let above = (ABOVE + top) * beside[k] + world.offset(on);
-        on + p.inward * beside[k] + geometric[k] * above
-    });
+        ends[k] = on + p.inward * beside[k] + geometric[k] * above;
+    }
     let free = world.transmitted(ends[0], ends[1] - ends[0], 1.0);
     free.max_element() > 0.0
 }

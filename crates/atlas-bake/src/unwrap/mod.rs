@@ -15,6 +15,7 @@ mod pack_charts;
 mod place;
 mod split;
 mod uvunwrap;
+mod weld;
 mod xatlas;
 
 use std::sync::Arc;
@@ -33,6 +34,7 @@ pub(crate) use measure::weighted_median;
 pub use measure::{ChartMeasure, measure};
 use pack_charts::pack_charts;
 pub use uvunwrap::UvUnwrap;
+use weld::weld_slits;
 pub use xatlas::Xatlas;
 
 /// How to unwrap.
@@ -181,7 +183,7 @@ fn unwrap_within(
     Err(last)
 }
 
-/// Cuts hollow charts, joins small ones and packs them all: what every unwrapper ends with.
+/// Cuts hollow charts, joins small ones, closes slits and packs them all: what every unwrapper ends with.
 fn finish(
     mesh: &UnwrapInput,
     mut charts: Charts,
@@ -191,6 +193,7 @@ fn finish(
     let lumel = 1.0 / f64::from(options.texels_per_unit);
     split_hollow(mesh, &mut charts, lumel);
     join_small(mesh, &mut charts, lumel);
+    weld_slits(mesh, &mut charts, lumel);
     if cancel() {
         return Err(UnwrapError::Cancelled);
     }
