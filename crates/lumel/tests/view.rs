@@ -1,5 +1,9 @@
 //! `lumel view` and `lumel report` as commands: what they print, serve and write, and how they fail.
 
+#[allow(
+    dead_code,
+    reason = "helpers are shared, and not every file needs each"
+)]
 mod common;
 
 use std::io::{BufRead, BufReader, Read, Write};
