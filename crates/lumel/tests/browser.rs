@@ -59,12 +59,7 @@ fn squares(options: &str) -> (TempDir, PathBuf) {
     // A name that has to be encoded in an address.
     let file = write(t.path().join("four squares #1.gltf"), scene());
     let out = t.path().join("out");
-    bake(
-        &file,
-        &out,
-        &format!("--texels-per-unit 8 --sun {} {options}", sun()),
-    )
-    .ok();
+    bake(&file, &out, &format!("--sun {} {options}", sun())).ok();
     (t, out)
 }
 
@@ -75,7 +70,7 @@ const BESIDE: &str = "3,0.6,3,0,0,0,60";
 
 /// Waits until the page has drawn all that it was asked for.
 fn settle(b: &mut Browser) {
-    b.wait("document.body.dataset.state === 'ready' && !lumel.stage.dirty && !lumel.busy()");
+    b.wait("document.body?.dataset.state === 'ready' && !lumel.stage.dirty && !lumel.busy()");
 }
 
 /// The pixel at a point of the scene.
@@ -273,10 +268,7 @@ fn a_bake_made_anew_is_shown_without_a_reload() {
     bake(
         &t.path().join("four squares #1.gltf"),
         &out,
-        &format!(
-            "--no-stitch --texels-per-unit 8 --sun {} --light sun=0.5",
-            sun()
-        ),
+        &format!("--no-stitch --sun {} --light sun=0.5", sun()),
     )
     .ok();
     let at = points()[0].0;
@@ -310,7 +302,7 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
                 "{}/engines/index.html?glb={}&cam={cam}&{options}",
                 site.url, "/bake/four%20squares%20%231.glb"
             ));
-            b.wait("document.body.dataset.state");
+            b.wait("document.body?.dataset.state");
             assert_eq!(
                 b.eval("document.body.dataset.state"),
                 json!("ready"),
