@@ -60,6 +60,24 @@ pub enum Error {
         /// Why.
         source: atlas_bake::Error,
     },
+    /// A folder holds no finished bake, or a broken one.
+    #[error("{}: {message}", path.display())]
+    Folder {
+        /// The folder, or the file in it.
+        path: PathBuf,
+        /// Why.
+        message: String,
+        /// It could not be read at all.
+        io: bool,
+    },
+    /// The viewer's port cannot be had.
+    #[error("port {port} of 127.0.0.1: {message}")]
+    Port {
+        /// Which; 0 for any.
+        port: u16,
+        /// Why.
+        message: String,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -84,8 +102,11 @@ impl Error {
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
             | Error::Compare { .. } => 3,
-            Error::Output(_) => 2,
-            Error::Sky { io, .. } | Error::Probes { io, .. } | Error::Config { io, .. } => {
+            Error::Output(_) | Error::Port { .. } => 2,
+            Error::Sky { io, .. }
+            | Error::Probes { io, .. }
+            | Error::Config { io, .. }
+            | Error::Folder { io, .. } => {
                 if *io {
                     2
                 } else {

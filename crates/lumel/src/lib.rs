@@ -17,6 +17,7 @@ mod depfile;
 mod error;
 mod estimate;
 mod files;
+mod folder;
 mod inspect;
 mod memory;
 mod origin;
@@ -25,9 +26,11 @@ mod pipeline;
 mod probes;
 mod record;
 mod report;
+mod report_page;
 mod settings;
 mod sky;
 mod sources;
+pub mod view;
 
 pub use atlas_bake;
 pub use mesh_ingest;
@@ -41,6 +44,7 @@ pub use depfile::depfile;
 pub use error::Error;
 pub use estimate::{Estimate, estimate};
 pub use files::{NamedFile, output_names};
+pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
 pub use origin::Origin;
 pub use pipeline::{Bake, bake, bake_from};
@@ -49,5 +53,6 @@ pub use record::{
     Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,
 };
 pub use report::{Blank, GroupReport, Measured, PhaseTime, Report};
+pub use report_page::report_page;
 pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
 pub use sources::{Source, SourceKind};

@@ -1,5 +1,7 @@
 //! The real binary as a step of a build: unchanged inputs, dependency files, ninja and make.
 
+#![allow(clippy::print_stderr, reason = "says what it skips")]
+
 #[allow(
     dead_code,
     reason = "helpers are shared, and not every file needs each"

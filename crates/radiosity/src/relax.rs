@@ -33,8 +33,21 @@ impl Default for RelaxOptions {
     }
 }
 
+/// Where a relaxation stood after a round of shots or an iteration of Bi-CGSTAB.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct RelaxStep {
+    /// Shots so far.
+    pub shots: u64,
+    /// Iterations so far.
+    pub iterations: u32,
+    /// [`RelaxReport::residual`] at that time.
+    pub residual: f64,
+    /// Indirect flux that has arrived at patches by then, W (lm), sum of R, G, B.
+    pub flux: f64,
+}
+
 /// How relaxation went.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub struct RelaxReport {
     /// Patches that shot (one patch may shoot often).
     pub shots: u64,
@@ -46,6 +59,9 @@ pub struct RelaxReport {
     pub residual: f64,
     /// `residual` is within the tolerance.
     pub converged: bool,
+    /// The way there; [`crate::SolveReport::history`] has those of all passes.
+    #[serde(skip)]
+    pub steps: Vec<RelaxStep>,
 }
 
 impl RelaxReport {
@@ -57,7 +73,18 @@ impl RelaxReport {
             // Each is a share of its own light; of all light it is no more than the larger.
             residual: self.residual.max(other.residual),
             converged: self.converged && other.converged,
+            steps: self.steps.iter().chain(&other.steps).copied().collect(),
         }
+    }
+
+    /// Notes where the relaxation stands: `flux` so far at `residual`.
+    fn step(&mut self, residual: f64, flux: f64) {
+        self.steps.push(RelaxStep {
+            shots: self.shots,
+            iterations: self.iterations,
+            residual,
+            flux,
+        });
     }
 }
 
@@ -122,6 +149,12 @@ impl System<'_> {
         (left + noise) / (1.0 - most) / all.element_sum().max(1e-300)
     }
 
+    /// Flux that arrives with irradiance `x`, all channels.
+    fn flux(&self, x: &[DVec3]) -> f64 {
+        let received = x.iter().zip(self.area).map(|(e, a)| e.element_sum() * a);
+        received.sum()
+    }
+
     /// Improves `x`, which is updated in place and usable whenever this returns.
     pub(crate) fn relax(
         &self,
@@ -132,6 +165,7 @@ impl System<'_> {
         let mut report = RelaxReport::default();
         let mut residual = self.apply(x, 1.0, 1.0);
         report.residual = self.bound(&residual, x);
+        report.step(report.residual, self.flux(x));
         monitor.residual(report.residual);
         if report.residual > options.tolerance && !monitor.cancelled() {
             self.shoot(x, &mut residual, options, monitor, &mut report);
@@ -185,6 +219,7 @@ impl System<'_> {
                 report.shots += 1;
             }
             report.residual = self.bound(r, x);
+            report.step(report.residual, self.flux(x));
             monitor.residual(report.residual);
             if report.residual <= 0.5 * options.tolerance || threshold == 0.0 {
                 break;
@@ -277,6 +312,7 @@ impl System<'_> {
             if !bound.is_finite() {
                 break;
             }
+            report.step(bound, self.flux(x));
             if bound < best_bound {
                 best_bound = bound;
                 best.copy_from_slice(x);

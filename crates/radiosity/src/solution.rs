@@ -7,7 +7,7 @@ use visibility::Hit;
 
 use crate::audit::Audit;
 use crate::direct::DirectLight;
-use crate::relax::RelaxReport;
+use crate::relax::{RelaxReport, RelaxStep};
 use crate::world::World;
 
 /// Irradiance of every element and patch, ready to be gathered from.
@@ -65,6 +65,16 @@ pub(crate) fn element_edge(cut: &Subdivision, triangle: u32) -> f32 {
     0.25 * cut.patch_edge(triangle)
 }
 
+/// A step of the solve.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SolveStep {
+    /// Rays a patch of the pass.
+    pub rays: u32,
+    /// Where its relaxation stood.
+    #[serde(flatten)]
+    pub step: RelaxStep,
+}
+
 /// What the solve did.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SolveReport {
@@ -84,8 +94,11 @@ pub struct SolveReport {
     pub link_rays: u64,
     /// Shadow rays for direct light on elements.
     pub shadow_rays: u64,
-    /// The relaxation.
+    /// The relaxation, on the links of the last pass.
     pub relaxation: RelaxReport,
+    /// The way to it through all passes, each with more rays than the one before and starting from its answer; with groups of light, one
+    /// after the other in each pass.
+    pub history: Vec<SolveStep>,
     /// Where the energy went.
     pub audit: Audit,
     /// The solve was stopped early; what is here is what had been reached.

@@ -14,7 +14,7 @@ use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
-use crate::solution::{GroupLight, Solution, SolveReport, WALL, element_edge};
+use crate::solution::{GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
 use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
@@ -127,6 +127,8 @@ pub fn solve(
                 source: &source,
             };
             let one = system.relax(indirect, &options.relax, monitor);
+            let steps = one.steps.iter().map(|&step| SolveStep { rays, step });
+            report.history.extend(steps);
             relaxation = Some(match relaxation {
                 None => one,
                 Some(all) => all.and(&one),

@@ -113,8 +113,11 @@ mod tests {
     }
 
     #[test]
-    fn agreement_counts_little_across_a_step() {
+    fn agreement_counts_less_across_a_step_but_not_nothing() {
         assert_eq!(faith(0.0), 1.0);
-        assert!(faith(0.125) < 1e-3);
+        // A step of all the light, and one of an eighth of it.
+        assert!(faith(0.125) < 0.25);
+        assert!(faith(0.016) > 0.99);
+        assert_eq!(faith(10.0), LEAST);
     }
 }

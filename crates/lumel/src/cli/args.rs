@@ -35,6 +35,10 @@ pub(crate) enum Command {
     Completions(Completions),
     /// Print the manual page of lumel or of one of its commands, e.g. `lumel man bake | man -l -`
     Man(Man),
+    /// Look at a finished bake in a browser: a page on this machine alone
+    View(super::view::View),
+    /// A finished bake as one HTML page, with its lightmaps, errors, curves and problems
+    Report(super::report::Report),
 }
 
 #[derive(Debug, Args)]

@@ -8,7 +8,9 @@ mod dry_run;
 mod interrupt;
 mod manual;
 mod progress;
+mod report;
 mod unchanged;
+mod view;
 
 use std::io::Write;
 use std::path::Path;
@@ -65,6 +67,8 @@ pub(crate) fn run() -> ExitCode {
         Command::Config => manual::config(),
         Command::Completions(a) => manual::completions(&a),
         Command::Man(a) => manual::man(&a),
+        Command::View(a) => view::run(&a),
+        Command::Report(a) => report::run(&a),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -312,7 +312,7 @@ pub fn residual_and_error(reflectance: f32, krylov: bool, tolerances: &[f64]) ->
         with_solution(N, RAYS, reflectance, relax, |_, s| {
             let areas: Vec<f64> = s.cut.patches().iter().map(|p| f64::from(p.area)).collect();
             let indirect: Vec<f64> = s.indirect.iter().map(|e| f64::from(e.x)).collect();
-            (areas, indirect, s.report.relaxation)
+            (areas, indirect, s.report.relaxation.clone())
         })
     };
     let (area, exact, _) = light(relax(1e-12, !krylov));

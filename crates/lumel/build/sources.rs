@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 
-fn main() {
+pub(crate) fn write() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut files = vec![root.join("Cargo.lock")];
     // Beside a published crate lie no others; their versions are in the lock file then.

@@ -1,0 +1,55 @@
+//! `lumel view`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use lumel::view::Viewer;
+
+use super::Failure;
+
+/// Options of `lumel view`.
+#[derive(Debug, Args)]
+pub(crate) struct View {
+    /// A folder that `lumel bake` wrote, or one bake's .lightmap.json in it
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Port of 127.0.0.1 [default: any that is free]
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    pub port: u16,
+    /// Open the page in the browser
+    #[arg(long)]
+    pub open: bool,
+}
+
+/// Serves until Ctrl-C.
+pub(crate) fn run(a: &View) -> Result<(), Failure> {
+    let viewer = Viewer::bind(&a.folder, a.port)?;
+    let url = viewer.url();
+    // The address is the result: a script reads it from standard output.
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "{url}")?;
+    out.flush()?;
+    drop(out);
+    let mut note = std::io::stderr().lock();
+    let _ = writeln!(
+        note,
+        "showing {} ({}); Ctrl-C ends it",
+        a.folder.display(),
+        viewer.bakes().join(", ")
+    );
+    if a.open
+        && let Err(e) = open::that_detached(&url)
+    {
+        let _ = writeln!(
+            note,
+            "no browser could be started ({e}): open the address above"
+        );
+    }
+    drop(note);
+    // Ctrl-C is how it is meant to end, so that is a success. Nothing is left to put in order. Where no handler can be installed, the
+    // system's own ends the program too.
+    let _ = ctrlc::set_handler(|| std::process::exit(0));
+    viewer.serve();
+    Ok(())
+}

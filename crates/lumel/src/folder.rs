@@ -1,0 +1,264 @@
+//! Folders that a bake was written to, as `lumel view` and `lumel report` read them.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::error::Error;
+
+/// End of the name of a bake's manifest.
+const MANIFEST: &str = ".lightmap.json";
+
+/// The newest manifest that this program knows ([`atlas_bake::Manifest::version`]).
+const MANIFEST_VERSION: u64 = 1;
+
+/// A folder with one or more finished bakes.
+#[derive(Debug, Clone)]
+pub struct BakeFolder {
+    /// The folder, canonical: nothing outside of it is read.
+    dir: PathBuf,
+    /// Where a single bake was asked for, its stem.
+    only: Option<String>,
+}
+
+/// What viewers need of `level.lightmap.json`. Fields that later versions add are ignored.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub struct FinishedManifest {
+    /// The glTF beside the manifest.
+    pub scene: String,
+    /// What the pages hold: `radiance`, `irradiance` or `radiosity`.
+    pub value: String,
+    /// Pages.
+    pub pages: Vec<FinishedPage>,
+    /// Channels beside R, G and B.
+    #[serde(default)]
+    pub channels: Vec<String>,
+    /// Groups of light.
+    #[serde(default)]
+    pub groups: Vec<FinishedGroup>,
+}
+
+/// A page file.
+#[derive(Debug, Clone, Deserialize)]
+pub struct FinishedPage {
+    /// Beside the manifest.
+    pub uri: String,
+}
+
+/// A group of light.
+#[derive(Debug, Clone, Deserialize)]
+pub struct FinishedGroup {
+    /// Its name.
+    pub name: String,
+    /// Page files.
+    pub pages: Vec<String>,
+}
+
+impl BakeFolder {
+    /// Opens a folder that `lumel bake` wrote, or the one bake that a `*.lightmap.json` describes.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where it cannot be read, or holds no bake.
+    pub fn open(path: &Path) -> Result<BakeFolder, Error> {
+        let failed = |e: std::io::Error| folder_error(path, e.to_string(), true);
+        let path_is_file = std::fs::metadata(path).map_err(failed)?.is_file();
+        let folder = if path_is_file {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            let Some(stem) = name.strip_suffix(MANIFEST) else {
+                let message = format!(
+                    "expected a folder that `lumel bake` wrote or its *{MANIFEST}, found another file"
+                );
+                return Err(folder_error(path, message, false));
+            };
+            let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+            BakeFolder {
+                dir: parent
+                    .unwrap_or(Path::new("."))
+                    .canonicalize()
+                    .map_err(failed)?,
+                only: Some(stem.to_owned()),
+            }
+        } else {
+            BakeFolder {
+                dir: path.canonicalize().map_err(failed)?,
+                only: None,
+            }
+        };
+        if folder.bakes().is_empty() {
+            let message = format!(
+                "found no bake, expected a *{MANIFEST} as `lumel bake SCENE -o {}` writes it",
+                path.display()
+            );
+            return Err(folder_error(path, message, false));
+        }
+        Ok(folder)
+    }
+
+    /// Stems of the bakes that are there now (`level` for `level.lightmap.json`), sorted.
+    pub fn bakes(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.dir).into_iter().flatten().flatten();
+        let mut stems: Vec<String> = entries
+            .filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(MANIFEST)?.to_owned()))
+            .filter(|stem| !stem.is_empty() && self.only.as_ref().is_none_or(|only| only == stem))
+            .collect();
+        stems.sort();
+        stems
+    }
+
+    /// Reads a bake's manifest.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where it is not there, is no manifest, or is of a later version.
+    pub fn manifest(&self, stem: &str) -> Result<FinishedManifest, Error> {
+        let name = format!("{stem}{MANIFEST}");
+        let value = self.json(&name)?;
+        let bad = |message: String| folder_error(&self.dir.join(&name), message, false);
+        let version = value.get("version").and_then(Value::as_u64);
+        if version != Some(MANIFEST_VERSION) {
+            let found = value.get("version").map_or("none".into(), Value::to_string);
+            return Err(bad(format!(
+                "found version {found} of the manifest, expected {MANIFEST_VERSION}"
+            )));
+        }
+        FinishedManifest::deserialize(&value).map_err(|e| bad(e.to_string()))
+    }
+
+    /// Reads a bake's report, as JSON: its fields grow from version to version, and readers show what is there.
+    ///
+    /// # Errors
+    /// [`Error::Folder`] where it is not there or no JSON.
+    pub fn report(&self, stem: &str) -> Result<Value, Error> {
+        self.json(&format!("{stem}.report.json"))
+    }
+
+    /// The file called `name` in the folder; `None` where there is no such file, where the name would lead out of the folder, or a
+    /// link does.
+    pub fn file(&self, name: &str) -> Option<PathBuf> {
+        if !is_plain(name) {
+            return None;
+        }
+        let path = self.dir.join(name).canonicalize().ok()?;
+        (path.parent() == Some(self.dir.as_path()) && path.is_file()).then_some(path)
+    }
+
+    /// [`file`](Self::file), or the error that names what is missing.
+    ///
+    /// # Errors
+    /// [`Error::Folder`].
+    pub fn expect_file(&self, name: &str) -> Result<PathBuf, Error> {
+        self.file(name).ok_or_else(|| {
+            let message = "the bake names this file, but it is not there".into();
+            folder_error(&self.dir.join(name), message, false)
+        })
+    }
+
+    /// The folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// Reads a JSON file of the folder.
+    pub(crate) fn json(&self, name: &str) -> Result<Value, Error> {
+        let path = self.expect_file(name)?;
+        let bytes = std::fs::read(&path).map_err(|e| folder_error(&path, e.to_string(), true))?;
+        serde_json::from_slice(&bytes).map_err(|e| folder_error(&path, e.to_string(), false))
+    }
+}
+
+/// Whether a name is that of a file in the same folder, on every system.
+fn is_plain(name: &str) -> bool {
+    !name.is_empty() && name != "." && name != ".." && !name.contains(['/', '\\', ':', '\0'])
+}
+
+fn folder_error(path: &Path, message: String, io: bool) -> Error {
+    Error::Folder {
+        path: path.to_owned(),
+        message,
+        io,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EMPTY: &str = r#"{"version":1,"scene":"a.glb","value":"radiance","pages":[]}"#;
+
+    #[test]
+    fn bakes_are_found_by_their_manifests() {
+        let t = tempfile::tempdir().unwrap();
+        let e = BakeFolder::open(t.path()).unwrap_err();
+        assert_eq!(e.exit_code(), 3);
+        assert!(e.to_string().contains("no bake"), "{e}");
+        for name in [
+            "b.lightmap.json",
+            "a.lightmap.json",
+            ".lightmap.json",
+            "c.json",
+        ] {
+            std::fs::write(t.path().join(name), EMPTY).unwrap();
+        }
+        assert_eq!(BakeFolder::open(t.path()).unwrap().bakes(), ["a", "b"]);
+        let one = BakeFolder::open(&t.path().join("b.lightmap.json")).unwrap();
+        assert_eq!(one.bakes(), ["b"]);
+        assert_eq!(
+            BakeFolder::open(&t.path().join("c.json"))
+                .unwrap_err()
+                .exit_code(),
+            3
+        );
+        assert_eq!(
+            BakeFolder::open(&t.path().join("none"))
+                .unwrap_err()
+                .exit_code(),
+            2
+        );
+    }
+
+    #[test]
+    fn manifests_of_later_versions_are_refused_and_further_fields_ignored() {
+        let t = tempfile::tempdir().unwrap();
+        let write = |text: &str| std::fs::write(t.path().join("a.lightmap.json"), text).unwrap();
+        write(&EMPTY.replace("\"pages\"", "\"new\":{},\"pages\""));
+        let folder = BakeFolder::open(t.path()).unwrap();
+        assert_eq!(folder.manifest("a").unwrap().scene, "a.glb");
+        for bad in [EMPTY.replace(":1", ":2"), "{}".into(), "[".into()] {
+            write(&bad);
+            assert_eq!(folder.manifest("a").unwrap_err().exit_code(), 3, "{bad}");
+        }
+        assert_eq!(folder.report("a").unwrap_err().exit_code(), 3);
+    }
+
+    #[test]
+    fn no_name_leads_out_of_the_folder() {
+        let t = tempfile::tempdir().unwrap();
+        let inner = t.path().join("inner");
+        std::fs::create_dir(&inner).unwrap();
+        std::fs::write(t.path().join("secret"), "x").unwrap();
+        std::fs::write(inner.join("a.lightmap.json"), EMPTY).unwrap();
+        std::fs::write(inner.join("..a"), "x").unwrap();
+        let folder = BakeFolder::open(&inner).unwrap();
+        assert!(folder.file("a.lightmap.json").is_some() && folder.file("..a").is_some());
+        let absolute = t.path().join("secret");
+        for name in [
+            "",
+            ".",
+            "..",
+            "../secret",
+            "..\\secret",
+            "a.lightmap.json/",
+            absolute.to_str().unwrap(),
+            "c:secret",
+            "a\0",
+        ] {
+            assert!(folder.file(name).is_none(), "{name:?}");
+        }
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(&absolute, inner.join("link")).unwrap();
+            assert!(folder.file("link").is_none());
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! The lightmap and its estimated error as pictures in the page.
+
+use atlas_bake::{ExrImage, Page, heat_png, lightmap_png, read_exr};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::Source;
+use super::html::{escape, note, percent};
+use super::svg::histogram;
+use crate::error::Error;
+
+/// Texels that all pictures together may have, which keeps the page within some ten megabytes: PNG needs about two bytes for each.
+const BUDGET: f64 = 4e6;
+
+/// Longest side of a picture, and the shortest that it is brought down to.
+const SIDE: [f64; 2] = [1024.0, 128.0];
+
+/// Pages shown of each kind; further ones look much the same.
+const PAGES: usize = 12;
+
+/// Relative error at the ends of the colour scale, as `lumel diff --picture` and the viewer have it.
+const RANGE: [f64; 2] = [1e-3, 1.0];
+
+/// Bins of the histogram of errors, over [`RANGE`].
+const BINS: usize = 48;
+
+/// The sections with pictures.
+pub(super) struct Maps {
+    pub lightmaps: String,
+    pub error: String,
+}
+
+/// Draws what the bake has.
+pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
+    let pages = &source.manifest.pages;
+    let shown = pages.len().min(PAGES);
+    // Lightmap, error and groups share the budget.
+    let kinds = 2 + source.manifest.groups.len();
+    let side = (BUDGET / (shown.max(1) * kinds) as f64)
+        .sqrt()
+        .clamp(SIDE[1], SIDE[0]);
+    let (mut lightmaps, mut errors) = (String::new(), String::new());
+    let (mut bins, mut lumels) = (vec![0.0; BINS], 0.0);
+    for (i, page) in pages.iter().enumerate() {
+        let image = read_exr(&source.folder.expect_file(&page.uri)?)?;
+        count_errors(&image, &mut bins, &mut lumels);
+        if i < PAGES {
+            let small = shrink(&image, side as usize);
+            lightmaps += &figure(&lightmap_png(&small)?, &size_of(&page.uri, &image));
+            if let Some(t) = relative_error(&small) {
+                errors += &figure(
+                    &heat_png(&small, &t, [0.0, 1.0])?,
+                    &size_of(&page.uri, &image),
+                );
+            }
+        }
+    }
+    let mut groups = String::new();
+    for group in &source.manifest.groups {
+        for uri in group.pages.iter().take(PAGES) {
+            let image = read_exr(&source.folder.expect_file(uri)?)?;
+            groups += &figure(
+                &lightmap_png(&shrink(&image, side as usize))?,
+                &format!("group {}: {}", group.name, size_of(uri, &image)),
+            );
+        }
+    }
+    let mut text = note("Tone-mapped, each by its own brightness. Row 0 is at the top.");
+    text += &wall(&lightmaps);
+    if pages.len() > PAGES {
+        text += &note(&format!(
+            "{} further pages are not shown.",
+            pages.len() - PAGES
+        ));
+    }
+    if pages.is_empty() {
+        text += &note("This bake has no pages: no mesh receives light.");
+    }
+    if !groups.is_empty() {
+        text += &format!("<h3>Light groups</h3>\n{}", wall(&groups));
+    }
+    Ok(Maps {
+        lightmaps: text,
+        error: error_section(&errors, &bins, lumels),
+    })
+}
+
+fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> String {
+    if pictures.is_empty() {
+        return note("This bake has no layer of errors: lumel bake … --layers error writes it.");
+    }
+    let shares: Vec<f64> = bins.iter().map(|b| b / f64::max(lumels, 1.0)).collect();
+    let decades = (RANGE[1] / RANGE[0]).log10();
+    let labels: Vec<(usize, String)> = (0..=3)
+        .map(|k| {
+            let at = f64::from(k) / decades;
+            (
+                (at * BINS as f64).round() as usize,
+                percent(RANGE[0] * 10f64.powi(k)),
+            )
+        })
+        .collect();
+    let mut out = note(
+        "Estimated standard error of each lumel's luminance over that luminance: black 0.1 % and less, then blue (0.4 %), green (1.6 %), yellow (6 %), red (25 %), white 100 % and more.",
+    );
+    out += &wall(pictures);
+    out += "<h3>Lumels by estimated error</h3>\n";
+    out += &histogram(
+        "Lumels by estimated relative error",
+        &shares,
+        &labels,
+        "estimated relative error",
+    );
+    out
+}
+
+fn wall(figures: &str) -> String {
+    format!("<div class=\"maps\">\n{figures}</div>\n")
+}
+
+fn size_of(uri: &str, image: &ExrImage) -> String {
+    format!("{uri}, {} × {}", image.width, image.height)
+}
+
+fn figure(png: &[u8], caption: &str) -> String {
+    let caption = escape(caption);
+    format!(
+        "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>\n",
+        STANDARD.encode(png)
+    )
+}
+
+const WEIGHTS: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
+/// Channels that the pictures need.
+struct Channels<'a> {
+    rgb: [&'a [f32]; 3],
+    coverage: Option<&'a [f32]>,
+    error: Option<&'a [f32]>,
+}
+
+fn channels(image: &ExrImage) -> Option<Channels<'_>> {
+    let [Some(r), Some(g), Some(b)] = ["R", "G", "B"].map(|c| image.channel(c)) else {
+        return None;
+    };
+    Some(Channels {
+        rgb: [r, g, b],
+        coverage: image.channel("coverage.Y"),
+        error: image.channel("error.Y"),
+    })
+}
+
+/// The page with at most `side` texels a side: each is the mean of a block, of the covered ones where the bake says which. Its one layer,
+/// if any, is the error.
+fn shrink(image: &ExrImage, side: usize) -> Page {
+    let (w, h) = (image.width as usize, image.height as usize);
+    let Some(c) = channels(image) else {
+        return Page::default();
+    };
+    let step = w.max(h).div_ceil(side).max(1);
+    let (nw, nh) = (w.div_ceil(step), h.div_ceil(step));
+    let mut page = Page {
+        width: nw as u32,
+        height: nh as u32,
+        value: vec![[0.0; 3]; nw * nh],
+        coverage: vec![0.0; nw * nh],
+        layers: Vec::new(),
+    };
+    let mut error = vec![0.0; nw * nh];
+    for (i, value) in page.value.iter_mut().enumerate() {
+        let (x0, y0) = (i % nw * step, i / nw * step);
+        let (mut n, mut light, mut wrong) = (0.0f64, [0.0f64; 3], 0.0f64);
+        for y in y0..(y0 + step).min(h) {
+            for at in y * w + x0..y * w + (x0 + step).min(w) {
+                let rgb = c.rgb.map(|channel| channel[at]);
+                let lit = rgb.iter().any(|x| *x != 0.0);
+                if !rgb.iter().all(|x| x.is_finite()) || !c.coverage.map_or(lit, |c| c[at] > 0.0) {
+                    continue;
+                }
+                n += 1.0;
+                for (sum, x) in light.iter_mut().zip(rgb) {
+                    *sum += f64::from(x);
+                }
+                wrong += c.error.map_or(0.0, |e| f64::from(e[at]));
+            }
+        }
+        if n > 0.0 {
+            *value = light.map(|x| (x / n) as f32);
+            page.coverage[i] = 1.0;
+            error[i] = (wrong / n) as f32;
+        }
+    }
+    if c.error.is_some() {
+        page.layers.push(("error.Y".into(), error));
+    }
+    page
+}
+
+/// Place of a relative error on the scale, 0..=1.
+fn on_scale(error: f64, luminance: f64) -> f64 {
+    let relative = if error > 0.0 {
+        error / luminance.max(1e-30)
+    } else {
+        0.0
+    };
+    ((relative / RANGE[0]).log10() / (RANGE[1] / RANGE[0]).log10()).clamp(0.0, 1.0)
+}
+
+fn luminance(rgb: [f32; 3]) -> f64 {
+    rgb.iter()
+        .zip(WEIGHTS)
+        .map(|(x, w)| f64::from(*x) * f64::from(w))
+        .sum()
+}
+
+fn relative_error(page: &Page) -> Option<Vec<f32>> {
+    let (_, error) = page.layers.first()?;
+    let values = page.value.iter().zip(error);
+    Some(
+        values
+            .map(|(v, e)| on_scale(f64::from(*e), luminance(*v)) as f32)
+            .collect(),
+    )
+}
+
+/// Adds a page's lumels, by coverage where it is known.
+fn count_errors(image: &ExrImage, bins: &mut [f64], lumels: &mut f64) {
+    let Some(c) = channels(image) else { return };
+    let Some(error) = c.error else { return };
+    for (at, &e) in error.iter().enumerate() {
+        let rgb = c.rgb.map(|channel| channel[at]);
+        let weight = match c.coverage {
+            Some(coverage) => f64::from(coverage[at]),
+            None => f64::from(u8::from(rgb.iter().any(|x| *x != 0.0))),
+        };
+        if weight > 0.0 && e.is_finite() {
+            let place = on_scale(f64::from(e), luminance(rgb)) * bins.len() as f64;
+            let last = bins.len() - 1;
+            bins[(place as usize).min(last)] += weight;
+            *lumels += weight;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shrinking_means_over_what_is_covered() {
+        let image = ExrImage {
+            width: 3,
+            height: 1,
+            channels: vec![
+                ("B".into(), vec![1.0, 9.0, 5.0]),
+                ("G".into(), vec![1.0, 9.0, 5.0]),
+                ("R".into(), vec![1.0, 9.0, 5.0]),
+                ("coverage.Y".into(), vec![1.0, 0.0, 0.5]),
+                ("error.Y".into(), vec![0.1, 7.0, 0.05]),
+            ],
+        };
+        let page = shrink(&image, 2);
+        assert_eq!((page.width, page.height), (2, 1));
+        assert_eq!((page.value[0], page.value[1]), ([1.0; 3], [5.0; 3]));
+        // 10 % lies two thirds up from 0.1 to 100 %, 1 % a third; errors of f32 are 1e-7.
+        let t = relative_error(&page).unwrap();
+        assert!(
+            (t[0] - 2.0 / 3.0).abs() < 1e-5 && (t[1] - 1.0 / 3.0).abs() < 1e-5,
+            "{t:?}"
+        );
+        let (mut bins, mut lumels) = (vec![0.0; 3], 0.0);
+        count_errors(&image, &mut bins, &mut lumels);
+        assert_eq!(lumels, 1.5);
+        assert_eq!(bins.iter().sum::<f64>(), 1.5);
+    }
+}

@@ -1,0 +1,401 @@
+//! `lumel view` and the three.js loader in a real browser: pixels with known values, switches, keys, no complaint on the console.
+//!
+//! Skipped, loudly, where no Chromium is installed.
+
+#![allow(clippy::print_stderr, reason = "says what it skips")]
+
+#[path = "common/browser.rs"]
+mod browser;
+#[allow(
+    dead_code,
+    reason = "helpers are shared, and not every file needs each"
+)]
+mod common;
+#[path = "common/quads.rs"]
+mod quads;
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+
+use browser::Browser;
+use common::{bake, command, temp, write};
+use image::RgbImage;
+use quads::{ALBEDO, OTHER, R, points, scene, shown, sun};
+use serde_json::json;
+use tempfile::TempDir;
+
+/// `lumel view` on a folder, ended when dropped.
+struct Server(Child, String);
+
+impl Server {
+    fn start(dir: &Path) -> Server {
+        let mut child = command()
+            .arg("view")
+            .arg(dir)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the binary starts");
+        let mut line = String::new();
+        let output = child.stdout.take().expect("a pipe");
+        BufReader::new(output)
+            .read_line(&mut line)
+            .expect("it says where it is");
+        Server(child, line.trim().to_owned())
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The squares, baked with `options`.
+fn squares(options: &str) -> (TempDir, PathBuf) {
+    let t = temp();
+    // The shadow's edge lies on the border of two primitives, which stitching takes for a seam to be smoothed (docs/seams.md).
+    let options = format!("--no-stitch {options}");
+    // A name that has to be encoded in an address.
+    let file = write(t.path().join("four squares #1.gltf"), scene());
+    let out = t.path().join("out");
+    bake(&file, &out, &format!("--sun {} {options}", sun())).ok();
+    (t, out)
+}
+
+/// From high above; the axis must not be exactly the camera's up.
+const ABOVE: &str = "0,9,0.01,0,0,0,60";
+/// From where the floor under the plate is seen.
+const BESIDE: &str = "3,0.6,3,0,0,0,60";
+
+/// Waits until the page has drawn all that it was asked for.
+fn settle(b: &mut Browser) {
+    b.wait("document.body?.dataset.state === 'ready' && !lumel.stage.dirty && !lumel.busy()");
+}
+
+/// The pixel at a point of the scene.
+fn pixel(b: &mut Browser, picture: &RgbImage, at: [f64; 3]) -> [u8; 3] {
+    let place = b.eval(&format!("lumel.project({}, {}, {})", at[0], at[1], at[2]));
+    let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
+    picture.get_pixel(x as u32, y as u32).0
+}
+
+/// Within one step of what eight bits show: half a step is the rounding, the rest a half float's (2^-11) and the graphics card's.
+#[track_caller]
+fn assert_pixel(found: [u8; 3], linear: [f64; 3], what: &str) {
+    let want = linear.map(shown);
+    let near = found
+        .iter()
+        .zip(want)
+        .all(|(f, w)| (f64::from(*f) - w).abs() <= 1.0);
+    assert!(near, "{what}: {found:?} is not {want:.2?}");
+}
+
+fn times(albedo: [f64; 3], r: f64) -> [f64; 3] {
+    albedo.map(|a| a * r)
+}
+
+#[test]
+fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
+    let Some(mut b) = Browser::start("lumel view in a browser", [1280, 720]) else {
+        return;
+    };
+    let (_t, out) = squares("--layers direct,indirect,error,coverage --group day=sun");
+    let server = Server::start(&out);
+    b.open(&format!("{}#tone=linear&cam={ABOVE}", server.1));
+    settle(&mut b);
+    let picture = b.screenshot();
+    for (at, albedo, r) in points().into_iter().take(5) {
+        let found = pixel(&mut b, &picture, at);
+        assert_pixel(found, times(albedo, r), &format!("{at:?}"));
+    }
+
+    // Each view and light by its button.
+    let press = |b: &mut Browser, name: &str| {
+        b.eval(&format!(
+            "document.querySelector('#panel [data-name={name}]').click()"
+        ));
+        settle(b);
+        b.screenshot()
+    };
+    let [(at, ..), _, _, _, (green, ..), _] = points()[..] else {
+        panic!()
+    };
+    let shot = press(&mut b, "albedo");
+    assert_pixel(pixel(&mut b, &shot, at), ALBEDO, "albedo");
+    assert_pixel(
+        pixel(&mut b, &shot, green),
+        OTHER,
+        "albedo of the other primitive",
+    );
+    let shot = press(&mut b, "light");
+    assert_pixel(pixel(&mut b, &shot, at), [R; 3], "light alone");
+    let shot = press(&mut b, "indirect");
+    assert_pixel(pixel(&mut b, &shot, at), [0.0; 3], "no indirect light");
+    let shot = press(&mut b, "direct");
+    assert_pixel(pixel(&mut b, &shot, at), [R; 3], "direct light");
+    let shot = press(&mut b, "coverage");
+    assert_pixel(pixel(&mut b, &shot, at), [1.0; 3], "covered");
+    // Nothing is uncertain here: the scale's lower end.
+    let shot = press(&mut b, "error");
+    assert_pixel(pixel(&mut b, &shot, at), [0.0; 3], "no error");
+    assert_eq!(
+        b.eval("document.getElementById('legend').hidden"),
+        json!(false)
+    );
+    press(&mut b, "lit");
+    press(&mut b, "groups");
+    b.eval("{ const s = document.querySelector('#groups input'); s.value = '0.5'; s.dispatchEvent(new Event('input')); }");
+    settle(&mut b);
+    let shot = b.screenshot();
+    assert_pixel(
+        pixel(&mut b, &shot, at),
+        times(ALBEDO, 0.5 * R),
+        "half of the group",
+    );
+    press(&mut b, "all");
+
+    // What is not there is grey, and says how to get it.
+    let ao = "document.querySelector('#views [data-name=ao]')";
+    assert_eq!(
+        b.eval(&format!(
+            "{ao}.disabled && {ao}.title.includes('--layers ao')"
+        )),
+        json!(true)
+    );
+    let missing = b.eval("document.getElementById('missing').innerText");
+    assert!(
+        missing
+            .as_str()
+            .is_some_and(|m| m.contains("ao") && !m.contains("error")),
+        "{missing}"
+    );
+    let report = b.eval("document.getElementById('report').innerText");
+    assert!(
+        report.as_str().is_some_and(|m| m.contains("draft")),
+        "{report}"
+    );
+
+    // A click says what is there.
+    let place = b.eval(&format!("lumel.project({}, 0, {})", at[0], at[2]));
+    b.click(place[0].as_f64().expect("x"), place[1].as_f64().expect("y"));
+    b.wait("!document.getElementById('readout').hidden && document.getElementById('readout').innerText.includes('R = E/π')");
+    let text = b.eval("document.getElementById('readout').innerText");
+    let text = text.as_str().expect("text");
+    assert!(
+        text.contains("flat") && text.contains("tan") && text.contains("0.6"),
+        "{text}"
+    );
+
+    // Keys: exposure doubles, the grid darkens every other texel, and W walks.
+    let key = |b: &mut Browser, key: &str, code: &str| {
+        b.key(key, code, true);
+        b.key(key, code, false);
+        settle(b);
+    };
+    for _ in 0..2 {
+        key(&mut b, "-", "Minus");
+    }
+    let shot = b.screenshot();
+    assert_pixel(
+        pixel(&mut b, &shot, at),
+        times(ALBEDO, 0.5 * R),
+        "one stop darker",
+    );
+    key(&mut b, "g", "KeyG");
+    assert_ne!(b.screenshot(), shot, "the grid is seen");
+    key(&mut b, "f", "KeyF");
+    let height = b.eval("lumel.stage.camera.position.y");
+    b.key("w", "KeyW", true);
+    b.wait(&format!("lumel.stage.camera.position.y < {height} - 0.05"));
+    b.key("w", "KeyW", false);
+    assert_eq!(
+        b.eval("new URLSearchParams(location.hash.slice(1)).get('bake')"),
+        json!("four squares #1")
+    );
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
+fn light_is_right_way_up_under_the_plate_and_small_windows_hold_the_page() {
+    let Some(mut b) = Browser::start("lumel view in small windows", [1280, 720]) else {
+        return;
+    };
+    let (_t, out) = squares("");
+    let server = Server::start(&out);
+    b.open(&format!("{}#tone=linear&cam={BESIDE}", server.1));
+    settle(&mut b);
+    let picture = b.screenshot();
+    for (at, albedo, r) in points().into_iter().skip(2) {
+        let found = pixel(&mut b, &picture, at);
+        assert_pixel(found, times(albedo, r), &format!("{at:?}"));
+    }
+    for size in [[1280, 720], [800, 600], [480, 360], [320, 480]] {
+        b.resize(size);
+        b.wait(&format!(
+            "innerWidth === {} && innerHeight === {}",
+            size[0], size[1]
+        ));
+        settle(&mut b);
+        let fits = b.eval(
+            "[document.documentElement.scrollWidth <= innerWidth, document.documentElement.scrollHeight <= innerHeight, \
+             document.getElementById('panel').getBoundingClientRect().right <= innerWidth, \
+             document.getElementById('stage').getBoundingClientRect().height === innerHeight, \
+             document.getElementById('panel').scrollWidth <= document.getElementById('panel').clientWidth]",
+        );
+        assert_eq!(fits, json!([true, true, true, true, true]), "{size:?}");
+        b.eval("document.getElementById('hide-panel').click()");
+        settle(&mut b);
+        assert_eq!(
+            b.eval("getComputedStyle(document.getElementById('panel')).display"),
+            json!("none")
+        );
+        b.eval("document.getElementById('show-panel').click()");
+        settle(&mut b);
+    }
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
+fn a_bake_made_anew_is_shown_without_a_reload() {
+    let Some(mut b) = Browser::start("lumel view of a new bake", [640, 480]) else {
+        return;
+    };
+    let (t, out) = squares("");
+    let server = Server::start(&out);
+    b.open(&format!("{}#tone=linear&panel=0&cam={ABOVE}", server.1));
+    settle(&mut b);
+    bake(
+        &t.path().join("four squares #1.gltf"),
+        &out,
+        &format!("--no-stitch --sun {} --light sun=0.5", sun()),
+    )
+    .ok();
+    let at = points()[0].0;
+    b.wait("lumel.opened() === 2");
+    settle(&mut b);
+    let picture = b.screenshot();
+    assert_pixel(
+        pixel(&mut b, &picture, at),
+        times(ALBEDO, 0.5 * R),
+        "half the sun",
+    );
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
+fn three_js_shows_closed_form_pixels_through_the_loader() {
+    let Some(mut b) = Browser::start("three.js with tools/engines/three", [640, 480]) else {
+        return;
+    };
+    let (_t, out) = squares("");
+    let site = Site::start(&out);
+    // Lambertian materials are exact; the file's own, MeshStandardMaterial, keep a few per cent to themselves.
+    for (options, exact) in [
+        ("diffuse=1", true),
+        ("diffuse=1&manifest=1", true),
+        ("", false),
+    ] {
+        for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
+            b.open("about:blank");
+            b.open(&format!(
+                "{}/engines/index.html?glb={}&cam={cam}&{options}",
+                site.url, "/bake/four%20squares%20%231.glb"
+            ));
+            b.wait("document.body?.dataset.state");
+            assert_eq!(
+                b.eval("document.body.dataset.state"),
+                json!("ready"),
+                "{}",
+                b.eval("document.body.innerText")
+            );
+            let picture = b.screenshot();
+            for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
+                let found = pixel(&mut b, &picture, at);
+                if exact {
+                    assert_pixel(found, times(albedo, r), &format!("{options} {at:?}"));
+                } else {
+                    // No closed form: r187 was seen to show 0.935 to 0.99 of it at these angles. The bounds catch a factor or a page gone wrong.
+                    for (f, want) in found.iter().zip(times(albedo, r)) {
+                        let (low, high) = (shown(0.9 * want) - 1.0, shown(want) + 1.0);
+                        assert!(
+                            (low..=high).contains(&f64::from(*f)),
+                            "{options} {at:?}: {found:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+    assert_eq!(b.errors, [""; 0]);
+}
+
+/// What a user's own server would serve: the loader, three.js as npm has it, and a bake.
+struct Site {
+    url: String,
+    server: std::sync::Arc<tiny_http::Server>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Site {
+    fn start(bake: &Path) -> Site {
+        let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let folders = [
+            (
+                "/engines/node_modules/three/build/",
+                own.join("vendor/three/build"),
+            ),
+            (
+                "/engines/node_modules/three/examples/jsm/",
+                own.join("vendor/three/addons"),
+            ),
+            ("/engines/", own.join("../../tools/engines/three")),
+            ("/bake/", bake.to_owned()),
+        ];
+        let server = std::sync::Arc::new(tiny_http::Server::http("127.0.0.1:0").expect("a port"));
+        let port = server.server_addr().to_ip().expect("an address").port();
+        let serving = server.clone();
+        let thread = std::thread::spawn(move || {
+            while let Ok(request) = serving.recv() {
+                let target = request.url().split('?').next().unwrap_or_default();
+                let path = percent_encoding::percent_decode_str(target)
+                    .decode_utf8_lossy()
+                    .into_owned();
+                let found = folders.iter().find_map(|(prefix, dir)| {
+                    let file = dir.join(path.strip_prefix(prefix)?);
+                    Some((std::fs::read(&file).ok()?, file))
+                });
+                let _ = match found {
+                    Some((bytes, file)) => {
+                        let kind = match file.extension().and_then(|e| e.to_str()) {
+                            Some("js") => "text/javascript",
+                            Some("html") => "text/html; charset=utf-8",
+                            Some("json") => "application/json",
+                            _ => "application/octet-stream",
+                        };
+                        let header =
+                            tiny_http::Header::from_bytes("Content-Type", kind).expect("a header");
+                        request.respond(tiny_http::Response::from_data(bytes).with_header(header))
+                    }
+                    None => request.respond(tiny_http::Response::empty(404)),
+                };
+            }
+        });
+        Site {
+            url: format!("http://127.0.0.1:{port}"),
+            server,
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for Site {
+    fn drop(&mut self) {
+        self.server.unblock();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}

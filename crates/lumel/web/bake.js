@@ -1,0 +1,114 @@
+// What the server tells about a bake, and its planes of texels.
+import { ClampToEdgeWrapping, DataTexture, DataUtils, HalfFloatType, LinearFilter, LinearSRGBColorSpace, RGBAFormat } from 'three';
+
+/** Layers that a bake may have, in the panel's order: name of the channels, what it is, the option that writes it. */
+export const LAYERS = [
+  { name: 'direct', title: 'Direct', kind: 'light', option: '--layers direct' },
+  { name: 'indirect', title: 'Indirect', kind: 'light', option: '--layers indirect' },
+  { name: 'error', title: 'Error', kind: 'error', option: '--layers error' },
+  { name: 'coverage', title: 'Coverage', kind: 'share', option: '--layers coverage' },
+  { name: 'ao', title: 'Openness', kind: 'share', option: '--layers ao' },
+  { name: 'sun_mask', title: 'Sun mask', kind: 'share', option: '--layers sun_mask' },
+  { name: 'radiosity', title: 'Reflected', kind: 'outgoing', option: '--layers radiosity' },
+  { name: 'dominant', title: 'Direction', kind: 'direction', option: '--directional dominant' },
+  { name: 'L0', title: 'SH L0', kind: 'outgoing', option: '--directional sh1' },
+];
+
+export async function listBakes() {
+  return (await ask('/api/bakes')).json();
+}
+
+async function ask(url) {
+  const response = await fetch(url);
+  if (!response.ok) throw new Error((await response.text()) || `${url}: ${response.status}`);
+  return response;
+}
+
+/** A finished bake: manifest, report, and textures as they are asked for. */
+export class Bake {
+  static async open(name) {
+    const query = `bake=${encodeURIComponent(name)}`;
+    const manifest = await (await ask(`/api/manifest?${query}`)).json();
+    // A bake without its report can be looked at all the same.
+    const report = await ask(`/api/report?${query}`).then((r) => r.json(), () => undefined);
+    return new Bake(name, manifest, report);
+  }
+
+  constructor(name, manifest, report) {
+    Object.assign(this, { name, manifest, report, planes: new Map() });
+    this.layers = new Set((manifest.channels ?? []).map((c) => c.slice(0, c.lastIndexOf('.'))));
+    this.groups = (manifest.groups ?? []).map((g) => g.name);
+    // Stored value → radiance of a white surface, or of the surface itself where the lightmap holds that.
+    this.outgoing = manifest.value === 'radiosity';
+    this.factor = manifest.value === 'irradiance' ? 1 / Math.PI : 1;
+  }
+
+  get sceneUrl() {
+    return `/files/${encodeURIComponent(this.manifest.scene)}`;
+  }
+
+  /** A layer ('' for the light itself) of a page, of a group if one is named: texture with its halves, row 0 at v = 0. */
+  plane(page, layer = '', group = undefined) {
+    const key = JSON.stringify([page, layer, group]);
+    if (!this.planes.has(key)) this.planes.set(key, this.load(page, layer, group));
+    return this.planes.get(key);
+  }
+
+  async load(page, layer, group) {
+    const query = new URLSearchParams({ bake: this.name, page, layer });
+    if (group !== undefined) query.set('group', group);
+    const response = await ask(`/api/plane?${query}`);
+    const [width, height] = ['X-Width', 'X-Height'].map((h) => Number(response.headers.get(h)));
+    const data = new Uint16Array(await response.arrayBuffer());
+    const texture = new DataTexture(data, width, height, RGBAFormat, HalfFloatType);
+    texture.wrapS = texture.wrapT = ClampToEdgeWrapping;
+    texture.minFilter = texture.magFilter = LinearFilter;
+    texture.colorSpace = LinearSRGBColorSpace;
+    texture.needsUpdate = true;
+    return texture;
+  }
+
+  dispose() {
+    for (const plane of this.planes.values()) plane.then((t) => t.dispose(), () => {});
+    this.planes.clear();
+  }
+}
+
+/** RGB of a texel of a plane. */
+export function texel(plane, x, y) {
+  const { data, width } = plane.image;
+  return [0, 1, 2].map((c) => DataUtils.fromHalfFloat(data[4 * (y * width + x) + c]));
+}
+
+export function luminance([r, g, b]) {
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}
+
+/**
+ * Exposure and white point from the lightmap, as the picture of `lumel bake --preview` has them: the log-average of the middle nine
+ * tenths becomes middle grey, the 99th percentile white (Reinhard et al. 2002).
+ */
+export function measure(planes, factor) {
+  const samples = [];
+  for (const plane of planes) {
+    const { width, height } = plane.image;
+    const step = Math.max(1, Math.floor(Math.sqrt((width * height) / 20000)));
+    for (let y = 0; y < height; y += step) {
+      for (let x = 0; x < width; x += step) {
+        const l = factor * luminance(texel(plane, x, y));
+        if (l > 0 && Number.isFinite(l)) samples.push(l);
+      }
+    }
+  }
+  if (samples.length === 0) return { exposure: 1, white: 1, mean: 0 };
+  samples.sort((a, b) => a - b);
+  const at = (q) => samples[Math.floor((samples.length - 1) * q)];
+  const cut = Math.floor(samples.length / 20);
+  const middle = samples.slice(cut, Math.max(samples.length - cut, cut + 1));
+  const floor = at(0.9) * 1e-3;
+  const log = middle.reduce((sum, l) => sum + Math.log(Math.max(l, floor)), 0) / middle.length;
+  // Albedos of a half and less stand between the lightmap and the picture.
+  const exposure = (0.18 / Math.exp(log)) * 2;
+  const mean = samples.reduce((a, b) => a + b, 0) / samples.length;
+  return { exposure, white: Math.min(16, Math.max(0.3, at(0.99) * exposure * 0.5)), mean };
+}

@@ -1,0 +1,143 @@
+// The level on the canvas: loads the glTF, gives its surfaces their pages, draws when something changed.
+import {
+  Box3, Color, LinearSRGBColorSpace, LoadingManager, NoToneMapping, PerspectiveCamera, Scene, SRGBColorSpace, Texture, Vector3, WebGLRenderer,
+} from 'three';
+import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
+import { findPlacements, removeLights } from './lumel-lightmap.js';
+import { bakedMaterial, pageUniforms, sharedUniforms } from './shading.js';
+
+/** KTX2 textures need a decoder of half a megabyte, and Lumel's own input reader has none either: such surfaces are shown white. */
+const noKtx2 = { load: (url, done) => done(new Texture()), loadAsync: async () => new Texture(), setPath() {}, detectSupport() {} };
+
+export class Stage {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.renderer = new WebGLRenderer({ canvas, antialias: true });
+    this.renderer.outputColorSpace = SRGBColorSpace;
+    // The surfaces' own program does that, so that figures shown as colours stay as they are.
+    this.renderer.toneMapping = NoToneMapping;
+    this.scene = new Scene();
+    this.scene.background = new Color().setRGB(0.022, 0.027, 0.038, LinearSRGBColorSpace);
+    this.camera = new PerspectiveCamera(60, 1, 0.05, 1000);
+    this.scene.add(this.camera);
+    this.shared = sharedUniforms();
+    this.pages = [];
+    this.box = new Box3();
+    this.dirty = true;
+  }
+
+  /** Loads a bake's glTF; what was shown goes. Returns how many meshes have and lack a lightmap. */
+  async load(bake) {
+    const manager = new LoadingManager();
+    const loader = new GLTFLoader(manager).setKTX2Loader(noKtx2);
+    const gltf = await loader.loadAsync(bake.sceneUrl);
+    this.clear();
+    this.bake = bake;
+    this.root = gltf.scene;
+    removeLights(this.root);
+    this.pages = bake.manifest.pages.map((p) => pageUniforms(p.width, p.height));
+    this.shared.lumelFactor.value = bake.factor;
+    this.shared.lumelOutgoing.value = bake.outgoing ? 1 : 0;
+
+    const placements = new Map(findPlacements(gltf, bake.manifest).map((p) => [p.mesh, p]));
+    this.places = placements;
+    this.unbaked = [];
+    const materials = new Map();
+    this.root.traverse((object) => {
+      if (!object.isMesh) {
+        // Points and lines have no light of their own to show.
+        if (object.isLine || object.isPoints) object.visible = false;
+        return;
+      }
+      const place = placements.get(object)?.place;
+      const page = place && this.pages[place.page];
+      if (!page) this.unbaked.push(object);
+      const wear = (material) => {
+        const key = [material.uuid, ...(page ? [place.page, ...place.offset, ...place.scale] : [])].join(' ');
+        if (!materials.has(key)) materials.set(key, bakedMaterial(material, this.shared, page, place));
+        return materials.get(key);
+      };
+      object.material = Array.isArray(object.material) ? object.material.map(wear) : wear(object.material);
+      object.userData.lumelNode = placements.get(object)?.node.name ?? object.name;
+    });
+    this.materials = [...materials.values()];
+    this.scene.add(this.root);
+    this.root.updateMatrixWorld(true);
+    this.box.setFromObject(this.root);
+    this.cameras = gltf.cameras.filter((c) => c.isPerspectiveCamera);
+    this.invalidate();
+    return { baked: placements.size, unbaked: this.unbaked.length };
+  }
+
+  clear() {
+    if (!this.root) return;
+    this.root.traverse((object) => object.geometry?.dispose());
+    for (const material of this.materials) {
+      for (const value of Object.values(material)) if (value?.isTexture) value.dispose();
+      material.dispose();
+    }
+    this.scene.remove(this.root);
+    this.root = undefined;
+  }
+
+  /** Size of the level, metres; never 0. */
+  get extent() {
+    return this.box.isEmpty() ? 1 : Math.max(this.box.getSize(new Vector3()).length(), 1e-3);
+  }
+
+  /** Looks from one of the file's cameras, or at all of it. Returns the point to orbit about. */
+  lookFrom(index) {
+    const from = this.cameras[index];
+    const center = this.box.isEmpty() ? new Vector3() : this.box.getCenter(new Vector3());
+    if (from) {
+      from.updateWorldMatrix(true, false);
+      from.matrixWorld.decompose(this.camera.position, this.camera.quaternion, new Vector3());
+      this.camera.fov = from.fov;
+      const ahead = new Vector3(0, 0, -1).applyQuaternion(this.camera.quaternion);
+      const distance = Math.min(Math.max(center.distanceTo(this.camera.position), 0.05 * this.extent), 0.3 * this.extent);
+      center.copy(this.camera.position).addScaledVector(ahead, distance);
+    } else {
+      this.camera.fov = 60;
+      this.camera.position.copy(center).add(new Vector3(0.45, 0.4, 0.6).multiplyScalar(this.extent));
+      this.camera.lookAt(center);
+    }
+    this.clip();
+    return center;
+  }
+
+  /** Near and far planes for where the camera is. */
+  clip() {
+    const away = this.box.isEmpty() ? 0 : this.box.distanceToPoint(this.camera.position);
+    this.camera.near = Math.max(1e-4 * this.extent, 0.3 * away);
+    this.camera.far = away + 2 * this.extent;
+    this.camera.updateProjectionMatrix();
+    this.invalidate();
+  }
+
+  invalidate() {
+    this.dirty = true;
+  }
+
+  /** Fits the canvas to its place on the page. */
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    if (width === 0 || height === 0) return;
+    const ratio = Math.min(window.devicePixelRatio, 2);
+    if (this.width === width && this.height === height && this.ratio === ratio) return;
+    Object.assign(this, { width, height, ratio });
+    this.renderer.setPixelRatio(ratio);
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.invalidate();
+  }
+
+  /** Draws if something changed. */
+  draw() {
+    this.resize();
+    if (!this.dirty || !this.root) return false;
+    this.dirty = false;
+    this.renderer.render(this.scene, this.camera);
+    return true;
+  }
+}

@@ -1,0 +1,115 @@
+"""Imports a bake of Lumel into Blender, lit by its lightmap.
+
+    blender --python import_lumel.py -- out/level.glb
+    python import_lumel.py out/level.glb [level.blend]        (with the module bpy)
+
+Each surface becomes an emission of base colour x lightmap (R = E/pi, the radiance of a white surface) plus what it emits itself, so that what is seen is
+what was baked, in Eevee and Cycles, without another light. Lamps of the file are hidden: their light is in the lightmap.
+"""
+
+import os
+import sys
+
+import bpy
+
+
+def import_level(path):
+    """Imports the .glb and attaches its pages; returns how many objects have a lightmap."""
+    before = set(bpy.data.objects)
+    bpy.ops.import_scene.gltf(filepath=path)
+    new = [o for o in bpy.data.objects if o not in before]
+    folder = os.path.dirname(os.path.abspath(path))
+    pages, materials, count = {}, {}, 0
+    for o in new:
+        if o.type == "LIGHT":
+            o.hide_render = True
+            o.hide_set(True)
+        # Extras of nodes come as custom properties of objects.
+        place = o.get("lightmap")
+        if o.type != "MESH" or place is None or len(o.data.uv_layers) < 2:
+            continue
+        uri, offset, scale = place["uri"], list(place["offset"]), list(place["scale"])
+        if uri not in pages:
+            image = bpy.data.images.load(os.path.join(folder, uri), check_existing=True)
+            # Linear Rec.709 is Blender's own working space: nothing is to be converted.
+            image.colorspace_settings.name = "Linear Rec.709"
+            pages[uri] = image
+        uv = o.data.uv_layers[int(place["texCoord"])].name
+        for slot in o.material_slots:
+            key = (slot.material.name if slot.material else None, uri, uv, *offset, *scale)
+            if key not in materials:
+                materials[key] = lit_material(slot.material, pages[uri], uv, offset, scale)
+            # Instances share mesh and material; the place is the object's, so the material is too.
+            slot.link = "OBJECT"
+            slot.material = materials[key]
+        count += 1
+    return count
+
+
+def lit_material(material, image, uv, offset, scale):
+    """A copy of `material` that shows base colour x page + emission."""
+    m = material.copy() if material else bpy.data.materials.new("lightmap")
+    m.use_nodes = True
+    tree = m.node_tree
+    node, link = tree.nodes.new, tree.links.new
+    surface = next((n for n in tree.nodes if n.type == "BSDF_PRINCIPLED"), None)
+    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+
+    coordinates = node("ShaderNodeUVMap")
+    coordinates.uv_map = uv
+    mapping = node("ShaderNodeMapping")
+    # The importer turns v about (v' = 1 - v), and pictures have v' = 1 at the top: 1 - (offset + scale (1 - v')) = (1 - offset - scale) + scale v'.
+    mapping.inputs["Location"].default_value = (offset[0], 1 - offset[1] - scale[1], 0)
+    mapping.inputs["Scale"].default_value = (scale[0], scale[1], 1)
+    page = node("ShaderNodeTexImage")
+    page.image, page.extension = image, "EXTEND"
+    times = node("ShaderNodeVectorMath")
+    times.operation = "MULTIPLY"
+    link(coordinates.outputs["UV"], mapping.inputs["Vector"])
+    link(mapping.outputs["Vector"], page.inputs["Vector"])
+    link(page.outputs["Color"], times.inputs[0])
+    times.inputs[1].default_value = (1, 1, 1)
+    lit = node("ShaderNodeEmission")
+    shown = lit
+    if surface:
+        connect(tree, surface.inputs["Base Color"], times.inputs[1])
+        glow = node("ShaderNodeEmission")
+        connect(tree, surface.inputs["Emission Color"], glow.inputs["Color"])
+        connect(tree, surface.inputs["Emission Strength"], glow.inputs["Strength"])
+        shown = node("ShaderNodeAddShader")
+        link(lit.outputs[0], shown.inputs[0])
+        link(glow.outputs[0], shown.inputs[1])
+        alpha = surface.inputs["Alpha"]
+        if alpha.is_linked or alpha.default_value < 1:
+            clear, mix = node("ShaderNodeBsdfTransparent"), node("ShaderNodeMixShader")
+            connect(tree, alpha, mix.inputs["Fac"])
+            link(clear.outputs[0], mix.inputs[1])
+            link(shown.outputs[0], mix.inputs[2])
+            shown = mix
+    link(times.outputs["Vector"], lit.inputs["Color"])
+    link(shown.outputs[0], output.inputs["Surface"])
+    return m
+
+
+def connect(tree, source, target):
+    """Gives `target` what `source` has: its link or its value."""
+    if source.is_linked:
+        tree.links.new(source.links[0].from_socket, target)
+    else:
+        value = source.default_value
+        try:
+            target.default_value = value
+        except (TypeError, ValueError):
+            # A colour into a vector: without alpha.
+            target.default_value = tuple(value)[:3]
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    if not arguments:
+        sys.exit("usage: import_lumel.py LEVEL.glb [OUT.blend]")
+    if "bpy" in sys.modules and not bpy.app.binary_path:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+    print(f"{import_level(arguments[0])} objects with a lightmap")
+    if len(arguments) > 1:
+        bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(arguments[1]))
