@@ -21,7 +21,7 @@ mod xatlas;
 use std::sync::Arc;
 use std::time::Duration;
 
-use glam::Vec2;
+use glam::{DVec2, Vec2};
 use serde::Serialize;
 use split::split_hollow;
 use thiserror::Error;
@@ -35,6 +35,8 @@ pub use measure::{ChartMeasure, measure};
 use pack_charts::pack_charts;
 pub use uvunwrap::UvUnwrap;
 use weld::weld_slits;
+
+use crate::uv_check::Overlaps;
 pub use xatlas::Xatlas;
 
 /// How to unwrap.
@@ -193,11 +195,39 @@ fn finish(
     let lumel = 1.0 / f64::from(options.texels_per_unit);
     split_hollow(mesh, &mut charts, lumel);
     join_small(mesh, &mut charts, lumel);
+    let apart = charts.corners.clone();
     weld_slits(mesh, &mut charts, lumel);
     if cancel() {
         return Err(UnwrapError::Cancelled);
     }
-    pack_charts(&charts, options, cancel)
+    let packed = pack_charts(&charts, options, cancel)?;
+    // Charts that come near themselves may be drawn over themselves by it. The page tells; they stay as they were then.
+    if undo_overlaps(&packed, &apart, &mut charts) {
+        return pack_charts(&charts, options, cancel);
+    }
+    Ok(packed)
+}
+
+/// Gives charts with texels that two triangles cover the corners that they had `before`; whether that changes anything.
+fn undo_overlaps(packed: &UnwrappedMesh, before: &[[DVec2; 3]], charts: &mut Charts) -> bool {
+    let overlaps = Overlaps::find(&packed.corners, packed.size);
+    if overlaps.twice == 0 {
+        return false;
+    }
+    let mut overlapping = vec![false; charts.count as usize];
+    for (t, n) in overlaps.by_triangle.iter().enumerate() {
+        if *n > 0 {
+            overlapping[charts.chart[t] as usize] = true;
+        }
+    }
+    let mut changed = false;
+    for ((now, was), chart) in charts.corners.iter_mut().zip(before).zip(&charts.chart) {
+        if overlapping[*chart as usize] && now != was {
+            *now = *was;
+            changed = true;
+        }
+    }
+    changed
 }
 
 /// Rejects what would break the bake: wrong counts, non-finite or outlying corners.

@@ -10,7 +10,7 @@ use crate::atlas::{MeshAtlas, PrimitiveAtlas, UvOrigin};
 use crate::unwrap::{UnwrapInput, weighted_median};
 
 pub use fault::{Severity, UvFault, UvFaultKind, UvPlace};
-use raster::Overlaps;
+pub(crate) use raster::Overlaps;
 pub use raster::overlap_share;
 pub(crate) use raster::{Bleeding, for_each_texel};
 
