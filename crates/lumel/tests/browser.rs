@@ -13,6 +13,8 @@ mod browser;
 mod common;
 #[path = "common/quads.rs"]
 mod quads;
+#[path = "common/site.rs"]
+mod site;
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -23,6 +25,7 @@ use common::{bake, command, temp, write};
 use image::RgbImage;
 use quads::{ALBEDO, OTHER, R, points, scene, shown, sun};
 use serde_json::json;
+use site::Site;
 use tempfile::TempDir;
 
 /// `lumel view` on a folder, ended when dropped.
@@ -330,72 +333,4 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
         }
     }
     assert_eq!(b.errors, [""; 0]);
-}
-
-/// What a user's own server would serve: the loader, three.js as npm has it, and a bake.
-struct Site {
-    url: String,
-    server: std::sync::Arc<tiny_http::Server>,
-    thread: Option<std::thread::JoinHandle<()>>,
-}
-
-impl Site {
-    fn start(bake: &Path) -> Site {
-        let own = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let folders = [
-            (
-                "/engines/node_modules/three/build/",
-                own.join("vendor/three/build"),
-            ),
-            (
-                "/engines/node_modules/three/examples/jsm/",
-                own.join("vendor/three/addons"),
-            ),
-            ("/engines/", own.join("../../tools/engines/three")),
-            ("/bake/", bake.to_owned()),
-        ];
-        let server = std::sync::Arc::new(tiny_http::Server::http("127.0.0.1:0").expect("a port"));
-        let port = server.server_addr().to_ip().expect("an address").port();
-        let serving = server.clone();
-        let thread = std::thread::spawn(move || {
-            while let Ok(request) = serving.recv() {
-                let target = request.url().split('?').next().unwrap_or_default();
-                let path = percent_encoding::percent_decode_str(target)
-                    .decode_utf8_lossy()
-                    .into_owned();
-                let found = folders.iter().find_map(|(prefix, dir)| {
-                    let file = dir.join(path.strip_prefix(prefix)?);
-                    Some((std::fs::read(&file).ok()?, file))
-                });
-                let _ = match found {
-                    Some((bytes, file)) => {
-                        let kind = match file.extension().and_then(|e| e.to_str()) {
-                            Some("js") => "text/javascript",
-                            Some("html") => "text/html; charset=utf-8",
-                            Some("json") => "application/json",
-                            _ => "application/octet-stream",
-                        };
-                        let header =
-                            tiny_http::Header::from_bytes("Content-Type", kind).expect("a header");
-                        request.respond(tiny_http::Response::from_data(bytes).with_header(header))
-                    }
-                    None => request.respond(tiny_http::Response::empty(404)),
-                };
-            }
-        });
-        Site {
-            url: format!("http://127.0.0.1:{port}"),
-            server,
-            thread: Some(thread),
-        }
-    }
-}
-
-impl Drop for Site {
-    fn drop(&mut self) {
-        self.server.unblock();
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
 }

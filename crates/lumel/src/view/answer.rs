@@ -66,7 +66,7 @@ impl Reply {
         }
     }
 
-    fn text(status: u16, message: impl Into<String>) -> Reply {
+    pub fn text(status: u16, message: impl Into<String>) -> Reply {
         let bytes = Cow::Owned(message.into().into_bytes());
         Reply::new(status, "text/plain; charset=utf-8", Body::Bytes(bytes))
     }
