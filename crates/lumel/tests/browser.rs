@@ -295,17 +295,13 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
     };
     let (_t, out) = squares("");
     let site = Site::start(&out);
-    // Lambertian materials are exact; the file's own, MeshStandardMaterial, keep a few per cent to themselves.
-    for (options, exact) in [
-        ("diffuse=1", true),
-        ("diffuse=1&manifest=1", true),
-        ("", false),
-    ] {
+    // Lambertian materials are exact. The file's own, MeshStandardMaterial, give part of the light to a gloss: tools/engines/three/README.md.
+    for options in ["diffuse=1", "diffuse=1&manifest=1"] {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");
             b.open(&format!(
                 "{}/engines/index.html?glb={}&cam={cam}&{options}",
-                site.url, "/bake/four%20squares%20%231.glb"
+                site.url, "/bake/four%2520squares%2520%25231.glb"
             ));
             b.wait("document.body?.dataset.state");
             assert_eq!(
@@ -317,18 +313,7 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
             let picture = b.screenshot();
             for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
                 let found = pixel(&mut b, &picture, at);
-                if exact {
-                    assert_pixel(found, times(albedo, r), &format!("{options} {at:?}"));
-                } else {
-                    // No closed form: r187 was seen to show 0.935 to 0.99 of it at these angles. The bounds catch a factor or a page gone wrong.
-                    for (f, want) in found.iter().zip(times(albedo, r)) {
-                        let (low, high) = (shown(0.9 * want) - 1.0, shown(want) + 1.0);
-                        assert!(
-                            (low..=high).contains(&f64::from(*f)),
-                            "{options} {at:?}: {found:?}"
-                        );
-                    }
-                }
+                assert_pixel(found, times(albedo, r), &format!("{options} {at:?}"));
             }
         }
     }

@@ -14,7 +14,9 @@ use tempfile::TempDir;
 
 /// How long a test may take with its browser, from the start. Only a hang is longer: a test needs about ten seconds, with software
 /// rendering on a loaded machine some more.
-const PATIENCE: Duration = Duration::from_secs(55);
+const PATIENCE: Duration = Duration::from_secs(45);
+/// How long one answer may take after that, so that what a page says can still be asked.
+const GRACE: Duration = Duration::from_secs(10);
 
 /// A page in a browser of its own.
 pub struct Browser {
@@ -203,7 +205,7 @@ impl Browser {
         loop {
             let answer = self
                 .messages
-                .recv_timeout(self.deadline.saturating_duration_since(Instant::now()))
+                .recv_timeout((self.deadline + GRACE).saturating_duration_since(Instant::now()))
                 .unwrap_or_else(|e| panic!("{method}: {e}"));
             if answer["id"] == self.last {
                 assert!(
