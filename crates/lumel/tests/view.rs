@@ -69,6 +69,50 @@ fn view_prints_its_address_and_serves_the_bake() {
     assert!(head.starts_with("HTTP/1.1 404"), "{head}");
     let (head, _) = get("/", "evil.example", "");
     assert!(head.starts_with("HTTP/1.1 403"), "{head}");
+    let (head, body) = request(
+        &address,
+        &format!("HEAD / HTTP/1.1\r\nHost: {address}\r\n\r\n"),
+    );
+    let length = head
+        .lines()
+        .find_map(|l| l.strip_prefix("Content-Length: "));
+    assert_eq!(length, Some(page.len().to_string().as_str()), "{head}");
+    assert!(
+        head.contains("\r\nConnection: close\r\n") && body.is_empty(),
+        "{head}"
+    );
+    // A body that nobody reads must not cost the answer.
+    let text = format!("POST / HTTP/1.1\r\nHost: {address}\r\nContent-Length: 65536\r\n\r\n");
+    let (head, _) = request(&address, &(text + &"x".repeat(65536)));
+    assert!(
+        head.starts_with("HTTP/1.1 405") && head.contains("Allow: GET, HEAD"),
+        "{head}"
+    );
+    for (text, status) in [
+        ("nonsense\r\n\r\n".to_owned(), 400),
+        (
+            format!("GET / HTTP/1.1\r\nA: {}\r\n\r\n", "x".repeat(17 << 10)),
+            431,
+        ),
+    ] {
+        let (head, _) = request(&address, &text);
+        assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{head}");
+    }
+    // Browsers open connections ahead: however many say nothing, or half of something, others are answered.
+    let mut idle: Vec<TcpStream> = (0..40)
+        .map(|_| TcpStream::connect(&address).expect("the server listens"))
+        .collect();
+    for stream in &mut idle[..20] {
+        stream.write_all(b"GET / HTTP/1.1\r\nHo").expect("it reads");
+    }
+    let start = std::time::Instant::now();
+    for _ in 0..20 {
+        assert!(get("/", &address, "").0.starts_with("HTTP/1.1 200"));
+    }
+    // Idle ones end after 20 s; waiting for one would take that long.
+    let took = start.elapsed();
+    assert!(took < std::time::Duration::from_secs(10), "{took:?}");
+    drop(idle);
     child.kill().expect("it can be ended");
     child.wait().expect("it ends");
     assert_eq!(

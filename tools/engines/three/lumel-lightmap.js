@@ -71,7 +71,7 @@ function fromManifest(manifest, index, name) {
  * @param {boolean} [options.topDown] Textures of `loadPage` have row 0 at the top (KTX2, raw data), unlike EXRLoader's.
  * @param {number} [options.exposure] Multiplies the light. Levels with lamps in candela want some 1e-3.
  * @param {boolean} [options.diffuse] Materials become MeshLambertMaterial: a × R exactly, as it was baked. Else they stay, and
- *   MeshStandardMaterial shows 1 to 4 % less (and metals next to nothing, since they have no diffuse part).
+ *   MeshStandardMaterial shows 1 to 7 % less, most at grazing angles (and metals next to nothing, since they have no diffuse part).
  * @param {boolean} [options.keepLights] Leave the file's lamps on: for what moves, while baked surfaces get their light twice.
  * @returns {Promise<{meshes: number, materials: number, pages: Texture[]}>}
  */

@@ -66,7 +66,7 @@ impl Reply {
         }
     }
 
-    fn text(status: u16, message: impl Into<String>) -> Reply {
+    pub fn text(status: u16, message: impl Into<String>) -> Reply {
         let bytes = Cow::Owned(message.into().into_bytes());
         Reply::new(status, "text/plain; charset=utf-8", Body::Bytes(bytes))
     }
@@ -303,7 +303,9 @@ impl Query<'_> {
     fn get(&self, key: &str) -> Option<String> {
         let pairs = self.0.split('&').filter_map(|p| p.split_once('='));
         let value = pairs.filter(|(k, _)| *k == key).map(|(_, v)| v).next()?;
-        Some(percent_decode_str(value).decode_utf8_lossy().into_owned())
+        // URLSearchParams writes a space as +, and + as %2B.
+        let value = value.replace('+', " ");
+        Some(percent_decode_str(&value).decode_utf8_lossy().into_owned())
     }
 }
 

@@ -5,28 +5,25 @@
 
 mod answer;
 mod assets;
+mod http;
 mod plane;
 
-use std::io;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::Arc;
-
-use tiny_http::{Header, Request, Response, Server, StatusCode};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::error::Error;
 use crate::folder::BakeFolder;
-use answer::{Answers, Ask, Reply};
+use answer::Answers;
 use plane::Planes;
-
-/// Requests answered at once: browsers open up to six connections.
-const WORKERS: usize = 6;
 
 /// A server that shows the bakes of a folder.
 pub struct Viewer {
-    server: Arc<Server>,
+    listener: TcpListener,
     answers: Arc<Answers>,
-    port: u16,
+    address: SocketAddr,
+    stopping: AtomicBool,
 }
 
 impl Viewer {
@@ -37,25 +34,26 @@ impl Viewer {
     /// [`Error::Folder`] where there is no bake, [`Error::Port`] where the port cannot be had.
     pub fn bind(path: &Path, port: u16) -> Result<Viewer, Error> {
         let folder = BakeFolder::open(path)?;
-        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let server = Server::http(address).map_err(|e| Error::Port {
+        let failed = |e: std::io::Error| Error::Port {
             port,
             message: e.to_string(),
-        })?;
-        let port = server.server_addr().to_ip().map_or(port, |a| a.port());
+        };
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
         Ok(Viewer {
-            server: Arc::new(server),
+            listener,
             answers: Arc::new(Answers {
                 folder,
                 planes: Planes::default(),
             }),
-            port,
+            address,
+            stopping: AtomicBool::new(false),
         })
     }
 
     /// Where the page is.
     pub fn url(&self) -> String {
-        format!("http://127.0.0.1:{}/", self.port)
+        format!("http://{}/", self.address)
     }
 
     /// Names of the bakes in the folder.
@@ -63,60 +61,15 @@ impl Viewer {
         self.answers.folder.bakes()
     }
 
-    /// Answers requests until [`stop`](Viewer::stop).
+    /// Answers requests until [`stop`](Viewer::stop), each connection on a thread of its own.
     pub fn serve(&self) {
-        std::thread::scope(|scope| {
-            for _ in 0..WORKERS {
-                scope.spawn(|| {
-                    while let Ok(request) = self.server.recv() {
-                        // A client that went away is no failure of ours.
-                        let _ = respond(&self.answers, request);
-                    }
-                });
-            }
-        });
+        http::serve(&self.listener, &self.answers, &self.stopping);
     }
 
-    /// Ends [`serve`](Viewer::serve), from another thread.
+    /// Ends [`serve`](Viewer::serve), from another thread. Answers that are on their way are still sent.
     pub fn stop(&self) {
-        for _ in 0..WORKERS {
-            self.server.unblock();
-        }
+        self.stopping.store(true, Ordering::SeqCst);
+        // Whoever waits for a connection gets one.
+        let _ = TcpStream::connect(self.address);
     }
-}
-
-fn respond(answers: &Answers, request: Request) -> io::Result<()> {
-    let header = |name: &'static str| {
-        let found = request.headers().iter().find(|h| h.field.equiv(name));
-        found.map(|h| h.value.as_str().to_owned())
-    };
-    let (host, range, encoding) = (header("Host"), header("Range"), header("Accept-Encoding"));
-    let method = request.method().to_string();
-    let reply = answers.answer(&Ask {
-        method: &method,
-        target: request.url(),
-        host: host.as_deref(),
-        range: range.as_deref(),
-        gzip: encoding.is_some_and(|e| e.contains("gzip")),
-    });
-    let Reply {
-        status,
-        headers,
-        body,
-    } = reply;
-    let headers = headers
-        .iter()
-        .filter_map(|(k, v)| Header::from_bytes(*k, v.as_bytes()).ok())
-        .collect();
-    let (reader, length) = body.open();
-    // Lengths are known, and clients show progress by them.
-    let response = Response::new(
-        StatusCode(status),
-        headers,
-        reader,
-        usize::try_from(length).ok(),
-        None,
-    )
-    .with_chunked_threshold(usize::MAX);
-    request.respond(response)
 }

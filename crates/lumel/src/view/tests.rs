@@ -239,7 +239,7 @@ fn planes_are_halves_with_their_size() {
         read(reply),
         (200, [one, zero, zero, one, zero, one, zero, one].concat())
     );
-    let (status, group) = get(&a, "/api/plane?bake=a%20b&page=0&group=l");
+    let (status, group) = get(&a, "/api/plane?bake=a+b&page=0&group=l");
     assert_eq!((status, &group[..2]), (200, &[0x00, 0x34][..]));
     let (status, error) = get(&a, "/api/plane?page=0&layer=error&bake=a%20b");
     assert_eq!((status, &error[..2]), (200, &[0x00, 0x38][..]));

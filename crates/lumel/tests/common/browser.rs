@@ -12,8 +12,11 @@ use image::RgbImage;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// How long anything may take. Only a hang is longer: a page needs seconds, on a loaded machine with software rendering tens of them.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// How long a test may take with its browser, from the start. Only a hang is longer: a test needs about ten seconds, with software
+/// rendering on a loaded machine some more.
+const PATIENCE: Duration = Duration::from_secs(45);
+/// How long one answer may take after that, so that what a page says can still be asked.
+const GRACE: Duration = Duration::from_secs(10);
 
 /// A page in a browser of its own.
 pub struct Browser {
@@ -21,6 +24,7 @@ pub struct Browser {
     input: ChildStdin,
     messages: Receiver<Value>,
     last: u64,
+    deadline: Instant,
     session: Option<String>,
     /// What the page complained about: errors on its console, exceptions, refused or missing files.
     pub errors: Vec<String>,
@@ -102,6 +106,7 @@ impl Browser {
             input,
             messages,
             last: 0,
+            deadline: Instant::now() + PATIENCE,
             session: None,
             errors: Vec::new(),
             _profile: profile,
@@ -149,11 +154,10 @@ impl Browser {
     /// Waits until an expression is true.
     #[track_caller]
     pub fn wait(&mut self, expression: &str) {
-        let start = Instant::now();
         while self.eval(&format!("Boolean({expression})")) != json!(true) {
             let text = self.eval("document.body?.innerText ?? ''");
             assert!(
-                start.elapsed() < PATIENCE,
+                Instant::now() < self.deadline,
                 "{expression} does not come true: {text}; {:?}",
                 self.errors
             );
@@ -201,7 +205,7 @@ impl Browser {
         loop {
             let answer = self
                 .messages
-                .recv_timeout(PATIENCE)
+                .recv_timeout((self.deadline + GRACE).saturating_duration_since(Instant::now()))
                 .unwrap_or_else(|e| panic!("{method}: {e}"));
             if answer["id"] == self.last {
                 assert!(
