@@ -124,8 +124,8 @@ def free_between(scene, a, b):
     return np.concatenate(out)
 
 
-def inside(scene, tri, two_sided, at, normal, rng, rays=32):
-    """whether the ray straight up from these points, or all but at most a tenth of those all about, meet backs of single-sided faces:
+def inside(scene, tri, two_sided, at, normal, cover, rng, rays=32):
+    """whether the ray straight up from these points within the distance `cover`, or all but at most a tenth of those all about, meet backs of single-sided faces:
     nobody sees the place"""
     mi, scene, centre = scene
     geo = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
@@ -141,7 +141,7 @@ def inside(scene, tri, two_sided, at, normal, rng, rays=32):
         if i:
             backs += back
         else:
-            above = back
+            above = back & (np.array(hit.t) < cover)
     return above | (backs >= 0.9 * rays)
 
 
@@ -234,7 +234,7 @@ def seams(path, angle=8.0, rays=True, seed=1, fold=65.0):
         sides = []
         for x in (ei, j):
             off = np.minimum(0.5 * size[x], np.maximum(altitude[x] / 3, 0.1 * size[x]))
-            sides.append(inside(scene, everything, two_sided, p[i] + inward[x] * off[:, None] + geo[x] * (1e-3 * size[x] + rounding)[:, None], geo[x], rng))
+            sides.append(inside(scene, everything, two_sided, p[i] + inward[x] * off[:, None] + geo[x] * (1e-3 * size[x] + rounding)[:, None], geo[x], 1.5 * size[x], rng))
         shown &= ~(sides[0] | sides[1])
         i, j, ei, texel_i, texel_j = i[shown], j[shown], ei[shown], texel_i[shown], texel_j[shown]
     x, y = bilinear(images, page[t[ei]], texel_i), bilinear(images, page[t[j]], texel_j)

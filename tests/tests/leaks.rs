@@ -13,11 +13,15 @@ mod common;
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
-use glam::{DVec2, DVec3};
+use common::{at, lumels_of};
+use glam::{DVec2, DVec3, Vec3};
 use lumel::atlas_bake::read_exr;
 use lumel::{Quality, Settings, SkySource};
+use lumel_tests::geometry::quad;
+use lumel_tests::gltf::Light;
 use lumel_tests::path_tracer::{Footprint, Scene, footprints, luminance};
 use lumel_tests::scenes::leaks::{Kind, LEAKS, LeakScene, Region};
+use lumel_tests::scenes::smooth::lit;
 
 /// Share of a texel below which surface is rounding of texture coordinates, as in the reader of footprints.
 const SHARE: f64 = 2e-4;
@@ -303,4 +307,39 @@ fn every_scene_with_darkness_is_tested() {
     let dark = |s: &LeakScene| s.regions.iter().any(|r| r.kind == Kind::Dark);
     let count = LEAKS.iter().map(|make| make()).filter(dark).count();
     assert_eq!(count, 16);
+}
+
+#[test]
+fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
+    // A plate seen from behind, the sun straight above, no sky: its shade looks like the inside of something, and is none.
+    let floor = quad([
+        Vec3::new(-1.0, 0.0, -1.0),
+        Vec3::new(-1.0, 0.0, 1.0),
+        Vec3::new(1.0, 0.0, 1.0),
+        Vec3::new(1.0, 0.0, -1.0),
+    ]);
+    let plate = quad([
+        Vec3::new(0.0, 0.75, 0.0),
+        Vec3::new(0.0, 0.75, 1.0),
+        Vec3::new(1.0, 0.75, 1.0),
+        Vec3::new(1.0, 0.75, 0.0),
+    ]);
+    for density in [2.0, 4.0, 8.0] {
+        let glb = lit(
+            &[("floor", &floor), ("plate", &plate)],
+            0.5,
+            &[(Light::Directional([1.0; 3]), Vec3::Y)],
+        );
+        let mut shaded = 0;
+        for l in lumels_of(&common::bake(&glb, &at(density)), "floor") {
+            if l.points.iter().all(|p| p.x > 0.0 && p.z > 0.0) {
+                assert_eq!(l.red(), 0.0, "{density}: {}", l.points[0]);
+                shaded += 1;
+            }
+        }
+        assert!(
+            f64::from(shaded) >= 0.8 * f64::from(density).powi(2),
+            "{density}: {shaded}"
+        );
+    }
 }

@@ -10,7 +10,7 @@
 
 mod common;
 
-use common::bake;
+use common::{bake, lumels_of};
 use glam::Vec3;
 use lumel::atlas_bake::{Layer, SeamReport};
 use lumel::{Bake, LightGroup, Settings, SkySource};
@@ -201,6 +201,40 @@ fn a_wall_on_the_joint_keeps_the_dark_side_dark() {
     assert_eq!(most_of(&stitched, "right"), 0.0);
     assert!(most_of(&stitched, "left") > 0.1);
     assert_eq!(stitched.baked.pages[0].value, not.baked.pages[0].value);
+}
+
+#[test]
+fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
+    // A plate over the left floor, the sun straight above: E is 0 left of the seam and 1 right of it.
+    let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
+    let right = floor([[0.0, -1.0], [0.0, 1.0], [2.0, 1.0], [2.0, -1.0]]);
+    let mut plate = floor([[-3.0, -3.0], [-3.0, 3.0], [0.0, 3.0], [0.0, -3.0]]);
+    plate.positions.iter_mut().for_each(|p| p.y = 1.0);
+    let parts = [("left", &left), ("right", &right), ("plate", &plate)];
+    let glb = lit(&parts, 0.0, &[(Light::Directional([1.0; 3]), Vec3::Y)]);
+    // Whole lumels up to the seam, and some that it cuts.
+    for density in [8.0, 7.3] {
+        let settings = Settings {
+            sky: SkySource::Color([0.01; 3]),
+            ..at(density)
+        };
+        let stitched = bake(&glb, &settings);
+        let plain = bake(&glb, &off(&settings));
+        let found = stitched.report.gather.seams;
+        assert!(found.after.p99 < 0.1 * found.before.p99, "{found:?}");
+        for name in ["left", "right"] {
+            let was = lumels_of(&plain, name);
+            for (one, was) in lumels_of(&stitched, name).iter().zip(&was) {
+                let x = (one.points.iter().map(|p| p.x.abs())).fold(f64::MAX, f64::min);
+                let moved = (one.red() - was.red()).abs();
+                // The sky adds π/100; nothing is brighter or darker than all about it.
+                let red = one.red();
+                assert!((-1e-3..1.04).contains(&red), "{density} {name} {x}: {red}");
+                let far = x > 2.9 / f64::from(density);
+                assert!(!far || moved < 0.02, "{density} {name} {x}: {moved}");
+            }
+        }
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
 
+use glam::Vec3;
 use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, hash_u32, luminance};
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
@@ -102,8 +103,9 @@ impl Gatherer<'_, '_> {
             } else if mask.contains(&true) {
                 let one = self.see(footprint, &points, &sums, mask, seed, planes);
                 rays += u64::from(one.direct.rays);
-                if parts.is_some() && one.light() == 0.0 && Point::in_the_void(of()) {
-                    // The end of a wall, say, that reaches through the room's shell to where nobody will ever be.
+                let walled = parts.as_ref().is_some_and(|p| p.count > 1);
+                if walled && one.light() == 0.0 && Point::in_the_void(of()) {
+                    // The end of a wall, say, that reaches through the room's shell to where nobody will ever be. Without a wall it is shade.
                     hidden[k] = true;
                     continue;
                 }
@@ -151,8 +153,10 @@ impl Gatherer<'_, '_> {
             edge: Edge::Contact,
             near,
             behind: {
-                let counted = sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
-                Point::dark_shares(counted)[0] >= BEHIND
+                let counted = || sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
+                let dark = direct.irradiance == Vec3::ZERO && indirect.mean == Vec3::ZERO;
+                (dark && Point::in_the_void(counted()))
+                    || Point::dark_shares(counted())[0] >= BEHIND
             },
             // What a wall cuts is no whole lumel.
             open: if parts.is_some() && open < LEAST_OPEN {

@@ -238,14 +238,14 @@ impl Gatherer<'_, '_> {
             &mut planes,
         );
         rays += u64::from(direct.rays);
-        let mut open = in_the_open as f32 / count as f32;
+        let open = in_the_open as f32 / count as f32;
         let dark = direct.irradiance == Vec3::ZERO && estimate.mean == Vec3::ZERO;
-        if options.open_only && near && dark && Point::in_the_void(sums.iter()) {
-            open = 0.0; // as the ends of things that reach through a room's shell
-        }
+        // As the ends of things that reach through a room's shell; but also what lies in the shade of a lamp without anything to bounce off. Only a
+        // wall between it and its neighbours tells ([`fill_hidden`](crate::walls::fill_hidden)).
+        let lost = options.open_only && near && dark && Point::in_the_void(sums.iter());
         Received {
             near,
-            behind: Point::dark_shares(sums.iter())[0] >= BEHIND,
+            behind: lost || Point::dark_shares(sums.iter())[0] >= BEHIND,
             ..received(footprint, &points, direct, &estimate, open, rays, planes)
         }
     }

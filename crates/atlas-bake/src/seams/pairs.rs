@@ -1,8 +1,9 @@
 //! Places where the same point of a surface lies at two places of the lightmap.
 
 use glam::{Vec2, Vec3};
-use radiosity::{Incoming, World};
+use radiosity::World;
 use rayon::prelude::*;
+use visibility::Ray;
 
 use crate::atlas::Layout;
 use crate::lumels::Lumels;
@@ -143,6 +144,10 @@ fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
     }
 }
 
+/// What lies below the back of something is looked for so high above it, in texels: half a texel from a seam along which a slope of 65° goes under, the
+/// cover is 1.1 texels off. What is higher is a roof, whose back one may look at from below.
+const COVER: f32 = 1.5;
+
 /// Lookups start this far to either side of a seam when they ask whether something stands upon it, in texels.
 const BESIDE: f32 = 0.5;
 
@@ -175,8 +180,14 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
         // Behind the back of something: a slope that goes on below the ground, say. Its light ends where nobody sees it. Asked above the triangle itself,
         // however narrow it is: what lies beside it may be behind it.
         let own = on + p.inward * beside[k].min(p.altitude / 3.0);
-        let above_it = own + geometric[k] * world.offset(own);
-        if matches!(world.incoming(above_it, geometric[k]).0, Incoming::Black) {
+        let up = Ray {
+            origin: own + geometric[k] * world.offset(own),
+            direction: geometric[k],
+            t_min: 0.0,
+            t_max: COVER * p.texel,
+        };
+        let cover = world.closest_hit(&up);
+        if cover.is_some_and(|hit| hit.back && !world.two_sided(hit.triangle)) {
             return false;
         }
         let above = (ABOVE + top) * beside[k] + world.offset(on);

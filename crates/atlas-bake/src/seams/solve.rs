@@ -199,19 +199,24 @@ impl Stitcher {
         self.light = (list.places.iter())
             .map(|&place| light(place) + 0.01 * mean)
             .collect();
-        self.hold = (list.places.iter().zip(&self.light))
-            .map(|(&place, scale)| {
+        // What nobody sees in its own place is measured against the light of the lookups that read it: a dilated texel of the dark side must not hold the
+        // lit one down.
+        let mut scales = self.light.clone();
+        for row in &self.rows {
+            for &t in &row.texels {
+                if self.seen[t as usize] == 0.0 {
+                    scales[t as usize] = scales[t as usize].max(row.scale);
+                }
+            }
+        }
+        self.hold = (list.places.iter().zip(&self.seen).zip(&scales))
+            .map(|((&place, &seen), scale)| {
                 let (p, at) = (place.0 as usize, place.1 as usize);
                 // What got no light at all stays dark.
                 if light(place) <= 0.0 && !texels.hidden[p][at] {
                     return f32::INFINITY;
                 }
-                let coverage = if texels.hidden[p][at] {
-                    0.0
-                } else {
-                    pages[p].coverage[at]
-                };
-                coverage.max(FREE) / (scale / mean).powi(2)
+                seen.max(FREE) / (scale / mean).powi(2)
             })
             .collect();
         let mut diagonal: Vec<f64> = self.hold.iter().map(|&h| f64::from(h)).collect();
@@ -220,10 +225,12 @@ impl Stitcher {
                 if chart(next) != chart(place) || chart(place) == EMPTY {
                     continue;
                 }
-                let scale = 0.5 * (light(place) + light(next)) + 0.01 * mean;
+                let known = list.known(next);
+                let beyond = light(next) + 0.01 * mean;
+                let scale = 0.5 * (scales[i] + known.map_or(beyond, |j| scales[j as usize]));
                 let cover = |(p, at): (u32, u32)| pages[p as usize].coverage[at as usize].max(FREE);
                 let weight = EVEN * cover(place).min(cover(next)) / (scale / mean).powi(2);
-                match list.known(next) {
+                match known {
                     Some(j) if (j as usize) > i => {
                         self.even.push((i as u32, j, weight));
                         diagonal[i] += f64::from(weight);
