@@ -232,15 +232,7 @@ impl<'a> Window<'a> {
                 }
             }
         }
-        let mut kept = 0;
-        for k in 0..n {
-            let (_, dx, dy) = found[k];
-            if reached[place(dx, dy)] {
-                found[kept] = found[k];
-                kept += 1;
-            }
-        }
-        kept
+        keep(found, n, |dx, dy| reached[place(dx, dy)])
     }
 
     /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier, in their order, and says how many.
@@ -276,15 +268,7 @@ impl<'a> Window<'a> {
                 }
             }
         }
-        let mut kept = 0;
-        for k in 0..n {
-            let (_, dx, dy) = found[k];
-            if reached[place(dx, dy)] {
-                found[kept] = found[k];
-                kept += 1;
-            }
-        }
-        kept
+        keep(found, n, |dx, dy| reached[place(dx, dy)])
     }
 
     /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that
@@ -419,6 +403,23 @@ fn first_of_inverse(mut m: [[f64; TERMS]; TERMS]) -> Option<[f64; TERMS]> {
         x[r] /= m[r][r];
     }
     Some(x)
+}
+
+/// Keeps those of the first `n` whose place was `reached`, in their order, and says how many.
+fn keep(
+    found: &mut [Neighbour; SIDE * SIDE],
+    n: usize,
+    reached: impl Fn(i64, i64) -> bool,
+) -> usize {
+    let mut kept = 0;
+    for k in 0..n {
+        let (_, dx, dy) = found[k];
+        if reached(dx, dy) {
+            found[kept] = found[k];
+            kept += 1;
+        }
+    }
+    kept
 }
 
 #[cfg(test)]

@@ -404,7 +404,8 @@ impl Stitcher {
         let (mut near_area, mut all_area) = (0f64, 0f64);
         for (i, &(p, at)) in self.places.iter().enumerate() {
             let page = &pages[p as usize];
-            let coverage = f64::from(page.coverage[at as usize]);
+            // Nobody sees what lies inside of something.
+            let coverage = f64::from(self.seen[i]);
             let moved = (light_at(page, at as usize) - was[i]) / self.light[i];
             let square = coverage * f64::from(moved).powi(2);
             if self.steps[i] <= 1 {
