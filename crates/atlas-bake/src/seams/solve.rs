@@ -529,3 +529,41 @@ fn mean_light(pages: &[Page]) -> f32 {
     }
     if area > 0.0 { (sum / area) as f32 } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A sample of which the second side lies `apart` texels right of the first, on a page of one chart.
+    fn agreement(apart: f32) -> f32 {
+        let page = Page {
+            width: 8,
+            height: 4,
+            value: vec![[1.0; 3]; 32],
+            coverage: vec![1.0; 32],
+            layers: Vec::new(),
+        };
+        let texels = Texels {
+            chart: vec![vec![0; 32]],
+            hidden: vec![vec![false; 32]],
+        };
+        let at = Vec2::new(2.3, 1.8);
+        let sample = Sample {
+            sides: [(0, at), (0, at + Vec2::X * apart)],
+            along: [Vec2::Y; 2],
+            texels: 0.25,
+            metres: 0.25,
+        };
+        Stitcher::new(&[sample], &[page], &texels).rows[0].agree
+    }
+
+    #[test]
+    fn lips_of_a_slit_that_read_the_same_texels_are_not_stitched() {
+        for apart in [0.1, 0.5, 1.0] {
+            assert_eq!(agreement(apart), 0.0, "{apart}");
+        }
+        for apart in [2.0, 3.1] {
+            assert!(agreement(apart) > 0.0, "{apart}");
+        }
+    }
+}
