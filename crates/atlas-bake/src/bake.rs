@@ -14,6 +14,7 @@ use crate::lumels::{Lumel, Lumels, TexelIndex};
 use crate::manifest::ValueKind;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
+use crate::recall::{Recall, Tape};
 use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
@@ -175,18 +176,38 @@ pub fn bake(
     options: &BakeOptions,
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
+    bake_recalling(world, emitters, solution, layout, options, None, monitor)
+}
+
+/// [`bake`], with records of an earlier bake or for a later one. The result is the same.
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub fn bake_recalling(
+    world: &World,
+    emitters: &Emitters,
+    solution: &Solution,
+    layout: &Layout,
+    options: &BakeOptions,
+    recall: Option<&Recall>,
+    monitor: &dyn Monitor,
+) -> Result<Baked, Cancelled> {
     let mut out = Baked::default();
     let lumels = Lumels::find(world.scene, world.soup, layout);
-    let gatherer = Gatherer::new(
+    let mut gatherer = Gatherer::new(
         world,
         solution,
-        DirectLight::new(world, emitters),
+        match recall {
+            Some(recall) => DirectLight::new(world, emitters).with_known(recall.lamps()),
+            None => DirectLight::new(world, emitters),
+        },
         GatherOptions {
             open_only: options.hidden == Hidden::Fill,
             ..options.lumels
         },
         options.wanted(world),
     );
+    gatherer.recall = recall;
     let mut sparse = if world.is_dark() {
         Sparse::none(lumels.lumels.len())
     } else {
@@ -250,12 +271,23 @@ pub fn bake(
     Ok(out)
 }
 
+/// Where a stage's records are.
+pub(crate) struct Recorded<'r> {
+    pub recall: Option<&'r Recall>,
+    pub stage: u8,
+    /// What records call the stage's footprints; ascending.
+    pub item: &'r (dyn Fn(usize) -> u32 + Sync),
+    /// What identifies them.
+    pub guard: &'r (dyn Fn(usize) -> u64 + Sync),
+}
+
 /// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
 pub(crate) fn in_blocks(
     n: usize,
     phase: Phase,
     monitor: &dyn Monitor,
-    gather: impl Fn(usize) -> Received + Sync,
+    recorded: Recorded,
+    gather: impl Fn(usize, &mut Tape) -> Received + Sync,
 ) -> Result<Vec<Received>, Cancelled> {
     let mut received = Vec::new();
     received.resize_with(n, Received::default);
@@ -267,8 +299,16 @@ pub(crate) fn in_blocks(
             if monitor.cancelled() {
                 return;
             }
+            let mut records = recorded.recall.map(|r| r.block(recorded.stage));
             for (k, r) in out.iter_mut().enumerate() {
-                *r = gather(b * BLOCK + k);
+                let k = b * BLOCK + k;
+                *r = match &mut records {
+                    None => gather(k, &mut Tape::off()),
+                    Some(records) => {
+                        let guard = || (recorded.guard)(k);
+                        records.with((recorded.item)(k), guard, |tape| gather(k, tape))
+                    }
+                };
             }
             let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
             monitor.progress(phase, now, n as u64);

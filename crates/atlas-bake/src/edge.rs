@@ -1,13 +1,42 @@
 //! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
 
 use glam::Vec3;
-use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, hash_u32, luminance};
+use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, World, hash_u32, luminance};
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gather::{Edge, Gatherer, Received, received, spread};
 use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::recall::{RayTape, Tape, Topic};
 use crate::walls::Parts;
+
+/// The parts into which walls cut a footprint.
+struct Sorted {
+    /// How many there are.
+    count: usize,
+    /// The part of each point.
+    of: Vec<u8>,
+}
+
+impl Sorted {
+    /// Sorts `points`, or takes it from records.
+    fn find(world: &World, points: &[SurfacePoint], reach: f32, tape: &mut Tape) -> Sorted {
+        let make = || {
+            let parts = Parts::find(world, points, reach);
+            let mut out = vec![parts.count as u8];
+            out.extend(points.iter().map(|p| parts.of(world, p) as u8));
+            out
+        };
+        let mut of = tape.bytes(Topic::Parts, make);
+        if of.len() != points.len() + 1 {
+            of = make();
+        }
+        Sorted {
+            count: of.remove(0) as usize,
+            of,
+        }
+    }
+}
 
 /// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
 const EDGE_RAYS: u32 = 2;
@@ -47,13 +76,18 @@ const CONFIRM: u32 = 6;
 impl Gatherer<'_, '_> {
     /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many points, few rays each, and as many shadow rays as
     /// a penumbra gets.
-    pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
+    pub(crate) fn gather_edge(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        tape: &mut Tape,
+    ) -> Received {
         let count = self.options.edge_points.max(self.options.points) as usize;
         let points = spread(footprint, count);
         // Its own random numbers: what made the first points disagree should not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
-        let parts =
-            (self.options.open_only).then(|| Parts::find(self.world, &points, footprint.reach()));
+        let parts = (self.options.open_only)
+            .then(|| Sorted::find(self.world, &points, footprint.reach(), tape));
         let mut sums = vec![Point::with_reach(footprint.reach()); count];
         // The part of each point, and whether it is open.
         let mut part: Vec<(usize, bool)> = Vec::with_capacity(count);
@@ -63,11 +97,13 @@ impl Gatherer<'_, '_> {
         let mut own = PlaneSums::new(self.wanted);
         let mut nowhere = PlaneSums::new(self.wanted);
         let mut rays = u64::from(EDGE_RAYS) * count as u64;
+        let mut records = tape.rays(Topic::EdgeRays, 0);
         for (k, (sum, p)) in sums.iter_mut().zip(&points).enumerate() {
             let base = k as u32 * EDGE_RAYS;
             own.first_half = 2 * k < count;
-            self.indirect(p, base..base + EDGE_RAYS, seed, sum, &mut own);
-            let of = parts.as_ref().map_or(0, |parts| parts.of(self.world, p));
+            let samples = (base..base + EDGE_RAYS, seed);
+            self.indirect(p, samples, sum, &mut own, (tape, &mut records));
+            let of = parts.as_ref().map_or(0, |parts| parts.of[k] as usize);
             let inside = parts.is_some()
                 && sum.inside()
                 && self.confirmed_inside(p, k as u32, seed, &mut rays);
@@ -79,6 +115,7 @@ impl Gatherer<'_, '_> {
             to.take(&mut own);
             part.push((of, !inside));
         }
+        tape.keep_rays(Topic::EdgeRays, 0, records);
         let near = sums.iter().any(|s| s.near);
         let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
         let mut hidden = vec![false; number];
@@ -101,7 +138,7 @@ impl Gatherer<'_, '_> {
             if parts.is_some() && (behind || dark[k][1] >= MOSTLY_INSIDE) {
                 hidden[k] = true;
             } else if mask.contains(&true) {
-                let one = self.see(footprint, &points, &sums, mask, seed, planes);
+                let one = self.see(footprint, &points, &sums, mask, seed, planes, tape);
                 rays += u64::from(one.direct.rays);
                 let walled = parts.as_ref().is_some_and(|p| p.count > 1);
                 if walled && one.light() == 0.0 && Point::in_the_void(of()) {
@@ -129,7 +166,7 @@ impl Gatherer<'_, '_> {
                 open.for_each(|(p, _)| all.take(p));
             }
             let mask: Vec<bool> = part.iter().map(|open| !cut || *open).collect();
-            seen.push(self.see(footprint, &points, &sums, mask, seed, &all));
+            seen.push(self.see(footprint, &points, &sums, mask, seed, &all, tape));
             rays += u64::from(seen[0].direct.rays);
         }
         let Seen {
@@ -171,6 +208,10 @@ impl Gatherer<'_, '_> {
     }
 
     /// Light over the points of `mask`.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a footprint, and all that was found there"
+    )]
     fn see(
         &self,
         footprint: &impl Footprint,
@@ -179,6 +220,7 @@ impl Gatherer<'_, '_> {
         mask: Vec<bool>,
         seed: u32,
         planes: &PlaneSums,
+        tape: &mut Tape,
     ) -> Seen {
         let mut planes = planes.finish();
         // As many points as there are, at most what a penumbra gets.
@@ -205,6 +247,7 @@ impl Gatherer<'_, '_> {
             seed,
             (&options, &known),
             &mut planes,
+            tape,
         );
         Seen {
             indirect,
@@ -220,7 +263,8 @@ impl Gatherer<'_, '_> {
         let seed = hash_u32(seed ^ k ^ 0x9e37_79b9);
         (0..CONFIRM).all(|i| {
             let mut one = Point::default();
-            self.indirect(p, i..i + 1, seed, &mut one, &mut planes);
+            let unrecorded = (&mut Tape::off(), &mut RayTape::Off);
+            self.indirect(p, (i..i + 1, seed), &mut one, &mut planes, unrecorded);
             *rays += 1;
             one.inside()
         })
@@ -232,7 +276,9 @@ impl Gatherer<'_, '_> {
             footprint.candidate(i).is_some_and(|p| {
                 let mut probe = Point::default();
                 let mut planes = PlaneSums::new(Wanted::default());
-                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe, &mut planes);
+                let rays = (i..i + 1, seed ^ 0x9e37_79b9);
+                let unrecorded = (&mut Tape::off(), &mut RayTape::Off);
+                self.indirect(&p, rays, &mut probe, &mut planes, unrecorded);
                 probe.black == 0
             })
         })

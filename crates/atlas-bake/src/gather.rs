@@ -1,14 +1,16 @@
 //! Final gather: the light that a footprint receives.
 
 use glam::Vec3;
+use patch_subdivision::PatchId;
 use radiosity::{
-    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Solution, SurfacePoint, World,
-    cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
+    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Shade, Solution, SurfacePoint,
+    World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::recall::{Deaf, End, Listening, Notes, RayNote, RayTape, Recall, Tape, Topic, key_of};
 use crate::sparse::Between;
 use crate::walls::Parts;
 
@@ -115,6 +117,8 @@ pub struct Gatherer<'w, 'a> {
     pub options: GatherOptions,
     /// What to keep beside the irradiance.
     pub wanted: Wanted,
+    /// Records of an earlier bake, or for a later one.
+    pub(crate) recall: Option<&'w Recall>,
     /// Less radiance than this on the back of a double-sided face is none: the inside of something.
     dim: f32,
 }
@@ -127,6 +131,23 @@ struct Found {
     distance: f32,
     /// The first surface turns its back.
     back: bool,
+}
+
+/// What came of a gathering ray.
+enum Ray {
+    /// It cannot start.
+    Below,
+    /// It met a black back.
+    Black,
+    Found(Found),
+}
+
+#[inline]
+fn add(radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]) {
+    *sum += radiance;
+    if let Some(part) = groups.get_mut(group) {
+        *part += radiance;
+    }
 }
 
 /// Radiance under this share of the scene's mean is none.
@@ -154,6 +175,7 @@ impl<'w, 'a> Gatherer<'w, 'a> {
             direct: direct.on_patches(&solution.cut),
             options,
             wanted,
+            recall: None,
             dim: DIM * mean * std::f32::consts::FRAC_1_PI,
         }
     }
@@ -170,6 +192,16 @@ impl Gatherer<'_, '_> {
     /// backs of double-sided ones. Where all of the footprint is inside, the mean is over all of it, whatever
     /// [`GatherOptions::open_only`] says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        self.gather_recalled(footprint, seed, &mut Tape::off())
+    }
+
+    /// [`gather`](Self::gather), with records.
+    pub(crate) fn gather_recalled(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        tape: &mut Tape,
+    ) -> Received {
         // Openness is there in the dark too.
         if self.world.is_dark() && self.wanted.openness.is_none() {
             return Received {
@@ -184,12 +216,15 @@ impl Gatherer<'_, '_> {
         let mut sums = vec![Point::with_reach(footprint.reach()); count];
         let per_point = self.rays_per_point();
         let mut planes = PlaneSums::new(self.wanted);
+        let mut records = tape.rays(Topic::Rays, 0);
         for (k, sum) in sums.iter_mut().enumerate() {
             // Aligned blocks of a Sobol sequence are well distributed, each by itself and all together.
             let base = k as u32 * per_point;
             planes.first_half = 2 * k < count;
-            self.indirect(&points[k], base..base + per_point, seed, sum, &mut planes);
+            let rays = (base..base + per_point, seed);
+            self.indirect(&points[k], rays, sum, &mut planes, (tape, &mut records));
         }
+        tape.keep_rays(Topic::Rays, 0, records);
         let mut rays = u64::from(per_point) * count as u64;
         let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
         let in_the_open = open.iter().filter(|&&o| o).count();
@@ -207,13 +242,15 @@ impl Gatherer<'_, '_> {
             } else if in_the_open < count {
                 more || options.open_only
             } else {
-                let parted = options.open_only
-                    && near
-                    && Parts::find(self.world, &points, footprint.reach()).count > 1;
+                let parted = options.open_only && near && {
+                    let find = || Parts::find(self.world, &points, footprint.reach());
+                    let count = tape.bytes(Topic::PartsFirst, || vec![find().count as u8]);
+                    count.first().is_some_and(|n| *n > 1)
+                };
                 parted || (more && estimate.disagree)
             };
             if edge {
-                let mut out = self.gather_edge(footprint, seed);
+                let mut out = self.gather_edge(footprint, seed, tape);
                 out.rays += rays;
                 if in_the_open < count {
                     // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
@@ -236,6 +273,7 @@ impl Gatherer<'_, '_> {
                 },
             ),
             &mut planes,
+            tape,
         );
         rays += u64::from(direct.rays);
         let open = in_the_open as f32 / count as f32;
@@ -256,6 +294,7 @@ impl Gatherer<'_, '_> {
         footprint: &impl Footprint,
         seed: u32,
         indirect: Between,
+        tape: &mut Tape,
     ) -> Received {
         let options = &self.options;
         let points = spread(footprint, (options.points as usize).clamp(1, MOST_POINTS));
@@ -275,6 +314,7 @@ impl Gatherer<'_, '_> {
             seed,
             (&options.direct, &known),
             &mut planes,
+            tape,
         );
         let rays = u64::from(direct.rays);
         let estimate = Estimate {
@@ -293,6 +333,7 @@ impl Gatherer<'_, '_> {
         seed: u32,
         first: &Received,
         times: u32,
+        tape: &mut Tape,
     ) -> Received {
         let count = (self.options.points as usize).clamp(1, MOST_POINTS);
         let per_point = self.rays_per_point();
@@ -301,12 +342,16 @@ impl Gatherer<'_, '_> {
         let mut sums = vec![Point::default(); points.len() - count];
         let mut planes = PlaneSums::new(self.wanted);
         let most = sums.len();
+        let start = count as u32 * per_point;
+        let mut records = tape.rays(Topic::Rays, start);
         for (k, sum) in sums.iter_mut().enumerate() {
             let base = (count + k) as u32 * per_point;
             planes.first_half = 2 * k < most;
-            let rays = base..base + per_point;
-            self.indirect(&points[count + k], rays, seed, sum, &mut planes);
+            let rays = (base..base + per_point, seed);
+            let point = &points[count + k];
+            self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
         }
+        tape.keep_rays(Topic::Rays, start, records);
         let more = mean_and_spread(&sums, &vec![true; sums.len()]);
         let direct_variance = (first.error * first.error - first.indirect_variance).max(0.0);
         let (a, b) = (1.0 / times as f32, 1.0 - 1.0 / times as f32);
@@ -341,6 +386,7 @@ impl Gatherer<'_, '_> {
         seed: u32,
         first: &Received,
         look: u32,
+        tape: &mut Tape,
     ) -> Received {
         let points = spread(footprint, self.options.points as usize);
         let options = &self.options.direct;
@@ -357,6 +403,7 @@ impl Gatherer<'_, '_> {
             seed,
             (options, &known),
             &mut planes,
+            tape,
         );
         Received {
             planes,
@@ -372,42 +419,63 @@ impl Gatherer<'_, '_> {
         }
     }
 
+    /// Casts the gathering rays of `samples` from a point, or takes them from records.
     pub(crate) fn indirect(
         &self,
         p: &SurfacePoint,
-        samples: std::ops::Range<u32>,
-        seed: u32,
+        (samples, seed): (std::ops::Range<u32>, u32),
         out: &mut Point,
         planes: &mut PlaneSums,
+        (tape, records): (&mut Tape, &mut RayTape),
     ) {
         for i in samples {
-            let s = sample_4d(i, 0, seed);
-            let direction = cosine_hemisphere(p.normal, s[0], s[1]);
             out.rays += 1;
-            let mut ray = Found::default();
-            // An interpolated normal's hemisphere dips below the face itself: nothing arrives from there.
-            if p.geometric.dot(direction) > 0.0 {
-                match self.arriving(p, direction, i, seed, &mut planes.of_ray) {
-                    Some(found) => {
-                        out.add(found.radiance);
-                        out.near |= found.distance < out.reach;
-                        let light = luminance(found.radiance);
-                        let unlit = self.options.open_only && found.back && light <= self.dim;
-                        let touching = self.options.open_only
-                            && found.distance < TOUCHING * out.reach
-                            && light <= SHADE / DIM * self.dim;
-                        out.unlit += u32::from(touching || unlit);
-                        let lost = found.distance == f32::INFINITY && found.radiance == Vec3::ZERO;
-                        out.void += u32::from(unlit || lost);
-                        ray = found;
+            let toward = || {
+                let s = sample_4d(i, 0, seed);
+                cosine_hemisphere(p.normal, s[0], s[1])
+            };
+            let bounds = [out.reach, TOUCHING * out.reach];
+            if let RayTape::Read(_) = records {
+                let note = records.next(bounds);
+                let again =
+                    note.and_then(|n| self.again(&n, (i, seed), toward, &mut planes.of_ray));
+                if let Some(ray) = again {
+                    tape.taken += 1;
+                    let ray = self.count(ray, out);
+                    if !planes.is_empty() {
+                        let direction = toward();
+                        let cos = p.normal.dot(direction);
+                        planes.add(ray.radiance, direction, cos, ray.distance);
                     }
-                    None => {
-                        out.black += 1;
-                        out.void += 1;
-                        out.near = true;
-                    }
+                    continue;
                 }
+                planes.of_ray.fill(Vec3::ZERO);
+                tape.cast += 1;
             }
+            let direction = toward();
+            // An interpolated normal's hemisphere dips below the face itself: nothing arrives from there.
+            let ray = if p.geometric.dot(direction) <= 0.0 {
+                Ray::Below
+            } else {
+                let groups = &mut planes.of_ray;
+                let found = if let RayTape::Write(_) = records {
+                    self.arriving_noted(
+                        p,
+                        direction,
+                        (i, seed),
+                        groups,
+                        records,
+                        (bounds, tape.exact),
+                    )
+                } else {
+                    self.arriving(p, direction, i, seed, groups, &mut Deaf)
+                };
+                found.map_or(Ray::Black, Ray::Found)
+            };
+            if let (RayTape::Write(bytes), Ray::Below) = (&mut *records, &ray) {
+                Listening::new().0.write(bounds, false, bytes);
+            }
+            let ray = self.count(ray, out);
             if !planes.is_empty() {
                 planes.add(
                     ray.radiance,
@@ -419,40 +487,139 @@ impl Gatherer<'_, '_> {
         }
     }
 
+    /// Takes what a ray found into account.
+    #[inline]
+    fn count(&self, ray: Ray, out: &mut Point) -> Found {
+        match ray {
+            Ray::Below => Found::default(),
+            Ray::Black => {
+                out.black += 1;
+                out.void += 1;
+                out.near = true;
+                Found::default()
+            }
+            Ray::Found(found) => {
+                out.add(found.radiance);
+                out.near |= found.distance < out.reach;
+                let light = luminance(found.radiance);
+                let unlit = self.options.open_only && found.back && light <= self.dim;
+                let touching = self.options.open_only
+                    && found.distance < TOUCHING * out.reach
+                    && light <= SHADE / DIM * self.dim;
+                out.unlit += u32::from(touching || unlit);
+                let lost = found.distance == f32::INFINITY && found.radiance == Vec3::ZERO;
+                out.void += u32::from(unlit || lost);
+                found
+            }
+        }
+    }
+
+    /// [`arriving`](Self::arriving), recorded.
+    fn arriving_noted(
+        &self,
+        p: &SurfacePoint,
+        direction: Vec3,
+        (i, seed): (u32, u32),
+        groups: &mut [Vec3],
+        records: &mut RayTape,
+        (bounds, exact): ([f32; 2], bool),
+    ) -> Option<Found> {
+        let mut notes = Listening::new();
+        let found = self.arriving(p, direction, i, seed, groups, &mut notes);
+        match &found {
+            Some(found) => (notes.0.distance, notes.0.back) = (found.distance, found.back),
+            None => notes.0.end = End::Black,
+        }
+        if let RayTape::Write(bytes) = records {
+            notes.0.write(bounds, exact, bytes);
+        }
+        found
+    }
+
+    /// What a ray finds that was recorded, by the light that there is now; `None` where that takes rays.
+    ///
+    /// The same operations in the same order as in [`arriving`](Self::arriving).
+    #[inline]
+    fn again(
+        &self,
+        note: &RayNote,
+        (i, seed): (u32, u32),
+        toward: impl Fn() -> Vec3,
+        groups: &mut [Vec3],
+    ) -> Option<Ray> {
+        let (solution, world) = (self.solution, self.world);
+        let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        let random = |bounce: usize| hash_u32(seed ^ i ^ (bounce as u32) << 24);
+        for (bounce, hit) in note.near.iter().enumerate() {
+            let glow = hit.surface.glow;
+            if glow.0 != Vec3::ZERO {
+                add(throughput * glow.0, glow.1, &mut sum, groups);
+            }
+            throughput *= hit.surface.reflectance(world);
+            let patch = PatchId(hit.patch);
+            let (direct, group) =
+                (self.direct).sample_on_again(&solution.cut, patch, random(bounce), &hit.drawn)?;
+            let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
+            add(reflected, group, &mut sum, groups);
+        }
+        match note.end {
+            End::Below => return Some(Ray::Below),
+            End::Black => return Some(Ray::Black),
+            End::Unknown => return None,
+            End::Stopped => {}
+            End::Escaped(direction) => {
+                let direction = direction.unwrap_or_else(toward);
+                let sky = throughput * world.sky.radiance(direction);
+                add(sky, world.sky_group(), &mut sum, groups);
+            }
+            End::Far(seen) => {
+                let (lights, random) = (&self.direct, random(note.near.len()));
+                sum += solution.radiance_again(world, lights, &seen, random, throughput, groups)?;
+            }
+        }
+        Some(Ray::Found(Found {
+            radiance: sum,
+            distance: note.distance,
+            back: note.back,
+        }))
+    }
+
     /// What arrives at `p` from `direction`; `None` from a black back face. Light is added to `groups` too, unless that is empty.
     ///
     /// What a ray hits far away is read from the solution. What it hits within a patch's size is not: there one value stands for
     /// places that differ as much as those of the gather itself (the inside of a corner, the gap behind a picture). There the ray goes on as a path,
     /// with direct light by a shadow ray of its own (after Jensen, *Global illumination using photon maps*, 1996, who does so for near hits of his
     /// final gather).
-    fn arriving(
+    fn arriving<N: Notes>(
         &self,
         p: &SurfacePoint,
         direction: Vec3,
         i: u32,
         seed: u32,
         groups: &mut [Vec3],
+        notes: &mut N,
     ) -> Option<Found> {
         let (mut point, mut direction) = (*p, direction);
         let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let (mut distance, mut back) = (f32::INFINITY, false);
-        let add = |radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]| {
-            *sum += radiance;
-            if let Some(part) = groups.get_mut(group) {
-                *part += radiance;
-            }
-        };
         for bounce in 0.. {
             let (found, tint) = self.world.incoming(point.origin, direction);
             throughput *= tint;
+            if N::ON && tint != Vec3::ONE {
+                notes.lose();
+            }
             let hit = match found {
                 Incoming::Escaped => {
                     let sky = throughput * self.world.sky.radiance(direction);
                     add(sky, self.world.sky_group(), &mut sum, groups);
+                    notes.end(Some(End::Escaped((bounce > 0).then_some(direction))));
                     break;
                 }
                 Incoming::Black if bounce == 0 => return None,
-                Incoming::Black => break,
+                Incoming::Black => {
+                    notes.end(Some(End::Stopped));
+                    break;
+                }
                 Incoming::Surface(hit) => hit,
             };
             if bounce == 0 {
@@ -463,7 +630,13 @@ impl Gatherer<'_, '_> {
             let near = NEAR[bounce as usize] * self.solution.cut.patch_edge(hit.triangle);
             if bounce == MOST_NEAR_BOUNCES || hit.t > near {
                 let (solution, world) = (self.solution, self.world);
-                sum += if groups.is_empty() {
+                sum += if N::ON {
+                    let direct = &self.direct;
+                    let (light, seen) = solution
+                        .radiance_noted(world, direct, &hit, at, random, throughput, groups);
+                    notes.end(seen.map(End::Far));
+                    light
+                } else if groups.is_empty() {
                     throughput * solution.radiance(world, &self.direct, &hit, at, random)
                 } else {
                     let direct = &self.direct;
@@ -482,14 +655,25 @@ impl Gatherer<'_, '_> {
             throughput *= self.world.reflectance(hit.triangle, hit.u, hit.v);
             let cut = &self.solution.cut;
             let (direct, group) = match cut.locate(hit.triangle, at, hit.back) {
+                Some(place) if N::ON => {
+                    let patch = place.patch;
+                    let (direct, group, drawn) =
+                        self.direct.sample_on_noted(cut, patch, &point, random);
+                    notes.near(patch.0, Shade::of(self.world, &hit), drawn);
+                    (direct, group)
+                }
                 Some(place) => self.direct.sample_on(cut, place.patch, &point, random),
-                None => self.direct.sample_one(&point, random),
+                None => {
+                    notes.lose();
+                    self.direct.sample_one(&point, random)
+                }
             };
             let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
             add(reflected, group, &mut sum, groups);
             let [u, v] = sample_2d(i, 40 + bounce, seed);
             direction = cosine_hemisphere(point.normal, u, v);
             if point.geometric.dot(direction) <= 0.0 {
+                notes.end(Some(End::Stopped));
                 break;
             }
         }
@@ -508,7 +692,10 @@ impl Gatherer<'_, '_> {
         seed: u32,
         (options, known): (&DirectOptions, &Known),
         planes: &mut [Plane],
+        tape: &mut Tape,
     ) -> DirectEstimate {
+        let key = key_of(open, options.base);
+        let mut shadows = tape.shadows(key);
         let valid: Vec<SurfacePoint> = points
             .iter()
             .zip(open)
@@ -541,7 +728,10 @@ impl Gatherer<'_, '_> {
         let mut parts = self.wanted.direct_parts();
         let seed = seed ^ 0x68bc_21eb;
         let size = footprint.size();
-        let out = (self.direct).irradiance_parts(point, size, seed, options, known, &mut parts);
+        let (direct, shadow_rays) = (&self.direct, &mut shadows);
+        let out =
+            direct.irradiance_recalled(point, size, seed, options, known, &mut parts, shadow_rays);
+        tape.keep_shadows(key, shadows);
         self.wanted.place_direct(&parts, planes);
         out
     }

@@ -22,6 +22,7 @@ mod pages;
 mod planes;
 mod preview;
 pub mod probes;
+mod recall;
 mod refine;
 mod seams;
 mod smooth;
@@ -36,7 +37,7 @@ mod vertex_light;
 mod walls;
 
 pub use atlas::*;
-pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
+pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake, bake_recalling};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
@@ -55,6 +56,7 @@ pub use planes::{Plane, Wanted};
 pub use preview::{
     Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
+pub use recall::{Recall, RecallReport};
 pub use seams::{SeamError, SeamReport};
 pub use unlike::separate_unlike;
 pub use uv_check::{

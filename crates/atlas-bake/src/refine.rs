@@ -7,9 +7,10 @@ use radiosity::{Cancelled, Monitor, Phase, luminance};
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
-use crate::bake::in_blocks;
+use crate::bake::{Recorded, in_blocks};
 use crate::gather::{Edge, Gatherer, Received};
 use crate::lumels::{Lumels, TexelIndex};
+use crate::recall::Stage;
 use crate::smooth::Window;
 use crate::sparse::Sparse;
 use crate::walls::Barriers;
@@ -42,14 +43,21 @@ pub(crate) fn follow_edges(
         if beside.is_empty() {
             break;
         }
-        let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
+        let stage = Stage::Follow.round(round);
+        let recorded = Recorded {
+            recall: gatherer.recall,
+            stage,
+            item: &|k| beside[k].0 as u32,
+            guard: &|_| 0,
+        };
+        let refined = in_blocks(beside.len(), Phase::Refine, monitor, recorded, |k, tape| {
             let (i, look) = beside[k];
             let (footprint, seed) = lumels.footprint(gatherer.world, i);
             let first = &received[i];
             if !look.contact {
-                return gatherer.refine_direct(&footprint, seed, first, look.lights);
+                return gatherer.refine_direct(&footprint, seed, first, look.lights, tape);
             }
-            let again = gatherer.gather_edge(&footprint, seed);
+            let again = gatherer.gather_edge(&footprint, seed, tape);
             Received {
                 // What the smoothing goes by, which the many points know better.
                 open: first.open.min(again.open),
@@ -150,10 +158,16 @@ pub(crate) fn add_rays(
             (times > 1).then_some((i, times))
         })
         .collect();
-    let more = in_blocks(short.len(), Phase::Refine, monitor, |k| {
+    let recorded = Recorded {
+        recall: gatherer.recall,
+        stage: Stage::More.round(0),
+        item: &|k| short[k].0 as u32,
+        guard: &|_| 0,
+    };
+    let more = in_blocks(short.len(), Phase::Refine, monitor, recorded, |k, tape| {
         let (i, times) = short[k];
         let (footprint, seed) = lumels.footprint(gatherer.world, i);
-        gatherer.gather_more(&footprint, seed, &received[i], times)
+        gatherer.gather_more(&footprint, seed, &received[i], times, tape)
     })?;
     for ((i, _), again) in short.into_iter().zip(more) {
         received[i] = again;

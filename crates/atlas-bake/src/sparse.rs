@@ -13,10 +13,11 @@ use radiosity::{Cancelled, Monitor, Phase, SurfacePoint, World, luminance};
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
-use crate::bake::in_blocks;
+use crate::bake::{Recorded, in_blocks};
 use crate::footprint::Footprint;
 use crate::gather::{Edge, Gatherer, Received};
 use crate::lumels::{Lumels, TexelIndex};
+use crate::recall::Stage;
 
 /// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light from what is R away changes over R, and
 /// the window that the quadratic is fitted in reaches seven lumels at most.
@@ -105,9 +106,15 @@ impl Sparse {
         let n = lumels.lumels.len();
         let world = gatherer.world;
         let first: Vec<usize> = (0..n).filter(|&i| !self.is(i)).collect();
-        let gathered = in_blocks(first.len(), Phase::Gather, monitor, |k| {
+        let recorded = Recorded {
+            recall: gatherer.recall,
+            stage: Stage::Gather.round(0),
+            item: &|k| first[k] as u32,
+            guard: &|_| 0,
+        };
+        let gathered = in_blocks(first.len(), Phase::Gather, monitor, recorded, |k, tape| {
             let (footprint, seed) = lumels.footprint(world, first[k]);
-            gatherer.gather(&footprint, seed)
+            gatherer.gather_recalled(&footprint, seed, tape)
         })?;
         let mut received: Vec<Received> = Vec::new();
         received.resize_with(n, Received::default);
@@ -128,14 +135,20 @@ impl Sparse {
             self.bears[j as usize] = true;
         }
         let rest: Vec<usize> = (0..n).filter(|&i| self.is(i) || unsteady[i]).collect();
-        let gathered = in_blocks(rest.len(), Phase::Gather, monitor, |k| {
+        let recorded = Recorded {
+            recall: gatherer.recall,
+            stage: Stage::Between.round(0),
+            item: &|k| rest[k] as u32,
+            guard: &|_| 0,
+        };
+        let gathered = in_blocks(rest.len(), Phase::Gather, monitor, recorded, |k, tape| {
             let i = rest[k];
             let (footprint, seed) = lumels.footprint(world, i);
             if unsteady[i] {
-                return gatherer.gather(&footprint, seed);
+                return gatherer.gather_recalled(&footprint, seed, tape);
             }
             let between = between(self.of(i).map(|j| &received[j]));
-            gatherer.gather_direct(&footprint, seed, between)
+            gatherer.gather_direct(&footprint, seed, between, tape)
         })?;
         for (i, r) in rest.into_iter().zip(gathered) {
             received[i] = r;

@@ -266,6 +266,26 @@ impl Subdivision {
     #[inline]
     pub fn taps(&self, triangle: u32, p: Vec3, at: Locus) -> ([Tap; 4], usize) {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        self.taps_in(region, region.frame.project(p), at)
+    }
+
+    /// Where on its region's grid a point lies, for [`taps_at`](Self::taps_at).
+    pub fn project(&self, triangle: u32, p: Vec3) -> [f32; 2] {
+        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        region.frame.project(p)
+    }
+
+    /// [`taps`](Self::taps) of a point by its place on the region's grid; `None` for a patch that is not there.
+    #[inline]
+    pub fn taps_at(&self, q: [f32; 2], at: Locus) -> Option<([Tap; 4], usize)> {
+        let patch = self.patches.get(at.patch.0 as usize)?;
+        let triangle = self.elements.get(patch.first_element as usize)?.triangle;
+        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        Some(self.taps_in(region, q, at))
+    }
+
+    #[inline]
+    fn taps_in(&self, region: &Region, q: [f32; 2], at: Locus) -> ([Tap; 4], usize) {
         let f = &region.frame;
         let own = Tap {
             patch: at.patch,
@@ -276,7 +296,6 @@ impl Subdivision {
             return (taps, 1);
         }
         let back = self.patches[at.patch.0 as usize].back as u32;
-        let q = f.project(p);
         let mut n = 0;
         let mut sum = 0.0;
         let (x, y) = (q[0] - 0.5, q[1] - 0.5);

@@ -13,6 +13,7 @@ use mesh_ingest::{Light, LightKind};
 use patch_subdivision::Subdivision;
 
 use crate::emitters::{Emitter, Emitters, Few};
+use crate::recall::{Code, Kind, KnownLamps, ShadowTape, code};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
@@ -93,6 +94,8 @@ pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
     tables: Tables,
+    /// Which lamps are which in records of an earlier bake.
+    known: KnownLamps,
 }
 
 /// A light as one receiver sees it.
@@ -113,6 +116,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             world,
             emitters,
             tables: Tables::default(),
+            known: KnownLamps::default(),
         }
     }
 
@@ -123,6 +127,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             tables: Tables::new(cut.patches().len()),
             ..self
         }
+    }
+
+    /// The same, whose lamps have names in records.
+    pub fn with_known(self, known: KnownLamps) -> Self {
+        DirectLight { known, ..self }
     }
 
     /// Whether there is no light to compute.
@@ -157,6 +166,26 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         known: &Known,
         parts: &mut DirectParts,
     ) -> DirectEstimate {
+        let tape = &mut ShadowTape::Off;
+        self.irradiance_recalled(&mut point, scale, seed, options, known, parts, tape)
+    }
+
+    /// [`irradiance_parts`](Self::irradiance_parts), whose shadow rays are noted in `tape` or answered by it. Notes must be of the same points,
+    /// seed and [`DirectOptions::base`]; other lamps or options only ask for other samples.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "what a receiver is, how much work it is worth, and where results go"
+    )]
+    pub fn irradiance_recalled(
+        &self,
+        mut point: impl FnMut(u32) -> SurfacePoint,
+        scale: f32,
+        seed: u32,
+        options: &DirectOptions,
+        known: &Known,
+        parts: &mut DirectParts,
+        tape: &mut ShadowTape,
+    ) -> DirectEstimate {
         let mut out = DirectEstimate::default();
         let lights = &self.world.scene.lights;
         let bright = self.world.bright.as_ref();
@@ -173,6 +202,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             options,
             out: &mut out,
             parts,
+            tape,
             mixed: Vec::new(),
         };
         let shares = self.shares_of_lamps(&first, scale);
@@ -182,26 +212,38 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let term = Term::Lamp(light, self.world.lamp_group(k));
                 let sun = matches!(light.kind, LightKind::Directional { .. });
                 let bit = 1 << (k % 31);
-                self.begin(term, share, bit, known.look & bit != 0, sun, &mut work);
+                let name = self.known.shape(k);
+                let look = known.look & bit != 0;
+                self.begin(term, name, share, bit, look, sun, &mut work);
             }
         }
         if !self.emitters.is_empty() || bright.is_some() {
             let look = known.look & EMITTERS != 0;
             if let Some(bright) = bright {
                 let total: f32 = bright.cells.iter().map(|c| c.power).sum();
-                for cell in &bright.cells {
+                for (k, cell) in bright.cells.iter().enumerate() {
                     let share = cell.power / total;
-                    self.begin(Term::Sky(cell), share, EMITTERS, look, false, &mut work);
+                    let name = code(Kind::Sky, k as u32);
+                    self.begin(
+                        Term::Sky(cell),
+                        name,
+                        share,
+                        EMITTERS,
+                        look,
+                        false,
+                        &mut work,
+                    );
                 }
             }
             let mut terms = Vec::new();
-            self.emitter_terms(&first, scale, options.base.max(4) as usize * 2, &mut terms);
+            self.emitter_nodes(&first, scale, options.base.max(4) as usize * 2, &mut terms);
             let total: f32 = terms.iter().map(|t| t.1).sum();
             // Beside strong other light they are worth less.
             let worth = (WORTH * total / (total + known.light + work.lit())).min(1.0);
-            for (term, weight) in terms {
+            for (node, weight) in terms {
                 let share = worth * weight / total;
-                self.begin(term, share, EMITTERS, look, false, &mut work);
+                let (term, name) = (self.term_of_node(node), code(Kind::Emitters, node));
+                self.begin(term, name, share, EMITTERS, look, false, &mut work);
             }
         }
         self.look_closer(known.light, work);
@@ -246,15 +288,20 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     /// Takes a light's first samples, and adds it to what arrives unless they disagree about what gets through. `share` is roughly its
-    /// part of the light, which decides how much work it is worth.
+    /// part of the light, which decides how much work it is worth; `name` is what records call it.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a light, and all that decides how it is begun"
+    )]
     fn begin<'t, P: FnMut(u32) -> SurfacePoint>(
         &self,
         term: Term<'t>,
+        name: Code,
         share: f32,
         bit: u32,
         look: bool,
         sun: bool,
-        work: &mut Work<'_, 't, P>,
+        work: &mut Work<'_, 't, '_, P>,
     ) {
         // Up to four lights of equal strength get the whole number of points each; more share four times that number, by what
         // they bring, so that a hundred emissive triangles cost little more than four.
@@ -291,9 +338,17 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         } else {
             0
         };
+        let mut tally = Tally::new(work.parts, groups, sun);
+        // Samples without random numbers are told apart by their points.
+        let sequence = if is_random {
+            shift << 16 | work.set & 0xffff
+        } else {
+            0
+        };
+        tally.heard = work.tape.listen(name, sequence);
         let mut light = Started {
             is_random,
-            tally: Tally::new(work.parts, groups, sun),
+            tally,
             term,
             few,
             bit,
@@ -339,6 +394,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             } else {
                 [0.0; 4]
             };
+            if let Some(heard) = &mut light.tally.heard {
+                heard.at = if light.is_random { n } else { at };
+            }
             let few = light.few.as_ref();
             self.sample(&light.term, few, &p, random, &mut light.tally);
             light.taken += 1;
@@ -381,7 +439,7 @@ struct Started<'t> {
 }
 
 /// What is under way at one receiver.
-struct Work<'r, 't, P> {
+struct Work<'r, 't, 'n, P> {
     /// Points of the receiver, the first of them, and its size in metres.
     point: &'r mut P,
     first: SurfacePoint,
@@ -392,11 +450,12 @@ struct Work<'r, 't, P> {
     options: &'r DirectOptions,
     out: &'r mut DirectEstimate,
     parts: &'r mut DirectParts,
+    tape: &'r mut ShadowTape<'n>,
     /// Lights to be looked at more closely.
     mixed: Vec<Started<'t>>,
 }
 
-impl<P> Work<'_, '_, P> {
+impl<P> Work<'_, '_, '_, P> {
     /// Luminance of what arrives from all lights so far.
     fn lit(&self) -> f32 {
         let mixed: f32 = (self.mixed.iter())
@@ -405,7 +464,8 @@ impl<P> Work<'_, '_, P> {
         luminance(self.out.irradiance) + mixed
     }
 
-    fn finish(&mut self, light: Started) {
+    fn finish(&mut self, mut light: Started) {
+        self.tape.keep(light.tally.heard.take());
         let [lit, hidden] = light.tally.seen();
         if light.tally.mixed() {
             self.out.mixed |= light.bit;

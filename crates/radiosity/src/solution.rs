@@ -1,12 +1,13 @@
 //! The solved light of a scene.
 
 use glam::{DVec3, Vec3};
-use patch_subdivision::{Locus, Stats, Subdivision};
+use patch_subdivision::{ElementId, Locus, PatchId, Stats, Subdivision, Tap};
 use serde::Serialize;
 use visibility::Hit;
 
 use crate::audit::Audit;
 use crate::direct::DirectLight;
+use crate::recall::Drawn;
 use crate::relax::{RelaxReport, RelaxStep};
 use crate::world::World;
 
@@ -136,13 +137,19 @@ impl Solution {
             }
         };
         let (taps, n) = self.cut.taps(hit.triangle, p, at);
+        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
+        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+        self.sent(reflectance, direct, &taps[..n], glow)
+    }
+
+    /// Radiance that a point sends, given the direct light on it and the patches that its indirect light is interpolated between.
+    #[inline]
+    fn sent(&self, reflectance: Vec3, direct: Vec3, taps: &[Tap], glow: Vec3) -> Vec3 {
         let mut indirect = Vec3::ZERO;
-        for t in &taps[..n] {
+        for t in taps {
             indirect += self.indirect[t.patch.0 as usize] * t.weight;
         }
-        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
-        reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI
-            + world.gathered_emission(hit.triangle, hit.u, hit.v)
+        reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI + glow
     }
 
     /// Adds `throughput` times [`radiance`](Self::radiance) to `parts` by group of light, and says what it is in all.
@@ -171,39 +178,123 @@ impl Solution {
         let Some(at) = place(world, &self.cut, hit, p) else {
             return Vec3::ZERO;
         };
-        let n = groups.count.min(parts.len());
+        let drawn = self.rough[at.patch.0 as usize].then(|| {
+            let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
+            lights.sample_on(&self.cut, at.patch, &point, seed)
+        });
+        let (taps, count) = self.cut.taps(hit.triangle, p, at);
+        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+        let glow = (glow, world.emission_group(hit.triangle));
         let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
-        let reflected = throughput * reflectance * std::f32::consts::FRAC_1_PI;
-        let mut light = Vec3::ZERO;
-        let mut add = |group: usize, radiance: Vec3| {
-            parts[group] += radiance;
-            light += radiance;
+        let taps = &taps[..count];
+        sent_by_group(
+            groups,
+            throughput,
+            reflectance,
+            (at, drawn),
+            taps,
+            glow,
+            parts,
+        )
+    }
+
+    /// [`radiance_by_group`](Self::radiance_by_group) and [`radiance`](Self::radiance) in one (`parts` is empty where groups are not kept apart), and
+    /// what to note of the hit.
+    #[allow(clippy::too_many_arguments, reason = "as for radiance_by_group")]
+    pub fn radiance_noted(
+        &self,
+        world: &World,
+        lights: &DirectLight,
+        hit: &Hit,
+        p: Vec3,
+        seed: u32,
+        throughput: Vec3,
+        parts: &mut [Vec3],
+    ) -> (Vec3, Option<SeenPatch>) {
+        let Some(at) = place(world, &self.cut, hit, p) else {
+            return (Vec3::ZERO, None);
         };
+        let first = self.cut.patches()[at.patch.0 as usize].first_element;
+        let mut seen = SeenPatch {
+            patch: at.patch.0,
+            element: at.element.map(|e| (e.0 - first) as u8),
+            q: self.cut.project(hit.triangle, p),
+            surface: Shade::of(world, hit),
+            drawn: None,
+        };
+        let mut named = true;
         if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            let (direct, group) = lights.sample_on(&self.cut, at.patch, &point, seed);
-            add(group, reflected * direct);
+            let noted = lights.sample_on_noted(&self.cut, at.patch, &point, seed);
+            seen.drawn = noted.2;
+            named = noted.2.is_some();
+        }
+        // What is noted says all that there is: the same light comes of it.
+        let again = self.radiance_again(world, lights, &seen, seed, throughput, parts);
+        match again.filter(|_| named) {
+            Some(light) => (light, Some(seen)),
+            None => {
+                let light = if parts.is_empty() {
+                    throughput * self.radiance(world, lights, hit, p, seed)
+                } else {
+                    self.radiance_by_group(world, lights, hit, p, seed, throughput, parts)
+                };
+                (light, None)
+            }
+        }
+    }
+
+    /// What [`radiance_noted`](Self::radiance_noted) gives at a hit of which this was noted; `None`, with `parts` as they were, where that takes a
+    /// ray.
+    #[inline]
+    pub fn radiance_again(
+        &self,
+        world: &World,
+        lights: &DirectLight,
+        seen: &SeenPatch,
+        seed: u32,
+        throughput: Vec3,
+        parts: &mut [Vec3],
+    ) -> Option<Vec3> {
+        let patch = seen.patch as usize;
+        let first = self.cut.patches().get(patch)?.first_element;
+        let at = Locus {
+            patch: PatchId(seen.patch),
+            element: seen.element.map(|k| ElementId(first + u32::from(k))),
+        };
+        let drawn = if self.rough[patch] {
+            let drawn = seen.drawn.as_ref()?;
+            Some(lights.sample_on_again(&self.cut, at.patch, seed, drawn)?)
         } else {
-            let direct = match at.element {
-                Some(e) => &groups.direct[e.0 as usize * groups.count..],
-                None => &groups.direct_mean[at.patch.0 as usize * groups.count..],
-            };
-            for (g, e) in direct[..n].iter().enumerate() {
-                add(g, reflected * *e);
+            None
+        };
+        let (taps, n) = self.cut.taps_at(seen.q, at)?;
+        let taps = &taps[..n];
+        let reflectance = seen.surface.reflectance(world);
+        let glow = seen.surface.glow;
+        Some(match &self.groups {
+            Some(groups) if !parts.is_empty() => sent_by_group(
+                groups,
+                throughput,
+                reflectance,
+                (at, drawn),
+                taps,
+                glow,
+                parts,
+            ),
+            _ => {
+                let direct = match (drawn, at.element) {
+                    (Some((direct, _)), _) => direct,
+                    (None, Some(e)) => *self.direct.get(e.0 as usize)?,
+                    (None, None) => self.direct_mean[patch],
+                };
+                let light = throughput * self.sent(reflectance, direct, taps, glow.0);
+                if let Some(all) = parts.first_mut() {
+                    *all += light;
+                }
+                light
             }
-        }
-        let (taps, count) = self.cut.taps(hit.triangle, p, at);
-        for t in &taps[..count] {
-            let of_patch = &groups.indirect[t.patch.0 as usize * groups.count..];
-            for (g, e) in of_patch[..n].iter().enumerate() {
-                add(g, reflected * (*e * t.weight));
-            }
-        }
-        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
-        if glow != Vec3::ZERO {
-            add(world.emission_group(hit.triangle), throughput * glow);
-        }
-        light
+        })
     }
 
     /// Area-weighted mean irradiance.
@@ -215,4 +306,94 @@ impl Solution {
         }
         sum / area.max(1e-300)
     }
+}
+
+/// What a far hit's light hangs on, the solution apart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenPatch {
+    /// The patch.
+    pub patch: u32,
+    /// Its element, counted within the patch.
+    pub element: Option<u8>,
+    /// The place on the patch's grid.
+    pub q: [f32; 2],
+    /// What the surface does to light.
+    pub surface: Shade,
+    /// Of a rough patch: the light that was sampled.
+    pub drawn: Option<Drawn>,
+}
+
+/// What a surface does to light at a hit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shade {
+    /// The material, where all of it reflects alike.
+    pub material: Option<u16>,
+    /// Reflectance.
+    pub reflectance: Vec3,
+    /// Gathered emission and its group.
+    pub glow: (Vec3, usize),
+}
+
+impl Shade {
+    /// Of a hit.
+    pub fn of(world: &World, hit: &Hit) -> Shade {
+        let material = world.soup.material(hit.triangle);
+        Shade {
+            material: (u16::try_from(material).ok())
+                .filter(|_| world.even_reflectance(material).is_some()),
+            reflectance: world.reflectance(hit.triangle, hit.u, hit.v),
+            glow: (
+                world.gathered_emission(hit.triangle, hit.u, hit.v),
+                world.emission_group(hit.triangle),
+            ),
+        }
+    }
+
+    /// Reflectance.
+    #[inline]
+    pub fn reflectance(&self, world: &World) -> Vec3 {
+        let even = (self.material).and_then(|m| world.even_reflectance(u32::from(m)));
+        even.unwrap_or(self.reflectance)
+    }
+}
+
+/// Adds what a point sends to `parts` by group of light, and says what it is in all.
+#[inline]
+fn sent_by_group(
+    groups: &GroupLight,
+    throughput: Vec3,
+    reflectance: Vec3,
+    (at, drawn): (Locus, Option<(Vec3, usize)>),
+    taps: &[Tap],
+    (glow, glow_group): (Vec3, usize),
+    parts: &mut [Vec3],
+) -> Vec3 {
+    let n = groups.count.min(parts.len());
+    let reflected = throughput * reflectance * std::f32::consts::FRAC_1_PI;
+    let mut light = Vec3::ZERO;
+    let mut add = |group: usize, radiance: Vec3| {
+        parts[group] += radiance;
+        light += radiance;
+    };
+    if let Some((direct, group)) = drawn {
+        add(group, reflected * direct);
+    } else {
+        let direct = match at.element {
+            Some(e) => &groups.direct[e.0 as usize * groups.count..],
+            None => &groups.direct_mean[at.patch.0 as usize * groups.count..],
+        };
+        for (g, e) in direct[..n].iter().enumerate() {
+            add(g, reflected * *e);
+        }
+    }
+    for t in taps {
+        let of_patch = &groups.indirect[t.patch.0 as usize * groups.count..];
+        for (g, e) in of_patch[..n].iter().enumerate() {
+            add(g, reflected * (*e * t.weight));
+        }
+    }
+    if glow != Vec3::ZERO {
+        add(glow_group, throughput * glow);
+    }
+    light
 }

@@ -413,6 +413,12 @@ impl<'a> World<'a> {
         self.scene.base_color(self.soup, triangle, u, v).truncate()
     }
 
+    /// Reflectance of a material that has the same everywhere.
+    #[inline]
+    pub(crate) fn even_reflectance(&self, material: u32) -> Option<Vec3> {
+        self.even.get(material as usize).copied().flatten()
+    }
+
     /// Radiance that the surface itself emits at a hit and that gathering rays should count (see [`Emitters`](crate::Emitters)).
     #[inline]
     pub fn gathered_emission(&self, triangle: u32, u: f32, v: f32) -> Vec3 {

@@ -20,11 +20,12 @@ pub use difference::VertexDifference;
 pub(crate) use moments::LumelLight;
 
 use crate::atlas::Layout;
-use crate::bake::in_blocks;
+use crate::bake::{Recorded, in_blocks};
 use crate::gather::{GatherOptions, Gatherer};
 use crate::gltf_out::{SplitPrimitive, VertexLight};
 use crate::lumels::{Lumels, TexelIndex};
 use crate::planes::Wanted;
+use crate::recall::{Stage, mix};
 use crate::vertex_footprint::{Spoke, VertexFootprint};
 use moments::Moments;
 use sheet::Sheet;
@@ -145,14 +146,20 @@ impl VertexBake<'_, '_, '_> {
                 }
             }
         }
-        let received = in_blocks(jobs.len(), Phase::Vertices, monitor, |i| {
+        let recorded = Recorded {
+            recall: gatherer.recall,
+            stage: Stage::Vertices.round(0),
+            item: &|k| k as u32,
+            guard: &|k| guard_of(&jobs[k].2, jobs[k].3),
+        };
+        let received = in_blocks(jobs.len(), Phase::Vertices, monitor, recorded, |i, tape| {
             let (_, _, around, seed) = &jobs[i];
             let footprint = VertexFootprint {
                 world: self.world,
                 around,
                 seed: *seed,
             };
-            gatherer.gather(&footprint, *seed)
+            gatherer.gather_recalled(&footprint, *seed, tape)
         })?;
         report.gathered = received.len() as u64;
         report.rays = received.iter().map(|r| r.rays).sum();
@@ -266,4 +273,12 @@ fn fill(sheet: &Sheet, values: &[Vec3], scene: &Scene, world: &World, out: &mut 
         primitive.triangles.sort_by_key(|t| t.0);
     }
     out.split[sheet.instance] = split;
+}
+
+/// Identifies a point with what lies about it.
+fn guard_of(around: &[Spoke], seed: u32) -> u64 {
+    around.iter().fold(u64::from(seed), |h, s| {
+        let place = u64::from(s.triangle) << 3 | u64::from(s.corner) << 1 | u64::from(s.back);
+        mix(h ^ place)
+    })
 }

@@ -13,7 +13,8 @@ use patch_subdivision::{PatchId, Subdivision};
 use super::sample::falloff;
 use super::tally::Tally;
 use super::{DirectLight, Term};
-use crate::sampling::{hash_u32, sample_4d};
+use crate::recall::{Code, Drawn, Kind, NO_CODE, code, share_of};
+use crate::sampling::sample_4d;
 use crate::solution::element_edge;
 use crate::world::{SurfacePoint, luminance};
 
@@ -70,17 +71,79 @@ impl<'w> DirectLight<'w, '_> {
             return self.sample_one(point, seed);
         };
         let choices = table.get_or_init(|| self.choices(cut, patch));
-        let Some(&(_, total)) = choices.last() else {
+        let Some((source, scale)) = draw(choices, seed) else {
             return (Vec3::ZERO, 0);
         };
-        let x = hash_u32(seed) as f32 / 4294967296.0 * total;
-        let at = choices.partition_point(|c| c.1 <= x).min(choices.len() - 1);
-        let below = if at == 0 { 0.0 } else { choices[at - 1].1 };
-        let (source, up_to) = choices[at];
+        let (lit, group) = self.sample_of(source, point, seed);
+        (lit * scale, group)
+    }
+
+    /// [`sample_on`](Self::sample_on), with what there is to note of it; `None` where nothing could be drawn, or what was has no name.
+    pub fn sample_on_noted(
+        &self,
+        cut: &Subdivision,
+        patch: PatchId,
+        point: &SurfacePoint,
+        seed: u32,
+    ) -> (Vec3, usize, Option<Drawn>) {
+        let Some((source, scale)) = self.draw_on(cut, patch, seed) else {
+            let (lit, group) = self.sample_on(cut, patch, point, seed);
+            return (lit, group, None);
+        };
+        let (lit, group) = self.sample_of(source, point, seed);
+        let drawn = Drawn {
+            code: self.code(source),
+            lit,
+            group: u8::try_from(group).unwrap_or(u8::MAX),
+        };
+        let named = drawn.code != NO_CODE && usize::from(drawn.group) == group;
+        (lit * scale, group, named.then_some(drawn))
+    }
+
+    /// What [`sample_on`](Self::sample_on) would give at a point where it once drew `drawn`; `None` where it would draw another light now, or one
+    /// that has changed.
+    #[inline]
+    pub fn sample_on_again(
+        &self,
+        cut: &Subdivision,
+        patch: PatchId,
+        seed: u32,
+        drawn: &Drawn,
+    ) -> Option<(Vec3, usize)> {
+        let (source, scale) = self.draw_on(cut, patch, seed)?;
+        if self.code(source) != drawn.code {
+            return None;
+        }
+        let group = match source {
+            Source::Lamp(k) => self.world.lamp_group(k as usize),
+            _ => usize::from(drawn.group),
+        };
+        Some((drawn.lit * scale, group))
+    }
+
+    /// Which light a hit on a patch draws, and one over the chance of it.
+    #[inline]
+    fn draw_on(&self, cut: &Subdivision, patch: PatchId, seed: u32) -> Option<(Source, f32)> {
+        let table = self.tables.0.get(patch.0 as usize)?;
+        draw(table.get_or_init(|| self.choices(cut, patch)), seed)
+    }
+
+    /// Irradiance at a point from one sample of a light, and its group.
+    fn sample_of(&self, source: Source, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {
         let mut tally = Tally::single();
         let random = sample_4d(0, 1, seed);
         self.sample(&self.term(source), None, point, random, &mut tally);
-        (tally.lit() * (total / (up_to - below)), tally.group)
+        (tally.lit(), tally.group)
+    }
+
+    /// What records call a light whose intensity counts.
+    #[inline]
+    fn code(&self, source: Source) -> Code {
+        match source {
+            Source::Lamp(k) => self.known.light(k as usize),
+            Source::Sky(k) => code(Kind::Sky, k),
+            Source::Emitters(node) => code(Kind::Emitters, node),
+        }
     }
 
     fn term(&self, source: Source) -> Term<'w> {
@@ -154,6 +217,17 @@ impl<'w> DirectLight<'w, '_> {
         }
         weights.into()
     }
+}
+
+/// Draws from a table: a light, and one over its chance.
+#[inline]
+fn draw(choices: &[Choice], seed: u32) -> Option<(Source, f32)> {
+    let &(_, total) = choices.last()?;
+    let x = share_of(seed) * total;
+    let at = choices.partition_point(|c| c.1 <= x).min(choices.len() - 1);
+    let below = if at == 0 { 0.0 } else { choices[at - 1].1 };
+    let (source, up_to) = choices[at];
+    Some((source, total / (up_to - below)))
 }
 
 /// Luminance of the most irradiance that a lamp brings to anything within `radius` of a point.

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::{DirectEstimate, DirectParts};
+use crate::recall::Heard;
 use crate::world::luminance;
 
 /// One sample of a light.
@@ -46,6 +47,8 @@ pub(super) struct Tally {
     pub plainly: bool,
     /// Group of the last sample.
     pub group: usize,
+    /// Answers of an earlier bake to this light's shadow rays, or notes for a later one.
+    pub heard: Option<Box<Heard>>,
 }
 
 /// What is added up.
@@ -118,7 +121,10 @@ impl Tally {
     pub(super) fn passed(&mut self, cast: impl FnOnce() -> Vec3) -> Vec3 {
         self.assumed.unwrap_or_else(|| {
             self.rays += 1;
-            cast()
+            match &mut self.heard {
+                None => cast(),
+                Some(heard) => heard.answer(cast),
+            }
         })
     }
 
