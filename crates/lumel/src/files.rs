@@ -227,6 +227,7 @@ impl Bake {
                 / seconds_in(&["solve", "gather", "probes"]).max(1e-9),
             peak_bytes: memory::peak_bytes(),
             phases: clock.phases,
+            cache: self.report.measured.cache.clone(),
             digest: Blank,
         }
     }

@@ -12,6 +12,7 @@
 //! # Ok::<(), lumel::Error>(())
 //! ```
 
+mod cache;
 mod check;
 mod depfile;
 mod error;
@@ -40,6 +41,7 @@ pub use visibility;
 pub use atlas_bake::{
     Directional, Hidden, Layer, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
 };
+pub use cache::{Cache, CacheReport};
 pub use depfile::depfile;
 pub use error::Error;
 pub use estimate::{Estimate, estimate};
@@ -47,7 +49,7 @@ pub use files::{NamedFile, output_names};
 pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
 pub use origin::Origin;
-pub use pipeline::{Bake, bake, bake_from};
+pub use pipeline::{Bake, bake, bake_cached, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
     Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,

@@ -11,6 +11,7 @@ use glam::Vec3;
 use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
 use radiosity::{DirectLight, Emitters, Monitor, Phase, Sky, Solution, World, WorldOptions};
 
+use crate::cache::{self, Cache, Surfaces};
 use crate::check::check;
 use crate::error::Error;
 use crate::probes::{self, ProbePlan};
@@ -143,6 +144,20 @@ pub fn bake_from(
     provenance: &Provenance,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
+    bake_cached(file, settings, provenance, None, monitor)
+}
+
+/// As [`bake_from`], with what an earlier bake left in a cache, or leaving something there for a later one. The result is the same.
+///
+/// # Errors
+/// [`Error`], by fault; a cache that cannot be read or written is none, [`Measured::cache`] says so.
+pub fn bake_cached(
+    file: &Path,
+    settings: &Settings,
+    provenance: &Provenance,
+    cache: Option<&Cache>,
+    monitor: &dyn Monitor,
+) -> Result<Bake, Error> {
     check(settings)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
@@ -168,6 +183,27 @@ pub fn bake_from(
     clock.lap(Phase::Atlas);
 
     begin(monitor, Phase::Tree)?;
+    let options = BakeOptions {
+        lumels: settings.lumel_options(),
+        vertices: settings.vertex_options(),
+        layers: settings.layers.clone(),
+        padding: settings.padding,
+        value: settings.value,
+        directional: settings.directional,
+        ao_distance: settings.ao_distance,
+        hidden: settings.hidden,
+        stitch: settings.stitch,
+        vertex_error: settings.vertex_error,
+    };
+    let recall = cache.map(|cache| {
+        let surfaces = Surfaces {
+            scene: &loaded.scene,
+            layout: &layout,
+            sky: &sky,
+            groups: groups.as_ref(),
+        };
+        cache::open(cache, &surfaces, settings, &options)
+    });
     let world = World::build(
         &loaded.scene,
         &soup,
@@ -189,20 +225,19 @@ pub fn bake_from(
     clock.lap(Phase::Solve);
 
     begin(monitor, Phase::Gather)?;
-    let options = BakeOptions {
-        lumels: settings.lumel_options(),
-        vertices: settings.vertex_options(),
-        layers: settings.layers.clone(),
-        padding: settings.padding,
-        value: settings.value,
-        directional: settings.directional,
-        ao_distance: settings.ao_distance,
-        hidden: settings.hidden,
-        stitch: settings.stitch,
-        vertex_error: settings.vertex_error,
-    };
-    let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
-        .map_err(|_| Error::Cancelled)?;
+    let baked = atlas_bake::bake_recalling(
+        &world,
+        &emitters,
+        &solution,
+        &layout,
+        &options,
+        recall.as_ref(),
+        monitor,
+    )
+    .map_err(|_| Error::Cancelled)?;
+    let cached = cache
+        .zip(recall)
+        .map(|(cache, recall)| cache::close(cache, recall));
     clock.lap(Phase::Gather);
 
     let (probes, probe_report) = match &plan {
@@ -251,7 +286,10 @@ pub fn bake_from(
         probes: probe_report,
         clamped: Vec::new(),
         warnings,
-        measured: Measured::default(),
+        measured: Measured {
+            cache: cached,
+            ..Measured::default()
+        },
     };
     Ok(Bake {
         loaded,

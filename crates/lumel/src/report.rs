@@ -11,6 +11,7 @@ use std::collections::BTreeMap;
 use mesh_ingest::Digest;
 use serde_json::Value;
 
+use crate::cache::CacheReport;
 use crate::origin::Origin;
 use crate::record::Record;
 use crate::settings::Settings;
@@ -77,6 +78,8 @@ pub struct Measured {
     pub mrays_per_second: f64,
     /// Peak resident memory, bytes; absent where the system does not tell.
     pub peak_bytes: Option<u64>,
+    /// What a cache did; null without one.
+    pub cache: Option<CacheReport>,
     /// Hash of this file with zeros in the place of these digits.
     pub digest: Blank,
 }

@@ -218,6 +218,15 @@ pub struct Drawn {
     pub group: u8,
 }
 
+impl Drawn {
+    /// No light reaches as far.
+    pub(crate) const NOTHING: Drawn = Drawn {
+        code: NO_CODE,
+        lit: glam::Vec3::ZERO,
+        group: 0,
+    };
+}
+
 /// A number in [0, 1) for what a hit draws.
 #[inline]
 pub(crate) fn share_of(seed: u32) -> f32 {

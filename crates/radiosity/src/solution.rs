@@ -214,20 +214,21 @@ impl Solution {
         let Some(at) = place(world, &self.cut, hit, p) else {
             return (Vec3::ZERO, None);
         };
-        let first = self.cut.patches()[at.patch.0 as usize].first_element;
+        let own = self.cut.patches()[at.patch.0 as usize];
+        let element = at.element.map(|e| e.0.wrapping_sub(own.first_element));
         let mut seen = SeenPatch {
             patch: at.patch.0,
-            element: at.element.map(|e| (e.0 - first) as u8),
+            element: element.map(|k| k as u8),
             q: self.cut.project(hit.triangle, p),
             surface: Shade::of(world, hit),
             drawn: None,
         };
-        let mut named = true;
+        let mut named = element.is_none_or(|k| k < u32::from(own.elements));
         if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             let noted = lights.sample_on_noted(&self.cut, at.patch, &point, seed);
             seen.drawn = noted.2;
-            named = noted.2.is_some();
+            named &= noted.2.is_some();
         }
         // What is noted says all that there is: the same light comes of it.
         let again = self.radiance_again(world, lights, &seen, seed, throughput, parts);

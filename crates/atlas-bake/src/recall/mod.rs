@@ -145,6 +145,11 @@ impl Recall {
         self.lamps.clone()
     }
 
+    /// Their file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Gives new records their name, and says what came of all.
     pub fn finish(self) -> RecallReport {
         let mut report = RecallReport {

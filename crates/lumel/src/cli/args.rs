@@ -115,6 +115,13 @@ pub(crate) struct Bake {
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
+    /// Keep what rays met in this folder, and cast none again that an earlier bake of the same surfaces cast: after a lamp was moved, or with
+    /// other output options. The results are the same
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// Remove what was used least recently from the cache's folder when it is larger than this, e.g. 500M or 20G [default: 8G]
+    #[arg(long, value_name = "BYTES", requires = "cache", value_parser = parse_bytes)]
+    pub cache_size: Option<u64>,
     /// Write a picture of the lit level (from its first camera, if it has one)
     #[arg(long, value_name = "FILE.png")]
     pub preview: Option<PathBuf>,
@@ -341,6 +348,26 @@ fn parse_group(text: &str) -> Result<LightGroup, String> {
             .filter(|s| !s.is_empty())
             .collect(),
     })
+}
+
+/// A number of bytes, with K, M, G or T for powers of 1024.
+fn parse_bytes(text: &str) -> Result<u64, String> {
+    let text = text.trim();
+    let shift = match text.chars().last().map(|c| c.to_ascii_uppercase()) {
+        Some('K') => 10,
+        Some('M') => 20,
+        Some('G') => 30,
+        Some('T') => 40,
+        _ => 0,
+    };
+    let digits = if shift > 0 {
+        &text[..text.len() - 1]
+    } else {
+        text
+    };
+    let number: Option<u64> = digits.parse().ok();
+    (number.and_then(|n| n.checked_mul(1 << shift)))
+        .ok_or("expected a whole number of bytes, or one with K, M, G or T".into())
 }
 
 /// A number is a distance, anything else a file.

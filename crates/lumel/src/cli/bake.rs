@@ -131,7 +131,14 @@ fn bake(
 ) -> Result<Report, Failure> {
     // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit, it goes again.
     let mut set = OutputSet::create(&a.output)?;
-    let bake = lumel::bake_from(&a.scene, settings, provenance, display)?;
+    let cache = a.cache.as_ref().map(|folder| lumel::Cache {
+        folder: folder.clone(),
+        limit: a.cache_size.unwrap_or(lumel::Cache::LIMIT),
+    });
+    let bake = lumel::bake_cached(&a.scene, settings, provenance, cache.as_ref(), display)?;
+    if let Some(cache) = &bake.report.measured.cache {
+        say_cache(cache, display);
+    }
     let layout = &bake.report.layout;
     let pages: Vec<String> = layout
         .pages
@@ -196,6 +203,24 @@ fn bake(
         }
     }
     Ok(report)
+}
+
+fn say_cache(cache: &lumel::CacheReport, display: &Display) {
+    let r = &cache.records;
+    let size = r.bytes as f64 / f64::from(1 << 20);
+    let all = (r.rays_taken + r.rays_cast).max(1) as f64;
+    display.say(&if r.found {
+        format!(
+            "  cache     {:.1} % of {:.1} M rays taken from {size:.0} MiB",
+            100.0 * r.rays_taken as f64 / all,
+            1e-6 * all
+        )
+    } else {
+        format!("  cache     {size:.0} MiB kept for the next bake")
+    });
+    for note in &r.notes {
+        display.say(&format!("  cache     {note}"));
+    }
 }
 
 fn summary(a: &Bake, report: &Report, display: &Display) {

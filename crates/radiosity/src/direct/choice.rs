@@ -55,6 +55,10 @@ impl Tables {
                 .collect(),
         )
     }
+
+    fn has(&self, patch: PatchId) -> bool {
+        (patch.0 as usize) < self.0.len()
+    }
 }
 
 impl<'w> DirectLight<'w, '_> {
@@ -88,7 +92,7 @@ impl<'w> DirectLight<'w, '_> {
     ) -> (Vec3, usize, Option<Drawn>) {
         let Some((source, scale)) = self.draw_on(cut, patch, seed) else {
             let (lit, group) = self.sample_on(cut, patch, point, seed);
-            return (lit, group, None);
+            return (lit, group, self.tables.has(patch).then_some(Drawn::NOTHING));
         };
         let (lit, group) = self.sample_of(source, point, seed);
         let drawn = Drawn {
@@ -110,8 +114,11 @@ impl<'w> DirectLight<'w, '_> {
         seed: u32,
         drawn: &Drawn,
     ) -> Option<(Vec3, usize)> {
-        let (source, scale) = self.draw_on(cut, patch, seed)?;
-        if self.code(source) != drawn.code {
+        let Some((source, scale)) = self.draw_on(cut, patch, seed) else {
+            return (self.tables.has(patch) && *drawn == Drawn::NOTHING).then_some((Vec3::ZERO, 0));
+        };
+        let code = self.code(source);
+        if code != drawn.code || code == NO_CODE {
             return None;
         }
         let group = match source {
