@@ -197,10 +197,7 @@ pub fn bake_recalling(
     let mut gatherer = Gatherer::new(
         world,
         solution,
-        match recall {
-            Some(recall) => DirectLight::new(world, emitters).with_known(recall.lamps()),
-            None => DirectLight::new(world, emitters),
-        },
+        DirectLight::new(world, emitters).with_records(recall.and_then(Recall::recalled)),
         GatherOptions {
             open_only: options.hidden == Hidden::Fill,
             ..options.lumels

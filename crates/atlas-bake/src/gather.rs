@@ -3,14 +3,15 @@
 use glam::Vec3;
 use patch_subdivision::PatchId;
 use radiosity::{
-    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Shade, Solution, SurfacePoint,
-    World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
+    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Shade, Sky, Solution,
+    SurfacePoint, World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
+use visibility::Hit;
 
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
-use crate::recall::{Deaf, End, Listening, Notes, RayNote, RayTape, Recall, Tape, Topic, key_of};
+use crate::recall::{Deaf, End, Head, Listening, Notes, RayTape, Recall, Tape, Topic, key_of};
 use crate::sparse::Between;
 use crate::walls::Parts;
 
@@ -131,6 +132,52 @@ struct Found {
     distance: f32,
     /// The first surface turns its back.
     back: bool,
+}
+
+/// The way of a recorded path, found again hit by hit as far as it is needed.
+struct Retrace<'g, 'a, D> {
+    world: &'g World<'a>,
+    start: &'g SurfacePoint,
+    toward: D,
+    /// The ray's number and the footprint's seed.
+    ray: (u32, u32),
+    /// What it met.
+    triangles: [u32; MOST_NEAR_BOUNCES as usize + 1],
+    /// The hit that was found last, with its number.
+    last: Option<(usize, Hit)>,
+}
+
+impl<'g, 'a, D: Fn() -> Vec3> Retrace<'g, 'a, D> {
+    fn new(world: &'g World<'a>, start: &'g SurfacePoint, toward: D, ray: (u32, u32)) -> Self {
+        Retrace {
+            world,
+            start,
+            toward,
+            ray,
+            triangles: [0; MOST_NEAR_BOUNCES as usize + 1],
+            last: None,
+        }
+    }
+
+    /// The hit after `bounce` others, whose triangles are known; `None` where one is not where it was recorded.
+    #[cold]
+    fn hit(&mut self, bounce: usize) -> Option<Hit> {
+        let (i, seed) = self.ray;
+        let world = self.world;
+        loop {
+            let (next, origin, direction) = match self.last {
+                None => (0, self.start.origin, (self.toward)()),
+                Some((k, hit)) if k == bounce => return Some(hit),
+                Some((k, hit)) => {
+                    let p = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+                    let [u, v] = sample_2d(i, 40 + k as u32, seed);
+                    (k + 1, p.origin, cosine_hemisphere(p.normal, u, v))
+                }
+            };
+            let triangle = *self.triangles.get(next)?;
+            self.last = Some((next, world.known_hit(origin, direction, triangle)?));
+        }
+    }
 }
 
 /// What came of a gathering ray.
@@ -435,22 +482,24 @@ impl Gatherer<'_, '_> {
                 cosine_hemisphere(p.normal, s[0], s[1])
             };
             let bounds = [out.reach, TOUCHING * out.reach];
-            if let RayTape::Read(_) = records {
-                let note = records.next(bounds);
-                let again =
-                    note.and_then(|n| self.again(&n, (i, seed), toward, &mut planes.of_ray));
-                if let Some(ray) = again {
-                    tape.taken += 1;
-                    let ray = self.count(ray, out);
-                    if !planes.is_empty() {
-                        let direction = toward();
-                        let cos = p.normal.dot(direction);
-                        planes.add(ray.radiance, direction, cos, ray.distance);
+            if let RayTape::Read(bytes) = records {
+                let places = Retrace::new(self.world, p, &toward, (i, seed));
+                match self.again(bytes, bounds, places, &mut planes.of_ray, tape) {
+                    Some(ray) => {
+                        tape.taken += 1;
+                        let ray = self.count(ray, out);
+                        if !planes.is_empty() {
+                            let direction = toward();
+                            let cos = p.normal.dot(direction);
+                            planes.add(ray.radiance, direction, cos, ray.distance);
+                        }
+                        continue;
                     }
-                    continue;
+                    None => {
+                        planes.of_ray.fill(Vec3::ZERO);
+                        tape.cast += 1;
+                    }
                 }
-                planes.of_ray.fill(Vec3::ZERO);
-                tape.cast += 1;
             }
             let direction = toward();
             // An interpolated normal's hemisphere dips below the face itself: nothing arrives from there.
@@ -536,51 +585,86 @@ impl Gatherer<'_, '_> {
         found
     }
 
-    /// What a ray finds that was recorded, by the light that there is now; `None` where that takes rays.
+    /// What a ray finds that was recorded, by the light that there is now; `None` where it is to be cast anew. Takes its record off `bytes`.
     ///
-    /// The same operations in the same order as in [`arriving`](Self::arriving).
+    /// The same operations in the same order as in [`arriving`](Self::arriving). Where another light is to be sampled than was recorded, or one that
+    /// has changed, the hit is found again by its triangle.
     #[inline]
-    fn again(
+    fn again<D: Fn() -> Vec3>(
         &self,
-        note: &RayNote,
-        (i, seed): (u32, u32),
-        toward: impl Fn() -> Vec3,
+        bytes: &mut &[u8],
+        bounds: [f32; 2],
+        mut places: Retrace<D>,
         groups: &mut [Vec3],
+        tape: &mut Tape,
     ) -> Option<Ray> {
         let (solution, world) = (self.solution, self.world);
         let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
+        let (i, seed) = places.ray;
         let random = |bounce: usize| hash_u32(seed ^ i ^ (bounce as u32) << 24);
-        for (bounce, hit) in note.near.iter().enumerate() {
+        let head = Head::read(bounds, bytes)?;
+        let mut lost = false;
+        for bounce in 0..head.near {
+            let hit = head.near_hit(bytes)?;
+            places.triangles[bounce.min(4)] = hit.surface.triangle;
+            let patch = PatchId(hit.patch);
+            let random = random(bounce);
+            let known = (self.direct).sample_on_again(&solution.cut, patch, random, &hit.drawn);
+            let sampled = match known {
+                Some(known) => Some(known),
+                None => places.hit(bounce).map(|hit| {
+                    tape.cast += 1;
+                    let p = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+                    self.direct.sample_on(&solution.cut, patch, &p, random)
+                }),
+            };
+            let Some((direct, group)) = sampled else {
+                // The rest of the record is still to be taken.
+                lost = true;
+                continue;
+            };
             let glow = hit.surface.glow;
             if glow.0 != Vec3::ZERO {
                 add(throughput * glow.0, glow.1, &mut sum, groups);
             }
             throughput *= hit.surface.reflectance(world);
-            let patch = PatchId(hit.patch);
-            let (direct, group) =
-                (self.direct).sample_on_again(&solution.cut, patch, random(bounce), &hit.drawn)?;
             let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
             add(reflected, group, &mut sum, groups);
         }
-        match note.end {
+        let end = head.end(bytes)?;
+        if lost {
+            return None;
+        }
+        match end {
             End::Below => return Some(Ray::Below),
             End::Black => return Some(Ray::Black),
             End::Unknown => return None,
             End::Stopped => {}
             End::Escaped(direction) => {
-                let direction = direction.unwrap_or_else(toward);
-                let sky = throughput * world.sky.radiance(direction);
+                let radiance = match &world.sky {
+                    Sky::Constant(radiance) => *radiance,
+                    sky => sky.radiance(direction.unwrap_or_else(&places.toward)),
+                };
+                let sky = throughput * radiance;
                 add(sky, world.sky_group(), &mut sum, groups);
             }
             End::Far(seen) => {
-                let (lights, random) = (&self.direct, random(note.near.len()));
-                sum += solution.radiance_again(world, lights, &seen, random, throughput, groups)?;
+                let (lights, random) = (&self.direct, random(head.near));
+                let anew = |patch| {
+                    places.triangles[head.near.min(4)] = seen.surface.triangle;
+                    let hit = places.hit(head.near)?;
+                    tape.cast += 1;
+                    let p = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
+                    Some(lights.sample_on(&solution.cut, patch, &p, random))
+                };
+                sum += solution
+                    .radiance_again(world, lights, &seen, random, throughput, groups, anew)?;
             }
         }
         Some(Ray::Found(Found {
             radiance: sum,
-            distance: note.distance,
-            back: note.back,
+            distance: head.distance,
+            back: head.back,
         }))
     }
 

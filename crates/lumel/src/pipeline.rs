@@ -218,7 +218,9 @@ pub fn bake_cached(
     clock.lap(Phase::Tree);
 
     begin(monitor, Phase::Solve)?;
-    let solution = radiosity::solve(&world, &emitters, &settings.solve_options(), monitor);
+    let recalled = recall.as_ref().and_then(|r| r.recalled());
+    let solve = settings.solve_options();
+    let solution = radiosity::solve_recalled(&world, &emitters, &solve, recalled, monitor);
     if solution.report.cancelled {
         return Err(Error::Cancelled);
     }

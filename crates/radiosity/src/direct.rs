@@ -13,7 +13,7 @@ use mesh_ingest::{Light, LightKind};
 use patch_subdivision::Subdivision;
 
 use crate::emitters::{Emitter, Emitters, Few};
-use crate::recall::{Code, Kind, KnownLamps, ShadowTape, code};
+use crate::recall::{Code, Kind, NO_CODE, Recalled, ShadowTape, code};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
@@ -94,8 +94,8 @@ pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
     tables: Tables,
-    /// Which lamps are which in records of an earlier bake.
-    known: KnownLamps,
+    /// Records of an earlier bake or for a later one.
+    recalled: Option<Recalled<'w>>,
 }
 
 /// A light as one receiver sees it.
@@ -116,7 +116,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             world,
             emitters,
             tables: Tables::default(),
-            known: KnownLamps::default(),
+            recalled: None,
         }
     }
 
@@ -129,9 +129,18 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// The same, whose lamps have names in records.
-    pub fn with_known(self, known: KnownLamps) -> Self {
-        DirectLight { known, ..self }
+    /// The same, with records of an earlier bake or for a later one.
+    pub fn with_records(self, recalled: Option<Recalled<'w>>) -> Self {
+        DirectLight { recalled, ..self }
+    }
+
+    /// What records call a lamp by its shape, and with its intensity.
+    #[inline]
+    fn names_of(&self, lamp: usize) -> [Code; 2] {
+        match &self.recalled {
+            Some(r) => [r.lamps.shape(lamp), r.lamps.light(lamp)],
+            None => [NO_CODE; 2],
+        }
     }
 
     /// Whether there is no light to compute.
@@ -212,7 +221,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let term = Term::Lamp(light, self.world.lamp_group(k));
                 let sun = matches!(light.kind, LightKind::Directional { .. });
                 let bit = 1 << (k % 31);
-                let name = self.known.shape(k);
+                let [name, _] = self.names_of(k);
                 let look = known.look & bit != 0;
                 self.begin(term, name, share, bit, look, sun, &mut work);
             }

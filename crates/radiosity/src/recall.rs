@@ -32,6 +32,38 @@ pub(crate) fn code(kind: Kind, number: u32) -> Code {
     }
 }
 
+/// What is recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Topic {
+    /// Rays between patches, by block of patches and pass.
+    Links,
+    /// Shadow rays of elements, by block of patches.
+    Elements,
+    /// Shadow rays of what hits on a patch choose lights from, by patch.
+    Choices,
+}
+
+/// Where records are kept.
+pub trait Records: Sync {
+    /// Whether there is anything to be read; else it is to be written.
+    fn read(&self) -> bool;
+    /// What was kept under a topic and number; `None` where nothing was, or not what was written.
+    fn load(&self, topic: Topic, item: u32) -> Option<Vec<u8>>;
+    /// Keeps it.
+    fn save(&self, topic: Topic, item: u32, bytes: &[u8]);
+    /// Counts rays that records answered, and rays that were cast although there are records.
+    fn count(&self, taken: u64, cast: u64);
+}
+
+/// Records, and which lamps are which in them.
+#[derive(Clone)]
+pub struct Recalled<'r> {
+    /// The records.
+    pub records: &'r dyn Records,
+    /// The lamps.
+    pub lamps: KnownLamps,
+}
+
 /// Which lamps of the scene are which of the records.
 #[derive(Debug, Clone, Default)]
 pub struct KnownLamps {
@@ -107,6 +139,32 @@ impl<'n> ShadowTape<'n> {
             next: 0,
             answered: [0; 2],
         })
+    }
+
+    /// Of one receiver in `bytes`, which [`end`](Self::end) wrote; it is taken off the front.
+    pub(crate) fn begin(read: bool, bytes: &mut &'n [u8]) -> Self {
+        if !read {
+            return ShadowTape::Write(Vec::new());
+        }
+        let own = bytes
+            .split_first_chunk::<4>()
+            .and_then(|(head, rest)| rest.split_at_checked(u32::from_le_bytes(*head) as usize));
+        let (own, rest) = own.unwrap_or_default();
+        *bytes = rest;
+        ShadowTape::of_notes(own)
+    }
+
+    /// Appends the notes of a receiver, or gives the rays that notes answered and those that were cast.
+    pub(crate) fn end(self, out: &mut Vec<u8>) -> [u64; 2] {
+        match self {
+            ShadowTape::Off => [0; 2],
+            ShadowTape::Write(bytes) => {
+                out.extend_from_slice(&(bytes.len() as u32).to_le_bytes());
+                out.extend_from_slice(&bytes);
+                [0; 2]
+            }
+            ShadowTape::Read(notes) => notes.answered.map(u64::from),
+        }
     }
 
     /// What is to be asked about a light; `None` where nothing is to be noted or known. `sequence` tells apart what decides about its

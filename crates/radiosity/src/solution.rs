@@ -231,7 +231,7 @@ impl Solution {
             named &= noted.2.is_some();
         }
         // What is noted says all that there is: the same light comes of it.
-        let again = self.radiance_again(world, lights, &seen, seed, throughput, parts);
+        let again = self.radiance_again(world, lights, &seen, seed, throughput, parts, |_| None);
         match again.filter(|_| named) {
             Some(light) => (light, Some(seen)),
             None => {
@@ -245,8 +245,9 @@ impl Solution {
         }
     }
 
-    /// What [`radiance_noted`](Self::radiance_noted) gives at a hit of which this was noted; `None`, with `parts` as they were, where that takes a
-    /// ray.
+    /// What [`radiance_noted`](Self::radiance_noted) gives at a hit of which this was noted. `anew` samples a light there where what is noted is
+    /// not the one that is wanted; `None`, with `parts` as they were, where it gives none.
+    #[allow(clippy::too_many_arguments, reason = "as for radiance_by_group")]
     #[inline]
     pub fn radiance_again(
         &self,
@@ -256,6 +257,7 @@ impl Solution {
         seed: u32,
         throughput: Vec3,
         parts: &mut [Vec3],
+        anew: impl FnOnce(PatchId) -> Option<(Vec3, usize)>,
     ) -> Option<Vec3> {
         let patch = seen.patch as usize;
         let first = self.cut.patches().get(patch)?.first_element;
@@ -264,8 +266,12 @@ impl Solution {
             element: seen.element.map(|k| ElementId(first + u32::from(k))),
         };
         let drawn = if self.rough[patch] {
-            let drawn = seen.drawn.as_ref()?;
-            Some(lights.sample_on_again(&self.cut, at.patch, seed, drawn)?)
+            let known = (seen.drawn.as_ref())
+                .and_then(|drawn| lights.sample_on_again(&self.cut, at.patch, seed, drawn));
+            match known {
+                Some(known) => Some(known),
+                None => Some(anew(at.patch)?),
+            }
         } else {
             None
         };
@@ -327,10 +333,10 @@ pub struct SeenPatch {
 /// What a surface does to light at a hit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shade {
-    /// The material, where all of it reflects alike.
-    pub material: Option<u16>,
-    /// Reflectance.
-    pub reflectance: Vec3,
+    /// The triangle.
+    pub triangle: u32,
+    /// Reflectance, unless all of the material has the same.
+    pub reflectance: Option<Vec3>,
     /// Gathered emission and its group.
     pub glow: (Vec3, usize),
 }
@@ -338,11 +344,10 @@ pub struct Shade {
 impl Shade {
     /// Of a hit.
     pub fn of(world: &World, hit: &Hit) -> Shade {
-        let material = world.soup.material(hit.triangle);
+        let even = world.even_reflectance(hit.triangle);
         Shade {
-            material: (u16::try_from(material).ok())
-                .filter(|_| world.even_reflectance(material).is_some()),
-            reflectance: world.reflectance(hit.triangle, hit.u, hit.v),
+            triangle: hit.triangle,
+            reflectance: (even.is_none()).then(|| world.reflectance(hit.triangle, hit.u, hit.v)),
             glow: (
                 world.gathered_emission(hit.triangle, hit.u, hit.v),
                 world.emission_group(hit.triangle),
@@ -353,8 +358,9 @@ impl Shade {
     /// Reflectance.
     #[inline]
     pub fn reflectance(&self, world: &World) -> Vec3 {
-        let even = (self.material).and_then(|m| world.even_reflectance(u32::from(m)));
-        even.unwrap_or(self.reflectance)
+        (self.reflectance)
+            .or_else(|| world.even_reflectance(self.triangle))
+            .unwrap_or_default()
     }
 }
 

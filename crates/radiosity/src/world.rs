@@ -1,5 +1,7 @@
 //! The scene as rays see it.
 
+use std::sync::OnceLock;
+
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
@@ -74,6 +76,8 @@ pub struct World<'a> {
     /// Light groups, where light is to be kept apart.
     pub groups: Option<LightGroups>,
     bvh: Bvh,
+    /// Where triangles are in the tree, once that was asked for.
+    places: OnceLock<Vec<u32>>,
     two_sided: Vec<bool>,
     /// Reflectance of materials that have the same everywhere: rays need not look their triangles up.
     even: Vec<Option<Vec3>>,
@@ -127,6 +131,7 @@ impl<'a> World<'a> {
             scene,
             soup,
             bvh,
+            places: OnceLock::new(),
             radius,
         })
     }
@@ -292,6 +297,18 @@ impl<'a> World<'a> {
         (found, tint)
     }
 
+    /// Where a ray of [`incoming`](Self::incoming) meets the triangle that it is known to meet first, without looking for it.
+    pub fn known_hit(&self, origin: Vec3, direction: Vec3, triangle: u32) -> Option<Hit> {
+        let places = self.places.get_or_init(|| self.bvh.places());
+        let ray = Ray {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
+        self.bvh.hit_known(&ray, *places.get(triangle as usize)?)
+    }
+
     /// How far a second look along a ray may go that must not meet what the first one met. Near a ray's end the tree computes hits in
     /// more digits, so that the same surface may lie a little before its own distance; a ray would end there before it has asked all glass.
     fn just_before(&self, ray: &Ray, hit: &Hit) -> f32 {
@@ -413,10 +430,11 @@ impl<'a> World<'a> {
         self.scene.base_color(self.soup, triangle, u, v).truncate()
     }
 
-    /// Reflectance of a material that has the same everywhere.
+    /// Reflectance of a triangle whose material has the same everywhere.
     #[inline]
-    pub(crate) fn even_reflectance(&self, material: u32) -> Option<Vec3> {
-        self.even.get(material as usize).copied().flatten()
+    pub(crate) fn even_reflectance(&self, triangle: u32) -> Option<Vec3> {
+        let material = *self.soup.materials.get(triangle as usize)?;
+        self.even[material as usize]
     }
 
     /// Radiance that the surface itself emits at a hit and that gathering rays should count (see [`Emitters`](crate::Emitters)).

@@ -7,7 +7,7 @@ use crate::bvh::Bvh;
 use crate::kernel::avx2::Avx2;
 use crate::kernel::portable::Portable;
 use crate::kernel::{Isa, Kernel, Lanes, Prepared, WIDEN};
-use crate::node::{Child, FILTERED, WIDTH};
+use crate::node::{Child, FILTERED, PACK, Pack, WIDTH};
 use crate::ray::{Hit, HitFilter, Ray};
 
 /// Entries of the traversal stack kept off the heap: enough for 36 levels, that is for any tree that is not degenerate.
@@ -61,6 +61,44 @@ impl Bvh {
         }
     }
 
+    /// Where each triangle is in the tree, for [`Bvh::hit_known`].
+    pub fn places(&self) -> Vec<u32> {
+        let mut places = vec![u32::MAX; self.triangles];
+        for (at, pack) in self.packs.iter().enumerate() {
+            for (lane, id) in pack.ids.iter().enumerate() {
+                if let Some(place) = places.get_mut((id & !FILTERED) as usize) {
+                    *place = (at * PACK + lane) as u32;
+                }
+            }
+        }
+        places
+    }
+
+    /// Where a ray meets a triangle of which it is known that it is the closest hit: what [`Bvh::closest_hit`] gives then, bit for bit, without the
+    /// way there. `place` is the triangle's of [`Bvh::places`]. `None` where the ray does not meet it, or there is no such place.
+    pub fn hit_known(&self, ray: &Ray, place: u32) -> Option<Hit> {
+        let prepared = Prepared::new(ray)?;
+        let pack = self.packs.get(place as usize / PACK)?;
+        let lane = place as usize % PACK;
+        let mut lanes = Lanes::default();
+        let hits = match self.isa {
+            // SAFETY: the portable form asks for nothing.
+            Isa::Portable => unsafe {
+                Portable::triangles(pack, &prepared, prepared.t_max, &mut lanes)
+            },
+            // SAFETY: `Isa::Avx2` is only chosen by detection.
+            #[cfg(target_arch = "x86_64")]
+            Isa::Avx2 => unsafe { triangles_avx2(pack, &prepared, &mut lanes) },
+        };
+        (hits >> lane & 1 != 0).then(|| Hit {
+            triangle: pack.ids[lane] & !FILTERED,
+            t: lanes.t[lane] * prepared.t_scale,
+            u: lanes.u[lane],
+            v: lanes.v[lane],
+            back: lanes.back >> lane & 1 != 0,
+        })
+    }
+
     /// Entries that the stack needs at most: each level leaves seven siblings behind, and the last pushes eight.
     fn stack_need(&self) -> usize {
         self.depth as usize * (WIDTH - 1) + 1
@@ -81,6 +119,15 @@ unsafe fn closest_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> Option
 #[target_feature(enable = "avx2")]
 unsafe fn occluded_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> bool {
     occluded_one::<Avx2>(bvh, ray, filter)
+}
+
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn triangles_avx2(pack: &Pack, ray: &Prepared, lanes: &mut Lanes) -> u32 {
+    // SAFETY: the caller's.
+    unsafe { Avx2::triangles(pack, ray, ray.t_max, lanes) }
 }
 
 #[inline(always)]

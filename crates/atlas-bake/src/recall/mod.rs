@@ -16,10 +16,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use radiosity::KnownLamps;
+use radiosity::{KnownLamps, Recalled, Records, Topic as SolveTopic};
 use serde::Serialize;
 
-pub(crate) use rays::{Deaf, End, Listening, Notes, RayNote};
+pub(crate) use rays::{Deaf, End, Head, Listening, Notes};
 use store::{Reader, Writer};
 pub(crate) use tape::{RayTape, Tape, Topic, key_of, mix};
 
@@ -140,11 +140,6 @@ impl Recall {
         }
     }
 
-    /// Which lamps of the scene are which in the records.
-    pub(crate) fn lamps(&self) -> KnownLamps {
-        self.lamps.clone()
-    }
-
     /// Their file.
     pub fn path(&self) -> &Path {
         &self.path
@@ -195,6 +190,14 @@ impl Recall {
         }
     }
 
+    /// Records and lamps as the crates below know them.
+    pub fn recalled(&self) -> Option<Recalled<'_>> {
+        (!matches!(self.mode, Mode::Off)).then(|| Recalled {
+            records: self,
+            lamps: self.lamps.clone(),
+        })
+    }
+
     fn append(&self, stage: u8, first: u32, last: u32, bytes: &[u8]) {
         let Mode::Write(writer) = &self.mode else {
             return;
@@ -209,6 +212,42 @@ impl Recall {
                 self.note(format!("{}: nothing is kept: {e}", self.path.display()));
             }
         }
+    }
+}
+
+/// The stage of a topic.
+fn stage_of(topic: SolveTopic) -> u8 {
+    match topic {
+        SolveTopic::Links => 16,
+        SolveTopic::Elements => 17,
+        SolveTopic::Choices => 18,
+    }
+}
+
+impl Records for Recall {
+    fn read(&self) -> bool {
+        !matches!(self.mode, Mode::Write(_))
+    }
+
+    fn load(&self, topic: SolveTopic, item: u32) -> Option<Vec<u8>> {
+        let Mode::Read(reader) = &self.mode else {
+            return None;
+        };
+        let stage = stage_of(topic);
+        let found = reader.load(stage, item);
+        if found.is_none() && reader.has(stage, item) {
+            self.damaged.fetch_add(1, Ordering::Relaxed);
+        }
+        found.map(|f| f.2)
+    }
+
+    fn save(&self, topic: SolveTopic, item: u32, bytes: &[u8]) {
+        self.append(stage_of(topic), item, item, bytes);
+    }
+
+    fn count(&self, taken: u64, cast: u64) {
+        self.taken.fetch_add(taken, Ordering::Relaxed);
+        self.cast.fetch_add(cast, Ordering::Relaxed);
     }
 }
 

@@ -78,11 +78,13 @@ impl Notes for Listening {
 
     fn near(&mut self, patch: u32, surface: Shade, drawn: Option<Drawn>) {
         match drawn {
-            Some(drawn) if patch < 1 << 24 => self.0.near.push(NearHit {
-                patch,
-                surface,
-                drawn,
-            }),
+            Some(drawn) if patch < 1 << 24 && surface.triangle < 1 << 24 => {
+                self.0.near.push(NearHit {
+                    patch,
+                    surface,
+                    drawn,
+                })
+            }
             _ => self.lose(),
         }
     }
@@ -90,7 +92,7 @@ impl Notes for Listening {
     fn end(&mut self, end: Option<End>) {
         match end {
             _ if self.0.end == End::Unknown => {}
-            Some(End::Far(seen)) if seen.patch >= 1 << 24 => self.lose(),
+            Some(End::Far(seen)) if (seen.patch | seen.surface.triangle) >= 1 << 24 => self.lose(),
             Some(end) => self.0.end = end,
             None => self.lose(),
         }
@@ -156,44 +158,70 @@ impl RayNote {
             _ => {}
         }
     }
+}
 
-    /// Takes a record off the front of `bytes`; `None` where there is none. A distance that was not kept comes out on the same side of `bounds`.
-    pub(crate) fn read(bounds: [f32; 2], bytes: &mut &[u8]) -> Option<RayNote> {
+/// The first part of a record, as it is read.
+pub(crate) struct Head {
+    kind: u16,
+    /// Near hits.
+    pub near: usize,
+    /// See [`RayNote::distance`].
+    pub distance: f32,
+    /// See [`RayNote::back`].
+    pub back: bool,
+}
+
+impl Head {
+    /// Takes it off the front of `bytes`; `None` where there is none. A distance that was not kept comes out on the same side of `bounds`.
+    #[inline]
+    pub(crate) fn read(bounds: [f32; 2], bytes: &mut &[u8]) -> Option<Head> {
         let header = u16::from_le_bytes(take(bytes)?);
-        let mut out = Listening::new().0;
-        match header & 7 {
-            0 => return Some(out),
-            1 => out.end = End::Black,
-            5 => out.end = End::Unknown,
-            _ => {}
+        let (kind, near) = (header & 7, usize::from(header >> 3 & 7));
+        if matches!(kind, 0 | 1 | 5) {
+            return Some(Head {
+                kind,
+                near: 0,
+                distance: 0.0,
+                back: false,
+            });
         }
-        if matches!(header & 7, 1 | 5) {
-            return Some(out);
-        }
-        let near = usize::from(header >> 3 & 7);
-        out.back = header & BACK != 0;
-        out.distance = if header & EXACT != 0 {
+        let distance = if header & EXACT != 0 {
             float(bytes)?
         } else if header & TOUCHING != 0 {
             -1.0
         } else if header & NEAR != 0 {
             0.5 * (bounds[0] + bounds[1])
-        } else if near == 0 && header & 7 == 2 {
+        } else if near == 0 && kind == 2 {
             f32::INFINITY
         } else {
             f32::MAX
         };
-        for _ in 0..near {
-            let (surface, flags) = read_surface(bytes)?;
-            let patch = read_u24(bytes)?;
-            out.near.push(NearHit {
-                patch,
-                surface,
-                drawn: read_drawn(flags, bytes)?,
-            });
-        }
-        out.end = match header & 7 {
-            2 if near == 0 => End::Escaped(None),
+        Some(Head {
+            kind,
+            near,
+            distance,
+            back: header & BACK != 0,
+        })
+    }
+
+    /// The next near hit, as long as there are any.
+    #[inline]
+    pub(crate) fn near_hit(&self, bytes: &mut &[u8]) -> Option<NearHit> {
+        let (surface, flags) = read_surface(bytes)?;
+        Some(NearHit {
+            patch: read_u24(bytes)?,
+            surface,
+            drawn: read_drawn(flags, bytes)?,
+        })
+    }
+
+    /// The end, after all near hits.
+    #[inline]
+    pub(crate) fn end(&self, bytes: &mut &[u8]) -> Option<End> {
+        Some(match self.kind {
+            0 => End::Below,
+            1 => End::Black,
+            2 if self.near == 0 => End::Escaped(None),
             2 => End::Escaped(Some(vec3(bytes)?)),
             3 => End::Stopped,
             4 => {
@@ -211,9 +239,8 @@ impl RayNote {
                     },
                 })
             }
-            _ => return None,
-        };
-        Some(out)
+            _ => End::Unknown,
+        })
     }
 }
 
@@ -225,7 +252,7 @@ fn put(out: &mut Vec<u8>, numbers: &[f32]) {
 
 fn surface(s: &Shade, drawn: Option<&Drawn>, out: &mut Vec<u8>) {
     let mut flags = 0;
-    if s.material.is_none() {
+    if s.reflectance.is_some() {
         flags |= UNEVEN;
     }
     if s.glow.0 != Vec3::ZERO {
@@ -238,9 +265,9 @@ fn surface(s: &Shade, drawn: Option<&Drawn>, out: &mut Vec<u8>) {
         }
     }
     out.push(flags);
-    match s.material {
-        Some(m) => out.extend_from_slice(&m.to_le_bytes()),
-        None => put(out, &s.reflectance.to_array()),
+    out.extend_from_slice(&s.triangle.to_le_bytes()[..3]);
+    if let Some(reflectance) = s.reflectance {
+        put(out, &reflectance.to_array());
     }
     if flags & GLOWS != 0 {
         put(out, &s.glow.0.to_array());
@@ -256,17 +283,16 @@ fn drawn(d: &Drawn, out: &mut Vec<u8>) {
     }
 }
 
+#[inline]
 fn read_surface(bytes: &mut &[u8]) -> Option<(Shade, u8)> {
     let [flags] = take(bytes)?;
     let mut s = Shade {
-        material: None,
-        reflectance: Vec3::ZERO,
+        triangle: read_u24(bytes)?,
+        reflectance: None,
         glow: (Vec3::ZERO, 0),
     };
     if flags & UNEVEN != 0 {
-        s.reflectance = vec3(bytes)?;
-    } else {
-        s.material = Some(u16::from_le_bytes(take(bytes)?));
+        s.reflectance = Some(vec3(bytes)?);
     }
     if flags & GLOWS != 0 {
         s.glow = (vec3(bytes)?, usize::from(u16::from_le_bytes(take(bytes)?)));
@@ -274,6 +300,7 @@ fn read_surface(bytes: &mut &[u8]) -> Option<(Shade, u8)> {
     Some((s, flags))
 }
 
+#[inline]
 fn read_drawn(flags: u8, bytes: &mut &[u8]) -> Option<Drawn> {
     let code = read_u24(bytes)?;
     let (lit, group) = if flags & LIT != 0 {
@@ -284,20 +311,24 @@ fn read_drawn(flags: u8, bytes: &mut &[u8]) -> Option<Drawn> {
     Some(Drawn { code, lit, group })
 }
 
+#[inline]
 fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
     let (head, rest) = bytes.split_first_chunk::<N>()?;
     *bytes = rest;
     Some(*head)
 }
 
+#[inline]
 fn float(bytes: &mut &[u8]) -> Option<f32> {
     Some(f32::from_le_bytes(take(bytes)?))
 }
 
+#[inline]
 fn vec3(bytes: &mut &[u8]) -> Option<Vec3> {
     Some(Vec3::new(float(bytes)?, float(bytes)?, float(bytes)?))
 }
 
+#[inline]
 fn read_u24(bytes: &mut &[u8]) -> Option<u32> {
     let [a, b, c] = take(bytes)?;
     Some(u32::from_le_bytes([a, b, c, 0]))

@@ -2,8 +2,6 @@
 
 use radiosity::ShadowTape;
 
-use super::rays::RayNote;
-
 /// What a part of a tape is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -162,17 +160,6 @@ impl<'b> Tape<'b> {
             self.put(topic, 0, &made);
         }
         made
-    }
-}
-
-impl RayTape<'_> {
-    /// The next ray's record.
-    #[inline]
-    pub(crate) fn next(&mut self, bounds: [f32; 2]) -> Option<RayNote> {
-        match self {
-            RayTape::Read(bytes) => RayNote::read(bounds, bytes),
-            _ => None,
-        }
     }
 }
 

@@ -13,7 +13,7 @@ use patch_subdivision::{PatchId, Subdivision};
 use super::sample::falloff;
 use super::tally::Tally;
 use super::{DirectLight, Term};
-use crate::recall::{Code, Drawn, Kind, NO_CODE, code, share_of};
+use crate::recall::{Code, Drawn, Kind, NO_CODE, ShadowTape, Topic, code, share_of};
 use crate::sampling::sample_4d;
 use crate::solution::element_edge;
 use crate::world::{SurfacePoint, luminance};
@@ -147,7 +147,7 @@ impl<'w> DirectLight<'w, '_> {
     #[inline]
     fn code(&self, source: Source) -> Code {
         match source {
-            Source::Lamp(k) => self.known.light(k as usize),
+            Source::Lamp(k) => self.names_of(k as usize)[1],
             Source::Sky(k) => code(Kind::Sky, k),
             Source::Emitters(node) => code(Kind::Emitters, node),
         }
@@ -197,20 +197,45 @@ impl<'w> DirectLight<'w, '_> {
         let cells = (self.world.bright.iter().flat_map(|b| &b.cells).enumerate())
             .map(|(k, cell)| (Source::Sky(k as u32), cell.power));
         let emitters = (nodes.into_iter()).map(|(id, weight)| (Source::Emitters(id), weight));
+        let records = self.recalled.as_ref().map(|r| r.records);
+        let notes = (records.filter(|r| r.read()))
+            .and_then(|r| r.load(Topic::Choices, patch.0))
+            .unwrap_or_default();
+        let mut tape = match records {
+            Some(records) => ShadowTape::begin(records.read(), &mut &notes[..]),
+            None => ShadowTape::Off,
+        };
         // What each brings at most, or about as much as that; then what it does bring to the patch's elements, by a sample at each.
         let mut weights: Vec<(Source, f32, f32)> = (lamps.chain(cells).chain(emitters))
             .filter(|s| s.1 > 0.0)
             .map(|(source, most)| {
                 let term = self.term(source);
                 let mut tally = Tally::single();
+                let name = match source {
+                    Source::Lamp(k) => self.names_of(k as usize)[0],
+                    _ => self.code(source),
+                };
+                tally.heard = tape.listen(name, 0);
                 for (k, p) in points.iter().enumerate() {
+                    if let Some(heard) = &mut tally.heard {
+                        heard.at = k as u32;
+                    }
                     let random = sample_4d(k as u32, 2, patch.0);
                     self.sample(&term, None, p, random, &mut tally);
                 }
+                tape.keep(tally.heard.take());
                 let [lit, all] = tally.luminances(points.len() as u32);
                 (source, lit + HIDDEN * (all - lit), most)
             })
             .collect();
+        if let Some(records) = records {
+            let mut out = Vec::new();
+            let [taken, cast] = tape.end(&mut out);
+            records.count(taken, cast);
+            if !records.read() {
+                records.save(Topic::Choices, patch.0, &out);
+            }
+        }
         let total: f32 = weights.iter().map(|w| w.1).sum();
         for (_, weight, most) in &mut weights {
             let least = if total > 0.0 { LEAST * total } else { *most };
