@@ -221,7 +221,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let term = Term::Lamp(light, self.world.lamp_group(k));
                 let sun = matches!(light.kind, LightKind::Directional { .. });
                 let bit = 1 << (k % 31);
-                let [name, _] = self.names_of(k);
+                let [shape, all] = self.names_of(k);
+                // Where its intensity is another, only rays to it are the same.
+                let name = (shape, shape == all);
                 let look = known.look & bit != 0;
                 self.begin(term, name, share, bit, look, sun, &mut work);
             }
@@ -232,7 +234,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let total: f32 = bright.cells.iter().map(|c| c.power).sum();
                 for (k, cell) in bright.cells.iter().enumerate() {
                     let share = cell.power / total;
-                    let name = code(Kind::Sky, k as u32);
+                    let name = (code(Kind::Sky, k as u32), true);
                     self.begin(
                         Term::Sky(cell),
                         name,
@@ -251,7 +253,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let worth = (WORTH * total / (total + known.light + work.lit())).min(1.0);
             for (node, weight) in terms {
                 let share = worth * weight / total;
-                let (term, name) = (self.term_of_node(node), code(Kind::Emitters, node));
+                let name = (code(Kind::Emitters, node), true);
+                let term = self.term_of_node(node);
                 self.begin(term, name, share, EMITTERS, look, false, &mut work);
             }
         }
@@ -297,7 +300,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     /// Takes a light's first samples, and adds it to what arrives unless they disagree about what gets through. `share` is roughly its
-    /// part of the light, which decides how much work it is worth; `name` is what records call it.
+    /// part of the light, which decides how much work it is worth; `name` is what
+    /// records call it, and whether they mean its intensity too.
     #[allow(
         clippy::too_many_arguments,
         reason = "a light, and all that decides how it is begun"
@@ -305,7 +309,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     fn begin<'t, P: FnMut(u32) -> SurfacePoint>(
         &self,
         term: Term<'t>,
-        name: Code,
+        (name, whole_name): (Code, bool),
         share: f32,
         bit: u32,
         look: bool,
@@ -334,11 +338,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             Term::Group(..) => self.world.group_count(),
             _ => 1,
         };
-        // What each of a few emitters brings, found once for all points of the receiver.
-        let few = match term {
-            Term::Group(node) => self.emitters.few(node, &work.first, work.scale),
-            _ => None,
-        };
         // Lights that get few points start at different ones: else all would be seen from the same corner of the receiver. Aligned
         // blocks of a Sobol sequence are well distributed.
         let whole = work.options.base.max(1);
@@ -359,7 +358,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             is_random,
             tally,
             term,
-            few,
+            few: None,
             bit,
             set: work.set,
             shift,
@@ -367,10 +366,30 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             most,
         };
         work.set += 1;
-        if look {
-            self.go_on(&mut light, most, u32::MAX, work);
+        let asked = if look {
+            [most, u32::MAX]
         } else {
-            self.go_on(&mut light, base, scouts, work);
+            [base, scouts]
+        };
+        let heard = light.tally.heard.as_mut().filter(|_| whole_name);
+        match heard.and_then(|h| h.noted(asked)) {
+            Some(outcome) => {
+                light.tally.resume(&outcome);
+                light.taken = asked[0];
+                let rays = light.tally.rays;
+                light.tally.heard.iter_mut().for_each(|h| h.count(rays));
+            }
+            None => {
+                self.go_on(&mut light, asked[0], asked[1], work);
+                let writes = light.tally.heard.as_ref().is_some_and(|h| h.writes());
+                if writes && let Some(outcome) = light.tally.outcome() {
+                    light
+                        .tally
+                        .heard
+                        .iter_mut()
+                        .for_each(|h| h.note(asked, &outcome));
+                }
+            }
         }
         if light.tally.mixed() && light.taken < most {
             work.mixed.push(light);
@@ -389,6 +408,10 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         work: &mut Work<P>,
     ) {
         let whole = work.options.base.max(1);
+        // What each of a few emitters brings, found once for all points of the receiver.
+        if let (Term::Group(node), None) = (&light.term, &light.few) {
+            light.few = Some(self.emitters.few(*node, &work.first, work.scale));
+        }
         while light.taken < target {
             let n = light.taken;
             light.tally.assume(scouts);
@@ -406,7 +429,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             if let Some(heard) = &mut light.tally.heard {
                 heard.at = if light.is_random { n } else { at };
             }
-            let few = light.few.as_ref();
+            let few = light.few.as_ref().and_then(Option::as_ref);
             self.sample(&light.term, few, &p, random, &mut light.tally);
             light.taken += 1;
         }
@@ -434,7 +457,8 @@ const WORTH: f32 = 2.0;
 /// A light of which samples were taken.
 struct Started<'t> {
     term: Term<'t>,
-    few: Option<Few>,
+    /// A group's emitters, once that was asked for.
+    few: Option<Option<Few>>,
     is_random: bool,
     /// What stands for it in [`DirectEstimate::mixed`].
     bit: u32,

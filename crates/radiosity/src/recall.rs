@@ -107,13 +107,15 @@ pub enum ShadowTape<'n> {
 /// Notes of shadow rays, and how many questions they answered.
 #[derive(Debug, Default)]
 pub struct Notes<'n> {
-    /// Code, sequence, samples, answers.
-    terms: SmallVec<[(Code, u32, u16, &'n [u8]); 16]>,
+    terms: SmallVec<[Term<'n>; 16]>,
     /// Where the next light is likely to be.
     next: usize,
     /// Questions with an answer here, and without.
     pub answered: [u32; 2],
 }
+
+/// Code, sequence, samples, answers, outcome.
+type Term<'n> = (Code, u32, u16, &'n [u8], &'n [u8]);
 
 /// What a shadow ray found, in two bits.
 const UNKNOWN: u8 = 0;
@@ -124,14 +126,17 @@ impl<'n> ShadowTape<'n> {
     /// Reads notes; what does not parse is left out.
     pub fn of_notes(mut bytes: &'n [u8]) -> Self {
         let mut terms = SmallVec::new();
-        while let [a, b, c, s0, s1, s2, s3, n0, n1, rest @ ..] = bytes {
+        while let [a, b, c, s0, s1, s2, s3, n0, n1, o, rest @ ..] = bytes {
             let n = u16::from_le_bytes([*n0, *n1]);
             let Some((answers, rest)) = rest.split_at_checked(usize::from(n).div_ceil(4)) else {
                 break;
             };
+            let Some((outcome, rest)) = rest.split_at_checked(usize::from(*o)) else {
+                break;
+            };
             let code = u32::from_le_bytes([*a, *b, *c, 0]);
             let sequence = u32::from_le_bytes([*s0, *s1, *s2, *s3]);
-            terms.push((code, sequence, n, answers));
+            terms.push((code, sequence, n, answers, outcome));
             bytes = rest;
         }
         ShadowTape::Read(Notes {
@@ -180,7 +185,7 @@ impl<'n> ShadowTape<'n> {
                 ..Heard::default()
             })),
             ShadowTape::Read(notes) => {
-                let is = |t: &(Code, u32, u16, &[u8])| (t.0, t.1) == (code, sequence);
+                let is = |t: &Term| (t.0, t.1) == (code, sequence);
                 let found = match notes.terms.get(notes.next) {
                     Some(t) if is(t) => notes.next,
                     _ => match notes.terms.iter().position(is) {
@@ -189,10 +194,11 @@ impl<'n> ShadowTape<'n> {
                     },
                 };
                 notes.next = found + 1;
-                let (.., n, answers) = notes.terms[found];
+                let (.., n, answers, outcome) = notes.terms[found];
                 Some(Box::new(Heard {
                     count: n,
                     answers: SmallVec::from_slice(answers),
+                    outcome: SmallVec::from_slice(outcome),
                     ..Heard::default()
                 }))
             }
@@ -202,11 +208,13 @@ impl<'n> ShadowTape<'n> {
     /// Takes what was heard of a light.
     pub(crate) fn keep(&mut self, heard: Option<Box<Heard>>) {
         match (self, heard) {
-            (ShadowTape::Write(out), Some(h)) if h.count > 0 => {
+            (ShadowTape::Write(out), Some(h)) if h.count > 0 || !h.outcome.is_empty() => {
                 out.extend_from_slice(&h.code.to_le_bytes()[..3]);
                 out.extend_from_slice(&h.sequence.to_le_bytes());
                 out.extend_from_slice(&h.count.to_le_bytes());
+                out.push(h.outcome.len() as u8);
                 out.extend_from_slice(&h.answers);
+                out.extend_from_slice(&h.outcome);
             }
             (ShadowTape::Read(notes), Some(h)) => {
                 for (sum, n) in notes.answered.iter_mut().zip(h.answered) {
@@ -228,10 +236,53 @@ pub(crate) struct Heard {
     sequence: u32,
     count: u16,
     answers: SmallVec<[u8; 16]>,
+    outcome: SmallVec<[u8; 64]>,
     answered: [u32; 2],
 }
 
+/// Numbers that a light's samples come to, as bits.
+pub(crate) type Outcome = [u32; 25];
+
 impl Heard {
+    pub(crate) fn writes(&self) -> bool {
+        self.write
+    }
+
+    /// Notes what a light's first samples came to; `asked` is how many there were, and how many of them had a ray for certain.
+    pub(crate) fn note(&mut self, asked: [u32; 2], outcome: &Outcome) {
+        let mask = (outcome.iter().enumerate()).fold(0u32, |m, (k, x)| m | u32::from(*x != 0) << k);
+        self.outcome.clear();
+        let parts = asked.into_iter().chain([mask]);
+        let words = parts.chain(outcome.iter().copied().filter(|x| *x != 0));
+        self.outcome.extend(words.flat_map(u32::to_le_bytes));
+    }
+
+    /// What was noted of the same samples.
+    pub(crate) fn noted(&mut self, asked: [u32; 2]) -> Option<Outcome> {
+        let mut words = self
+            .outcome
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|w| u32::from_le_bytes(*w));
+        if self.write || [words.next()?, words.next()?] != asked {
+            return None;
+        }
+        let mask = words.next()?;
+        let mut out = Outcome::default();
+        for (k, x) in out.iter_mut().enumerate() {
+            if mask >> k & 1 != 0 {
+                *x = words.next()?;
+            }
+        }
+        Some(out)
+    }
+
+    /// Counts rays of samples whose outcome was noted.
+    pub(crate) fn count(&mut self, rays: u32) {
+        self.answered[0] += rays;
+    }
+
     /// The share that gets through: from notes, or by a ray.
     pub(crate) fn answer(&mut self, cast: impl FnOnce() -> glam::Vec3) -> glam::Vec3 {
         let (byte, shift) = (self.at as usize / 4, 2 * (self.at % 4));

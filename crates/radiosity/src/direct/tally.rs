@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::{DirectEstimate, DirectParts};
-use crate::recall::Heard;
+use crate::recall::{Heard, Outcome};
 use crate::world::luminance;
 
 /// One sample of a light.
@@ -107,6 +107,72 @@ impl Tally {
         Tally {
             plainly: true,
             ..Tally::default()
+        }
+    }
+
+    /// All that the samples so far came to; `None` where more than their sum is kept.
+    pub(super) fn outcome(&self) -> Option<Outcome> {
+        let parts = [&self.plain, &self.closed];
+        if parts
+            .iter()
+            .any(|s| !s.groups.is_empty() || s.moments.is_some())
+        {
+            return None;
+        }
+        let mut out = Outcome::default();
+        let mut words = out.iter_mut();
+        let mut put = |x: u32| {
+            if let Some(word) = words.next() {
+                *word = x;
+            }
+        };
+        put(self.count);
+        put(self.rays);
+        put(self.group as u32);
+        // Where all or nothing gets through, that says the rest.
+        let clear = self.count > 0 && self.all_lit();
+        put(u32::from(clear));
+        let share = [self.passed, self.squares, self.least, self.most];
+        let sums = [self.last, self.plain.lit, self.closed.lit].map(|v| v.to_array());
+        for x in share.iter().chain(sums.as_flattened()) {
+            put(if clear { 0 } else { x.to_bits() });
+        }
+        for x in parts.map(|s| s.all.to_array()).as_flattened() {
+            put(x.to_bits());
+        }
+        put(self.unoccluded.to_bits());
+        put(self.weight.to_bits());
+        Some(out)
+    }
+
+    /// Whether every sample saw all of the light, so that what arrives is what would.
+    fn all_lit(&self) -> bool {
+        let n = self.count as f32;
+        let same = |s: &Sums| s.lit == s.all;
+        self.last == Vec3::ONE
+            && [self.least, self.most] == [luminance(Vec3::ONE); 2]
+            && [self.passed, self.squares] == [n; 2]
+            && same(&self.plain)
+            && same(&self.closed)
+    }
+
+    /// Puts back what [`outcome`](Self::outcome) gave.
+    pub(super) fn resume(&mut self, outcome: &Outcome) {
+        let [count, rays, group, clear, rest @ ..] = *outcome;
+        (self.count, self.rays, self.group) = (count, rays, group as usize);
+        let x = rest.map(f32::from_bits);
+        let vec = |k: usize| Vec3::new(x[k], x[k + 1], x[k + 2]);
+        (self.plain.all, self.closed.all) = (vec(13), vec(16));
+        (self.unoccluded, self.weight) = (x[19], x[20]);
+        if clear != 0 {
+            let one = luminance(Vec3::ONE);
+            (self.least, self.most, self.last) = (one, one, Vec3::ONE);
+            (self.passed, self.squares) = (count as f32, count as f32);
+            (self.plain.lit, self.closed.lit) = (self.plain.all, self.closed.all);
+        } else {
+            (self.passed, self.squares, self.least, self.most) = (x[0], x[1], x[2], x[3]);
+            self.last = vec(4);
+            (self.plain.lit, self.closed.lit) = (vec(7), vec(10));
         }
     }
 
