@@ -241,7 +241,12 @@ pub(crate) struct Heard {
 }
 
 /// Numbers that a light's samples come to, as bits.
-pub(crate) type Outcome = [u32; 25];
+pub(crate) type Outcome = [u32; 23];
+
+/// Two numbers in one; none of them is as large as 2^16 but what stands for all that there are.
+fn in_halves([a, b]: [u32; 2]) -> u32 {
+    a.min(0xffff) << 16 | b.min(0xffff)
+}
 
 impl Heard {
     pub(crate) fn writes(&self) -> bool {
@@ -252,7 +257,7 @@ impl Heard {
     pub(crate) fn note(&mut self, asked: [u32; 2], outcome: &Outcome) {
         let mask = (outcome.iter().enumerate()).fold(0u32, |m, (k, x)| m | u32::from(*x != 0) << k);
         self.outcome.clear();
-        let parts = asked.into_iter().chain([mask]);
+        let parts = [in_halves(asked), mask].into_iter();
         let words = parts.chain(outcome.iter().copied().filter(|x| *x != 0));
         self.outcome.extend(words.flat_map(u32::to_le_bytes));
     }
@@ -265,7 +270,7 @@ impl Heard {
             .0
             .iter()
             .map(|w| u32::from_le_bytes(*w));
-        if self.write || [words.next()?, words.next()?] != asked {
+        if self.write || words.next()? != in_halves(asked) {
             return None;
         }
         let mask = words.next()?;

@@ -82,6 +82,13 @@ impl Sums {
     }
 }
 
+/// The luminance of light that all gets through, which rounding keeps from being 1, and the sums of so many of it and of its square.
+fn sums_of_ones(count: u32) -> (f32, [f32; 2]) {
+    let one = luminance(Vec3::ONE);
+    let sums = (0..count).fold([0.0, 0.0], |[a, b], _| [a + one, b + one * one]);
+    (one, sums)
+}
+
 impl Tally {
     /// For a light whose samples belong to `groups` groups: 1 unless that is to be known.
     pub(super) fn new(parts: &DirectParts, groups: usize, sun: bool) -> Self {
@@ -126,12 +133,13 @@ impl Tally {
                 *word = x;
             }
         };
-        put(self.count);
-        put(self.rays);
-        put(self.group as u32);
         // Where all or nothing gets through, that says the rest.
         let clear = self.count > 0 && self.all_lit();
-        put(u32::from(clear));
+        if self.count.max(self.rays) > 0xffff || self.group > 0xff {
+            return None;
+        }
+        put(self.count | self.rays << 16);
+        put(self.group as u32 | u32::from(clear) << 8);
         let share = [self.passed, self.squares, self.least, self.most];
         let sums = [self.last, self.plain.lit, self.closed.lit].map(|v| v.to_array());
         for x in share.iter().chain(sums.as_flattened()) {
@@ -147,27 +155,28 @@ impl Tally {
 
     /// Whether every sample saw all of the light, so that what arrives is what would.
     fn all_lit(&self) -> bool {
-        let n = self.count as f32;
+        let (one, [passed, squares]) = sums_of_ones(self.count);
         let same = |s: &Sums| s.lit == s.all;
         self.last == Vec3::ONE
-            && [self.least, self.most] == [luminance(Vec3::ONE); 2]
-            && [self.passed, self.squares] == [n; 2]
+            && [self.least, self.most] == [one; 2]
+            && [self.passed, self.squares] == [passed, squares]
             && same(&self.plain)
             && same(&self.closed)
     }
 
     /// Puts back what [`outcome`](Self::outcome) gave.
     pub(super) fn resume(&mut self, outcome: &Outcome) {
-        let [count, rays, group, clear, rest @ ..] = *outcome;
-        (self.count, self.rays, self.group) = (count, rays, group as usize);
+        let [counts, group, rest @ ..] = *outcome;
+        (self.count, self.rays) = (counts & 0xffff, counts >> 16);
+        self.group = (group & 0xff) as usize;
         let x = rest.map(f32::from_bits);
         let vec = |k: usize| Vec3::new(x[k], x[k + 1], x[k + 2]);
         (self.plain.all, self.closed.all) = (vec(13), vec(16));
         (self.unoccluded, self.weight) = (x[19], x[20]);
-        if clear != 0 {
-            let one = luminance(Vec3::ONE);
+        if group >> 8 != 0 {
+            let (one, sums) = sums_of_ones(self.count);
             (self.least, self.most, self.last) = (one, one, Vec3::ONE);
-            (self.passed, self.squares) = (count as f32, count as f32);
+            [self.passed, self.squares] = sums;
             (self.plain.lit, self.closed.lit) = (self.plain.all, self.closed.all);
         } else {
             (self.passed, self.squares, self.least, self.most) = (x[0], x[1], x[2], x[3]);
