@@ -5,7 +5,7 @@ use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, World, hash_
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
-use crate::gather::{Edge, Gatherer, Received, received, spread};
+use crate::gather::{Edge, Gatherer, Place, Points, Received, received};
 use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::recall::{RayTape, Tape, Topic};
 use crate::walls::Parts;
@@ -20,15 +20,21 @@ struct Sorted {
 
 impl Sorted {
     /// Sorts `points`, or takes it from records.
-    fn find(world: &World, points: &[SurfacePoint], reach: f32, tape: &mut Tape) -> Sorted {
+    fn find<F: Footprint>(
+        world: &World,
+        points: &Points<F>,
+        reach: f32,
+        tape: &mut Tape,
+    ) -> Sorted {
         let make = || {
+            let points = points.get();
             let parts = Parts::find(world, points, reach);
             let mut out = vec![parts.count as u8];
             out.extend(points.iter().map(|p| parts.of(world, p) as u8));
             out
         };
         let mut of = tape.bytes(Topic::Parts, make);
-        if of.len() != points.len() + 1 {
+        if of.len() != points.count + 1 {
             of = make();
         }
         Sorted {
@@ -46,6 +52,7 @@ struct Seen {
     /// The points that count.
     mask: Vec<bool>,
     direct: DirectEstimate,
+    place: Place,
     indirect: Estimate,
     planes: Vec<Plane>,
 }
@@ -83,7 +90,7 @@ impl Gatherer<'_, '_> {
         tape: &mut Tape,
     ) -> Received {
         let count = self.options.edge_points.max(self.options.points) as usize;
-        let points = spread(footprint, count);
+        let points = Points::new(footprint, count);
         // Its own random numbers: what made the first points disagree should not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
         let parts = (self.options.open_only)
@@ -98,15 +105,16 @@ impl Gatherer<'_, '_> {
         let mut nowhere = PlaneSums::new(self.wanted);
         let mut rays = u64::from(EDGE_RAYS) * count as u64;
         let mut records = tape.rays(Topic::EdgeRays, 0);
-        for (k, (sum, p)) in sums.iter_mut().zip(&points).enumerate() {
+        for (k, sum) in sums.iter_mut().enumerate() {
+            let point = || &points.get()[k];
             let base = k as u32 * EDGE_RAYS;
             own.first_half = 2 * k < count;
             let samples = (base..base + EDGE_RAYS, seed);
-            self.indirect(p, samples, sum, &mut own, (tape, &mut records));
+            self.indirect(point, samples, sum, &mut own, (tape, &mut records));
             let of = parts.as_ref().map_or(0, |parts| parts.of[k] as usize);
             let inside = parts.is_some()
                 && sum.inside()
-                && self.confirmed_inside(p, k as u32, seed, &mut rays);
+                && self.confirmed_inside(point(), k as u32, seed, &mut rays);
             let to = if inside {
                 &mut nowhere
             } else {
@@ -172,6 +180,7 @@ impl Gatherer<'_, '_> {
         let Seen {
             mask,
             direct,
+            place,
             indirect,
             planes,
         } = seen.swap_remove(0);
@@ -181,11 +190,6 @@ impl Gatherer<'_, '_> {
             Some(_) => part.iter().filter(|open| **open).count(),
         };
         let open = open as f32 / count as f32;
-        let mut keep = mask.iter();
-        let points: Vec<SurfacePoint> = points
-            .into_iter()
-            .filter(|_| keep.next().copied().unwrap_or(false))
-            .collect();
         Received {
             edge: Edge::Contact,
             near,
@@ -203,7 +207,7 @@ impl Gatherer<'_, '_> {
             } else {
                 open
             },
-            ..received(footprint, &points, direct, &indirect, open, rays, planes)
+            ..received(footprint, place, direct, &indirect, open, rays, planes)
         }
     }
 
@@ -212,10 +216,10 @@ impl Gatherer<'_, '_> {
         clippy::too_many_arguments,
         reason = "a footprint, and all that was found there"
     )]
-    fn see(
+    fn see<F: Footprint>(
         &self,
-        footprint: &impl Footprint,
-        points: &[SurfacePoint],
+        footprint: &F,
+        points: &Points<F>,
         sums: &[Point],
         mask: Vec<bool>,
         seed: u32,
@@ -240,7 +244,7 @@ impl Gatherer<'_, '_> {
             light: luminance(indirect.mean),
             look: 0,
         };
-        let direct = self.direct_light(
+        let (direct, place) = self.direct_light(
             footprint,
             points,
             &mask,
@@ -252,6 +256,7 @@ impl Gatherer<'_, '_> {
         Seen {
             indirect,
             direct,
+            place,
             planes,
             mask,
         }
@@ -264,7 +269,7 @@ impl Gatherer<'_, '_> {
         (0..CONFIRM).all(|i| {
             let mut one = Point::default();
             let unrecorded = (&mut Tape::off(), &mut RayTape::Off);
-            self.indirect(p, (i..i + 1, seed), &mut one, &mut planes, unrecorded);
+            self.indirect(|| p, (i..i + 1, seed), &mut one, &mut planes, unrecorded);
             *rays += 1;
             one.inside()
         })
@@ -278,7 +283,7 @@ impl Gatherer<'_, '_> {
                 let mut planes = PlaneSums::new(Wanted::default());
                 let rays = (i..i + 1, seed ^ 0x9e37_79b9);
                 let unrecorded = (&mut Tape::off(), &mut RayTape::Off);
-                self.indirect(&p, rays, &mut probe, &mut planes, unrecorded);
+                self.indirect(|| &p, rays, &mut probe, &mut planes, unrecorded);
                 probe.black == 0
             })
         })

@@ -1,5 +1,7 @@
 //! Final gather: the light that a footprint receives.
 
+use std::cell::OnceCell;
+
 use glam::Vec3;
 use patch_subdivision::PatchId;
 use radiosity::{
@@ -135,9 +137,9 @@ struct Found {
 }
 
 /// The way of a recorded path, found again hit by hit as far as it is needed.
-struct Retrace<'g, 'a, D> {
+struct Retrace<'g, 'a, S, D> {
     world: &'g World<'a>,
-    start: &'g SurfacePoint,
+    start: S,
     toward: D,
     /// The ray's number and the footprint's seed.
     ray: (u32, u32),
@@ -147,8 +149,8 @@ struct Retrace<'g, 'a, D> {
     last: Option<(usize, Hit)>,
 }
 
-impl<'g, 'a, D: Fn() -> Vec3> Retrace<'g, 'a, D> {
-    fn new(world: &'g World<'a>, start: &'g SurfacePoint, toward: D, ray: (u32, u32)) -> Self {
+impl<'g, 'a, 'p, S: Fn() -> &'p SurfacePoint, D: Fn() -> Vec3> Retrace<'g, 'a, S, D> {
+    fn new(world: &'g World<'a>, start: S, toward: D, ray: (u32, u32)) -> Self {
         Retrace {
             world,
             start,
@@ -166,7 +168,7 @@ impl<'g, 'a, D: Fn() -> Vec3> Retrace<'g, 'a, D> {
         let world = self.world;
         loop {
             let (next, origin, direction) = match self.last {
-                None => (0, self.start.origin, (self.toward)()),
+                None => (0, (self.start)().origin, (self.toward)()),
                 Some((k, hit)) if k == bounce => return Some(hit),
                 Some((k, hit)) => {
                     let p = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
@@ -259,7 +261,7 @@ impl Gatherer<'_, '_> {
         }
         let options = &self.options;
         let count = (options.points as usize).clamp(1, MOST_POINTS);
-        let points = spread(footprint, count);
+        let points = Points::new(footprint, count);
         let mut sums = vec![Point::with_reach(footprint.reach()); count];
         let per_point = self.rays_per_point();
         let mut planes = PlaneSums::new(self.wanted);
@@ -269,7 +271,8 @@ impl Gatherer<'_, '_> {
             let base = k as u32 * per_point;
             planes.first_half = 2 * k < count;
             let rays = (base..base + per_point, seed);
-            self.indirect(&points[k], rays, sum, &mut planes, (tape, &mut records));
+            let point = || &points.get()[k];
+            self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
         }
         tape.keep_rays(Topic::Rays, 0, records);
         let mut rays = u64::from(per_point) * count as u64;
@@ -290,7 +293,7 @@ impl Gatherer<'_, '_> {
                 more || options.open_only
             } else {
                 let parted = options.open_only && near && {
-                    let find = || Parts::find(self.world, &points, footprint.reach());
+                    let find = || Parts::find(self.world, points.get(), footprint.reach());
                     let count = tape.bytes(Topic::PartsFirst, || vec![find().count as u8]);
                     count.first().is_some_and(|n| *n > 1)
                 };
@@ -307,7 +310,7 @@ impl Gatherer<'_, '_> {
             }
         }
         let mut planes = planes.finish();
-        let direct = self.direct_light(
+        let (direct, place) = self.direct_light(
             footprint,
             &points,
             &open,
@@ -323,6 +326,11 @@ impl Gatherer<'_, '_> {
             tape,
         );
         rays += u64::from(direct.rays);
+        // The light is of what is open, the place of all.
+        let place = match open.contains(&false) {
+            true => Place::of(points.get()),
+            false => place,
+        };
         let open = in_the_open as f32 / count as f32;
         let dark = direct.irradiance == Vec3::ZERO && estimate.mean == Vec3::ZERO;
         // As the ends of things that reach through a room's shell; but also what lies in the shade of a lamp without anything to bounce off. Only a
@@ -331,7 +339,7 @@ impl Gatherer<'_, '_> {
         Received {
             near,
             behind: lost || Point::dark_shares(sums.iter())[0] >= BEHIND,
-            ..received(footprint, &points, direct, &estimate, open, rays, planes)
+            ..received(footprint, place, direct, &estimate, open, rays, planes)
         }
     }
 
@@ -344,7 +352,7 @@ impl Gatherer<'_, '_> {
         tape: &mut Tape,
     ) -> Received {
         let options = &self.options;
-        let points = spread(footprint, (options.points as usize).clamp(1, MOST_POINTS));
+        let points = Points::new(footprint, (options.points as usize).clamp(1, MOST_POINTS));
         let mut planes = vec![Plane::default(); self.wanted.planes()];
         for (plane, [all, first]) in planes.iter_mut().zip(&indirect.planes) {
             (plane.indirect, plane.first_half) = (*all, *first);
@@ -353,8 +361,8 @@ impl Gatherer<'_, '_> {
             light: luminance(indirect.indirect),
             look: 0,
         };
-        let open = vec![true; points.len()];
-        let direct = self.direct_light(
+        let open = vec![true; points.count];
+        let (direct, place) = self.direct_light(
             footprint,
             &points,
             &open,
@@ -370,7 +378,7 @@ impl Gatherer<'_, '_> {
             variance: indirect.variance,
             disagree: false,
         };
-        received(footprint, &points, direct, &estimate, 1.0, rays, planes)
+        received(footprint, place, direct, &estimate, 1.0, rays, planes)
     }
 
     /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.
@@ -385,8 +393,8 @@ impl Gatherer<'_, '_> {
         let count = (self.options.points as usize).clamp(1, MOST_POINTS);
         let per_point = self.rays_per_point();
         // On with the sequences, of points and of directions both.
-        let points = spread(footprint, count * times as usize);
-        let mut sums = vec![Point::default(); points.len() - count];
+        let points = Points::new(footprint, count * times as usize);
+        let mut sums = vec![Point::default(); points.count - count];
         let mut planes = PlaneSums::new(self.wanted);
         let most = sums.len();
         let start = count as u32 * per_point;
@@ -395,7 +403,7 @@ impl Gatherer<'_, '_> {
             let base = (count + k) as u32 * per_point;
             planes.first_half = 2 * k < most;
             let rays = (base..base + per_point, seed);
-            let point = &points[count + k];
+            let point = || &points.get()[count + k];
             self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
         }
         tape.keep_rays(Topic::Rays, start, records);
@@ -435,15 +443,15 @@ impl Gatherer<'_, '_> {
         look: u32,
         tape: &mut Tape,
     ) -> Received {
-        let points = spread(footprint, self.options.points as usize);
+        let points = Points::new(footprint, self.options.points as usize);
         let options = &self.options.direct;
         let known = Known {
             light: luminance(first.indirect),
             look,
         };
-        let open = vec![true; points.len()];
+        let open = vec![true; points.count];
         let mut planes = first.planes.clone();
-        let direct = self.direct_light(
+        let (direct, place) = self.direct_light(
             footprint,
             &points,
             &open,
@@ -467,9 +475,9 @@ impl Gatherer<'_, '_> {
     }
 
     /// Casts the gathering rays of `samples` from a point, or takes them from records.
-    pub(crate) fn indirect(
+    pub(crate) fn indirect<'p>(
         &self,
-        p: &SurfacePoint,
+        point: impl Fn() -> &'p SurfacePoint,
         (samples, seed): (std::ops::Range<u32>, u32),
         out: &mut Point,
         planes: &mut PlaneSums,
@@ -479,18 +487,18 @@ impl Gatherer<'_, '_> {
             out.rays += 1;
             let toward = || {
                 let s = sample_4d(i, 0, seed);
-                cosine_hemisphere(p.normal, s[0], s[1])
+                cosine_hemisphere(point().normal, s[0], s[1])
             };
             let bounds = [out.reach, TOUCHING * out.reach];
             if let RayTape::Read(bytes) = records {
-                let places = Retrace::new(self.world, p, &toward, (i, seed));
+                let places = Retrace::new(self.world, &point, &toward, (i, seed));
                 match self.again(bytes, bounds, places, &mut planes.of_ray, tape) {
                     Some(ray) => {
                         tape.taken += 1;
                         let ray = self.count(ray, out);
                         if !planes.is_empty() {
                             let direction = toward();
-                            let cos = p.normal.dot(direction);
+                            let cos = point().normal.dot(direction);
                             planes.add(ray.radiance, direction, cos, ray.distance);
                         }
                         continue;
@@ -501,7 +509,7 @@ impl Gatherer<'_, '_> {
                     }
                 }
             }
-            let direction = toward();
+            let (p, direction) = (point(), toward());
             // An interpolated normal's hemisphere dips below the face itself: nothing arrives from there.
             let ray = if p.geometric.dot(direction) <= 0.0 {
                 Ray::Below
@@ -590,11 +598,11 @@ impl Gatherer<'_, '_> {
     /// The same operations in the same order as in [`arriving`](Self::arriving). Where another light is to be sampled than was recorded, or one that
     /// has changed, the hit is found again by its triangle.
     #[inline]
-    fn again<D: Fn() -> Vec3>(
+    fn again<'p, S: Fn() -> &'p SurfacePoint, D: Fn() -> Vec3>(
         &self,
         bytes: &mut &[u8],
         bounds: [f32; 2],
-        mut places: Retrace<D>,
+        mut places: Retrace<S, D>,
         groups: &mut [Vec3],
         tape: &mut Tape,
     ) -> Option<Ray> {
@@ -768,46 +776,53 @@ impl Gatherer<'_, '_> {
         })
     }
 
-    pub(crate) fn direct_light(
+    /// Direct light on the points that are open, and where the footprint is.
+    pub(crate) fn direct_light<F: Footprint>(
         &self,
-        footprint: &impl Footprint,
-        points: &[SurfacePoint],
+        footprint: &F,
+        points: &Points<F>,
         open: &[bool],
         seed: u32,
         (options, known): (&DirectOptions, &Known),
         planes: &mut [Plane],
         tape: &mut Tape,
-    ) -> DirectEstimate {
+    ) -> (DirectEstimate, Place) {
         let key = key_of(open, options.base);
         let mut shadows = tape.shadows(key);
-        let valid: Vec<SurfacePoint> = points
-            .iter()
-            .zip(open)
-            .filter(|(_, open)| **open)
-            .map(|(p, _)| *p)
-            .collect();
-        let all_open = valid.len() == points.len();
+        let valid: OnceCell<Vec<SurfacePoint>> = OnceCell::new();
+        let find_valid = || {
+            let open = points.get().iter().zip(open).filter(|(_, open)| **open);
+            open.map(|(p, _)| *p).collect::<Vec<_>>()
+        };
+        let count = open.iter().filter(|o| **o).count();
+        let all_open = count == points.count;
+        let place = Place::find(tape, key, || valid.get_or_init(find_valid));
         let mut stream = 0;
         let mut extra: Vec<SurfacePoint> = Vec::new();
         let point = |i: u32| -> SurfacePoint {
             let i = i as usize;
-            if i < valid.len() {
+            if i == 0 {
+                return place.first;
+            }
+            let valid = valid.get_or_init(find_valid);
+            if i < count {
                 return valid[i];
             }
             // More points than the gather had: go on in the footprint's stream, staying near open ones.
-            while extra.len() <= i - valid.len() {
+            while extra.len() <= i - count {
                 let mut found = None;
                 for _ in 0..8 {
-                    let c = footprint.candidate(stream + points.len() as u32);
+                    let c = footprint.candidate(stream + points.count as u32);
                     stream += 1;
-                    found = c.filter(|c| all_open || nearest_is_open(points, open, c.position));
+                    found =
+                        c.filter(|c| all_open || nearest_is_open(points.get(), open, c.position));
                     if found.is_some() {
                         break;
                     }
                 }
-                extra.push(found.unwrap_or(valid[extra.len() % valid.len()]));
+                extra.push(found.unwrap_or(valid[extra.len() % count]));
             }
-            extra[i - valid.len()]
+            extra[i - count]
         };
         let mut parts = self.wanted.direct_parts();
         let seed = seed ^ 0x68bc_21eb;
@@ -817,7 +832,7 @@ impl Gatherer<'_, '_> {
             direct.irradiance_recalled(point, size, seed, options, known, &mut parts, shadow_rays);
         tape.keep_shadows(key, shadows);
         self.wanted.place_direct(&parts, planes);
-        out
+        (out, place)
     }
 }
 
@@ -828,14 +843,13 @@ fn shadow(mixed: u32) -> Edge {
 
 pub(crate) fn received(
     footprint: &impl Footprint,
-    points: &[SurfacePoint],
+    place: Place,
     direct: DirectEstimate,
     indirect: &Estimate,
     open: f32,
     rays: u64,
     planes: Vec<Plane>,
 ) -> Received {
-    let n = points.len() as f32;
     Received {
         direct: direct.irradiance,
         indirect: indirect.mean,
@@ -844,12 +858,8 @@ pub(crate) fn received(
         indirect_variance: indirect.variance,
         near: false,
         behind: false,
-        position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
-        normal: points
-            .iter()
-            .map(|p| p.normal)
-            .sum::<Vec3>()
-            .normalize_or(points[0].normal),
+        position: place.position,
+        normal: place.normal,
         size: footprint.size(),
         open,
         rays,
@@ -859,6 +869,97 @@ pub(crate) fn received(
         hidden: direct.hidden,
         looked: 0,
         planes: planes.into(),
+    }
+}
+
+/// Points of a footprint, found when they are first asked for: with records they may never be.
+pub(crate) struct Points<'f, F> {
+    footprint: &'f F,
+    /// How many they are.
+    pub count: usize,
+    all: OnceCell<Vec<SurfacePoint>>,
+}
+
+impl<'f, F: Footprint> Points<'f, F> {
+    pub(crate) fn new(footprint: &'f F, count: usize) -> Self {
+        Points {
+            footprint,
+            count,
+            all: OnceCell::new(),
+        }
+    }
+
+    #[inline]
+    pub(crate) fn get(&self) -> &[SurfacePoint] {
+        (self.all).get_or_init(|| spread(self.footprint, self.count))
+    }
+}
+
+/// Where a footprint is, or a part of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Place {
+    /// Its first point.
+    pub first: SurfacePoint,
+    /// Mean position of its points.
+    pub position: Vec3,
+    /// Mean shading normal, unit.
+    pub normal: Vec3,
+}
+
+impl Place {
+    /// Of some points, at least one.
+    fn of(points: &[SurfacePoint]) -> Place {
+        let (first, n) = (points[0], points.len() as f32);
+        Place {
+            first,
+            position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
+            normal: (points.iter().map(|p| p.normal).sum::<Vec3>()).normalize_or(first.normal),
+        }
+    }
+
+    /// Of `points`, or from records.
+    fn find<'p>(
+        tape: &mut Tape,
+        key: u64,
+        points: impl FnOnce() -> &'p Vec<SurfacePoint>,
+    ) -> Place {
+        let known = tape.find(Topic::Place, key).and_then(|bytes| {
+            let mut numbers = bytes
+                .as_chunks::<4>()
+                .0
+                .iter()
+                .map(|b| f32::from_le_bytes(*b));
+            let mut next = || Some(Vec3::new(numbers.next()?, numbers.next()?, numbers.next()?));
+            Some(Place {
+                first: SurfacePoint {
+                    position: next()?,
+                    origin: next()?,
+                    normal: next()?,
+                    geometric: next()?,
+                },
+                position: next()?,
+                normal: next()?,
+            })
+        });
+        if let Some(known) = known {
+            return known;
+        }
+        let place = Place::of(points());
+        let first = place.first;
+        if tape.writes() {
+            let all = [
+                first.position,
+                first.origin,
+                first.normal,
+                first.geometric,
+                place.position,
+                place.normal,
+            ];
+            let numbers = all.map(|v| v.to_array());
+            let bytes = numbers.as_flattened().iter().flat_map(|x| x.to_le_bytes());
+            tape.put(Topic::Place, key, &bytes.collect::<Vec<u8>>());
+        }
+        place
     }
 }
 

@@ -144,23 +144,26 @@ fn what_did_not_change_casts_no_ray_again() {
 #[test]
 fn lamps_that_change_cast_their_own_rays() {
     let place = Place::filled("");
-    let lamp: &[(&str, fn(&mut Value))] = &[
-        ("moved", moved),
-        ("intensity", intensity),
-        ("added", |v| {
+    // With the least share of rays that are taken. A lamp more or less shifts the random numbers of those after it and of the emitter.
+    let lamp: &[(&str, f64, fn(&mut Value))] = &[
+        ("moved", 0.7, moved),
+        ("intensity", 0.7, intensity),
+        ("added", 0.2, |v| {
             let lamp = json!({"translation": [3.0, 1.0, 1.0], "extensions": {"KHR_lights_punctual": {"light": 0}}});
             v["nodes"].as_array_mut().expect("nodes").push(lamp);
             v["scenes"][0]["nodes"] = json!([5, 0, 1, 2, 3, 4]);
         }),
-        ("removed", |v| v["scenes"][0]["nodes"] = json!([0, 1, 3, 4])),
+        ("removed", 0.2, |v| {
+            v["scenes"][0]["nodes"] = json!([0, 1, 3, 4])
+        }),
     ];
-    for (name, change) in lamp {
+    for (name, least, change) in lamp {
         for threads in [1, 2] {
             let cached = place.compare(change, &format!("--threads {threads}"));
             let [taken, cast] = cached.rays();
             assert_eq!(cached.cache["found"], true, "{name}");
-            // One light of four and their emitter: most rays are still there, not all.
-            assert!(cast > 0 && taken > 2 * cast, "{name}: {taken} {cast}");
+            let share = taken as f64 / (taken + cast) as f64;
+            assert!(cast > 0 && share > *least, "{name}: {taken} {cast}");
         }
     }
     assert_eq!(place.records().len(), 1);
@@ -181,8 +184,8 @@ fn what_else_changes_is_another_bake() {
     assert_eq!(colour.cache["found"], false);
     let geometry = place.compare(|v| v["nodes"][0]["scale"] = json!([1.0, 1.1, 1.0]), "");
     assert_eq!(geometry.cache["found"], false);
-    let density = place.compare(|_| {}, "--texels-per-unit 3");
-    assert_eq!(density.cache["found"], false);
+    let limit = place.compare(|_| {}, "--max-reflectance 0.3");
+    assert_eq!(limit.cache["found"], false);
     assert_eq!(place.records().len(), 4);
 }
 

@@ -16,6 +16,8 @@ pub(crate) enum Topic {
     PartsFirst = 4,
     /// The part of each point where an edge crosses.
     Parts = 5,
+    /// Where the points are of which shadow rays start; the key is theirs.
+    Place = 6,
 }
 
 /// Gathering rays of one sequence.
