@@ -24,6 +24,7 @@ mod preview;
 pub mod probes;
 mod recall;
 mod refine;
+mod rims;
 mod seams;
 mod smooth;
 mod sparse;
