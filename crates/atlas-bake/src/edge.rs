@@ -5,8 +5,9 @@ use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, World, hash_
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
-use crate::gather::{Edge, Gatherer, Place, Points, Received, received};
+use crate::gather::{Edge, Gatherer, Received, received};
 use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::points::{Place, Points};
 use crate::recall::{RayTape, Tape, Topic};
 use crate::walls::Parts;
 

@@ -3,17 +3,17 @@
 use std::cell::OnceCell;
 
 use glam::Vec3;
-use patch_subdivision::PatchId;
 use radiosity::{
-    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Shade, Sky, Solution,
-    SurfacePoint, World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
+    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Shade, Solution, SurfacePoint,
+    World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
-use visibility::Hit;
 
+use crate::again::Retrace;
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
-use crate::recall::{Deaf, End, Head, Listening, Notes, RayTape, Recall, Tape, Topic, key_of};
+use crate::points::{Place, Points, nearest_is_open};
+use crate::recall::{Deaf, End, Listening, Notes, RayTape, Recall, Tape, Topic, key_of};
 use crate::sparse::Between;
 use crate::walls::Parts;
 
@@ -102,7 +102,7 @@ impl Received {
 const MOST_POINTS: usize = 64;
 
 /// After so many near bounces a path reads the solution: light that has gone to and fro in a gap so often has lost what told its places apart.
-const MOST_NEAR_BOUNCES: u32 = 4;
+pub(crate) const MOST_NEAR_BOUNCES: u32 = 4;
 
 /// A hit is near within this share of a patch's size, by the bounces before it. What a path meets after its first bounce is seen with the others' beside it;
 /// there the elements, a quarter of a patch, are fine enough.
@@ -128,62 +128,16 @@ pub struct Gatherer<'w, 'a> {
 
 /// What a gathering ray found.
 #[derive(Default)]
-struct Found {
-    radiance: Vec3,
+pub(crate) struct Found {
+    pub radiance: Vec3,
     /// To the first surface, infinite if there is none; 0 where nothing can arrive.
-    distance: f32,
+    pub distance: f32,
     /// The first surface turns its back.
-    back: bool,
-}
-
-/// The way of a recorded path, found again hit by hit as far as it is needed.
-struct Retrace<'g, 'a, S, D> {
-    world: &'g World<'a>,
-    start: S,
-    toward: D,
-    /// The ray's number and the footprint's seed.
-    ray: (u32, u32),
-    /// What it met.
-    triangles: [u32; MOST_NEAR_BOUNCES as usize + 1],
-    /// The hit that was found last, with its number.
-    last: Option<(usize, Hit)>,
-}
-
-impl<'g, 'a, 'p, S: Fn() -> &'p SurfacePoint, D: Fn() -> Vec3> Retrace<'g, 'a, S, D> {
-    fn new(world: &'g World<'a>, start: S, toward: D, ray: (u32, u32)) -> Self {
-        Retrace {
-            world,
-            start,
-            toward,
-            ray,
-            triangles: [0; MOST_NEAR_BOUNCES as usize + 1],
-            last: None,
-        }
-    }
-
-    /// The hit after `bounce` others, whose triangles are known; `None` where one is not where it was recorded.
-    #[cold]
-    fn hit(&mut self, bounce: usize) -> Option<Hit> {
-        let (i, seed) = self.ray;
-        let world = self.world;
-        loop {
-            let (next, origin, direction) = match self.last {
-                None => (0, (self.start)().origin, (self.toward)()),
-                Some((k, hit)) if k == bounce => return Some(hit),
-                Some((k, hit)) => {
-                    let p = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
-                    let [u, v] = sample_2d(i, 40 + k as u32, seed);
-                    (k + 1, p.origin, cosine_hemisphere(p.normal, u, v))
-                }
-            };
-            let triangle = *self.triangles.get(next)?;
-            self.last = Some((next, world.known_hit(origin, direction, triangle)?));
-        }
-    }
+    pub back: bool,
 }
 
 /// What came of a gathering ray.
-enum Ray {
+pub(crate) enum Ray {
     /// It cannot start.
     Below,
     /// It met a black back.
@@ -191,8 +145,9 @@ enum Ray {
     Found(Found),
 }
 
+/// Adds radiance to its group's part and to the sum.
 #[inline]
-fn add(radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]) {
+pub(crate) fn add(radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]) {
     *sum += radiance;
     if let Some(part) = groups.get_mut(group) {
         *part += radiance;
@@ -451,7 +406,7 @@ impl Gatherer<'_, '_> {
         };
         let open = vec![true; points.count];
         let mut planes = first.planes.clone();
-        let (direct, place) = self.direct_light(
+        let (direct, _) = self.direct_light(
             footprint,
             &points,
             &open,
@@ -591,89 +546,6 @@ impl Gatherer<'_, '_> {
             notes.0.write(bounds, exact, bytes);
         }
         found
-    }
-
-    /// What a ray finds that was recorded, by the light that there is now; `None` where it is to be cast anew. Takes its record off `bytes`.
-    ///
-    /// The same operations in the same order as in [`arriving`](Self::arriving). Where another light is to be sampled than was recorded, or one that
-    /// has changed, the hit is found again by its triangle.
-    #[inline]
-    fn again<'p, S: Fn() -> &'p SurfacePoint, D: Fn() -> Vec3>(
-        &self,
-        bytes: &mut &[u8],
-        bounds: [f32; 2],
-        mut places: Retrace<S, D>,
-        groups: &mut [Vec3],
-        tape: &mut Tape,
-    ) -> Option<Ray> {
-        let (solution, world) = (self.solution, self.world);
-        let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
-        let (i, seed) = places.ray;
-        let random = |bounce: usize| hash_u32(seed ^ i ^ (bounce as u32) << 24);
-        let head = Head::read(bounds, bytes)?;
-        let mut lost = false;
-        for bounce in 0..head.near {
-            let hit = head.near_hit(bytes)?;
-            places.triangles[bounce.min(4)] = hit.surface.triangle;
-            let patch = PatchId(hit.patch);
-            let random = random(bounce);
-            let known = (self.direct).sample_on_again(&solution.cut, patch, random, &hit.drawn);
-            let sampled = match known {
-                Some(known) => Some(known),
-                None => places.hit(bounce).map(|hit| {
-                    tape.cast += 1;
-                    let p = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
-                    self.direct.sample_on(&solution.cut, patch, &p, random)
-                }),
-            };
-            let Some((direct, group)) = sampled else {
-                // The rest of the record is still to be taken.
-                lost = true;
-                continue;
-            };
-            let glow = hit.surface.glow;
-            if glow.0 != Vec3::ZERO {
-                add(throughput * glow.0, glow.1, &mut sum, groups);
-            }
-            throughput *= hit.surface.reflectance(world);
-            let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
-            add(reflected, group, &mut sum, groups);
-        }
-        let end = head.end(bytes)?;
-        if lost {
-            return None;
-        }
-        match end {
-            End::Below => return Some(Ray::Below),
-            End::Black => return Some(Ray::Black),
-            End::Unknown => return None,
-            End::Stopped => {}
-            End::Escaped(direction) => {
-                let radiance = match &world.sky {
-                    Sky::Constant(radiance) => *radiance,
-                    sky => sky.radiance(direction.unwrap_or_else(&places.toward)),
-                };
-                let sky = throughput * radiance;
-                add(sky, world.sky_group(), &mut sum, groups);
-            }
-            End::Far(seen) => {
-                let (lights, random) = (&self.direct, random(head.near));
-                let anew = |patch| {
-                    places.triangles[head.near.min(4)] = seen.surface.triangle;
-                    let hit = places.hit(head.near)?;
-                    tape.cast += 1;
-                    let p = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
-                    Some(lights.sample_on(&solution.cut, patch, &p, random))
-                };
-                sum += solution
-                    .radiance_again(world, lights, &seen, random, throughput, groups, anew)?;
-            }
-        }
-        Some(Ray::Found(Found {
-            radiance: sum,
-            distance: head.distance,
-            back: head.back,
-        }))
     }
 
     /// What arrives at `p` from `direction`; `None` from a black back face. Light is added to `groups` too, unless that is empty.
@@ -870,125 +742,4 @@ pub(crate) fn received(
         looked: 0,
         planes: planes.into(),
     }
-}
-
-/// Points of a footprint, found when they are first asked for: with records they may never be.
-pub(crate) struct Points<'f, F> {
-    footprint: &'f F,
-    /// How many they are.
-    pub count: usize,
-    all: OnceCell<Vec<SurfacePoint>>,
-}
-
-impl<'f, F: Footprint> Points<'f, F> {
-    pub(crate) fn new(footprint: &'f F, count: usize) -> Self {
-        Points {
-            footprint,
-            count,
-            all: OnceCell::new(),
-        }
-    }
-
-    #[inline]
-    pub(crate) fn get(&self) -> &[SurfacePoint] {
-        (self.all).get_or_init(|| spread(self.footprint, self.count))
-    }
-}
-
-/// Where a footprint is, or a part of it.
-#[derive(Clone, Copy)]
-pub(crate) struct Place {
-    /// Its first point.
-    pub first: SurfacePoint,
-    /// Mean position of its points.
-    pub position: Vec3,
-    /// Mean shading normal, unit.
-    pub normal: Vec3,
-}
-
-impl Place {
-    /// Of some points, at least one.
-    fn of(points: &[SurfacePoint]) -> Place {
-        let (first, n) = (points[0], points.len() as f32);
-        Place {
-            first,
-            position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
-            normal: (points.iter().map(|p| p.normal).sum::<Vec3>()).normalize_or(first.normal),
-        }
-    }
-
-    /// Of `points`, or from records.
-    fn find<'p>(
-        tape: &mut Tape,
-        key: u64,
-        points: impl FnOnce() -> &'p Vec<SurfacePoint>,
-    ) -> Place {
-        let known = tape.find(Topic::Place, key).and_then(|bytes| {
-            let mut numbers = bytes
-                .as_chunks::<4>()
-                .0
-                .iter()
-                .map(|b| f32::from_le_bytes(*b));
-            let mut next = || Some(Vec3::new(numbers.next()?, numbers.next()?, numbers.next()?));
-            Some(Place {
-                first: SurfacePoint {
-                    position: next()?,
-                    origin: next()?,
-                    normal: next()?,
-                    geometric: next()?,
-                },
-                position: next()?,
-                normal: next()?,
-            })
-        });
-        if let Some(known) = known {
-            return known;
-        }
-        let place = Place::of(points());
-        let first = place.first;
-        if tape.writes() {
-            let all = [
-                first.position,
-                first.origin,
-                first.normal,
-                first.geometric,
-                place.position,
-                place.normal,
-            ];
-            let numbers = all.map(|v| v.to_array());
-            let bytes = numbers.as_flattened().iter().flat_map(|x| x.to_le_bytes());
-            tape.put(Topic::Place, key, &bytes.collect::<Vec<u8>>());
-        }
-        place
-    }
-}
-
-/// The first points of the stream that lie on the surface, repeated where it has fewer.
-pub(crate) fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
-    let mut points = Vec::with_capacity(count);
-    for i in 0..8 * count as u32 {
-        if points.len() == count || (points.is_empty() && i == 4 * count.min(16) as u32) {
-            break;
-        }
-        points.extend(footprint.candidate(i));
-    }
-    if points.is_empty() {
-        points.push(footprint.fallback());
-    }
-    let found = points.len();
-    for k in found..count {
-        points.push(points[k % found]);
-    }
-    points
-}
-
-fn nearest_is_open(points: &[SurfacePoint], open: &[bool], p: Vec3) -> bool {
-    let mut best = (f32::INFINITY, true);
-    for (q, open) in points.iter().zip(open) {
-        let d = q.position.distance_squared(p);
-        if d < best.0 {
-            best = (d, *open);
-        }
-    }
-    best.1
 }

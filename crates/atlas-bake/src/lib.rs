@@ -1,5 +1,6 @@
 //! Lightmap charts, lumels, final gather, seams; EXR and glTF output.
 
+mod again;
 mod atlas;
 mod bake;
 mod compare;
@@ -20,6 +21,7 @@ mod output;
 mod pack;
 mod pages;
 mod planes;
+mod points;
 mod preview;
 pub mod probes;
 mod recall;
