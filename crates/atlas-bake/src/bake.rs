@@ -209,7 +209,7 @@ pub fn bake_recalling(
     let mut sparse = if world.is_dark() {
         Sparse::none(lumels.lumels.len())
     } else {
-        Sparse::find(world, &lumels, layout)
+        Sparse::find(world, &lumels, layout, recall)
     };
     let mut received = sparse.gather(&gatherer, &lumels, monitor)?;
     follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;

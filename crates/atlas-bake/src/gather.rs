@@ -649,6 +649,10 @@ impl Gatherer<'_, '_> {
     }
 
     /// Direct light on the points that are open, and where the footprint is.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a footprint, and all that was found there"
+    )]
     pub(crate) fn direct_light<F: Footprint>(
         &self,
         footprint: &F,

@@ -9,7 +9,7 @@
 //! counts), on the lightmap's own grid and with a look at the neighbours' differences.
 
 use glam::Vec3;
-use radiosity::{Cancelled, Monitor, Phase, SurfacePoint, World, luminance};
+use radiosity::{Cancelled, Monitor, Phase, Records, SurfacePoint, Topic, World, luminance};
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
@@ -17,7 +17,7 @@ use crate::bake::{Recorded, in_blocks};
 use crate::footprint::Footprint;
 use crate::gather::{Edge, Gatherer, Received};
 use crate::lumels::{Lumels, TexelIndex};
-use crate::recall::Stage;
+use crate::recall::{Recall, Stage};
 
 /// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light from what is R away changes over R, and
 /// the window that the quadratic is fitted in reaches seven lumels at most.
@@ -56,8 +56,13 @@ impl Sparse {
         }
     }
 
-    /// Looks for flat pieces of surface that nothing is near of.
-    pub(crate) fn find(world: &World, lumels: &Lumels, layout: &Layout) -> Self {
+    /// Looks for flat pieces of surface that nothing is near of. Records hold what was found before.
+    pub(crate) fn find(
+        world: &World,
+        lumels: &Lumels,
+        layout: &Layout,
+        recall: Option<&Recall>,
+    ) -> Self {
         let index = TexelIndex::build(&lumels.lumels, layout);
         let places: Vec<(SurfacePoint, f32)> = (0..lumels.lumels.len())
             .into_par_iter()
@@ -67,11 +72,26 @@ impl Sparse {
                 (footprint.fallback(), footprint.reach())
             })
             .collect();
-        let beside = (0..lumels.lumels.len())
+        let n = lumels.lumels.len();
+        let known = (recall.filter(|r| r.read()))
+            .and_then(|r| r.load(Topic::Flat, 0))
+            .filter(|bits| bits.len() == n.div_ceil(8));
+        let beside: Vec<Beside> = (0..n)
             .into_par_iter()
             .with_min_len(256)
-            .map(|i| candidate(world, lumels, &index, &places, i))
+            .map(|i| {
+                let flat = known.as_ref().map(|bits| bits[i / 8] >> (i % 8) & 1 != 0);
+                candidate(world, lumels, &index, &places, flat, i)
+            })
             .collect();
+        if let Some(recall) = recall.filter(|r| !r.read()) {
+            let flat = |x: &Beside| u8::from(x.iter().any(Option::is_some));
+            let bits = beside.chunks(8).map(|part| {
+                let bits = part.iter().enumerate();
+                bits.fold(0u8, |byte, (k, x)| byte | flat(x) << k)
+            });
+            recall.save(Topic::Flat, 0, &bits.collect::<Vec<u8>>());
+        }
         let bears = vec![false; lumels.lumels.len()];
         Sparse { beside, bears }
     }
@@ -229,12 +249,13 @@ fn steady<'r>(beside: impl Iterator<Item = &'r Received>) -> bool {
     high - low <= STEADY * sum / n + SIGMAS * (variance / n).sqrt()
 }
 
-/// What lumel `i` may be interpolated between.
+/// What lumel `i` may be interpolated between; `flat` is whether nothing rises above it, where that is known.
 fn candidate(
     world: &World,
     lumels: &Lumels,
     index: &TexelIndex,
     places: &[(SurfacePoint, f32)],
+    flat: Option<bool>,
     i: usize,
 ) -> Beside {
     let l = &lumels.lumels[i];
@@ -265,7 +286,7 @@ fn candidate(
             *slot = j as u32;
         }
     }
-    if world.anything_above(own, CLEAR * size) {
+    if !flat.unwrap_or_else(|| !world.anything_above(own, CLEAR * size)) {
         return [None; 4];
     }
     match (odd_x, odd_y) {

@@ -41,6 +41,8 @@ pub enum Topic {
     Elements,
     /// Shadow rays of what hits on a patch choose lights from, by patch.
     Choices,
+    /// Receivers near which nothing rises above their surface.
+    Flat,
 }
 
 /// Where records are kept.
@@ -94,6 +96,7 @@ impl KnownLamps {
 
 /// Shadow rays at one receiver: their answers are noted, taken from notes, or neither.
 #[derive(Debug, Default)]
+#[allow(clippy::large_enum_variant, reason = "one at a time, and on the stack")]
 pub enum ShadowTape<'n> {
     /// Neither.
     #[default]

@@ -221,6 +221,7 @@ fn stage_of(topic: SolveTopic) -> u8 {
         SolveTopic::Links => 16,
         SolveTopic::Elements => 17,
         SolveTopic::Choices => 18,
+        SolveTopic::Flat => 19,
     }
 }
 
