@@ -115,7 +115,7 @@ impl Gatherer<'_, '_> {
             let of = parts.as_ref().map_or(0, |parts| parts.of[k] as usize);
             let inside = parts.is_some()
                 && sum.inside()
-                && self.confirmed_inside(point(), k as u32, seed, &mut rays);
+                && self.confirmed_inside(point, k as u32, seed, &mut rays, tape);
             let to = if inside {
                 &mut nowhere
             } else {
@@ -264,16 +264,26 @@ impl Gatherer<'_, '_> {
     }
 
     /// Whether some more rays from a point that seems to be inside something meet nothing but backs too.
-    fn confirmed_inside(&self, p: &SurfacePoint, k: u32, seed: u32, rays: &mut u64) -> bool {
+    fn confirmed_inside<'p>(
+        &self,
+        point: impl Fn() -> &'p SurfacePoint,
+        k: u32,
+        seed: u32,
+        rays: &mut u64,
+        tape: &mut Tape,
+    ) -> bool {
         let mut planes = PlaneSums::new(Wanted::default());
         let seed = hash_u32(seed ^ k ^ 0x9e37_79b9);
-        (0..CONFIRM).all(|i| {
+        let mut records = tape.rays(Topic::Confirm, k);
+        let inside = (0..CONFIRM).all(|i| {
             let mut one = Point::default();
-            let unrecorded = (&mut Tape::off(), &mut RayTape::Off);
-            self.indirect(|| p, (i..i + 1, seed), &mut one, &mut planes, unrecorded);
+            let samples = (i..i + 1, seed);
+            self.indirect(&point, samples, &mut one, &mut planes, (tape, &mut records));
             *rays += 1;
             one.inside()
-        })
+        });
+        tape.keep_rays(Topic::Confirm, k, records);
+        inside
     }
 
     /// Whether a ray from any of the points that an edge would get meets anything but black back faces.

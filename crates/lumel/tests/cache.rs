@@ -114,6 +114,8 @@ impl Place {
     }
 }
 
+type Change = fn(&mut Value);
+
 fn intensity(v: &mut Value) {
     v["extensions"]["KHR_lights_punctual"]["lights"][1]["intensity"] = json!(0.7);
 }
@@ -145,7 +147,7 @@ fn what_did_not_change_casts_no_ray_again() {
 fn lamps_that_change_cast_their_own_rays() {
     let place = Place::filled("");
     // With the least share of rays that are taken. A lamp more or less shifts the random numbers of those after it and of the emitter.
-    let lamp: &[(&str, f64, fn(&mut Value))] = &[
+    let lamp: &[(&str, f64, Change)] = &[
         ("moved", 0.7, moved),
         ("intensity", 0.7, intensity),
         ("added", 0.2, |v| {

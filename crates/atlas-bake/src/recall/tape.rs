@@ -1,5 +1,7 @@
 //! All that is recorded of one footprint.
 
+use std::cell::Cell;
+
 use radiosity::ShadowTape;
 
 /// What a part of a tape is about.
@@ -18,6 +20,8 @@ pub(crate) enum Topic {
     Parts = 5,
     /// Where the points are of which shadow rays start; the key is theirs.
     Place = 6,
+    /// Further rays of a point that seems to be inside of something; the key is its number.
+    Confirm = 7,
 }
 
 /// Gathering rays of one sequence.
@@ -31,6 +35,8 @@ pub(crate) enum RayTape<'b> {
 pub(crate) struct Tape<'b> {
     mode: Mode,
     blob: &'b [u8],
+    /// Where in it the last part that was found ends: they are asked for about as they were written.
+    next: Cell<usize>,
     out: Vec<u8>,
     /// Ends of rays are wanted exactly.
     pub exact: bool,
@@ -52,6 +58,7 @@ impl<'b> Tape<'b> {
         Tape {
             mode,
             blob,
+            next: Cell::new(0),
             out: Vec::new(),
             exact,
             taken: 0,
@@ -90,12 +97,18 @@ impl<'b> Tape<'b> {
 
     /// What is recorded under a topic and key.
     pub(crate) fn find(&self, topic: Topic, key: u64) -> Option<&'b [u8]> {
-        let mut rest = self.blob;
+        let next = self.next.get();
+        (self.find_after(next, topic, key)).or_else(|| self.find_after(0, topic, key))
+    }
+
+    fn find_after(&self, at: usize, topic: Topic, key: u64) -> Option<&'b [u8]> {
+        let mut rest = self.blob.get(at..)?;
         while let Some((head, tail)) = rest.split_first_chunk::<13>() {
             let [kind, k @ .., a, b, c, d] = *head;
             let length = u32::from_le_bytes([a, b, c, d]) as usize;
             let (body, after) = tail.split_at_checked(length)?;
             if kind == topic as u8 && u64::from_le_bytes(k) == key {
+                self.next.set(self.blob.len() - after.len());
                 return Some(body);
             }
             rest = after;
