@@ -38,7 +38,7 @@ pub use radiosity;
 pub use visibility;
 
 pub use atlas_bake::{
-    Directional, Hidden, Layer, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
+    Directional, Hidden, Ktx2Format, Layer, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
 };
 pub use depfile::depfile;
 pub use error::Error;
@@ -52,7 +52,7 @@ pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
     Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,
 };
-pub use report::{Blank, GroupReport, Measured, PhaseTime, Report};
+pub use report::{Blank, GroupReport, Measured, PhaseTime, Report, StoredPage};
 pub use report_page::report_page;
-pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
+pub use settings::{GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
 pub use sources::{Source, SourceKind};

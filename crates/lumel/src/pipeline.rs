@@ -250,6 +250,7 @@ pub fn bake_from(
         gather: baked.report.clone(),
         probes: probe_report,
         clamped: Vec::new(),
+        ktx2: Vec::new(),
         warnings,
         measured: Measured::default(),
     };
