@@ -1,14 +1,21 @@
 /**
  * Lumel's lightmaps in Babylon.js (tried with 9.28).
  *
- *     const level = await BABYLON.SceneLoader.LoadAssetContainerAsync('out/', 'level.glb', scene);
- *     level.addAllToScene();
- *     await attachLightmaps(BABYLON, scene, level, { folder: 'out/' });
+ *     const { level } = await loadLevel(BABYLON, scene, 'out/level.glb');
  *
  * What Babylon's PBR material does with a texel v of `lightmapTexture`: it adds v to what it shows, whatever the albedo. With
  * `useLightmapAsShadowmap` it multiplies instead; together with `unlit`, which shows the albedo, that is albedo × v. A Lumel lightmap holds
  * R = E/π, the radiance of a white surface, so there is no factor.
  */
+
+/** Loads a .glb and its lightmaps; `options` as below. */
+export async function loadLevel(BABYLON, scene, url, options = {}) {
+  // An InstancedMesh has its original's material, and a lightmap's place is the material's here.
+  const level = await BABYLON.LoadAssetContainerAsync(url, scene, { pluginOptions: { gltf: { createInstances: false } } });
+  level.addAllToScene();
+  const folder = url.slice(0, url.lastIndexOf('/') + 1);
+  return { level, ...(await attachLightmaps(BABYLON, scene, level, { folder, ...options })) };
+}
 
 /**
  * @param {object} BABYLON The module or global.
@@ -28,7 +35,10 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
   for (const mesh of level.meshes) {
     const place = placeOf(mesh);
     // Without coordinates there is nothing to look up.
-    if (place && mesh.getVerticesData(BABYLON.VertexBuffer.UV2Kind)) lit.push({ mesh, place });
+    if (place && mesh.getVerticesData(BABYLON.VertexBuffer.UV2Kind)) {
+      if (mesh.getClassName() === 'InstancedMesh') throw new Error('instances share a place: load with createInstances: false');
+      lit.push({ mesh, place });
+    }
   }
   const pages = new Map();
   for (const { place } of lit) {
@@ -48,8 +58,6 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
       own.unlit = true;
       materials.set(key, own);
     }
-    // InstancedMesh has no material of its own: `lumel` writes glTF nodes, which Babylon makes instances of if told to
-    // (createInstances); see the README.
     mesh.material = materials.get(key);
   }
   if (!keepLights) for (const light of level.lights) light.setEnabled(false);
@@ -69,6 +77,8 @@ function placeOf(mesh) {
 
 function placed(page, { offset: [u, v], scale: [w, h], texCoord }, exposure) {
   const texture = page.clone();
+  // Clones do not take it over; without it light is taken for sRGB.
+  texture.gammaSpace = false;
   texture.coordinatesIndex = texCoord;
   // Charts have no room for what lies over the border.
   texture.wrapU = texture.wrapV = 0;
@@ -92,6 +102,5 @@ function loadPage(BABYLON, scene, url) {
       onLoad: () => resolve(texture),
       onError: (message) => reject(new Error(`${url}: ${message}`)),
     });
-    texture.gammaSpace = false;
   });
 }

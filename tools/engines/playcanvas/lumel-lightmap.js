@@ -20,7 +20,6 @@ const TAG = 'lumel:';
  * @param {object} app The application.
  * @param {string} url The .glb that `lumel bake --ktx2` wrote.
  * @param {object} [options]
- * @param {number} [options.exposure] Multiplies the light of baked surfaces.
  * @param {boolean} [options.keepLights] Leave the file's lamps on: baked surfaces get their light twice.
  * @returns {Promise<{entity: object, meshes: number, pages: object[]}>}
  */
@@ -44,7 +43,7 @@ export async function loadLevel(pc, app, url, options = {}) {
 }
 
 /** Puts lightmaps on the render components of a hierarchy whose nodes have tags from `loadLevel`. */
-export async function attachLightmaps(pc, app, entity, { folder = '', exposure = 1, keepLights = false } = {}) {
+export async function attachLightmaps(pc, app, entity, { folder = '', keepLights = false } = {}) {
   const lit = [];
   for (const render of entity.findComponents('render')) {
     const tag = render.entity.tags.list().find((t) => t.startsWith(TAG));
@@ -66,7 +65,7 @@ export async function attachLightmaps(pc, app, entity, { folder = '', exposure =
     for (const instance of render.meshInstances) {
       const key = [instance.material.id, place.ktx2.uri, ...place.offset, ...place.scale].join(' ');
       if (!materials.has(key)) {
-        materials.set(key, placed(pc, instance.material, pages.get(place.ktx2.uri), place, exposure));
+        materials.set(key, placed(pc, instance.material, pages.get(place.ktx2.uri), place));
       }
       instance.material = materials.get(key);
       meshes += 1;
@@ -76,7 +75,7 @@ export async function attachLightmaps(pc, app, entity, { folder = '', exposure =
   return { meshes, pages: [...pages.values()] };
 }
 
-function placed(pc, from, page, { offset: [u, v], scale: [w, h], texCoord }, exposure) {
+function placed(pc, from, page, { offset: [u, v], scale: [w, h], texCoord }) {
   const material = from.clone();
   material.lightMap = page;
   material.lightMapUv = texCoord;
