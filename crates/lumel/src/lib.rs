@@ -54,5 +54,7 @@ pub use record::{
 };
 pub use report::{Blank, GroupReport, Measured, PhaseTime, Report, StoredPage};
 pub use report_page::report_page;
-pub use settings::{GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
+pub use settings::{
+    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+};
 pub use sources::{Source, SourceKind};

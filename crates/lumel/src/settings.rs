@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use atlas_bake::{
-    Directional, GatherOptions, Hidden, Ktx2Format, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice,
+    Directional, GatherOptions, Hidden, Ktx2Format, Layer, UvMode, ValueKind,
+    unwrap::UnwrapperChoice,
 };
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};

@@ -50,8 +50,16 @@ fn squares(options: &str) -> (TempDir, PathBuf) {
 }
 
 fn bake_squares(file: &Path, out: &Path, options: &str) {
-    let more = format!("--quality draft --texels-per-unit 16 --no-stitch --sun {} {options}", sun());
-    let mut a = vec!["bake".into(), file.into(), "-o".into(), out.as_os_str().to_owned()];
+    let more = format!(
+        "--quality draft --texels-per-unit 16 --no-stitch --sun {} {options}",
+        sun()
+    );
+    let mut a = vec![
+        "bake".into(),
+        file.into(),
+        "-o".into(),
+        out.as_os_str().to_owned(),
+    ];
     a.extend(more.split_whitespace().map(Into::into));
     lumel(a).ok();
 }
@@ -61,8 +69,8 @@ fn bake_squares(file: &Path, out: &Path, options: &str) {
 fn assert_pixel(found: [u8; 3], linear: [f64; 3], storage: &Storage, what: &str) {
     let curve = storage.curve;
     let steps = |v: f64| (curve(v * (1.0 + storage.share)) - curve(v)).max(0.0);
-    let near = (found.iter().zip(linear))
-        .all(|(f, v)| (f64::from(*f) - curve(v)).abs() <= 1.0 + steps(v));
+    let near =
+        (found.iter().zip(linear)).all(|(f, v)| (f64::from(*f) - curve(v)).abs() <= 1.0 + steps(v));
     assert!(near, "{what}: {found:?} is not {:.2?}", linear.map(curve));
 }
 
@@ -76,7 +84,10 @@ struct Storage {
 
 /// sRGB, with a relative error of the page.
 fn srgb(share: f64) -> Storage {
-    Storage { share, curve: shown }
+    Storage {
+        share,
+        curve: shown,
+    }
 }
 
 /// Looks at all points through a page that says where they are.
@@ -138,16 +149,22 @@ fn ktx2_pages_are_listed_stored_well_and_retired() {
     // More than half of all blocks have one value, which is stored to a half's ten bits.
     let error = stored[0]["error"]["p50"].as_f64().expect("a number");
     assert!(error < 2f64.powi(-10), "{error}");
-    let listed: Vec<&str> = (report["content"]["outputs"].as_array().expect("a list").iter())
-        .filter_map(|o| o["file"].as_str())
-        .collect();
+    let listed: Vec<&str> = (report["content"]["outputs"]
+        .as_array()
+        .expect("a list")
+        .iter())
+    .filter_map(|o| o["file"].as_str())
+    .collect();
     for name in [page.as_str(), "four squares #1.group.day.ktx2"] {
         assert!(listed.contains(&name) && all.contains_key(name), "{name}");
     }
     let manifest = parse(&all[&format!("{STEM}.lightmap.json")]);
     let named = json!({"uri": page, "format": "bc6h"});
     assert_eq!(manifest["pages"][0]["ktx2"], named);
-    assert_eq!(manifest["groups"][0]["ktx2"], json!(["four squares #1.group.day.ktx2"]));
+    assert_eq!(
+        manifest["groups"][0]["ktx2"],
+        json!(["four squares #1.group.day.ktx2"])
+    );
     let extras = document(&all[&format!("{STEM}.glb")])["nodes"][0]["extras"]["lightmap"].clone();
     assert_eq!(extras["ktx2"], named);
 
@@ -157,11 +174,19 @@ fn ktx2_pages_are_listed_stored_well_and_retired() {
     bake_squares(&file, &out, "");
     let mut expected = outputs(STEM);
     // Groups' EXRs have always stayed.
-    expected.extend([format!("{STEM}.group.day.exr"), "other.lightmap.ktx2".into()]);
+    expected.extend([
+        format!("{STEM}.group.day.exr"),
+        "other.lightmap.ktx2".into(),
+    ]);
     expected.sort();
     assert_eq!(names(&out), expected);
 
-    let mut a = vec!["bake".into(), file.into_os_string(), "-o".into(), out.into_os_string()];
+    let mut a = vec![
+        "bake".into(),
+        file.into_os_string(),
+        "-o".into(),
+        out.into_os_string(),
+    ];
     a.extend(["-q", "--ktx2", "bc6h", "--block-align", "1"].map(Into::into));
     lumel(a).fails(1, &["--block-align 1", "multiple of 4"]);
 }
@@ -180,12 +205,19 @@ fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
     assert_eq!(d["meshes"].as_array().map(Vec::len), Some(4));
     let primitive = |n: usize, i: usize| &d["meshes"][meshes[n] as usize]["primitives"][i];
     // Positions stay shared, coordinates do not, and both see one material.
-    assert_eq!(primitive(0, 0)["attributes"]["POSITION"], primitive(1, 0)["attributes"]["POSITION"]);
-    assert_ne!(primitive(0, 0)["attributes"]["TEXCOORD_1"], primitive(1, 0)["attributes"]["TEXCOORD_1"]);
+    assert_eq!(
+        primitive(0, 0)["attributes"]["POSITION"],
+        primitive(1, 0)["attributes"]["POSITION"]
+    );
+    assert_ne!(
+        primitive(0, 0)["attributes"]["TEXCOORD_1"],
+        primitive(1, 0)["attributes"]["TEXCOORD_1"]
+    );
     assert_eq!(primitive(0, 0)["material"], primitive(1, 0)["material"]);
     assert_eq!(primitive(0, 0)["material"], primitive(2, 0)["material"]);
     assert_ne!(primitive(2, 0)["material"], primitive(2, 1)["material"]);
-    let material = &d["materials"][primitive(2, 1)["material"].as_u64().expect("a material") as usize];
+    let material =
+        &d["materials"][primitive(2, 1)["material"].as_u64().expect("a material") as usize];
     assert_eq!(material["name"], json!("green"));
     let moz = &material["extensions"]["MOZ_lightmap"];
     assert_eq!(moz["texCoord"], json!(1));
@@ -198,21 +230,30 @@ fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
     let intensity = moz["intensity"].as_f64().expect("a number");
     // The EXR has halves of it.
     let expected = std::f64::consts::PI * f64::from(largest);
-    assert!((intensity / expected - 1.0).abs() < 1e-3, "{intensity} is not {expected}");
+    assert!(
+        (intensity / expected - 1.0).abs() < 1e-3,
+        "{intensity} is not {expected}"
+    );
     for extension in ["MOZ_lightmap", "MOZ_texture_rgbe"] {
         let used = d["extensionsUsed"].as_array().expect("a list");
         assert!(used.contains(&json!(extension)), "{used:?}");
     }
     // Extras and manifest say where coordinates are now: on the page.
     let whole = [json!([0.0, 0.0]), json!([1.0, 1.0])];
-    let manifest = parse(std::fs::read(out.join(format!("{STEM}.lightmap.json"))).expect("it is written"));
+    let manifest =
+        parse(std::fs::read(out.join(format!("{STEM}.lightmap.json"))).expect("it is written"));
     for place in [&nodes[0]["extras"]["lightmap"], &manifest["nodes"][0]] {
         assert_eq!([place["offset"].clone(), place["scale"].clone()], whole);
     }
     validate(&out.join(format!("{STEM}.glb")));
 
     let file = out.join("../four squares #1.gltf");
-    let mut a = vec!["bake".into(), file.into_os_string(), "-o".into(), out.into_os_string()];
+    let mut a = vec![
+        "bake".into(),
+        file.into_os_string(),
+        "-o".into(),
+        out.into_os_string(),
+    ];
     a.extend(["-q", "--ext", "moz", "--value", "radiosity"].map(Into::into));
     lumel(a).fails(1, &["--ext moz", "radiance or irradiance"]);
 }
@@ -227,7 +268,11 @@ fn validate(file: &Path) {
         eprintln!("SKIPPED the glTF validator on MOZ_lightmap: no node");
         return;
     };
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stdout));
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stdout)
+    );
 }
 
 #[test]
@@ -246,12 +291,20 @@ fn three_js_shows_ktx2_pages() {
             b.open(&format!("{}/engines/index.html?glb=none", site.url));
             let has = "Boolean(document.createElement('canvas').getContext('webgl2').getExtension('EXT_texture_compression_bptc'))";
             if b.eval(has) != json!(true) {
-                eprintln!("SKIPPED three.js with BC6H: this browser has no EXT_texture_compression_bptc");
+                eprintln!(
+                    "SKIPPED three.js with BC6H: this browser has no EXT_texture_compression_bptc"
+                );
                 return;
             }
             b.errors.clear();
         }
-        look(&mut b, &site, "/engines/index.html", "diffuse=1&ktx2=1", &srgb(share));
+        look(
+            &mut b,
+            &site,
+            "/engines/index.html",
+            "diffuse=1&ktx2=1",
+            &srgb(share),
+        );
         assert_eq!(b.errors, [""; 0]);
     }
 }
@@ -265,7 +318,13 @@ fn three_js_shows_moz_lightmap() {
     let site = Site::start(&out);
     // Half a step of 255 of the page's largest value, which is that of these squares: as PNG, and less as RGBE.
     for query in ["diffuse=1&moz=1", "diffuse=1&moz=png", "diffuse=1"] {
-        look(&mut b, &site, "/engines/index.html", query, &srgb(1.0 / 255.0));
+        look(
+            &mut b,
+            &site,
+            "/engines/index.html",
+            query,
+            &srgb(1.0 / 255.0),
+        );
     }
     assert_eq!(b.errors, [""; 0]);
 }
@@ -307,11 +366,18 @@ fn babylon_shows_closed_form_pixels() {
 
 /// Where a point is in a picture of `size` from `cam`, as tools/engines/bevy looks at it.
 fn project(cam: &str, at: [f64; 3], size: [f64; 2]) -> [f64; 2] {
-    let c: Vec<f64> = cam.split(',').map(|x| x.parse().expect("a number")).collect();
+    let c: Vec<f64> = cam
+        .split(',')
+        .map(|x| x.parse().expect("a number"))
+        .collect();
     let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let cross = |a: [f64; 3], b: [f64; 3]| {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
     };
     let unit = |a: [f64; 3]| a.map(|x| x / dot(a, a).sqrt());
     let from = [c[0], c[1], c[2]];
@@ -320,13 +386,18 @@ fn project(cam: &str, at: [f64; 3], size: [f64; 2]) -> [f64; 2] {
     let up = cross(right, ahead);
     let d = minus(at, from);
     let scale = 0.5 * size[1] / (0.5 * c[6].to_radians()).tan() / dot(d, ahead);
-    [0.5 * size[0] + dot(d, right) * scale, 0.5 * size[1] - dot(d, up) * scale]
+    [
+        0.5 * size[0] + dot(d, right) * scale,
+        0.5 * size[1] - dot(d, up) * scale,
+    ]
 }
 
 #[test]
 fn bevy_shows_closed_form_pixels() {
     let Some(program) = std::env::var_os("LUMEL_BEVY") else {
-        eprintln!("SKIPPED Bevy: LUMEL_BEVY does not name the program that tools/engines/bevy builds (docs/engines.md)");
+        eprintln!(
+            "SKIPPED Bevy: LUMEL_BEVY does not name the program that tools/engines/bevy builds (docs/engines.md)"
+        );
         return;
     };
     for (options, flag, share) in [
@@ -344,7 +415,11 @@ fn bevy_shows_closed_form_pixels() {
                 .args(flag)
                 .output()
                 .expect("LUMEL_BEVY starts");
-            assert!(run.status.success(), "{options}: {}", String::from_utf8_lossy(&run.stderr));
+            assert!(
+                run.status.success(),
+                "{options}: {}",
+                String::from_utf8_lossy(&run.stderr)
+            );
             let picture: RgbImage = image::open(&picture).expect("a picture").to_rgb8();
             for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
                 let [x, y] = project(cam, at, [640.0, 480.0]);
@@ -361,7 +436,10 @@ fn blender_imports_without_loss_and_looks_up_right() {
     let venv = std::env::var_os("LUMEL_VENV").unwrap_or_else(|| "/opt/lumel-venv".into());
     let python = PathBuf::from(venv).join("bin/python");
     if !python.is_file() {
-        eprintln!("SKIPPED Blender: no {} (LUMEL_VENV names its folder)", python.display());
+        eprintln!(
+            "SKIPPED Blender: no {} (LUMEL_VENV names its folder)",
+            python.display()
+        );
         return;
     }
     let (_t, out) = squares("");
@@ -380,5 +458,9 @@ fn blender_imports_without_loss_and_looks_up_right() {
         eprintln!("SKIPPED Blender: {text}");
         return;
     }
-    assert!(run.status.success(), "{text}{}", String::from_utf8_lossy(&run.stderr));
+    assert!(
+        run.status.success(),
+        "{text}{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
 }

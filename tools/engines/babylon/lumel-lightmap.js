@@ -82,7 +82,7 @@ function placed(page, { offset: [u, v], scale: [w, h], texCoord }, exposure) {
   texture.coordinatesIndex = texCoord;
   // Charts have no room for what lies over the border.
   texture.wrapU = texture.wrapV = 0;
-  // Babylon turns glTF's v about (v' = 1 − v) where a texture's row 0 is at the bottom, as EXRs' are.
+  // Babylon's reader of EXRs puts row 0 at the bottom, `invertY` or not: v' = 1 − v.
   texture.uScale = w;
   texture.vScale = -h;
   texture.uOffset = u;

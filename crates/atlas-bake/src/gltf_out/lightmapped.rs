@@ -188,7 +188,12 @@ pub fn write_lightmapped_glb_with(
             } else {
                 let page = placement.page as usize;
                 let (node, mesh) = (instance.node, target.mesh);
-                lit.push(moz::Lit { node, mesh, page, uv });
+                lit.push(moz::Lit {
+                    node,
+                    mesh,
+                    page,
+                    uv,
+                });
                 uv = UvTransform::PAGE;
             }
         }
@@ -208,10 +213,12 @@ pub fn write_lightmapped_glb_with(
         places.push((instance.node, instance.copy, place));
     }
     if let Some(pages) = options.moz {
-        let scale = value.scale_to_irradiance().ok_or_else(|| Error::Inconsistent {
-            at: "MOZ_lightmap".into(),
-            message: "the pages hold radiosity, expected radiance or irradiance".into(),
-        })?;
+        let scale = value
+            .scale_to_irradiance()
+            .ok_or_else(|| Error::Inconsistent {
+                at: "MOZ_lightmap".into(),
+                message: "the pages hold radiosity, expected radiance or irradiance".into(),
+            })?;
         let copied = moz::apply(&mut editor, &lit, &coordinates, pages, scale)?;
         stats.moz_meshes = copied.meshes;
         stats.moz_materials = copied.materials;

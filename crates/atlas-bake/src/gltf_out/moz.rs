@@ -82,7 +82,8 @@ pub(super) fn apply(
         };
         for ((_, p), uv) in coordinates.range((node.mesh, 0)..(node.mesh + 1, 0)) {
             let place = |[u, v]: [f32; 2]| {
-                let [x, y] = [0, 1].map(|i| node.uv.offset[i] + node.uv.scale[i] * [u, v][i] as f64);
+                let [x, y] =
+                    [0, 1].map(|i| node.uv.offset[i] + node.uv.scale[i] * [u, v][i] as f64);
                 [x as f32, y as f32]
             };
             let placed: Vec<[f32; 2]> = uv.iter().map(|uv| place(*uv)).collect();
@@ -189,7 +190,13 @@ pub(super) struct Picture {
 impl Picture {
     pub(super) fn new(page: &Page) -> Result<Picture> {
         // As the EXR has it: light is finite and not negative.
-        let storable = |x: f32| if x.is_finite() { x.clamp(0.0, HALF_MAX) } else { 0.0 };
+        let storable = |x: f32| {
+            if x.is_finite() {
+                x.clamp(0.0, HALF_MAX)
+            } else {
+                0.0
+            }
+        };
         let values: Vec<[f32; 3]> = page.value.iter().map(|v| v.map(storable)).collect();
         let largest = values.as_flattened().iter().copied().fold(0.0, f32::max);
         let largest = if largest > 0.0 { largest } else { 1.0 };

@@ -74,9 +74,10 @@ pub(super) fn decode([width, height]: [u32; 2], data: &[u8]) -> Vec<[f32; 3]> {
             for (bx, block) in data.chunks_exact(16).enumerate() {
                 bcdec_rs::bc6h_half(block, &mut texels, 3 * SIDE, false);
                 for (y, row) in out.chunks_exact_mut(w).enumerate() {
-                    for x in SIDE * bx..(SIDE * (bx + 1)).min(w) {
-                        let at = 3 * (SIDE * y + x - SIDE * bx);
-                        row[x] = std::array::from_fn(|c| f16::from_bits(texels[at + c]).to_f32());
+                    let part = &mut row[SIDE * bx..(SIDE * (bx + 1)).min(w)];
+                    for (x, v) in part.iter_mut().enumerate() {
+                        let at = 3 * (SIDE * y + x);
+                        *v = std::array::from_fn(|c| f16::from_bits(texels[at + c]).to_f32());
                     }
                 }
             }

@@ -13,7 +13,11 @@ use crate::error::{Error, Result};
 ///
 /// # Errors
 /// [`Error::Image`] where the crate cannot describe the format, which would be its fault.
-pub(super) fn assemble(format: Ktx2Format, [width, height]: [u32; 2], data: &[u8]) -> Result<Vec<u8>> {
+pub(super) fn assemble(
+    format: Ktx2Format,
+    [width, height]: [u32; 2],
+    data: &[u8],
+) -> Result<Vec<u8>> {
     let (vulkan, alignment) = match format {
         Ktx2Format::Bc6h => (Format::BC6H_UFLOAT_BLOCK, 16),
         Ktx2Format::Rgb9e5 => (Format::E5B9G9R9_UFLOAT_PACK32, 4),

@@ -110,7 +110,7 @@ fn the_decoder_reads_a_block_made_by_hand() {
         let want = [0, 1, 2].map(|c| {
             let w = weights[i];
             let x = (wide(endpoints[0][c]) * (64 - w) + wide(endpoints[1][c]) * w + 32) >> 6;
-            half::f16::from_bits((x * 31 >> 6) as u16).to_f32()
+            half::f16::from_bits(((x * 31) >> 6) as u16).to_f32()
         });
         assert_eq!(*v, want, "texel {i}");
     }
@@ -119,7 +119,19 @@ fn the_decoder_reads_a_block_made_by_hand() {
 #[test]
 fn shared_exponents_round_to_the_nearest_step() {
     for x in [
-        0.0f32, 1e-9, 2f32.powi(-25), 2f32.powi(-24), 3e-5, 0.3, 0.99805, 0.999, 1.0, 511.4, 511.5, 65000.0, rgb9e5::MAX,
+        0.0f32,
+        1e-9,
+        2f32.powi(-25),
+        2f32.powi(-24),
+        3e-5,
+        0.3,
+        0.99805,
+        0.999,
+        1.0,
+        511.4,
+        511.5,
+        65000.0,
+        rgb9e5::MAX,
     ] {
         let word = rgb9e5::encode([x, 0.5 * x, 0.0]);
         let back = rgb9e5::decode(word);
@@ -142,7 +154,10 @@ fn containers_say_what_they_hold() {
         assert_eq!([h.layer_count, h.face_count, h.level_count], [0, 1, 1]);
         assert_eq!(h.supercompression_scheme, None);
         assert_eq!(h.type_size, if alignment == 16 { 1 } else { 4 });
-        assert_eq!(file.transfer_function(), Some(ktx2::TransferFunction::Linear));
+        assert_eq!(
+            file.transfer_function(),
+            Some(ktx2::TransferFunction::Linear)
+        );
         assert_eq!(file.color_primaries(), Some(ktx2::ColorPrimaries::BT709));
         let keys: Vec<_> = file.key_value_data().collect();
         assert_eq!(keys[0], ("KTXorientation", &b"rd\0"[..]));
@@ -169,7 +184,12 @@ fn what_cannot_be_stored_is_clamped_and_counted() {
         };
         assert_eq!(report.clamped, stats, "{format:?}");
         let back = read(&bytes);
-        assert!(back.as_flattened().iter().all(|x| x.is_finite() && *x >= 0.0), "{back:?}");
+        assert!(
+            back.as_flattened()
+                .iter()
+                .all(|x| x.is_finite() && *x >= 0.0),
+            "{back:?}"
+        );
         if format == Ktx2Format::Rgb9e5 {
             assert_eq!(back[0], [0.0, 0.0, max]);
             assert_eq!(back[1], [1.0; 3]);
@@ -189,10 +209,20 @@ fn texels_that_nobody_sees_cost_their_block_nothing() {
     let mut p = page(32, 32);
     for i in 0..p.value.len() {
         let lit = i % 4 < 2;
-        p.value[i] = [if lit { 2.0 + 0.01 * (i % 32) as f32 } else { 0.0 }; 3];
+        p.value[i] = [if lit {
+            2.0 + 0.01 * (i % 32) as f32
+        } else {
+            0.0
+        }; 3];
         p.coverage[i] = if lit { 1.0 } else { 0.0 };
     }
-    let error = |p: &Page| write_lightmap_ktx2(p, Ktx2Format::Bc6h).unwrap().1.error.rel_rmse;
+    let error = |p: &Page| {
+        write_lightmap_ktx2(p, Ktx2Format::Bc6h)
+            .unwrap()
+            .1
+            .error
+            .rel_rmse
+    };
     let free = error(&p);
     // Black surfaces must stay black: there the same block has to hold both.
     p.coverage.fill(1.0);
@@ -209,7 +239,9 @@ fn same_bytes_for_any_number_of_threads() {
     for format in [Ktx2Format::Bc6h, Ktx2Format::Rgb9e5] {
         let write = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-            pool.build().unwrap().install(|| write_lightmap_ktx2(&p, format).unwrap().0)
+            pool.build()
+                .unwrap()
+                .install(|| write_lightmap_ktx2(&p, format).unwrap().0)
         };
         assert!(write(1) == write(3), "{format:?}");
     }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint, ProbeSource, Quality,
-    Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
+    Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
+    ProbeSource, Quality, Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
 };
 
 use super::config::{self, ConfigArgs, Layered};

@@ -10,12 +10,15 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use lumel::mesh_ingest::Digest;
-use lumel::{GltfExt, LightGroup, LightScale, Origin, ProbeSource, Provenance, Settings, SkySource, Sun};
+use lumel::{
+    GltfExt, LightGroup, LightScale, Origin, ProbeSource, Provenance, Settings, SkySource, Sun,
+};
 use serde::de::{Deserializer, Error as _, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, de};
 
 use super::args::{
-    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, QualityArg, UnwrapperArg, UvArg, ValueArg, parse_sky,
+    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, QualityArg, UnwrapperArg, UvArg,
+    ValueArg, parse_sky,
 };
 
 /// All keys, as comments, with their defaults: what `lumel config` prints.
