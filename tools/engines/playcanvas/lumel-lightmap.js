@@ -88,7 +88,7 @@ function placed(pc, from, page, { offset: [u, v], scale: [w, h], texCoord }) {
 
 async function loadPage(pc, device, url) {
   const { width, height, format, data } = await fetchKtx2(url);
-  if (format === 'bc6h' && !device.extCompressedTextureBPTC && !device.textureCompressionBC) {
+  if (format === 'bc6h' && !device.isWebGPU && !device.extTextureCompressionBPTC) {
     throw new Error('this graphics card has no BC6H: bake with --ktx2 rgb9e5');
   }
   return new pc.Texture(device, {
