@@ -105,7 +105,8 @@ fn attach(
             // Pages lie beside the glTF. `resolve` would take a `#` in a file's name for a label.
             let Some(file) = mesh.0.path() else { continue };
             let path = file.path().with_file_name(&page);
-            let path = bevy::asset::AssetPath::from_path_buf(path).with_source(file.source().clone_owned());
+            let path = bevy::asset::AssetPath::from_path_buf(path)
+                .with_source(file.source().clone_owned());
             let [x, y] = place.offset;
             let [w, h] = place.scale;
             commands.entity(*child).insert(Lightmap {

@@ -85,6 +85,8 @@ fn main() -> AppExit {
         );
         return AppExit::from_code(1);
     };
+    // Its coming is the sign that all is done.
+    let _ = std::fs::remove_file(&job.picture);
     let folder = job.level.parent().unwrap_or(Path::new("/"));
     App::new()
         .add_plugins(
@@ -123,12 +125,22 @@ fn main() -> AppExit {
 #[derive(Resource)]
 struct Target(Handle<Image>);
 
-fn setup(mut commands: Commands, job: Res<Job>, assets: Res<AssetServer>, mut images: ResMut<Assets<Image>>) {
+fn setup(
+    mut commands: Commands,
+    job: Res<Job>,
+    assets: Res<AssetServer>,
+    mut images: ResMut<Assets<Image>>,
+) {
     let name = PathBuf::from(job.level.file_name().unwrap_or_default());
     let path = bevy::asset::AssetPath::from_path_buf(name).with_label("Scene0");
     commands.spawn(WorldAssetRoot(assets.load(path)));
     let [w, h] = job.size;
-    let target = images.add(Image::new_target_texture(w, h, TextureFormat::Rgba8UnormSrgb, None));
+    let target = images.add(Image::new_target_texture(
+        w,
+        h,
+        TextureFormat::Rgba8UnormSrgb,
+        None,
+    ));
     commands.spawn((
         Camera3d::default(),
         RenderTarget::Image(target.clone().into()),
@@ -141,7 +153,11 @@ fn setup(mut commands: Commands, job: Res<Job>, assets: Res<AssetServer>, mut im
         Exposure {
             ev100: -(1.2 * job.exposure).log2(),
         },
-        if job.tone { Tonemapping::ReinhardLuminance } else { Tonemapping::None },
+        if job.tone {
+            Tonemapping::ReinhardLuminance
+        } else {
+            Tonemapping::None
+        },
         Msaa::Off,
     ));
     commands.insert_resource(Target(target));
@@ -175,7 +191,10 @@ fn shoot(
     mut ready: Local<u32>,
     mut exit: MessageWriter<AppExit>,
 ) {
-    let loaded = !lit.is_empty() && lit.iter().all(|l| assets.is_loaded_with_dependencies(&l.image));
+    let loaded = !lit.is_empty()
+        && lit
+            .iter()
+            .all(|l| assets.is_loaded_with_dependencies(&l.image));
     *ready = if loaded { *ready + 1 } else { 0 };
     if *ready == SETTLE {
         commands
@@ -186,7 +205,10 @@ fn shoot(
         exit.write(AppExit::Success);
     }
     if time.elapsed() > PATIENCE {
-        eprintln!("{} lightmapped meshes, and no picture after {PATIENCE:?}", lit.iter().count());
+        eprintln!(
+            "{} lightmapped meshes, and no picture after {PATIENCE:?}",
+            lit.iter().count()
+        );
         exit.write(AppExit::from_code(2));
     }
 }
