@@ -24,6 +24,7 @@ mod planes;
 mod preview;
 pub mod probes;
 mod refine;
+mod rims;
 mod seams;
 mod smooth;
 mod sparse;

@@ -165,14 +165,35 @@ mod tests {
     }
 
     #[test]
+    fn slivers_grow_to_half_a_lumel_at_most() {
+        // 1.4 mm high on a base of 1.4 m, where a lumel has 10 cm. The base moves by half of the slit.
+        for (gap, grows) in [(0.01, true), (0.09, false)] {
+            let (mesh, mut charts) = opened(gap);
+            let middle = charts.corners[1][0].lerp(charts.corners[1][1], 0.5);
+            charts.corners[1][2] = middle + DVec2::new(-1e-3, 1e-3);
+            let before = charts.corners.clone();
+            weld_slits(&mesh, &mut charts, 0.1);
+            assert_eq!(charts.corners != before, grows, "{gap}");
+        }
+    }
+
+    #[test]
     fn nothing_folds() {
-        // A sliver whose tip would be drawn across its base.
-        let (mesh, mut charts) = opened(0.02);
-        charts.corners[1][2] =
-            charts.corners[1][0].lerp(charts.corners[1][1], 0.5) + DVec2::new(-1e-3, 1e-3);
+        // Half of the way to the other triangle's corner lies beyond this one's far side.
+        let (mesh, mut charts) = opened(0.0);
+        charts.corners[1] = [(-0.05, 0.0), (-0.03, -0.01), (-0.03, 0.01)].map(DVec2::from);
         let before = charts.corners.clone();
+        assert!(cross2(&before[1]) > 0.0);
         weld_slits(&mesh, &mut charts, 0.1);
-        assert!(cross2(&charts.corners[1]) > 0.0);
         assert_eq!(charts.corners, before);
+    }
+
+    #[test]
+    fn what_is_smaller_than_half_a_lumel_may_go_flat() {
+        // Both triangles measure a third of a lumel, and the slit between them a fifth of their side.
+        let (mesh, mut charts) = opened(0.2);
+        weld_slits(&mesh, &mut charts, 1.3);
+        assert_eq!(charts.corners[0][0], charts.corners[1][0]);
+        assert_eq!(charts.corners[0][2], charts.corners[1][1]);
     }
 }
