@@ -175,7 +175,7 @@ fn bake(
         ));
     }
     if settings.ktx2 == Some(lumel::Ktx2Format::Bc6h) && !settings.block_charts {
-        // No warning: on the project's own levels it cost a tenth of the error above, and keeping them apart a tenth of the page.
+        // No warning: on the project's own levels it is up to a tenth of the error above, and keeping them apart costs up to a tenth of the page.
         display.say(
             "            charts share blocks of 4 x 4 texels; --block-charts keeps them apart",
         );
