@@ -231,8 +231,8 @@ fn rgbe_exact(v: [f32; 3]) -> [f32; 3] {
     if largest < 1e-30 {
         return [0.0; 3];
     }
-    // 2^(e - 1) ≤ largest < 2^e; 255 of 255 would be 2^e itself.
-    let mut e = ((largest.to_bits() >> 23) & 255) as i32 - 126;
+    // 2^e ≤ largest < 2^(e + 1), and 255 of 255 is 2^e itself, which the page's largest value needs.
+    let mut e = ((largest.to_bits() >> 23) & 255) as i32 - 127;
     let byte = |x: f32, e: i32| (f64::from(x) * 255.0 / f64::from(e).exp2()).round();
     if byte(largest, e) > 255.0 {
         e += 1;
