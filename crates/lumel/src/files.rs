@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, GlbOptions, Ktx2Format, LitScene, Manifest, ManifestGroup, OutputSet, Page,
+    ExrOptions, GlbOptions, Ktx2Format, Light, LitScene, Manifest, ManifestGroup, OutputSet, Page,
     choose_camera, render_preview, scene_camera, write_lightmap_exr, write_lightmap_ktx2,
     write_lightmapped_glb_with, write_vertex_glb,
 };
@@ -260,9 +260,11 @@ impl Bake {
             scene,
             soup: &soup,
             bvh: &bvh,
-            layout: &self.layout,
-            pages: &self.baked.pages,
-            value: self.value,
+            light: Light::Pages {
+                layout: &self.layout,
+                pages: &self.baked.pages,
+                value: self.value,
+            },
         };
         let camera =
             scene_camera(&self.loaded.document, scene).unwrap_or_else(|| choose_camera(&lit));
