@@ -330,11 +330,6 @@ impl<'a> World<'a> {
         glass.share()
     }
 
-    /// The tree over the soup's triangles.
-    pub fn tree(&self) -> &Bvh {
-        &self.bvh
-    }
-
     /// Whether something opaque stands between two points of one surface: a wall on it, say, and not the surface's own curvature.
     ///
     /// Looks along two straight ways, from either point to one above the middle between them: `lift` metres, and more where the surface
