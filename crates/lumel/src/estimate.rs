@@ -14,6 +14,7 @@ use crate::error::Error;
 use crate::files::output_names;
 use crate::pipeline::{Prepared, plan_layout, prepare};
 use crate::probes;
+use crate::scene_input::SceneInput;
 use crate::settings::{Quality, Settings};
 
 /// A bake's plan and cost.
@@ -75,7 +76,7 @@ pub fn estimate(
     let start = Instant::now();
     let Prepared {
         loaded, soup, sky, ..
-    } = prepare(file, settings)?;
+    } = prepare(SceneInput::File(file), settings)?;
     let scene = &loaded.scene;
     let (_, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
     let probes = match (&settings.probes, points) {

@@ -12,6 +12,7 @@
 //! # Ok::<(), lumel::Error>(())
 //! ```
 
+mod baker;
 mod check;
 mod depfile;
 mod error;
@@ -27,10 +28,14 @@ mod probes;
 mod record;
 mod report;
 mod report_page;
+mod results;
+mod scene_builder;
+mod scene_input;
 mod settings;
 mod sky;
 mod sources;
 pub mod view;
+mod watch;
 
 pub use atlas_bake;
 pub use mesh_ingest;
@@ -38,14 +43,16 @@ pub use radiosity;
 pub use visibility;
 
 pub use atlas_bake::{
-    Directional, Hidden, Layer, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
+    Directional, Hidden, Layer, Page, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
 };
+pub use baker::Baker;
 pub use depfile::depfile;
 pub use error::Error;
 pub use estimate::{Estimate, estimate};
 pub use files::{NamedFile, output_names};
 pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
+pub use mesh_ingest::MemoryDocument;
 pub use origin::Origin;
 pub use pipeline::{Bake, bake, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
@@ -54,5 +61,9 @@ pub use record::{
 };
 pub use report::{Blank, GroupReport, Measured, PhaseTime, Report};
 pub use report_page::report_page;
+pub use results::VertexColors;
+pub use scene_builder::{MaterialId, MeshId, SceneBuilder, Surface};
+pub use scene_input::SceneInput;
 pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
 pub use sources::{Source, SourceKind};
+pub use watch::{CancelToken, Progress};
