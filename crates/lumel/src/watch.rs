@@ -24,7 +24,8 @@ pub struct Progress {
 impl Progress {
     /// Share of the phase that is done, 0..=1; `None` where it is not counted.
     ///
-    /// Phases take very different times: the gather is most of nearly every bake.
+    /// Some phases work in several passes and count each of them from 0. Phases take very different times: the gather is most of nearly
+    /// every bake.
     pub fn share(&self) -> Option<f64> {
         (self.total > 0).then(|| (self.done as f64 / self.total as f64).min(1.0))
     }

@@ -98,11 +98,29 @@ export class Stage {
       center.copy(this.camera.position).addScaledVector(ahead, distance);
     } else {
       this.camera.fov = 60;
-      this.camera.position.copy(center).add(new Vector3(0.45, 0.4, 0.6).multiplyScalar(this.extent));
-      this.camera.lookAt(center);
+      this.frame(center, new Vector3(0.45, 0.4, 0.6).normalize());
     }
     this.clip();
     return center;
+  }
+
+  /** Looks at `center` from the side `from`, so near that the whole level is just seen. */
+  frame(center, from) {
+    this.resize();
+    const { camera } = this;
+    camera.position.copy(center).add(from);
+    camera.lookAt(center);
+    const up = Math.tan((camera.fov * Math.PI) / 360);
+    const side = up * camera.aspect;
+    const turn = camera.quaternion.clone().invert();
+    let distance = 0;
+    for (let corner = 0; corner < 8 && !this.box.isEmpty(); corner++) {
+      const at = new Vector3(...['x', 'y', 'z'].map((k, i) => this.box[corner & (1 << i) ? 'max' : 'min'][k]));
+      at.sub(center).applyQuaternion(turn);
+      distance = Math.max(distance, at.z + Math.abs(at.x) / side, at.z + Math.abs(at.y) / up);
+    }
+    // A margin of a twentieth.
+    camera.position.copy(center).addScaledVector(from, 1.05 * distance || 1);
   }
 
   /** Near and far planes for where the camera is. */

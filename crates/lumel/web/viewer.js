@@ -66,7 +66,7 @@ async function apply() {
   const view = views.find((v) => v.name === state.view);
 
   choices($('views'), views, state.view, (name) => set({ view: name }));
-  choices($('lights'), lights, state.light, (name) => set({ light: name }));
+  choices($('lights'), lights, state.light, chooseLight);
   choices($('tones'), [{ name: 'film', title: 'Soft' }, { name: 'linear', title: 'Linear' }], state.tone, (name) => set({ tone: name }));
   choices($('modes'), [{ name: 'orbit', title: 'Orbit' }, { name: 'walk', title: 'Walk' }], state.mode, (name) => set({ mode: name }));
   $('groups').hidden = state.light !== 'groups';
@@ -94,6 +94,12 @@ async function apply() {
   for (const mesh of stage.unbaked) mesh.layers.set(state.unbaked ? 0 : 1);
   stage.invalidate();
   noteAddress();
+}
+
+/** Views of figures are the same in every light: who asks for one wants to see it. */
+function chooseLight(name) {
+  const showsLight = state.view === 'lit' || state.view === 'light';
+  return set({ light: name, view: showsLight ? state.view : 'lit' });
 }
 
 function set(change) {
@@ -156,6 +162,8 @@ function firstCamera() {
 }
 
 function lookFrom(index) {
+  // It tells of a place that may be out of sight now.
+  $('readout').hidden = true;
   const target = stage.lookFrom(index);
   controls.target.copy(target);
   controls.lookAt(target);
@@ -240,7 +248,7 @@ function key(e) {
   const actions = {
     o: () => set({ mode: 'orbit' }),
     f: () => set({ mode: 'walk' }),
-    l: () => set({ light: next.name }),
+    l: () => chooseLight(next.name),
     '+': () => set({ ev: Math.min(10, state.ev + 0.5) }),
     '=': () => set({ ev: Math.min(10, state.ev + 0.5) }),
     '-': () => set({ ev: Math.max(-10, state.ev - 0.5) }),
