@@ -4,7 +4,7 @@ import { Controls } from './controls.js';
 import { Mixer, applyLight } from './light.js';
 import { $, choices, element, groupSliders, legend, lightsOf, message, showMissing, showReport, viewsOf } from './panel.js';
 import { describe, pick } from './pick.js';
-import { Stage } from './stage.js';
+import { INSIDE, Stage } from './stage.js';
 
 /** How often the page asks whether a bake was made anew, milliseconds. */
 const WATCH = 2000;
@@ -134,6 +134,7 @@ async function open(name, keep) {
   showMissing(bake);
   $('cameras').replaceChildren(
     ...stage.cameras.map((c, i) => element('option', c.name || `camera ${i + 1}`, { value: String(i) })),
+    ...(stage.room ? [element('option', stage.room.eye ? 'inside' : 'open side', { value: String(INSIDE) })] : []),
     element('option', 'outside', { value: '-1' }),
   );
   if (!keep) {
@@ -158,7 +159,7 @@ async function open(name, keep) {
 
 function firstCamera() {
   $('cameras').selectedIndex = 0;
-  lookFrom(0);
+  lookFrom(Number($('cameras').value));
 }
 
 function lookFrom(index) {
