@@ -76,7 +76,7 @@ pub use atlas_bake::{
 pub use baker::Baker;
 pub use depfile::depfile;
 pub use error::Error;
-pub use estimate::{Estimate, estimate};
+pub use estimate::{ESTIMATE_FACTOR, Estimate, estimate};
 pub use files::{NamedFile, output_names};
 pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};

@@ -195,18 +195,7 @@ pub(crate) fn bake_scene(
     clock.lap(Phase::Solve);
 
     begin(monitor, Phase::Gather)?;
-    let options = BakeOptions {
-        lumels: settings.lumel_options(),
-        vertices: settings.vertex_options(),
-        layers: settings.layers.clone(),
-        padding: settings.padding,
-        value: settings.value,
-        directional: settings.directional,
-        ao_distance: settings.ao_distance,
-        hidden: settings.hidden,
-        stitch: settings.stitch,
-        vertex_error: settings.vertex_error,
-    };
+    let options = bake_options(settings);
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
     clock.lap(Phase::Gather);
@@ -271,6 +260,22 @@ pub(crate) fn bake_scene(
         value: settings.value,
         clock,
     })
+}
+
+/// What settings say about gathering and pages.
+pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
+    BakeOptions {
+        lumels: settings.lumel_options(),
+        vertices: settings.vertex_options(),
+        layers: settings.layers.clone(),
+        padding: settings.padding,
+        value: settings.value,
+        directional: settings.directional,
+        ao_distance: settings.ao_distance,
+        hidden: settings.hidden,
+        stitch: settings.stitch,
+        vertex_error: settings.vertex_error,
+    }
 }
 
 /// Bakes the probes of a plan.

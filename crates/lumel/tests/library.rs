@@ -195,7 +195,7 @@ fn a_baker_knows_what_it_has_baked() {
         .write(&out)
         .expect("written");
     let current = baker().find_current(&path, &out).expect("it is current");
-    assert_eq!(current.inputs, [path.clone()]);
+    assert_eq!(current.inputs, std::slice::from_ref(&path));
     assert_eq!(current.outputs, written);
     let brighter = baker().light("lamp", 2.0);
     let why = brighter

@@ -1,0 +1,90 @@
+//! What a gather will cost, from a few of its lumels.
+
+use std::time::{Duration, Instant};
+
+use radiosity::{DirectLight, Emitters, Solution, World};
+use rayon::prelude::*;
+
+use crate::atlas::Layout;
+use crate::bake::{BakeOptions, Hidden};
+use crate::gather::{GatherOptions, Gatherer};
+use crate::lumels::Lumels;
+use crate::sparse::Sparse;
+
+/// Lumels of a round. Rounds go on until [`ENOUGH`].
+const ROUND: usize = 256;
+
+/// Long enough for lumels of all sorts, and no burden beside reading and unwrapping a level.
+const ENOUGH: Duration = Duration::from_millis(300);
+
+/// What lumels cost.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct GatherCost {
+    /// Lumels that light is gathered at.
+    pub gathered: usize,
+    /// Lumels on flat open surfaces, whose indirect light is interpolated where it is steady.
+    pub interpolated: usize,
+    /// Seconds that one of `gathered` takes, with the threads of the current rayon pool at work together; as measured just now.
+    pub seconds: f64,
+    /// Rays, gathering and shadow rays together, that one of them casts in the mean.
+    pub rays: f64,
+}
+
+/// Gathers at lumels here and there, and says how long that took.
+///
+/// `solution` may be a coarse one: it is the ways of rays that count, not the light.
+pub fn gather_cost(
+    world: &World,
+    emitters: &Emitters,
+    solution: &Solution,
+    layout: &Layout,
+    options: &BakeOptions,
+) -> GatherCost {
+    let lumels = Lumels::find(world.scene, world.soup, layout);
+    let sparse = if world.is_dark() {
+        Sparse::none(lumels.lumels.len())
+    } else {
+        Sparse::find(world, &lumels, layout)
+    };
+    let full: Vec<usize> = (0..lumels.lumels.len())
+        .filter(|&i| !sparse.is(i))
+        .collect();
+    let mut cost = GatherCost {
+        gathered: full.len(),
+        interpolated: lumels.lumels.len() - full.len(),
+        ..GatherCost::default()
+    };
+    if full.is_empty() {
+        return cost;
+    }
+    let gatherer = Gatherer::new(
+        world,
+        solution,
+        DirectLight::new(world, emitters),
+        GatherOptions {
+            open_only: options.hidden == Hidden::Fill,
+            ..options.lumels
+        },
+        options.wanted(world),
+    );
+    let gather = |k: usize| -> u64 {
+        // Multiples of the golden ratio: every stretch of them lies evenly over the level.
+        let at = (k as f64 * 0.618_033_988_749_895).fract() * full.len() as f64;
+        let (footprint, seed) = lumels.footprint(world, full[(at as usize).min(full.len() - 1)]);
+        gatherer.gather(&footprint, seed).rays
+    };
+    // Once to wake threads and caches.
+    (0..ROUND / 4).into_par_iter().for_each(|k| {
+        gather(k);
+    });
+    let start = Instant::now();
+    let (mut done, mut rays) = (0, 0);
+    while done < 8 * ROUND && start.elapsed() < ENOUGH {
+        let round = done..done + ROUND;
+        rays += round.into_par_iter().map(&gather).sum::<u64>();
+        done += ROUND;
+    }
+    cost.seconds = start.elapsed().as_secs_f64() / done as f64;
+    cost.rays = rays as f64 / done as f64;
+    cost
+}
