@@ -11,11 +11,18 @@ use crate::gather::{GatherOptions, Gatherer};
 use crate::lumels::Lumels;
 use crate::sparse::Sparse;
 
-/// Lumels of a round. Rounds go on until [`ENOUGH`].
-const ROUND: usize = 256;
+/// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
+/// the machine. Rounds go on until [`ENOUGH`].
+const ROUND: usize = 48;
+
+/// How often a round is done; the shortest time counts.
+const TRIES: usize = 3;
+
+/// Most rounds.
+const ROUNDS: usize = 24;
 
 /// Long enough for lumels of all sorts, and no burden beside reading and unwrapping a level.
-const ENOUGH: Duration = Duration::from_millis(300);
+const ENOUGH: Duration = Duration::from_millis(500);
 
 /// What lumels cost.
 #[derive(Debug, Clone, Copy, Default)]
@@ -73,18 +80,28 @@ pub fn gather_cost(
         let (footprint, seed) = lumels.footprint(world, full[(at as usize).min(full.len() - 1)]);
         gatherer.gather(&footprint, seed).rays
     };
+    let size = ROUND * rayon::current_num_threads();
+    let round = |r: usize| -> u64 {
+        let lumels = r * size..(r + 1) * size;
+        lumels.into_par_iter().map(&gather).sum()
+    };
     // Once to wake threads and caches.
-    (0..ROUND / 4).into_par_iter().for_each(|k| {
-        gather(k);
-    });
+    round(0);
     let start = Instant::now();
-    let (mut done, mut rays) = (0, 0);
-    while done < 8 * ROUND && start.elapsed() < ENOUGH {
-        let round = done..done + ROUND;
-        rays += round.into_par_iter().map(&gather).sum::<u64>();
-        done += ROUND;
+    let (mut rounds, mut rays, mut seconds) = (0, 0, 0.0);
+    while rounds < ROUNDS && start.elapsed() < ENOUGH {
+        let mut least = f64::INFINITY;
+        for again in 0..TRIES {
+            let begin = Instant::now();
+            let cast = round(rounds);
+            least = least.min(begin.elapsed().as_secs_f64());
+            rays += if again == 0 { cast } else { 0 };
+        }
+        seconds += least;
+        rounds += 1;
     }
-    cost.seconds = start.elapsed().as_secs_f64() / done as f64;
-    cost.rays = rays as f64 / done as f64;
+    let done = (rounds * size) as f64;
+    cost.seconds = seconds / done;
+    cost.rays = rays as f64 / done;
     cost
 }
