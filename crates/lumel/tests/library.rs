@@ -205,6 +205,38 @@ fn a_baker_knows_what_it_has_baked() {
 }
 
 #[test]
+fn an_estimate_is_near_the_bake() {
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/cornell_box.glb");
+    let baker = || Baker::new().quality(Quality::Draft).texels_per_unit(10.0);
+    let estimate = baker().estimate(scene).expect("estimated");
+    let bake = baker().bake(scene).expect("baked");
+    let report = &bake.report;
+    assert_eq!(estimate.layout.pages, report.layout.pages);
+    assert_eq!(
+        estimate.files,
+        bake.files()
+            .expect("files")
+            .0
+            .iter()
+            .map(|f| f.0.clone())
+            .collect::<Vec<_>>()
+    );
+    let rays = report.solve.link_rays
+        + report.solve.shadow_rays
+        + report.gather.lumel_rays
+        + report.gather.vertices.rays;
+    // What --dry-run promises. Its time hangs on what else the machine does, its rays do not.
+    let ratio = rays as f64 / estimate.rays;
+    let within = 1.0 / lumel::ESTIMATE_FACTOR..lumel::ESTIMATE_FACTOR;
+    assert!(
+        within.contains(&ratio),
+        "{rays} rays, {} estimated",
+        estimate.rays
+    );
+    assert!(estimate.seconds > 0.0 && estimate.seconds.is_finite());
+}
+
+#[test]
 fn vertex_colours_are_there_for_all_that_receives_light() {
     // A sun of 2 lx straight down: E = 2 everywhere on an open floor, in the lightmap and at vertices.
     let mut empty = SceneBuilder::new();
