@@ -15,6 +15,7 @@ use crate::manifest::ValueKind;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
 use crate::refine::{add_rays, follow_edges};
+use crate::rims::darken_rims;
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
 use crate::sparse::Sparse;
@@ -220,6 +221,9 @@ pub fn bake(
             &barriers,
             options.padding + 1,
         );
+        if barriers.matter() {
+            darken_rims(world, &lumels, layout, &mut received, &barriers);
+        }
     }
     summarise(&lumels.lumels, &received, &mut out.report);
     let wanted = gatherer.wanted;

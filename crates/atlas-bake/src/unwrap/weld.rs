@@ -23,8 +23,11 @@ const APART: f64 = 1e-4;
 /// lumel is little of larger ones.
 const AREA: [f64; 2] = [0.4, 2.5];
 
-/// Triangles of no more than so many lumels², before and after, may shrink to nothing or grow as they like: they show no light of their own.
+/// Triangles of no more than so many lumels², before and after, may grow as they like and shrink to [`SHRUNK`]: they show no light of their own.
 const TINY: f64 = 0.5;
+
+/// What is left of them at least: a reader of the coordinates should be able to turn them into places.
+const SHRUNK: f64 = 0.1;
 
 /// How far a triangle that is already flat may be turned over by it, lumels of height: rounding, which is mended when charts are packed.
 const FLAT: f64 = 1e-4;
@@ -103,7 +106,7 @@ fn weld(charts: &mut Charts, corners: &[u32], lumel: f64) {
             let side = |k: usize| moved[k].distance(moved[(k + 1) % 3]);
             return after >= -FLAT * lumel * side(0).max(side(1)).max(side(2));
         }
-        if after >= 0.0 && before.max(after) < 2.0 * TINY * lumel * lumel {
+        if after >= SHRUNK * before && before.max(after) < 2.0 * TINY * lumel * lumel {
             return true;
         }
         (AREA[0]..=AREA[1]).contains(&(after / before))
@@ -165,14 +168,35 @@ mod tests {
     }
 
     #[test]
+    fn slivers_grow_to_half_a_lumel_at_most() {
+        // 1.4 mm high on a base of 1.4 m, where a lumel has 10 cm. The base moves by half of the slit.
+        for (gap, grows) in [(0.01, true), (0.09, false)] {
+            let (mesh, mut charts) = opened(gap);
+            let middle = charts.corners[1][0].lerp(charts.corners[1][1], 0.5);
+            charts.corners[1][2] = middle + DVec2::new(-1e-3, 1e-3);
+            let before = charts.corners.clone();
+            weld_slits(&mesh, &mut charts, 0.1);
+            assert_eq!(charts.corners != before, grows, "{gap}");
+        }
+    }
+
+    #[test]
     fn nothing_folds() {
-        // A sliver whose tip would be drawn across its base.
-        let (mesh, mut charts) = opened(0.02);
-        charts.corners[1][2] =
-            charts.corners[1][0].lerp(charts.corners[1][1], 0.5) + DVec2::new(-1e-3, 1e-3);
+        // Half of the way to the other triangle's corner lies beyond this one's far side.
+        let (mesh, mut charts) = opened(0.0);
+        charts.corners[1] = [(-0.05, 0.0), (-0.03, -0.01), (-0.03, 0.01)].map(DVec2::from);
         let before = charts.corners.clone();
+        assert!(cross2(&before[1]) > 0.0);
         weld_slits(&mesh, &mut charts, 0.1);
-        assert!(cross2(&charts.corners[1]) > 0.0);
         assert_eq!(charts.corners, before);
+    }
+
+    #[test]
+    fn what_is_smaller_than_half_a_lumel_may_change_more() {
+        // Both triangles measure a third of a lumel, and the slit between them a fifth of their side.
+        let (mesh, mut charts) = opened(0.2);
+        weld_slits(&mesh, &mut charts, 1.3);
+        assert_eq!(charts.corners[0][0], charts.corners[1][0]);
+        assert_eq!(charts.corners[0][2], charts.corners[1][1]);
     }
 }
