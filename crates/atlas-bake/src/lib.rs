@@ -3,6 +3,7 @@
 mod atlas;
 mod bake;
 mod compare;
+mod cost;
 pub mod density;
 mod dilate;
 mod edge;
@@ -40,6 +41,7 @@ mod walls;
 pub use atlas::*;
 pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
+pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
 pub use footprint::{Footprint, LumelFootprint};

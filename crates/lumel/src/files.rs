@@ -203,9 +203,9 @@ impl Bake {
     ///
     /// # Errors
     /// [`Error::Output`].
-    pub fn write(&self, dir: &Path) -> Result<Vec<PathBuf>, Error> {
+    pub fn write(&self, dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
         let (files, _) = self.files()?;
-        let mut set = OutputSet::create(dir)?;
+        let mut set = OutputSet::create(dir.as_ref())?;
         for (name, bytes) in &files {
             set.add(name, bytes)?;
         }
@@ -213,12 +213,9 @@ impl Bake {
         Ok(set.commit()?.files().map(Path::to_owned).collect())
     }
 
-    /// Every file that was read and is there, where it was read: for a dependency file. Complete once files were made.
+    /// Every file that was read from disk and is there, where it was read: for a dependency file. Complete once files were made.
     pub fn input_paths(&self, settings: &Settings, provenance: &Provenance) -> Vec<PathBuf> {
-        let mut all: Vec<PathBuf> = (self.loaded.document.inputs().into_iter())
-            .filter(|i| i.digest.is_some())
-            .map(|i| i.file)
-            .collect();
+        let mut all = self.loaded.document.inputs_on_disk();
         let scene = self.loaded.document.file();
         let locate = |i| record::locate(scene, settings, provenance, i);
         all.extend(self.option_inputs.iter().filter_map(locate));

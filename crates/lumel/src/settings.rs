@@ -57,6 +57,24 @@ pub struct Sun {
     pub angle: f32,
 }
 
+impl Sun {
+    /// A sun of parallel light that travels in `direction` (any length but 0) and gives a surface that faces it `lux` (or W/m²).
+    pub fn new(direction: [f32; 3], lux: f32) -> Sun {
+        Sun {
+            direction,
+            lux,
+            angle: 0.0,
+        }
+    }
+
+    /// Gives it a disc of so many degrees across, 0 to 90, so that its shadows have soft edges. Ours has 0.533.
+    #[must_use]
+    pub fn angle(mut self, degrees: f32) -> Sun {
+        self.angle = degrees;
+        self
+    }
+}
+
 /// Dims, brightens or switches off sources of light.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LightScale {
