@@ -8,7 +8,7 @@ use atlas_bake::{
     BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, ValueKind,
 };
 use glam::Vec3;
-use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
+use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{DirectLight, Emitters, Monitor, Phase, Sky, Solution, World, WorldOptions};
 
 use crate::cache::{self, Cache, Surfaces};
@@ -17,6 +17,7 @@ use crate::error::Error;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
 use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
+use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{Chosen, Sources};
@@ -92,14 +93,8 @@ pub(crate) struct Prepared {
 ///
 /// # Errors
 /// [`Error`], by fault.
-pub(crate) fn prepare(file: &Path, settings: &Settings) -> Result<Prepared, Error> {
-    let mut loaded = mesh_ingest::load(
-        file,
-        &LoadOptions {
-            scene: settings.scene,
-            ..LoadOptions::default()
-        },
-    )?;
+pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
+    let mut loaded = scene.load(settings.scene)?;
     add_suns(&mut loaded.scene, settings);
     let sources = Sources::find(
         &loaded.scene,
@@ -158,6 +153,18 @@ pub fn bake_cached(
     cache: Option<&Cache>,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
+    bake_scene(SceneInput::File(file), settings, provenance, cache, monitor)
+}
+
+/// As [`bake_cached`], of a file or of what is in memory.
+pub(crate) fn bake_scene(
+    scene: SceneInput<'_>,
+    settings: &Settings,
+    provenance: &Provenance,
+    cache: Option<&Cache>,
+    monitor: &dyn Monitor,
+) -> Result<Bake, Error> {
+    let file = scene.path();
     check(settings)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
@@ -170,7 +177,7 @@ pub fn bake_cached(
         chosen,
         sky,
         clamped_materials,
-    } = prepare(file, settings)?;
+    } = prepare(scene, settings)?;
     let (groups, group_names) = chosen.groups.unzip();
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
@@ -183,18 +190,7 @@ pub fn bake_cached(
     clock.lap(Phase::Atlas);
 
     begin(monitor, Phase::Tree)?;
-    let options = BakeOptions {
-        lumels: settings.lumel_options(),
-        vertices: settings.vertex_options(),
-        layers: settings.layers.clone(),
-        padding: settings.padding,
-        value: settings.value,
-        directional: settings.directional,
-        ao_distance: settings.ao_distance,
-        hidden: settings.hidden,
-        stitch: settings.stitch,
-        vertex_error: settings.vertex_error,
-    };
+    let options = bake_options(settings);
     let recall = cache.map(|cache| {
         let surfaces = Surfaces {
             scene: &loaded.scene,
@@ -287,6 +283,7 @@ pub fn bake_cached(
         gather: baked.report.clone(),
         probes: probe_report,
         clamped: Vec::new(),
+        ktx2: Vec::new(),
         warnings,
         measured: Measured {
             cache: cached,
@@ -305,6 +302,22 @@ pub fn bake_cached(
         value: settings.value,
         clock,
     })
+}
+
+/// What settings say about gathering and pages.
+pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
+    BakeOptions {
+        lumels: settings.lumel_options(),
+        vertices: settings.vertex_options(),
+        layers: settings.layers.clone(),
+        padding: settings.padding,
+        value: settings.value,
+        directional: settings.directional,
+        ao_distance: settings.ao_distance,
+        hidden: settings.hidden,
+        stitch: settings.stitch,
+        vertex_error: settings.vertex_error,
+    }
 }
 
 /// Bakes the probes of a plan.
