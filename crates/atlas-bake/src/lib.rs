@@ -63,7 +63,8 @@ pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};
 pub use preview::{
-    Camera, Light, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
+    Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,
+    scene_camera,
 };
 pub use recall::{Recall, RecallReport};
 pub use seams::{SeamError, SeamReport};

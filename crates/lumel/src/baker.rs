@@ -7,10 +7,11 @@ use std::sync::Mutex;
 use atlas_bake::unwrap::UnwrapperChoice;
 use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, UvMode, ValueKind};
 
+use crate::cache::Cache;
 use crate::error::Error;
 use crate::estimate::{Estimate, estimate};
 use crate::inspect::{Inspection, inspect};
-use crate::pipeline::{Bake, bake_scene};
+use crate::pipeline::{Bake, Beside, FirstPicture, bake_scene};
 use crate::record::{Current, Provenance, find_current};
 use crate::scene_input::SceneInput;
 use crate::settings::{
@@ -45,7 +46,12 @@ pub struct Baker<'a> {
     watcher: Option<Watcher<'a>>,
     token: Option<CancelToken>,
     threads: Option<usize>,
+    cache: Option<Cache>,
+    first_picture: Option<([u32; 2], Box<Show<'a>>)>,
 }
+
+/// Who gets the first picture.
+type Show<'a> = dyn Fn(Vec<u8>) -> Result<(), Error> + Send + Sync + 'a;
 
 impl fmt::Debug for Baker<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -189,6 +195,25 @@ impl<'a> Baker<'a> {
         self
     }
 
+    /// Keeps records of rays there, and takes those of an earlier bake: what did not change is not cast again.
+    #[must_use]
+    pub fn cache(mut self, cache: Cache) -> Self {
+        self.cache = Some(cache);
+        self
+    }
+
+    /// Gives `show` a picture of the level as PNG, `size` pixels wide and high, as soon as its light is solved: coarse, and there long before the bake. The bake
+    /// waits while `show` runs, and ends with its error.
+    #[must_use]
+    pub fn on_first_picture(
+        mut self,
+        size: [u32; 2],
+        show: impl Fn(Vec<u8>) -> Result<(), Error> + Send + Sync + 'a,
+    ) -> Self {
+        self.first_picture = Some((size, Box::new(show)));
+        self
+    }
+
     /// All options as they are now.
     pub fn settings(&self) -> &Settings {
         &self.settings
@@ -211,7 +236,17 @@ impl<'a> Baker<'a> {
     pub fn bake<'s>(&self, scene: impl Into<SceneInput<'s>>) -> Result<Bake, Error> {
         let scene = scene.into();
         let provenance = Provenance::default();
-        self.work(|watch| bake_scene(scene, &self.settings, &provenance, None, watch))
+        let beside = Beside {
+            cache: self.cache.as_ref(),
+            first_picture: self
+                .first_picture
+                .as_ref()
+                .map(|(size, show)| FirstPicture {
+                    size: *size,
+                    show: &**show,
+                }),
+        };
+        self.work(|watch| bake_scene(scene, &self.settings, &provenance, &beside, watch))
     }
 
     /// Charts, pages and cost of a bake without baking.

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, GlbOptions, Ktx2Format, Light, LitScene, Manifest, ManifestGroup, OutputSet, Page,
-    choose_camera, render_preview, scene_camera, write_lightmap_exr, write_lightmap_ktx2,
-    write_lightmapped_glb_with, write_vertex_glb,
+    ExrOptions, GlbOptions, Ktx2Format, LitScene, Manifest, ManifestGroup, OutputSet, Page,
+    PictureLight, choose_camera, render_preview, scene_camera, write_lightmap_exr,
+    write_lightmap_ktx2, write_lightmapped_glb_with, write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
@@ -257,7 +257,7 @@ impl Bake {
             scene,
             soup: &soup,
             bvh: &bvh,
-            light: Light::Pages {
+            light: PictureLight::Pages {
                 layout: &self.layout,
                 pages: &self.baked.pages,
                 value: self.value,

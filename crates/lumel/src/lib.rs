@@ -84,7 +84,7 @@ pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
 pub use mesh_ingest::MemoryDocument;
 pub use origin::Origin;
-pub use pipeline::{Bake, bake, bake_cached, bake_from};
+pub use pipeline::{Bake, Beside, FirstPicture, bake, bake_beside, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
     Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,

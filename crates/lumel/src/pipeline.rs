@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
 use atlas_bake::{
-    BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, ValueKind,
+    BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, LitScene,
+    PictureLight, ValueKind, choose_camera, render_preview, scene_camera,
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
@@ -139,31 +140,56 @@ pub fn bake_from(
     provenance: &Provenance,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
-    bake_cached(file, settings, provenance, None, monitor)
+    bake_beside(file, settings, provenance, &Beside::default(), monitor)
 }
 
-/// As [`bake_from`], with what an earlier bake left in a cache, or leaving something there for a later one. The result is the same.
+/// What a bake may do beside baking; the result is the same.
+#[derive(Clone, Copy, Default)]
+pub struct Beside<'a> {
+    /// Where an earlier bake left records of its rays, or this one leaves them for a later one.
+    pub cache: Option<&'a Cache>,
+    /// Who wants to see the level as soon as its light is solved, before lumels are gathered.
+    pub first_picture: Option<FirstPicture<'a>>,
+}
+
+/// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and contacts, and there in a small part of a bake's time.
+#[derive(Clone, Copy)]
+pub struct FirstPicture<'a> {
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+    /// Gets the PNG, from the thread that bakes, which waits. An error ends the bake.
+    pub show: &'a (dyn Fn(Vec<u8>) -> Result<(), Error> + Sync),
+}
+
+/// As [`bake_from`], with a cache or a first picture.
 ///
 /// # Errors
 /// [`Error`], by fault; a cache that cannot be read or written is none, [`Measured::cache`] says so.
-pub fn bake_cached(
+pub fn bake_beside(
     file: &Path,
     settings: &Settings,
     provenance: &Provenance,
-    cache: Option<&Cache>,
+    beside: &Beside<'_>,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
-    bake_scene(SceneInput::File(file), settings, provenance, cache, monitor)
+    bake_scene(
+        SceneInput::File(file),
+        settings,
+        provenance,
+        beside,
+        monitor,
+    )
 }
 
-/// As [`bake_cached`], of a file or of what is in memory.
+/// As [`bake_beside`], of a file or of what is in memory.
 pub(crate) fn bake_scene(
     scene: SceneInput<'_>,
     settings: &Settings,
     provenance: &Provenance,
-    cache: Option<&Cache>,
+    beside: &Beside<'_>,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
+    let cache = beside.cache;
     let file = scene.path();
     check(settings)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
@@ -221,6 +247,11 @@ pub(crate) fn bake_scene(
         return Err(Error::Cancelled);
     }
     clock.lap(Phase::Solve);
+    if let Some(first) = &beside.first_picture {
+        let png = first_picture(&loaded, &world, &emitters, &solution, first.size)?;
+        (first.show)(png)?;
+        clock.lap(Phase::Picture);
+    }
 
     begin(monitor, Phase::Gather)?;
     let baked = atlas_bake::bake_recalling(
@@ -318,6 +349,29 @@ pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
         stitch: settings.stitch,
         vertex_error: settings.vertex_error,
     }
+}
+
+/// The level lit by the solution on its patches, as a PNG.
+fn first_picture(
+    loaded: &Loaded,
+    world: &World,
+    emitters: &Emitters,
+    solution: &Solution,
+    size: [u32; 2],
+) -> Result<Vec<u8>, Error> {
+    let lights = DirectLight::new(world, emitters).on_patches(&solution.cut);
+    let lit = LitScene {
+        scene: world.scene,
+        soup: world.soup,
+        bvh: world.tree(),
+        light: PictureLight::Solved {
+            world,
+            solution,
+            lights: &lights,
+        },
+    };
+    let camera = scene_camera(&loaded.document, world.scene).unwrap_or_else(|| choose_camera(&lit));
+    Ok(render_preview(&lit, &camera, size)?)
 }
 
 /// Bakes the probes of a plan.

@@ -15,6 +15,8 @@ pub enum Phase {
     Links,
     /// Relaxation of the radiosity equation.
     Solve,
+    /// A first picture from the solution.
+    Picture,
     /// Finding the lumels.
     Lumels,
     /// Light at lumels.
@@ -39,6 +41,7 @@ impl Phase {
             Phase::Direct => "direct",
             Phase::Links => "links",
             Phase::Solve => "solve",
+            Phase::Picture => "picture",
             Phase::Lumels => "lumels",
             Phase::Gather => "gather",
             Phase::Refine => "refine",

@@ -38,12 +38,12 @@ pub struct LitScene<'a> {
     /// The tree over `soup`, built with the triangles flagged whose material [needs alpha](Scene::needs_alpha).
     pub bvh: &'a Bvh,
     /// The light.
-    pub light: Light<'a>,
+    pub light: PictureLight<'a>,
 }
 
 /// Where a picture's light comes from.
 #[derive(Clone, Copy)]
-pub enum Light<'a> {
+pub enum PictureLight<'a> {
     /// A finished bake, read as an engine does it.
     Pages {
         /// Where the light lies.
@@ -92,7 +92,7 @@ impl LitScene<'_> {
         let (triangle, u, v) = (hit.triangle, hit.u, hit.v);
         let base = self.scene.base_color(self.soup, triangle, u, v);
         let reflected = match self.light {
-            Light::Pages {
+            PictureLight::Pages {
                 layout,
                 pages,
                 value,
@@ -104,7 +104,7 @@ impl LitScene<'_> {
                     ValueKind::Radiosity => stored,
                 }
             }
-            Light::Solved {
+            PictureLight::Solved {
                 world,
                 solution,
                 lights,

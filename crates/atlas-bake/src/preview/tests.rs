@@ -91,7 +91,7 @@ fn rays_read_the_lightmap_as_an_engine_does() {
         scene: &scene,
         soup: &soup,
         bvh: &bvh,
-        light: Light::Pages {
+        light: PictureLight::Pages {
             layout: &layout,
             pages: &pages,
             value: ValueKind::Radiance,
@@ -105,7 +105,7 @@ fn rays_read_the_lightmap_as_an_engine_does() {
     // From behind, a single-sided wall is not there.
     assert_eq!(lit.look(Vec3::new(0.5, 0.1, -5.0), Vec3::Z, 0).alpha, 0.0);
     let irradiance = LitScene {
-        light: Light::Pages {
+        light: PictureLight::Pages {
             layout: &layout,
             pages: &pages,
             value: ValueKind::Irradiance,
@@ -128,7 +128,7 @@ fn the_chosen_camera_sees_the_front_and_the_picture_is_the_same_for_any_number_o
         scene: &scene,
         soup: &soup,
         bvh: &bvh,
-        light: Light::Pages {
+        light: PictureLight::Pages {
             layout: &layout,
             pages: &pages,
             value: ValueKind::Radiance,
@@ -239,7 +239,7 @@ fn picture_every_scene() {
             scene: &scene,
             soup: &soup,
             bvh: &bvh,
-            light: Light::Pages {
+            light: PictureLight::Pages {
                 layout: &layout,
                 pages: &pages,
                 value: ValueKind::Radiance,

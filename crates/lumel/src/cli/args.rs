@@ -131,6 +131,9 @@ pub(crate) struct Bake {
     /// Write a picture of the lit level (from its first camera, if it has one)
     #[arg(long, value_name = "FILE.png")]
     pub preview: Option<PathBuf>,
+    /// Write a coarse picture of the lit level as soon as its light is solved, long before the bake is done
+    #[arg(long, value_name = "FILE.png")]
+    pub first_picture: Option<PathBuf>,
     /// Write the report here too
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,

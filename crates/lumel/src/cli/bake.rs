@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use lumel::atlas_bake::OutputSet;
 use lumel::{Monitor, Phase, Provenance, Report, Settings};
@@ -16,6 +17,9 @@ use super::unchanged::{self, dependencies};
 
 /// Size of the preview picture.
 const PREVIEW: [u32; 2] = [1280, 720];
+
+/// Size of the first picture: it should be there at once.
+const FIRST: [u32; 2] = [640, 360];
 
 /// Bakes and writes.
 pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
@@ -110,7 +114,11 @@ fn check_outputs(
         .report
         .iter()
         .filter(|path| Some(place(path)) != own_report);
-    for path in report.chain(&a.preview).chain(&a.depfile) {
+    for path in report
+        .chain(&a.preview)
+        .chain(&a.first_picture)
+        .chain(&a.depfile)
+    {
         let path = place(path);
         if taken.contains(&path) {
             return Err(lumel::Error::Setting(format!(
@@ -120,6 +128,23 @@ fn check_outputs(
         }
         taken.push(path);
     }
+    Ok(())
+}
+
+/// Writes the first picture, by itself and at once: it is no result.
+fn show_first(a: &Bake, png: &[u8], start: Instant, display: &Display) -> Result<(), lumel::Error> {
+    let Some(path) = &a.first_picture else {
+        return Ok(());
+    };
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+    let mut set = OutputSet::create(folder.unwrap_or(Path::new(".")))?;
+    set.add_path(path, png)?;
+    interrupt::committing(|| set.commit())?;
+    display.say(&format!(
+        "  picture   {} after {:.2} s",
+        path.display(),
+        start.elapsed().as_secs_f64()
+    ));
     Ok(())
 }
 
@@ -135,7 +160,16 @@ fn bake(
         folder: folder.clone(),
         limit: a.cache_size.unwrap_or(lumel::Cache::LIMIT),
     });
-    let bake = lumel::bake_cached(&a.scene, settings, provenance, cache.as_ref(), display)?;
+    let start = Instant::now();
+    let show = |png: Vec<u8>| show_first(a, &png, start, display);
+    let beside = lumel::Beside {
+        cache: cache.as_ref(),
+        first_picture: a.first_picture.as_ref().map(|_| lumel::FirstPicture {
+            size: FIRST,
+            show: &show,
+        }),
+    };
+    let bake = lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?;
     if let Some(cache) = &bake.report.measured.cache {
         say_cache(cache, display);
     }
