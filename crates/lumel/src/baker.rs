@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use atlas_bake::unwrap::UnwrapperChoice;
-use atlas_bake::{Directional, Hidden, Layer, UvMode, ValueKind};
+use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, UvMode, ValueKind};
 
 use crate::error::Error;
 use crate::estimate::{Estimate, estimate};
@@ -13,7 +13,9 @@ use crate::inspect::{Inspection, inspect};
 use crate::pipeline::{Bake, bake_scene};
 use crate::record::{Current, Provenance, find_current};
 use crate::scene_input::SceneInput;
-use crate::settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
+use crate::settings::{
+    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+};
 use crate::watch::{CancelToken, Progress, Watch, Watcher};
 
 /// Most worker threads that can be asked for.
@@ -134,6 +136,10 @@ options! {
     hidden(kind: Hidden) => |s| s.hidden = kind;
     /// Whether lookups on both sides of charts' borders are made to agree; they are if nothing is said.
     stitch(yes: bool) => |s| s.stitch = yes;
+    /// Also writes every page as KTX2, in this format.
+    ktx2(format: Ktx2Format) => |s| s.ktx2 = Some(format);
+    /// Further conventions for the lightmap's place in the glTF.
+    ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }

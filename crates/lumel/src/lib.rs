@@ -71,7 +71,7 @@ pub use radiosity;
 pub use visibility;
 
 pub use atlas_bake::{
-    Directional, Hidden, Layer, Page, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
+    Directional, Hidden, Ktx2Format, Layer, Page, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
 };
 pub use baker::Baker;
 pub use depfile::depfile;
@@ -87,11 +87,13 @@ pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
     Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,
 };
-pub use report::{Blank, GroupReport, Measured, PhaseTime, Report};
+pub use report::{Blank, GroupReport, Measured, PhaseTime, Report, StoredPage};
 pub use report_page::report_page;
 pub use results::VertexColors;
 pub use scene_builder::{MaterialId, MeshId, SceneBuilder, Surface};
 pub use scene_input::SceneInput;
-pub use settings::{LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun};
+pub use settings::{
+    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+};
 pub use sources::{Source, SourceKind};
 pub use watch::{CancelToken, Progress};

@@ -245,6 +245,7 @@ pub(crate) fn bake_scene(
         gather: baked.report.clone(),
         probes: probe_report,
         clamped: Vec::new(),
+        ktx2: Vec::new(),
         warnings,
         measured: Measured::default(),
     };

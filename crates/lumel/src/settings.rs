@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use atlas_bake::{
-    Directional, GatherOptions, Hidden, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice,
+    Directional, GatherOptions, Hidden, Ktx2Format, Layer, UvMode, ValueKind,
+    unwrap::UnwrapperChoice,
 };
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
@@ -84,6 +85,14 @@ pub struct LightScale {
     pub factor: f32,
 }
 
+/// A convention of some engine for where a glTF names its lightmap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GltfExt {
+    /// `MOZ_lightmap` on materials, with the picture in the .glb.
+    Moz,
+}
+
 /// Sources of light that are kept apart from the others.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LightGroup {
@@ -130,6 +139,12 @@ pub struct Settings {
     pub groups: Vec<LightGroup>,
     /// What the lightmap holds.
     pub value: ValueKind,
+    /// Write pages as KTX2 too, in this format.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ktx2: Option<Ktx2Format>,
+    /// Further conventions for the lightmap's place in the glTF, beside the nodes' extras.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ext: Vec<GltfExt>,
     /// Extra channels.
     pub layers: Vec<Layer>,
     /// What the lightmap keeps of the directions that light comes from.
@@ -170,6 +185,8 @@ impl Default for Settings {
             lights: Vec::new(),
             groups: Vec::new(),
             value: ValueKind::Radiance,
+            ktx2: None,
+            ext: Vec::new(),
             layers: Vec::new(),
             directional: None,
             ao_distance: None,
