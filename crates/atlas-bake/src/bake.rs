@@ -8,12 +8,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::atlas::{Layout, Page};
+use crate::certainty::{Certainty, FLOOR, LIT};
 use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
 use crate::lumels::{Lumel, Lumels, TexelIndex};
 use crate::manifest::ValueKind;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
+use crate::reach::{mean_light, reach};
 use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
@@ -75,6 +77,8 @@ pub struct BakeOptions {
     pub hidden: Hidden,
     /// Make bilinear lookups on both sides of chart borders agree.
     pub stitch: bool,
+    /// Gather on until [`BakeReport::estimated_error`] is at most this; `None` stops where [`lumels`](Self::lumels) says.
+    pub error: Option<f32>,
     /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh as it is.
     pub vertex_error: Option<f32>,
 }
@@ -139,6 +143,12 @@ pub struct BakeReport {
     pub estimated_error: f64,
     /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners.
     pub median_error: f64,
+    /// Whether that is as small as [`BakeOptions::error`] asked for; `None` where nothing was asked.
+    pub error_reached: Option<bool>,
+    /// Times that lumels were looked at again for it.
+    pub rounds: u32,
+    /// Lumels that have as many samples as they can and still too large an error.
+    pub exhausted_lumels: u64,
     /// Seams between charts: how far lookups on their two sides differ.
     pub seams: SeamReport,
     /// Memory of pages and lumel lists, bytes.
@@ -177,7 +187,7 @@ pub fn bake(
 ) -> Result<Baked, Cancelled> {
     let mut out = Baked::default();
     let lumels = Lumels::find(world.scene, world.soup, layout);
-    let gatherer = Gatherer::new(
+    let mut gatherer = Gatherer::new(
         world,
         solution,
         DirectLight::new(world, emitters),
@@ -200,7 +210,7 @@ pub fn bake(
         let index = TexelIndex::build(&lumels.lumels, layout);
         barriers = Barriers::find(world, &lumels, &index, &received);
     }
-    add_rays(
+    let times = add_rays(
         &gatherer,
         &lumels,
         layout,
@@ -209,9 +219,29 @@ pub fn bake(
         &sparse,
         monitor,
     )?;
+    if let Some(wanted) = options.error {
+        let reached = reach(
+            &mut gatherer,
+            &lumels,
+            layout,
+            &mut received,
+            &barriers,
+            &sparse,
+            wanted,
+            &times,
+            monitor,
+        )?;
+        out.report.rounds = reached.rounds;
+        out.report.exhausted_lumels = reached.exhausted;
+    }
     sparse.interpolate(&mut received);
+    let mean = mean_light(&received);
+    let certainty = Certainty::measure(&received, |i| !sparse.is(i), mean);
+    let raw = received.clone();
     let groups = gatherer.wanted.groups;
-    smooth_indirect(&lumels, layout, &mut received, &barriers, &sparse, groups);
+    smooth_indirect(
+        &lumels, layout, &mut received, &barriers, &sparse, groups, &certainty,
+    );
     if fill {
         fill_hidden(
             &lumels,
@@ -221,7 +251,11 @@ pub fn bake(
             options.padding + 1,
         );
     }
+    dump(&lumels, &raw, &received, &sparse);
+    drop(raw);
     summarise(&lumels.lumels, &received, &mut out.report);
+    let reached = |x| out.report.estimated_error <= f64::from(x);
+    out.report.error_reached = options.error.map(reached);
     let wanted = gatherer.wanted;
     let pages = Pages {
         world,
@@ -300,8 +334,8 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     let mut errors = Vec::with_capacity(received.len());
     for r in received {
         let e = luminance(r.direct + r.indirect);
-        if e > 1e-3 * mean {
-            errors.push((r.error / (e + 0.01 * mean)) as f64);
+        if e > LIT * mean {
+            errors.push((r.error / (e + FLOOR * mean)) as f64);
         }
     }
     // Not `sum()`, which is −0 for an unlit scene.
@@ -311,4 +345,24 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
     if !errors.is_empty() {
         report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
     }
+}
+
+fn dump(lumels: &Lumels, raw: &[Received], smooth: &[Received], sparse: &Sparse) {
+    let Ok(path) = std::env::var("LUMEL_DUMP") else { return };
+    let mut out: Vec<u8> = Vec::new();
+    for (i, (r, s)) in raw.iter().zip(smooth).enumerate() {
+        let l = &lumels.lumels[i];
+        let d = (r.error * r.error - r.indirect_variance).max(0.0);
+        let row: [f32; 21] = [
+            l.texel[0] as f32, l.texel[1] as f32, l.page as f32, l.coverage, l.instance as f32,
+            luminance(r.direct), luminance(r.indirect), luminance(r.first_half), r.indirect_variance,
+            d, r.direct_doubt[0], r.direct_doubt[1],
+            luminance(s.indirect), s.indirect_variance,
+            match r.edge { Edge::None => 0.0, Edge::Shadow => 1.0, Edge::Contact => 2.0 },
+            f32::from(u8::from(r.near)), r.open, f32::from(u8::from(sparse.is(i))), f32::from(u8::from(sparse.bears(i))),
+            r.rays as f32, luminance(s.direct + s.indirect),
+        ];
+        out.extend(row.iter().flat_map(|x| x.to_le_bytes()));
+    }
+    std::fs::write(path, out).unwrap();
 }

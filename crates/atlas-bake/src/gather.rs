@@ -45,6 +45,8 @@ pub struct Received {
     pub error: f32,
     /// The part of `error`² that comes from `indirect`.
     pub indirect_variance: f32,
+    /// [`DirectEstimate::doubt`] of `direct`.
+    pub direct_doubt: [f32; 2],
     /// Mean position of the footprint's points, metres, recentred.
     pub position: Vec3,
     /// Mean shading normal, unit.
@@ -87,6 +89,11 @@ pub enum Edge {
 }
 
 impl Received {
+    /// The part of `error`² that comes from `direct`.
+    pub(crate) fn direct_variance(&self) -> f32 {
+        (self.error * self.error - self.indirect_variance).max(0.0)
+    }
+
     /// Two independent estimates of `indirect`.
     pub(crate) fn halves(&self) -> [Vec3; 2] {
         [self.first_half, 2.0 * self.indirect - self.first_half]
@@ -286,18 +293,20 @@ impl Gatherer<'_, '_> {
         received(footprint, &points, direct, &estimate, 1.0, rays, planes)
     }
 
-    /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.
+    /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which `first` has the first `done` times: powers of two.
     pub(crate) fn gather_more(
         &self,
         footprint: &impl Footprint,
         seed: u32,
         first: &Received,
+        done: u32,
         times: u32,
     ) -> Received {
         let count = (self.options.points as usize).clamp(1, MOST_POINTS);
         let per_point = self.rays_per_point();
         // On with the sequences, of points and of directions both.
         let points = spread(footprint, count * times as usize);
+        let count = count * done as usize;
         let mut sums = vec![Point::default(); points.len() - count];
         let mut planes = PlaneSums::new(self.wanted);
         let most = sums.len();
@@ -309,7 +318,8 @@ impl Gatherer<'_, '_> {
         }
         let more = mean_and_spread(&sums, &vec![true; sums.len()]);
         let direct_variance = (first.error * first.error - first.indirect_variance).max(0.0);
-        let (a, b) = (1.0 / times as f32, 1.0 - 1.0 / times as f32);
+        let a = done as f32 / times as f32;
+        let b = 1.0 - a;
         let variance = a * a * first.indirect_variance + b * b * more.variance;
         let planes = (first.planes.iter().zip(planes.finish()))
             .map(|(first, more)| Plane {
@@ -362,6 +372,7 @@ impl Gatherer<'_, '_> {
             planes,
             direct: direct.irradiance,
             error: (first.indirect_variance + direct.variance).sqrt(),
+            direct_doubt: direct.doubt,
             rays: first.rays + u64::from(direct.rays),
             edge: shadow(direct.mixed),
             mixed: direct.mixed,
@@ -568,6 +579,7 @@ pub(crate) fn received(
         first_half: indirect.first_half,
         error: (indirect.variance + direct.variance).sqrt(),
         indirect_variance: indirect.variance,
+        direct_doubt: direct.doubt,
         near: false,
         behind: false,
         position: points.iter().map(|p| p.position).sum::<Vec3>() / n,

@@ -2,6 +2,7 @@
 
 mod atlas;
 mod bake;
+mod certainty;
 mod compare;
 pub mod density;
 mod dilate;
@@ -22,6 +23,7 @@ mod pages;
 mod planes;
 mod preview;
 pub mod probes;
+mod reach;
 mod refine;
 mod seams;
 mod smooth;

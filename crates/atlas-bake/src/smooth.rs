@@ -19,6 +19,7 @@ use radiosity::luminance;
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
+use crate::certainty::Certainty;
 use crate::gather::Received;
 use crate::lumels::{Lumel, Lumels, TexelIndex};
 use crate::sparse::Sparse;
@@ -43,7 +44,7 @@ pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 
 /// Smooths `received` in place; only `indirect`, its variance and `error` change.
 ///
-/// The first `groups` planes of a lumel are shares of its light, and stay so.
+/// The first `groups` planes of a lumel are shares of its light, and stay so. Fits go by variances as they were gathered; what is left afterwards is by `certainty`.
 pub(crate) fn smooth_indirect(
     lumels: &Lumels,
     layout: &Layout,
@@ -51,6 +52,7 @@ pub(crate) fn smooth_indirect(
     barriers: &Barriers,
     sparse: &Sparse,
     groups: usize,
+    certainty: &Certainty,
 ) {
     let window = Window::new(lumels, layout, received, barriers, sparse);
     let pooled: Vec<f32> = (0..received.len())
@@ -69,10 +71,12 @@ pub(crate) fn smooth_indirect(
         })
         .collect();
     for (r, s) in received.iter_mut().zip(smoothed) {
-        let direct = (r.error * r.error - r.indirect_variance).max(0.0);
+        let direct = r.direct_variance();
         r.indirect = s.indirect;
         r.indirect_variance = s.variance;
-        r.error = (direct + s.variance).sqrt();
+        let [direct, indirect] = certainty.variances(r, direct);
+        r.indirect_variance = indirect;
+        r.error = (direct + indirect).sqrt();
         for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
             plane.indirect = indirect;
         }

@@ -199,6 +199,7 @@ pub fn bake_from(
         ao_distance: settings.ao_distance,
         hidden: settings.hidden,
         stitch: settings.stitch,
+        error: settings.error,
         vertex_error: settings.vertex_error,
     };
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)

@@ -1,0 +1,186 @@
+"""Is a bake's own estimate of its error right?  Estimated against true error, lumel by lumel, over five scenes.
+
+Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,preview,production,0.02,…] [--lumel BINARY]
+              [--truth paths|bake] [--references-only] [--refine SECONDS] [--pictures] [--work DIR]
+        python error_calibration.py --page-only          docs/error.md from the CSV
+Steps : for each scene 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every setting is baked with
+          `--layers direct,indirect,error,coverage`; 4 the error channel is held against (bake − reference), lumel by lumel.
+        `--truth paths` (default): means over the areas of drawn lumels by a path tracer that shares no code with the baker (reference.py).
+        `--truth bake`: all lumels, against a bake of BINARY at `production --error 0.004`; what both do wrong does not show.
+Output: a line a setting, then how the estimate's deciles fare;  docs/data/error_calibration.csv;  the tables of docs/error.md (between
+        <!-- generated:NAME --> and <!-- end -->);  with --pictures docs/images/error_*.png: estimated beside true error of a whole page.
+Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lumels lit in both; the estimate over its own light, as the report does. The truth's own
+        noise is taken off its square.
+Needs : Mitsuba for references that are not cached (two to four minutes a scene), numpy, scipy; matplotlib for pictures.
+"""
+import argparse
+import csv
+import json
+import os
+import re
+import shutil
+import sys
+
+import numpy as np
+
+import common
+import reference
+import speed_scenes
+
+DOCS = os.path.join(common.HERE, "..", "docs")
+CSV = os.path.join(DOCS, "data", "error_calibration.csv")
+COLUMNS = ("scene truth setting wanted reached n lumels report_rms estimated true own ratio spearman p50_estimated p50_true "
+           "bias within1 within2 deciles_estimated deciles_true mrays instructions versions").split()
+ASSETS = os.path.join(common.HERE, "..", "assets")
+
+# About half the density that `lumel bake` would choose (Cornell box: that of docs/measurements.md): fifty thousand lumels, so that `production` takes
+# half a minute.  Half the density has twice the share of edges: the harder case.
+SCENES = {
+    "cornell": dict(title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", seconds=120),
+    "demo": dict(title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=4.0, sky="0.25,0.35,0.5", seconds=240),
+    "garage": dict(title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=14.0, sky="0,0,0", seconds=150),
+    "godot": dict(title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=1.25, sky="0,0,0", seconds=150),
+    "sponza": dict(title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=2.5, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), seconds=150),
+}
+COUNT, TARGET = 1000, 0.0005
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def say(text):
+    print(text, file=sys.stderr, flush=True)
+
+
+def options_of(setting):
+    """`0.02` is `--error 0.02` at preview; `draft+0.1` at draft"""
+    quality, _, error = setting.partition("+")
+    if not quality[0].isalpha():
+        quality, error = "preview", setting
+    return ["--quality", quality] + (["--error", error] if error else []), float(error) if error else None
+
+
+def bake(binary, scene, out, *options):
+    """common.bake() with a binary of its own, and `instructions` (millions) where `perf` counts them"""
+    os.makedirs(out, exist_ok=True)
+    for old in common.outputs(out)["pages"]:
+        os.remove(old)
+    perf = [p for p in [shutil.which("perf")] if p]
+    r = common.run([*perf, *(["stat", "-x,", "-e", "instructions:u", "--"] if perf else []), binary, "bake", scene, "-o", out, "-q", *map(str, options)])
+    if r["code"] != 0:
+        raise SystemExit("lumel failed (%d): %s" % (r["code"], r["err"]))
+    r.update(common.outputs(out))
+    r["report_json"] = json.load(open(r["report"]))
+    count = re.search(r"^(\d+),", r["err"], re.M)
+    r["instructions"] = int(count.group(1)) / 1e6 if count else ""
+    return r
+
+
+class Scene:
+    def __init__(self, name, a):
+        self.name, self.a, s = name, a, SCENES[name]
+        self.path, self.table = s["file"], s
+        if not os.path.exists(self.path):
+            raise FileNotFoundError(self.path)
+        if "sun" in s:
+            self.path = os.path.join(a.work, name + ".glb")
+            speed_scenes.with_sun(s["file"], *s["sun"], self.path)
+        self.options = ["--texels-per-unit", s["density"], "--max-page", 2048] + ([] if s["sky"] == "0,0,0" else ["--sky", s["sky"]])
+        first = self.bake("draft", name + ".first")
+        if len(first["pages"]) != 1:
+            raise SystemExit("%s: %d pages, expected one" % (name, len(first["pages"])))
+        flat = os.path.join(a.work, name + ".flat.glb")
+        side = reference.flatten(first["glb"], flat)["res"]
+        self.refs = reference.References(name, flat, side, COUNT, TARGET, s["seconds"], s["sky"], log=say)
+        if a.truth == "paths":
+            self.truth = reference.load(self.refs.truth(1.0, "black", inset=0, refine=a.refine))
+        else:
+            finest = os.path.join(common.REF, "bakes", "%s-%s" % (name, self.refs.digest))
+            if not os.path.exists(os.path.join(finest, "done")):
+                self.bake("production+0.004", finest)
+                open(os.path.join(finest, "done"), "w").close()
+            page = channels(common.outputs(finest)["pages"][0])
+            texel = np.argwhere(page["coverage"] > 0)
+            t = page["rgb"][tuple(texel.T)] * np.pi
+            self.truth = dict(texel=texel, irradiance=t, stderr=np.zeros_like(t))
+
+    def bake(self, setting, out):
+        """out: a folder, absolute or of `work`"""
+        opts, _ = options_of(setting)
+        return bake(self.a.lumel, self.path, os.path.join(self.a.work, out), *common.AREA_MEAN, "--layers", "direct,indirect,error,coverage", *opts, *self.options,
+                    "--threads", self.a.threads)
+
+    def row(self, setting):
+        r = self.bake(setting, "%s.%s" % (self.name, setting))
+        report, page = r["report_json"], channels(r["pages"][0])
+        at = tuple(self.truth["texel"].T)
+        m = measure(page["rgb"][at] @ LUMINANCE * np.pi, page["error"][at] * np.pi, self.truth)
+        gather = report["gather"]
+        return dict(m, scene=self.name, truth=self.a.truth, setting=setting, wanted=options_of(setting)[1] or "", reached=gather.get("error_reached", ""),
+                    lumels=gather["lumels"], report_rms=gather["estimated_error"], mrays=gather["lumel_rays"] / 1e6, instructions=r.get("instructions") or "",
+                    versions="%s, binary %s" % (report["generator"], common.digest(self.a.lumel)[:8]))
+
+
+def channels(path):
+    """{rgb, error, coverage, direct, indirect} of an EXR, [row, column(, 3)]"""
+    import mitsuba as mi
+    mi.set_variant("scalar_rgb")
+    bitmap = mi.Bitmap(path)
+    data = np.array(bitmap, dtype=np.float64)
+    names = {bitmap.struct_()[i].name: i for i in range(bitmap.channel_count())}
+    three = lambda prefix: np.stack([data[..., names[prefix + c]] for c in "RGB"], -1)      # noqa: E731
+    return dict(rgb=three(""), direct=three("direct."), indirect=three("indirect."), error=data[..., names["error.Y"]], coverage=data[..., names["coverage.Y"]])
+
+
+def measure(x, e, truth):
+    """x: irradiance of the bake, e: its estimated standard error"""
+    from scipy.stats import spearmanr
+    t, s = truth["irradiance"] @ LUMINANCE, truth["stderr"] @ LUMINANCE
+    lit = (t > reference.LIT * t.mean())
+    scale = t + 0.01 * t[lit].mean()
+    err, noise = ((x - t) / scale)[lit], (s / scale)[lit]
+    # As the report: over the bake's own light.
+    est = (e / (x + 0.01 * x.mean()))[lit]
+    rms = lambda v: float(np.sqrt(np.mean(v * v)))     # noqa: E731
+    square = err * err - noise * noise
+    true = float(np.sqrt(max(square.mean(), 0.0)))
+    order = np.argsort(est, kind="stable")
+    tenths = np.array_split(order, 10)
+    dec_e = [rms(est[k]) for k in tenths]
+    dec_t = [float(np.sqrt(max(square[k].mean(), 0.0))) for k in tenths]
+    both = np.hypot(est, noise)
+    return dict(n=int(lit.sum()), estimated=rms(est), true=true, own=rms(noise), ratio=rms(est) / max(true, 1e-12), spearman=float(spearmanr(est, abs(err)).statistic),
+                p50_estimated=float(np.median(est)), p50_true=float(np.median(abs(err))), bias=float((x[lit].mean() / t[lit].mean()) - 1),
+                within1=float((abs(err) <= both).mean()), within2=float((abs(err) <= 2 * both).mean()),
+                deciles_estimated=" ".join("%.5f" % v for v in dec_e), deciles_true=" ".join("%.5f" % v for v in dec_t))
+
+
+def show(r):
+    say("%-8s %-16s est %6.2f %%  true %6.2f %%  ratio %5.2f   (own %.2f %%, report %.2f %%) median %.2f / %.2f %%  rank %.2f  within 1σ %.0f %%, 2σ %.0f %%  %s" % (
+        r["scene"], r["setting"], 100 * r["estimated"], 100 * r["true"], r["ratio"], 100 * r["own"], 100 * r["report_rms"], 100 * r["p50_estimated"], 100 * r["p50_true"],
+        r["spearman"], 100 * r["within1"], 100 * r["within2"], "reached: %s" % r["reached"] if r["wanted"] else ""))
+    say("         deciles: estimated " + " ".join("%6.2f" % (100 * float(v)) for v in r["deciles_estimated"].split()))
+    say("                  true      " + " ".join("%6.2f" % (100 * float(v)) for v in r["deciles_true"].split()))
+
+
+def main():
+    ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ap.add_argument("--scenes", default=",".join(SCENES))
+    ap.add_argument("--settings", default="draft,preview,production,0.1,0.05,0.02,0.01")
+    ap.add_argument("--lumel", default=common.LUMEL)
+    ap.add_argument("--truth", choices=("paths", "bake"), default="paths")
+    ap.add_argument("--references-only", action="store_true")
+    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each reference")
+    ap.add_argument("--threads", type=int, default=os.cpu_count())
+    ap.add_argument("--work", default="/tmp/lumel-calibration")
+    a = ap.parse_args()
+    a.lumel = os.path.abspath(a.lumel)
+    os.makedirs(a.work, exist_ok=True)
+    for name in a.scenes.split(","):
+        scene = Scene(name, a)
+        if a.references_only:
+            continue
+        for setting in a.settings.split(","):
+            show(scene.row(setting))
+
+
+if __name__ == "__main__":
+    main()
