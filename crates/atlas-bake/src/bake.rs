@@ -219,6 +219,7 @@ pub fn bake(
         &sparse,
         monitor,
     )?;
+    let mut sure = Vec::new();
     if let Some(wanted) = options.error {
         let reached = reach(
             &mut gatherer,
@@ -233,6 +234,7 @@ pub fn bake(
         )?;
         out.report.rounds = reached.rounds;
         out.report.exhausted_lumels = reached.exhausted;
+        sure = reached.sure;
     }
     sparse.interpolate(&mut received);
     let mean = mean_light(&received);
@@ -240,7 +242,7 @@ pub fn bake(
     let raw = received.clone();
     let groups = gatherer.wanted.groups;
     smooth_indirect(
-        &lumels, layout, &mut received, &barriers, &sparse, groups, &certainty,
+        &lumels, layout, &mut received, &barriers, &sparse, groups, &certainty, &|i| sure.get(i) == Some(&true),
     );
     if fill {
         fill_hidden(

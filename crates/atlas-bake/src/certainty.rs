@@ -91,13 +91,14 @@ impl Certainty {
         }
     }
 
-    /// Variance of a lumel's direct and of its indirect light, of which `r` has what independent samples would have.
-    pub(crate) fn variances(&self, r: &Received, direct: f32) -> [f32; 2] {
-        let kind = usize::from(r.edge == Edge::Contact);
-        [
-            self.direct[kind] * direct,
-            self.indirect[kind] * r.indirect_variance,
-        ]
+    /// Variance of the lumel's direct light, from what independent samples would have.
+    pub(crate) fn direct(&self, r: &Received, variance: f32) -> f32 {
+        self.direct[usize::from(r.edge == Edge::Contact)] * variance
+    }
+
+    /// The same of its indirect light.
+    pub(crate) fn indirect(&self, r: &Received, variance: f32) -> f32 {
+        self.indirect[usize::from(r.edge == Edge::Contact)] * variance
     }
 }
 

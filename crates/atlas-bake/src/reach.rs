@@ -32,13 +32,18 @@ const ROUNDS: u32 = 10;
 const LEFT: f64 = 1.0 / TIMES as f64;
 
 /// How a search for an error ended.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Reached {
     /// Rounds that cast rays.
     pub rounds: u32,
     /// Lumels that have as many samples as they can, and more error than is asked for.
     pub exhausted: u64,
+    /// By lumel: it has so many rays that what it says of itself can be trusted.
+    pub sure: Vec<bool>,
 }
+
+/// Rays that a lumel can be judged by alone: what a sixteenth of them do not see is a thousandth of the light.
+const SURE: u32 = 512;
 
 /// The samples that lumels have, as multiples of what they had first.
 struct Level {
@@ -79,7 +84,8 @@ pub(crate) fn reach(
     let mut out = Reached::default();
     let mut result = Ok(());
     for round in 0..ROUNDS {
-        let errors = estimate(lumels, layout, received, barriers, sparse);
+        let sure = |i: usize| first.rays * level.rays[i] >= SURE;
+        let errors = estimate(lumels, layout, received, barriers, sparse, &sure);
         let n = errors.iter().filter(|e| e.lit).count().max(1) as f64;
         let total: f64 = errors.iter().map(Relative::sum).sum();
         let allowed = f64::from(wanted) * f64::from(wanted) * n;
@@ -98,6 +104,9 @@ pub(crate) fn reach(
         }
     }
     gatherer.options = first;
+    out.sure = (level.rays.iter())
+        .map(|times| first.rays * times >= SURE)
+        .collect();
     result.map(|()| out)
 }
 
@@ -122,12 +131,15 @@ fn estimate(
     received: &[Received],
     barriers: &Barriers,
     sparse: &Sparse,
+    sure: &(dyn Fn(usize) -> bool + Sync),
 ) -> Vec<Relative> {
     let mut trial = received.to_vec();
     sparse.interpolate(&mut trial);
     let mean = mean_light(&trial);
     let certainty = Certainty::measure(&trial, |i| !sparse.is(i), mean);
-    smooth_indirect(lumels, layout, &mut trial, barriers, sparse, 0, &certainty);
+    smooth_indirect(
+        lumels, layout, &mut trial, barriers, sparse, 0, &certainty, sure,
+    );
     (trial.into_par_iter().with_min_len(1024))
         .map(|r| {
             let Some(scale) = scale(&r, mean) else {
