@@ -10,7 +10,8 @@ Steps : for each scene 1 a draft bake fixes the atlas; 2 its reference is looked
         `--truth bake`: all lumels, against a bake of BINARY at `production --error 0.004`; what both do wrong does not show.
 Output: a line a setting, then how the estimate's deciles fare;  docs/data/error_calibration.csv;  the tables of docs/error.md (between
         <!-- generated:NAME --> and <!-- end -->);  with --pictures docs/images/error_*.png: estimated beside true error of a whole page.
-Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lumels lit in both; the estimate over its own light, as the report does. The truth's own
+Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lit lumels; the estimate
+        (channel error.Y) over the same. `report` is what the bake says itself, over its own light. The truth's own
         noise is taken off its square.
 Needs : Mitsuba for references that are not cached (two to four minutes a scene), numpy, scipy; matplotlib for pictures.
 """
@@ -41,7 +42,7 @@ SCENES = {
     "demo": dict(title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=1.75, sky="0.25,0.35,0.5", seconds=240),
     "garage": dict(title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=7.0, sky="0,0,0", seconds=150),
     "godot": dict(title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=0.6, sky="0,0,0", seconds=150),
-    "sponza": dict(title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=1.25, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), seconds=150),
+    "sponza": dict(title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=2.5, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), seconds=150),
 }
 COUNT, TARGET, WHOLE = 1000, 0.0005, 0.999
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -124,6 +125,9 @@ class Scene:
         whole = page["coverage"][at] > WHOLE if self.a.truth == "paths" else np.ones(len(at[0]), bool)
         m = measure(page["rgb"][at] @ LUMINANCE * np.pi, page["error"][at] * np.pi, self.truth, whole)
         gather = report["gather"]
+        if self.a.truth == "bake":
+            # What the bake promises is this figure, and all of its lumels are here.
+            m["ratio"] = gather["estimated_error"] / max(m["true"], 1e-12)
         return dict(m, scene=self.name, truth=self.a.truth, setting=setting, wanted=options_of(setting)[1] or "", reached=gather.get("error_reached", ""),
                     lumels=gather["lumels"], report_rms=gather["estimated_error"], mrays=gather["lumel_rays"] / 1e6, instructions=r.get("instructions") or "",
                     versions="%s, binary %s" % (report["generator"], common.digest(self.a.lumel)[:8]))
@@ -147,8 +151,7 @@ def measure(x, e, truth, keep):
     lit = keep & (t > reference.LIT * t.mean())
     scale = t + 0.01 * t[lit].mean()
     err, noise = ((x - t) / scale)[lit], (s / scale)[lit]
-    # As the report: over the bake's own light.
-    est = (e / (x + 0.01 * x.mean()))[lit]
+    est = (e / scale)[lit]
     rms = lambda v: float(np.sqrt(np.mean(v * v)))     # noqa: E731
     square = err * err - noise * noise
     true = float(np.sqrt(max(square.mean(), 0.0)))
@@ -171,18 +174,91 @@ def show(r):
     say("                  true      " + " ".join("%6.2f" % (100 * float(v)) for v in r["deciles_true"].split()))
 
 
+def keep_rows(rows):
+    """adds rows to the CSV, in place of those of the same scene, truth and setting"""
+    key = lambda r: (r["scene"], r["truth"], r["setting"])     # noqa: E731
+    old = read_rows()
+    fresh = {key(r) for r in rows}
+    order = list(SCENES)
+    new = sorted([r for r in old if key(r) not in fresh] + rows, key=lambda r: (r["truth"], order.index(r["scene"])))
+    os.makedirs(os.path.dirname(CSV), exist_ok=True)
+    with open(CSV, "w", newline="") as f:
+        out = csv.DictWriter(f, COLUMNS, extrasaction="ignore")
+        out.writeheader()
+        out.writerows({k: "%.6g" % v if isinstance(v, float) else v for k, v in r.items()} for r in new)
+
+
+def read_rows():
+    return list(csv.DictReader(open(CSV, newline=""))) if os.path.exists(CSV) else []
+
+
+def page():
+    """the tables of docs/error.md from the CSV"""
+    rows = read_rows()
+    percent = lambda x: "%.2f %%" % (100 * float(x))      # noqa: E731
+    name = lambda s: s if s[0].isalpha() else "`--error %s`" % s      # noqa: E731
+    parts = {}
+    for truth in ("bake", "paths"):
+        lines = ["| scene | setting | lumels | claimed | layer | true | ratio | median, estimated | true | rank correlation | within 1σ, 2σ | reached | M instructions |", "|" + " --- |" * 13]
+        for r in rows:
+            if r["truth"] == truth:
+                good = 1 / 1.5 <= float(r["ratio"]) <= 1.5
+                lines.append("| %s | %s | %s | %s | %s | %s | %s | %s | %s | %.2f | %.0f, %.0f %% | %s | %s |" % (
+                    SCENES[r["scene"]]["title"], name(r["setting"]), r["n"], percent(r["report_rms"]), percent(r["estimated"]), percent(r["true"]), ("%.2f" if good else "**%.2f**") % float(r["ratio"]),
+                    percent(r["p50_estimated"]), percent(r["p50_true"]), float(r["spearman"]), 100 * float(r["within1"]), 100 * float(r["within2"]),
+                    {"True": "yes", "False": "no"}.get(r["reached"], ""), "%.0f" % float(r["instructions"]) if r["instructions"] else ""))
+        parts[truth] = "\n".join(lines)
+    lines = ["| scene | setting | |" + " %d |" * 10 % tuple(range(1, 11)), "|" + " --- |" * 13]
+    for r in rows:
+        if r["truth"] == "bake":
+            for what in ("estimated", "true"):
+                cells = ["%.2f" % (100 * float(v)) for v in r["deciles_" + what].split()]
+                lines.append("| %s | %s | %s | %s |" % (SCENES[r["scene"]]["title"], name(r["setting"]), what, " | ".join(cells)))
+    parts["deciles"] = "\n".join(lines)
+    path = os.path.join(DOCS, "error.md")
+    text = open(path).read()
+    for k, v in parts.items():
+        text = re.sub(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % k, lambda m: m.group(1) + "\n" + v + "\n\n" + m.group(2), text, flags=re.S)
+    open(path, "w").write(text)
+
+
+def picture(scene, setting):
+    """estimated beside true error of the page, against the reference of all lumels"""
+    import matplotlib
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+    page = channels(common.outputs(os.path.join(scene.a.work, "%s.%s" % (scene.name, setting)))["pages"][0])
+    t = np.zeros(page["coverage"].shape)
+    at = tuple(scene.truth["texel"].T)
+    t[at] = scene.truth["irradiance"] @ LUMINANCE
+    scale = t + 0.01 * t[at].mean()
+    on = t > reference.LIT * t[at].mean()
+    show_me = [np.where(on, page["error"] * np.pi / scale, np.nan), np.where(on, abs(page["rgb"] @ LUMINANCE * np.pi - t) / scale, np.nan)]
+    fig, axes = plt.subplots(1, 2, figsize=(12, 6), constrained_layout=True)
+    for ax, data, title in zip(axes, show_me, ("estimated standard error", "true error")):
+        shown = ax.imshow(np.maximum(data, 1e-4), norm=matplotlib.colors.LogNorm(1e-3, 1), cmap="magma", interpolation="nearest")
+        ax.set_title("%s, %s: %s" % (SCENES[scene.name]["title"], setting, title))
+        ax.set_axis_off()
+    fig.colorbar(shown, ax=axes, label="relative error", shrink=0.8)
+    fig.savefig(os.path.join(DOCS, "images", "error_%s.png" % scene.name), dpi=80)
+
+
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("--scenes", default=",".join(SCENES))
     ap.add_argument("--settings", default="draft,preview,production,0.1,0.05,0.02,0.01")
     ap.add_argument("--lumel", default=common.LUMEL)
     ap.add_argument("--truth", choices=("paths", "bake"), default="paths")
+    ap.add_argument("--pictures", action="store_true", help="of the first of the settings; with --truth bake")
+    ap.add_argument("--page-only", action="store_true")
     ap.add_argument("--references-only", action="store_true")
     ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each reference")
     ap.add_argument("--keep", action="store_true", help="bakes of an earlier run by the same binary are used again (without their instructions)")
     ap.add_argument("--threads", type=int, default=os.cpu_count())
     ap.add_argument("--work", default="/tmp/lumel-calibration")
     a = ap.parse_args()
+    if a.page_only:
+        return page()
     a.lumel = os.path.abspath(a.lumel)
     os.makedirs(a.work, exist_ok=True)
     for name in a.scenes.split(","):
@@ -190,7 +266,12 @@ def main():
         if a.references_only:
             continue
         for setting in a.settings.split(","):
-            show(scene.row(setting))
+            row = scene.row(setting)
+            show(row)
+            keep_rows([row])
+        if a.pictures:
+            picture(scene, a.settings.split(",")[0])
+    page()
 
 
 if __name__ == "__main__":

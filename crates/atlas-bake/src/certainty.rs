@@ -17,10 +17,10 @@ use crate::estimate::GROUPS;
 use crate::gather::{Edge, Received};
 
 /// A lumel is lit above this share of the mean light.
-pub(crate) const LIT: f32 = 1e-3;
+const LIT: f32 = 1e-3;
 
 /// Share of the mean light that is added to a lumel's before errors are divided by it: in the dark a small error is not seen.
-pub(crate) const FLOOR: f32 = 0.01;
+const FLOOR: f32 = 0.01;
 
 /// Fewer lumels of a kind than this say nothing, and are taken at their word, which is on the safe side: a variance from so many
 /// differences is known to √(2/64) = 18 %.
@@ -33,7 +33,8 @@ const FASTEST: f64 = 0.125;
 /// Light to divide a lumel's error by, or `None` where it is unlit. `mean` is of all lumels.
 pub(crate) fn scale(r: &Received, mean: f32) -> Option<f32> {
     let light = luminance(r.direct + r.indirect);
-    (light > LIT * mean).then_some(light + FLOOR * mean)
+    let least = r.least.unwrap_or(light);
+    (light > LIT * mean).then_some(least + FLOOR * mean)
 }
 
 /// Factors by which variances that take samples for independent are too large.
@@ -143,4 +144,53 @@ fn bisect(value: f64, grows: impl Fn(f64) -> f64) -> f64 {
         }
     }
     0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What parts of samples are expected to say where V(n) falls by `r` with each doubling, and V(n) = 1.
+    fn sums(r: f64) -> Sums {
+        let doublings = GROUPS.ilog2() as i32;
+        Sums {
+            claimed: (r.powi(-doublings) - 1.0) / (GROUPS as f64 - 1.0),
+            halves: 4.0 * (1.0 / r - 1.0),
+            quarters: 0.0,
+            count: ENOUGH,
+        }
+    }
+
+    #[test]
+    fn what_groups_claim_is_corrected_by_halves() {
+        for r in [0.5, 0.354, 0.25] {
+            let s = sums(r);
+            // Bisection stops at an f64's last bit; the rest is a few roundings.
+            let error = s.of_groups() * s.claimed - 1.0;
+            assert!(error.abs() < 1e-12, "r {r}: {error}");
+        }
+        // Independent samples are taken at their word.
+        assert!((sums(0.5).of_groups() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn parts_of_a_lights_samples_give_the_variance_of_all() {
+        // D²/4 of halves and of quarters, for V(n) = 1; the claim is arbitrary.
+        let r: f64 = 0.354;
+        let s = Sums {
+            claimed: 5.0,
+            halves: 1.0 / r - 1.0,
+            quarters: (1.0 / r - 1.0) / r,
+            count: ENOUGH,
+        };
+        assert!((s.of_parts() * s.claimed - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn few_lumels_say_nothing() {
+        let mut s = sums(0.25);
+        s.count -= 1;
+        assert_eq!(s.of_groups(), 1.0);
+        assert_eq!(s.of_parts(), 1.0);
+    }
 }

@@ -45,6 +45,8 @@ pub struct Received {
     pub error: f32,
     /// The part of `error`² that comes from `indirect`.
     pub indirect_variance: f32,
+    /// Luminance that its own samples say where smoothing made more of it than they allow: what an error is large against. `None` elsewhere.
+    pub least: Option<f32>,
     /// [`DirectEstimate::doubt`] of `direct`.
     pub direct_doubt: [f32; 2],
     /// Mean position of the footprint's points, metres, recentred.
@@ -579,6 +581,7 @@ pub(crate) fn received(
         first_half: indirect.first_half,
         error: (indirect.variance + direct.variance).sqrt(),
         indirect_variance: indirect.variance,
+        least: None,
         direct_doubt: direct.doubt,
         near: false,
         behind: false,

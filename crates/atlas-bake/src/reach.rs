@@ -64,7 +64,10 @@ enum More {
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
-#[allow(clippy::too_many_arguments, reason = "what a bake holds while it gathers")]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "what a bake holds while it gathers"
+)]
 pub(crate) fn reach(
     gatherer: &mut Gatherer,
     lumels: &Lumels,
@@ -92,7 +95,8 @@ pub(crate) fn reach(
         if total <= allowed {
             break;
         }
-        let (chosen, exhausted) = choose(&errors, received, sparse, &level, &first, total - allowed);
+        let (chosen, exhausted) =
+            choose(&errors, received, sparse, &level, &first, total - allowed);
         out.exhausted = exhausted;
         if chosen.is_empty() {
             break;
@@ -173,8 +177,14 @@ fn choose(
     first: &crate::GatherOptions,
     excess: f64,
 ) -> (BTreeMap<(More, u32), Vec<usize>>, u64) {
-    let mut order: Vec<usize> = (0..errors.len()).filter(|&i| errors[i].sum() > 0.0).collect();
-    order.sort_by(|&a, &b| (errors[b].sum()).total_cmp(&errors[a].sum()).then(a.cmp(&b)));
+    let mut order: Vec<usize> = (0..errors.len())
+        .filter(|&i| errors[i].sum() > 0.0)
+        .collect();
+    order.sort_by(|&a, &b| {
+        (errors[b].sum())
+            .total_cmp(&errors[a].sum())
+            .then(a.cmp(&b))
+    });
     let mut chosen: BTreeMap<(More, u32), Vec<usize>> = BTreeMap::new();
     let mut taken = vec![false; errors.len()];
     let (mut saved, mut exhausted) = (0.0, 0);
@@ -186,7 +196,10 @@ fn choose(
         let before = saved;
         if r.edge == Edge::Contact {
             if first.edge_points * level.points[i] * TIMES * 2 <= MOST {
-                chosen.entry((More::Contact, level.points[i])).or_default().push(i);
+                chosen
+                    .entry((More::Contact, level.points[i]))
+                    .or_default()
+                    .push(i);
                 saved += (1.0 - LEFT) * e.sum();
             }
         } else {
@@ -195,7 +208,10 @@ fn choose(
                 && r.mixed != 0
                 && first.direct.penumbra * level.points[i] * TIMES <= MOST
             {
-                chosen.entry((More::Penumbra, level.points[i])).or_default().push(i);
+                chosen
+                    .entry((More::Penumbra, level.points[i]))
+                    .or_default()
+                    .push(i);
                 saved += (1.0 - LEFT) * e.direct;
             }
             if e.indirect >= 0.1 * e.direct {
@@ -203,13 +219,18 @@ fn choose(
                 let own = (!sparse.is(i)).then_some(i);
                 let mut more = false;
                 for j in own.into_iter().chain(between) {
-                    if received[j].edge == Edge::Contact || first.rays * level.rays[j] * TIMES > MOST {
+                    if received[j].edge == Edge::Contact
+                        || first.rays * level.rays[j] * TIMES > MOST
+                    {
                         continue;
                     }
                     more = true;
                     if !taken[j] {
                         taken[j] = true;
-                        chosen.entry((More::Rays, level.rays[j])).or_default().push(j);
+                        chosen
+                            .entry((More::Rays, level.rays[j]))
+                            .or_default()
+                            .push(j);
                     }
                 }
                 if more {
@@ -257,7 +278,11 @@ fn look(
         gatherer.options = first;
         for (&i, r) in of.iter().zip(again?) {
             received[i] = r;
-            let levels = if more == More::Rays { &mut level.rays } else { &mut level.points };
+            let levels = if more == More::Rays {
+                &mut level.rays
+            } else {
+                &mut level.points
+            };
             levels[i] = to;
         }
     }

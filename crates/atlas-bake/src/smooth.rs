@@ -48,7 +48,10 @@ pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 /// Lumels at contacts, which have many points, and those that are `sure` of themselves keep what they gathered where the fit departs from it by more than
 /// its noise: next to a bright lumel a dark one would be lightened (demo level, 57 cm a lumel, `preview`: 18.9 % of error from 3,000 contacts, 4.1 % without). The
 /// others do not: of few samples, most may have missed what all of the light comes from. What they depart by goes into their error.
-#[allow(clippy::too_many_arguments, reason = "what a bake holds when it has gathered")]
+#[allow(
+    clippy::too_many_arguments,
+    reason = "what a bake holds when it has gathered"
+)]
 pub(crate) fn smooth_indirect(
     lumels: &Lumels,
     layout: &Layout,
@@ -82,6 +85,9 @@ pub(crate) fn smooth_indirect(
                 smoothed = Smoothed::none(r, own);
             } else {
                 smoothed.variance += departure;
+                let gathered = luminance(r.indirect);
+                let darker = departure > 0.0 && gathered < luminance(smoothed.indirect);
+                smoothed.least = darker.then_some(luminance(r.direct) + gathered);
             }
             let of_groups = groups.min(smoothed.planes.len());
             share_out(smoothed.indirect, &mut smoothed.planes[..of_groups]);
@@ -92,6 +98,7 @@ pub(crate) fn smooth_indirect(
         let direct = certainty.direct(r, r.direct_variance());
         r.indirect = s.indirect;
         r.indirect_variance = s.variance;
+        r.least = s.least;
         r.error = (direct + s.variance).sqrt();
         for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
             plane.indirect = indirect;
@@ -123,6 +130,8 @@ struct Smoothed {
     indirect: Vec3,
     /// Of its luminance.
     variance: f32,
+    /// See [`Received::least`].
+    least: Option<f32>,
     /// Indirect parts of its planes; empty where they stay as they are.
     planes: Vec<Vec3>,
 }
@@ -133,6 +142,7 @@ impl Smoothed {
         Smoothed {
             indirect: r.indirect,
             variance,
+            least: None,
             planes: Vec::new(),
         }
     }
@@ -380,6 +390,7 @@ impl<'a> Window<'a> {
         Smoothed {
             indirect: sum,
             variance: fitted,
+            least: None,
             planes,
         }
     }

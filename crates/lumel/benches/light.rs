@@ -143,9 +143,9 @@ fn gather_draft(bencher: Bencher, name: &str) {
             .expect("nobody cancels")
             .report
             .lumels;
-        bencher
-            .counter(ItemsCount::new(count))
-            .bench_local(|| atlas_bake::bake(world, emitters, &solution, layout, &options, &Silent));
+        bencher.counter(ItemsCount::new(count)).bench_local(|| {
+            atlas_bake::bake(world, emitters, &solution, layout, &options, &Silent)
+        });
     });
 }
 

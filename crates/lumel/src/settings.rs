@@ -193,7 +193,7 @@ impl Settings {
         let start = match self.error {
             None => self.quality,
             Some(x) if x >= 0.03 => Quality::Draft,
-            Some(x) if x >= 0.01 => Quality::Preview.min(self.quality),
+            Some(x) if x >= 0.01 => Quality::Preview,
             Some(_) => self.quality,
         };
         let (rays, most, error, base, penumbra) = match start {
