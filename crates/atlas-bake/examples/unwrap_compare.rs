@@ -5,7 +5,8 @@
 //! cargo run --release -p atlas-bake --example unwrap_compare -- --hard                    # the meshes of tests/nasty.rs
 //! ```
 //! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default). Columns: charts, area over page area (rectangles of all
-//! instances), L² stretch (area-weighted mean over meshes), texels under two charts, triangles turned over, page
+//! instances), L² stretch (area-weighted mean over meshes), texels under two charts, triangles turned over, slits (length of smooth edges
+//! whose two sides are in one chart and less than two lumels apart, over that of all smooth borders of charts), page
 //! size, seconds (all meshes, all threads), what fell back to another unwrapper.
 #![allow(
     clippy::print_stdout,
@@ -59,9 +60,9 @@ fn main() {
         }
     }
     println!(
-        "| scene | triangles | unwrapper | charts | filled % | stretch | overlap % | flipped | page | s | fell back |"
+        "| scene | triangles | unwrapper | charts | filled % | stretch | overlap % | flipped | slits % | page | s | fell back |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
     for (name, scene) in &scenes {
         for &choice in &choices {
             row(name, scene, choice, texels_per_unit, density);
@@ -115,14 +116,21 @@ fn row(
         stretch += mesh.stretch * texels;
         weight += texels;
     }
+    let mut slits = [0.0; 4];
+    for mesh in &report.meshes {
+        for (sum, s) in slits.iter_mut().zip(mesh.slits) {
+            *sum += s;
+        }
+    }
     println!(
-        "| {name} | {triangles} | {} | {} | {:.1} | {:.3} | {:.3} | {} | {} | {seconds:.2} | {} |",
+        "| {name} | {triangles} | {} | {} | {:.1} | {:.3} | {:.3} | {} | {:.1} | {} | {seconds:.2} | {} |",
         format!("{unwrapper:?}").to_lowercase(),
         report.meshes.iter().map(|m| m.charts).sum::<u32>(),
         100.0 * report.coverage,
         stretch / weight,
         100.0 * overlap / weight,
         report.meshes.iter().map(|m| m.flipped).sum::<u64>(),
+        100.0 * (slits[1] + slits[2]) / slits[1..].iter().sum::<f64>().max(f64::MIN_POSITIVE),
         plan.pages
             .iter()
             .map(|p| format!("{}x{}", p[0], p[1]))

@@ -17,6 +17,7 @@ use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
 use crate::reach::{mean_light, reach};
 use crate::refine::{add_rays, follow_edges};
+use crate::rims::darken_rims;
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
 use crate::sparse::Sparse;
@@ -259,6 +260,9 @@ pub fn bake(
             &barriers,
             options.padding + 1,
         );
+        if barriers.matter() {
+            darken_rims(world, &lumels, layout, &mut received);
+        }
     }
     summarise(&lumels.lumels, &received, &mut out.report);
     let reached = |x| out.report.estimated_error <= f64::from(x);

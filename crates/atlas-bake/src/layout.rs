@@ -152,6 +152,8 @@ pub struct MeshReport {
     pub density: [f64; 3],
     /// That instance's own factor (`extras.lumel.density`).
     pub factor: f32,
+    /// Length of smooth edges in lumels, see [`ChartMeasure::slits`](crate::unwrap::ChartMeasure::slits).
+    pub slits: [f64; 4],
     /// Triangles whose chart triangle is turned over (0 unless kept from the asset).
     pub flipped: u64,
     /// Triangles too thin for any area in the lightmap.
@@ -463,6 +465,7 @@ fn fill_report(
     report.utilisation = measured.utilisation;
     report.stretch = measured.stretch;
     report.density = measured.density.map(|d| d * f64::from(texels_per_unit));
+    report.slits = measured.slits;
     report.flipped = measured.flipped;
     report.collapsed = measured.collapsed;
 }

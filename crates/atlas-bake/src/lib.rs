@@ -25,6 +25,7 @@ mod preview;
 pub mod probes;
 mod reach;
 mod refine;
+mod rims;
 mod seams;
 mod smooth;
 mod sparse;

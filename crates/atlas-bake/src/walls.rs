@@ -178,7 +178,7 @@ impl Barriers {
 
 impl Received {
     /// The middle of the footprint, as a point of the surface.
-    fn point(&self, world: &World) -> SurfacePoint {
+    pub(crate) fn point(&self, world: &World) -> SurfacePoint {
         SurfacePoint {
             position: self.position,
             origin: self.position + self.normal * world.offset(self.position),

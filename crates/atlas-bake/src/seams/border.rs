@@ -80,7 +80,6 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
         .collect();
     alone.sort_unstable();
     let mut out = Vec::new();
-    // Lookups on curved surfaces are within half a per cent of the truth as they are, and four times as far from it once they agree.
     for (t, k) in alone.into_iter() {
         cut(world, lumels.page_corners(t), page, t, k as usize, &mut out);
     }

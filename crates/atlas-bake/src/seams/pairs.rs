@@ -3,7 +3,6 @@
 use glam::{Vec2, Vec3};
 use radiosity::World;
 use rayon::prelude::*;
-use visibility::Ray;
 
 use crate::atlas::Layout;
 use crate::lumels::Lumels;
@@ -144,17 +143,14 @@ fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
     }
 }
 
-/// What lies below the back of something is looked for so high above it, in texels: half a texel from a seam along which a slope of 65° goes under, the
-/// cover is 1.1 texels off. What is higher is a roof, whose back one may look at from below.
-const COVER: f32 = 1.5;
-
 /// Lookups start this far to either side of a seam when they ask whether something stands upon it, in texels.
 const BESIDE: f32 = 0.5;
 
 /// And this high above the surface, as a share of the distance from the seam. What is lower casts no shadow that a lumel would show.
 const ABOVE: f32 = 0.4;
 
-/// Whether the surface goes on from one piece to the other: normals agree, nothing is in between, and neither side is buried.
+/// Whether the surface goes on from one piece to the other: normals agree, and nothing is in between. Sides that are buried are known by
+/// their lumels later.
 fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let normals = [0, 1].map(|k| {
         let w = pieces[k].weights[0].lerp(pieces[k].weights[1], params[k]);
@@ -177,19 +173,6 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     for k in 0..2 {
         let p = pieces[k];
         let on = p.world[0].lerp(p.world[1], params[k]);
-        // Behind the back of something: a slope that goes on below the ground, say. Its light ends where nobody sees it. Asked above the triangle itself,
-        // however narrow it is: what lies beside it may be behind it.
-        let own = on + p.inward * beside[k].min(p.altitude / 3.0);
-        let up = Ray {
-            origin: own + geometric[k] * world.offset(own),
-            direction: geometric[k],
-            t_min: 0.0,
-            t_max: COVER * p.texel,
-        };
-        let cover = world.closest_hit(&up);
-        if cover.is_some_and(|hit| hit.back && !world.two_sided(hit.triangle)) {
-            return false;
-        }
         let above = (ABOVE + top) * beside[k] + world.offset(on);
         ends[k] = on + p.inward * beside[k] + geometric[k] * above;
     }

@@ -3,6 +3,9 @@
 //! Every chart pays for the texels that lookups read beyond it, and a chart of five texels square pays as much again as it covers. Joined charts
 //! share them. Nothing is stretched, and no two parts overlap; where the common border fits one side less well than
 //! the other, they are moved apart by a fraction of a texel.
+//!
+//! Charts that fold about each other would have other common borders a lumel or two apart: slits, whose lips read the same texels and so cannot be
+//! stitched. Where much of a border would become one, charts stay apart.
 
 use glam::DVec2;
 
@@ -22,6 +25,13 @@ const TINY: f64 = 1.0;
 
 /// Triangles of the smaller and of the larger chart, at most: the test for overlap goes through both.
 const MOST_TRIANGLES: [usize; 2] = [2048, 8192];
+
+/// Of what two charts have in common, at most so much may become slits, as a share of the border that they are joined at. Without a limit, seams of
+/// Sponza differ by 57 % (99th percentile), with this by 24 %; at 0 they cover 1.4 % less of their page for 26 % (docs/seams.md).
+const SLITS: f64 = 0.3;
+
+/// What lies nearer is welded, and what lies farther is read by lookups of its own, lumels.
+const SLIT: [f64; 2] = [0.5, 2.0];
 
 /// How far apart two charts are moved at most before they are left apart, in lumels or sides of the smaller one.
 const SHIFTS: [f64; 4] = [0.0, 0.02, 0.1, 0.3];
@@ -54,7 +64,7 @@ pub(super) fn join_small(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
             .then(b.length.total_cmp(&a.length))
             .then(a.joints[0].charts.cmp(&b.joints[0].charts))
     });
-    let mut islands = Islands::new(charts);
+    let mut islands = Islands::new(charts, &all);
     // Twice: what was in the way may have been joined to something else meanwhile, and stands better now.
     for _ in 0..2 {
         for pair in &pairs {
@@ -128,10 +138,12 @@ struct Islands {
     triangles: Vec<Vec<[DVec2; 3]>>,
     /// Area of each root, m².
     area: Vec<f64>,
+    /// Joints of each chart that are not hard.
+    soft: Vec<Vec<Joint>>,
 }
 
 impl Islands {
-    fn new(charts: &Charts) -> Islands {
+    fn new(charts: &Charts, joints: &[Joint]) -> Islands {
         let count = charts.count as usize;
         let mut triangles: Vec<Vec<[DVec2; 3]>> = vec![Vec::new(); count];
         let mut area = vec![0.0; count];
@@ -142,12 +154,19 @@ impl Islands {
                 area[chart as usize] += 0.5 * cross2(c);
             }
         }
+        let mut soft = vec![Vec::new(); count];
+        for joint in joints.iter().filter(|j| !j.hard) {
+            for chart in joint.charts {
+                soft[chart as usize].push(*joint);
+            }
+        }
         Islands {
             parent: (0..charts.count).collect(),
             motion: vec![Motion::NONE; count],
             members: (0..charts.count).map(|c| vec![c]).collect(),
             triangles,
             area,
+            soft,
         }
     }
 
@@ -215,6 +234,9 @@ impl Islands {
         for shift in SHIFTS {
             let mut moved = motion;
             moved.shift += out * (shift * unit);
+            if self.slits([roots[stay], roots[go]], &moved, lumel) > SLITS * pair.length {
+                return;
+            }
             let placed: Vec<[DVec2; 3]> = self.triangles[roots[go] as usize]
                 .iter()
                 .map(|c| c.map(|p| moved.apply(p)))
@@ -224,6 +246,31 @@ impl Islands {
                 return;
             }
         }
+    }
+
+    /// Length of the slits that there would be between two roots if the second were moved, metres.
+    fn slits(&mut self, [stay, go]: [u32; 2], motion: &Motion, lumel: f64) -> f64 {
+        let mut length = 0.0;
+        for m in 0..self.members[go as usize].len() {
+            let chart = self.members[go as usize][m];
+            for j in 0..self.soft[chart as usize].len() {
+                let joint = self.soft[chart as usize][j];
+                let side = usize::from(joint.charts[1] == chart);
+                let other = joint.charts[1 - side];
+                if self.root(other) != stay {
+                    continue;
+                }
+                let [gap, beyond] = [0, 1].map(|end| {
+                    let moved = self.motion[chart as usize].apply(joint.ends[side][end]);
+                    let theirs = self.motion[other as usize].apply(joint.ends[1 - side][end]);
+                    motion.apply(moved).distance(theirs) / lumel
+                });
+                if gap.max(beyond) > SLIT[0] && gap.min(beyond) < SLIT[1] {
+                    length += joint.length;
+                }
+            }
+        }
+        length
     }
 
     fn merge(&mut self, stay: u32, go: u32, motion: &Motion, placed: Vec<[DVec2; 3]>) {

@@ -3,7 +3,7 @@
 use glam::Vec2;
 use serde::Serialize;
 
-use super::{UnwrapInput, UnwrappedMesh};
+use super::{NONE, UnwrapInput, UnwrappedMesh};
 
 /// How good an unwrap is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -17,6 +17,9 @@ pub struct ChartMeasure {
     pub stretch: f64,
     /// Smallest, median and largest texel density by area, lumels per metre.
     pub density: [f64; 3],
+    /// Smooth edges, whole lumels long in all: closed in the chart, slit open by up to ½ lumel, by up to 2 (lookups on both lips read the same
+    /// lumels, so nothing can make them agree), and by more or into another chart.
+    pub slits: [f64; 4],
     /// Triangles whose signed area in the chart is negative.
     pub flipped: u64,
     /// Triangles with area in space and none in the chart.
@@ -63,6 +66,7 @@ pub fn measure(mesh: &UnwrapInput, result: &UnwrappedMesh) -> ChartMeasure {
         space += area;
         densities.push(((chart_area / area).sqrt(), area));
     }
+    out.slits = slits(mesh, result);
     if space > 0.0 {
         out.stretch = (l2 / space * flat / space).sqrt();
         out.utilisation = flat / (f64::from(result.size[0]) * f64::from(result.size[1]));
@@ -72,6 +76,39 @@ pub fn measure(mesh: &UnwrapInput, result: &UnwrappedMesh) -> ChartMeasure {
             weighted_median(&densities),
             densities[densities.len() - 1].0,
         ];
+    }
+    out
+}
+
+/// See [`ChartMeasure::slits`].
+fn slits(mesh: &UnwrapInput, result: &UnwrappedMesh) -> [f64; 4] {
+    let mut out = [0.0; 4];
+    for (t, own) in result.corners.iter().enumerate() {
+        for k in 0..3 {
+            let u = mesh.neighbors[t][k] as usize;
+            if mesh.neighbors[t][k] == NONE || u < t || mesh.seams[t][k] {
+                continue;
+            }
+            let next = (k + 1) % 3;
+            let place = |vertex: u32| {
+                let corner = mesh.triangles[u].iter().position(|&v| v == vertex)?;
+                Some(result.corners[u][corner])
+            };
+            let (Some(a), Some(b)) = (place(mesh.triangles[t][k]), place(mesh.triangles[t][next]))
+            else {
+                continue;
+            };
+            let gap = own[k].distance(a).max(own[next].distance(b));
+            let class = match gap {
+                _ if result.chart[t] != result.chart[u] => 3,
+                // Rounding.
+                g if g < 1e-3 => 0,
+                g if g < 0.5 => 1,
+                g if g < 2.0 => 2,
+                _ => 3,
+            };
+            out[class] += f64::from(own[k].distance(own[next]).max(a.distance(b)));
+        }
     }
     out
 }

@@ -12,15 +12,25 @@ use glam::DVec2;
 use super::UnwrapInput;
 use super::charts::{Charts, cross2};
 
-/// Places of one vertex in one chart that are nearer than this to each other become one, lumels. Half a lumel is what padding counts as touching.
-const NEAR: f64 = 0.5;
+/// Places of one vertex in one chart that are nearer than this to each other become one, lumels. Each moves by half of it; what joins charts leaves no
+/// wider slits but short ones.
+const NEAR: f64 = 1.0;
 
 /// And farther than this: what differs by rounding is one place already, and moving it would take charts off the grid that they lie on.
 const APART: f64 = 1e-4;
 
-/// What triangles beside it may become by it, as a share of their area, at least and at most. Only those of about a lumel come near that: a quarter of a
-/// lumel is little of larger ones, and smaller ones show no light of their own.
+/// What triangles beside it may become by it, as a share of their area, at least and at most. Only those of about a lumel come near that: half a
+/// lumel is little of larger ones.
 const AREA: [f64; 2] = [0.4, 2.5];
+
+/// Triangles of no more than so many lumels², before and after, may grow as they like and shrink to [`SHRUNK`]: they show no light of their own.
+const TINY: f64 = 0.5;
+
+/// What is left of them at least: a reader of the coordinates should be able to turn them into places.
+const SHRUNK: f64 = 0.1;
+
+/// How far a triangle that is already flat may be turned over by it, lumels of height: rounding, which is mended when charts are packed.
+const FLAT: f64 = 1e-4;
 
 /// Welds the corners of `charts` of `mesh` where a lumel is `lumel` metres wide.
 pub(super) fn weld_slits(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
@@ -37,7 +47,7 @@ pub(super) fn weld_slits(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
     corners.sort_unstable();
     for group in corners.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
         for places in clusters(charts, group, lumel) {
-            weld(charts, &places);
+            weld(charts, &places, lumel);
         }
     }
 }
@@ -84,19 +94,22 @@ fn clusters(charts: &Charts, group: &[(u32, u32, u32)], lumel: f64) -> Vec<Vec<u
 const MOST_PLACES: usize = 16;
 
 /// Moves these corners to their middle, unless that folds or stretches a triangle.
-fn weld(charts: &mut Charts, corners: &[u32]) {
+fn weld(charts: &mut Charts, corners: &[u32], lumel: f64) {
     let middle = corners.iter().map(|&c| place(charts, c)).sum::<DVec2>() / corners.len() as f64;
     let fits = corners.iter().all(|&c| {
         let triangle = &charts.corners[c as usize / 3];
-        let before = cross2(triangle);
-        // Collapsed ones have no lumels of their own.
-        if before <= 0.0 {
-            return true;
-        }
         let mut moved = *triangle;
         moved[c as usize % 3] = middle;
-        let ratio = cross2(&moved) / before;
-        (AREA[0]..=AREA[1]).contains(&ratio)
+        let [before, after] = [cross2(triangle), cross2(&moved)];
+        // Collapsed ones have no lumels of their own, but must not fold over others.
+        if before <= 0.0 {
+            let side = |k: usize| moved[k].distance(moved[(k + 1) % 3]);
+            return after >= -FLAT * lumel * side(0).max(side(1)).max(side(2));
+        }
+        if after >= SHRUNK * before && before.max(after) < 2.0 * TINY * lumel * lumel {
+            return true;
+        }
+        (AREA[0]..=AREA[1]).contains(&(after / before))
     });
     if !fits {
         return;
@@ -130,7 +143,7 @@ mod tests {
 
     #[test]
     fn narrow_slits_close_and_wide_ones_stay() {
-        for (gap, closed) in [(1e-6, false), (0.02, true), (0.04, true), (0.06, false)] {
+        for (gap, closed) in [(1e-6, false), (0.02, true), (0.09, true), (0.11, false)] {
             let (mesh, mut charts) = opened(gap);
             let before = charts.corners.clone();
             weld_slits(&mesh, &mut charts, 0.1);
@@ -155,14 +168,35 @@ mod tests {
     }
 
     #[test]
+    fn slivers_grow_to_half_a_lumel_at_most() {
+        // 1.4 mm high on a base of 1.4 m, where a lumel has 10 cm. The base moves by half of the slit.
+        for (gap, grows) in [(0.01, true), (0.09, false)] {
+            let (mesh, mut charts) = opened(gap);
+            let middle = charts.corners[1][0].lerp(charts.corners[1][1], 0.5);
+            charts.corners[1][2] = middle + DVec2::new(-1e-3, 1e-3);
+            let before = charts.corners.clone();
+            weld_slits(&mesh, &mut charts, 0.1);
+            assert_eq!(charts.corners != before, grows, "{gap}");
+        }
+    }
+
+    #[test]
     fn nothing_folds() {
-        // A sliver whose tip would be drawn across its base.
-        let (mesh, mut charts) = opened(0.02);
-        charts.corners[1][2] =
-            charts.corners[1][0].lerp(charts.corners[1][1], 0.5) + DVec2::new(-1e-3, 1e-3);
+        // Half of the way to the other triangle's corner lies beyond this one's far side.
+        let (mesh, mut charts) = opened(0.0);
+        charts.corners[1] = [(-0.05, 0.0), (-0.03, -0.01), (-0.03, 0.01)].map(DVec2::from);
         let before = charts.corners.clone();
+        assert!(cross2(&before[1]) > 0.0);
         weld_slits(&mesh, &mut charts, 0.1);
-        assert!(cross2(&charts.corners[1]) > 0.0);
         assert_eq!(charts.corners, before);
+    }
+
+    #[test]
+    fn what_is_smaller_than_half_a_lumel_may_change_more() {
+        // Both triangles measure a third of a lumel, and the slit between them a fifth of their side.
+        let (mesh, mut charts) = opened(0.2);
+        weld_slits(&mesh, &mut charts, 1.3);
+        assert_eq!(charts.corners[0][0], charts.corners[1][0]);
+        assert_eq!(charts.corners[0][2], charts.corners[1][1]);
     }
 }
