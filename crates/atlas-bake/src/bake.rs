@@ -240,7 +240,7 @@ pub fn bake(
     }
     sparse.interpolate(&mut received);
     let mean = mean_light(&received);
-    let certainty = Certainty::measure(&received, |i| !sparse.is(i), mean);
+    let certainty = Certainty::measure(&received, |i| !sparse.is(i), options.lumels.rays, mean);
     let groups = gatherer.wanted.groups;
     smooth_indirect(
         &lumels,

@@ -44,7 +44,12 @@ pub(crate) struct Certainty {
     indirect: [f32; 2],
     /// Of direct light.
     direct: [f32; 2],
+    /// The share of a lumel's light that may come from where none of its rays went.
+    pub unseen: f32,
 }
+
+/// What is in none of n samples makes less than 3/n of all, in 95 of 100 cases: 0.95 = 1 − (1 − p)ⁿ (the rule of three).
+const RULE_OF_THREE: f32 = 3.0;
 
 /// Sums over lumels of a kind.
 #[derive(Default, Clone, Copy)]
@@ -56,10 +61,12 @@ struct Sums {
 }
 
 impl Certainty {
-    /// From lumels as they were gathered, before smoothing. `counts` says which have rays of their own; `mean` is their mean light.
+    /// From lumels as they were gathered, before smoothing. `counts` says which have rays of their own, `rays` is how many at least, `mean` is the mean
+    /// light of all.
     pub(crate) fn measure(
         received: &[Received],
         counts: impl Fn(usize) -> bool,
+        rays: u32,
         mean: f32,
     ) -> Self {
         let mut indirect = [Sums::default(); 2];
@@ -89,6 +96,7 @@ impl Certainty {
         Certainty {
             indirect: indirect.map(|s| s.of_groups() as f32),
             direct: direct.map(|s| s.of_parts() as f32),
+            unseen: (RULE_OF_THREE / rays.max(1) as f32).min(1.0),
         }
     }
 

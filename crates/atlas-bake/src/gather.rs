@@ -45,7 +45,8 @@ pub struct Received {
     pub error: f32,
     /// The part of `error`² that comes from `indirect`.
     pub indirect_variance: f32,
-    /// Luminance that its own samples say where smoothing made more of it than they allow: what an error is large against. `None` elsewhere.
+    /// Where smoothing made more of it than its own samples allow: luminance that these say, or what they may have missed. An error is large against
+    /// that. `None` elsewhere.
     pub least: Option<f32>,
     /// [`DirectEstimate::doubt`] of `direct`.
     pub direct_doubt: [f32; 2],

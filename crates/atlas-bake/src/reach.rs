@@ -88,7 +88,9 @@ pub(crate) fn reach(
     let mut result = Ok(());
     for round in 0..ROUNDS {
         let sure = |i: usize| first.rays * level.rays[i] >= SURE;
-        let errors = estimate(lumels, layout, received, barriers, sparse, &sure);
+        let errors = estimate(
+            lumels, layout, received, barriers, sparse, first.rays, &sure,
+        );
         let n = errors.iter().filter(|e| e.lit).count().max(1) as f64;
         let total: f64 = errors.iter().map(Relative::sum).sum();
         let allowed = f64::from(wanted) * f64::from(wanted) * n;
@@ -135,12 +137,13 @@ fn estimate(
     received: &[Received],
     barriers: &Barriers,
     sparse: &Sparse,
+    rays: u32,
     sure: &(dyn Fn(usize) -> bool + Sync),
 ) -> Vec<Relative> {
     let mut trial = received.to_vec();
     sparse.interpolate(&mut trial);
     let mean = mean_light(&trial);
-    let certainty = Certainty::measure(&trial, |i| !sparse.is(i), mean);
+    let certainty = Certainty::measure(&trial, |i| !sparse.is(i), rays, mean);
     smooth_indirect(
         lumels, layout, &mut trial, barriers, sparse, 0, &certainty, sure,
     );

@@ -87,7 +87,9 @@ pub(crate) fn smooth_indirect(
                 smoothed.variance += departure;
                 let gathered = luminance(r.indirect);
                 let darker = departure > 0.0 && gathered < luminance(smoothed.indirect);
-                smoothed.least = darker.then_some(luminance(r.direct) + gathered);
+                let whole = luminance(r.direct + smoothed.indirect);
+                let least = (luminance(r.direct) + gathered).max(certainty.unseen * whole);
+                smoothed.least = darker.then_some(least);
             }
             let of_groups = groups.min(smoothed.planes.len());
             share_out(smoothed.indirect, &mut smoothed.planes[..of_groups]);
