@@ -239,7 +239,7 @@ pub fn bake(
         sure = reached.sure;
     }
     sparse.interpolate(&mut received);
-    let mean = mean_light(&received);
+    let mean = mean_light(&lumels, &received);
     let certainty = Certainty::measure(&received, |i| !sparse.is(i), options.lumels.rays, mean);
     let groups = gatherer.wanted.groups;
     smooth_indirect(

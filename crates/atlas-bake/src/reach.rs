@@ -25,6 +25,10 @@ const TIMES: u32 = 4;
 /// points, of which a lumel that lies by an eighth on the surface uses all.
 const MOST: u32 = 8192;
 
+/// Share of what is asked for that is aimed at: hidden lumels take their neighbours' light, and their errors, only after the rounds. Up to 4 % more on the
+/// Cornell box.
+const MARGIN: f64 = 0.95;
+
 /// Rounds at most: from the least of samples to the most are eight doublings; the rest is for what earlier rounds judged wrongly.
 const ROUNDS: u32 = 10;
 
@@ -93,7 +97,8 @@ pub(crate) fn reach(
         );
         let n = errors.iter().filter(|e| e.lit).count().max(1) as f64;
         let total: f64 = errors.iter().map(Relative::sum).sum();
-        let allowed = f64::from(wanted) * f64::from(wanted) * n;
+        let aim = MARGIN * f64::from(wanted);
+        let allowed = aim * aim * n;
         if total <= allowed {
             break;
         }
@@ -142,7 +147,7 @@ fn estimate(
 ) -> Vec<Relative> {
     let mut trial = received.to_vec();
     sparse.interpolate(&mut trial);
-    let mean = mean_light(&trial);
+    let mean = mean_light(lumels, &trial);
     let certainty = Certainty::measure(&trial, |i| !sparse.is(i), rays, mean);
     smooth_indirect(
         lumels, layout, &mut trial, barriers, sparse, 0, &certainty, sure,
@@ -163,12 +168,15 @@ fn estimate(
         .collect()
 }
 
-/// Mean luminance of the light of lumels.
-pub(crate) fn mean_light(received: &[Received]) -> f32 {
-    let sum: f64 = (received.iter())
-        .map(|r| f64::from(luminance(r.direct + r.indirect)))
-        .sum();
-    (sum / received.len().max(1) as f64) as f32
+/// Mean luminance of the light of lumels, weighted by coverage.
+pub(crate) fn mean_light(lumels: &Lumels, received: &[Received]) -> f32 {
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for (l, r) in lumels.lumels.iter().zip(received) {
+        let covered = f64::from(l.coverage);
+        sum += covered * f64::from(luminance(r.direct + r.indirect));
+        weight += covered;
+    }
+    (sum / f64::max(weight, 1e-300)) as f32
 }
 
 /// The lumels with the largest errors, as few as bring the sum down by `excess`, with what each lacks; and how many of the largest have no more to get.
