@@ -16,7 +16,7 @@ use common::{at, lumels_of};
 use glam::{DVec2, DVec3, Vec3};
 use lumel::atlas_bake::read_exr;
 use lumel::{Quality, Settings, SkySource};
-use lumel_tests::geometry::quad;
+use lumel_tests::geometry::{Geometry, box_faces, quad};
 use lumel_tests::gltf::Light;
 use lumel_tests::path_tracer::{Footprint, Scene, footprints, luminance};
 use lumel_tests::scenes::leaks::{Kind, LEAKS, LeakScene, Region};
@@ -315,5 +315,65 @@ fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
             f64::from(shaded) >= 0.8 * f64::from(density).powi(2),
             "{density}: {shaded}"
         );
+    }
+}
+
+#[test]
+fn the_inside_of_a_post_blackens_nothing_around_it() {
+    // A hollow post of 0.3 m without a bottom, walls of 5 mm: dark inside, and too small for anyone to look into.
+    let floor = quad([
+        Vec3::new(-1.0, 0.0, -1.0),
+        Vec3::new(-1.0, 0.0, 1.0),
+        Vec3::new(1.0, 0.0, 1.0),
+        Vec3::new(1.0, 0.0, -1.0),
+    ]);
+    for shift in [0.0, 0.03, 0.06] {
+        let at = Vec3::new(shift, 0.0, 0.5 * shift);
+        let (low, high) = (
+            at - Vec3::new(0.15, 0.0, 0.15),
+            at + Vec3::new(0.15, 0.6, 0.15),
+        );
+        // All but what faces down, outside and in.
+        let sides = |faces: [Geometry; 6], down: f32| {
+            let open = |g: &&Geometry| !(g.positions.iter().all(|p| p.y == down));
+            Geometry::union(faces.iter().filter(open))
+        };
+        let outer = sides(box_faces(low, high, 1), 0.0);
+        let inner = box_faces(
+            low + Vec3::new(0.005, 0.0, 0.005),
+            high - Vec3::splat(0.005),
+            1,
+        );
+        let inner = sides(inner.map(Geometry::flipped), 0.0);
+        let glb = lit(
+            &[("floor", &floor), ("post", &outer), ("lining", &inner)],
+            0.5,
+            &[],
+        );
+        let settings = Settings {
+            sky: SkySource::Color([1.0; 3]),
+            ..common::at(8.0)
+        };
+        let (mut dark, mut around) = (0, 0);
+        for l in lumels_of(&common::bake(&glb, &settings), "floor") {
+            let inside = |p: &DVec3| {
+                let p = p.as_vec3();
+                (low.x..=high.x).contains(&p.x) && (low.z..=high.z).contains(&p.z)
+            };
+            if !l.points.iter().any(inside) {
+                // Beside a post a floor sees half of the sky or more; at a tenth of that something is wrong.
+                assert!(
+                    l.red() > 0.05 * PI,
+                    "{shift}: {} at {}",
+                    l.red(),
+                    l.points[0]
+                );
+                around += 1;
+            } else if l.points.iter().all(inside) {
+                assert_eq!(l.red(), 0.0, "{shift}: {}", l.points[0]);
+                dark += 1;
+            }
+        }
+        assert!(dark > 0 && around > 200, "{shift}: {dark}, {around}");
     }
 }

@@ -261,7 +261,7 @@ pub fn bake(
             options.padding + 1,
         );
         if barriers.matter() {
-            darken_rims(world, &lumels, layout, &mut received);
+            darken_rims(world, &lumels, layout, &mut received, &barriers);
         }
     }
     summarise(&lumels.lumels, &received, &mut out.report);

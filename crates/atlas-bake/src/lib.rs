@@ -56,7 +56,7 @@ pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};
 pub use preview::{
-    Camera, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
+    Camera, Light, LitScene, choose_camera, heat_png, lightmap_png, render_preview, scene_camera,
 };
 pub use seams::{SeamError, SeamReport};
 pub use unlike::separate_unlike;

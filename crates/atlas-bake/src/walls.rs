@@ -161,7 +161,7 @@ impl Barriers {
     }
 
     /// Whether one stands between two lumels that share an edge.
-    fn between(&self, lumels: &Lumels, i: usize, j: usize) -> bool {
+    pub(crate) fn between(&self, lumels: &Lumels, i: usize, j: usize) -> bool {
         let [a, b] = [i, j].map(|k| lumels.lumels[k].texel);
         let first = if (a[1], a[0]) < (b[1], b[0]) { i } else { j };
         self.after(first, a[1] != b[1])

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, LitScene, Manifest, ManifestGroup, OutputSet, choose_camera, render_preview,
+    ExrOptions, Light, LitScene, Manifest, ManifestGroup, OutputSet, choose_camera, render_preview,
     scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
@@ -197,9 +197,11 @@ impl Bake {
             scene,
             soup: &soup,
             bvh: &bvh,
-            layout: &self.layout,
-            pages: &self.baked.pages,
-            value: self.value,
+            light: Light::Pages {
+                layout: &self.layout,
+                pages: &self.baked.pages,
+                value: self.value,
+            },
         };
         let camera =
             scene_camera(&self.loaded.document, scene).unwrap_or_else(|| choose_camera(&lit));

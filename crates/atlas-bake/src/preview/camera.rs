@@ -246,6 +246,7 @@ fn score(lit: &LitScene<'_>, camera: &Camera, length: f32) -> f32 {
             lit.look(
                 camera.position,
                 rays.direction(x as f32 + 0.5, y as f32 + 0.5),
+                i,
             )
         })
         .collect();

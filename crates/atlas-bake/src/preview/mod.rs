@@ -7,8 +7,9 @@ mod tone;
 
 use glam::{Vec2, Vec3};
 use mesh_ingest::{AlphaMode, Scene, Soup};
+use radiosity::{DirectLight, Solution, World, hash_u32};
 use rayon::prelude::*;
-use visibility::{Bvh, HitFilter, Ray};
+use visibility::{Bvh, Hit, HitFilter, Ray};
 
 use crate::atlas::{Layout, Page, Placement};
 use crate::error::Result;
@@ -36,12 +37,31 @@ pub struct LitScene<'a> {
     pub soup: &'a Soup,
     /// The tree over `soup`, built with the triangles flagged whose material [needs alpha](Scene::needs_alpha).
     pub bvh: &'a Bvh,
-    /// Where the light lies.
-    pub layout: &'a Layout,
     /// The light.
-    pub pages: &'a [Page],
-    /// What the pages hold.
-    pub value: ValueKind,
+    pub light: Light<'a>,
+}
+
+/// Where a picture's light comes from.
+#[derive(Clone, Copy)]
+pub enum Light<'a> {
+    /// A finished bake, read as an engine does it.
+    Pages {
+        /// Where the light lies.
+        layout: &'a Layout,
+        /// The pages.
+        pages: &'a [Page],
+        /// What they hold.
+        value: ValueKind,
+    },
+    /// The solution on patches, before anything is gathered: coarse, with some noise near lamps and contacts.
+    Solved {
+        /// Its world, over the same soup.
+        world: &'a World<'a>,
+        /// The solution.
+        solution: &'a Solution,
+        /// Its lights.
+        lights: &'a DirectLight<'a, 'a>,
+    },
 }
 
 /// What a ray brings back.
@@ -67,17 +87,48 @@ impl HitFilter for Masks<'_> {
 }
 
 impl LitScene<'_> {
+    /// Outgoing radiance where a ray ended, and opacity. `seed`: which way chance goes.
+    fn shade(&self, ray: &Ray, hit: &Hit, seed: u32) -> (Vec3, f32) {
+        let (triangle, u, v) = (hit.triangle, hit.u, hit.v);
+        let base = self.scene.base_color(self.soup, triangle, u, v);
+        let reflected = match self.light {
+            Light::Pages {
+                layout,
+                pages,
+                value,
+            } => {
+                let stored = self.stored(layout, pages, hit);
+                match value {
+                    ValueKind::Radiance => stored * base.truncate(),
+                    ValueKind::Irradiance => stored * base.truncate() / std::f32::consts::PI,
+                    ValueKind::Radiosity => stored,
+                }
+            }
+            Light::Solved {
+                world,
+                solution,
+                lights,
+            } => {
+                let at = ray.origin + ray.direction * hit.t;
+                let leaving = solution.radiance(world, lights, hit, at, seed);
+                (leaving - world.gathered_emission(triangle, u, v)).max(Vec3::ZERO)
+            }
+        };
+        let glow = self.scene.emission(self.soup, triangle, u, v);
+        (reflected + glow, base.w)
+    }
+
     /// The stored value at a point of a triangle, bilinear as an engine reads it; black where there is no lightmap.
-    fn stored(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+    fn stored(&self, layout: &Layout, pages: &[Page], hit: &Hit) -> Vec3 {
+        let &Hit { triangle, u, v, .. } = hit;
         let look = || {
             let source = self.soup.sources.get(triangle as usize)?;
             let instance = self.scene.instances.get(source.instance as usize)?;
-            let placement = self.layout.placements.get(source.instance as usize)?;
+            let placement = layout.placements.get(source.instance as usize)?;
             if placement.rect.w == 0 {
                 return None;
             }
-            let atlas = self
-                .layout
+            let atlas = layout
                 .meshes
                 .get(instance.mesh)?
                 .primitives
@@ -92,32 +143,13 @@ impl LitScene<'_> {
             for (corner, weight) in corners.into_iter().zip([1.0 - u - v, u, v]) {
                 at += *atlas.uv.get(corner as usize)? * weight;
             }
-            Some(bilinear(
-                self.pages.get(placement.page as usize)?,
-                placement,
-                at,
-            ))
+            Some(bilinear(pages.get(placement.page as usize)?, placement, at))
         };
         look().unwrap_or(Vec3::ZERO)
     }
 
-    /// Outgoing radiance at a point of a triangle.
-    fn shade(&self, triangle: u32, u: f32, v: f32) -> (Vec3, f32) {
-        let base = self.scene.base_color(self.soup, triangle, u, v);
-        let stored = self.stored(triangle, u, v);
-        let reflected = match self.value {
-            ValueKind::Radiance => stored * base.truncate(),
-            ValueKind::Irradiance => stored * base.truncate() / std::f32::consts::PI,
-            ValueKind::Radiosity => stored,
-        };
-        (
-            reflected + self.scene.emission(self.soup, triangle, u, v),
-            base.w,
-        )
-    }
-
     /// Follows a ray; backs of single-sided faces are not seen, as in an engine.
-    pub(super) fn look(&self, origin: Vec3, direction: Vec3) -> Seen {
+    pub(super) fn look(&self, origin: Vec3, direction: Vec3, seed: u32) -> Seen {
         let mut seen = Seen {
             distance: f32::INFINITY,
             triangle: u32::MAX,
@@ -142,7 +174,7 @@ impl LitScene<'_> {
             if seen.triangle == u32::MAX {
                 (seen.distance, seen.triangle) = (hit.t, hit.triangle);
             }
-            let (color, alpha) = self.shade(hit.triangle, hit.u, hit.v);
+            let (color, alpha) = self.shade(&ray, &hit, seed);
             let opacity = if material.alpha == AlphaMode::Blend {
                 alpha
             } else {
@@ -195,10 +227,9 @@ pub fn render_preview(lit: &LitScene<'_>, camera: &Camera, size: [u32; 2]) -> Re
         .enumerate()
         .for_each(|(y, row)| {
             for (x, seen) in row.iter_mut().enumerate() {
-                *seen = lit.look(
-                    camera.position,
-                    rays.direction(x as f32 + 0.5, y as f32 + 0.5),
-                );
+                let direction = rays.direction(x as f32 + 0.5, y as f32 + 0.5);
+                let seed = hash_u32(y as u32 ^ hash_u32(x as u32));
+                *seen = lit.look(camera.position, direction, seed);
             }
         });
     let exposure = Exposure::measure(samples.iter().filter(|s| s.alpha > 0.0).map(|s| s.color));

@@ -91,22 +91,31 @@ fn rays_read_the_lightmap_as_an_engine_does() {
         scene: &scene,
         soup: &soup,
         bvh: &bvh,
-        layout: &layout,
-        pages: &pages,
-        value: ValueKind::Radiance,
+        light: Light::Pages {
+            layout: &layout,
+            pages: &pages,
+            value: ValueKind::Radiance,
+        },
     };
-    let at = |x: f32| lit.look(Vec3::new(x, 0.1, 5.0), -Vec3::Z).color;
+    let at = |x: f32| lit.look(Vec3::new(x, 0.1, 5.0), -Vec3::Z, 0).color;
     assert!((at(-0.5) - Vec3::new(1.0, 0.5, 0.0)).abs().max_element() < 1e-5);
     assert!((at(0.5) - Vec3::new(3.0, 1.5, 0.0)).abs().max_element() < 1e-5);
     // Texel centres next to the step are at ∓1/8: half way between both.
     assert!((at(0.0) - Vec3::new(2.0, 1.0, 0.0)).abs().max_element() < 1e-5);
     // From behind, a single-sided wall is not there.
-    assert_eq!(lit.look(Vec3::new(0.5, 0.1, -5.0), Vec3::Z).alpha, 0.0);
+    assert_eq!(lit.look(Vec3::new(0.5, 0.1, -5.0), Vec3::Z, 0).alpha, 0.0);
     let irradiance = LitScene {
-        value: ValueKind::Irradiance,
+        light: Light::Pages {
+            layout: &layout,
+            pages: &pages,
+            value: ValueKind::Irradiance,
+        },
         ..lit
     };
-    let e = irradiance.look(Vec3::new(0.5, 0.1, 5.0), -Vec3::Z).color.x;
+    let e = irradiance
+        .look(Vec3::new(0.5, 0.1, 5.0), -Vec3::Z, 0)
+        .color
+        .x;
     assert!((e - 3.0 / std::f32::consts::PI).abs() < 1e-5);
 }
 
@@ -119,9 +128,11 @@ fn the_chosen_camera_sees_the_front_and_the_picture_is_the_same_for_any_number_o
         scene: &scene,
         soup: &soup,
         bvh: &bvh,
-        layout: &layout,
-        pages: &pages,
-        value: ValueKind::Radiance,
+        light: Light::Pages {
+            layout: &layout,
+            pages: &pages,
+            value: ValueKind::Radiance,
+        },
     };
     let picture = |threads| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -228,9 +239,11 @@ fn picture_every_scene() {
             scene: &scene,
             soup: &soup,
             bvh: &bvh,
-            layout: &layout,
-            pages: &pages,
-            value: ValueKind::Radiance,
+            light: Light::Pages {
+                layout: &layout,
+                pages: &pages,
+                value: ValueKind::Radiance,
+            },
         };
         let camera = scene_camera(&loaded.document, &scene).unwrap_or_else(|| choose_camera(&lit));
         let name = path.file_stem().unwrap().to_string_lossy().into_owned();
