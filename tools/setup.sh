@@ -1,5 +1,5 @@
 #!/bin/sh
-# Prepares the measuring environment on a new Debian machine: LLVM for Mitsuba, a Python environment, the Khronos validator.
+# Prepares the measuring environment on a new Debian machine: LLVM for Mitsuba, a Python environment, the Khronos validator, two web engines.
 #
 # Usage: tools/setup.sh [VENV [NPM_DIR]]      (or LUMEL_VENV, LUMEL_NPM; defaults /opt/lumel-venv, /opt/lumel-npm)
 # Needs: Python 3.11, npm, and root for apt-get (skipped when libLLVM 19 is there or apt-get is not). About 1.6 GB, two minutes.
@@ -22,7 +22,7 @@ python=$(command -v python3.11 || command -v python3)
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 "$venv/bin/pip" install -q -r "$shared/requirements.txt" matplotlib==3.11.2
 mkdir -p "$npm_dir"
-(cd "$npm_dir" && npm install --silent --no-fund --no-audit gltf-validator@2.0.0-dev.3.10)
+(cd "$npm_dir" && npm install --silent --no-fund --no-audit gltf-validator@2.0.0-dev.3.10 playcanvas@2.23.3 babylonjs@9.28.0 babylonjs-loaders@9.28.0 fflate@0.8.3)
 
 "$venv/bin/python" -c 'import bpy, mitsuba, numpy; print("bpy", bpy.app.version_string, "mitsuba", mitsuba.__version__)'
 (cd "$shared" && "$venv/bin/python" truth.py --help >/dev/null && "$venv/bin/python" cycles_bake.py --help >/dev/null)

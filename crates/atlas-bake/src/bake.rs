@@ -97,7 +97,7 @@ pub enum Hidden {
 
 impl BakeOptions {
     /// What lumels are to keep beside their irradiance.
-    fn wanted(&self, world: &World) -> Wanted {
+    pub(crate) fn wanted(&self, world: &World) -> Wanted {
         Wanted {
             groups: world.groups.as_ref().map_or(0, |g| g.count),
             moments: self.directional.is_some(),

@@ -4,6 +4,7 @@ mod atlas;
 mod bake;
 mod certainty;
 mod compare;
+mod cost;
 pub mod density;
 mod dilate;
 mod edge;
@@ -14,6 +15,7 @@ mod false_color;
 mod footprint;
 mod gather;
 mod gltf_out;
+mod ktx2;
 mod layout;
 mod lumels;
 mod manifest;
@@ -41,17 +43,21 @@ mod walls;
 pub use atlas::*;
 pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
+pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
 pub use footprint::{Footprint, LumelFootprint};
 pub use gather::{Edge, GatherOptions, Gatherer, Received};
 pub use gltf_out::{
-    GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight, VertexStats,
-    write_lightmapped_glb, write_vertex_glb,
+    GlbOptions, GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight,
+    VertexStats, write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,
 };
+pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2};
 pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
 pub use lumels::{Fragment, Lumel, Lumels};
-pub use manifest::{Manifest, ManifestGroup, ManifestNode, ManifestPage, UvTransform, ValueKind};
+pub use manifest::{
+    Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
+};
 pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};

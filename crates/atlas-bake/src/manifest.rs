@@ -3,8 +3,11 @@
 use mesh_ingest::Scene;
 use serde::Serialize;
 
+use serde_json::{Value, json};
+
 use crate::atlas::{Layout, Placement, Rect};
 use crate::error::{Error, Result};
+use crate::ktx2::Ktx2Format;
 
 /// What the R, G and B channels of a lightmap hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -40,6 +43,12 @@ pub struct UvTransform {
 }
 
 impl UvTransform {
+    /// The whole page: coordinates that are on it already.
+    pub const PAGE: UvTransform = UvTransform {
+        offset: [0.0; 2],
+        scale: [1.0; 2],
+    };
+
     /// Of `placement` among `layout`'s pages; `None` where there is no such page or it is empty.
     pub fn new(layout: &Layout, placement: &Placement) -> Option<UvTransform> {
         let [w, h] = layout.pages.get(placement.page as usize)?.map(f64::from);
@@ -96,6 +105,18 @@ pub struct ManifestPage {
     pub width: u32,
     /// Texels.
     pub height: u32,
+    /// The same page as KTX2, where that was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ktx2: Option<ManifestKtx2>,
+}
+
+/// A page as KTX2.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ManifestKtx2 {
+    /// Beside the manifest.
+    pub uri: String,
+    /// How its texels are stored.
+    pub format: Ktx2Format,
 }
 
 /// A group of light.
@@ -105,6 +126,9 @@ pub struct ManifestGroup {
     pub name: String,
     /// Page files, of the size of the scene's, in the same order.
     pub pages: Vec<String>,
+    /// The same as KTX2, where that was written.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ktx2: Vec<String>,
 }
 
 /// One instance.
@@ -180,12 +204,28 @@ impl Manifest {
                     uri: uri.clone(),
                     width,
                     height,
+                    ktx2: None,
                 })
                 .collect(),
             channels: Vec::new(),
             groups: Vec::new(),
             nodes,
         })
+    }
+
+    /// Names the pages' KTX2 files, in order.
+    pub fn set_ktx2(&mut self, format: Ktx2Format, uris: &[String]) {
+        for (page, uri) in self.pages.iter_mut().zip(uris) {
+            let uri = uri.clone();
+            page.ktx2 = Some(ManifestKtx2 { uri, format });
+        }
+    }
+
+    /// Says that the glTF's coordinates are on the page already, as `MOZ_lightmap` has them (but for instanced copies).
+    pub fn set_coordinates_on_page(&mut self) {
+        for node in self.nodes.iter_mut().filter(|n| n.copy.is_none()) {
+            node.uv = UvTransform::PAGE;
+        }
     }
 
     /// The file's bytes: indented JSON with a final newline.
@@ -195,6 +235,11 @@ impl Manifest {
         bytes.push(b'\n');
         bytes
     }
+}
+
+/// What a node's extras say of the KTX2 page, as [`ManifestKtx2`] does.
+pub(crate) fn ktx2_json(format: Ktx2Format, uri: &str) -> Value {
+    json!({"uri": uri, "format": format})
 }
 
 /// Checks that the plan fits the scene: a mesh atlas per mesh, a placement per instance, a name per page.
@@ -291,7 +336,7 @@ mod tests {
         let (scene, layout) = scene();
         let uris = ["a.lightmap.exr".to_string(), "a.lightmap.1.exr".to_string()];
         let m = Manifest::new(&scene, &layout, "a.glb", &uris, ValueKind::Radiance).unwrap();
-        let json: serde_json::Value = serde_json::from_slice(&m.to_json()).unwrap();
+        let json: Value = serde_json::from_slice(&m.to_json()).unwrap();
         assert_eq!(json["scaleToIrradiance"], std::f64::consts::PI);
         assert_eq!(json["value"], "radiance");
         assert_eq!(

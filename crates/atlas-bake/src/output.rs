@@ -101,6 +101,11 @@ impl OutputSet {
         self.write(path.to_owned(), bytes)
     }
 
+    /// The set's folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
     /// Has `name` in the set's folder removed at commit, if it is there and not written by this set: a page of an earlier bake
     /// that had more of them.
     pub fn remove_obsolete(&mut self, name: &str) {

@@ -1,9 +1,10 @@
 //! Whether settings make sense.
 
+use atlas_bake::ValueKind;
 use glam::Vec3;
 
 use crate::error::Error;
-use crate::settings::Settings;
+use crate::settings::{GltfExt, Settings};
 use crate::sources;
 
 /// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky says it better.
@@ -86,6 +87,20 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
             "blocks are {} texels wide, expected 1 to 64",
             settings.block
         )));
+    }
+    if let Some(format) = settings.ktx2
+        && !settings.block.is_multiple_of(format.block())
+    {
+        return Err(Error::Setting(format!(
+            "--ktx2 bc6h with --block-align {}: expected a multiple of {}, or graphics cards refuse the page",
+            settings.block,
+            format.block()
+        )));
+    }
+    if settings.ext.contains(&GltfExt::Moz) && settings.value == ValueKind::Radiosity {
+        return Err(Error::Setting(
+            "--ext moz with --value radiosity: expected radiance or irradiance, which materials multiply with their albedo".into(),
+        ));
     }
     Ok(())
 }

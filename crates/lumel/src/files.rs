@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, Light, LitScene, Manifest, ManifestGroup, OutputSet, choose_camera, render_preview,
-    scene_camera, write_lightmap_exr, write_lightmapped_glb, write_vertex_glb,
+    ExrOptions, GlbOptions, Ktx2Format, Light, LitScene, Manifest, ManifestGroup, OutputSet, Page,
+    choose_camera, render_preview, scene_camera, write_lightmap_exr, write_lightmap_ktx2,
+    write_lightmapped_glb_with, write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
@@ -14,8 +15,8 @@ use crate::error::Error;
 use crate::memory;
 use crate::pipeline::{Bake, Clock};
 use crate::record::{self, PREVIEW, Provenance, RecordedOutput};
-use crate::report::{Blank, Measured, Report};
-use crate::settings::Settings;
+use crate::report::{Blank, Measured, Report, StoredPage};
+use crate::settings::{GltfExt, Settings};
 use crate::sources;
 
 /// An output file: name and bytes.
@@ -25,11 +26,15 @@ pub type NamedFile = (String, Vec<u8>);
 pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     let mut ends = vec!["lightmap.exr", "glb", "vertex.glb", "lightmap.json"];
+    ends.extend(settings.ktx2.map(|_| "lightmap.ktx2"));
     ends.extend(settings.probes.as_ref().map(|_| PROBES));
     let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
     let groups = settings.groups.iter().map(|g| g.name.as_str());
     let rest = (!settings.groups.is_empty()).then_some(sources::REST);
-    names.extend(groups.chain(rest).map(|g| format!("{stem}.group.{g}.exr")));
+    for g in groups.chain(rest) {
+        names.push(format!("{stem}.group.{g}.exr"));
+        names.extend(settings.ktx2.map(|_| format!("{stem}.group.{g}.ktx2")));
+    }
     names.push(format!("{stem}.report.json"));
     names
 }
@@ -40,20 +45,20 @@ const PROBES: &str = "probes.json";
 impl Bake {
     /// Names of the page files, in order.
     pub fn page_names(&self) -> Vec<String> {
-        (0..self.layout.pages.len())
-            .map(|i| match i {
-                0 => format!("{}.lightmap.exr", self.stem),
-                i => format!("{}.lightmap.{i}.exr", self.stem),
-            })
-            .collect()
+        self.numbered("lightmap", "exr")
     }
 
     /// Names of a light group's page files, in order.
     pub fn group_page_names(&self, group: &str) -> Vec<String> {
+        self.numbered(&format!("group.{group}"), "exr")
+    }
+
+    /// One name per page.
+    fn numbered(&self, what: &str, end: &str) -> Vec<String> {
         (0..self.layout.pages.len())
             .map(|i| match i {
-                0 => format!("{}.group.{group}.exr", self.stem),
-                i => format!("{}.group.{group}.{i}.exr", self.stem),
+                0 => format!("{}.{what}.{end}", self.stem),
+                i => format!("{}.{what}.{i}.{end}", self.stem),
             })
             .collect()
     }
@@ -86,31 +91,62 @@ impl Bake {
             files.push((name.clone(), bytes));
             report.clamped.push(stats);
         }
+        let settings = &self.report.settings;
+        let ktx2 = (settings.ktx2).map(|format| (format, self.numbered("lightmap", "ktx2")));
+        if let Some((format, names)) = &ktx2 {
+            self.write_ktx2(*format, &self.baked.pages, names, &mut files, &mut report)?;
+        }
         for (group, pages) in self.group_names.iter().zip(&self.baked.groups) {
             for (page, name) in pages.iter().zip(self.group_page_names(group)) {
                 let (bytes, _) = write_lightmap_exr(page, &ExrOptions::default())?;
                 files.push((name, bytes));
             }
+            if let Some((format, _)) = ktx2 {
+                let names = self.numbered(&format!("group.{group}"), "ktx2");
+                self.write_ktx2(format, pages, &names, &mut files, &mut report)?;
+            }
         }
         let glb = format!("{}.glb", self.stem);
-        let (bytes, _) = write_lightmapped_glb(
+        let moz = settings.ext.contains(&GltfExt::Moz);
+        let options = GlbOptions {
+            value: self.value,
+            ktx2: (ktx2.as_ref()).map(|(format, names)| (*format, &names[..])),
+            moz: moz.then_some(&self.baked.pages[..]),
+        };
+        let (bytes, stats) = write_lightmapped_glb_with(
             &self.loaded.document,
             scene,
             &self.layout,
             &uris,
-            self.value,
+            &options,
         )?;
         files.push((glb.clone(), bytes));
+        if stats.moz_left_out > 0 {
+            report.warnings.push(format!(
+                "{} instances by EXT_mesh_gpu_instancing have no MOZ_lightmap: they share their node's materials",
+                stats.moz_left_out
+            ));
+        }
         let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
         files.push((format!("{}.vertex.glb", self.stem), bytes));
         let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
         if let Some(page) = self.baked.pages.first() {
             manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
         }
+        if let Some((format, names)) = &ktx2 {
+            manifest.set_ktx2(*format, names);
+        }
+        if moz {
+            manifest.set_coordinates_on_page();
+        }
         manifest.groups = (self.group_names.iter())
             .map(|name| ManifestGroup {
                 name: name.clone(),
                 pages: self.group_page_names(name),
+                ktx2: match ktx2 {
+                    Some(_) => self.numbered(&format!("group.{name}"), "ktx2"),
+                    None => Vec::new(),
+                },
             })
             .collect();
         files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
@@ -122,6 +158,26 @@ impl Bake {
         report.measured = self.measure(clock);
         files.push((self.report_name(), report.to_json()));
         Ok((files, report))
+    }
+
+    /// Adds pages as KTX2, and what they lose to the report.
+    fn write_ktx2(
+        &self,
+        format: Ktx2Format,
+        pages: &[Page],
+        names: &[String],
+        files: &mut Vec<NamedFile>,
+        report: &mut Report,
+    ) -> Result<(), Error> {
+        for (page, name) in pages.iter().zip(names) {
+            let (bytes, stored) = write_lightmap_ktx2(page, format)?;
+            files.push((name.clone(), bytes));
+            report.ktx2.push(StoredPage {
+                file: name.clone(),
+                stored,
+            });
+        }
+        Ok(())
     }
 
     /// Completes the record of what was read and written.
@@ -147,9 +203,9 @@ impl Bake {
     ///
     /// # Errors
     /// [`Error::Output`].
-    pub fn write(&self, dir: &Path) -> Result<Vec<PathBuf>, Error> {
+    pub fn write(&self, dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
         let (files, _) = self.files()?;
-        let mut set = OutputSet::create(dir)?;
+        let mut set = OutputSet::create(dir.as_ref())?;
         for (name, bytes) in &files {
             set.add(name, bytes)?;
         }
@@ -157,20 +213,24 @@ impl Bake {
         Ok(set.commit()?.files().map(Path::to_owned).collect())
     }
 
-    /// Every file that was read and is there, where it was read: for a dependency file. Complete once files were made.
+    /// Every file that was read from disk and is there, where it was read: for a dependency file. Complete once files were made.
     pub fn input_paths(&self, settings: &Settings, provenance: &Provenance) -> Vec<PathBuf> {
-        let mut all: Vec<PathBuf> = (self.loaded.document.inputs().into_iter())
-            .filter(|i| i.digest.is_some())
-            .map(|i| i.file)
-            .collect();
+        let mut all = self.loaded.document.inputs_on_disk();
         let scene = self.loaded.document.file();
         let locate = |i| record::locate(scene, settings, provenance, i);
         all.extend(self.option_inputs.iter().filter_map(locate));
         all
     }
 
-    /// Pages of an earlier bake that had more of them would be left over.
+    /// Pages of an earlier bake that had more of them would be left over, and KTX2 files of one that wrote them would show its light.
     pub fn retire_pages(&self, set: &mut OutputSet) {
+        // Others make KTX2 files from EXRs too: only what the last report lists is Lumel's to remove.
+        let report = std::fs::read(set.dir().join(self.report_name())).unwrap_or_default();
+        for name in record::outputs_of(&report) {
+            if name.ends_with(".ktx2") && Path::new(&name).file_name() == Some(name.as_ref()) {
+                set.remove_obsolete(&name);
+            }
+        }
         for i in self.layout.pages.len()..self.layout.pages.len() + 64 {
             set.remove_obsolete(&format!("{}.lightmap.{i}.exr", self.stem));
             for group in &self.group_names {

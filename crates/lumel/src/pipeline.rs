@@ -8,7 +8,7 @@ use atlas_bake::{
     BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, ValueKind,
 };
 use glam::Vec3;
-use mesh_ingest::{Light, LightKind, LoadOptions, Loaded, Scene, Soup};
+use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{DirectLight, Emitters, Monitor, Phase, Sky, Solution, World, WorldOptions};
 
 use crate::check::check;
@@ -16,6 +16,7 @@ use crate::error::Error;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
 use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
+use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{Chosen, Sources};
@@ -91,14 +92,8 @@ pub(crate) struct Prepared {
 ///
 /// # Errors
 /// [`Error`], by fault.
-pub(crate) fn prepare(file: &Path, settings: &Settings) -> Result<Prepared, Error> {
-    let mut loaded = mesh_ingest::load(
-        file,
-        &LoadOptions {
-            scene: settings.scene,
-            ..LoadOptions::default()
-        },
-    )?;
+pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
+    let mut loaded = scene.load(settings.scene)?;
     add_suns(&mut loaded.scene, settings);
     let sources = Sources::find(
         &loaded.scene,
@@ -143,6 +138,17 @@ pub fn bake_from(
     provenance: &Provenance,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
+    bake_scene(SceneInput::File(file), settings, provenance, monitor)
+}
+
+/// As [`bake_from`], of a file or of what is in memory.
+pub(crate) fn bake_scene(
+    scene: SceneInput<'_>,
+    settings: &Settings,
+    provenance: &Provenance,
+    monitor: &dyn Monitor,
+) -> Result<Bake, Error> {
+    let file = scene.path();
     check(settings)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
@@ -155,7 +161,7 @@ pub fn bake_from(
         chosen,
         sky,
         clamped_materials,
-    } = prepare(file, settings)?;
+    } = prepare(scene, settings)?;
     let (groups, group_names) = chosen.groups.unzip();
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
@@ -189,19 +195,7 @@ pub fn bake_from(
     clock.lap(Phase::Solve);
 
     begin(monitor, Phase::Gather)?;
-    let options = BakeOptions {
-        lumels: settings.lumel_options(),
-        vertices: settings.vertex_options(),
-        layers: settings.layers.clone(),
-        padding: settings.padding,
-        value: settings.value,
-        directional: settings.directional,
-        ao_distance: settings.ao_distance,
-        hidden: settings.hidden,
-        stitch: settings.stitch,
-        error: settings.error,
-        vertex_error: settings.vertex_error,
-    };
+    let options = bake_options(settings);
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
         .map_err(|_| Error::Cancelled)?;
     clock.lap(Phase::Gather);
@@ -252,6 +246,7 @@ pub fn bake_from(
         gather: baked.report.clone(),
         probes: probe_report,
         clamped: Vec::new(),
+        ktx2: Vec::new(),
         warnings,
         measured: Measured::default(),
     };
@@ -267,6 +262,23 @@ pub fn bake_from(
         value: settings.value,
         clock,
     })
+}
+
+/// What settings say about gathering and pages.
+pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
+    BakeOptions {
+        lumels: settings.lumel_options(),
+        vertices: settings.vertex_options(),
+        layers: settings.layers.clone(),
+        padding: settings.padding,
+        value: settings.value,
+        directional: settings.directional,
+        ao_distance: settings.ao_distance,
+        hidden: settings.hidden,
+        stitch: settings.stitch,
+        error: settings.error,
+        vertex_error: settings.vertex_error,
+    }
 }
 
 /// Bakes the probes of a plan.

@@ -134,6 +134,13 @@ pub(crate) fn key(
     Digest::of(parts.to_string().as_bytes()).to_string()
 }
 
+/// Names of the files that a report lists as written; none where it is no report, or not as it was written.
+pub(crate) fn outputs_of(report: &[u8]) -> Vec<String> {
+    let v = crate::report::parse_sealed(report);
+    let outputs = v.and_then(|v| read_outputs(&v["content"]["outputs"]));
+    outputs.into_iter().flatten().map(|o| o.file).collect()
+}
+
 /// A finished bake that a new one would repeat.
 #[derive(Debug)]
 pub struct Current {

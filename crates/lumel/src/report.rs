@@ -1,7 +1,7 @@
 //! The bake's report.
 
 use atlas_bake::probes::ProbeReport;
-use atlas_bake::{BakeReport, ExrStats, LayoutReport};
+use atlas_bake::{BakeReport, ExrStats, Ktx2Report, LayoutReport};
 use mesh_ingest::IngestReport;
 use radiosity::{Audit, SolveReport};
 use serde::Serialize;
@@ -49,6 +49,9 @@ pub struct Report {
     pub probes: Option<ProbeReport>,
     /// Samples clamped when written, by page.
     pub clamped: Vec<ExrStats>,
+    /// Pages stored as KTX2, groups' too, and what that cost; empty without `--ktx2`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ktx2: Vec<StoredPage>,
     /// What a user should look at; `--strict` makes a bake with any of these fail.
     pub warnings: Vec<String>,
     /// What differs from run to run.
@@ -62,6 +65,16 @@ pub struct GroupReport {
     pub name: String,
     /// What is in it and not switched off.
     pub sources: Vec<String>,
+}
+
+/// A page as KTX2.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StoredPage {
+    /// The file.
+    pub file: String,
+    /// How it was stored, and what that changed.
+    #[serde(flatten)]
+    pub stored: Ktx2Report,
 }
 
 /// Times and memory of this run. Zeroed where results are compared.

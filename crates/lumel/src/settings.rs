@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use atlas_bake::{
-    Directional, GatherOptions, Hidden, Layer, UvMode, ValueKind, unwrap::UnwrapperChoice,
+    Directional, GatherOptions, Hidden, Ktx2Format, Layer, UvMode, ValueKind,
+    unwrap::UnwrapperChoice,
 };
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
@@ -56,6 +57,24 @@ pub struct Sun {
     pub angle: f32,
 }
 
+impl Sun {
+    /// A sun of parallel light that travels in `direction` (any length but 0) and gives a surface that faces it `lux` (or W/m²).
+    pub fn new(direction: [f32; 3], lux: f32) -> Sun {
+        Sun {
+            direction,
+            lux,
+            angle: 0.0,
+        }
+    }
+
+    /// Gives it a disc of so many degrees across, 0 to 90, so that its shadows have soft edges. Ours has 0.533.
+    #[must_use]
+    pub fn angle(mut self, degrees: f32) -> Sun {
+        self.angle = degrees;
+        self
+    }
+}
+
 /// Dims, brightens or switches off sources of light.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LightScale {
@@ -64,6 +83,14 @@ pub struct LightScale {
     pub name: String,
     /// Multiplies their light, finite and ≥ 0; what has 0 costs nothing.
     pub factor: f32,
+}
+
+/// A convention of some engine for where a glTF names its lightmap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GltfExt {
+    /// `MOZ_lightmap` on materials, with the picture in the .glb.
+    Moz,
 }
 
 /// Sources of light that are kept apart from the others.
@@ -112,6 +139,12 @@ pub struct Settings {
     pub groups: Vec<LightGroup>,
     /// What the lightmap holds.
     pub value: ValueKind,
+    /// Write pages as KTX2 too, in this format.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ktx2: Option<Ktx2Format>,
+    /// Further conventions for the lightmap's place in the glTF, beside the nodes' extras.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ext: Vec<GltfExt>,
     /// Extra channels.
     pub layers: Vec<Layer>,
     /// What the lightmap keeps of the directions that light comes from.
@@ -152,6 +185,8 @@ impl Default for Settings {
             lights: Vec::new(),
             groups: Vec::new(),
             value: ValueKind::Radiance,
+            ktx2: None,
+            ext: Vec::new(),
             layers: Vec::new(),
             directional: None,
             ao_distance: None,

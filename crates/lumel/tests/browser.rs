@@ -148,8 +148,20 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
         b.eval("document.getElementById('legend').hidden"),
         json!(false)
     );
-    press(&mut b, "lit");
+    // Errors are the same in every light: who asks for a light sees the level in it.
+    let shot = press(&mut b, "all");
+    assert_pixel(
+        pixel(&mut b, &shot, at),
+        times(ALBEDO, R),
+        "the level again",
+    );
     press(&mut b, "groups");
+    // Figures end where the buttons over them do.
+    let inside = "document.getElementById('views').getBoundingClientRect().right + 0.5";
+    let figures = format!(
+        "[...document.querySelectorAll('#groups output')].every((o) => o.getBoundingClientRect().right <= {inside})"
+    );
+    assert_eq!(b.eval(&figures), json!(true));
     b.eval("{ const s = document.querySelector('#groups input'); s.value = '0.5'; s.dispatchEvent(new Event('input')); }");
     settle(&mut b);
     let shot = b.screenshot();
@@ -258,6 +270,34 @@ fn light_is_right_way_up_under_the_plate_and_small_windows_hold_the_page() {
         b.eval("document.getElementById('show-panel').click()");
         settle(&mut b);
     }
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
+fn a_closed_level_without_cameras_is_shown_from_within() {
+    let Some(mut b) = Browser::start("lumel view of a closed room", [640, 480]) else {
+        return;
+    };
+    let t = temp();
+    let out = t.path().join("out");
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets");
+    bake(&assets.join("furnace_cube_50.glb"), &out, "").ok();
+    let server = Server::start(&out);
+    b.open(&server.1);
+    settle(&mut b);
+    let within =
+        |b: &mut Browser| b.eval("lumel.stage.box.containsPoint(lumel.stage.camera.position)");
+    let names = "[...document.querySelectorAll('#cameras option')].map((o) => o.textContent)";
+    assert_eq!(b.eval(names), json!(["inside", "outside"]));
+    assert_eq!(within(&mut b), json!(true));
+    // From outside all corners are on the canvas.
+    b.eval("{ const c = document.getElementById('cameras'); c.value = '-1'; c.dispatchEvent(new Event('change')); }");
+    settle(&mut b);
+    assert_eq!(within(&mut b), json!(false));
+    let corners = "(() => { const { min, max } = lumel.stage.box; const c = lumel.stage.canvas.getBoundingClientRect(); \
+         return [0, 1, 2, 3, 4, 5, 6, 7].every((i) => { const [x, y] = lumel.project(i & 1 ? min.x : max.x, i & 2 ? min.y : max.y, i & 4 ? min.z : max.z); \
+         return x >= c.left && x <= c.right && y >= c.top && y <= c.bottom; }); })()";
+    assert_eq!(b.eval(corners), json!(true));
     assert_eq!(b.errors, [""; 0]);
 }
 

@@ -103,6 +103,8 @@ export function legend(view) {
 const percent = (x) => (Number.isFinite(x) ? `${(100 * x).toPrecision(3)} %` : undefined);
 const count = (x) => (Number.isFinite(x) ? x.toLocaleString('en') : undefined);
 
+const millions = (x) => `${(x / 1e6).toPrecision(3)} million`;
+
 /** The report's figures. A report of another version lacks some: those rows are left out. */
 export function showReport(bake) {
   const r = bake.report;
@@ -117,17 +119,18 @@ export function showReport(bake) {
   const rows = [
     ['scene', r.scene],
     ['quality', settings?.quality],
-    ['estimated error', [percent(gather?.median_error), percent(gather?.estimated_error)].filter(Boolean).join(' median, ') + (gather ? ' RMS' : '')],
+    ['error, median', percent(gather?.median_error)],
+    ['error, root mean square', percent(gather?.estimated_error)],
     ['lumels', count(gather?.lumels)],
-    ['per metre', layout?.texels_per_unit],
+    ['lumels per metre', layout?.texels_per_unit],
     ['pages', layout?.pages?.map((p) => p.join(' × ')).join(', ')],
     ['charts', count(layout?.charts)],
     ['page filled', percent(layout?.coverage)],
     ['patches', count(solve?.subdivision?.patches)],
     ['residual', solve?.relaxation?.residual?.toExponential(1)],
-    ['energy imbalance', audit && `${percent(audit.imbalance)} of ${percent(audit.bound)}`],
-    ['seams, 99th percentile', percent(gather?.seams?.after?.p99)],
-    ['rays', count((gather?.lumel_rays ?? 0) + (solve?.link_rays ?? 0) + (solve?.shadow_rays ?? 0))],
+    ['energy imbalance', audit && `${percent(audit.imbalance)} (bound ${percent(audit.bound)})`],
+    ['seams, 99 % below', percent(gather?.seams?.after?.p99)],
+    ['rays', millions((gather?.lumel_rays ?? 0) + (solve?.link_rays ?? 0) + (solve?.shadow_rays ?? 0))],
     ['time', measured?.seconds !== undefined ? `${measured.seconds.toFixed(1)} s, ${measured.threads} threads` : undefined],
     ['memory', measured?.peak_bytes ? `${Math.round(measured.peak_bytes / 2 ** 20)} MiB` : undefined],
   ].filter(([, v]) => v !== undefined && v !== '' && v !== null);

@@ -1,6 +1,6 @@
 // The level on the canvas: loads the glTF, gives its surfaces their pages, draws when something changed.
 import {
-  Box3, Color, LinearSRGBColorSpace, LoadingManager, NoToneMapping, PerspectiveCamera, Scene, SRGBColorSpace, Texture, Vector3, WebGLRenderer,
+  Box3, Color, LinearSRGBColorSpace, LoadingManager, NoToneMapping, PerspectiveCamera, Raycaster, Scene, SRGBColorSpace, Texture, Vector3, WebGLRenderer,
 } from 'three';
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { findPlacements, removeLights } from './lumel-lightmap.js';
@@ -8,6 +8,9 @@ import { bakedMaterial, pageUniforms, sharedUniforms } from './shading.js';
 
 /** KTX2 textures need a decoder of half a megabyte, and Lumel's own input reader has none either: such surfaces are shown white. */
 const noKtx2 = { load: (url, done) => done(new Texture()), loadAsync: async () => new Texture(), setPath() {}, detectSupport() {} };
+
+/** The view from within a level that has no camera; all other views that no camera has are from outside. */
+export const INSIDE = -2;
 
 export class Stage {
   constructor(canvas) {
@@ -65,6 +68,7 @@ export class Stage {
     this.root.updateMatrixWorld(true);
     this.box.setFromObject(this.root);
     this.cameras = gltf.cameras.filter((c) => c.isPerspectiveCamera);
+    this.room = this.cameras.length > 0 ? undefined : this.findRoom();
     this.invalidate();
     return { baked: placements.size, unbaked: this.unbaked.length };
   }
@@ -85,7 +89,28 @@ export class Stage {
     return this.box.isEmpty() ? 1 : Math.max(this.box.getSize(new Vector3()).length(), 1e-3);
   }
 
-  /** Looks from one of the file's cameras, or at all of it. Returns the point to orbit about. */
+  /**
+   * Where to stand in a level without cameras: at one end of a room about its middle, or before its open side. Returns where from and
+   * where to look, or nothing where no walls stand around the middle.
+   */
+  findRoom() {
+    if (this.box.isEmpty()) return undefined;
+    const center = this.box.getCenter(new Vector3());
+    const far = (x, y, z) => {
+      const ray = new Raycaster(center, new Vector3(x, y, z));
+      return ray.intersectObject(this.root, true).find((hit) => hit.object.isMesh)?.distance ?? Infinity;
+    };
+    const sides = [[1, 0, 0], [-1, 0, 0], [0, 0, 1], [0, 0, -1]].map((d) => ({ to: new Vector3(...d), free: far(...d) }));
+    const open = sides.filter((s) => s.free === Infinity);
+    if (open.length > 1 || far(0, -1, 0) === Infinity) return undefined;
+    if (open.length === 1) return { center, before: open[0].to };
+    const longest = sides.reduce((a, b) => (b.free > a.free ? b : a));
+    const behind = sides.find((s) => s.to.dot(longest.to) < -0.5).free;
+    const eye = center.clone().addScaledVector(longest.to, -0.85 * behind);
+    return { center, eye, ahead: longest.to };
+  }
+
+  /** Looks from one of the file's cameras, from inside of a level without any, or at all of it. Returns the point to orbit about. */
   lookFrom(index) {
     const from = this.cameras[index];
     const center = this.box.isEmpty() ? new Vector3() : this.box.getCenter(new Vector3());
@@ -96,13 +121,39 @@ export class Stage {
       const ahead = new Vector3(0, 0, -1).applyQuaternion(this.camera.quaternion);
       const distance = Math.min(Math.max(center.distanceTo(this.camera.position), 0.05 * this.extent), 0.3 * this.extent);
       center.copy(this.camera.position).addScaledVector(ahead, distance);
+    } else if (index === INSIDE && this.room?.eye) {
+      this.camera.fov = 70;
+      this.camera.position.copy(this.room.eye);
+      center.copy(this.room.eye).addScaledVector(this.room.ahead, 0.3 * this.extent);
+      this.camera.lookAt(center);
+    } else if (index === INSIDE && this.room) {
+      this.camera.fov = 45;
+      this.frame(center, this.room.before);
     } else {
       this.camera.fov = 60;
-      this.camera.position.copy(center).add(new Vector3(0.45, 0.4, 0.6).multiplyScalar(this.extent));
-      this.camera.lookAt(center);
+      this.frame(center, new Vector3(0.45, 0.4, 0.6).normalize());
     }
     this.clip();
     return center;
+  }
+
+  /** Looks at `center` from the side `from`, so near that the whole level is just seen. */
+  frame(center, from) {
+    this.resize();
+    const { camera } = this;
+    camera.position.copy(center).add(from);
+    camera.lookAt(center);
+    const up = Math.tan((camera.fov * Math.PI) / 360);
+    const side = up * camera.aspect;
+    const turn = camera.quaternion.clone().invert();
+    let distance = 0;
+    for (let corner = 0; corner < 8 && !this.box.isEmpty(); corner++) {
+      const at = new Vector3(...['x', 'y', 'z'].map((k, i) => this.box[corner & (1 << i) ? 'max' : 'min'][k]));
+      at.sub(center).applyQuaternion(turn);
+      distance = Math.max(distance, at.z + Math.abs(at.x) / side, at.z + Math.abs(at.y) / up);
+    }
+    // A margin of a twentieth.
+    camera.position.copy(center).addScaledVector(from, 1.05 * distance || 1);
   }
 
   /** Near and far planes for where the camera is. */

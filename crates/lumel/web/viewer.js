@@ -4,7 +4,7 @@ import { Controls } from './controls.js';
 import { Mixer, applyLight } from './light.js';
 import { $, choices, element, groupSliders, legend, lightsOf, message, showMissing, showReport, viewsOf } from './panel.js';
 import { describe, pick } from './pick.js';
-import { Stage } from './stage.js';
+import { INSIDE, Stage } from './stage.js';
 
 /** How often the page asks whether a bake was made anew, milliseconds. */
 const WATCH = 2000;
@@ -66,7 +66,7 @@ async function apply() {
   const view = views.find((v) => v.name === state.view);
 
   choices($('views'), views, state.view, (name) => set({ view: name }));
-  choices($('lights'), lights, state.light, (name) => set({ light: name }));
+  choices($('lights'), lights, state.light, chooseLight);
   choices($('tones'), [{ name: 'film', title: 'Soft' }, { name: 'linear', title: 'Linear' }], state.tone, (name) => set({ tone: name }));
   choices($('modes'), [{ name: 'orbit', title: 'Orbit' }, { name: 'walk', title: 'Walk' }], state.mode, (name) => set({ mode: name }));
   $('groups').hidden = state.light !== 'groups';
@@ -94,6 +94,12 @@ async function apply() {
   for (const mesh of stage.unbaked) mesh.layers.set(state.unbaked ? 0 : 1);
   stage.invalidate();
   noteAddress();
+}
+
+/** Views of figures are the same in every light: who asks for one wants to see it. */
+function chooseLight(name) {
+  const showsLight = state.view === 'lit' || state.view === 'light';
+  return set({ light: name, view: showsLight ? state.view : 'lit' });
 }
 
 function set(change) {
@@ -128,6 +134,7 @@ async function open(name, keep) {
   showMissing(bake);
   $('cameras').replaceChildren(
     ...stage.cameras.map((c, i) => element('option', c.name || `camera ${i + 1}`, { value: String(i) })),
+    ...(stage.room ? [element('option', stage.room.eye ? 'inside' : 'open side', { value: String(INSIDE) })] : []),
     element('option', 'outside', { value: '-1' }),
   );
   if (!keep) {
@@ -152,10 +159,12 @@ async function open(name, keep) {
 
 function firstCamera() {
   $('cameras').selectedIndex = 0;
-  lookFrom(0);
+  lookFrom(Number($('cameras').value));
 }
 
 function lookFrom(index) {
+  // It tells of a place that may be out of sight now.
+  $('readout').hidden = true;
   const target = stage.lookFrom(index);
   controls.target.copy(target);
   controls.lookAt(target);
@@ -240,7 +249,7 @@ function key(e) {
   const actions = {
     o: () => set({ mode: 'orbit' }),
     f: () => set({ mode: 'walk' }),
-    l: () => set({ light: next.name }),
+    l: () => chooseLight(next.name),
     '+': () => set({ ev: Math.min(10, state.ev + 0.5) }),
     '=': () => set({ ev: Math.min(10, state.ev + 0.5) }),
     '-': () => set({ ev: Math.max(-10, state.ev - 0.5) }),

@@ -49,12 +49,12 @@ pub(crate) fn read_file(file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>>
 }
 
 /// Splits `bytes` into JSON and binary chunk.
-pub(crate) fn parse(bytes: Vec<u8>) -> Outcome<Container> {
+pub(crate) fn parse(bytes: &[u8]) -> Outcome<Container> {
     if bytes.starts_with(b"glTF") {
-        return parse_glb(&bytes);
+        return parse_glb(bytes);
     }
     Ok(Container {
-        json: parse_json(&bytes)?,
+        json: parse_json(bytes)?,
         binary: false,
         chunk: None,
     })
@@ -195,8 +195,8 @@ pub(crate) enum Target {
     File(PathBuf),
 }
 
-/// Resolves `uri` (found at document path `path`) against the document's folder.
-pub(crate) fn resolve(uri: &str, base: &Path, path: &str) -> Outcome<Target> {
+/// Resolves `uri` (found at document path `path`) against the document's folder; without one, files are mere names.
+pub(crate) fn resolve(uri: &str, base: Option<&Path>, path: &str) -> Outcome<Target> {
     if let Some(rest) = strip_prefix_ignore_case(uri, "data:") {
         let Some((head, body)) = rest.split_once(',') else {
             return Err(Fault::invalid(
@@ -234,14 +234,19 @@ pub(crate) fn resolve(uri: &str, base: &Path, path: &str) -> Outcome<Target> {
         ));
     }
     // Some exporters do not encode at all: a file with a literal percent sign wins over the decoded name.
-    let literal = base.join(uri);
-    if uri.contains('%') && literal.is_file() {
-        return Ok(Target::File(literal));
+    if let Some(base) = base
+        && uri.contains('%')
+    {
+        let literal = base.join(uri);
+        if literal.is_file() {
+            return Ok(Target::File(literal));
+        }
     }
     match percent_encoding::percent_decode_str(uri).decode_utf8() {
-        Ok(name) if !name.is_empty() && !name.contains('\0') => {
-            Ok(Target::File(base.join(name.as_ref())))
-        }
+        Ok(name) if !name.is_empty() && !name.contains('\0') => Ok(Target::File(base.map_or_else(
+            || PathBuf::from(name.as_ref()),
+            |base| base.join(name.as_ref()),
+        ))),
         _ => Err(Fault::invalid(
             path,
             "a URI that is no file name",

@@ -10,6 +10,7 @@ use serde_json::Value;
 use crate::accessor::RawAccessor;
 use crate::container::{self, Target};
 use crate::error::{Error, Fault, Faults, Outcome};
+use crate::files::{Files, MemoryDocument};
 use crate::input::{Digest, Input};
 use crate::json::Item;
 use crate::options::Limits;
@@ -22,6 +23,8 @@ use crate::version;
 pub struct Document {
     file: PathBuf,
     base: PathBuf,
+    pub(crate) files: Files,
+    on_disk: bool,
     json: Value,
     binary: bool,
     pub(crate) buffers: Vec<Option<Vec<u8>>>,
@@ -38,21 +41,49 @@ pub struct Document {
 pub enum ImageSource<'a> {
     /// In the document (a buffer view or a data URI).
     Embedded(Cow<'a, [u8]>),
-    /// In a file of its own.
+    /// In a file of its own; its name alone where a resolver of the caller's gives files.
     File(PathBuf),
 }
 
 impl Document {
     /// Reads the document and its buffers; images are left for [`Document::image_source`].
     pub(crate) fn open(file: &Path, limits: &Limits) -> Result<Document, Error> {
-        let fail = |fault: Fault| fault.into_error(file);
-        let bytes = container::read_file(file, "", limits.file_bytes).map_err(fail)?;
-        let input = Input::new(file.to_path_buf(), String::new(), &bytes);
-        let container = container::parse(bytes).map_err(fail)?;
+        let bytes = container::read_file(file, "", limits.file_bytes)
+            .map_err(|fault| fault.into_error(file))?;
         let base = file.parent().map(Path::to_path_buf).unwrap_or_default();
+        Self::new(file, &bytes, Files::Folder(base), true, limits)
+    }
+
+    /// As [`Document::open`], of what is in memory.
+    pub(crate) fn in_memory(from: &MemoryDocument, limits: &Limits) -> Result<Document, Error> {
+        let bytes = &from.bytes;
+        if bytes.len() as u64 > limits.file_bytes {
+            let found = format!("{} bytes", bytes.len());
+            let allowed = format!("at most {}", limits.file_bytes);
+            return Err(Fault::limit("", found, allowed).into_error(&from.name));
+        }
+        Self::new(&from.name, bytes, from.files.clone(), false, limits)
+    }
+
+    fn new(
+        file: &Path,
+        bytes: &[u8],
+        files: Files,
+        on_disk: bool,
+        limits: &Limits,
+    ) -> Result<Document, Error> {
+        let fail = |fault: Fault| fault.into_error(file);
+        let input = Input::new(file.to_path_buf(), String::new(), bytes);
+        let container = container::parse(bytes).map_err(fail)?;
+        let base = match &files {
+            Files::Folder(folder) => folder.clone(),
+            Files::Resolver(_) => PathBuf::new(),
+        };
         let mut document = Document {
             file: file.to_path_buf(),
             base,
+            files,
+            on_disk,
             json: container.json,
             binary: container.binary,
             buffers: Vec::new(),
@@ -92,10 +123,10 @@ impl Document {
         let length = item.uint("byteLength")?;
         let path = item.path_of("uri");
         let mut bytes = match item.opt_str("uri")? {
-            Some(uri) => match container::resolve(uri, &self.base, &path)? {
+            Some(uri) => match self.files.resolve(uri, &path)? {
                 Target::Data(bytes) => bytes,
                 Target::File(file) => {
-                    let bytes = container::read_file(&file, &path, self.limits.file_bytes)?;
+                    let bytes = self.files.read(&file, &path, self.limits.file_bytes)?;
                     files.push(Input::new(file, uri.to_string(), &bytes));
                     bytes
                 }
@@ -134,12 +165,12 @@ impl Document {
         self.inputs[1..].iter().map(|i| i.uri.clone()).collect()
     }
 
-    /// The document's file.
+    /// The document's file; where it came from memory, the name that stands for one.
     pub fn file(&self) -> &Path {
         &self.file
     }
 
-    /// The folder against which its URIs are resolved.
+    /// The folder against which its URIs are resolved; empty where a resolver of the caller's does that.
     pub fn base_dir(&self) -> &Path {
         &self.base
     }
@@ -165,6 +196,18 @@ impl Document {
             }
         }
         all
+    }
+
+    /// Where the [`inputs`](Document::inputs) that are there lie on disk; what the caller gave from memory is not among them.
+    pub fn inputs_on_disk(&self) -> Vec<PathBuf> {
+        let linked = matches!(self.files, Files::Folder(_));
+        let inputs = self.inputs().into_iter().enumerate();
+        inputs
+            .filter(|(i, input)| {
+                input.digest.is_some() && if *i == 0 { self.on_disk } else { linked }
+            })
+            .map(|(_, input)| input.file)
+            .collect()
     }
 
     /// Number of buffers.
@@ -216,7 +259,7 @@ impl Document {
             ImageSource::Embedded(bytes) => Ok(bytes),
             ImageSource::File(file) => {
                 let path = format!("images[{i}].uri");
-                let read = container::read_file(&file, &path, self.limits.file_bytes);
+                let read = self.files.read(&file, &path, self.limits.file_bytes);
                 self.note_image(i, &file, read.as_deref().ok())
                     .map_err(|f| f.into_error(&self.file))?;
                 read.map(Cow::Owned).map_err(|f| f.into_error(&self.file))
@@ -250,12 +293,10 @@ impl Document {
     pub(crate) fn image(&self, i: usize) -> Outcome<ImageSource<'_>> {
         let item = self.root().element("images", i)?;
         if let Some(uri) = item.opt_str("uri")? {
-            return Ok(
-                match container::resolve(uri, &self.base, &item.path_of("uri"))? {
-                    Target::Data(bytes) => ImageSource::Embedded(Cow::Owned(bytes)),
-                    Target::File(file) => ImageSource::File(file),
-                },
-            );
+            return Ok(match self.files.resolve(uri, &item.path_of("uri"))? {
+                Target::Data(bytes) => ImageSource::Embedded(Cow::Owned(bytes)),
+                Target::File(file) => ImageSource::File(file),
+            });
         }
         let views = self.decoded.len();
         match item.opt_index("bufferView", "bufferViews", views)? {

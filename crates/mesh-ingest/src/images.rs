@@ -6,7 +6,6 @@ use std::io::Cursor;
 use image::{ImageFormat, ImageReader};
 use rayon::prelude::*;
 
-use crate::container;
 use crate::document::{Document, ImageSource};
 use crate::error::{Fault, Faults, Outcome};
 use crate::input::Input;
@@ -97,7 +96,8 @@ fn open(document: &Document, i: usize) -> Outcome<Opened> {
         ImageSource::Embedded(bytes) => Ok((bytes.into_owned(), None)),
         ImageSource::File(file) => {
             let path = format!("images[{i}].uri");
-            let bytes = container::read_file(&file, &path, document.limits().file_bytes)?;
+            let limit = document.limits().file_bytes;
+            let bytes = document.files.read(&file, &path, limit)?;
             let uri = document
                 .root()
                 .element("images", i)?

@@ -83,7 +83,7 @@ impl Input {
 
     /// The file that a document in folder `base` means by `uri`; `None` where it means none (a data URI, a network address).
     pub fn locate(base: &Path, uri: &str) -> Option<PathBuf> {
-        match container::resolve(uri, base, "") {
+        match container::resolve(uri, Some(base), "") {
             Ok(Target::File(file)) => Some(file),
             _ => None,
         }

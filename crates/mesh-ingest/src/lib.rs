@@ -1,6 +1,6 @@
 //! Reads glTF 2.0 into [`Scene`], one documented normal form.
 //!
-//! [`load`] gives the scene, the [`Document`] as it came (for writers) and an [`IngestReport`]. [`Soup`] flattens a scene into
+//! [`load`] (or [`load_memory`]) gives the scene, the [`Document`] as it came (for writers) and an [`IngestReport`]. [`Soup`] flattens a scene into
 //! world-space triangles for ray casting; [`Scene::base_color`] and its siblings say what a point of the soup does to light.
 //!
 //! Input is never trusted: every count is checked against the data that backs it before memory is reserved, all problems
@@ -23,6 +23,7 @@ mod environment;
 mod error;
 mod extensions;
 mod extras;
+mod files;
 mod geometry;
 mod ies;
 mod images;
@@ -47,8 +48,9 @@ mod views;
 pub use accessor::{DataType, Dimensions, RawAccessor};
 pub use document::{Document, ImageSource};
 pub use error::{Error, Problem};
+pub use files::MemoryDocument;
 pub use input::{Digest, Input};
-pub use load::{Loaded, load};
+pub use load::{Loaded, load, load_memory};
 pub use mips::Pyramids;
 pub use options::{Limits, LoadOptions};
 pub use primitive::{Mode, RawPrimitive};

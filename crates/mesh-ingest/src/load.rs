@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use crate::document::{Document, ImageSource};
 use crate::error::{Error, Fault, Faults, Outcome};
 use crate::extras::SurfaceExtras;
+use crate::files::MemoryDocument;
 use crate::geometry;
 use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
@@ -36,7 +37,19 @@ pub struct Loaded {
 /// See [`Error`]; all problems found are reported together. A document whose chosen scene has no sound triangle is
 /// [`Error::NoTriangles`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    let mut document = Document::open(path, &options.limits)?;
+    read(Document::open(path, &options.limits)?, options)
+}
+
+/// As [`load`], of a document in memory. Nothing is read from disk unless it was given a folder.
+///
+/// # Errors
+/// As [`load`]; what its resolver could not give is [`Error::Io`].
+pub fn load_memory(document: &MemoryDocument, options: &LoadOptions) -> Result<Loaded, Error> {
+    read(Document::in_memory(document, &options.limits)?, options)
+}
+
+fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> {
+    let path = &document.file().to_path_buf();
     let mut report = IngestReport::default();
     let mut faults = Faults::default();
     extensions::check(&document.root(), &mut faults, &mut report);
@@ -56,7 +69,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     faults.check(path)?;
     if scene.instances.is_empty() {
         return Err(Error::NoTriangles {
-            file: path.to_path_buf(),
+            file: path.clone(),
             why: why_empty(&graph, &report),
         });
     }
@@ -70,7 +83,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     faults.check(path)?;
     if scene.instances.is_empty() {
         return Err(Error::NoTriangles {
-            file: path.to_path_buf(),
+            file: path.clone(),
             why: why_empty(&graph, &report),
         });
     }
@@ -440,7 +453,7 @@ fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &m
     let count = document.root().len_of("images").unwrap_or(0);
     for i in (0..count).filter(|i| !needed.contains(i)) {
         if let Ok(ImageSource::File(file)) = document.image(i)
-            && !file.is_file()
+            && !document.files.has(&file)
         {
             report.count("images.missing", 1);
             report.warn(

@@ -12,7 +12,10 @@
  * albedo a sends out a E/π. A Lumel lightmap holds R = E/π, so the intensity is π (`scaleToIrradiance`). Its row 0 is at the top, and
  * EXRLoader's at the bottom, so v runs backwards.
  */
-import { LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial } from 'three';
+import {
+  CompressedTexture, DataTexture, LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial, RGBFormat, RGB_BPTC_UNSIGNED_Format,
+  UnsignedInt5999Type,
+} from 'three';
 
 /**
  * Which part of which page belongs to each mesh.
@@ -57,7 +60,8 @@ function fromManifest(manifest, index, name) {
   if (nodes.length !== 1) return undefined;
   const [{ page, offset, scale }] = nodes;
   const { texCoord, scaleToIrradiance } = manifest;
-  return { uri: manifest.pages[page].uri, page, texCoord, offset, scale, scaleToIrradiance };
+  const { uri, ktx2 } = manifest.pages[page];
+  return { uri, ktx2, page, texCoord, offset, scale, scaleToIrradiance };
 }
 
 /**
@@ -67,6 +71,7 @@ function fromManifest(manifest, index, name) {
  * @param {object} [options]
  * @param {string} [options.path] Folder of the pages; where the glTF came from unless given.
  * @param {object} [options.manifest] As in `findPlacements`.
+ * @param {boolean} [options.ktx2] Load pages as KTX2 (`lumel bake --ktx2`); needs `../web/lumel-ktx2.js`.
  * @param {function(string): Promise<Texture>} [options.loadPage] Makes a texture from a page's address; EXRLoader unless given.
  * @param {boolean} [options.topDown] Textures of `loadPage` have row 0 at the top (KTX2, raw data), unlike EXRLoader's.
  * @param {number} [options.exposure] Multiplies the light. Levels with lamps in candela want some 1e-3.
@@ -76,14 +81,20 @@ function fromManifest(manifest, index, name) {
  * @returns {Promise<{meshes: number, materials: number, pages: Texture[]}>}
  */
 export async function attachLightmaps(gltf, options = {}) {
-  const { manifest, topDown = false, exposure = 1, diffuse = false, keepLights = false } = options;
+  const { manifest, ktx2 = false, topDown = ktx2, exposure = 1, diffuse = false, keepLights = false } = options;
   const root = gltf.scene ?? gltf;
   const path = options.path ?? gltf.parser?.options.path ?? '';
-  const loadPage = options.loadPage ?? (await exrPages());
+  const loadPage = options.loadPage ?? (await (ktx2 ? ktx2Pages() : exrPages()));
   const placements = findPlacements(gltf, manifest);
 
   const pages = new Map();
   const materials = new Map();
+  if (ktx2) {
+    for (const found of placements) {
+      if (!found.place.ktx2) throw new Error('this bake has no KTX2 pages: bake with --ktx2 bc6h or rgb9e5');
+      found.place = { ...found.place, uri: found.place.ktx2.uri };
+    }
+  }
   for (const { place } of placements) {
     // The name is a plain file name; as part of an address it is encoded.
     if (!pages.has(place.uri)) pages.set(place.uri, loadPage(path + encodeURIComponent(place.uri)));
@@ -162,4 +173,18 @@ async function exrPages() {
   const { EXRLoader } = await import('three/addons/loaders/EXRLoader.js');
   const loader = new EXRLoader();
   return (url) => loader.loadAsync(url);
+}
+
+/** three's own KTX2Loader (r187) knows rgb9e5 but not BC6H. */
+async function ktx2Pages() {
+  const { fetchKtx2 } = await import('../web/lumel-ktx2.js');
+  return async (url) => {
+    const { width, height, format, data } = await fetchKtx2(url);
+    const texture =
+      format === 'bc6h'
+        ? new CompressedTexture([{ data, width, height }], width, height, RGB_BPTC_UNSIGNED_Format)
+        : new DataTexture(data, width, height, RGBFormat, UnsignedInt5999Type);
+    texture.needsUpdate = true;
+    return texture;
+  };
 }

@@ -98,6 +98,11 @@ impl<'a> Editor<'a> {
         push(&mut self.json, "accessors", Value::Object(accessor))
     }
 
+    /// Adds a picture's file; returns its view.
+    pub fn add_picture(&mut self, bytes: Vec<u8>) -> usize {
+        self.add_view(bytes, None, None)
+    }
+
     /// Adds a float attribute of `N` components.
     pub fn add_floats<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
         let kind = ["SCALAR", "VEC2", "VEC3", "VEC4"][N - 1];

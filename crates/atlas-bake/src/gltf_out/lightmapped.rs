@@ -9,10 +9,11 @@ use serde_json::{Map, Value, json};
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, index, object_at, push, set_extra};
 use super::split::{Split, accessor_of, add_gathered};
-use super::{LIGHTMAP_EXTRA, by_node, texcoord};
-use crate::atlas::{Layout, UvOrigin};
+use super::{LIGHTMAP_EXTRA, by_node, moz, texcoord};
+use crate::atlas::{Layout, Page, UvOrigin};
 use crate::error::{Error, Result};
-use crate::manifest::{ValueKind, check, uv_of};
+use crate::ktx2::Ktx2Format;
+use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
 
 /// What writing a glTF changed beside the coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -31,10 +32,27 @@ pub struct GltfStats {
     pub materials_copied: u64,
     /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](crate::separate_unlike)).
     pub meshes_copied: u64,
+    /// Meshes copied so that each lit node's coordinates are on its page, for `MOZ_lightmap`.
+    pub moz_meshes: u64,
+    /// Materials copied for `MOZ_lightmap`.
+    pub moz_materials: u64,
+    /// Instances by `EXT_mesh_gpu_instancing`, which share their node's materials and so have no `MOZ_lightmap`.
+    pub moz_left_out: u64,
     /// Images that came as files or data URIs and lie in the .glb now.
     pub images_embedded: u64,
     /// Images that could not be read or are of no known kind, and keep their URI.
     pub images_left: u64,
+}
+
+/// What a lightmapped .glb says beside coordinates and places.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct GlbOptions<'a> {
+    /// What pages hold.
+    pub value: ValueKind,
+    /// Pages that exist as KTX2 too: their format and names, in order; none, or one per page.
+    pub ktx2: Option<(Ktx2Format, &'a [String])>,
+    /// The pages, if `MOZ_lightmap` is to be written. Coordinates lie on their page then, and places in extras are the whole page.
+    pub moz: Option<&'a [Page]>,
 }
 
 /// Writes `document` with the lightmap coordinates of `layout`: see DESIGN.md §1.2. `page_uris` are the page files' names in order.
@@ -53,7 +71,39 @@ pub fn write_lightmapped_glb(
     page_uris: &[String],
     value: ValueKind,
 ) -> Result<(Vec<u8>, GltfStats)> {
+    let options = GlbOptions {
+        value,
+        ..GlbOptions::default()
+    };
+    write_lightmapped_glb_with(document, scene, layout, page_uris, &options)
+}
+
+/// As [`write_lightmapped_glb`], with further conventions.
+///
+/// # Errors
+/// As there; [`Error::Inconsistent`] too where `options` has not one entry per page, or `MOZ_lightmap` is asked for pages that hold
+/// radiosity, from which no irradiance follows.
+pub fn write_lightmapped_glb_with(
+    document: &Document,
+    scene: &Scene,
+    layout: &Layout,
+    page_uris: &[String],
+    options: &GlbOptions<'_>,
+) -> Result<(Vec<u8>, GltfStats)> {
     check(scene, layout, page_uris)?;
+    let value = options.value;
+    for (at, n) in [
+        ("KTX2 pages", options.ktx2.map(|k| k.1.len())),
+        ("pages of MOZ_lightmap", options.moz.map(<[Page]>::len)),
+    ] {
+        if n.is_some_and(|n| n != page_uris.len()) {
+            return Err(Error::Inconsistent {
+                at: at.into(),
+                message: format!("{n:?}, expected {}", page_uris.len()),
+            });
+        }
+    }
+    let mut coordinates = moz::Coordinates::new();
     let mut editor = Editor::new(document)?;
     let mut stats = GltfStats::default();
     let mut moves = BTreeMap::new();
@@ -82,6 +132,9 @@ pub fn write_lightmapped_glb(
             let raw = document.primitive_raw(at.0, at.1)?;
             let kept = atlas.origin == UvOrigin::Kept;
             let split = Split::new(primitive, atlas_of, &raw, atlas.size, kept, &path)?;
+            if options.moz.is_some() {
+                coordinates.insert((target, at.1), split.uv.clone());
+            }
             let own = element(&editor.json, "meshes", target)
                 .and_then(|m| element(m, "primitives", at.1))
                 .cloned();
@@ -115,6 +168,7 @@ pub fn write_lightmapped_glb(
     }
     stats.materials_copied = texcoord::follow(&mut editor.json, &moves);
     let mut places = Vec::with_capacity(scene.instances.len());
+    let mut lit = Vec::new();
     for (i, (instance, placement)) in scene.instances.iter().zip(&layout.placements).enumerate() {
         if !scene.has_lumels(i) {
             continue;
@@ -125,7 +179,24 @@ pub fn write_lightmapped_glb(
         {
             node.insert("mesh".into(), copy.into());
         }
-        let uv = uv_of(layout, placement, i)?;
+        let mut uv = uv_of(layout, placement, i)?;
+        if options.moz.is_some()
+            && let Some(target) = targets[instance.mesh]
+        {
+            if instance.copy.is_some() {
+                stats.moz_left_out += 1;
+            } else {
+                let page = placement.page as usize;
+                let (node, mesh) = (instance.node, target.mesh);
+                lit.push(moz::Lit {
+                    node,
+                    mesh,
+                    page,
+                    uv,
+                });
+                uv = UvTransform::PAGE;
+            }
+        }
         let mut place = json!({
             "uri": page_uris[placement.page as usize],
             "page": placement.page,
@@ -136,7 +207,21 @@ pub fn write_lightmapped_glb(
         if let Some(factor) = value.scale_to_irradiance() {
             place["scaleToIrradiance"] = factor.into();
         }
+        if let Some((format, names)) = options.ktx2 {
+            place["ktx2"] = ktx2_json(format, &names[placement.page as usize]);
+        }
         places.push((instance.node, instance.copy, place));
+    }
+    if let Some(pages) = options.moz {
+        let scale = value
+            .scale_to_irradiance()
+            .ok_or_else(|| Error::Inconsistent {
+                at: "MOZ_lightmap".into(),
+                message: "the pages hold radiosity, expected radiance or irradiance".into(),
+            })?;
+        let copied = moz::apply(&mut editor, &lit, &coordinates, pages, scale)?;
+        stats.moz_meshes = copied.meshes;
+        stats.moz_materials = copied.materials;
     }
     for (node, place) in by_node(places.into_iter()) {
         let Some(object) = element_mut(&mut editor.json, "nodes", node) else {

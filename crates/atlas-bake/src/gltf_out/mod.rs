@@ -9,6 +9,7 @@ mod glb;
 mod json;
 mod lightmapped;
 mod midpoints;
+mod moz;
 mod refs;
 mod split;
 #[cfg(test)]
@@ -20,7 +21,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-pub use lightmapped::{GltfStats, write_lightmapped_glb};
+pub use lightmapped::{GlbOptions, GltfStats, write_lightmapped_glb, write_lightmapped_glb_with};
 pub use vertex::{SplitPrimitive, VertexLight, VertexStats, write_vertex_glb};
 
 /// Name of the node extra with a lightmap's place.

@@ -8,7 +8,7 @@ use super::json::{elements_mut, has_array, indices_of};
 
 /// Extensions whose references are all known here: none to accessors or buffer views but those that the walks below visit.
 /// With any other extension in a document nothing is re-indexed, since it may refer to anything.
-const KNOWN: [&str; 20] = [
+const KNOWN: [&str; 21] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_avif",
@@ -27,6 +27,7 @@ const KNOWN: [&str; 20] = [
     "KHR_xmp",
     "KHR_xmp_json_ld",
     "MOZ_lightmap",
+    "MOZ_texture_rgbe",
     "MSFT_lod",
     "MSFT_texture_dds",
 ];

@@ -11,6 +11,8 @@ use super::*;
 use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
 use crate::manifest::ValueKind;
 
+mod moz;
+
 /// A folder with documents in it.
 struct Fixture(tempfile::TempDir);
 

@@ -52,7 +52,7 @@ fn materials_of(primitive: &Map<String, Value>) -> Vec<usize> {
 }
 
 /// Calls `f` on each of these materials' slots.
-fn material_slots(primitive: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
+pub(super) fn material_slots(primitive: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
     if let Some(slot) = primitive.get_mut("material") {
         f(slot);
     }

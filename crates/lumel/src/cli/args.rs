@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, Hidden, Layer, LightGroup, LightScale, Origin, Paint, ProbeSource, Quality,
-    Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
+    Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
+    ProbeSource, Quality, Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
 };
 
 use super::config::{self, ConfigArgs, Layered};
@@ -93,6 +93,12 @@ pub(crate) struct Bake {
     /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the scene's size]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
+    /// Write the lightmap's pages as KTX2 too, for graphics cards: R, G and B, one level
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub ktx2: Option<Ktx2Arg>,
+    /// Name the lightmap in the .glb by this convention too, beside the nodes' extras
+    #[arg(long, value_enum, value_delimiter = ',')]
+    pub ext: Vec<ExtArg>,
     /// Light probes for things that move, into SCENE.probes.json: at the points of a file {"points": [[x, y, z], …]}, or on a grid with
     /// this distance in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
@@ -253,6 +259,13 @@ mirror!(ValueArg => ValueKind {
     Radiance => ValueKind::Radiance, "R = E/pi, what engines multiply with the albedo";
     Irradiance => ValueKind::Irradiance, "E";
     Radiosity => ValueKind::Radiosity, "B = reflectance x E";
+});
+mirror!(Ktx2Arg => Ktx2Format {
+    Bc6h => Ktx2Format::Bc6h, "BC6H, unsigned: a byte a texel, for desktop cards";
+    Rgb9e5 => Ktx2Format::Rgb9e5, "Shared exponent: four bytes a texel, for all cards";
+});
+mirror!(ExtArg => GltfExt {
+    Moz => GltfExt::Moz, "MOZ_lightmap on materials: meshes and materials are copied for instances, pictures lie in the .glb";
 });
 mirror!(UvArg => UvMode {
     Auto => UvMode::Auto, "Keep a usable TEXCOORD_1, else make charts";
@@ -436,6 +449,15 @@ impl Bake {
         });
         out.put(Flag, "group", given(&self.group), |s, x| s.groups = x);
         out.put(Flag, "value", self.value, |s, x| s.value = x.into());
+        out.put(Flag, "ktx2", self.ktx2, |s, x| s.ktx2 = Some(x.into()));
+        out.put(Flag, "ext", given(&self.ext), |s, x| {
+            s.ext.clear();
+            for ext in x.into_iter().map(GltfExt::from) {
+                if !s.ext.contains(&ext) {
+                    s.ext.push(ext);
+                }
+            }
+        });
         out.put(Flag, "layers", given(&self.layers), |s, x| {
             s.layers.clear();
             for layer in x.into_iter().map(Layer::from) {

@@ -10,12 +10,15 @@ use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
 use lumel::mesh_ingest::Digest;
-use lumel::{LightGroup, LightScale, Origin, ProbeSource, Provenance, Settings, SkySource, Sun};
+use lumel::{
+    GltfExt, LightGroup, LightScale, Origin, ProbeSource, Provenance, Settings, SkySource, Sun,
+};
 use serde::de::{Deserializer, Error as _, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, de};
 
 use super::args::{
-    DirectionalArg, HiddenArg, LayerArg, QualityArg, UnwrapperArg, UvArg, ValueArg, parse_sky,
+    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, QualityArg, UnwrapperArg, UvArg,
+    ValueArg, parse_sky,
 };
 
 /// All keys, as comments, with their defaults: what `lumel config` prints.
@@ -202,6 +205,8 @@ struct FileOptions {
     exclude_light: Option<Vec<String>>,
     group: Option<Vec<GroupTable>>,
     value: Option<Choice<ValueArg>>,
+    ktx2: Option<Choice<Ktx2Arg>>,
+    ext: Option<Vec<Choice<ExtArg>>>,
     layers: Option<Vec<Choice<LayerArg>>>,
     directional: Option<Choice<DirectionalArg>>,
     #[serde(deserialize_with = "positive")]
@@ -261,6 +266,16 @@ impl FileOptions {
             s.groups = x.into_iter().map(LightGroup::from).collect()
         });
         out.put(File, "value", self.value, |s, x| s.value = x.0.into());
+        out.put(File, "ktx2", self.ktx2, |s, x| s.ktx2 = Some(x.0.into()));
+        out.put(File, "ext", self.ext, |s, x| {
+            s.ext.clear();
+            for ext in x {
+                let ext = GltfExt::from(ext.0);
+                if !s.ext.contains(&ext) {
+                    s.ext.push(ext);
+                }
+            }
+        });
         out.put(File, "layers", self.layers, |s, x| {
             s.layers.clear();
             for layer in x {

@@ -49,11 +49,11 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
     )?;
     writeln!(
         out,
-        "cost      about {} and {:.0} MiB: {:.1} M rays, of which this machine casts {:.2} M a second here",
+        "cost      about {} (within a factor of {}), {:.0} MiB, {:.1} M rays",
         duration(e.seconds),
+        lumel::ESTIMATE_FACTOR,
         e.bytes / f64::from(1 << 20),
         1e-6 * e.rays,
-        e.mrays_per_second
     )?;
     for w in &e.layout.warnings {
         writeln!(out, "warning   {w}")?;

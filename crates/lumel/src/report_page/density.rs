@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::Source;
 use super::html::{list, note, number, percent, short};
-use super::svg::histogram;
+use super::svg::{histogram, mark};
 use crate::error::Error;
 
 /// Bins over the decades that are in use.
@@ -107,7 +107,7 @@ fn chart(samples: &[[f64; 2]], wanted: Option<f64>) -> String {
     let every = octaves.div_ceil(10).max(1);
     let labels: Vec<(usize, String)> = (0..=octaves)
         .step_by(every)
-        .map(|k| (k * BINS / octaves, short(2f64.powf(low + k as f64))))
+        .map(|k| (k * BINS / octaves, mark(2f64.powf(low + k as f64))))
         .collect();
     let mut out = histogram(
         "Area by lumels per metre",

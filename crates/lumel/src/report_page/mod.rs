@@ -78,9 +78,12 @@ nav { display: flex; flex-wrap: wrap; gap: 4px 14px; } a { color: var(--a); }
 table { border-collapse: collapse; } td, th { padding: 2px 14px 2px 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line); overflow-wrap: anywhere; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; } th { color: var(--dim); font-weight: 600; }
 .scroll { overflow-x: auto; } .dim, figcaption, footer { color: var(--dim); } .mark { color: var(--mark); } footer { margin-top: 40px; }
-.maps { display: flex; flex-wrap: wrap; gap: 14px; } figure { margin: 0; max-width: 100%; } figure img { display: block; max-width: 100%; image-rendering: pixelated; background: #000; }
+.maps { display: flex; flex-wrap: wrap; gap: 14px; } figure { margin: 0; max-width: min(100%, 510px); } figure img { display: block; max-width: 100%; background: #000; }
 svg { max-width: 100%; height: auto; } svg text { fill: currentColor; font: 11px system-ui, sans-serif; } svg .grid { stroke: var(--line); fill: none; }
 svg .a { fill: var(--a); } svg .b { fill: var(--b); } svg .c { fill: var(--c); } svg .la { stroke: var(--a); } svg .lb { stroke: var(--b); } svg .lc { stroke: var(--c); } svg polyline { fill: none; stroke-width: 2; }
+.scale { width: 420px; max-width: 100%; display: flex; flex-wrap: wrap; justify-content: space-between; font-size: 12px; color: var(--dim); margin: 0 0 10px; font-variant-numeric: tabular-nums; }
+.scale img { width: 100%; height: 12px; }
+summary { cursor: pointer; margin: 6px 0; }
 code { overflow-wrap: anywhere; } pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 12px; }
 ";
 

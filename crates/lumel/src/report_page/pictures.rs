@@ -5,8 +5,8 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::Source;
-use super::html::{escape, note, percent};
-use super::svg::histogram;
+use super::html::{escape, note};
+use super::svg::{histogram, percent_mark};
 use crate::error::Error;
 
 /// Texels that all pictures together may have, which keeps the page within some ten megabytes: PNG needs about two bytes for each.
@@ -81,13 +81,15 @@ pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
     }
     Ok(Maps {
         lightmaps: text,
-        error: error_section(&errors, &bins, lumels),
+        error: error_section(&errors, &bins, lumels)?,
     })
 }
 
-fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> String {
+fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> Result<String, Error> {
     if pictures.is_empty() {
-        return note("This bake has no layer of errors: lumel bake … --layers error writes it.");
+        return Ok(note(
+            "This bake has no layer of errors: lumel bake … --layers error writes it.",
+        ));
     }
     let shares: Vec<f64> = bins.iter().map(|b| b / f64::max(lumels, 1.0)).collect();
     let decades = (RANGE[1] / RANGE[0]).log10();
@@ -96,13 +98,14 @@ fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> String {
             let at = f64::from(k) / decades;
             (
                 (at * BINS as f64).round() as usize,
-                percent(RANGE[0] * 10f64.powi(k)),
+                percent_mark(RANGE[0] * 10f64.powi(k)),
             )
         })
         .collect();
     let mut out = note(
-        "Estimated standard error of each lumel's luminance over that luminance: black 0.1 % and less, then blue (0.4 %), green (1.6 %), yellow (6 %), red (25 %), white 100 % and more.",
+        "Estimated standard error of each lumel's luminance over that luminance. What holds no lumel is black.",
     );
+    out += &scale()?;
     out += &wall(pictures);
     out += "<h3>Lumels by estimated error</h3>\n";
     out += &histogram(
@@ -111,7 +114,23 @@ fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> String {
         &labels,
         "estimated relative error",
     );
-    out
+    Ok(out)
+}
+
+/// The colours of the pictures over [`RANGE`], with their figures.
+fn scale() -> Result<String, Error> {
+    const STEPS: u32 = 240;
+    let bar = Page {
+        width: STEPS,
+        height: 1,
+        ..Page::default()
+    };
+    let values: Vec<f32> = (0..STEPS).map(|i| i as f32).collect();
+    let png = STANDARD.encode(heat_png(&bar, &values, [0.0, (STEPS - 1) as f32])?);
+    let [low, high] = RANGE.map(percent_mark);
+    Ok(format!(
+        "<div class=\"scale\"><img alt=\"scale from {low} to {high}\" src=\"data:image/png;base64,{png}\"><span>{low} and less</span><span>1 %</span><span>10 %</span><span>{high} and more</span></div>\n"
+    ))
 }
 
 fn wall(figures: &str) -> String {

@@ -4,8 +4,14 @@ use serde_json::Value;
 
 use super::html::{Cell, count, list, note, number, percent, short, table, text};
 
-/// So many rows of each kind are shown; the rest is counted.
+/// So many rows of each kind are in the page; the rest is counted.
 const ROWS: usize = 100;
+
+/// So many of them are seen at once.
+const OPEN: usize = 8;
+
+/// Share of the light on backs of faces from which on the baker warns.
+const LOST_BEHIND: f64 = 0.05;
 
 /// The section.
 pub(super) fn section(report: &Value) -> String {
@@ -13,6 +19,9 @@ pub(super) fn section(report: &Value) -> String {
     let warnings: Vec<Vec<Cell>> = (list(report, "/warnings").iter())
         .filter_map(|w| Some(vec![Cell::Text(w.as_str()?.to_owned())]))
         .collect();
+    if warnings.is_empty() {
+        out += "<p>No warnings.</p>\n";
+    }
     out += &titled("Warnings", &[], warnings);
     out += &titled(
         "Left out of the bake",
@@ -29,20 +38,55 @@ pub(super) fn section(report: &Value) -> String {
         &["mesh", "node", "why", "lumels per metre"],
         adjusted(report),
     );
-    out += &titled(
-        "Nodes that look at backs of faces or out of gaps",
-        &["node", "patches", "least row sum", "near"],
-        rows_of_nodes(report),
-    );
+    let gaps = rows_of_nodes(report, "/solve/audit/gaps");
+    if !gaps.is_empty() {
+        out += &titled(
+            "Gaps in a scene that is nearly closed",
+            &["node", "patches", "least row sum", "near"],
+            gaps,
+        );
+        out += &note(
+            "From these patches some light gets out between faces that hardly anything else gets through.",
+        );
+    }
+    out += &backs(report);
     out += &titled(
         "Repaired while reading",
         &["what", "how often"],
         counts(report),
     );
-    if out.is_empty() {
-        out = "<p>None.</p>\n".into();
-    }
     out
+}
+
+/// Nodes that see backs of faces: folded away unless enough light is lost there for a warning.
+fn backs(report: &Value) -> String {
+    let rows = rows_of_nodes(report, "/solve/audit/beyond");
+    if rows.is_empty() {
+        return String::new();
+    }
+    let sum = |pointer: &str| -> f64 {
+        let list = list(report, pointer).iter();
+        list.filter_map(Value::as_f64).sum()
+    };
+    let emitted = sum("/solve/audit/flux_emitted");
+    let lost = sum("/solve/audit/flux_behind") / emitted.max(1e-300);
+    let head = ["node", "patches", "least row sum", "near"];
+    let text = note(&format!(
+        "Single-sided faces are black on their backs. {} of the light ends there; from {} on the baker warns. Trunks that stand in a floor and what else reaches into things look at backs without harm. A room in this list has faces turned inside out, or none.",
+        percent(lost),
+        percent(LOST_BEHIND)
+    ));
+    let title = format!("Nodes that look at backs of faces ({})", rows.len());
+    if lost > LOST_BEHIND {
+        return format!(
+            "{}{text}",
+            titled("Nodes that look at backs of faces", &head, rows)
+        );
+    }
+    format!(
+        "<details><summary>{title}, nothing to worry about</summary>\n{text}{}</details>\n",
+        table(&head, &rows)
+    )
 }
 
 fn titled(title: &str, head: &[&str], mut rows: Vec<Vec<Cell>>) -> String {
@@ -51,12 +95,17 @@ fn titled(title: &str, head: &[&str], mut rows: Vec<Vec<Cell>>) -> String {
     }
     let all = rows.len();
     rows.truncate(ROWS);
-    let more = if all > ROWS {
-        note(&format!("… and {} more", all - ROWS))
-    } else {
-        String::new()
-    };
-    format!("<h3>{title} ({all})</h3>\n{}{more}", table(head, &rows))
+    let folded = rows.split_off(rows.len().min(OPEN));
+    let mut out = format!("<h3>{title} ({all})</h3>\n{}", table(head, &rows));
+    if !folded.is_empty() {
+        let more = table(head, &folded);
+        out += &format!("<details><summary>{} more</summary>\n{more}", folded.len());
+        if all > ROWS {
+            out += &note(&format!("… and {} that are not listed", all - ROWS));
+        }
+        out += "</details>\n";
+    }
+    out
 }
 
 fn name_of(name: &str, index: Option<&Value>) -> String {
@@ -125,9 +174,8 @@ fn adjusted(report: &Value) -> Vec<Vec<Cell>> {
         .collect()
 }
 
-fn rows_of_nodes(report: &Value) -> Vec<Vec<Cell>> {
-    let lists = ["/solve/audit/beyond", "/solve/audit/gaps"];
-    (lists.iter().flat_map(|pointer| list(report, pointer)))
+fn rows_of_nodes(report: &Value, pointer: &str) -> Vec<Vec<Cell>> {
+    (list(report, pointer).iter())
         .map(|n| {
             let at: Vec<String> = list(n, "/at")
                 .iter()

@@ -107,44 +107,7 @@ pub(super) fn solve(report: &Value) -> String {
     .collect();
     out += &table(&[], &rows);
 
-    let history = list(report, "/solve/history");
-    if history.len() > 1 {
-        let curve = |field: &str| -> Vec<[f64; 2]> {
-            let values = history.iter().enumerate();
-            values
-                .filter_map(|(i, h)| Some([i as f64, h.get(field)?.as_f64()?]))
-                .collect()
-        };
-        out += "<h3>Residual</h3>\n";
-        out += &lines(
-            "Residual of the solve",
-            "rounds of shots and iterations, over all passes",
-            &[Line {
-                name: "residual",
-                class: "la",
-                points: curve("residual"),
-            }],
-            true,
-        );
-        out += "<h3>Indirect flux that has arrived, W or lm</h3>\n";
-        out += &lines(
-            "Indirect flux",
-            "rounds of shots and iterations, over all passes",
-            &[Line {
-                name: "sum of R, G, B",
-                class: "lb",
-                points: curve("flux"),
-            }],
-            false,
-        );
-        out += &note(
-            "Each pass casts more rays and starts from the answer of the one before: the residual jumps where better links replace coarse ones.",
-        );
-    } else {
-        out += &note(
-            "This report has no history of the solve: it is of an earlier version, or no light was to be distributed.",
-        );
-    }
+    out += &history(report);
 
     let flux = |name: &str| -> Option<[f64; 3]> {
         let list = list(report, &format!("/solve/audit/flux_{name}"));
@@ -194,6 +157,55 @@ pub(super) fn solve(report: &Value) -> String {
         }
     }
     out
+}
+
+/// The way of the solve: residual and flux over its steps.
+fn history(report: &Value) -> String {
+    let history = list(report, "/solve/history");
+    if history.len() < 2 {
+        return note(
+            "This report has no history of the solve: it is of an earlier version, or no light was to be distributed.",
+        );
+    }
+    // Each relaxation counts its shots from 0. With groups of light, each pass has one for each group.
+    let shots = |h: &Value| h.get("shots").and_then(Value::as_f64).unwrap_or(0.0);
+    let mut starts = vec![0];
+    starts.extend((1..history.len()).filter(|&i| shots(&history[i]) < shots(&history[i - 1])));
+    let groups: Vec<&str> = (list(report, "/groups").iter())
+        .map(|g| text(g, "name"))
+        .collect();
+    let classes = ["la", "lb", "lc"];
+    let curve = |field: &str| -> Vec<Line<'_>> {
+        let pieces = starts.iter().enumerate();
+        pieces
+            .map(|(k, &start)| {
+                let end = starts.get(k + 1).copied().unwrap_or(history.len());
+                let group = k % groups.len().max(1);
+                let steps = (start..end).filter_map(|i| Some((i, history[i].get(field)?)));
+                Line {
+                    name: groups.get(group).copied().unwrap_or("all light"),
+                    class: classes[group % classes.len()],
+                    points: steps
+                        .filter_map(|(i, y)| Some([i as f64, y.as_f64()?]))
+                        .collect(),
+                }
+            })
+            .collect()
+    };
+    let steps = "rounds of shots and iterations, over all passes";
+    let mut out = String::from(
+        "<h3>Residual: light still to be distributed, as a share of all that arrives</h3>\n",
+    );
+    out += &lines("Residual of the solve", steps, &curve("residual"), true);
+    out += "<h3>Indirect flux that has arrived, W or lm, sum of R, G and B</h3>\n";
+    out += &lines("Indirect flux", steps, &curve("flux"), false);
+    let mut remark = String::from(
+        "Each pass casts more rays and starts from the answer of the one before: the residual jumps where better links replace coarse ones.",
+    );
+    if groups.len() > 1 {
+        remark += " In each pass groups of light are solved one after the other.";
+    }
+    out + &note(&remark)
 }
 
 /// How far lookups on both sides of borders differ.

@@ -5,11 +5,15 @@ use super::html::{escape, short};
 /// Width and height of charts, with room for labels.
 const SIZE: [f64; 2] = [640.0, 220.0];
 const LEFT: f64 = 64.0;
-const RIGHT: f64 = 14.0;
+/// Half of a label like "100 %" sticks out.
+const RIGHT: f64 = 26.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 38.0;
 
-/// A line of a chart.
+/// Height of the row of names over a chart of several lines.
+const LEGEND: f64 = 18.0;
+
+/// A line of a chart. Lines of one name are one thing in several pieces.
 pub(super) struct Line<'a> {
     pub name: &'a str,
     /// `la`, `lb` or `lc`.
@@ -17,7 +21,8 @@ pub(super) struct Line<'a> {
     pub points: Vec<[f64; 2]>,
 }
 
-/// A chart of lines over a linear x; y is logarithmic if `log`. Points that a logarithm does not take are left out.
+/// A chart of lines over a linear x; y is logarithmic if `log`. Points that a logarithm does not take are left out. Names are shown where
+/// there is more than one.
 pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -> String {
     let map = |y: f64| if log { y.log10() } else { y };
     let sound = |p: &[f64; 2]| p[0].is_finite() && map(p[1]).is_finite();
@@ -36,54 +41,48 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
         (low, if high > low { high } else { low + 1.0 })
     };
     let (x0, x1) = range(&|p| p[0]);
-    let (mut y0, mut y1) = range(&|p| map(p[1]));
-    if log {
-        (y0, y1) = (y0.floor(), y1.ceil());
+    let (low, high) = range(&|p| map(p[1]));
+    // Marks at whole decades, or at 1, 2 or 5 times a power of ten; the chart begins and ends at one.
+    let step = if log {
+        ((high.ceil() - low.floor()) / 6.0).ceil().max(1.0)
     } else {
-        y0 = y0.min(0.0);
+        round_step((high - low.min(0.0)) / 4.0)
+    };
+    let low = if log { low } else { low.min(0.0) };
+    let (y0, y1) = ((low / step).floor() * step, (high / step).ceil() * step);
+    let mut names: Vec<&Line<'_>> = Vec::new();
+    for line in lines {
+        if names.iter().all(|n| n.name != line.name) {
+            names.push(line);
+        }
     }
-    let at = |p: &[f64; 2]| {
-        let x = LEFT + (p[0] - x0) / (x1 - x0) * (SIZE[0] - LEFT - RIGHT);
-        let y = SIZE[1] - BOTTOM - (map(p[1]) - y0) / (y1 - y0) * (SIZE[1] - TOP - BOTTOM);
-        (x, y)
+    let top = TOP + if names.len() > 1 { LEGEND } else { 0.0 };
+    let at = |x: f64, y: f64| {
+        (
+            LEFT + (x - x0) / (x1 - x0) * (SIZE[0] - LEFT - RIGHT),
+            SIZE[1] - BOTTOM - (y - y0) / (y1 - y0) * (SIZE[1] - top - BOTTOM),
+        )
     };
     let mut out = open(title);
-    let ticks: Vec<f64> = if log {
-        let step = ((y1 - y0) / 6.0).ceil().max(1.0);
-        (0..=((y1 - y0) / step) as u32)
-            .map(|k| 10f64.powf(y0 + f64::from(k) * step))
-            .collect()
-    } else {
-        (0..=4)
-            .map(|k| y0 + (y1 - y0) * f64::from(k) / 4.0)
-            .collect()
-    };
-    for t in ticks {
-        let (_, y) = at(&[x0, t]);
+    for k in 0..=((y1 - y0) / step).round() as u32 {
+        let t = y0 + f64::from(k) * step;
+        let (_, y) = at(x0, t);
         out += &format!(
             "<path class=\"grid\" d=\"M{LEFT:.1} {y:.1}H{:.1}\"/>",
             SIZE[0] - RIGHT
         );
-        let label = if log {
-            format!("1e{:.0}", t.log10())
-        } else {
-            short(t)
-        };
+        let label = if log { format!("1e{t:.0}") } else { mark(t) };
         out += &text(LEFT - 6.0, y + 4.0, "end", &label);
     }
     for (x, anchor) in [(x0, "start"), (x1, "end")] {
-        out += &text(
-            at(&[x, if log { 10f64.powf(y0) } else { y0 }]).0,
-            SIZE[1] - BOTTOM + 15.0,
-            anchor,
-            &short(x),
-        );
+        let label = SIZE[1] - BOTTOM + 15.0;
+        out += &text(at(x, y0).0, label, anchor, &mark(x));
     }
     out += &text(0.5 * (LEFT + SIZE[0]), SIZE[1] - 6.0, "middle", x_title);
-    for (i, line) in lines.iter().enumerate() {
+    for line in lines {
         let points: Vec<String> = (line.points.iter().filter(|p| sound(p)))
             .map(|p| {
-                let (x, y) = at(p);
+                let (x, y) = at(p[0], map(p[1]));
                 format!("{x:.1},{y:.1}")
             })
             .collect();
@@ -92,16 +91,44 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
             line.class,
             points.join(" ")
         );
-        let y = TOP + 14.0 + 15.0 * i as f64;
+    }
+    let wide = (SIZE[0] - LEFT - RIGHT) / names.len() as f64;
+    for (i, line) in names.iter().enumerate().filter(|_| names.len() > 1) {
+        let x = LEFT + wide * i as f64;
         out += &format!(
-            "<path class=\"{}\" stroke-width=\"2\" d=\"M{:.1} {:.1}h16\"/>",
+            "<path class=\"{}\" stroke-width=\"2\" d=\"M{x:.1} {TOP:.1}h16\"/>",
             line.class,
-            SIZE[0] - 190.0,
-            y - 4.0
         );
-        out += &text(SIZE[0] - 168.0, y, "start", line.name);
+        // Some seven units a letter; a long name would run into the next.
+        let room = ((wide - 30.0) / 7.0).max(1.0) as usize;
+        let name: String = line.name.chars().take(room).collect();
+        out += &text(x + 22.0, TOP + 4.0, "start", &name);
     }
     out + "</svg>\n"
+}
+
+/// The next of 1, 2, 5, 10, … times a power of ten.
+fn round_step(least: f64) -> f64 {
+    let ten = 10f64.powf(least.log10().floor());
+    let step = [1.0, 2.0, 5.0].map(|k| k * ten);
+    step.into_iter().find(|s| *s >= least).unwrap_or(10.0 * ten)
+}
+
+/// A figure at an axis: no zeros that say nothing.
+pub(super) fn mark(x: f64) -> String {
+    let figure = short(x);
+    if figure.contains('e') || !figure.contains('.') {
+        return figure;
+    }
+    figure
+        .trim_end_matches('0')
+        .trim_end_matches('.')
+        .to_owned()
+}
+
+/// A share at an axis.
+pub(super) fn percent_mark(x: f64) -> String {
+    format!("{} %", mark(100.0 * x))
 }
 
 /// A histogram: heights of bins, and labels at borders of bins (index, text).
@@ -135,7 +162,7 @@ pub(super) fn histogram(
         out += &text(LEFT + wide * *i as f64, floor + 15.0, "middle", label);
     }
     out += &text(0.5 * (LEFT + SIZE[0]), SIZE[1] - 6.0, "middle", x_title);
-    out += &text(LEFT - 6.0, TOP + 8.0, "end", &super::html::percent(most));
+    out += &text(LEFT - 6.0, TOP + 8.0, "end", &percent_mark(most));
     out + "</svg>\n"
 }
 
@@ -200,28 +227,45 @@ mod tests {
         assert_eq!(bars("t", &[]), "");
     }
 
+    fn flat<'a>(name: &'a str, class: &'a str) -> Line<'a> {
+        Line {
+            name,
+            class,
+            points: vec![[0.0, 1.0], [0.0, 1.0]],
+        }
+    }
+
     #[test]
     fn equal_values_still_make_a_chart() {
-        let flat = Line {
-            name: "<n>",
-            class: "la",
-            points: vec![[0.0, 1.0], [0.0, 1.0]],
-        };
         for log in [false, true] {
-            let svg = lines(
-                "t",
-                "x",
-                &[Line {
-                    name: flat.name,
-                    class: "la",
-                    points: flat.points.clone(),
-                }],
-                log,
-            );
-            assert!(
-                svg.contains("polyline") && !svg.contains("NaN") && svg.contains("&lt;n&gt;"),
-                "{svg}"
-            );
+            let svg = lines("t", "x", &[flat("<n>", "la")], log);
+            assert!(svg.contains("polyline") && !svg.contains("NaN"), "{svg}");
         }
+    }
+
+    #[test]
+    fn names_are_shown_once_and_only_where_there_are_several() {
+        let one = lines("t", "x", &[flat("<n>", "la"), flat("<n>", "la")], false);
+        assert!(!one.contains("&lt;n&gt;"), "{one}");
+        let names = ["<n>", "b", "<n>"];
+        let two = lines("t", "x", &names.map(|n| flat(n, "la")), false);
+        assert_eq!(two.matches("&lt;n&gt;").count(), 1, "{two}");
+        assert_eq!(two.matches("polyline").count(), 3);
+    }
+
+    #[test]
+    fn axes_have_round_figures() {
+        let line = Line {
+            name: "n",
+            class: "la",
+            points: vec![[0.0, 0.0], [82.0, 6822.0]],
+        };
+        let svg = lines("t", "x", &[line], false);
+        for label in [">0<", ">2000<", ">4000<", ">6000<", ">8000<", ">82<"] {
+            assert!(svg.contains(label), "{label} in {svg}");
+        }
+        let of = [0.3, 0.02, 7.0, 1000.0].map(round_step);
+        assert_eq!(of, [0.5, 0.02, 10.0, 1000.0]);
+        assert_eq!(percent_mark(0.1), "10 %");
     }
 }

@@ -127,11 +127,64 @@ fn all_sections_are_there_and_names_are_text() {
         assert!(page.contains(words), "{words}");
     }
     assert!(!page.contains("mirrored"), "notes are no problems");
-    // Lightmap, its group, error.
-    assert_eq!(page.matches("<img ").count(), 3);
+    // Lightmap, its group, error, the error's scale.
+    assert_eq!(page.matches("<img ").count(), 4);
     // Nothing from elsewhere.
     assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("src=\"/"));
     assert_eq!(report_page(&folder, "b").unwrap(), page);
+}
+
+/// With two groups each pass of the solve has two relaxations, which are no one curve.
+#[test]
+fn groups_have_curves_of_their_own() {
+    let (_t, folder) = bake(&[], |report| {
+        let step = |shots: u32, flux: f64| json!({"rays": 16, "shots": shots, "iterations": 0, "residual": 0.5, "flux": flux});
+        report["solve"]["history"] = json!([
+            step(0, 0.0),
+            step(9, 7000.0),
+            step(0, 0.0),
+            step(9, 900.0),
+            step(0, 7000.0),
+            step(3, 7100.0)
+        ]);
+        report["groups"] =
+            json!([{"name": "day", "sources": []}, {"name": "<i>rest", "sources": []}]);
+    });
+    let page = report_page(&folder, "b").unwrap();
+    assert_well_formed(&page);
+    // Three relaxations, two charts; the third is day's again.
+    assert_eq!(page.matches("<polyline class=\"la\"").count(), 4);
+    assert_eq!(page.matches("<polyline class=\"lb\"").count(), 2);
+    assert_eq!(page.matches(">&lt;i&gt;rest</text>").count(), 2);
+    assert!(page.contains("groups of light are solved one after the other"));
+}
+
+#[test]
+fn long_lists_are_folded_and_harmless_backs_too() {
+    let nodes = |n: usize| -> Vec<Value> {
+        let node = |i: usize| json!({"node": format!("n{i}."), "rows": 4, "least": 0.5, "at": [1.0, 2.0, 3.0]});
+        (0..n).map(node).collect()
+    };
+    let with = |behind: f64| {
+        let (_t, folder) = bake(&[], |report| {
+            report["solve"]["audit"]["beyond"] = json!(nodes(20));
+            report["solve"]["audit"]["gaps"] = json!([]);
+            report["solve"]["audit"]["flux_behind"] = json!([behind, 0.0, 0.0]);
+        });
+        report_page(&folder, "b").unwrap()
+    };
+    let folded = |page: &str, name: &str| {
+        let at = page.find(name).expect(name);
+        page[..at].matches("<details>").count() > page[..at].matches("</details>").count()
+    };
+    // Of six units emitted 0.06 are 1 %, which is no matter; 0.6 are 10 %, of which the baker warns.
+    let harmless = with(0.06);
+    assert_well_formed(&harmless);
+    assert!(folded(&harmless, "n0.") && harmless.contains("1.00 % of the light ends there"));
+    let lost = with(0.6);
+    assert_well_formed(&lost);
+    assert!(!folded(&lost, "n7.") && folded(&lost, "n8.") && folded(&lost, "n19."));
+    assert!(lost.contains("12 more"));
 }
 
 #[test]
@@ -146,7 +199,7 @@ fn without_optional_layers_and_fields_the_page_says_so() {
     }
     for words in [
         "--layers error",
-        "<p>None.</p>",
+        "<p>No warnings.</p>",
         "no history",
         "Seams were not measured",
     ] {

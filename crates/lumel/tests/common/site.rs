@@ -6,7 +6,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a user's own server would serve: the loader, three.js as npm has it, and a bake. It ends with the test's process.
+/// Where `npm install` was run for engines that are not in the repository: `LUMEL_NPM`, or where tools/setup.sh does it.
+pub fn npm_modules() -> PathBuf {
+    let folder = std::env::var_os("LUMEL_NPM").unwrap_or_else(|| "/opt/lumel-npm".into());
+    PathBuf::from(folder).join("node_modules")
+}
+
+/// What a user's own server would serve: the loaders, three.js as npm has it, others from where they are installed, and a bake. It ends with the test's process.
 pub struct Site {
     pub url: String,
 }
@@ -15,6 +21,7 @@ impl Site {
     pub fn start(bake: &Path) -> Site {
         let own = Path::new(env!("CARGO_MANIFEST_DIR"));
         let three = "/engines/node_modules/three";
+        let modules = npm_modules();
         let folders = Arc::new([
             (format!("{three}/build/"), own.join("vendor/three/build")),
             (
@@ -22,6 +29,14 @@ impl Site {
                 own.join("vendor/three/addons"),
             ),
             ("/engines/".into(), own.join("../../tools/engines/three")),
+            ("/web/".into(), own.join("../../tools/engines/web")),
+            ("/playcanvas/node_modules/".into(), modules.clone()),
+            ("/babylon/node_modules/".into(), modules),
+            (
+                "/playcanvas/".into(),
+                own.join("../../tools/engines/playcanvas"),
+            ),
+            ("/babylon/".into(), own.join("../../tools/engines/babylon")),
             ("/bake/".into(), bake.to_owned()),
         ]);
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -54,7 +69,7 @@ fn respond(mut stream: &TcpStream, folders: &[(String, PathBuf)]) -> std::io::Re
         None => ("404 Not Found", Vec::new(), PathBuf::new()),
     };
     let kind = match file.extension().and_then(|e| e.to_str()) {
-        Some("js") => "text/javascript",
+        Some("js" | "mjs") => "text/javascript",
         Some("html") => "text/html; charset=utf-8",
         Some("json") => "application/json",
         _ => "application/octet-stream",

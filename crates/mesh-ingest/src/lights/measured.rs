@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use crate::container::{self, Target};
+use crate::container::Target;
 use crate::document::Document;
 use crate::error::{Fault, Outcome};
 use crate::ies;
@@ -37,10 +37,10 @@ impl Profiles {
             return Ok(known);
         }
         let limit = document.limits().file_bytes.min(ies::MAX_BYTES);
-        match container::resolve(uri, document.base_dir(), path)? {
+        match document.files.resolve(uri, path)? {
             Target::Data(bytes) => self.keep(uri, &bytes, path, report),
             Target::File(file) => {
-                let bytes = container::read_file(&file, path, limit)?;
+                let bytes = document.files.read(&file, path, limit)?;
                 self.files.push(Input::new(file, uri.to_string(), &bytes));
                 self.keep(uri, &bytes, path, report)
             }

@@ -1,0 +1,69 @@
+//! What is baked: a file, or a document in memory.
+
+use std::path::{Path, PathBuf};
+
+use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
+
+use crate::error::Error;
+
+/// A glTF scene to bake: a file's path, or a document in memory. What takes one takes a `&str`, a `&Path` or a `&MemoryDocument`.
+#[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
+pub enum SceneInput<'a> {
+    /// A .gltf or .glb.
+    File(&'a Path),
+    /// The same in memory.
+    Memory(&'a MemoryDocument),
+}
+
+impl<'a> SceneInput<'a> {
+    /// The file, or the name that stands for one.
+    pub fn path(self) -> &'a Path {
+        match self {
+            SceneInput::File(path) => path,
+            SceneInput::Memory(document) => document.name(),
+        }
+    }
+
+    /// Reads scene number `scene` of the document; `None` for its default.
+    pub(crate) fn load(self, scene: Option<usize>) -> Result<Loaded, Error> {
+        let options = LoadOptions {
+            scene,
+            ..LoadOptions::default()
+        };
+        Ok(match self {
+            SceneInput::File(path) => mesh_ingest::load(path, &options)?,
+            SceneInput::Memory(document) => mesh_ingest::load_memory(document, &options)?,
+        })
+    }
+}
+
+impl<'a> From<&'a MemoryDocument> for SceneInput<'a> {
+    fn from(document: &'a MemoryDocument) -> Self {
+        SceneInput::Memory(document)
+    }
+}
+
+impl<'a> From<&'a Path> for SceneInput<'a> {
+    fn from(path: &'a Path) -> Self {
+        SceneInput::File(path)
+    }
+}
+
+impl<'a> From<&'a PathBuf> for SceneInput<'a> {
+    fn from(path: &'a PathBuf) -> Self {
+        SceneInput::File(path)
+    }
+}
+
+impl<'a> From<&'a str> for SceneInput<'a> {
+    fn from(path: &'a str) -> Self {
+        SceneInput::File(Path::new(path))
+    }
+}
+
+impl<'a> From<&'a String> for SceneInput<'a> {
+    fn from(path: &'a String) -> Self {
+        SceneInput::File(Path::new(path))
+    }
+}

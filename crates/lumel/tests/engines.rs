@@ -1,0 +1,475 @@
+//! Bakes in engines: what the loaders of tools/engines show of squares whose every pixel is known.
+//!
+//! Skipped, loudly, where an engine is not there: three.js comes with the repository and needs a Chromium; Babylon.js and PlayCanvas need npm
+//! packages too (`LUMEL_NPM`, tools/setup.sh); Bevy needs `LUMEL_BEVY`, the built program of tools/engines/bevy, and Vulkan; Blender needs
+//! `LUMEL_VENV`, a Python environment with bpy.
+
+#![allow(clippy::print_stderr, reason = "says what it skips")]
+
+#[allow(
+    dead_code,
+    reason = "helpers are shared, and not every file needs each"
+)]
+#[path = "common/browser.rs"]
+mod browser;
+#[allow(
+    dead_code,
+    reason = "helpers are shared, and not every file needs each"
+)]
+mod common;
+#[path = "common/quads.rs"]
+mod quads;
+#[path = "common/site.rs"]
+mod site;
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use browser::Browser;
+use common::{files, lumel, names, outputs, parse, temp, write};
+use image::RgbImage;
+use lumel::atlas_bake::read_exr;
+use quads::{points, scene, shown, sun};
+use serde_json::{Value, json};
+use site::{Site, npm_modules};
+use tempfile::TempDir;
+
+/// A name that has to be encoded in an address, and whose `#` Bevy would take for a label.
+const STEM: &str = "four squares #1";
+/// From high above, and from where the floor under the plate is seen.
+const VIEWS: [(&str, std::ops::Range<usize>); 2] =
+    [("0,9,0.01,0,0,0,60", 0..5), ("3,0.6,3,0,0,0,60", 2..6)];
+
+/// The squares, baked with `options`: 16 lumels a metre, so that points are more than a block of BC6H from the edge of the shadow. That edge
+fn squares(options: &str) -> (TempDir, PathBuf) {
+    let t = temp();
+    let file = write(t.path().join(format!("{STEM}.gltf")), scene());
+    let out = t.path().join("out");
+    bake_squares(&file, &out, options);
+    (t, out)
+}
+
+fn bake_squares(file: &Path, out: &Path, options: &str) {
+    let more = format!(
+        "--quality draft --texels-per-unit 16 --no-stitch --sun {} {options}",
+        sun()
+    );
+    let mut a = vec![
+        "bake".into(),
+        file.into(),
+        "-o".into(),
+        out.as_os_str().to_owned(),
+    ];
+    a.extend(more.split_whitespace().map(Into::into));
+    lumel(a).ok();
+}
+
+/// Within one step of what eight bits show: half a step is the rounding, the rest the storage's (`share` of the value) and the card's.
+#[track_caller]
+fn assert_pixel(found: [u8; 3], linear: [f64; 3], storage: &Storage, what: &str) {
+    let curve = storage.curve;
+    let steps = |v: f64| (curve(v * (1.0 + storage.share)) - curve(v)).max(0.0);
+    let near =
+        (found.iter().zip(linear)).all(|(f, v)| (f64::from(*f) - curve(v)).abs() <= 1.0 + steps(v));
+    assert!(near, "{what}: {found:?} is not {:.2?}", linear.map(curve));
+}
+
+/// How values come to be bytes on a screen.
+struct Storage {
+    /// Relative error that the page's format may have.
+    share: f64,
+    /// From linear to a byte.
+    curve: fn(f64) -> f64,
+}
+
+/// sRGB, with a relative error of the page.
+fn srgb(share: f64) -> Storage {
+    Storage {
+        share,
+        curve: shown,
+    }
+}
+
+/// Looks at all points through a page that says where they are.
+fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage) {
+    for (cam, range) in VIEWS {
+        b.open("about:blank");
+        b.open(&format!(
+            "{}{page}?glb=/bake/four%2520squares%2520%25231.glb&cam={cam}&{query}",
+            site.url
+        ));
+        b.wait("document.body?.dataset.state");
+        assert_eq!(
+            b.eval("document.body.dataset.state"),
+            json!("ready"),
+            "{page} {query}: {} {:?}",
+            b.eval("document.body.innerText"),
+            b.errors
+        );
+        let picture = b.screenshot();
+        for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
+            let place = b.eval(&format!("lumel.project({}, {}, {})", at[0], at[1], at[2]));
+            let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
+            let found = picture.get_pixel(x as u32, y as u32).0;
+            let what = format!("{page} {query} {at:?}");
+            assert_pixel(found, albedo.map(|a| a * r), storage, &what);
+        }
+    }
+}
+
+/// Whether the browser reads BC6H; says so where it does not.
+fn has_bc6h(b: &mut Browser, site: &Site, test: &str) -> bool {
+    b.open(&format!("{}/web/lumel-ktx2.js", site.url));
+    b.wait("document.body");
+    let extension = "document.createElement('canvas').getContext('webgl2')?.getExtension('EXT_texture_compression_bptc')";
+    let has = b.eval(&format!("Boolean({extension})"));
+    if has != json!(true) {
+        eprintln!("SKIPPED {test} with BC6H: this browser has no EXT_texture_compression_bptc");
+    }
+    has == json!(true)
+}
+
+/// Whether npm packages are there; says so where they are not.
+fn installed(test: &str, packages: &[&str]) -> bool {
+    let missing: Vec<_> = (packages.iter())
+        .filter(|p| !npm_modules().join(p).is_dir())
+        .collect();
+    if !missing.is_empty() {
+        eprintln!(
+            "SKIPPED {test}: {missing:?} not in {} (LUMEL_NPM names its folder)",
+            npm_modules().display()
+        );
+    }
+    missing.is_empty()
+}
+
+fn document(glb: &[u8]) -> Value {
+    let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
+    parse(&glb[20..20 + length])
+}
+
+#[test]
+fn ktx2_pages_are_listed_stored_well_and_retired() {
+    let (t, out) = squares("--ktx2 bc6h --block-charts --group day=sun");
+    let page = format!("{STEM}.lightmap.ktx2");
+    let all = files(&out);
+    let report = parse(&all[&format!("{STEM}.report.json")]);
+    let stored = report["ktx2"].as_array().expect("a list");
+    assert_eq!(stored.len(), 2, "the page and the group's: {stored:?}");
+    assert_eq!(stored[0]["file"], json!(page));
+    assert_eq!(stored[0]["bytes"], json!(all[&page].len()));
+    // More than half of all blocks have one value, which is stored to a half's ten bits.
+    let error = stored[0]["error"]["p50"].as_f64().expect("a number");
+    assert!(error < 2f64.powi(-10), "{error}");
+    let listed: Vec<&str> = (report["content"]["outputs"]
+        .as_array()
+        .expect("a list")
+        .iter())
+    .filter_map(|o| o["file"].as_str())
+    .collect();
+    for name in [page.as_str(), "four squares #1.group.day.ktx2"] {
+        assert!(listed.contains(&name) && all.contains_key(name), "{name}");
+    }
+    let manifest = parse(&all[&format!("{STEM}.lightmap.json")]);
+    let named = json!({"uri": page, "format": "bc6h"});
+    assert_eq!(manifest["pages"][0]["ktx2"], named);
+    assert_eq!(
+        manifest["groups"][0]["ktx2"],
+        json!(["four squares #1.group.day.ktx2"])
+    );
+    let extras = document(&all[&format!("{STEM}.glb")])["nodes"][0]["extras"]["lightmap"].clone();
+    assert_eq!(extras["ktx2"], named);
+
+    // The next bake without it takes them away: they would show another light. A file of the user's own making stays.
+    write(out.join("other.lightmap.ktx2"), b"mine");
+    let file = t.path().join(format!("{STEM}.gltf"));
+    bake_squares(&file, &out, "");
+    let mut expected = outputs(STEM);
+    // Groups' EXRs have always stayed.
+    expected.extend([
+        format!("{STEM}.group.day.exr"),
+        "other.lightmap.ktx2".into(),
+    ]);
+    expected.sort();
+    assert_eq!(names(&out), expected);
+
+    let mut a = vec![
+        "bake".into(),
+        file.into_os_string(),
+        "-o".into(),
+        out.into_os_string(),
+    ];
+    a.extend(["-q", "--ktx2", "bc6h", "--block-align", "1"].map(Into::into));
+    lumel(a).fails(1, &["--block-align 1", "multiple of 4"]);
+}
+
+#[test]
+fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
+    let (_t, out) = squares("--ext moz");
+    let glb = std::fs::read(out.join(format!("{STEM}.glb"))).expect("it is written");
+    let d = document(&glb);
+    let nodes = d["nodes"].as_array().expect("nodes");
+    let meshes: Vec<u64> = nodes.iter().filter_map(|n| n["mesh"].as_u64()).collect();
+    // `flat` and `tilted` shared one; the other two have their own already.
+    assert_eq!(meshes.len(), 4);
+    let apart: std::collections::BTreeSet<_> = meshes.iter().collect();
+    assert_eq!(apart.len(), 4, "{meshes:?}");
+    assert_eq!(d["meshes"].as_array().map(Vec::len), Some(4));
+    let primitive = |n: usize, i: usize| &d["meshes"][meshes[n] as usize]["primitives"][i];
+    // Positions stay shared, coordinates do not, and both see one material.
+    assert_eq!(
+        primitive(0, 0)["attributes"]["POSITION"],
+        primitive(1, 0)["attributes"]["POSITION"]
+    );
+    assert_ne!(
+        primitive(0, 0)["attributes"]["TEXCOORD_1"],
+        primitive(1, 0)["attributes"]["TEXCOORD_1"]
+    );
+    assert_eq!(primitive(0, 0)["material"], primitive(1, 0)["material"]);
+    assert_eq!(primitive(0, 0)["material"], primitive(2, 0)["material"]);
+    assert_ne!(primitive(2, 0)["material"], primitive(2, 1)["material"]);
+    let material =
+        &d["materials"][primitive(2, 1)["material"].as_u64().expect("a material") as usize];
+    assert_eq!(material["name"], json!("green"));
+    let moz = &material["extensions"]["MOZ_lightmap"];
+    assert_eq!(moz["texCoord"], json!(1));
+    let exr = read_exr(&out.join(format!("{STEM}.lightmap.exr"))).expect("it is written");
+    let largest = ["R", "G", "B"]
+        .iter()
+        .flat_map(|c| exr.channel(c).expect("a channel"))
+        .copied()
+        .fold(0.0f32, f32::max);
+    let intensity = moz["intensity"].as_f64().expect("a number");
+    // The EXR has halves of it.
+    let expected = std::f64::consts::PI * f64::from(largest);
+    assert!(
+        (intensity / expected - 1.0).abs() < 1e-3,
+        "{intensity} is not {expected}"
+    );
+    for extension in ["MOZ_lightmap", "MOZ_texture_rgbe"] {
+        let used = d["extensionsUsed"].as_array().expect("a list");
+        assert!(used.contains(&json!(extension)), "{used:?}");
+    }
+    // Extras and manifest say where coordinates are now: on the page.
+    let whole = [json!([0.0, 0.0]), json!([1.0, 1.0])];
+    let manifest =
+        parse(std::fs::read(out.join(format!("{STEM}.lightmap.json"))).expect("it is written"));
+    for place in [&nodes[0]["extras"]["lightmap"], &manifest["nodes"][0]] {
+        assert_eq!([place["offset"].clone(), place["scale"].clone()], whole);
+    }
+    validate(&out.join(format!("{STEM}.glb")));
+
+    let file = out.join("../four squares #1.gltf");
+    let mut a = vec![
+        "bake".into(),
+        file.into_os_string(),
+        "-o".into(),
+        out.into_os_string(),
+    ];
+    a.extend(["-q", "--ext", "moz", "--value", "radiosity"].map(Into::into));
+    lumel(a).fails(1, &["--ext moz", "radiance or irradiance"]);
+}
+
+/// The Khronos validator, where it is installed.
+fn validate(file: &Path) {
+    if !installed("the glTF validator on MOZ_lightmap", &["gltf-validator"]) {
+        return;
+    }
+    let tool = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/validate.mjs");
+    let Ok(run) = Command::new("node").arg(tool).arg(file).output() else {
+        eprintln!("SKIPPED the glTF validator on MOZ_lightmap: no node");
+        return;
+    };
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stdout)
+    );
+}
+
+#[test]
+fn three_js_shows_ktx2_pages() {
+    for (options, share) in [
+        // Half of rgb9e5's step is 2^-9 of the largest channel; BC6H's is of the block's, and all of these are of one value but at the shadow.
+        ("--ktx2 rgb9e5", 1.0 / 512.0),
+        ("--ktx2 bc6h --block-charts", 1.0 / 512.0),
+    ] {
+        let Some(mut b) = Browser::start("three.js with KTX2", [640, 480]) else {
+            return;
+        };
+        let (_t, out) = squares(options);
+        let site = Site::start(&out);
+        if options.contains("bc6h") && !has_bc6h(&mut b, &site, "three.js") {
+            return;
+        }
+        look(
+            &mut b,
+            &site,
+            "/engines/index.html",
+            "diffuse=1&ktx2=1",
+            &srgb(share),
+        );
+        assert_eq!(b.errors, [""; 0]);
+    }
+}
+
+#[test]
+fn three_js_shows_moz_lightmap() {
+    let Some(mut b) = Browser::start("three.js with MOZ_lightmap", [640, 480]) else {
+        return;
+    };
+    let (_t, out) = squares("--ext moz");
+    let site = Site::start(&out);
+    // Half a step of 255 of the page's largest value, which is that of these squares: as PNG, and less as RGBE.
+    for query in ["diffuse=1&moz=1", "diffuse=1&moz=png", "diffuse=1"] {
+        look(
+            &mut b,
+            &site,
+            "/engines/index.html",
+            query,
+            &srgb(1.0 / 255.0),
+        );
+    }
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
+fn playcanvas_shows_closed_form_pixels() {
+    let test = "PlayCanvas";
+    if !installed(test, &["playcanvas"]) {
+        return;
+    }
+    let Some(mut b) = Browser::start(test, [640, 480]) else {
+        return;
+    };
+    // PlayCanvas shows the power 1/2.2 for sRGB, up to two steps of 255 from it.
+    let storage = Storage {
+        share: 1.0 / 512.0,
+        curve: |v| 255.0 * v.clamp(0.0, 1.0).powf(1.0 / 2.2),
+    };
+    for options in ["--ktx2 rgb9e5", "--ktx2 bc6h --block-charts"] {
+        let (_t, out) = squares(options);
+        let site = Site::start(&out);
+        if options.contains("bc6h") && !has_bc6h(&mut b, &site, test) {
+            break;
+        }
+        look(&mut b, &site, "/playcanvas/index.html", "", &storage);
+    }
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
+fn babylon_shows_closed_form_pixels() {
+    let test = "Babylon.js";
+    if !installed(test, &["babylonjs", "babylonjs-loaders", "fflate"]) {
+        return;
+    }
+    let Some(mut b) = Browser::start(test, [640, 480]) else {
+        return;
+    };
+    let (_t, out) = squares("");
+    let site = Site::start(&out);
+    look(&mut b, &site, "/babylon/index.html", "", &srgb(0.0));
+    assert_eq!(b.errors, [""; 0]);
+}
+
+/// Where a point is in a picture of `size` from `cam`, as tools/engines/bevy looks at it.
+fn project(cam: &str, at: [f64; 3], size: [f64; 2]) -> [f64; 2] {
+    let c: Vec<f64> = cam
+        .split(',')
+        .map(|x| x.parse().expect("a number"))
+        .collect();
+    let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    };
+    let unit = |a: [f64; 3]| a.map(|x| x / dot(a, a).sqrt());
+    let from = [c[0], c[1], c[2]];
+    let ahead = unit(minus([c[3], c[4], c[5]], from));
+    let right = unit(cross(ahead, [0.0, 1.0, 0.0]));
+    let up = cross(right, ahead);
+    let d = minus(at, from);
+    let scale = 0.5 * size[1] / (0.5 * c[6].to_radians()).tan() / dot(d, ahead);
+    [
+        0.5 * size[0] + dot(d, right) * scale,
+        0.5 * size[1] - dot(d, up) * scale,
+    ]
+}
+
+#[test]
+fn bevy_shows_closed_form_pixels() {
+    let Some(program) = std::env::var_os("LUMEL_BEVY") else {
+        eprintln!(
+            "SKIPPED Bevy: LUMEL_BEVY does not name the program that tools/engines/bevy builds (docs/engines.md)"
+        );
+        return;
+    };
+    for (options, flag, share) in [
+        ("", None, 0.0),
+        ("--ktx2 rgb9e5", Some("--ktx2"), 1.0 / 512.0),
+        ("--ktx2 bc6h --block-charts", Some("--ktx2"), 1.0 / 512.0),
+    ] {
+        let (_t, out) = squares(options);
+        for (i, (cam, range)) in VIEWS.into_iter().enumerate() {
+            let picture = out.join(format!("{i}.png"));
+            let run = Command::new(&program)
+                .arg(out.join(format!("{STEM}.glb")))
+                .arg(&picture)
+                .args(["--size", "640,480", "--cam", cam])
+                .args(flag)
+                .output()
+                .expect("LUMEL_BEVY starts");
+            assert!(
+                run.status.success(),
+                "{options}: {}",
+                String::from_utf8_lossy(&run.stderr)
+            );
+            let picture: RgbImage = image::open(&picture).expect("a picture").to_rgb8();
+            for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
+                let [x, y] = project(cam, at, [640.0, 480.0]);
+                let found = picture.get_pixel(x as u32, y as u32).0;
+                let what = format!("Bevy {options} {at:?}");
+                assert_pixel(found, albedo.map(|a| a * r), &srgb(share), &what);
+            }
+        }
+    }
+}
+
+#[test]
+fn blender_imports_without_loss_and_looks_up_right() {
+    let venv = std::env::var_os("LUMEL_VENV").unwrap_or_else(|| "/opt/lumel-venv".into());
+    let python = PathBuf::from(venv).join("bin/python");
+    if !python.is_file() {
+        eprintln!(
+            "SKIPPED Blender: no {} (LUMEL_VENV names its folder)",
+            python.display()
+        );
+        return;
+    }
+    let (_t, out) = squares("");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/engines/blender");
+    let points: Vec<Value> = (points().into_iter())
+        .map(|(at, albedo, r)| json!({"at": at, "radiance": albedo.map(|a| a * r)}))
+        .collect();
+    let run = Command::new(&python)
+        .arg(folder.join("check_import.py"))
+        .arg(out.join(format!("{STEM}.glb")))
+        .arg(json!(points).to_string())
+        .output()
+        .expect("Python starts");
+    let text = String::from_utf8_lossy(&run.stdout);
+    if run.status.code() == Some(77) {
+        eprintln!("SKIPPED Blender: {text}");
+        return;
+    }
+    assert!(
+        run.status.success(),
+        "{text}{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
+}

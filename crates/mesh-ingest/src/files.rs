@@ -1,0 +1,122 @@
+//! Where the bytes of a document and of the files that it names come from: a folder, or the caller's memory.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::container::{self, Target};
+use crate::error::{Fault, Outcome};
+
+/// Gives the bytes of a file that a document names.
+type Resolver = dyn Fn(&str) -> io::Result<Vec<u8>> + Send + Sync;
+
+/// Where the files that a document names lie.
+#[derive(Clone)]
+pub(crate) enum Files {
+    /// In this folder, by relative path.
+    Folder(PathBuf),
+    /// With the caller, by name.
+    Resolver(Arc<Resolver>),
+}
+
+impl fmt::Debug for Files {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Files::Folder(folder) => f.debug_tuple("Folder").field(folder).finish(),
+            Files::Resolver(_) => f.write_str("Resolver"),
+        }
+    }
+}
+
+impl Files {
+    /// What `uri`, found at document path `path`, means; a file's path for [`Files::read`].
+    pub fn resolve(&self, uri: &str, path: &str) -> Outcome<Target> {
+        match self {
+            Files::Folder(folder) => container::resolve(uri, Some(folder), path),
+            Files::Resolver(_) => container::resolve(uri, None, path),
+        }
+    }
+
+    /// The bytes of a file, at most `limit` of them; `path` is the place in the document that names it.
+    pub fn read(&self, file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
+        let Files::Resolver(resolver) = self else {
+            return container::read_file(file, path, limit);
+        };
+        let bytes = resolver(&file.to_string_lossy()).map_err(|e| Fault::io(path, file, e))?;
+        if bytes.len() as u64 > limit {
+            return Err(Fault::limit(
+                path,
+                format!("{} with {} bytes", file.display(), bytes.len()),
+                format!("at most {limit}"),
+            ));
+        }
+        Ok(bytes)
+    }
+
+    /// Whether there is such a file.
+    pub fn has(&self, file: &Path) -> bool {
+        match self {
+            Files::Folder(_) => file.is_file(),
+            Files::Resolver(resolver) => resolver(&file.to_string_lossy()).is_ok(),
+        }
+    }
+}
+
+/// A glTF 2.0 document in memory, .gltf or .glb, and where to find the files that it names.
+///
+/// ```
+/// use mesh_ingest::{LoadOptions, MemoryDocument, load_memory};
+///
+/// let document = MemoryDocument::new("level.gltf", *br#"{"asset": {"version": "2.0"}}"#);
+/// // Nothing to bake in it.
+/// let error = load_memory(&document, &LoadOptions::default()).unwrap_err();
+/// assert_eq!(error.exit_code(), 3);
+/// ```
+#[derive(Debug, Clone)]
+pub struct MemoryDocument {
+    pub(crate) name: PathBuf,
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) files: Files,
+}
+
+impl MemoryDocument {
+    /// A document that names no further files (a .glb, or a .gltf with data URIs alone).
+    ///
+    /// `name` stands for a file name: in errors, in reports, and its stem in the names of results.
+    pub fn new(name: impl Into<PathBuf>, bytes: impl Into<Vec<u8>>) -> MemoryDocument {
+        MemoryDocument {
+            name: name.into(),
+            bytes: bytes.into(),
+            files: Files::Resolver(Arc::new(|_| {
+                Err(io::Error::new(
+                    io::ErrorKind::NotFound,
+                    "the document is in memory, and no folder or resolver was given for the files that it names",
+                ))
+            })),
+        }
+    }
+
+    /// Its files lie in `folder`, by the relative paths that it names.
+    #[must_use]
+    pub fn beside(mut self, folder: impl Into<PathBuf>) -> MemoryDocument {
+        self.files = Files::Folder(folder.into());
+        self
+    }
+
+    /// Its files come from `resolver`, which gets the name that the document gives, percent-decoded (`textures/old wood.png`), and may be
+    /// called from any thread and more than once for a name. It must give the same bytes each time.
+    #[must_use]
+    pub fn resolve_with(
+        mut self,
+        resolver: impl Fn(&str) -> io::Result<Vec<u8>> + Send + Sync + 'static,
+    ) -> MemoryDocument {
+        self.files = Files::Resolver(Arc::new(resolver));
+        self
+    }
+
+    /// The name that stands for a file name.
+    pub fn name(&self) -> &Path {
+        &self.name
+    }
+}

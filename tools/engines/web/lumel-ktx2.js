@@ -1,0 +1,38 @@
+/**
+ * Reads the KTX2 files that `lumel bake --ktx2` writes: one level, no supercompression, BC6H or rgb9e5, row 0 at the top.
+ *
+ * Engines' own readers know Basis and some formats besides, but none of those here knows both of these.
+ */
+
+/** VkFormat numbers. */
+const FORMATS = { 143: 'bc6h', 123: 'rgb9e5' };
+
+const MAGIC = [0xab, 0x4b, 0x54, 0x58, 0x20, 0x32, 0x30, 0xbb, 0x0d, 0x0a, 0x1a, 0x0a];
+
+/**
+ * @param {ArrayBuffer} buffer A file.
+ * @returns {{width: number, height: number, format: 'bc6h' | 'rgb9e5', data: Uint8Array | Uint32Array}}
+ *   Blocks of 16 bytes for 4×4 texels (Uint8Array), or a word a texel (Uint32Array).
+ */
+export function parseKtx2(buffer) {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < 104 || MAGIC.some((byte, i) => view.getUint8(i) !== byte)) throw new Error('this is no KTX2 file');
+  const u32 = (at) => view.getUint32(at, true);
+  const format = FORMATS[u32(12)];
+  const [width, height, depth, layers, faces, levels, scheme] = [20, 24, 28, 32, 36, 40, 44].map(u32);
+  if (!format || depth > 0 || layers > 0 || faces !== 1 || levels !== 1 || scheme !== 0) {
+    throw new Error('this KTX2 file holds something else than a page that `lumel bake --ktx2` writes');
+  }
+  const [offset, length] = [80, 88].map((at) => Number(view.getBigUint64(at, true)));
+  const expected = format === 'bc6h' ? 16 * Math.ceil(width / 4) * Math.ceil(height / 4) : 4 * width * height;
+  if (length !== expected || offset + length > buffer.byteLength) throw new Error('this KTX2 file is cut off');
+  const data = format === 'bc6h' ? new Uint8Array(buffer, offset, length) : new Uint32Array(buffer.slice(offset, offset + length));
+  return { width, height, format, data };
+}
+
+/** Fetches and reads a file. */
+export async function fetchKtx2(url) {
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`${url}: ${response.status} ${response.statusText}`);
+  return parseKtx2(await response.arrayBuffer());
+}
