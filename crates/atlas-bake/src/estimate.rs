@@ -100,7 +100,7 @@ pub(crate) struct Estimate {
 }
 
 /// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see less of the stratification.
-const GROUPS: usize = 8;
+pub(crate) const GROUPS: usize = 8;
 
 /// Mean irradiance over open points, and how far they spread.
 pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {

@@ -50,6 +50,11 @@ pub struct Received {
     pub error: f32,
     /// The part of `error`² that comes from `indirect`.
     pub indirect_variance: f32,
+    /// Where smoothing made more of it than its own samples allow: luminance that these say, or what they may have missed. An error is large against
+    /// that. `None` elsewhere.
+    pub least: Option<f32>,
+    /// [`DirectEstimate::doubt`] of `direct`.
+    pub direct_doubt: [f32; 2],
     /// Mean position of the footprint's points, metres, recentred.
     pub position: Vec3,
     /// Mean shading normal, unit.
@@ -92,6 +97,11 @@ pub enum Edge {
 }
 
 impl Received {
+    /// The part of `error`² that comes from `direct`.
+    pub(crate) fn direct_variance(&self) -> f32 {
+        (self.error * self.error - self.indirect_variance).max(0.0)
+    }
+
     /// Two independent estimates of `indirect`.
     pub(crate) fn halves(&self) -> [Vec3; 2] {
         [self.first_half, 2.0 * self.indirect - self.first_half]
@@ -336,12 +346,13 @@ impl Gatherer<'_, '_> {
         received(footprint, place, direct, &estimate, 1.0, rays, planes)
     }
 
-    /// The same with `times` as many gathering rays, of which `first` has the first part: a power of two.
+    /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which `first` has the first `done` times: powers of two.
     pub(crate) fn gather_more(
         &self,
         footprint: &impl Footprint,
         seed: u32,
         first: &Received,
+        done: u32,
         times: u32,
         tape: &mut Tape,
     ) -> Received {
@@ -349,6 +360,7 @@ impl Gatherer<'_, '_> {
         let per_point = self.rays_per_point();
         // On with the sequences, of points and of directions both.
         let points = Points::new(footprint, count * times as usize);
+        let count = count * done as usize;
         let mut sums = vec![Point::default(); points.count - count];
         let mut planes = PlaneSums::new(self.wanted);
         let most = sums.len();
@@ -364,7 +376,8 @@ impl Gatherer<'_, '_> {
         tape.keep_rays(Topic::Rays, start, records);
         let more = mean_and_spread(&sums, &vec![true; sums.len()]);
         let direct_variance = (first.error * first.error - first.indirect_variance).max(0.0);
-        let (a, b) = (1.0 / times as f32, 1.0 - 1.0 / times as f32);
+        let a = done as f32 / times as f32;
+        let b = 1.0 - a;
         let variance = a * a * first.indirect_variance + b * b * more.variance;
         let planes = (first.planes.iter().zip(planes.finish()))
             .map(|(first, more)| Plane {
@@ -419,6 +432,7 @@ impl Gatherer<'_, '_> {
             planes,
             direct: direct.irradiance,
             error: (first.indirect_variance + direct.variance).sqrt(),
+            direct_doubt: direct.doubt,
             rays: first.rays + u64::from(direct.rays),
             edge: shadow(direct.mixed),
             mixed: direct.mixed,
@@ -732,6 +746,8 @@ pub(crate) fn received(
         first_half: indirect.first_half,
         error: (indirect.variance + direct.variance).sqrt(),
         indirect_variance: indirect.variance,
+        least: None,
+        direct_doubt: direct.doubt,
         near: false,
         behind: false,
         position: place.position,

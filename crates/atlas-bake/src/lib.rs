@@ -3,6 +3,7 @@
 mod again;
 mod atlas;
 mod bake;
+mod certainty;
 mod compare;
 mod cost;
 pub mod density;
@@ -26,6 +27,7 @@ mod planes;
 mod points;
 mod preview;
 pub mod probes;
+mod reach;
 mod recall;
 mod refine;
 mod rims;

@@ -110,7 +110,8 @@ fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usi
 /// Lumels that others are interpolated between have so many times the rays: there are few, and what they are wrong by is seen in four.
 const BEARING: u32 = 2;
 
-/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).
+/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error), and says how many times
+/// as many rays as at first each lumel has.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
@@ -122,11 +123,12 @@ pub(crate) fn add_rays(
     barriers: &Barriers,
     sparse: &Sparse,
     monitor: &dyn Monitor,
-) -> Result<(), Cancelled> {
+) -> Result<Vec<u32>, Cancelled> {
+    let mut all = vec![1; received.len()];
     let options = &gatherer.options;
     let most = (options.most_rays / options.rays.max(1)).max(1);
     if gatherer.world.is_dark() {
-        return Ok(());
+        return Ok(all);
     }
     let window = Window::new(lumels, layout, received, barriers, sparse);
     let short: Vec<(usize, u32)> = (0..received.len())
@@ -167,10 +169,11 @@ pub(crate) fn add_rays(
     let more = in_blocks(short.len(), Phase::Refine, monitor, recorded, |k, tape| {
         let (i, times) = short[k];
         let (footprint, seed) = lumels.footprint(gatherer.world, i);
-        gatherer.gather_more(&footprint, seed, &received[i], times, tape)
+        gatherer.gather_more(&footprint, seed, &received[i], 1, times, tape)
     })?;
-    for ((i, _), again) in short.into_iter().zip(more) {
+    for ((i, times), again) in short.into_iter().zip(more) {
         received[i] = again;
+        all[i] = times;
     }
-    Ok(())
+    Ok(all)
 }

@@ -19,7 +19,8 @@ use radiosity::luminance;
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
-use crate::gather::Received;
+use crate::certainty::Certainty;
+use crate::gather::{Edge, Received};
 use crate::lumels::{Lumel, Lumels, TexelIndex};
 use crate::sparse::Sparse;
 use crate::walls::Barriers;
@@ -43,7 +44,14 @@ pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 
 /// Smooths `received` in place; only `indirect`, its variance and `error` change.
 ///
-/// The first `groups` planes of a lumel are shares of its light, and stay so.
+/// The first `groups` planes of a lumel are shares of its light, and stay so. Fits go by variances as they were gathered; what is left afterwards is by `certainty`.
+/// Lumels at contacts, which have many points, and those that are `sure` of themselves keep what they gathered where the fit departs from it by more than
+/// its noise: next to a bright lumel a dark one would be lightened (demo level, 57 cm a lumel, `preview`: 18.9 % of error from 3,000 contacts, 4.1 % without). The
+/// others do not: of few samples, most may have missed what all of the light comes from. What they depart by goes into their error.
+#[allow(
+    clippy::too_many_arguments,
+    reason = "what a bake holds when it has gathered"
+)]
 pub(crate) fn smooth_indirect(
     lumels: &Lumels,
     layout: &Layout,
@@ -51,6 +59,8 @@ pub(crate) fn smooth_indirect(
     barriers: &Barriers,
     sparse: &Sparse,
     groups: usize,
+    certainty: &Certainty,
+    sure: &(dyn Fn(usize) -> bool + Sync),
 ) {
     let window = Window::new(lumels, layout, received, barriers, sparse);
     let pooled: Vec<f32> = (0..received.len())
@@ -62,16 +72,35 @@ pub(crate) fn smooth_indirect(
         .into_par_iter()
         .with_min_len(256)
         .map(|i| {
+            let r = &received[i];
             let mut smoothed = window.fit(i, &pooled);
+            let own = certainty.indirect(r, r.indirect_variance);
+            smoothed.variance = certainty.indirect(r, smoothed.variance);
+            let departure = if sparse.is(i) {
+                0.0
+            } else {
+                departure(r, smoothed.indirect, own)
+            };
+            if departure > 0.0 && (r.edge == Edge::Contact || sure(i)) {
+                smoothed = Smoothed::none(r, own);
+            } else {
+                smoothed.variance += departure;
+                let gathered = luminance(r.indirect);
+                let darker = departure > 0.0 && gathered < luminance(smoothed.indirect);
+                let whole = luminance(r.direct + smoothed.indirect);
+                let least = (luminance(r.direct) + gathered).max(certainty.unseen * whole);
+                smoothed.least = darker.then_some(least);
+            }
             let of_groups = groups.min(smoothed.planes.len());
             share_out(smoothed.indirect, &mut smoothed.planes[..of_groups]);
             smoothed
         })
         .collect();
     for (r, s) in received.iter_mut().zip(smoothed) {
-        let direct = (r.error * r.error - r.indirect_variance).max(0.0);
+        let direct = certainty.direct(r, r.direct_variance());
         r.indirect = s.indirect;
         r.indirect_variance = s.variance;
+        r.least = s.least;
         r.error = (direct + s.variance).sqrt();
         for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
             plane.indirect = indirect;
@@ -103,8 +132,36 @@ struct Smoothed {
     indirect: Vec3,
     /// Of its luminance.
     variance: f32,
+    /// See [`Received::least`].
+    least: Option<f32>,
     /// Indirect parts of its planes; empty where they stay as they are.
     planes: Vec<Vec3>,
+}
+
+impl Smoothed {
+    /// What was gathered.
+    fn none(r: &Received, variance: f32) -> Self {
+        Smoothed {
+            indirect: r.indirect,
+            variance,
+            least: None,
+            planes: Vec::new(),
+        }
+    }
+}
+
+/// What a fit may differ by from what was gathered, in standard errors of that, before the difference is the fit's fault.
+const DEPARTS: f32 = 3.0;
+
+/// Square of what the fit is off, as far as the lumel's own samples tell: the squared difference less what noise has of it.
+fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
+    let difference = luminance(fitted - r.indirect);
+    let square = difference * difference;
+    if square > DEPARTS * DEPARTS * own {
+        square - own
+    } else {
+        0.0
+    }
 }
 
 /// A neighbour and its offset in texels.
@@ -289,11 +346,7 @@ impl<'a> Window<'a> {
     /// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance.
     fn fit(&self, i: usize, variance: &[f32]) -> Smoothed {
         let own = &self.received[i];
-        let keep = |variance: f32| Smoothed {
-            indirect: own.indirect,
-            variance,
-            planes: Vec::new(),
-        };
+        let keep = |variance: f32| Smoothed::none(own, variance);
         if variance[i] <= 0.0 || own.open < 1.0 {
             return keep(own.indirect_variance);
         }
@@ -339,6 +392,7 @@ impl<'a> Window<'a> {
         Smoothed {
             indirect: sum,
             variance: fitted,
+            least: None,
             planes,
         }
     }

@@ -108,7 +108,8 @@ impl Sparse {
         self.bears[i]
     }
 
-    fn of(&self, i: usize) -> impl Iterator<Item = usize> + Clone + '_ {
+    /// What lumel `i` is interpolated between.
+    pub(crate) fn of(&self, i: usize) -> impl Iterator<Item = usize> + Clone + '_ {
         self.beside[i].iter().flatten().map(|&j| j as usize)
     }
 

@@ -286,6 +286,7 @@ pub(crate) fn bake_scene(
         &layout_report,
         &solution,
         &baked,
+        settings.error,
     );
     drop(world);
 
@@ -347,6 +348,7 @@ pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
         ao_distance: settings.ao_distance,
         hidden: settings.hidden,
         stitch: settings.stitch,
+        error: settings.error,
         vertex_error: settings.vertex_error,
     }
 }
@@ -457,6 +459,7 @@ fn warnings(
     layout: &LayoutReport,
     solution: &Solution,
     baked: &Baked,
+    wanted: Option<f32>,
 ) -> Vec<String> {
     let mut out: Vec<String> = loaded
         .report
@@ -485,6 +488,15 @@ fn warnings(
         out.push(format!(
             "the solve did not converge: up to {:.2} % of the light is not distributed",
             100.0 * solution.report.relaxation.residual
+        ));
+    }
+    if let (Some(wanted), Some(false)) = (wanted, baked.report.error_reached) {
+        out.push(format!(
+            "the error asked for, {} %, was not reached: the estimate is {:.2} %, and {} of {} lumels have as many samples as a lumel gets; a finer --texels-per-unit helps where things touch",
+            100.0 * wanted,
+            100.0 * baked.report.estimated_error,
+            baked.report.exhausted_lumels,
+            baked.report.lumels
         ));
     }
     let hidden = baked.report.hidden_lumels;

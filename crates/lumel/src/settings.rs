@@ -11,7 +11,7 @@ use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
 
 /// How much work a bake is worth.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
     /// For a look: some per cent of noise in corners.
@@ -224,20 +224,28 @@ impl Settings {
 
     /// Gathering at lumels.
     pub(crate) fn lumel_options(&self) -> GatherOptions {
-        let (rays, most, error, base, penumbra) = match self.quality {
+        // With an error to reach, as few rays at first as may do: the gather goes on by itself.
+        let start = match self.error {
+            None => self.quality,
+            Some(x) if x >= 0.03 => Quality::Draft,
+            Some(x) if x >= 0.01 => Quality::Preview,
+            Some(_) => self.quality,
+        };
+        let (rays, most, error, base, penumbra) = match start {
             Quality::Draft => (32, 32, 1.0, 16, 32),
             Quality::Preview => (128, 256, 0.03, 16, 128),
             Quality::Production => (512, 4096, 0.01, 32, 512),
         };
-        let (points, edge_points) = match self.quality {
+        let (points, edge_points) = match start {
+            // Contacts are not looked for in a draft; to reach an error they must be.
+            Quality::Draft if self.error.is_some() => (16, 64),
             Quality::Draft => (16, 16),
             Quality::Preview => (16, 128),
             Quality::Production => (32, 1024),
         };
         let (most, error) = match self.error {
             None => (most, error),
-            // 8192 rays a lumel: the last that the 16-bit Sobol index leaves room for beside the blocks.
-            Some(x) => (8192, x),
+            Some(_) => (rays, 1.0),
         };
         GatherOptions {
             rays,

@@ -18,7 +18,7 @@ use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
 use choice::Tables;
-use tally::Tally;
+use tally::{Mark, Tally};
 
 /// How many shadow rays a light gets.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +60,10 @@ pub struct DirectEstimate {
     /// Variance of the luminance of `irradiance` due to sampled visibility, as if samples were independent: an upper
     /// bound, since they are stratified.
     pub variance: f32,
+    /// How far parts of the samples differ, summed over lights whose samples disagree: the squared difference between the two halves of a light's
+    /// samples times their shares of them, and the same of the two halves of the first half. Of independent samples the first
+    /// is expected to be the variance of the mean, the second twice that; what it is less by is what stratification brings.
+    pub doubt: [f32; 2],
     /// Shadow rays cast.
     pub rays: u32,
     /// Lights that some points see and others do not: a bit for each lamp (the 32nd and on share with the first), the top bit for
@@ -363,6 +367,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             set: work.set,
             shift,
             taken: 0,
+            marks: Default::default(),
             most,
         };
         work.set += 1;
@@ -414,6 +419,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         while light.taken < target {
             let n = light.taken;
+            if n.is_power_of_two() {
+                light.marks = [light.marks[1], light.tally.mark(n)];
+            }
             light.tally.assume(scouts);
             let at = if n < whole {
                 (n + light.shift) % whole
@@ -468,6 +476,8 @@ struct Started<'t> {
     /// Samples taken, and the most that it gets.
     taken: u32,
     most: u32,
+    /// The sums after a quarter and after half of the samples, or what powers of two come nearest to that.
+    marks: [Mark; 2],
     tally: Tally,
 }
 
@@ -508,7 +518,7 @@ impl<P> Work<'_, '_, '_, P> {
             self.out.lit |= if lit { light.bit } else { 0 };
             self.out.hidden |= if hidden { light.bit } else { 0 };
         }
-        light.tally.finish(light.taken, self.out, self.parts);
+        (light.tally).finish(light.taken, &light.marks, self.out, self.parts);
     }
 }
 

@@ -55,7 +55,7 @@ pub(crate) struct Bake {
     /// How much work the bake is worth [default: preview]
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
-    /// Gather until the estimated relative error is below X, e.g. 0.01 [default: by quality]
+    /// Gather until the estimated relative error (root mean square over lit lumels) is below X, e.g. 0.02; a warning says where it cannot be reached [default: as many rays as --quality has]
     #[arg(long, value_name = "X")]
     pub error: Option<f32>,
     /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr

@@ -51,6 +51,44 @@ pub(super) struct Tally {
     pub heard: Option<Box<Heard>>,
 }
 
+/// Sums of a light's samples so far, as luminances.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Mark {
+    /// Points.
+    n: u32,
+    plain: f32,
+    closed: f32,
+    weight: f32,
+}
+
+impl Mark {
+    /// Squared difference between what these samples and the further ones up to `later` say, times the shares of both. `unoccluded` is
+    /// what the closed form has as mean.
+    fn difference(&self, later: &Mark, unoccluded: f32) -> f32 {
+        if self.n == 0 || later.n <= self.n {
+            return 0.0;
+        }
+        let (a, b) = (self.n as f32, (later.n - self.n) as f32);
+        let say = |n: f32, plain: f32, closed: f32, weight: f32| {
+            plain / n
+                + if weight > 0.0 {
+                    unoccluded * closed / weight
+                } else {
+                    0.0
+                }
+        };
+        let first = say(a, self.plain, self.closed, self.weight);
+        let rest = say(
+            b,
+            later.plain - self.plain,
+            later.closed - self.closed,
+            later.weight - self.weight,
+        );
+        let share = a / (a + b);
+        (first - rest) * (first - rest) * share * (1.0 - share)
+    }
+}
+
 /// What is added up.
 #[derive(Default)]
 struct Sums {
@@ -231,7 +269,17 @@ impl Tally {
         (plain, closed)
     }
 
-    fn mark(&mut self, passed: Vec3) {
+    /// The sums now, after samples at `n` points.
+    pub(super) fn mark(&self, n: u32) -> Mark {
+        Mark {
+            n,
+            plain: luminance(self.plain.lit),
+            closed: luminance(self.closed.lit),
+            weight: self.weight,
+        }
+    }
+
+    fn count_in(&mut self, passed: Vec3) {
         self.last = passed;
         let share = luminance(passed);
         if self.count == 0 {
@@ -257,7 +305,7 @@ impl Tally {
     /// A sample that stands for itself.
     pub(super) fn plain(&mut self, s: &Sample) {
         self.group = s.group;
-        self.mark(s.passed);
+        self.count_in(s.passed);
         self.plain.add(s, s.value);
     }
 
@@ -270,7 +318,7 @@ impl Tally {
         }
         self.group = s.group;
         self.unoccluded += unoccluded;
-        self.mark(s.passed);
+        self.count_in(s.passed);
         self.weight += weight;
         self.closed.add(s, s.value);
     }
@@ -281,7 +329,15 @@ impl Tally {
     }
 
     /// Adds the light to `out` and `parts`, after samples at `n` points.
-    pub(super) fn finish(self, n: u32, out: &mut DirectEstimate, parts: &mut DirectParts) {
+    ///
+    /// `marks` are sums after about a quarter and about half of the samples, for [`DirectEstimate::doubt`].
+    pub(super) fn finish(
+        self,
+        n: u32,
+        marks: &[Mark; 2],
+        out: &mut DirectEstimate,
+        parts: &mut DirectParts,
+    ) {
         out.rays += self.rays;
         let (plain, closed) = self.scales(n);
         let lit = self.plain.lit * plain + self.closed.lit * closed;
@@ -291,6 +347,11 @@ impl Tally {
             let p = self.passed / m;
             let full = luminance(self.plain.all * plain + self.closed.all * closed);
             out.variance += full * full * (self.squares / m - p * p).max(0.0) / m;
+            let unoccluded = self.unoccluded / n as f32;
+            let [quarter, half] = marks;
+            let whole = self.mark(n);
+            out.doubt[0] += half.difference(&whole, unoccluded);
+            out.doubt[1] += quarter.difference(half, unoccluded);
         }
         if let [one] = &mut parts.groups[..] {
             *one += lit;

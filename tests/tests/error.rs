@@ -1,0 +1,46 @@
+//! `--error`: the gather goes on until the estimate is what was asked for, or says that it cannot be.
+
+use std::path::Path;
+
+use lumel::{Quality, Settings, Silent};
+
+fn bake(error: f32, quality: Quality, density: f32) -> lumel::Bake {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/cornell_box.glb");
+    let settings = Settings {
+        quality,
+        texels_per_unit: Some(density),
+        error: Some(error),
+        ..Settings::default()
+    };
+    lumel::bake(&file, &settings, &Silent).expect("the box bakes")
+}
+
+#[test]
+fn an_error_is_reached_with_no_more_rays_than_it_takes() {
+    let mut rays = 0;
+    for wanted in [0.1, 0.03, 0.015] {
+        let report = bake(wanted, Quality::Preview, 4.0).report.gather;
+        assert_eq!(report.error_reached, Some(true), "{wanted}");
+        assert!(report.estimated_error <= f64::from(wanted));
+        assert!(
+            report.lumel_rays > rays,
+            "{wanted}: a smaller error takes more rays"
+        );
+        rays = report.lumel_rays;
+    }
+}
+
+#[test]
+fn an_error_out_of_reach_is_a_warning() {
+    // Below what 8192 rays a lumel can know; a draft's solve, so that it is found out soon.
+    let bake = bake(1e-5, Quality::Draft, 1.0);
+    let report = &bake.report.gather;
+    assert_eq!(report.error_reached, Some(false));
+    assert!(report.exhausted_lumels > 0 && report.estimated_error > 1e-5);
+    let warned = |w: &String| w.contains("was not reached");
+    assert!(
+        bake.report.warnings.iter().any(warned),
+        "{:?}",
+        bake.report.warnings
+    );
+}

@@ -1,0 +1,278 @@
+"""Is a bake's own estimate of its error right?  Estimated against true error, lumel by lumel, over five scenes.
+
+Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,preview,production,0.02,…] [--lumel BINARY]
+              [--truth paths|bake] [--references-only] [--refine SECONDS] [--pictures] [--work DIR]
+        python error_calibration.py --page-only          docs/error.md from the CSV
+Steps : for each scene 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every setting is baked with
+          `--layers direct,indirect,error,coverage`; 4 the error channel is held against (bake − reference), lumel by lumel.
+        `--truth paths` (default): means over the areas of drawn lumels by a path tracer that shares no code with the baker (reference.py).
+        Only of lumels that lie wholly on the surface: of others the two do not take the same part.
+        `--truth bake`: all lumels, against a bake of BINARY at `production --error 0.004`; what both do wrong does not show.
+Output: a line a setting, then how the estimate's deciles fare;  docs/data/error_calibration.csv;  the tables of docs/error.md (between
+        <!-- generated:NAME --> and <!-- end -->);  with --pictures docs/images/error_*.png: estimated beside true error of a whole page.
+Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lit lumels; the estimate
+        (channel error.Y) over the same. `report` is what the bake says itself, over its own light. The truth's own
+        noise is taken off its square.
+Needs : Mitsuba for references that are not cached (two to four minutes a scene), numpy, scipy; matplotlib for pictures.
+"""
+import argparse
+import csv
+import json
+import os
+import re
+import shutil
+import sys
+
+import numpy as np
+
+import common
+import reference
+import speed_scenes
+
+DOCS = os.path.join(common.HERE, "..", "docs")
+CSV = os.path.join(DOCS, "data", "error_calibration.csv")
+COLUMNS = ("scene truth setting wanted reached n lumels report_rms estimated true own ratio spearman p50_estimated p50_true "
+           "bias within1 within2 deciles_estimated deciles_true mrays instructions versions").split()
+ASSETS = os.path.join(common.HERE, "..", "assets")
+
+# About a fifth of the density that `lumel bake` would choose (Cornell box: that of docs/measurements.md): ten thousand lumels, so that reference and settings
+# of a scene take a minute or two of a processor.  Coarse lumels have a larger share of edges: the harder case.
+SCENES = {
+    "cornell": dict(title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", seconds=120),
+    "demo": dict(title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=1.75, sky="0.25,0.35,0.5", seconds=240),
+    "garage": dict(title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=7.0, sky="0,0,0", seconds=150),
+    "godot": dict(title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=0.6, sky="0,0,0", seconds=150),
+    "sponza": dict(title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=2.5, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), seconds=150),
+}
+COUNT, TARGET, WHOLE = 1000, 0.0005, 0.999
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def say(text):
+    print(text, file=sys.stderr, flush=True)
+
+
+def options_of(setting):
+    """`0.02` is `--error 0.02` at preview; `draft+0.1` at draft"""
+    quality, _, error = setting.partition("+")
+    if not quality[0].isalpha():
+        quality, error = "preview", setting
+    return ["--quality", quality] + (["--error", error] if error else []), float(error) if error else None
+
+
+def bake(binary, scene, out, *options):
+    """common.bake() with a binary of its own, and `instructions` (millions) where `perf` counts them"""
+    os.makedirs(out, exist_ok=True)
+    for old in common.outputs(out)["pages"]:
+        os.remove(old)
+    perf = [p for p in [shutil.which("perf")] if p]
+    r = common.run([*perf, *(["stat", "-x,", "-e", "instructions:u", "--"] if perf else []), binary, "bake", scene, "-o", out, "-q", *map(str, options)])
+    if r["code"] != 0:
+        raise SystemExit("lumel failed (%d): %s" % (r["code"], r["err"]))
+    r.update(common.outputs(out))
+    r["report_json"] = json.load(open(r["report"]))
+    count = re.search(r"^(\d+),", r["err"], re.M)
+    r["instructions"] = int(count.group(1)) / 1e6 if count else ""
+    return r
+
+
+class Scene:
+    def __init__(self, name, a):
+        self.name, self.a, s = name, a, SCENES[name]
+        self.path, self.table = s["file"], s
+        if not os.path.exists(self.path):
+            raise FileNotFoundError(self.path)
+        if "sun" in s:
+            self.path = os.path.join(a.work, name + ".glb")
+            speed_scenes.with_sun(s["file"], *s["sun"], self.path)
+        self.options = ["--texels-per-unit", s["density"], "--max-page", 2048] + ([] if s["sky"] == "0,0,0" else ["--sky", s["sky"]])
+        first = self.bake("draft", name + ".first")
+        if len(first["pages"]) != 1:
+            raise SystemExit("%s: %d pages, expected one" % (name, len(first["pages"])))
+        flat = os.path.join(a.work, name + ".flat.glb")
+        side = reference.flatten(first["glb"], flat)["res"]
+        self.refs = reference.References(name, flat, side, COUNT, TARGET, s["seconds"], s["sky"], log=say)
+        if a.truth == "paths":
+            self.truth = reference.load(self.refs.truth(1.0, "black", inset=0, refine=a.refine))
+        else:
+            finest = os.path.join(common.REF, "bakes", "%s-%s" % (name, self.refs.digest))
+            if not os.path.exists(os.path.join(finest, "done")):
+                self.bake("production+0.004", finest)
+                open(os.path.join(finest, "done"), "w").close()
+            page = channels(common.outputs(finest)["pages"][0])
+            texel = np.argwhere(page["coverage"] > 0)
+            t = page["rgb"][tuple(texel.T)] * np.pi
+            self.truth = dict(texel=texel, irradiance=t, stderr=np.zeros_like(t))
+
+    def bake(self, setting, out):
+        """out: a folder, absolute or of `work`"""
+        opts, _ = options_of(setting)
+        out = os.path.join(self.a.work, out)
+        stamp = json.dumps([common.digest(self.a.lumel), common.digest(self.path), opts, self.options])
+        if os.path.exists(out + ".done") and open(out + ".done").read() == stamp and self.a.keep:
+            r = dict(common.outputs(out), report_json=json.load(open(common.outputs(out)["report"])), instructions="")
+            return r
+        r = bake(self.a.lumel, self.path, out, *common.AREA_MEAN, "--layers", "direct,indirect,error,coverage", *opts, *self.options,
+                 "--threads", self.a.threads)
+        open(out + ".done", "w").write(stamp)
+        return r
+
+    def row(self, setting):
+        r = self.bake(setting, "%s.%s" % (self.name, setting))
+        report, page = r["report_json"], channels(r["pages"][0])
+        at = tuple(self.truth["texel"].T)
+        # Of a texel that hangs over a chart's border, texels.py and the baker do not take the same part.
+        whole = page["coverage"][at] > WHOLE if self.a.truth == "paths" else np.ones(len(at[0]), bool)
+        m = measure(page["rgb"][at] @ LUMINANCE * np.pi, page["error"][at] * np.pi, self.truth, whole)
+        gather = report["gather"]
+        if self.a.truth == "bake":
+            # What the bake promises is this figure, and all of its lumels are here.
+            m["ratio"] = gather["estimated_error"] / max(m["true"], 1e-12)
+        return dict(m, scene=self.name, truth=self.a.truth, setting=setting, wanted=options_of(setting)[1] or "", reached=gather.get("error_reached", ""),
+                    lumels=gather["lumels"], report_rms=gather["estimated_error"], mrays=gather["lumel_rays"] / 1e6, instructions=r.get("instructions") or "",
+                    versions="%s, binary %s" % (report["generator"], common.digest(self.a.lumel)[:8]))
+
+
+def channels(path):
+    """{rgb, error, coverage, direct, indirect} of an EXR, [row, column(, 3)]"""
+    import mitsuba as mi
+    mi.set_variant("scalar_rgb")
+    bitmap = mi.Bitmap(path)
+    data = np.array(bitmap, dtype=np.float64)
+    names = {bitmap.struct_()[i].name: i for i in range(bitmap.channel_count())}
+    three = lambda prefix: np.stack([data[..., names[prefix + c]] for c in "RGB"], -1)      # noqa: E731
+    return dict(rgb=three(""), direct=three("direct."), indirect=three("indirect."), error=data[..., names["error.Y"]], coverage=data[..., names["coverage.Y"]])
+
+
+def measure(x, e, truth, keep):
+    """x: irradiance of the bake, e: its estimated standard error, keep: lumels to compare"""
+    from scipy.stats import spearmanr
+    t, s = truth["irradiance"] @ LUMINANCE, truth["stderr"] @ LUMINANCE
+    lit = keep & (t > reference.LIT * t.mean())
+    scale = t + 0.01 * t[lit].mean()
+    err, noise = ((x - t) / scale)[lit], (s / scale)[lit]
+    est = (e / scale)[lit]
+    rms = lambda v: float(np.sqrt(np.mean(v * v)))     # noqa: E731
+    square = err * err - noise * noise
+    true = float(np.sqrt(max(square.mean(), 0.0)))
+    order = np.argsort(est, kind="stable")
+    tenths = np.array_split(order, 10)
+    dec_e = [rms(est[k]) for k in tenths]
+    dec_t = [float(np.sqrt(max(square[k].mean(), 0.0))) for k in tenths]
+    both = np.hypot(est, noise)
+    return dict(n=int(lit.sum()), estimated=rms(est), true=true, own=rms(noise), ratio=rms(est) / max(true, 1e-12), spearman=float(spearmanr(est, abs(err)).statistic),
+                p50_estimated=float(np.median(est)), p50_true=float(np.median(abs(err))), bias=float((x[lit].mean() / t[lit].mean()) - 1),
+                within1=float((abs(err) <= both).mean()), within2=float((abs(err) <= 2 * both).mean()),
+                deciles_estimated=" ".join("%.5f" % v for v in dec_e), deciles_true=" ".join("%.5f" % v for v in dec_t))
+
+
+def show(r):
+    say("%-8s %-16s est %6.2f %%  true %6.2f %%  ratio %5.2f   (own %.2f %%, report %.2f %%) median %.2f / %.2f %%  rank %.2f  within 1σ %.0f %%, 2σ %.0f %%  %s" % (
+        r["scene"], r["setting"], 100 * r["estimated"], 100 * r["true"], r["ratio"], 100 * r["own"], 100 * r["report_rms"], 100 * r["p50_estimated"], 100 * r["p50_true"],
+        r["spearman"], 100 * r["within1"], 100 * r["within2"], "reached: %s" % r["reached"] if r["wanted"] else ""))
+    say("         deciles: estimated " + " ".join("%6.2f" % (100 * float(v)) for v in r["deciles_estimated"].split()))
+    say("                  true      " + " ".join("%6.2f" % (100 * float(v)) for v in r["deciles_true"].split()))
+
+
+def keep_rows(rows):
+    """adds rows to the CSV, in place of those of the same scene, truth and setting"""
+    key = lambda r: (r["scene"], r["truth"], r["setting"])     # noqa: E731
+    old = read_rows()
+    fresh = {key(r) for r in rows}
+    order = list(SCENES)
+    new = sorted([r for r in old if key(r) not in fresh] + rows, key=lambda r: (r["truth"], order.index(r["scene"])))
+    os.makedirs(os.path.dirname(CSV), exist_ok=True)
+    with open(CSV, "w", newline="") as f:
+        out = csv.DictWriter(f, COLUMNS, extrasaction="ignore")
+        out.writeheader()
+        out.writerows({k: "%.6g" % v if isinstance(v, float) else v for k, v in r.items()} for r in new)
+
+
+def read_rows():
+    return list(csv.DictReader(open(CSV, newline=""))) if os.path.exists(CSV) else []
+
+
+def page():
+    """the tables of docs/error.md from the CSV"""
+    rows = read_rows()
+    percent = lambda x: "%.2f %%" % (100 * float(x))      # noqa: E731
+    name = lambda s: s if s[0].isalpha() else "`--error %s`" % s      # noqa: E731
+    parts = {}
+    for truth in ("bake", "paths"):
+        lines = ["| scene | setting | lumels | claimed | layer | true | ratio | median, estimated | true | rank correlation | within 1σ, 2σ | reached | M instructions |", "|" + " --- |" * 13]
+        for r in rows:
+            if r["truth"] == truth:
+                good = 1 / 1.5 <= float(r["ratio"]) <= 1.5
+                lines.append("| %s | %s | %s | %s | %s | %s | %s | %s | %s | %.2f | %.0f, %.0f %% | %s | %s |" % (
+                    SCENES[r["scene"]]["title"], name(r["setting"]), r["n"], percent(r["report_rms"]), percent(r["estimated"]), percent(r["true"]), ("%.2f" if good else "**%.2f**") % float(r["ratio"]),
+                    percent(r["p50_estimated"]), percent(r["p50_true"]), float(r["spearman"]), 100 * float(r["within1"]), 100 * float(r["within2"]),
+                    {"True": "yes", "False": "no"}.get(r["reached"], ""), "%.0f" % float(r["instructions"]) if r["instructions"] else ""))
+        parts[truth] = "\n".join(lines)
+    lines = ["| scene | setting | |" + " %d |" * 10 % tuple(range(1, 11)), "|" + " --- |" * 13]
+    for r in rows:
+        if r["truth"] == "bake":
+            for what in ("estimated", "true"):
+                cells = ["%.2f" % (100 * float(v)) for v in r["deciles_" + what].split()]
+                lines.append("| %s | %s | %s | %s |" % (SCENES[r["scene"]]["title"], name(r["setting"]), what, " | ".join(cells)))
+    parts["deciles"] = "\n".join(lines)
+    path = os.path.join(DOCS, "error.md")
+    text = open(path).read()
+    for k, v in parts.items():
+        text = re.sub(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % k, lambda m: m.group(1) + "\n" + v + "\n\n" + m.group(2), text, flags=re.S)
+    open(path, "w").write(text)
+
+
+def picture(scene, setting):
+    """estimated beside true error of the page, against the reference of all lumels"""
+    import matplotlib
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+    page = channels(common.outputs(os.path.join(scene.a.work, "%s.%s" % (scene.name, setting)))["pages"][0])
+    t = np.zeros(page["coverage"].shape)
+    at = tuple(scene.truth["texel"].T)
+    t[at] = scene.truth["irradiance"] @ LUMINANCE
+    scale = t + 0.01 * t[at].mean()
+    on = t > reference.LIT * t[at].mean()
+    show_me = [np.where(on, page["error"] * np.pi / scale, np.nan), np.where(on, abs(page["rgb"] @ LUMINANCE * np.pi - t) / scale, np.nan)]
+    fig, axes = plt.subplots(1, 2, figsize=(12, 6), constrained_layout=True)
+    for ax, data, title in zip(axes, show_me, ("estimated standard error", "true error")):
+        shown = ax.imshow(np.maximum(data, 1e-4), norm=matplotlib.colors.LogNorm(1e-3, 1), cmap="magma", interpolation="nearest")
+        ax.set_title("%s, %s: %s" % (SCENES[scene.name]["title"], setting, title))
+        ax.set_axis_off()
+    fig.colorbar(shown, ax=axes, label="relative error", shrink=0.8)
+    fig.savefig(os.path.join(DOCS, "images", "error_%s.png" % scene.name), dpi=80)
+
+
+def main():
+    ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    ap.add_argument("--scenes", default=",".join(SCENES))
+    ap.add_argument("--settings", default="draft,preview,production,0.1,0.05,0.02,0.01")
+    ap.add_argument("--lumel", default=common.LUMEL)
+    ap.add_argument("--truth", choices=("paths", "bake"), default="paths")
+    ap.add_argument("--pictures", action="store_true", help="of the first of the settings; with --truth bake")
+    ap.add_argument("--page-only", action="store_true")
+    ap.add_argument("--references-only", action="store_true")
+    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each reference")
+    ap.add_argument("--keep", action="store_true", help="bakes of an earlier run by the same binary are used again (without their instructions)")
+    ap.add_argument("--threads", type=int, default=os.cpu_count())
+    ap.add_argument("--work", default="/tmp/lumel-calibration")
+    a = ap.parse_args()
+    if a.page_only:
+        return page()
+    a.lumel = os.path.abspath(a.lumel)
+    os.makedirs(a.work, exist_ok=True)
+    for name in a.scenes.split(","):
+        scene = Scene(name, a)
+        if a.references_only:
+            continue
+        for setting in a.settings.split(","):
+            row = scene.row(setting)
+            show(row)
+            keep_rows([row])
+        if a.pictures:
+            picture(scene, a.settings.split(",")[0])
+    page()
+
+
+if __name__ == "__main__":
+    main()
