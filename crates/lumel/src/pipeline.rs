@@ -44,6 +44,15 @@ pub struct Bake {
     pub(crate) clock: Clock,
 }
 
+impl std::fmt::Debug for Bake {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Bake")
+            .field("scene", &self.report.scene)
+            .field("pages", &self.layout.pages)
+            .finish_non_exhaustive()
+    }
+}
+
 /// Wall time by phase.
 #[derive(Debug, Clone)]
 pub(crate) struct Clock {

@@ -356,6 +356,48 @@ fn preview_and_report_go_where_they_are_told() {
 }
 
 #[test]
+fn the_first_picture_shows_the_level_as_it_will_be() {
+    let t = temp();
+    let scene = asset("cornell_box.glb");
+    let mut found = Vec::new();
+    for threads in [1, 2] {
+        let [out, first, last] = [
+            format!("out{threads}"),
+            format!("first{threads}.png"),
+            format!("last{threads}.png"),
+        ]
+        .map(|n| t.path().join(n));
+        let options = format!(
+            "--threads {threads} --first-picture {} --preview {}",
+            first.display(),
+            last.display()
+        );
+        let run = bake(&scene, &out, &options).ok();
+        assert!(run.stderr.contains("first"), "{}", run.stderr);
+        assert_eq!(names(&out), outputs("cornell_box"));
+        found.push([&first, &last].map(|p| fs::read(p).expect("written")));
+    }
+    assert!(found[0] == found[1], "threads change pictures");
+    let [first, last] =
+        (found.remove(0)).map(|png| image::load_from_memory(&png).expect("a PNG").to_rgb8());
+    assert_eq!(first.dimensions(), (640, 360));
+    // Means over blocks of 40 pixels: patches and single shadow rays are seen in less than that, a factor of π or a light that is missing is not.
+    let mut worst = 0.0f64;
+    for (bx, by) in (0..16).flat_map(|x| (0..9).map(move |y| (x, y))) {
+        let mean = |picture: &image::RgbImage, side: u32| -> f64 {
+            let at = |k: u32| picture.get_pixel(bx * side + k % side, by * side + k / side);
+            let sum: f64 = (0..side * side)
+                .map(|k| at(k).0.iter().map(|c| f64::from(*c)).sum::<f64>())
+                .sum();
+            sum / f64::from(3 * side * side)
+        };
+        worst = worst.max((mean(&first, 40) - mean(&last, 80)).abs());
+    }
+    // 3.9 of 255 were found, since lumels are coarse here; half of the light less would be 50.
+    assert!(worst < 8.0, "{worst}");
+}
+
+#[test]
 fn layers_are_further_channels() {
     let t = temp();
     let scene = asset("cornell_box.glb");

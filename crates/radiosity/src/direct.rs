@@ -379,7 +379,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let heard = light.tally.heard.as_mut().filter(|_| whole_name);
         match heard.and_then(|h| h.noted(asked)) {
             Some(outcome) => {
-                light.tally.resume(&outcome);
+                light.marks = light.tally.resume(&outcome);
                 light.taken = asked[0];
                 let rays = light.tally.rays;
                 light.tally.heard.iter_mut().for_each(|h| h.count(rays));
@@ -387,7 +387,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             None => {
                 self.go_on(&mut light, asked[0], asked[1], work);
                 let writes = light.tally.heard.as_ref().is_some_and(|h| h.writes());
-                if writes && let Some(outcome) = light.tally.outcome() {
+                if writes && let Some(outcome) = light.tally.outcome(&light.marks) {
                     light
                         .tally
                         .heard

@@ -244,7 +244,7 @@ pub(crate) struct Heard {
 }
 
 /// Numbers that a light's samples come to, as bits.
-pub(crate) type Outcome = [u32; 23];
+pub(crate) type Outcome = [u32; 31];
 
 /// Two numbers in one; none of them is as large as 2^16 but what stands for all that there are.
 fn in_halves([a, b]: [u32; 2]) -> u32 {

@@ -155,8 +155,8 @@ impl Tally {
         }
     }
 
-    /// All that the samples so far came to; `None` where more than their sum is kept.
-    pub(super) fn outcome(&self) -> Option<Outcome> {
+    /// All that the samples so far came to, with the marks on the way; `None` where more than their sum is kept.
+    pub(super) fn outcome(&self, marks: &[Mark; 2]) -> Option<Outcome> {
         let parts = [&self.plain, &self.closed];
         if parts
             .iter()
@@ -188,6 +188,11 @@ impl Tally {
         }
         put(self.unoccluded.to_bits());
         put(self.weight.to_bits());
+        // Nobody asks for them where samples agree.
+        for m in marks.iter().filter(|_| self.mixed()) {
+            put(m.n);
+            [m.plain, m.closed, m.weight].map(|x| put(x.to_bits()));
+        }
         Some(out)
     }
 
@@ -202,8 +207,8 @@ impl Tally {
             && same(&self.closed)
     }
 
-    /// Puts back what [`outcome`](Self::outcome) gave.
-    pub(super) fn resume(&mut self, outcome: &Outcome) {
+    /// Puts back what [`outcome`](Self::outcome) gave, and gives the marks.
+    pub(super) fn resume(&mut self, outcome: &Outcome) -> [Mark; 2] {
         let [counts, group, rest @ ..] = *outcome;
         (self.count, self.rays) = (counts & 0xffff, counts >> 16);
         self.group = (group & 0xff) as usize;
@@ -221,6 +226,12 @@ impl Tally {
             self.last = vec(4);
             (self.plain.lit, self.closed.lit) = (vec(7), vec(10));
         }
+        [21, 25].map(|k| Mark {
+            n: rest[k],
+            plain: x[k + 1],
+            closed: x[k + 2],
+            weight: x[k + 3],
+        })
     }
 
     /// From `scouts` samples on, what all of them saw is taken for granted; never if they disagree.
