@@ -191,7 +191,9 @@ impl Tally {
         // Nobody asks for them where samples agree.
         for m in marks.iter().filter(|_| self.mixed()) {
             put(m.n);
-            [m.plain, m.closed, m.weight].map(|x| put(x.to_bits()));
+            for x in [m.plain, m.closed, m.weight] {
+                put(x.to_bits());
+            }
         }
         Some(out)
     }
