@@ -108,7 +108,7 @@ fn linked_files_come_from_a_folder_or_a_resolver() {
     assert_eq!(files(&baker().bake(&resolved).expect("baked")), from_disk);
 
     // Without either, the error names the file and what asks for it.
-    let error = baker().bake(&document()).err().expect("no buffer");
+    let error = baker().bake(&document()).expect_err("no buffer");
     assert_eq!(error.exit_code(), 2);
     let text = error.to_string();
     assert!(
@@ -134,8 +134,7 @@ fn threads_and_watchers_change_no_byte() {
         let error = baker()
             .threads(threads)
             .bake(&document)
-            .err()
-            .expect("too few or many");
+            .expect_err("too few or many");
         assert!(
             matches!(error, Error::Setting(_)) && error.exit_code() == 1,
             "{error}"
@@ -177,7 +176,7 @@ fn a_token_stops_all_bakes_that_have_it() {
         }
     });
     for baker in [&from_within, &baker().cancel_token(&token)] {
-        let error = baker.bake(&document).err().expect("stopped");
+        let error = baker.bake(&document).expect_err("stopped");
         assert!(matches!(error, Error::Cancelled) && error.exit_code() == 75);
     }
     assert!(baker().cancel_token(&other).bake(&document).is_ok());
