@@ -13,8 +13,8 @@ use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect, UvOrigin}
 use crate::density::{Adjusted, DensityPlan, MeshDensity, plan, shape_in_lumels};
 use crate::pack::pack_pages;
 use crate::unwrap::{
-    Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, UnwrapperChoice, measure,
-    unwrap_with_fallback,
+    Cancel, KeptCharts, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper,
+    UnwrapperChoice, kept, measure, unwrap_with_fallback,
 };
 use crate::uv_check::{OwnUvs, Severity, UvFault, UvMode, check_uvs};
 
@@ -191,6 +191,20 @@ pub fn layout(
     options: &LayoutOptions,
     progress: &(dyn Fn(LayoutProgress) -> bool + Sync),
 ) -> Result<(Layout, LayoutReport), LayoutError> {
+    layout_kept(scene, soup, options, None, progress)
+}
+
+/// As [`layout`], with charts that an earlier layout kept, or keeping them for a later one. The result is the same.
+///
+/// # Errors
+/// [`LayoutError`].
+pub fn layout_kept(
+    scene: &Scene,
+    soup: &Soup,
+    options: &LayoutOptions,
+    kept: Option<&dyn KeptCharts>,
+    progress: &(dyn Fn(LayoutProgress) -> bool + Sync),
+) -> Result<(Layout, LayoutReport), LayoutError> {
     validate(options)?;
     if !(0..scene.instances.len()).any(|i| scene.has_lumels(i)) {
         return Err(LayoutError::NothingReceives);
@@ -220,6 +234,7 @@ pub fn layout(
                 mesh,
                 density,
                 options,
+                kept,
                 node: first_node[i],
             };
             let result = lay_out_receiving(scene, task, &cancel);
@@ -298,6 +313,7 @@ struct Task<'a> {
     mesh: &'a Mesh,
     density: &'a MeshDensity,
     options: &'a LayoutOptions,
+    kept: Option<&'a dyn KeptCharts>,
     /// First instance with lumels.
     node: Option<&'a Instance>,
 }
@@ -341,6 +357,7 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
         mesh,
         density,
         options,
+        kept,
         node,
     } = task;
     if cancel() {
@@ -395,13 +412,9 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
         block_charts: options.block_charts,
         max_size: options.max_page,
     };
-    let (flat, unwrapper, failures) = unwrap_with_fallback(
-        &options.unwrapper.candidates(),
-        &input,
-        &unwrap_options,
-        cancel,
-    )
-    .map_err(|source| match source {
+    let unwrappers = options.unwrapper.candidates();
+    let (flat, unwrapper, failures) = flatten(&unwrappers, &input, &unwrap_options, kept, cancel)
+        .map_err(|source| match source {
         UnwrapError::Cancelled => LayoutError::Cancelled,
         source => LayoutError::Unwrap {
             mesh: mesh.gltf_mesh,
@@ -419,6 +432,37 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
     report.origin = origin.clone();
     report.unwrapper = Some(unwrapper);
     Ok((assemble(mesh, &flat, origin), report, warnings))
+}
+
+/// The charts of `input`, which unwrapper made them, and why others did not: kept ones, if there are any.
+fn flatten(
+    unwrappers: &[&'static dyn Unwrapper],
+    input: &Arc<UnwrapInput>,
+    options: &UnwrapOptions,
+    kept: Option<&dyn KeptCharts>,
+    cancel: Cancel<'_>,
+) -> Result<(UnwrappedMesh, &'static str, Vec<String>), UnwrapError> {
+    let store = kept
+        .filter(|_| input.triangles.len() >= kept::LEAST_TRIANGLES)
+        .map(|store| (store, kept::key(input, options, unwrappers)));
+    if let Some((store, key)) = &store
+        && let Some(bytes) = store.load(key)
+        && let Some((flat, by)) = kept::from_bytes(&bytes, input, options)
+        && let Some(unwrapper) = unwrappers.get(by)
+    {
+        store.used();
+        return Ok((flat, unwrapper.name(), Vec::new()));
+    }
+    let result = unwrap_with_fallback(unwrappers, input, options, cancel)?;
+    let (flat, unwrapper, failures) = &result;
+    // What another unwrapper failed at may have failed by its time.
+    if let Some((store, key)) = store
+        && failures.is_empty()
+        && let Some(by) = unwrappers.iter().position(|u| u.name() == *unwrapper)
+    {
+        store.save(&key, &kept::to_bytes(flat, by));
+    }
+    Ok(result)
 }
 
 /// Whether the asset's own coordinates are kept, with what the user must know.

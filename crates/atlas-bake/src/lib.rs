@@ -56,7 +56,9 @@ pub use gltf_out::{
     VertexStats, write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,
 };
 pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2};
-pub use layout::{LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout};
+pub use layout::{
+    LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout, layout_kept,
+};
 pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,

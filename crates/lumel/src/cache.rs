@@ -4,9 +4,12 @@
 //! among it, nor a sky that is the same everywhere: they decide what rays bring, and whose shadow rays are asked for.
 
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
+use atlas_bake::unwrap::KeptCharts;
 use atlas_bake::{BakeOptions, GatherOptions, Layer, Layout, Recall, RecallReport};
 use mesh_ingest::{Image, Light, Material, Mesh, Primitive, Scene};
 use radiosity::{LightGroups, Sky};
@@ -35,12 +38,82 @@ pub struct CacheReport {
     /// Records of rays.
     #[serde(flatten)]
     pub records: RecallReport,
+    /// Meshes whose charts were found, and those whose charts were kept for the next bake.
+    pub charts: [u64; 2],
     /// Older files that were removed, since the folder was larger than its limit.
     pub removed: u64,
 }
 
-/// Ends the names of a cache's files.
+/// Ends the names of a cache's files of records.
 const SUFFIX: &str = "lumelrays";
+
+/// And of those of charts.
+const CHARTS: &str = "lumelcharts";
+
+/// Charts of meshes, a file each.
+pub(crate) struct Charts<'a> {
+    cache: &'a Cache,
+    found: AtomicU64,
+    kept: AtomicU64,
+}
+
+impl<'a> Charts<'a> {
+    pub(crate) fn new(cache: &'a Cache) -> Self {
+        Charts {
+            cache,
+            found: AtomicU64::new(0),
+            kept: AtomicU64::new(0),
+        }
+    }
+
+    /// Another program may flatten otherwise.
+    fn path(&self, key: &[u8; 32]) -> PathBuf {
+        let mut h = blake3::Hasher::new();
+        h.update(PROGRAM.as_bytes());
+        h.update(key);
+        let hex = h.finalize().to_hex();
+        self.cache.folder.join(format!("{}.{CHARTS}", &hex[..32]))
+    }
+
+    /// Written beside its place and renamed, so that nobody sees half of it.
+    fn write(&self, path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+        std::fs::create_dir_all(&self.cache.folder)?;
+        let mut file = tempfile::Builder::new()
+            .prefix(".lumel-")
+            .suffix(".part")
+            .tempfile_in(&self.cache.folder)?;
+        file.write_all(bytes)?;
+        file.persist(path).map_err(|e| e.error)?;
+        Ok(())
+    }
+}
+
+impl KeptCharts for Charts<'_> {
+    fn load(&self, key: &[u8; 32]) -> Option<Vec<u8>> {
+        let path = self.path(key);
+        let bytes = std::fs::read(&path).ok()?;
+        touch(&path);
+        Some(bytes)
+    }
+
+    fn used(&self) {
+        self.found.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn save(&self, key: &[u8; 32], bytes: &[u8]) {
+        // A folder that cannot be written is told by the records.
+        if self.write(&self.path(key), bytes).is_ok() {
+            self.kept.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Marks a file as used now, for those that trim the folder; a file system that cannot is no fault.
+fn touch(path: &Path) {
+    if let Ok(file) = std::fs::File::options().append(true).open(path) {
+        let _ = file.set_modified(SystemTime::now());
+    }
+}
 
 /// What rays hang on beside the settings.
 pub(crate) struct Surfaces<'a> {
@@ -71,7 +144,7 @@ fn path(cache: &Cache, key: &blake3::Hash) -> PathBuf {
 }
 
 /// Ends a bake's records, and keeps the folder within its limit.
-pub(crate) fn close(cache: &Cache, recall: Recall) -> CacheReport {
+pub(crate) fn close(cache: &Cache, recall: Recall, charts: Option<&Charts>) -> CacheReport {
     let path = recall.path().to_owned();
     let mut records = recall.finish();
     let removed = match trim(&cache.folder, cache.limit, &path) {
@@ -84,20 +157,25 @@ pub(crate) fn close(cache: &Cache, recall: Recall) -> CacheReport {
             0
         }
     };
-    CacheReport { records, removed }
+    let count = |of: fn(&'_ Charts) -> u64| charts.map_or(0, of);
+    CacheReport {
+        records,
+        charts: [
+            count(|c| c.found.load(Ordering::Relaxed)),
+            count(|c| c.kept.load(Ordering::Relaxed)),
+        ],
+        removed,
+    }
 }
 
 /// Removes files of records, the least recently used first, until all of them are within `limit`. What `now` names counts as used now.
 fn trim(folder: &Path, limit: u64, now: &Path) -> std::io::Result<u64> {
-    if let Ok(file) = std::fs::File::options().append(true).open(now) {
-        // For those of other bakes to see; a file system that cannot is no fault.
-        let _ = file.set_modified(SystemTime::now());
-    }
+    touch(now);
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
         let path = entry.path();
-        if path.extension().is_some_and(|e| e == SUFFIX)
+        if path.extension().is_some_and(|e| e == SUFFIX || e == CHARTS)
             && let Ok(m) = entry.metadata()
         {
             let used = m.modified().unwrap_or(SystemTime::UNIX_EPOCH);

@@ -79,7 +79,7 @@ pub fn estimate(
         loaded, soup, sky, ..
     } = prepare(SceneInput::File(file), settings)?;
     let scene = &loaded.scene;
-    let (plan, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
+    let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
     let probes = match (&settings.probes, points) {
         (Some(source), Some(points)) => probes::plan(source, points, scene, &soup)?.positions.len(),
         _ => 0,

@@ -80,7 +80,7 @@ pub fn inspect_and_draw(
     atlas_bake::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
-    let (plan, layout) = plan_layout(file, scene, &soup, settings, monitor)?;
+    let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
     let mut low = glam::Vec3::INFINITY;
     let mut high = glam::Vec3::NEG_INFINITY;
     for p in soup.triangles.iter().flatten() {

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
+use atlas_bake::unwrap::KeptCharts;
 use atlas_bake::{
     BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, LitScene,
     PictureLight, ValueKind, choose_camera, render_preview, scene_camera,
@@ -221,7 +222,9 @@ pub(crate) fn bake_scene(
     clock.lap(Phase::Ingest);
 
     begin(monitor, Phase::Atlas)?;
-    let (layout, layout_report) = plan_layout(file, &loaded.scene, &soup, settings, monitor)?;
+    let charts = cache.map(cache::Charts::new);
+    let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
+    let (layout, layout_report) = plan_layout(file, &loaded.scene, &soup, settings, kept, monitor)?;
     clock.lap(Phase::Atlas);
 
     begin(monitor, Phase::Tree)?;
@@ -275,7 +278,7 @@ pub(crate) fn bake_scene(
     .map_err(|_| Error::Cancelled)?;
     let cached = cache
         .zip(recall)
-        .map(|(cache, recall)| cache::close(cache, recall));
+        .map(|(cache, recall)| cache::close(cache, recall, charts.as_ref()));
     clock.lap(Phase::Gather);
 
     let (probes, probe_report) = match &plan {
@@ -421,6 +424,7 @@ pub(crate) fn plan_layout(
     scene: &Scene,
     soup: &Soup,
     settings: &Settings,
+    kept: Option<&dyn KeptCharts>,
     monitor: &dyn Monitor,
 ) -> Result<(Layout, LayoutReport), Error> {
     let options = LayoutOptions {
@@ -437,7 +441,7 @@ pub(crate) fn plan_layout(
         monitor.progress(Phase::Atlas, p.done as u64, p.total as u64);
         !monitor.cancelled()
     };
-    atlas_bake::layout(scene, soup, &options, &progress).map_err(|source| match source {
+    atlas_bake::layout_kept(scene, soup, &options, kept, &progress).map_err(|source| match source {
         LayoutError::Cancelled => Error::Cancelled,
         source => Error::Layout {
             file: file.to_owned(),

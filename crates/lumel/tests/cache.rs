@@ -273,3 +273,52 @@ fn the_oldest_records_go_when_there_are_too_many() {
     assert_eq!(place.records().len(), 1);
     assert!(!place.records().contains(&first[0]));
 }
+
+#[test]
+fn charts_of_large_meshes_are_kept() {
+    let (t, scene) = (temp(), asset("demo_level.glb"));
+    let cache = t.path().join("cache");
+    let run = |name: &str, options: &str| {
+        let out = t.path().join(name);
+        let cheap = "--sky 0.5";
+        let run = bake(&scene, &out, &format!("{cheap} {options}")).ok();
+        let mut files = files(&out);
+        let report = parse(files.remove("demo_level.report.json").expect("a report"));
+        (
+            files,
+            report["measured"]["cache"]["charts"].clone(),
+            run.stderr,
+        )
+    };
+    let with = |more: &str| format!("--cache {} {more}", cache.display());
+    let (_, first, _) = run("filled", &with(""));
+    let kept = first[1].as_u64().expect("a number");
+    assert!(first[0] == 0 && kept > 0, "{first}");
+    // Another lamp, another kind of value: the same meshes.
+    let other = "--value irradiance --light sun*=0.5";
+    let (clean, none, _) = run("clean", other);
+    assert_eq!(none, Value::Null);
+    let (cached, found, stderr) = run("cached", &with(other));
+    assert_eq!(found, json!([kept, 0]));
+    assert!(stderr.contains("charts of"), "{stderr}");
+    assert!(clean == cached, "charts from the cache change bytes");
+    // Damaged, cut short, empty: made anew.
+    let charts: Vec<PathBuf> = (names(&cache).into_iter())
+        .filter(|n| n.ends_with(".lumelcharts"))
+        .map(|n| cache.join(n))
+        .collect();
+    assert_eq!(charts.len() as u64, kept);
+    let whole = std::fs::read(&charts[0]).expect("it is there");
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 1;
+    for bytes in [&damaged[..], &whole[..whole.len() - 4], &[]] {
+        write(charts[0].clone(), bytes);
+        let (cached, found, _) = run("mended", &with(other));
+        assert_eq!(found, json!([kept - 1, 1]));
+        assert!(clean == cached, "damaged charts change bytes");
+    }
+    assert_eq!(std::fs::read(&charts[0]).expect("mended"), whole);
+    // Another distance between charts is another question.
+    let (_, padded, _) = run("padded", &with("--padding 4"));
+    assert_eq!(padded, json!([0, kept]));
+}

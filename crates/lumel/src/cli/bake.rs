@@ -267,6 +267,12 @@ fn say_cache(cache: &lumel::CacheReport, display: &Display) {
     } else {
         format!("  cache     {size:.0} MiB kept for the next bake")
     });
+    if cache.charts[0] > 0 {
+        display.say(&format!(
+            "  cache     charts of {} meshes taken",
+            cache.charts[0]
+        ));
+    }
     for note in &r.notes {
         display.say(&format!("  cache     {note}"));
     }

@@ -236,7 +236,11 @@ impl Browser {
             }
             // The browser's own advice on drivers is no fault of the page.
             Some("Log.entryAdded") if params["entry"]["level"] == "error" => {
-                self.errors.push(params["entry"].to_string())
+                // Asked for by the browser itself where a bare script is opened; sooner or later, as it likes.
+                let url = params["entry"]["url"].as_str().unwrap_or_default();
+                if !url.ends_with("/favicon.ico") {
+                    self.errors.push(params["entry"].to_string())
+                }
             }
             _ => {}
         }
