@@ -364,3 +364,48 @@ fn depth(a: &[DVec2; 3], b: &[DVec2; 3]) -> f64 {
     }
     least
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+
+    /// A flat cone of three triangles, 6 m from tip to rim, whose angles at the tip fall short of a full turn by `missing`; each a chart of its own.
+    fn cone(missing: f64) -> (UnwrapInput, Charts) {
+        let (side, angle) = (6.0, (std::f64::consts::TAU - missing) / 3.0);
+        let radius = 2.0 * side * (0.5 * angle).sin() / 3f64.sqrt();
+        let height = (side * side - radius * radius).sqrt();
+        let rim = |k: u32| {
+            let turn = f64::from(k) * std::f64::consts::TAU / 3.0;
+            Vec3::new((radius * turn.cos()) as f32, (radius * turn.sin()) as f32, 0.0)
+        };
+        let mesh = UnwrapInput {
+            positions: vec![Vec3::Z * height as f32, rim(0), rim(1), rim(2)],
+            triangles: vec![[0, 1, 2], [0, 2, 3], [0, 3, 1]],
+            primitive: vec![0; 3],
+            seams: vec![[false; 3]; 3],
+            // From the tip, along the rim, back to the tip.
+            neighbors: vec![[2, u32::MAX, 1], [0, u32::MAX, 2], [1, u32::MAX, 0]],
+            layer: vec![0; 3],
+            layers: 1,
+            regions: 1,
+        };
+        let flat = [DVec2::ZERO, DVec2::X * side, DVec2::from_angle(angle) * side];
+        let charts = Charts {
+            corners: vec![flat; 3],
+            chart: vec![0, 1, 2],
+            count: 3,
+        };
+        (mesh, charts)
+    }
+
+    #[test]
+    fn charts_that_would_leave_a_slit_stay_apart() {
+        // How far the third border's ends would lie apart, in lumels: nothing, what is welded, twice what lookups share, and nearly all.
+        for (apart, count) in [(0.0, 1), (0.3, 1), (1.2, 2), (1.8, 2), (6.0, 2)] {
+            let (mesh, mut charts) = cone(apart / 6.0);
+            join_small(&mesh, &mut charts, 1.0);
+            assert_eq!(charts.count, count, "{apart}");
+        }
+    }
+}
