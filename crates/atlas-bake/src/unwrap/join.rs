@@ -377,7 +377,11 @@ mod tests {
         let height = (side * side - radius * radius).sqrt();
         let rim = |k: u32| {
             let turn = f64::from(k) * std::f64::consts::TAU / 3.0;
-            Vec3::new((radius * turn.cos()) as f32, (radius * turn.sin()) as f32, 0.0)
+            Vec3::new(
+                (radius * turn.cos()) as f32,
+                (radius * turn.sin()) as f32,
+                0.0,
+            )
         };
         let mesh = UnwrapInput {
             positions: vec![Vec3::Z * height as f32, rim(0), rim(1), rim(2)],
@@ -390,7 +394,11 @@ mod tests {
             layers: 1,
             regions: 1,
         };
-        let flat = [DVec2::ZERO, DVec2::X * side, DVec2::from_angle(angle) * side];
+        let flat = [
+            DVec2::ZERO,
+            DVec2::X * side,
+            DVec2::from_angle(angle) * side,
+        ];
         let charts = Charts {
             corners: vec![flat; 3],
             chart: vec![0, 1, 2],
