@@ -34,16 +34,25 @@ pub(crate) fn stitch(
         .collect();
     let changes = {
         let (full, groups) = (&*full, &*groups);
-        let mut channels: Vec<Box<dyn Channel + '_>> = Vec::new();
+        let mut channels: Vec<Channel<'_>> = Vec::new();
         for c in 0..3 {
-            channels.push(Box::new(move |p: usize, at: usize| full[p].value[at][c]));
+            channels.push(Channel {
+                value: Box::new(move |p, at| full[p].value[at][c]),
+                signed: false,
+            });
         }
         for &k in &layers {
-            channels.push(Box::new(move |p: usize, at: usize| full[p].layers[k].1[at]));
+            channels.push(Channel {
+                value: Box::new(move |p, at| full[p].layers[k].1[at]),
+                signed: ranges[k] == Range::Signed,
+            });
         }
         for pages in groups {
             for c in 0..3 {
-                channels.push(Box::new(move |p: usize, at: usize| pages[p].value[at][c]));
+                channels.push(Channel {
+                    value: Box::new(move |p, at| pages[p].value[at][c]),
+                    signed: false,
+                });
             }
         }
         stitcher.solve(&channels)

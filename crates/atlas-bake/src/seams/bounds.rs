@@ -15,7 +15,9 @@ pub(super) fn bounds(
     even: &[(u32, u32, f32)],
     steps: &[u8],
     seen: &[f32],
+    narrow: &[bool],
     values: &[Vec4],
+    floor: Vec4,
 ) -> [Vec<Vec4>; 2] {
     let mut low = values.to_vec();
     let mut high = values.to_vec();
@@ -65,7 +67,13 @@ pub(super) fn bounds(
         // The difference itself is what one side alone would make up for. With twice of it, fingers of a chart between two slits, which cannot agree with
         // both, took lookups on a sphere a fifth further from the truth, and nothing agreed better.
         let most = most[i] / seen[i].max(1e-3);
-        low[i] = (low[i] - room - values[i]).max(-most);
+        // Light is positive: what would be cut off later must be known while the others can make up for it.
+        let dark = (floor - values[i]).min(Vec4::ZERO);
+        if narrow[i] {
+            (low[i], high[i]) = (dark, Vec4::INFINITY);
+            continue;
+        }
+        low[i] = (low[i] - room - values[i]).max(-most).max(dark);
         high[i] = (high[i] + room - values[i]).min(most);
     }
     [low, high]

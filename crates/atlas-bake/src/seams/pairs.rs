@@ -47,7 +47,7 @@ const SAME_PLACE: f32 = 1e-3;
 
 /// Distance of samples along a seam, texels of the denser side. Lookups of either side have a knot per texel: two samples between knots are
 /// the least that sees a zigzag.
-const SPACING: f32 = 0.25;
+const SPACING: f32 = 0.125;
 
 /// Finds the seams and samples them. Deterministic; O(n log n) in border pieces where few of them coincide.
 ///
