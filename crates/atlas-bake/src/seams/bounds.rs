@@ -8,7 +8,7 @@ use crate::seams::solve::Row;
 ///
 /// No whole lumel moves further than what lookups that read it or its neighbours differed before, nor out of the range of what those lookups read
 /// on both sides and it had itself: nothing becomes brighter or darker than all that lies about. What is `seen` by a share only, 0 if
-/// dilated, has more room. Texels beyond those that seams read, `steps` from them, have
+/// dilated, has more room, and so has what lies in a `narrow` chart. Nothing goes below `floor`. Texels beyond those that seams read, `steps` from them, have
 /// the bounds of the neighbours (`even`) by which they are reached.
 pub(super) fn bounds(
     rows: &[Row],
@@ -66,13 +66,13 @@ pub(super) fn bounds(
         let room = (high[i] - low[i]) * (1.0 - seen[i]);
         // The difference itself is what one side alone would make up for. With twice of it, fingers of a chart between two slits, which cannot agree with
         // both, took lookups on a sphere a fifth further from the truth, and nothing agreed better.
-        let most = most[i] / seen[i].max(1e-3);
+        // A strip between others has to make up for several differences, and has no light of its own to keep.
+        let most = match narrow[i] {
+            true => Vec4::INFINITY,
+            false => most[i] / seen[i].max(1e-3),
+        };
         // Light is positive: what would be cut off later must be known while the others can make up for it.
         let dark = (floor - values[i]).min(Vec4::ZERO);
-        if narrow[i] {
-            (low[i], high[i]) = (dark, Vec4::INFINITY);
-            continue;
-        }
         low[i] = (low[i] - room - values[i]).max(-most).max(dark);
         high[i] = (high[i] + room - values[i]).min(most);
     }
