@@ -107,9 +107,6 @@ fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usi
     look
 }
 
-/// Lumels that others are interpolated between have so many times the rays: there are few, and what they are wrong by is seen in four.
-const BEARING: u32 = 2;
-
 /// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error), and says how many times
 /// as many rays as at first each lumel has.
 ///
@@ -156,7 +153,7 @@ pub(crate) fn add_rays(
             // Powers of two keep the points of the sequence well distributed.
             let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
             let times = if times > most { times / 2 } else { times };
-            let times = times.max(if sparse.bears(i) { BEARING } else { 1 });
+            let times = times.max(sparse.bearing(i));
             (times > 1).then_some((i, times))
         })
         .collect();

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use atlas_bake::{
-    Directional, GatherOptions, Hidden, Ktx2Format, Layer, UvMode, ValueKind,
+    Directional, GatherOptions, Hidden, Interpolation, Ktx2Format, Layer, UvMode, ValueKind,
     unwrap::UnwrapperChoice,
 };
 use patch_subdivision::Options as CutOptions;
@@ -243,6 +243,10 @@ impl Settings {
             Quality::Preview => (16, 128),
             Quality::Production => (32, 1024),
         };
+        let (interpolation, near) = match start {
+            Quality::Draft if self.error.is_none() => (Interpolation::Wide, 0.5),
+            _ => (Interpolation::Open, 1.0),
+        };
         let (most, error) = match self.error {
             None => (most, error),
             Some(_) => (rays, 1.0),
@@ -258,6 +262,8 @@ impl Settings {
                 penumbra,
                 scouts: 4,
             },
+            interpolation,
+            near,
             open_only: false,
         }
     }
