@@ -211,7 +211,58 @@ impl Sparse {
         Ok(received)
     }
 
-    /// Direct light of lumel `i` by its neighbours and the next ones in the same lines, where all agree about lamps and no shadow's edge crosses any; `None` elsewhere.
+    /// What an interpolated lumel's light is made of: its neighbours on both sides and, where surface goes on undisturbed, the next ones in the same
+    /// lines, with weights that sum to 1. A cubic through four, a parabola through three, else a straight line. Empty where neighbours are on
+    /// one side alone.
+    pub(crate) fn taps(
+        &self,
+        lumels: &Lumels,
+        index: &TexelIndex,
+        received: &[Received],
+        i: usize,
+    ) -> Taps {
+        let l = &lumels.lumels[i];
+        let [x, y] = l.texel.map(i64::from);
+        let mut taps = Taps::default();
+        let next = |j: usize| -> Option<usize> {
+            let [u, v] = lumels.lumels[j].texel.map(i64::from);
+            let at = |k: i64| index.at(l.page, x + k * (u - x), y + k * (v - y));
+            let (between, far) = (at(2)?, at(3)?);
+            let (near, r) = (&received[j], &received[far]);
+            let way = r.position - near.position;
+            // A chart may hold places that adjoin and surfaces that do not.
+            let goes_on = way.length() <= 4.0 * near.size
+                && way.dot(near.normal).abs() <= 0.5 * near.size
+                && [between, far].into_iter().all(|k| {
+                    let r = &received[k];
+                    lumels.lumels[k].instance == l.instance && r.open == 1.0 && !r.near
+                });
+            goes_on.then_some(far)
+        };
+        // Opposite ones: the first and the second of two, the first and the last, the second and the third of four.
+        let [a, b, c, d] = self.beside[i];
+        let pairs = if c.or(d).is_some() || (x & y & 1 == 1) {
+            [[a, d], [b, c]]
+        } else {
+            [[a, b], [None; 2]]
+        };
+        for pair in pairs {
+            let [Some(a), Some(b)] = pair.map(|j| j.map(|j| j as usize)) else {
+                continue;
+            };
+            match (next(a), next(b)) {
+                (Some(far_a), Some(far_b)) => {
+                    taps.add(&[(a, 0.5625), (b, 0.5625), (far_a, -0.0625), (far_b, -0.0625)]);
+                }
+                (None, Some(far)) => taps.add(&[(a, 0.375), (b, 0.75), (far, -0.125)]),
+                (Some(far), None) => taps.add(&[(a, 0.75), (b, 0.375), (far, -0.125)]),
+                (None, None) => taps.add(&[(a, 0.5), (b, 0.5)]),
+            }
+        }
+        taps
+    }
+
+    /// Direct light of lumel `i` by its taps, where all agree about lamps, no shadow's edge crosses any and it does not bend; `None` elsewhere.
     fn direct_between(
         &self,
         lumels: &Lumels,
@@ -219,9 +270,11 @@ impl Sparse {
         received: &[Received],
         i: usize,
     ) -> Option<DirectBetween> {
-        let l = &lumels.lumels[i];
-        let [x, y] = l.texel.map(i64::from);
-        let first = &received[self.of(i).next()?];
+        let taps = self.taps(lumels, index, received, i);
+        if !taps.bent {
+            return None; // nothing to tell by whether it bends
+        }
+        let first = &received[taps.list().first()?.0];
         let mut out = DirectBetween {
             irradiance: Vec3::ZERO,
             planes: vec![Vec3::ZERO; first.planes.len()],
@@ -229,40 +282,32 @@ impl Sparse {
             lit: first.lit,
             hidden: first.hidden,
         };
+        for &(j, weight) in taps.list() {
+            let r = &received[j];
+            let same = [r.lit, r.hidden] == [out.lit, out.hidden] && r.mixed == 0;
+            if !(same && r.edge == Edge::None && r.open == 1.0) {
+                return None;
+            }
+            out.irradiance += r.direct * weight;
+            for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
+                *sum += plane.direct * weight;
+            }
+        }
         let (mut straight, mut n) = (0f32, 0f32);
         for j in self.of(i) {
-            let [u, v] = lumels.lumels[j].texel.map(i64::from);
-            let far = index.at(l.page, 3 * u - 2 * x, 3 * v - 2 * y)?;
-            if lumels.lumels[far].instance != l.instance {
-                return None;
-            }
-            let (near, far) = (&received[j], &received[far]);
-            for r in [near, far] {
-                let same = [r.lit, r.hidden] == [out.lit, out.hidden] && r.mixed == 0;
-                if !(same && r.edge == Edge::None && r.open == 1.0) {
-                    return None;
-                }
-            }
-            // A chart may hold places that adjoin and surfaces that do not.
-            let (step, way) = (near.size, far.position - near.position);
-            if way.length() > 4.0 * step || way.dot(near.normal).abs() > 0.5 * step {
-                return None;
-            }
-            let cubic = |near: Vec3, far: Vec3| near * 1.125 - far * 0.125;
-            out.irradiance += cubic(near.direct, far.direct);
-            straight += luminance(near.direct);
-            for ((sum, a), b) in out.planes.iter_mut().zip(&near.planes).zip(&far.planes) {
-                *sum += cubic(a.direct, b.direct);
-            }
+            straight += luminance(received[j].direct);
             n += 1.0;
         }
-        let share = 1.0 / n;
-        out.irradiance = (out.irradiance * share).max(Vec3::ZERO);
-        out.planes.iter_mut().for_each(|p| *p *= share);
+        out.irradiance = out.irradiance.max(Vec3::ZERO);
         let light = luminance(out.irradiance + first.indirect);
-        let bend = luminance(out.irradiance) - straight * share;
+        let bend = luminance(out.irradiance) - straight / n;
         out.variance = bend * bend;
-        (n > 1.0 && bend.abs() <= STRAIGHT * light).then_some(out)
+        (bend.abs() <= STRAIGHT * light).then_some(out)
+    }
+
+    /// Whether smoothing leaves lumel `i` to what its neighbours come to.
+    pub(crate) fn follows(&self, i: usize) -> bool {
+        self.rule == Interpolation::Wide && self.is(i)
     }
 
     /// Interpolates anew, after what it is interpolated between has changed.
@@ -292,6 +337,37 @@ pub(crate) struct Between {
     pub variance: f32,
     /// Indirect light and its first half, by plane.
     pub planes: Vec<[Vec3; 2]>,
+}
+
+/// What an interpolated lumel's light is made of; see [`Sparse::taps`].
+#[derive(Default)]
+pub(crate) struct Taps {
+    list: [(usize, f32); 8],
+    count: usize,
+    lines: usize,
+    /// All lines have more than two points, which tell a straight line from a bent one.
+    bent: bool,
+}
+
+impl Taps {
+    /// Adds a line of two to four lumels.
+    fn add(&mut self, line: &[(usize, f32)]) {
+        if self.lines == 1 {
+            self.list[..self.count].iter_mut().for_each(|t| t.1 *= 0.5);
+        }
+        let share = if self.lines == 0 { 1.0 } else { 0.5 };
+        for &(j, weight) in line {
+            self.list[self.count] = (j, weight * share);
+            self.count += 1;
+        }
+        self.bent = (self.bent || self.lines == 0) && line.len() > 2;
+        self.lines += 1;
+    }
+
+    /// Lumels and their weights.
+    pub(crate) fn list(&self) -> &[(usize, f32)] {
+        &self.list[..self.count]
+    }
 }
 
 /// Direct light between neighbours.

@@ -206,10 +206,11 @@ impl Settings {
     /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 % (docs/measurements.md, which says what has changed
     /// since); rays a patch hardly mattered between 128 and 256, since the gather averages over many patches.
     pub(crate) fn solve_options(&self) -> SolveOptions {
-        let (patches, rays) = match self.quality {
-            Quality::Draft => (3_000, 64),
-            Quality::Preview => (10_000, 128),
-            Quality::Production => (32_000, 256),
+        let (patches, rays, [base, penumbra]) = match self.quality {
+            // A gather reads many patches' elements: what is not known of each by itself hardly matters (docs/ideas.md).
+            Quality::Draft => (3_000, 32, [2, 4]),
+            Quality::Preview => (10_000, 128, [4, 8]),
+            Quality::Production => (32_000, 256, [4, 8]),
         };
         SolveOptions {
             cut: CutOptions {
@@ -217,6 +218,7 @@ impl Settings {
                 ..CutOptions::default()
             },
             rays,
+            direct: DirectOptions::every(base, penumbra),
             relax: RelaxOptions::default(),
             ..SolveOptions::default()
         }
