@@ -24,8 +24,12 @@ pub struct GatherOptions {
     pub rays: u32,
     /// Points of the footprint that share those rays, at most 64, a power of two. Contacts smaller than one part in so many go unseen.
     pub points: u32,
-    /// Points of a footprint that an edge crosses, where its first `points` disagree; see [`Gatherer::gather`].
+    /// Points of a footprint that an edge crosses; see [`Gatherer::gather`]. None are looked for with 0.
     pub edge_points: u32,
+    /// Footprints whose first `points` disagree are such too, and those beside them are looked at again. Else only those that lie in part inside or behind something.
+    pub contacts: bool,
+    /// So many lumels from where it was found a shadow's edge is followed.
+    pub follow: u32,
     /// Rays that a lumel gets at most where neighbours say that `rays` are too few; a power of two times `rays`.
     pub most_rays: u32,
     /// Good enough: estimated standard error of the indirect light over the total.
@@ -267,7 +271,7 @@ impl Gatherer<'_, '_> {
         let near = sums.iter().any(|s| s.near);
         let estimate = mean_and_spread(&sums, &open);
         if options.edge_points > 0 {
-            let more = options.edge_points > count as u32;
+            let more = options.contacts && options.edge_points > count as u32;
             let edge = if in_the_open == 0 {
                 // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
                 rays += u64::from(options.edge_points.saturating_sub(options.points));

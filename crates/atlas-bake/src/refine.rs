@@ -29,8 +29,9 @@ pub(crate) fn follow_edges(
 ) -> Result<(), Cancelled> {
     let index = TexelIndex::build(&lumels.lumels, layout);
     // Where edges get no more points than others, a second look would see no more.
-    let contacts = gatherer.options.edge_points > gatherer.options.points;
-    for round in 0..ROUNDS {
+    let options = &gatherer.options;
+    let contacts = options.contacts && options.edge_points > options.points;
+    for round in 0..options.follow.min(ROUNDS) {
         let beside: Vec<(usize, Look)> = (0..received.len())
             .into_par_iter()
             .with_min_len(1024)
@@ -72,7 +73,7 @@ pub(crate) fn follow_edges(
     Ok(())
 }
 
-/// An edge is followed for so many lumels from where it was found. It was found in most that it crosses.
+/// Most lumels that an edge is followed for, [`GatherOptions::follow`](crate::GatherOptions::follow): records have a stage for each.
 const ROUNDS: u32 = 3;
 
 /// Why a lumel is to be looked at again.

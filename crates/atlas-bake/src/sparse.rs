@@ -235,7 +235,8 @@ impl Sparse {
                 && way.dot(near.normal).abs() <= 0.5 * near.size
                 && [between, far].into_iter().all(|k| {
                     let r = &received[k];
-                    lumels.lumels[k].instance == l.instance && r.open == 1.0 && !r.near
+                    let clear = self.is(k) || (r.open == 1.0 && !r.near);
+                    clear && lumels.lumels[k].instance == l.instance
                 });
             goes_on.then_some(far)
         };

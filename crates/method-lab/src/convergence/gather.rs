@@ -126,6 +126,8 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 most_rays: rays,
                 error: 0.0,
                 direct: DirectOptions::every(1, 1),
+                contacts: false,
+                follow: 0,
                 interpolation: Interpolation::Open,
                 near: 1.0,
                 open_only: false,
