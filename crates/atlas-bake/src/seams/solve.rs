@@ -638,7 +638,8 @@ mod tests {
         let (width, height) = (24u32, 16u32);
         let n = (width * height) as usize;
         let row = |i: usize| i / width as usize;
-        let is_lumel = |i: usize| [4, 9].contains(&row(i));
+        let column = |i: usize| i % width as usize;
+        let is_lumel = |i: usize| [4, 9].contains(&row(i)) && (3..=18).contains(&column(i));
         let page = Page {
             width,
             height,
