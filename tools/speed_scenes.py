@@ -55,8 +55,12 @@ SCENES = {
     "sponza": dict(
         title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
         why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
-        count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64), slow_cycles=(256, 1024), slow_lumel=FINE),
+        count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE),
 }
+
+
+# What the page is about; the others are run by name.
+FIVE = ("cornell", "demo", "garage", "godot", "sponza")
 
 
 def make_dense(path):
