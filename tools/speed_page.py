@@ -77,11 +77,15 @@ def scenes_of(rows):
 
 
 def setup_text(rows):
-    loads = [float(r["load"]) for r in rows]
-    most = max(loads)
-    text = "Measured on %s, %s threads; %s. Load average at the start of a run: %.2f to %.2f%s.\n" % (
-        "; ".join(sorted({r["machine"] for r in rows})), ", ".join(sorted({r["threads"] for r in rows})),
-        "; ".join(sorted({r["versions"] for r in rows})), min(loads), most,
+    loads = [float(r["load"]) for r in rows if r["scene"] in speed_scenes.FIVE]
+    most = max(loads, default=0.0)
+    by_version = {}
+    for s in scenes_of(rows):
+        mine = sorted({r["versions"] for r in rows if r["scene"] == s and r["method"] == LUMEL})
+        by_version.setdefault("; ".join(mine), []).append(speed_scenes.SCENES[s]["title"])
+    text = "Measured on %s, %s threads; %s; %s. Load average at the start of a run, over the five scenes: %.2f to %.2f%s.\n" % (
+        "; ".join(sorted({r["machine"] for r in rows})), ", ".join(sorted({r["threads"] for r in rows})), "; ".join(sorted({r["versions"] for r in rows if r["method"] != LUMEL})),
+        "; ".join("%s: %s" % (", ".join(titles), version) for version, titles in by_version.items()), min(loads, default=0.0), most,
         # one's own previous run leaves up to the number of threads in the one-minute average
         "" if most < 1.5 * max(int(r["threads"]) for r in rows) else ". **The machine was busy with other work: the times below are not to be quoted**")
     return text

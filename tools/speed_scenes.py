@@ -31,19 +31,11 @@ SCENES = {
         title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", fair=True,
         why="that of docs/measurements.md, 156 × 256 texels, 7.4 cm a lumel",
         count=1000, target=0.0008, seconds=(120, 60, 40), cycles=(16, 64, 256, 1024), slow_cycles=()),
-    "room": dict(
-        title="Classic room", file=os.path.join(ASSETS, "classic_room_1014.glb"), density=18.0, sky="0,0,0", fair=True,
-        why="the finest that fits 256², 5.6 cm a lumel",
-        count=1000, target=0.0015, seconds=(40, 30, 30), cycles=(16, 64, 256, 1024), slow_cycles=()),
     "demo": dict(
         title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=7.84, sky="0.25,0.35,0.5", fair=False,
         why="what `lumel bake` chooses by itself: 556² texels, 12.8 cm a lumel",
         count=600, target=0.001, seconds=(240, 90, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE,
         light_tree=True),   # 16 samples: 50 % in 10.1 s of processor time against 74 % in 5.9 s; median 6 against 29 %
-    "dense": dict(
-        title="Dense mesh", file="dense", density=36.5, sky="0,0,0", fair=True,
-        why="the finest that fits 512² (424 × 496), 2.7 cm a lumel, which covers some seven triangles of the balls",
-        count=1000, target=0.0015, seconds=(50, 30, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE),
     "garage": dict(
         title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=12.0, sky="0,0,0", plain=LIMIT, fair=False,
         why="44,000 lumels, 8.3 cm each; `lumel bake` would choose 27 and 222,000, with which 256 samples of Cycles take four minutes",
@@ -56,6 +48,14 @@ SCENES = {
         title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
         why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
         count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE),
+    "room": dict(
+        title="Classic room", file=os.path.join(ASSETS, "classic_room_1014.glb"), density=18.0, sky="0,0,0", fair=True,
+        why="the finest that fits 256², 5.6 cm a lumel",
+        count=1000, target=0.0015, seconds=(40, 30, 30), cycles=(16, 64, 256, 1024), slow_cycles=()),
+    "dense": dict(
+        title="Dense mesh", file="dense", density=36.5, sky="0,0,0", fair=True,
+        why="the finest that fits 512² (424 × 496), 2.7 cm a lumel, which covers some seven triangles of the balls",
+        count=1000, target=0.0015, seconds=(50, 30, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE),
 }
 
 
