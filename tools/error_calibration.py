@@ -90,7 +90,7 @@ class Scene:
             page = channels(common.outputs(finest)["pages"][0])
             texel = np.argwhere(page["coverage"] > 0)
             t = page["rgb"][tuple(texel.T)] * np.pi
-            self.truth = dict(texel=texel, irradiance=t, stderr=np.zeros_like(t))
+            self.truth = dict(texel=texel, irradiance=t, stderr=np.zeros_like(t), share=page["coverage"][tuple(texel.T)])
 
     def bake(self, setting, out):
         """out: a folder, absolute or of `work`"""
@@ -139,8 +139,10 @@ def measure(x, e, truth, keep):
     """x: irradiance of the bake, e: its estimated standard error, keep: lumels to compare"""
     from scipy.stats import spearmanr
     t, s = truth["irradiance"] @ LUMINANCE, truth["stderr"] @ LUMINANCE
-    lit = keep & (t > reference.LIT * t.mean())
-    scale = t + 0.01 * t[lit].mean()
+    # The bake's own measure: the mean is of the surface, so a lumel that lies on it in part counts in part.
+    mean = np.average(t, weights=truth.get("share"))
+    lit = keep & (t > reference.LIT * mean)
+    scale = t + 0.01 * mean
     err, noise = ((x - t) / scale)[lit], (s / scale)[lit]
     est = (e / scale)[lit]
     rms = lambda v: float(np.sqrt(np.mean(v * v)))     # noqa: E731

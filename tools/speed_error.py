@@ -138,14 +138,15 @@ class Scene:
         return self._triangles
 
     def sweep(self, with_cycles, book, only_slow=False):
-        """Every setting in turn, then those under LONG seconds again; every run's rows go to `book` at once.  `only_slow`: Cycles' slow ones alone"""
+        """Every setting in turn, then those under LONG seconds again; every run's rows go to `book` at once.  `only_slow`: Cycles' slow ones and lumel's `production`, where it is slow"""
         a, jobs = self.a, []
         lumel = [s for s in LUMEL if a.full or s not in self.table.get("slow_lumel", ())]
         samples = list(self.table["cycles"]) + (list(self.table["slow_cycles"]) if a.full else []) if with_cycles else []
         if a.smoke:
             lumel, samples = lumel[:3:2], [2, 8] if samples else []
         if only_slow:
-            lumel, samples = [], list(self.table["slow_cycles"]) if with_cycles else []
+            lumel = [s for s in self.table.get("slow_lumel", ()) if s == "production"]
+            samples = list(self.table["slow_cycles"]) if with_cycles else []
         for k in range(max(len(lumel), len(samples))):
             jobs += [("lumel", s) for s in lumel[k:k + 1]] + [("cycles", s) for s in samples[k:k + 1]]
         book.start(self, jobs)
@@ -201,7 +202,7 @@ class Book:
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("--scenes", default=",".join(speed_scenes.FIVE))
-    ap.add_argument("--final", action="store_true", help="--scenes %s --resume, and after all else Cycles' slow ones; the page is written after each scene" % ",".join(speed_scenes.FIVE))
+    ap.add_argument("--final", action="store_true", help="--scenes %s --resume, and after all else the slow ones but for `--error`; the page is written after each scene" % ",".join(speed_scenes.FIVE))
     ap.add_argument("--resume", action="store_true", help="runs of the same atlas (and binary, lumel's) that the CSV holds already are not made again")
     ap.add_argument("--pictures", action="store_true", help="the pictures of known weaknesses too, each with a reference of its own")
     ap.add_argument("--lumel-only", action="store_true", help="no Cycles; its rows of an earlier run are kept")
