@@ -131,6 +131,8 @@ def main():
         meshes.append(mesh)
         node["mesh"] = len(meshes) - 1
     js["meshes"] = meshes
+    for light in js.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", []):
+        light.setdefault("intensity", 1.0)      # glTF's default; Blender's importer takes 10
     js["buffers"][0]["byteLength"] = len(bin_) + (-len(bin_) % 4)
     common.write_glb(a.flat, js, bin_)
     print(json.dumps(dict(res=side, page=list(size), nodes=count, receivers=receivers, left_out=left_out)))
