@@ -102,7 +102,8 @@ class Scene:
     def cycles(self, samples, denoise, run):
         out = os.path.join(self.a.work, "%s.cycles%d" % (self.name, samples))
         load = os.getloadavg()[0]
-        p = cycles_peer.bake(self.flat, out, self.side, samples, self.a.threads, self.table["sky"], denoise, self.table.get("light_tree", False))
+        p = cycles_peer.bake(self.flat, out, self.side, samples, self.a.threads, self.table["sky"], denoise, self.table.get("light_tree", False),
+                             self.table.get("bounces", 32))
         if p["unwrapped"]:
             raise SystemExit("%s: Cycles unwrapped %d meshes anew, so its lumels are not the same" % (self.name, p["unwrapped"]))
         dark = self.zeros(p["map"])
