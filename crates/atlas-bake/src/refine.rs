@@ -29,8 +29,9 @@ pub(crate) fn follow_edges(
 ) -> Result<(), Cancelled> {
     let index = TexelIndex::build(&lumels.lumels, layout);
     // Where edges get no more points than others, a second look would see no more.
-    let contacts = gatherer.options.edge_points > gatherer.options.points;
-    for round in 0..ROUNDS {
+    let options = &gatherer.options;
+    let contacts = options.contacts && options.edge_points > options.points;
+    for round in 0..options.follow.min(ROUNDS) {
         let beside: Vec<(usize, Look)> = (0..received.len())
             .into_par_iter()
             .with_min_len(1024)
@@ -72,7 +73,7 @@ pub(crate) fn follow_edges(
     Ok(())
 }
 
-/// An edge is followed for so many lumels from where it was found. It was found in most that it crosses.
+/// Most lumels that an edge is followed for, [`GatherOptions::follow`](crate::GatherOptions::follow): records have a stage for each.
 const ROUNDS: u32 = 3;
 
 /// Why a lumel is to be looked at again.
@@ -106,9 +107,6 @@ fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usi
     look.lights &= !(own.mixed | own.looked);
     look
 }
-
-/// Lumels that others are interpolated between have so many times the rays: there are few, and what they are wrong by is seen in four.
-const BEARING: u32 = 2;
 
 /// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error), and says how many times
 /// as many rays as at first each lumel has.
@@ -156,7 +154,7 @@ pub(crate) fn add_rays(
             // Powers of two keep the points of the sequence well distributed.
             let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
             let times = if times > most { times / 2 } else { times };
-            let times = times.max(if sparse.bears(i) { BEARING } else { 1 });
+            let times = times.max(sparse.bearing(i));
             (times > 1).then_some((i, times))
         })
         .collect();
