@@ -174,7 +174,7 @@ def keep_rows(rows):
     fresh = {key(r) for r in rows}
     order = list(speed_scenes.FIVE)
     atlas = {r["scene"]: r["atlas"] for r in rows}
-    new = sorted([r for r in old if key(r) not in fresh and r.get("atlas") == atlas.get(r["scene"], r.get("atlas"))] + rows, key=lambda r: (r["truth"], order.index(r["scene"])))
+    new = sorted([r for r in old if key(r) not in fresh and r.get("atlas") == atlas.get(r["scene"], r.get("atlas"))] + rows, key=lambda r: (r["truth"], order.index(r["scene"]), {"draft": 0, "preview": 1, "production": 2}.get(r["setting"], 3)))
     os.makedirs(os.path.dirname(CSV), exist_ok=True)
     with open(CSV, "w", newline="") as f:
         out = csv.DictWriter(f, COLUMNS, extrasaction="ignore")
