@@ -220,13 +220,7 @@ pub fn bake_recalling(
     let mut sparse = if world.is_dark() {
         Sparse::none(lumels.lumels.len())
     } else {
-        Sparse::find(
-            world,
-            &lumels,
-            layout,
-            options.lumels.interpolation,
-            recall,
-        )
+        Sparse::find(world, &lumels, layout, options.lumels.interpolation, recall)
     };
     let mut received = sparse.gather(&gatherer, &lumels, layout, monitor)?;
     follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;

@@ -32,6 +32,8 @@ pub struct GatherOptions {
     pub follow: u32,
     /// Rays that a lumel gets at most where neighbours say that `rays` are too few; a power of two times `rays`.
     pub most_rays: u32,
+    /// So many rays beyond `rays` a lumel gets on average at most; infinite where only `most_rays` is to limit it.
+    pub more_rays: f32,
     /// Good enough: estimated standard error of the indirect light over the total.
     pub error: f32,
     /// Direct light.
@@ -663,7 +665,9 @@ impl Gatherer<'_, '_> {
             }
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
-            let near = self.options.near * NEAR[bounce as usize] * self.solution.cut.patch_edge(hit.triangle);
+            let near = self.options.near
+                * NEAR[bounce as usize]
+                * self.solution.cut.patch_edge(hit.triangle);
             if bounce == MOST_NEAR_BOUNCES || hit.t > near {
                 let (solution, world) = (self.solution, self.world);
                 sum += if N::ON {

@@ -124,7 +124,10 @@ pub(crate) fn smooth_indirect(
     }
     let between: Vec<Option<Smoothed>> = (taps.par_iter())
         .with_min_len(256)
-        .map(|taps| taps.as_ref().map(|t| Smoothed::between(t, received, groups)))
+        .map(|taps| {
+            taps.as_ref()
+                .map(|t| Smoothed::between(t, received, groups))
+        })
         .collect();
     for (r, s) in received.iter_mut().zip(between) {
         let Some(s) = s else { continue };

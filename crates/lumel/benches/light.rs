@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 use divan::{Bencher, black_box, counter::ItemsCount};
 use glam::{DVec3, Vec3};
 use lumel::atlas_bake::{
-    self, BakeOptions, GatherOptions, Hidden, Interpolation, Layout, LayoutOptions, ValueKind, layout,
+    self, BakeOptions, GatherOptions, Hidden, Interpolation, Layout, LayoutOptions, ValueKind,
+    layout,
 };
 use lumel::mesh_ingest::{self, LoadOptions, Soup};
 use lumel::radiosity::{
@@ -111,10 +112,11 @@ fn gather_draft(bencher: Bencher, name: &str) {
             rays: 16,
             points: 4,
             edge_points: 16,
-            most_rays: 16,
-            error: 1.0,
+            most_rays: 32,
+            more_rays: 1.0,
+            error: 0.05,
             direct: DirectOptions {
-                base: 4,
+                base: 2,
                 penumbra: 16,
                 scouts: 2,
             },

@@ -238,13 +238,13 @@ impl Settings {
         // A draft that is to reach an error must see contacts, and gathers anew what is too noisy; without, it is to be quick (docs/ideas.md).
         let quick = start == Quality::Draft && self.error.is_none();
         let (rays, most, error, points, edge_points) = match start {
-            Quality::Draft if quick => (16, 16, 1.0, 4, 16),
+            Quality::Draft if quick => (16, 32, 0.05, 4, 16),
             Quality::Draft => (32, 32, 1.0, 16, 64),
             Quality::Preview => (128, 256, 0.03, 16, 128),
             Quality::Production => (512, 4096, 0.01, 32, 1024),
         };
         let (base, penumbra, scouts) = match start {
-            Quality::Draft if quick => (4, 16, 2),
+            Quality::Draft if quick => (2, 16, 2),
             Quality::Draft => (16, 32, 4),
             Quality::Preview => (16, 128, 4),
             Quality::Production => (32, 512, 4),
@@ -262,6 +262,7 @@ impl Settings {
             points,
             edge_points,
             most_rays: most,
+            more_rays: if quick { 1.0 } else { f32::INFINITY },
             error,
             direct: DirectOptions {
                 base,
