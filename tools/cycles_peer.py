@@ -13,9 +13,9 @@ def available():
     return importlib.util.find_spec("bpy") is not None
 
 
-def bake(flat, out, side, samples, threads, sky="0,0,0", denoise=False, light_tree=False):
+def bake(flat, out, side, samples, threads, sky="0,0,0", denoise=False, light_tree=False, bounces=32):
     """-> cycles_bake.py's JSON line, with `map` (lightmap.exr) and `denoised` (or None): paths of maps that hold E/π"""
-    r = common.tool(os.path.abspath(__file__), flat, out, "--samples", samples, "--resolution", side, "--threads", threads, "--sky", sky,
+    r = common.tool(os.path.abspath(__file__), flat, out, "--samples", samples, "--resolution", side, "--threads", threads, "--sky", sky, "--bounces", bounces,
                     *(["--denoise", "oidn"] if denoise else []), *([] if light_tree else ["--no-light-tree"]))
     r.update(map=os.path.join(out, "lightmap.exr"), denoised=os.path.join(out, "denoised.exr") if denoise else None)
     return r

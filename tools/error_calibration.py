@@ -1,19 +1,22 @@
 """Is a bake's own estimate of its error right?  Estimated against true error, lumel by lumel, over five scenes.
 
-Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,preview,production,0.02,…] [--lumel BINARY]
-              [--truth paths|bake] [--references-only] [--refine SECONDS] [--pictures] [--work DIR]
+Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,preview,error] [--lumel BINARY]
+              [--truth bake|paths] [--references-only] [--pictures] [--docs DIR] [--work DIR]
         python error_calibration.py --page-only          docs/error.md from the CSV
-Steps : for each scene 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every setting is baked with
-          `--layers direct,indirect,error,coverage`; 4 the error channel is held against (bake − reference), lumel by lumel.
-        `--truth paths` (default): means over the areas of drawn lumels by a path tracer that shares no code with the baker (reference.py).
-        Only of lumels that lie wholly on the surface: of others the two do not take the same part.
-        `--truth bake`: all lumels, against a bake of BINARY at `production --error 0.004`; what both do wrong does not show.
+Steps : for each scene of speed_scenes.py, at its density there, 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every
+        setting is baked with `--layers direct,indirect,error,coverage`; 4 the error channel is held against (bake − reference), lumel by lumel.
+        `--truth bake` (default): all lumels, against a bake of BINARY at `production`, kept by the content of the scene and its atlas, not by the binary: what
+        both do wrong does not show.
+        `--truth paths`: means over the areas of drawn lumels by a path tracer that shares no code with the baker, those of speed_error.py (chart edges
+        too).  Only of lumels that lie wholly on the surface: of others the two do not take the same part.
+        Settings: a preset; `error`: preview with the scene's own `--error` of the table below; 0.02: preview with that; draft+0.1.
 Output: a line a setting, then how the estimate's deciles fare;  docs/data/error_calibration.csv;  the tables of docs/error.md (between
         <!-- generated:NAME --> and <!-- end -->);  with --pictures docs/images/error_*.png: estimated beside true error of a whole page.
 Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lit lumels; the estimate
         (channel error.Y) over the same. `report` is what the bake says itself, over its own light. The truth's own
-        noise is taken off its square.
-Needs : Mitsuba for references that are not cached (two to four minutes a scene), numpy, scipy; matplotlib for pictures.
+        noise is taken off its square with --truth paths.
+Time  : on two quiet cores five minutes with cached references; those of --truth bake take ten.
+Needs : Mitsuba to read EXR (and for references of paths that are not cached), numpy, scipy; matplotlib for pictures.
 """
 import argparse
 import csv
@@ -32,19 +35,11 @@ import speed_scenes
 DOCS = os.path.join(common.HERE, "..", "docs")
 CSV = os.path.join(DOCS, "data", "error_calibration.csv")
 COLUMNS = ("scene truth setting wanted reached n lumels report_rms estimated true own ratio spearman p50_estimated p50_true "
-           "bias within1 within2 deciles_estimated deciles_true mrays instructions versions").split()
-ASSETS = os.path.join(common.HERE, "..", "assets")
+           "bias within1 within2 deciles_estimated deciles_true mrays instructions versions atlas").split()
 
-# About a fifth of the density that `lumel bake` would choose (Cornell box: that of docs/measurements.md): ten thousand lumels, so that reference and settings
-# of a scene take a minute or two of a processor.  Coarse lumels have a larger share of edges: the harder case.
-SCENES = {
-    "cornell": dict(title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", seconds=120),
-    "demo": dict(title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=1.75, sky="0.25,0.35,0.5", seconds=240),
-    "garage": dict(title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=7.0, sky="0,0,0", seconds=150),
-    "godot": dict(title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=0.6, sky="0,0,0", seconds=150),
-    "sponza": dict(title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=2.5, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), seconds=150),
-}
-COUNT, TARGET, WHOLE = 1000, 0.0005, 0.999
+# What `error` asks of each scene: somewhat less than `preview` claims, so that there is something to do.
+ERROR = {"cornell": "0.01", "demo": "0.05", "garage": "0.2", "godot": "0.03", "sponza": "0.1"}
+WHOLE = 0.999
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
@@ -78,35 +73,28 @@ def bake(binary, scene, out, *options):
 
 class Scene:
     def __init__(self, name, a):
-        self.name, self.a, s = name, a, SCENES[name]
-        self.path, self.table = s["file"], s
-        if not os.path.exists(self.path):
-            raise FileNotFoundError(self.path)
-        if "sun" in s:
-            self.path = os.path.join(a.work, name + ".glb")
-            speed_scenes.with_sun(s["file"], *s["sun"], self.path)
-        self.options = ["--texels-per-unit", s["density"], "--max-page", 2048] + ([] if s["sky"] == "0,0,0" else ["--sky", s["sky"]])
-        first = self.bake("draft", name + ".first")
-        if len(first["pages"]) != 1:
-            raise SystemExit("%s: %d pages, expected one" % (name, len(first["pages"])))
-        flat = os.path.join(a.work, name + ".flat.glb")
-        side = reference.flatten(first["glb"], flat)["res"]
-        self.refs = reference.References(name, flat, side, COUNT, TARGET, s["seconds"], s["sky"], log=say)
+        self.name, self.a, self.table = name, a, speed_scenes.SCENES[name]
+        self.path, trouble = speed_scenes.prepare(name, a.work)
+        if self.path is None:
+            raise FileNotFoundError(trouble)
+        self.options = ["--texels-per-unit", self.table["density"], "--max-page", 2048] + speed_scenes.sky_options(name)
+        flat, side = speed_scenes.flat_atlas(name, self.path, a.work, a.threads)
+        self.refs = speed_scenes.references(name, flat, side, log=say)
         if a.truth == "paths":
-            self.truth = reference.load(self.refs.truth(1.0, "black", inset=0, refine=a.refine))
+            self.truth = reference.load(speed_scenes.three_truths(self.refs, name)[2])
         else:
             finest = os.path.join(common.REF, "bakes", "%s-%s" % (name, self.refs.digest))
             if not os.path.exists(os.path.join(finest, "done")):
-                self.bake("production+0.004", finest)
+                self.bake("production", finest)
                 open(os.path.join(finest, "done"), "w").close()
             page = channels(common.outputs(finest)["pages"][0])
             texel = np.argwhere(page["coverage"] > 0)
             t = page["rgb"][tuple(texel.T)] * np.pi
-            self.truth = dict(texel=texel, irradiance=t, stderr=np.zeros_like(t))
+            self.truth = dict(texel=texel, irradiance=t, stderr=np.zeros_like(t), share=page["coverage"][tuple(texel.T)])
 
     def bake(self, setting, out):
         """out: a folder, absolute or of `work`"""
-        opts, _ = options_of(setting)
+        opts, _ = self.asked(setting)
         out = os.path.join(self.a.work, out)
         stamp = json.dumps([common.digest(self.a.lumel), common.digest(self.path), opts, self.options])
         if os.path.exists(out + ".done") and open(out + ".done").read() == stamp and self.a.keep:
@@ -116,6 +104,9 @@ class Scene:
                  "--threads", self.a.threads)
         open(out + ".done", "w").write(stamp)
         return r
+
+    def asked(self, setting):
+        return options_of(ERROR[self.name] if setting == "error" else setting)
 
     def row(self, setting):
         r = self.bake(setting, "%s.%s" % (self.name, setting))
@@ -128,9 +119,9 @@ class Scene:
         if self.a.truth == "bake":
             # What the bake promises is this figure, and all of its lumels are here.
             m["ratio"] = gather["estimated_error"] / max(m["true"], 1e-12)
-        return dict(m, scene=self.name, truth=self.a.truth, setting=setting, wanted=options_of(setting)[1] or "", reached=gather.get("error_reached", ""),
+        return dict(m, scene=self.name, truth=self.a.truth, setting=ERROR[self.name] if setting == "error" else setting, wanted=self.asked(setting)[1] or "", reached=gather.get("error_reached", ""),
                     lumels=gather["lumels"], report_rms=gather["estimated_error"], mrays=gather["lumel_rays"] / 1e6, instructions=r.get("instructions") or "",
-                    versions="%s, binary %s" % (report["generator"], common.digest(self.a.lumel)[:8]))
+                    atlas=self.refs.digest, versions="%s, binary %s" % (report["generator"], common.digest(self.a.lumel)[:8]))
 
 
 def channels(path):
@@ -148,8 +139,10 @@ def measure(x, e, truth, keep):
     """x: irradiance of the bake, e: its estimated standard error, keep: lumels to compare"""
     from scipy.stats import spearmanr
     t, s = truth["irradiance"] @ LUMINANCE, truth["stderr"] @ LUMINANCE
-    lit = keep & (t > reference.LIT * t.mean())
-    scale = t + 0.01 * t[lit].mean()
+    # The bake's own measure: the mean is of the surface, so a lumel that lies on it in part counts in part.
+    mean = np.average(t, weights=truth.get("share"))
+    lit = keep & (t > reference.LIT * mean)
+    scale = t + 0.01 * mean
     err, noise = ((x - t) / scale)[lit], (s / scale)[lit]
     est = (e / scale)[lit]
     rms = lambda v: float(np.sqrt(np.mean(v * v)))     # noqa: E731
@@ -175,12 +168,13 @@ def show(r):
 
 
 def keep_rows(rows):
-    """adds rows to the CSV, in place of those of the same scene, truth and setting"""
+    """adds rows to the CSV, in place of those of the same scene, truth and setting, and of those of the scene with another atlas"""
     key = lambda r: (r["scene"], r["truth"], r["setting"])     # noqa: E731
     old = read_rows()
     fresh = {key(r) for r in rows}
-    order = list(SCENES)
-    new = sorted([r for r in old if key(r) not in fresh] + rows, key=lambda r: (r["truth"], order.index(r["scene"])))
+    order = list(speed_scenes.FIVE)
+    atlas = {r["scene"]: r["atlas"] for r in rows}
+    new = sorted([r for r in old if key(r) not in fresh and r.get("atlas") == atlas.get(r["scene"], r.get("atlas"))] + rows, key=lambda r: (r["truth"], order.index(r["scene"]), {"draft": 0, "preview": 1, "production": 2}.get(r["setting"], 3)))
     os.makedirs(os.path.dirname(CSV), exist_ok=True)
     with open(CSV, "w", newline="") as f:
         out = csv.DictWriter(f, COLUMNS, extrasaction="ignore")
@@ -204,7 +198,7 @@ def page():
             if r["truth"] == truth:
                 good = 1 / 1.5 <= float(r["ratio"]) <= 1.5
                 lines.append("| %s | %s | %s | %s | %s | %s | %s | %s | %s | %.2f | %.0f, %.0f %% | %s | %s |" % (
-                    SCENES[r["scene"]]["title"], name(r["setting"]), r["n"], percent(r["report_rms"]), percent(r["estimated"]), percent(r["true"]), ("%.2f" if good else "**%.2f**") % float(r["ratio"]),
+                    speed_scenes.SCENES[r["scene"]]["title"], name(r["setting"]), r["n"], percent(r["report_rms"]), percent(r["estimated"]), percent(r["true"]), ("%.2f" if good else "**%.2f**") % float(r["ratio"]),
                     percent(r["p50_estimated"]), percent(r["p50_true"]), float(r["spearman"]), 100 * float(r["within1"]), 100 * float(r["within2"]),
                     {"True": "yes", "False": "no"}.get(r["reached"], ""), "%.0f" % float(r["instructions"]) if r["instructions"] else ""))
         parts[truth] = "\n".join(lines)
@@ -213,10 +207,10 @@ def page():
         if r["truth"] == "bake":
             for what in ("estimated", "true"):
                 cells = ["%.2f" % (100 * float(v)) for v in r["deciles_" + what].split()]
-                lines.append("| %s | %s | %s | %s |" % (SCENES[r["scene"]]["title"], name(r["setting"]), what, " | ".join(cells)))
+                lines.append("| %s | %s | %s | %s |" % (speed_scenes.SCENES[r["scene"]]["title"], name(r["setting"]), what, " | ".join(cells)))
     parts["deciles"] = "\n".join(lines)
     path = os.path.join(DOCS, "error.md")
-    text = open(path).read()
+    text = open(os.path.join(common.HERE, "..", "docs", "error.md")).read()
     for k, v in parts.items():
         text = re.sub(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % k, lambda m: m.group(1) + "\n" + v + "\n\n" + m.group(2), text, flags=re.S)
     open(path, "w").write(text)
@@ -237,7 +231,7 @@ def picture(scene, setting):
     fig, axes = plt.subplots(1, 2, figsize=(12, 6), constrained_layout=True)
     for ax, data, title in zip(axes, show_me, ("estimated standard error", "true error")):
         shown = ax.imshow(np.maximum(data, 1e-4), norm=matplotlib.colors.LogNorm(1e-3, 1), cmap="magma", interpolation="nearest")
-        ax.set_title("%s, %s: %s" % (SCENES[scene.name]["title"], setting, title))
+        ax.set_title("%s, %s: %s" % (speed_scenes.SCENES[scene.name]["title"], setting, title))
         ax.set_axis_off()
     fig.colorbar(shown, ax=axes, label="relative error", shrink=0.8)
     fig.savefig(os.path.join(DOCS, "images", "error_%s.png" % scene.name), dpi=80)
@@ -245,18 +239,22 @@ def picture(scene, setting):
 
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ap.add_argument("--scenes", default=",".join(SCENES))
-    ap.add_argument("--settings", default="draft,preview,production,0.1,0.05,0.02,0.01")
+    ap.add_argument("--scenes", default=",".join(speed_scenes.FIVE))
+    ap.add_argument("--settings", default="draft,preview,error")
     ap.add_argument("--lumel", default=common.LUMEL)
-    ap.add_argument("--truth", choices=("paths", "bake"), default="paths")
-    ap.add_argument("--pictures", action="store_true", help="of the first of the settings; with --truth bake")
+    ap.add_argument("--truth", choices=("paths", "bake"), default="bake")
+    ap.add_argument("--pictures", action="store_true", help="of the first of the settings")
     ap.add_argument("--page-only", action="store_true")
     ap.add_argument("--references-only", action="store_true")
-    ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each reference")
     ap.add_argument("--keep", action="store_true", help="bakes of an earlier run by the same binary are used again (without their instructions)")
     ap.add_argument("--threads", type=int, default=os.cpu_count())
     ap.add_argument("--work", default="/tmp/lumel-calibration")
+    ap.add_argument("--docs", help="folder of data/error_calibration.csv, images/ and the page [default: the project's]")
     a = ap.parse_args()
+    global DOCS, CSV
+    if a.docs:
+        DOCS = os.path.abspath(a.docs)
+        CSV = os.path.join(DOCS, "data", "error_calibration.csv")
     if a.page_only:
         return page()
     a.lumel = os.path.abspath(a.lumel)

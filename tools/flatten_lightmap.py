@@ -6,7 +6,9 @@ Input : a .glb written by `lumel bake`: nodes with extras.lightmap {uri, page, t
 Output: FLAT.glb, in which every mesh node has a mesh of its own whose TEXCOORD_1 lies in the page (offset and scale applied; a page that is
         not square sits in the top left of a square one, so that texel (row, column) keeps its number), and TEXCOORD_0 where the
         document had none.  Nodes on other pages, or without a lightmap, get no TEXCOORD_1: they cast and do not receive.
-        GPU instances become nodes.  One JSON line: res (side of the square), page size, nodes, receivers.
+        GPU instances become nodes.  Triangles without area whose lightmap coordinates have one are left out: the baker drops them, so their corners lie
+        in whatever charts their vertices are in, and a peer that draws them paints over others' lumels (on Sponza, 430 of them covered a third of
+        what was lit).  One JSON line: res (side of the square), page size, nodes, receivers, left_out.
 """
 import argparse
 import copy
@@ -54,6 +56,19 @@ def expand_instances(js, doc):
                 del js[key]
 
 
+NO_AREA = 1e-12     # of the longest side's square: mesh-ingest's own bound
+DRAWN = 0.01        # texels²; less of a page is nobody's lumel
+
+
+def painters(corners, uv, side):
+    """mask of triangles [n, 3, 3] that have no area, and one in the lightmap [n, 3, 2]"""
+    cross2 = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]      # noqa: E731
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    drawn = 0.5 * side ** 2 * abs(cross2(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
+    return (area <= NO_AREA * longest ** 2) & (drawn > DRAWN)
+
+
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("baked")
@@ -77,16 +92,16 @@ def main():
     side = max(size)
     to_square = np.array(size, float) / side
 
-    def accessor(values):
+    def accessor(values, indices=False):
         while len(bin_) % 4:
             bin_.append(0)
-        data = np.ascontiguousarray(values, np.float32)
-        js["bufferViews"].append(dict(buffer=0, byteOffset=len(bin_), byteLength=data.nbytes, target=34962))
+        data = np.ascontiguousarray(values, np.uint32 if indices else np.float32)
+        js["bufferViews"].append(dict(buffer=0, byteOffset=len(bin_), byteLength=data.nbytes, target=34963 if indices else 34962))
         bin_.extend(data.tobytes())
-        js["accessors"].append(dict(bufferView=len(js["bufferViews"]) - 1, componentType=5126, count=len(data), type="VEC2"))
+        js["accessors"].append(dict(bufferView=len(js["bufferViews"]) - 1, componentType=5125 if indices else 5126, count=len(data), type="SCALAR" if indices else "VEC2"))
         return len(js["accessors"]) - 1
 
-    meshes, receivers, count = [], 0, 0
+    meshes, receivers, count, left_out = [], 0, 0, 0
     for node in js["nodes"]:
         if "mesh" not in node:
             continue
@@ -103,15 +118,24 @@ def main():
                 at["TEXCOORD_1"] = accessor(uv)
                 if "TEXCOORD_0" not in at:
                     at["TEXCOORD_0"] = at["TEXCOORD_1"]
+                if p.get("mode", 4) == 4 and "indices" in p:
+                    index = doc.accessor(p["indices"])[:, 0].astype(np.int64)
+                    index = index[:len(index) // 3 * 3].reshape(-1, 3)
+                    bad = painters(doc.accessor(at["POSITION"]).astype(np.float64)[index], uv[index], side)
+                    if bad.any():
+                        left_out += int(bad.sum())
+                        p["indices"] = accessor(index[~bad].ravel(), True)
             else:
                 for k in [k for k in at if k.startswith("TEXCOORD_") and k != "TEXCOORD_0"]:
                     del at[k]
         meshes.append(mesh)
         node["mesh"] = len(meshes) - 1
     js["meshes"] = meshes
+    for light in js.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", []):
+        light.setdefault("intensity", 1.0)      # glTF's default; Blender's importer takes 10
     js["buffers"][0]["byteLength"] = len(bin_) + (-len(bin_) % 4)
     common.write_glb(a.flat, js, bin_)
-    print(json.dumps(dict(res=side, page=list(size), nodes=count, receivers=receivers)))
+    print(json.dumps(dict(res=side, page=list(size), nodes=count, receivers=receivers, left_out=left_out)))
 
 
 if __name__ == "__main__":

@@ -3,18 +3,20 @@
 After Willmott and Heckbert, "An empirical comparison of progressive and wavelet radiosity", 1997: every method, every setting, the same scenes,
 one measure of error, time beside it.
 
-Usage : python speed_error.py [--scenes cornell,room,demo,dense,sponza] [--lumel-only] [--full] [--smoke]
-              [--references-only] [--reference-time 1.0] [--refine SECONDS] [--repeat 3] [--threads N] [--work DIR]
+Usage : python speed_error.py [--scenes cornell,demo,garage,godot,sponza] [--lumel-only] [--full] [--resume] [--smoke] [--pictures]
+              [--references-only] [--reference-time 1.0] [--refine SECONDS] [--repeat 3] [--threads N] [--work DIR] [--docs DIR]
+        python speed_error.py --final              the five scenes, resuming where an earlier call of the same binary was cut off
         python speed_error.py --page-only          plots and page again from the CSV
 Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its references are looked up under LUMEL_REF or made
           (reference.py; their time is bounded in the scene table, --reference-time scales it, --refine adds to what is there); 3 all settings of lumel and
           Cycles in turn; settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
-Output: docs/data/speed_error.csv       a row for every run and family of lumels; scenes that were not run keep their rows
+Output: docs/data/speed_error.csv       a row for every run and family of lumels, written after each run; what was not run keeps its rows, unless they
+                                        are of another atlas or, lumel's, of another binary
         docs/images/speed_error.png .svg  one panel a scene;  docs/images/weakness_*.png
         docs/speed_error.md             the parts between <!-- generated:NAME --> and <!-- end --> are written anew, the rest stays
 Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; bpy for Cycles, else its points are left out,
         with a warning.  The machine should be quiet: the load average goes into the CSV and onto the page.
-Time  : on a quiet machine of 2 cores with cached references about 15 minutes; --full adds the settings that take minutes each.
+Time  : on a quiet machine of 2 cores with cached references about 25 minutes; --full adds the settings that take minutes each.
 """
 import argparse
 import os
@@ -27,9 +29,8 @@ import reference
 import speed_page
 import speed_scenes
 
-CSV = os.path.join(common.HERE, "..", "docs", "data", "speed_error.csv")
 COLUMNS = ("scene method setting run seconds process_seconds peak_mb n relRMSE p50 p95 p99 bias own family rays threads load versions "
-           "relRMSE_se side lumels texels_per_unit triangles backs machine").split()
+           "relRMSE_se side lumels texels_per_unit triangles backs machine atlas").split()
 
 # lumel's settings: name → options of `lumel bake`; a scene's slow_lumel need --full.
 LUMEL = {
@@ -40,7 +41,10 @@ LUMEL = {
     "production": ["--quality", "production"],
     "production, error 0.005": ["--quality", "production", "--error", 0.005],
 }
-MOST_ZEROS = 0.02   # a peer's map with more lit lumels at exactly 0 shows a fault of its bake, not noise
+# A peer's map in which more of the well-lit lumels hold exactly 0 shows a fault of its bake, not noise.  Well-lit: above a third of the mean.  In darker ones
+# few samples find no light at all: on Sponza, 12 % of the lumels between a thousandth and a hundredth of the mean hold 0 after 256.
+MOST_ZEROS, WELL_LIT = 0.01, 0.3
+BACK_LIT = 10   # a lumel that two-sided surfaces light so many times more, and by more than the mean light, is lit by a back
 LONG = 5.0      # s; what takes longer is run once
 
 
@@ -67,6 +71,12 @@ class Scene:
         self.refs = refs
         self.paths = speed_scenes.three_truths(refs, name, a.reference_time, a.refine)
         self.whole, self.half, self.edges = [reference.load(p) for p in self.paths]
+        # Two scenes in one: lumels that only a back lights (behind the garage's window pane, 800 times the mean) are nobody's, and would lift the
+        # two-sided mean, by which errors in the dark are weighed.
+        y, z = [r["irradiance"] @ [0.2126, 0.7152, 0.0722] for r in (self.whole, self.half)]
+        same = z <= BACK_LIT * y + y.mean()
+        self.whole, self.half = [{k: v[same] if v.ndim and len(v) == len(same) else v for k, v in r.items()} for r in (self.whole, self.half)]
+        self.back_lit = int((~same).sum())
         on = [refs.reflecting(ref) for ref in (self.whole, self.half, self.edges)]
         # Which lumels of which reference: lumel's and Cycles' families.
         self.families = {
@@ -99,12 +109,13 @@ class Scene:
     def cycles(self, samples, denoise, run):
         out = os.path.join(self.a.work, "%s.cycles%d" % (self.name, samples))
         load = os.getloadavg()[0]
-        p = cycles_peer.bake(self.flat, out, self.side, samples, self.a.threads, self.table["sky"], denoise, self.table.get("light_tree", False))
+        p = cycles_peer.bake(self.flat, out, self.side, samples, self.a.threads, self.table["sky"], denoise, self.table.get("light_tree", False),
+                             self.table.get("bounces", 32))
         if p["unwrapped"]:
             raise SystemExit("%s: Cycles unwrapped %d meshes anew, so its lumels are not the same" % (self.name, p["unwrapped"]))
         dark = self.zeros(p["map"])
         if dark > MOST_ZEROS:
-            say("WARNING: %s, Cycles %d samples: %.0f %% of the lit lumels hold exactly 0: its bake of this scene is broken, and LEFT OUT" % (self.name, samples, 100 * dark))
+            say("WARNING: %s, Cycles %d samples: %.0f %% of the well-lit lumels hold exactly 0: its bake of this scene is broken, and LEFT OUT" % (self.name, samples, 100 * dark))
             return []
         rows = []
         for method, exr, seconds in [("Cycles", p["map"], p["bake_s"]), ("Cycles + OIDN", p["denoised"], p["bake_s"] + p["denoise_s"])]:
@@ -116,15 +127,16 @@ class Scene:
         return rows
 
     def zeros(self, exr):
-        """share of the lit lumels in which a map holds nothing"""
+        """share of the well-lit lumels in which a map holds nothing"""
         c = reference._compare()
-        keep = self.families["cycles"][0][2]
+        y = self.half["irradiance"] @ c.LUM
+        keep = self.families["cycles"][0][2] & (y > WELL_LIT * y.mean())
         r, k = self.half["texel"][keep].T
         return float((c.read_exr(exr)[r, k] @ c.LUM == 0).mean())
 
     def row(self, base, family, e):
         return dict(base, scene=self.name, family=family, n=e["n"], threads=self.a.threads, side=self.side,
-                    lumels=int(self.whole["covered"]), texels_per_unit=self.table["density"], triangles=self.triangles, backs=self.backs, machine=machine(),
+                    lumels=int(self.whole["covered"]), texels_per_unit=self.table["density"], triangles=self.triangles, backs=self.backs, machine=machine(), atlas=self.refs.digest,
                     **{k: e[k] for k in ("relRMSE", "relRMSE_se", "p50", "p95", "p99", "bias", "own")})
 
     @property
@@ -133,45 +145,90 @@ class Scene:
             self._triangles = len(reference.gltf_scene.load(self.flat, images=False).tri)
         return self._triangles
 
-    def sweep(self, with_cycles):
-        """Every setting in turn, then those under LONG seconds again."""
+    def sweep(self, with_cycles, book, only_slow=False):
+        """Every setting in turn, then those under LONG seconds again; every run's rows go to `book` at once.  `only_slow`: Cycles' slow ones and lumel's `production`, where it is slow"""
         a, jobs = self.a, []
         lumel = [s for s in LUMEL if a.full or s not in self.table.get("slow_lumel", ())]
         samples = list(self.table["cycles"]) + (list(self.table["slow_cycles"]) if a.full else []) if with_cycles else []
         if a.smoke:
             lumel, samples = lumel[:3:2], [2, 8] if samples else []
+        if only_slow:
+            lumel = [s for s in self.table.get("slow_lumel", ()) if s == "production"]
+            samples = list(self.table["slow_cycles"]) if with_cycles else []
         for k in range(max(len(lumel), len(samples))):
             jobs += [("lumel", s) for s in lumel[k:k + 1]] + [("cycles", s) for s in samples[k:k + 1]]
-        rows, again = [], jobs
+        book.start(self, jobs)
+        again = jobs
         for run in range(1 if a.smoke else a.repeat):
             jobs, again = again, []
             for kind, s in jobs:
-                new = self.lumel(s, run) if kind == "lumel" else self.cycles(s, s <= 256, run)
-                if not new:
-                    continue
-                rows += new
-                say("%s, %s %s: %.2f s, relRMSE %.2f %%" % (self.name, new[0]["method"], new[0]["setting"], new[0]["seconds"], 100 * new[0]["relRMSE"]))
-                if new[0]["seconds"] < LONG:
+                rows = book.of(self, kind, s, run)
+                if not rows:
+                    rows = self.lumel(s, run) if kind == "lumel" else self.cycles(s, s <= 256, run)
+                    book.add(rows)
+                    for r in rows:
+                        if r["family"] == "all":
+                            say("%s, %s %s: %.2f s, relRMSE %.2f %%, median %.2f %%" % (self.name, r["method"], r["setting"], r["seconds"], 100 * r["relRMSE"], 100 * r["p50"]))
+                if rows and float(rows[0]["seconds"]) < LONG:
                     again.append((kind, s))
-        return rows
+
+
+class Book:
+    """The CSV, written after each run, so that a run that is cut off leaves what it measured."""
+
+    def __init__(self, path, resume):
+        self.path, self.resume, self.rows = path, resume, speed_page.read_csv(path)
+
+    def start(self, scene, jobs):
+        """Forgets a scene's rows of another atlas, or of another binary of lumel, and unless resuming those of the jobs."""
+        name, binary = scene.name, "binary %s" % common.digest(common.LUMEL)[:8]
+        mine = {("lumel", s) if kind == "lumel" else ("cycles", "%d samples" % s) for kind, s in jobs}
+        runs_lumel = any(kind == "lumel" for kind, _ in jobs)
+
+        def stays(r):
+            if r["scene"] != name:
+                return True
+            kind = "lumel" if r["method"] == "lumel" else "cycles"
+            stale = r.get("atlas") != scene.refs.digest or (kind == "lumel" and runs_lumel and not r["versions"].endswith(binary))
+            return not stale and (self.resume or (kind, r["setting"]) not in mine)
+        self.rows = [r for r in self.rows if stays(r)]
+
+    def of(self, scene, kind, setting, run):
+        """the rows of a run that was made before"""
+        setting = setting if kind == "lumel" else "%d samples" % setting
+        return [r for r in self.rows if r["scene"] == scene.name and (r["method"] == "lumel") == (kind == "lumel") and r["setting"] == setting and str(r["run"]) == str(run)]
+
+    def add(self, rows):
+        self.rows += rows
+        scenes, methods = list(speed_scenes.SCENES), ("lumel", "Cycles", "Cycles + OIDN")
+        self.rows.sort(key=lambda r: (scenes.index(r["scene"]), methods.index(r["method"])))
+        new = self.path + ".new"
+        speed_page.write_csv(new, COLUMNS, self.rows)
+        os.replace(new, self.path)
 
 
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ap.add_argument("--scenes", default=",".join(speed_scenes.SCENES))
+    ap.add_argument("--scenes", default=",".join(speed_scenes.FIVE))
+    ap.add_argument("--final", action="store_true", help="--scenes %s --resume, and after all else the slow ones but for `--error`; the page is written after each scene" % ",".join(speed_scenes.FIVE))
+    ap.add_argument("--resume", action="store_true", help="runs of the same atlas (and binary, lumel's) that the CSV holds already are not made again")
+    ap.add_argument("--pictures", action="store_true", help="the pictures of known weaknesses too, each with a reference of its own")
     ap.add_argument("--lumel-only", action="store_true", help="no Cycles; its rows of an earlier run are kept")
     ap.add_argument("--full", action="store_true", help="the slow settings too")
     ap.add_argument("--smoke", action="store_true", help="few settings, few lumels, bad references: does it run?  Writes into --work only")
     ap.add_argument("--references-only", action="store_true")
     ap.add_argument("--reference-time", type=float, default=1.0, help="scales the time limits of references that are made")
     ap.add_argument("--refine", type=float, default=0, help="seconds of further paths for the hard lumels of each scene's references; with --references-only a quarter as much for each picture's too")
+    ap.add_argument("--docs", help="folder of data/speed_error.csv, images/ and the page [default: the project's; with --smoke --work]")
     ap.add_argument("--page-only", action="store_true")
     ap.add_argument("--repeat", type=int, default=3)
     ap.add_argument("--threads", type=int, default=os.cpu_count())
     ap.add_argument("--work", default="/tmp/lumel-speed")
     a = ap.parse_args()
-    docs = a.work if a.smoke else os.path.join(common.HERE, "..", "docs")
-    table = os.path.join(a.work, "data", "speed_error.csv") if a.smoke else CSV
+    if a.final:
+        a.scenes, a.resume = ",".join(speed_scenes.FIVE), True
+    docs = os.path.abspath(a.docs or (a.work if a.smoke else os.path.join(common.HERE, "..", "docs")))
+    table = os.path.join(docs, "data", "speed_error.csv")
     if a.smoke:
         a.reference_time = min(a.reference_time, 0.1)
     os.makedirs(a.work, exist_ok=True)
@@ -182,10 +239,10 @@ def main():
     with_cycles = not a.lumel_only and cycles_peer.available()
     if not with_cycles and not a.lumel_only:
         say("WARNING: no module bpy in this Python: Cycles is LEFT OUT; tools/setup.sh installs it")
-    ready = []
     unknown = set(a.scenes.split(",")) - set(speed_scenes.SCENES)
     if unknown:
         raise SystemExit("no such scene: %s; there are %s" % (", ".join(sorted(unknown)), ", ".join(speed_scenes.SCENES)))
+    ready = []
     for name in a.scenes.split(","):
         path, trouble = speed_scenes.prepare(name, a.work)
         if path is None:
@@ -195,17 +252,16 @@ def main():
     if a.references_only:
         for s in ready:
             for w in speed_page.WEAKNESSES:
-                if w["scene"] == s.name and not a.smoke:
+                if w["scene"] == s.name and a.pictures:
                     error_map.truth_of(s.refs, w, a.refine / 4)
         return
+    book = Book(table, a.resume)
     for scene in ready:
-        new = scene.sweep(with_cycles)
-        fresh = {(r["scene"], r["method"]) for r in new}
-        rows = [r for r in speed_page.read_csv(table) if (r["scene"], r["method"]) not in fresh] + new
-        order = list(speed_scenes.SCENES)
-        rows.sort(key=lambda r: (order.index(r["scene"]), r["method"] != "lumel", r["method"]))
-        speed_page.write_csv(table, COLUMNS, rows)
-    if not a.smoke:
+        scene.sweep(with_cycles, book)
+        speed_page.write(speed_page.read_csv(table), docs)
+    for scene in ready if a.final else []:
+        scene.sweep(with_cycles, book, only_slow=True)
+    if a.pictures and not a.smoke:
         speed_page.weaknesses({s.name: s for s in ready}, docs, say)
     speed_page.write(speed_page.read_csv(table), docs)
 

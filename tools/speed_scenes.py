@@ -2,6 +2,7 @@
 
 Every scene is one page, the same lumels for lumel, Cycles and truth.  The densities are fixed here, so that the atlas (and with it
 the cached references) is the same in every run."""
+import json
 import os
 import shutil
 
@@ -14,36 +15,53 @@ ASSETS = os.path.join(common.HERE, "..", "assets")
 # Settings that cast as many rays as production or more.
 FINE = ("preview, error 0.02", "production, error 0.005")
 
+# Lumel's own --max-reflectance.  White of 1, or above, is no reflectance: nobody's light would end in it.
+LIMIT = 0.98
+
 # title     for the plots
 # file      path, or maker of it
 # density   lumels per metre, and why; max_page: larger than the page, so that nothing is split
+# plain     changes to the document that make it one and the same scene for every program (plain_document): largest reflectance, or None to leave it
 # fair      no lit back is seen: two-sided and one-sided truth are one
 # count     lumels compared;  target: median relative standard error of the reference (under open sky half the lumels have none, so time must rule);
 #           seconds: limit for (whole texel, middle half, chart edges too)
-# cycles    samples;  slow_cycles, slow_lumel: only with --full;  light_tree: which setting of Cycles was the better one at equal time
+# cycles    samples;  slow_cycles, slow_lumel: only with --full;  light_tree: which setting of Cycles was the better one at equal time;  bounces: of Cycles, 32
 SCENES = {
     "cornell": dict(
         title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", fair=True,
         why="that of docs/measurements.md, 156 × 256 texels, 7.4 cm a lumel",
         count=1000, target=0.0008, seconds=(120, 60, 40), cycles=(16, 64, 256, 1024), slow_cycles=()),
+    "demo": dict(
+        title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=7.84, sky="0.25,0.35,0.5", fair=False,
+        why="what `lumel bake` chooses by itself: 556² texels, 12.8 cm a lumel",
+        count=600, target=0.001, seconds=(240, 90, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("production",),
+        light_tree=True),   # 16 samples: 50 % in 10.1 s of processor time against 74 % in 5.9 s; median 6 against 29 %
+    "garage": dict(
+        title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=12.0, sky="0,0,0", plain=LIMIT, fair=False,
+        why="46,000 lumels, 8.3 cm each; `lumel bake` would choose 27 and 222,000, with which 256 samples of Cycles take over a minute and the truth half an hour",
+        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256, 1024), slow_cycles=(), slow_lumel=FINE + ("draft, error 0.1",)),
+    "godot": dict(
+        title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=1.0, sky="0,0,0", plain=LIMIT, fair=False,
+        why="51,000 lumels, 1 m each; `lumel bake` would choose 2.6 and 237,000, with which 256 samples of Cycles take over a minute and the truth half an hour",
+        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE,
+        bounces=512),       # of white walls: 32 bounces lose 11 to 13 % of the light, 512 nothing that 64 samples show, at a third more time
+    "sponza": dict(
+        title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
+        why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
+        count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("draft, error 0.1", "production")),
     "room": dict(
         title="Classic room", file=os.path.join(ASSETS, "classic_room_1014.glb"), density=18.0, sky="0,0,0", fair=True,
         why="the finest that fits 256², 5.6 cm a lumel",
         count=1000, target=0.0015, seconds=(40, 30, 30), cycles=(16, 64, 256, 1024), slow_cycles=()),
-    "demo": dict(
-        title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=7.84, sky="0.25,0.35,0.5", fair=False,
-        why="what `lumel bake` chooses by itself: 556² texels, 12.8 cm a lumel",
-        count=600, target=0.001, seconds=(240, 90, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE,
-        light_tree=True),   # 16 samples: 50 % in 10.1 s of processor time against 74 % in 5.9 s; median 6 against 29 %
     "dense": dict(
         title="Dense mesh", file="dense", density=36.5, sky="0,0,0", fair=True,
         why="the finest that fits 512² (424 × 496), 2.7 cm a lumel, which covers some seven triangles of the balls",
         count=1000, target=0.0015, seconds=(50, 30, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE),
-    "sponza": dict(
-        title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
-        why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
-        count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64), slow_cycles=(256, 1024), slow_lumel=FINE),
 }
+
+
+# What the page is about; the others are run by name.
+FIVE = ("cornell", "demo", "garage", "godot", "sponza")
 
 
 def make_dense(path):
@@ -71,6 +89,40 @@ def with_sun(scene, direction, lux, path):
     common.write_glb(path, js, bin_)
 
 
+def read_document(path):
+    """-> (json, bin) of a .glb, or of a .gltf with one buffer in a file beside it and no pictures"""
+    if path.endswith(".glb"):
+        return common.read_glb(path)
+    with open(path) as f:
+        js = json.load(f)
+    if len(js.get("buffers", [])) != 1 or js.get("images"):
+        raise SystemExit("%s: expected one buffer and no pictures" % path)
+    with open(os.path.join(os.path.dirname(path), js["buffers"][0].pop("uri")), "rb") as f:
+        return js, f.read()
+
+
+def plain_document(scene, limit, path):
+    """A .glb of the scene without what programs understand differently: reflectances above `limit` (the default material's 1 too) become that, lamps lose
+    their range (a window of glTF's that Cycles does not have), spots the soft rim of their cones (squared in glTF, a smooth step in Blender)."""
+    js, bin_ = read_document(scene)
+    for mesh in js["meshes"]:
+        for p in mesh["primitives"]:
+            if "material" not in p:
+                if "default" not in (m.get("name") for m in js.setdefault("materials", [])):
+                    js["materials"].append(dict(name="default"))
+                p["material"] = next(i for i, m in enumerate(js["materials"]) if m.get("name") == "default")
+    for m in js["materials"]:
+        factor = m.setdefault("pbrMetallicRoughness", {}).setdefault("baseColorFactor", [1.0, 1.0, 1.0, 1.0])
+        factor[:3] = [min(x, limit) for x in factor[:3]]
+    for light in js.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", []):
+        light.pop("range", None)
+        if light["type"] == "spot":
+            spot = light.setdefault("spot", {})
+            spot["outerConeAngle"] = spot.get("outerConeAngle", np.pi / 4)
+            spot["innerConeAngle"] = spot["outerConeAngle"] - 2e-4      # lumel holds the two 1e-4 apart
+    common.write_glb(path, js, bin_)
+
+
 def prepare(name, work):
     """-> (the .glb to bake, None) or (None, why it is not there)"""
     s = SCENES[name]
@@ -82,6 +134,10 @@ def prepare(name, work):
             return None, trouble
     if not os.path.exists(path):
         return None, "no file " + path
+    if "plain" in s:
+        plain = os.path.join(work, name + ".glb")
+        plain_document(path, s["plain"], plain)
+        path = plain
     if "sun" in s:
         sunny = os.path.join(work, name + ".glb")
         with_sun(path, *s["sun"], sunny)

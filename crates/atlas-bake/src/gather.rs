@@ -129,6 +129,9 @@ impl Received {
     }
 }
 
+/// Points at least by which a wall is looked for that parts a footprint.
+const PARTED_POINTS: usize = 16;
+
 /// Most [`GatherOptions::points`].
 const MOST_POINTS: usize = 64;
 
@@ -282,7 +285,11 @@ impl Gatherer<'_, '_> {
                 more || options.open_only
             } else {
                 let parted = options.open_only && near && {
-                    let find = || Parts::find(self.world, points.get(), footprint.reach());
+                    // Few points may all lie on one side of a wall.
+                    let find = || {
+                        let more = Points::new(footprint, count.max(PARTED_POINTS));
+                        Parts::find(self.world, more.get(), footprint.reach())
+                    };
                     let count = tape.bytes(Topic::PartsFirst, || vec![find().count as u8]);
                     count.first().is_some_and(|n| *n > 1)
                 };

@@ -116,7 +116,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
             more_rays: 1.0,
             error: 0.05,
             direct: DirectOptions {
-                base: 2,
+                base: 4,
                 penumbra: 16,
                 scouts: 2,
             },

@@ -244,7 +244,7 @@ impl Settings {
             Quality::Production => (512, 4096, 0.01, 32, 1024),
         };
         let (base, penumbra, scouts) = match start {
-            Quality::Draft if quick => (2, 16, 2),
+            Quality::Draft if quick => (4, 16, 2),
             Quality::Draft => (16, 32, 4),
             Quality::Preview => (16, 128, 4),
             Quality::Production => (32, 512, 4),
