@@ -30,6 +30,9 @@ const LEAST_WEIGHT: f32 = 0.4;
 /// Lumels of a lookup that differ by more than this share of their mean do not say what lies between them.
 const MOST_SPREAD: f32 = 0.8;
 
+/// The same where the edge of a shadow crosses one of them: then a step lies somewhere within it.
+const MOST_SPREAD_IN_SHADOW: f32 = 0.4;
+
 /// Longest edge in texels of which one lookup stands for a corner's share; longer triangles are cut for reading.
 const LOOKUP: f64 = 2.0;
 
@@ -43,6 +46,8 @@ pub(crate) struct LumelPlace {
     normal: Vec3,
     size: f32,
     sure: bool,
+    /// The edge of a shadow crosses it.
+    shadow: bool,
     /// A wall stands right of it, and below.
     walls: [bool; 2],
 }
@@ -60,6 +65,7 @@ impl LumelPlace {
                 normal: r.normal,
                 size: r.size,
                 sure: r.open == 1.0 && !r.behind && r.edge != Edge::Contact,
+                shadow: r.edge == Edge::Shadow,
                 walls: [false, true].map(|down| barriers.after(i, down)),
             })
             .collect();
@@ -171,7 +177,7 @@ impl Reader<'_, '_, '_> {
         ];
         let (mut e, mut sum) = (Vec3::ZERO, 0.0);
         let (mut position, mut normal, mut size) = (Vec3::ZERO, Vec3::ZERO, 0.0);
-        let (mut low, mut high) = (f32::INFINITY, 0.0f32);
+        let (mut low, mut high, mut shadow) = (f32::INFINITY, 0.0f32, false);
         for (tap, w) in taps.into_iter().zip(weights) {
             let Some(i) = tap else {
                 continue;
@@ -187,15 +193,21 @@ impl Reader<'_, '_, '_> {
             size += place.size * w;
             let y = luminance(self.light[i].e);
             (low, high) = (low.min(y), high.max(y));
+            shadow |= place.shadow;
         }
         if sum < LEAST_WEIGHT {
             return None;
         }
         let away = (position / sum).distance_squared(p.position);
         let limit = SAME_PLACE * size / sum;
+        let spread = if shadow {
+            MOST_SPREAD_IN_SHADOW
+        } else {
+            MOST_SPREAD
+        };
         let known = away <= limit * limit
             && normal.normalize_or_zero().dot(p.normal) >= SAME_NORMAL
-            && high - low <= MOST_SPREAD * (0.5 * (high + low) + self.floor);
+            && high - low <= spread * (0.5 * (high + low) + self.floor);
         known.then(|| e / sum)
     }
 }
