@@ -303,7 +303,7 @@ pub fn bake_recalling(
             .sum::<u64>();
     let light: Vec<LumelLight> = received.iter().map(LumelLight::of).collect();
     // A mean over what a wall parts is for measuring, not for reading.
-    let places = fill.then(|| LumelPlace::find(&received, &barriers, &rims));
+    let places = fill.then(|| LumelPlace::find(&lumels, &received, &barriers, &rims));
     drop(received);
     let vertices = VertexBake {
         world,
