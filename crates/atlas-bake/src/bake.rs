@@ -220,9 +220,9 @@ pub fn bake_recalling(
     let mut sparse = if world.is_dark() {
         Sparse::none(lumels.lumels.len())
     } else {
-        Sparse::find(world, &lumels, layout, recall)
+        Sparse::find(world, &lumels, layout, options.lumels.interpolation, recall)
     };
-    let mut received = sparse.gather(&gatherer, &lumels, monitor)?;
+    let mut received = sparse.gather(&gatherer, &lumels, layout, monitor)?;
     follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;
     let fill = options.hidden == Hidden::Fill;
     let mut barriers = Barriers::default();

@@ -51,7 +51,7 @@ pub fn gather_cost(
     let sparse = if world.is_dark() {
         Sparse::none(lumels.lumels.len())
     } else {
-        Sparse::find(world, &lumels, layout, None)
+        Sparse::find(world, &lumels, layout, options.lumels.interpolation, None)
     };
     let full: Vec<usize> = (0..lumels.lumels.len())
         .filter(|&i| !sparse.is(i))

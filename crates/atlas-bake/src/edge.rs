@@ -236,7 +236,10 @@ impl Gatherer<'_, '_> {
             count
         };
         let options = DirectOptions {
-            base: most,
+            base: match self.options.contacts {
+                true => most,
+                false => most.min(self.options.direct.base),
+            },
             penumbra: most,
             scouts: self.options.direct.scouts.max(LEAST_SCOUTS),
         };

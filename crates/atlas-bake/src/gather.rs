@@ -14,7 +14,7 @@ use crate::footprint::Footprint;
 use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::points::{Place, Points, nearest_is_open};
 use crate::recall::{Deaf, End, Listening, Notes, RayTape, Recall, Tape, Topic, key_of};
-use crate::sparse::Between;
+use crate::sparse::{Between, DirectBetween};
 use crate::walls::Parts;
 
 /// How carefully light is gathered.
@@ -24,17 +24,38 @@ pub struct GatherOptions {
     pub rays: u32,
     /// Points of the footprint that share those rays, at most 64, a power of two. Contacts smaller than one part in so many go unseen.
     pub points: u32,
-    /// Points of a footprint that an edge crosses, where its first `points` disagree; see [`Gatherer::gather`].
+    /// Points of a footprint that an edge crosses; see [`Gatherer::gather`]. None are looked for with 0.
     pub edge_points: u32,
+    /// Footprints whose first `points` disagree are such too, and those beside them are looked at again. Else only those that lie in part inside or behind something.
+    pub contacts: bool,
+    /// So many lumels from where it was found a shadow's edge is followed.
+    pub follow: u32,
     /// Rays that a lumel gets at most where neighbours say that `rays` are too few; a power of two times `rays`.
     pub most_rays: u32,
+    /// So many rays beyond `rays` a lumel gets on average at most; infinite where only `most_rays` is to limit it.
+    pub more_rays: f32,
     /// Good enough: estimated standard error of the indirect light over the total.
     pub error: f32,
     /// Direct light.
     pub direct: DirectOptions,
+    /// Where lumels are interpolated instead.
+    pub interpolation: Interpolation,
+    /// A ray's hit is near, and the ray goes on as a path, within this many patches' size. Less is quicker, and blurs what stands close to each other.
+    pub near: f32,
     /// Only what can be seen counts: sub-points inside closed things are left out of the mean, and of a footprint that a wall divides
     /// into a bright and a dark part, the bright one is. Else the mean is over all of the footprint, buried or not.
     pub open_only: bool,
+}
+
+/// Which lumels are not gathered at, but lie between others that are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Interpolation {
+    /// Those on flat surfaces that nothing rises from within four lumels: their indirect light.
+    #[default]
+    Open,
+    /// Those that nothing stands right beside: their indirect light, and the direct light too where no shadow's edge is near and shadow rays
+    /// to lamps agree with the neighbours'.
+    Wide,
 }
 
 /// Light that a footprint receives.
@@ -170,6 +191,9 @@ const DIM: f32 = 1e-3;
 /// What a ray hits nearer than this many footprints closes a gap that nobody looks into, under a crate that hovers by a millimetre.
 const TOUCHING: f32 = 0.2;
 
+/// A lamp that would bring less than this share of a lumel's light is not looked for where all neighbours agree about it.
+const MATTERS: f32 = 0.01;
+
 /// Unless it brings this share of the scene's mean radiance: the gap behind a tube of light is no dark one.
 const SHADE: f32 = 0.1;
 
@@ -249,7 +273,7 @@ impl Gatherer<'_, '_> {
         let near = sums.iter().any(|s| s.near);
         let estimate = mean_and_spread(&sums, &open);
         if options.edge_points > 0 {
-            let more = options.edge_points > count as u32;
+            let more = options.contacts && options.edge_points > count as u32;
             let edge = if in_the_open == 0 {
                 // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
                 rays += u64::from(options.edge_points.saturating_sub(options.points));
@@ -313,7 +337,7 @@ impl Gatherer<'_, '_> {
         &self,
         footprint: &impl Footprint,
         seed: u32,
-        indirect: Between,
+        indirect: &Between,
         tape: &mut Tape,
     ) -> Received {
         let options = &self.options;
@@ -344,6 +368,42 @@ impl Gatherer<'_, '_> {
             disagree: false,
         };
         received(footprint, place, direct, &estimate, 1.0, rays, planes)
+    }
+
+    /// All light from neighbours, `direct` too, where shadow rays from the footprint's middle to lamps find what they found. `None` where they do not.
+    pub(crate) fn gather_nothing(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        (indirect, direct): (&Between, DirectBetween),
+    ) -> Option<Received> {
+        let point = footprint.fallback();
+        let light = luminance(direct.irradiance + indirect.indirect);
+        let (least, expected) = (MATTERS * light, [direct.lit, direct.hidden]);
+        let rays = (self.direct).lamps_seen_as(&point, expected, least, seed)?;
+        let planes = (indirect.planes.iter().zip(direct.planes))
+            .map(|([indirect, first_half], direct)| Plane {
+                direct,
+                indirect: *indirect,
+                first_half: *first_half,
+            })
+            .collect();
+        Some(Received {
+            direct: direct.irradiance,
+            indirect: indirect.indirect,
+            first_half: indirect.first_half,
+            error: (indirect.variance + direct.variance).sqrt(),
+            indirect_variance: indirect.variance,
+            position: point.position,
+            normal: point.normal,
+            size: footprint.size(),
+            open: 1.0,
+            rays: rays.into(),
+            lit: direct.lit,
+            hidden: direct.hidden,
+            planes,
+            ..Received::default()
+        })
     }
 
     /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which `first` has the first `done` times: powers of two.
@@ -605,7 +665,9 @@ impl Gatherer<'_, '_> {
             }
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
-            let near = NEAR[bounce as usize] * self.solution.cut.patch_edge(hit.triangle);
+            let near = self.options.near
+                * NEAR[bounce as usize]
+                * self.solution.cut.patch_edge(hit.triangle);
             if bounce == MOST_NEAR_BOUNCES || hit.t > near {
                 let (solution, world) = (self.solution, self.world);
                 sum += if N::ON {

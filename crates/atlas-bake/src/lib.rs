@@ -50,7 +50,7 @@ pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
 pub use footprint::{Footprint, LumelFootprint};
-pub use gather::{Edge, GatherOptions, Gatherer, Received};
+pub use gather::{Edge, GatherOptions, Gatherer, Interpolation, Received};
 pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight,
     VertexStats, write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,

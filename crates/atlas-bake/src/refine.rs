@@ -29,8 +29,9 @@ pub(crate) fn follow_edges(
 ) -> Result<(), Cancelled> {
     let index = TexelIndex::build(&lumels.lumels, layout);
     // Where edges get no more points than others, a second look would see no more.
-    let contacts = gatherer.options.edge_points > gatherer.options.points;
-    for round in 0..ROUNDS {
+    let options = &gatherer.options;
+    let contacts = options.contacts && options.edge_points > options.points;
+    for round in 0..options.follow.min(ROUNDS) {
         let beside: Vec<(usize, Look)> = (0..received.len())
             .into_par_iter()
             .with_min_len(1024)
@@ -72,7 +73,7 @@ pub(crate) fn follow_edges(
     Ok(())
 }
 
-/// An edge is followed for so many lumels from where it was found. It was found in most that it crosses.
+/// Most lumels that an edge is followed for, [`GatherOptions::follow`](crate::GatherOptions::follow): records have a stage for each.
 const ROUNDS: u32 = 3;
 
 /// Why a lumel is to be looked at again.
@@ -107,9 +108,6 @@ fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usi
     look
 }
 
-/// Lumels that others are interpolated between have so many times the rays: there are few, and what they are wrong by is seen in four.
-const BEARING: u32 = 2;
-
 /// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error), and says how many times
 /// as many rays as at first each lumel has.
 ///
@@ -131,7 +129,8 @@ pub(crate) fn add_rays(
         return Ok(all);
     }
     let window = Window::new(lumels, layout, received, barriers, sparse);
-    let short: Vec<(usize, u32)> = (0..received.len())
+    // By how much variances pass what is good enough.
+    let noisy: Vec<(usize, f32)> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
         .filter_map(|i| {
@@ -153,12 +152,29 @@ pub(crate) fn add_rays(
             }
             let wanted = options.error * total / others;
             let ratio = variance / others / (wanted * wanted).max(1e-30);
-            // Powers of two keep the points of the sequence well distributed.
-            let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
-            let times = if times > most { times / 2 } else { times };
-            let times = times.max(if sparse.bears(i) { BEARING } else { 1 });
-            (times > 1).then_some((i, times))
+            (ratio > 1.0 || sparse.bearing(i) > 1).then_some((i, ratio))
         })
+        .collect();
+    let times = |&(i, ratio): &(usize, f32), lenient: f32| {
+        // Powers of two keep the points of the sequence well distributed.
+        let times = (ratio / lenient).clamp(1.0, most as f32).ceil() as u32;
+        let times = times.next_power_of_two();
+        let times = if times > most { times / 2 } else { times };
+        times.max(sparse.bearing(i))
+    };
+    // What may be spent goes where the most is to be had.
+    let budget = f64::from(options.more_rays) * received.len() as f64;
+    let spent = |lenient: f32| -> u64 {
+        let more = |n: &(usize, f32)| u64::from(times(n, lenient) - 1);
+        u64::from(options.rays) * noisy.iter().map(more).sum::<u64>()
+    };
+    let mut lenient = 1.0;
+    while spent(lenient) as f64 > budget && lenient < 1e12 {
+        lenient *= std::f32::consts::SQRT_2;
+    }
+    let short: Vec<(usize, u32)> = (noisy.iter())
+        .map(|n| (n.0, times(n, lenient)))
+        .filter(|(_, times)| *times > 1)
         .collect();
     let recorded = Recorded {
         recall: gatherer.recall,

@@ -22,7 +22,7 @@ use crate::atlas::Layout;
 use crate::certainty::Certainty;
 use crate::gather::{Edge, Received};
 use crate::lumels::{Lumel, Lumels, TexelIndex};
-use crate::sparse::Sparse;
+use crate::sparse::{Sparse, Taps};
 use crate::walls::Barriers;
 
 /// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which leaves about a tenth of the
@@ -63,16 +63,32 @@ pub(crate) fn smooth_indirect(
     sure: &(dyn Fn(usize) -> bool + Sync),
 ) {
     let window = Window::new(lumels, layout, received, barriers, sparse);
+    // Lumels between smoothed ones need no fit of their own.
+    let taps: Vec<Option<Taps>> = (0..received.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .map(|i| {
+            let follows = sparse.follows(i);
+            let taps = follows.then(|| sparse.taps(lumels, &window.index, received, i));
+            taps.filter(|t| !t.list().is_empty())
+        })
+        .collect();
     let pooled: Vec<f32> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
-        .map(|i| window.pooled_variance(i))
+        .map(|i| match &taps[i] {
+            None => window.pooled_variance(i),
+            Some(_) => 0.0,
+        })
         .collect();
     let smoothed: Vec<Smoothed> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
         .map(|i| {
             let r = &received[i];
+            if taps[i].is_some() {
+                return Smoothed::none(r, r.indirect_variance);
+            }
             let mut smoothed = window.fit(i, &pooled);
             let own = certainty.indirect(r, r.indirect_variance);
             smoothed.variance = certainty.indirect(r, smoothed.variance);
@@ -101,6 +117,23 @@ pub(crate) fn smooth_indirect(
         r.indirect = s.indirect;
         r.indirect_variance = s.variance;
         r.least = s.least;
+        r.error = (direct + s.variance).sqrt();
+        for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
+            plane.indirect = indirect;
+        }
+    }
+    let between: Vec<Option<Smoothed>> = (taps.par_iter())
+        .with_min_len(256)
+        .map(|taps| {
+            taps.as_ref()
+                .map(|t| Smoothed::between(t, received, groups))
+        })
+        .collect();
+    for (r, s) in received.iter_mut().zip(between) {
+        let Some(s) = s else { continue };
+        let direct = certainty.direct(r, r.direct_variance());
+        r.indirect = s.indirect;
+        r.indirect_variance = s.variance;
         r.error = (direct + s.variance).sqrt();
         for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
             plane.indirect = indirect;
@@ -139,6 +172,29 @@ struct Smoothed {
 }
 
 impl Smoothed {
+    /// Between lumels that are smoothed already.
+    fn between(taps: &Taps, received: &[Received], groups: usize) -> Self {
+        let planes = received[taps.list()[0].0].planes.len();
+        let mut out = Smoothed {
+            indirect: Vec3::ZERO,
+            variance: 0.0,
+            least: None,
+            planes: vec![Vec3::ZERO; planes],
+        };
+        for &(j, weight) in taps.list() {
+            let r = &received[j];
+            out.indirect += r.indirect * weight;
+            // Neighbours were fitted to the same samples: their errors are one.
+            out.variance += r.indirect_variance * weight;
+            for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
+                *sum += plane.indirect * weight;
+            }
+        }
+        (out.indirect, out.variance) = (out.indirect.max(Vec3::ZERO), out.variance.max(0.0));
+        share_out(out.indirect, &mut out.planes[..groups.min(planes)]);
+        out
+    }
+
     /// What was gathered.
     fn none(r: &Received, variance: f32) -> Self {
         Smoothed {

@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 use divan::{Bencher, black_box, counter::ItemsCount};
 use glam::{DVec3, Vec3};
 use lumel::atlas_bake::{
-    self, BakeOptions, GatherOptions, Hidden, Layout, LayoutOptions, ValueKind, layout,
+    self, BakeOptions, GatherOptions, Hidden, Interpolation, Layout, LayoutOptions, ValueKind,
+    layout,
 };
 use lumel::mesh_ingest::{self, LoadOptions, Soup};
 use lumel::radiosity::{
@@ -108,16 +109,21 @@ fn gather_draft(bencher: Bencher, name: &str) {
     with_world(name, |world, emitters, layout| {
         let solution = solve(world, emitters, &solve_options(), &Silent);
         let lumels = GatherOptions {
-            rays: 32,
-            points: 16,
+            rays: 16,
+            points: 4,
             edge_points: 16,
             most_rays: 32,
-            error: 1.0,
+            more_rays: 1.0,
+            error: 0.05,
             direct: DirectOptions {
-                base: 16,
-                penumbra: 32,
-                scouts: 4,
+                base: 4,
+                penumbra: 16,
+                scouts: 2,
             },
+            contacts: false,
+            follow: 1,
+            interpolation: Interpolation::Wide,
+            near: 0.25,
             open_only: false,
         };
         let options = BakeOptions {

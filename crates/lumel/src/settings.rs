@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use atlas_bake::{
-    Directional, GatherOptions, Hidden, Ktx2Format, Layer, UvMode, ValueKind,
+    Directional, GatherOptions, Hidden, Interpolation, Ktx2Format, Layer, UvMode, ValueKind,
     unwrap::UnwrapperChoice,
 };
 use patch_subdivision::Options as CutOptions;
@@ -206,10 +206,12 @@ impl Settings {
     /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 % (docs/measurements.md, which says what has changed
     /// since); rays a patch hardly mattered between 128 and 256, since the gather averages over many patches.
     pub(crate) fn solve_options(&self) -> SolveOptions {
-        let (patches, rays) = match self.quality {
-            Quality::Draft => (3_000, 64),
-            Quality::Preview => (10_000, 128),
-            Quality::Production => (32_000, 256),
+        let (patches, rays, [base, penumbra], resample) = match self.quality {
+            // A gather reads many elements: what is not known of each by itself hardly matters, and one light sampled at a hit is
+            // noisier than what its element has of all (docs/ideas.md).
+            Quality::Draft => (3_000, 32, [2, 4], false),
+            Quality::Preview => (10_000, 128, [4, 8], false),
+            Quality::Production => (32_000, 256, [4, 8], true),
         };
         SolveOptions {
             cut: CutOptions {
@@ -217,6 +219,8 @@ impl Settings {
                 ..CutOptions::default()
             },
             rays,
+            direct: DirectOptions::every(base, penumbra),
+            resample,
             relax: RelaxOptions::default(),
             ..SolveOptions::default()
         }
@@ -231,17 +235,23 @@ impl Settings {
             Some(x) if x >= 0.01 => Quality::Preview,
             Some(_) => self.quality,
         };
-        let (rays, most, error, base, penumbra) = match start {
-            Quality::Draft => (32, 32, 1.0, 16, 32),
+        // A draft that is to reach an error must see contacts, and gathers anew what is too noisy; without, it is to be quick (docs/ideas.md).
+        let quick = start == Quality::Draft && self.error.is_none();
+        let (rays, most, error, points, edge_points) = match start {
+            Quality::Draft if quick => (16, 32, 0.05, 4, 16),
+            Quality::Draft => (32, 32, 1.0, 16, 64),
             Quality::Preview => (128, 256, 0.03, 16, 128),
-            Quality::Production => (512, 4096, 0.01, 32, 512),
+            Quality::Production => (512, 4096, 0.01, 32, 1024),
         };
-        let (points, edge_points) = match start {
-            // Contacts are not looked for in a draft; to reach an error they must be.
-            Quality::Draft if self.error.is_some() => (16, 64),
-            Quality::Draft => (16, 16),
-            Quality::Preview => (16, 128),
-            Quality::Production => (32, 1024),
+        let (base, penumbra, scouts) = match start {
+            Quality::Draft if quick => (4, 16, 2),
+            Quality::Draft => (16, 32, 4),
+            Quality::Preview => (16, 128, 4),
+            Quality::Production => (32, 512, 4),
+        };
+        let (interpolation, near, follow) = match quick {
+            true => (Interpolation::Wide, 0.25, 1),
+            false => (Interpolation::Open, 1.0, 3),
         };
         let (most, error) = match self.error {
             None => (most, error),
@@ -252,12 +262,17 @@ impl Settings {
             points,
             edge_points,
             most_rays: most,
+            more_rays: if quick { 1.0 } else { f32::INFINITY },
             error,
             direct: DirectOptions {
                 base,
                 penumbra,
-                scouts: 4,
+                scouts,
             },
+            contacts: !quick,
+            follow,
+            interpolation,
+            near,
             open_only: false,
         }
     }

@@ -266,6 +266,41 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         out
     }
 
+    /// Whether a shadow ray from `p` to each lamp that would bring more than `least` (luminance of the irradiance) meets what is `expected`: lamps that are
+    /// seen and lamps that are not, by the bits of [`DirectEstimate::lit`]. Gives the rays that it took; `None` where one does not, and where
+    /// bits cannot tell: a lamp that is in both or neither, or a sky with bright parts.
+    pub fn lamps_seen_as(
+        &self,
+        p: &SurfacePoint,
+        expected: [u32; 2],
+        least: f32,
+        seed: u32,
+    ) -> Option<u32> {
+        if self.world.bright.is_some() {
+            return None;
+        }
+        let mut rays = 0;
+        for (k, light) in self.world.scene.lights.iter().enumerate() {
+            if self.weight_of_lamp(light, p) <= least {
+                continue;
+            }
+            let bit = 1 << (k % 31);
+            let expected = expected.map(|of| of & bit != 0);
+            if expected[0] == expected[1] {
+                return None;
+            }
+            let term = Term::Lamp(light, 0);
+            let mut tally = Tally::single();
+            let random = sample_4d(k as u32, 2, seed);
+            self.sample(&term, None, p, random, &mut tally);
+            rays += tally.rays;
+            if tally.rays > 0 && tally.seen() != expected {
+                return None;
+            }
+        }
+        Some(rays)
+    }
+
     /// Unbiased estimate of the direct irradiance at one point with a single shadow ray: one light is drawn, about in proportion to what
     /// it would bring unoccluded. Also says of which group it was.
     pub fn sample_one(&self, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {

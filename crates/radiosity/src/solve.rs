@@ -29,6 +29,8 @@ pub struct SolveOptions {
     pub link_bytes: u64,
     /// Direct light on elements.
     pub direct: DirectOptions,
+    /// Hits on patches over which direct light changes sample a light of their own, instead of reading that of their element.
+    pub resample: bool,
     /// When to stop.
     pub relax: RelaxOptions,
 }
@@ -40,6 +42,7 @@ impl Default for SolveOptions {
             rays: 256,
             link_bytes: 512 << 20,
             direct: DirectOptions::every(4, 8),
+            resample: true,
             relax: RelaxOptions::default(),
         }
     }
@@ -179,7 +182,10 @@ pub fn solve_recalled(
         &indirect,
         &report.relaxation,
     );
-    let rough = find_rough(&cut, &direct);
+    let rough = match options.resample {
+        true => find_rough(&cut, &direct),
+        false => vec![false; n],
+    };
     report.rough_patches = rough.iter().filter(|r| **r).count() as u64;
     let interleave = |of: &dyn Fn(usize, usize) -> Vec3| -> Vec<Vec3> {
         (0..n * groups)

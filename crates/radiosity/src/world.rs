@@ -375,7 +375,11 @@ impl<'a> World<'a> {
     pub fn anything_above(&self, p: &SurfacePoint, reach: f32) -> bool {
         let (low, high) = (p.position - reach, p.position + reach);
         let floor = (4.0 * self.offset(p.position)).max(1e-3 * reach);
-        self.bvh.any_near(low, high, |_, corners| {
+        let (from, to) = bounds_above(p.geometric, floor, reach);
+        // A little wider, for rounding. Without the half below, most queries over a floor end at its box.
+        let slack = 1e-5 * reach + self.offset(p.position);
+        let (from, to) = (p.position + from - slack, p.position + to + slack);
+        self.bvh.any_near(from, to, |_, corners| {
             let height = |q: Vec3| (q - p.position).dot(p.geometric) - floor;
             let mut part: Polygon = corners.into_iter().collect();
             part = clip(&part, height);
@@ -450,6 +454,23 @@ impl<'a> World<'a> {
 
 /// A triangle cut by seven planes has ten corners at most.
 type Polygon = smallvec::SmallVec<[Vec3; 10]>;
+
+/// Bounds of the part of the cube of half-size `reach` about the origin that lies `floor` and more above the plane with normal `n`.
+fn bounds_above(n: Vec3, floor: f32, reach: f32) -> (Vec3, Vec3) {
+    let (mut low, mut high) = (Vec3::splat(-reach), Vec3::splat(reach));
+    let all = reach * n.abs().element_sum();
+    for axis in 0..3 {
+        // As far up as the other axes bring a point at most.
+        let others = all - reach * n[axis].abs();
+        let edge = (floor - others) / n[axis];
+        if n[axis] > 0.0 {
+            low[axis] = low[axis].max(edge);
+        } else if n[axis] < 0.0 {
+            high[axis] = high[axis].min(edge);
+        }
+    }
+    (low, high)
+}
 
 /// The part of a convex polygon where `height` is not below zero.
 fn clip(polygon: &Polygon, height: impl Fn(Vec3) -> f32) -> Polygon {

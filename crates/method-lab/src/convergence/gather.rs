@@ -1,6 +1,6 @@
 //! Gathered and direct light at one receiver, against closed forms.
 
-use atlas_bake::{Footprint, GatherOptions, Gatherer};
+use atlas_bake::{Footprint, GatherOptions, Gatherer, Interpolation};
 use glam::{DVec3, Vec3};
 use mesh_ingest::Soup;
 use patch_subdivision::Options as CutOptions;
@@ -124,8 +124,13 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 points,
                 edge_points: 0,
                 most_rays: rays,
+                more_rays: f32::INFINITY,
                 error: 0.0,
                 direct: DirectOptions::every(1, 1),
+                contacts: false,
+                follow: 0,
+                interpolation: Interpolation::Open,
+                near: 1.0,
                 open_only: false,
             },
             atlas_bake::Wanted::default(),

@@ -42,6 +42,7 @@ fn with_solution<T>(
         rays,
         link_bytes: 4 << 30,
         direct: DirectOptions::every(4, 8),
+        resample: true,
         relax,
     };
     look(&world, &solve(&world, &emitters, &options, &Silent))
