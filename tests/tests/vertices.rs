@@ -269,3 +269,77 @@ fn rayon_pool(threads: usize) -> rayon::ThreadPool {
         .build()
         .expect("a pool")
 }
+
+/// Light of the vertices of a primitive of the one node.
+fn light_of(b: &Bake, primitive: usize) -> Vec<f64> {
+    let light = &b.baked.vertices.instances[0][primitive];
+    light.iter().map(|e| f64::from(e[0])).collect()
+}
+
+#[test]
+fn vertices_closer_than_lumels_read_them() {
+    // Four cells a lumel. At 8 lumels a metre light would change by 3/2h · √2 d = 53 % from tap to tap where it falls fastest, more than is trusted; here by 27 %.
+    let (g, lamp) = (floor(64), DVec3::new(0.1, 0.5, 0.2));
+    let b = bake(&lit(&[&g], lamp.as_vec3()), &at(16.0));
+    let report = b.report.gather.vertices;
+    assert_eq!(report.points, 65 * 65);
+    // Lumels that the border cuts are not read, nor lookups half a lumel beyond the last whole one: four rings of vertices at most.
+    assert_eq!(report.read + report.gathered, report.points);
+    assert!(report.read >= 57 * 57, "{report:?}");
+    let truth = |p: Vec3| {
+        let p = p.as_dvec3();
+        point_irradiance(4.0, lamp.y, (p.x - lamp.x).hypot(p.z - lamp.z))
+    };
+    // Right under the lamp E'' is 3 E/h² along either axis; a lumel of d = 0.0625 m has the mean, d²/24 of both together too low, and lines between
+    // lumels are d²/8 of both too low at worst: (1/24 + 1/8) · 6 d²/h² = 1.6 % of the light there. Lumels' own samples of a lamp have no noise to speak of.
+    let most = truth(Vec3::new(0.1, 0.0, 0.2));
+    for (v, e) in light_of(&b, 0).into_iter().enumerate() {
+        let expected = truth(g.positions[v]);
+        assert!(
+            (e - expected).abs() < 0.02 * most,
+            "{} {e} {expected}",
+            g.positions[v]
+        );
+    }
+}
+
+#[test]
+fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
+    // A dense floor under a wall of 2 cm, where lumels are of 12.5 cm, and a sheet 1 mm below it that looks down.
+    let ground = floor(64);
+    let below = {
+        let mut g = floor(64).flipped();
+        g.positions.iter_mut().for_each(|p| p.y -= 1e-3);
+        g
+    };
+    let wall = box_faces(
+        Vec3::new(-0.01, -0.0005, -4.0),
+        Vec3::new(0.01, 8.0, 4.0),
+        1,
+    );
+    let lamp = Vec3::new(0.4, 0.5, 0.2);
+    let mut parts = vec![&ground, &below];
+    parts.extend(&wall);
+    let b = bake(&lit(&parts, lamp), &at(8.0));
+    let report = b.report.gather.vertices;
+    assert!(report.read > report.gathered, "{report:?}");
+    let light = light_of(&b, 0);
+    let most = light.iter().copied().fold(0.0, f64::max);
+    let (mut dark, mut lit) = (0, 0);
+    for (p, e) in ground.positions.iter().zip(&light) {
+        // Nothing there is lit or bounces: what is not black came through the wall.
+        if p.x < -0.02 {
+            assert!(*e < 1e-6 * most, "{p} {e} of {most}");
+            dark += 1;
+        }
+        // The floor right beside the wall is as bright as it is without one, but for lumels that the wall takes a part of.
+        if p.x > 0.02 && p.x < 0.1 {
+            let r = f64::from(p.x - lamp.x).hypot(f64::from(p.z - lamp.z));
+            let expected = point_irradiance(4.0, 0.5, r);
+            assert!((e / expected - 1.0).abs() < 0.25, "{p} {e} {expected}");
+            lit += 1;
+        }
+    }
+    assert!(dark > 31 * 65 && lit == 3 * 65, "{dark} {lit}");
+    assert!(light_of(&b, 1).iter().all(|e| *e < 1e-6 * most));
+}

@@ -22,7 +22,7 @@ use crate::rims::darken_rims;
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
 use crate::sparse::Sparse;
-use crate::vertex_light::{LumelLight, VertexBake, VertexReport};
+use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexReport};
 use crate::walls::{Barriers, fill_hidden};
 
 /// Extra channels of a page.
@@ -270,6 +270,7 @@ pub fn bake_recalling(
         &certainty,
         &|i| sure.get(i) == Some(&true),
     );
+    let mut rims = Vec::new();
     if fill {
         fill_hidden(
             &lumels,
@@ -279,7 +280,7 @@ pub fn bake_recalling(
             options.padding + 1,
         );
         if barriers.matter() {
-            darken_rims(world, &lumels, layout, &mut received, &barriers);
+            rims = darken_rims(world, &lumels, layout, &mut received, &barriers);
         }
     }
     summarise(&lumels.lumels, &received, &mut out.report);
@@ -301,12 +302,15 @@ pub fn bake_recalling(
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
             .sum::<u64>();
     let light: Vec<LumelLight> = received.iter().map(LumelLight::of).collect();
+    // A mean over what a wall parts is for measuring, not for reading.
+    let places = fill.then(|| LumelPlace::find(&lumels, &received, &barriers, &rims));
     drop(received);
     let vertices = VertexBake {
         world,
         layout,
         lumels: &lumels,
         light: &light,
+        places: places.as_deref(),
         error: options.vertex_error,
     };
     (out.vertices, out.report.vertices) = vertices.run(gatherer, options.vertices, monitor)?;

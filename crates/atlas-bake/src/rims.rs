@@ -39,14 +39,14 @@ const AROUND: [[i64; 2]; 8] = [
     [1, 1],
 ];
 
-/// Gives lumels that lookups behind a wall read the dark light there.
+/// Gives lumels that lookups behind a wall read the dark light there; says which.
 pub(crate) fn darken_rims(
     world: &World,
     lumels: &Lumels,
     layout: &Layout,
     received: &mut [Received],
     barriers: &Barriers,
-) {
+) -> Vec<usize> {
     let index = TexelIndex::build(&lumels.lumels, layout);
     let page = Page {
         lumels,
@@ -72,9 +72,11 @@ pub(crate) fn darken_rims(
             ..received[from].clone()
         })
         .collect();
-    for ((i, _), light) in found.into_iter().zip(light) {
+    let rims: Vec<usize> = found.into_iter().map(|f| f.0).collect();
+    for (&i, light) in rims.iter().zip(light) {
         received[i] = light;
     }
+    rims
 }
 
 fn light(r: &Received) -> f32 {

@@ -362,21 +362,22 @@ impl Subdivision {
         {
             return at;
         }
+        // It was asked for already; what a wall hides from the point need not be looked at twice.
+        let unseen = at.element.map(|e| e.0);
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
         let back = self.patches[at.patch.0 as usize].back as u32;
         let sub = region.frame.sub as f32;
         let q = region.frame.project(p).map(|x| x * sub);
         let [w, h] = region.fine();
         let own = [(q[0] as i32).clamp(0, w - 1), (q[1] as i32).clamp(0, h - 1)];
-        // The nearest first.
-        let mut around: Vec<(f32, Fine)> = (-1..=1)
-            .flat_map(|dr| (-1..=1).map(move |dc| [own[0] + dc, own[1] + dr]))
-            .map(|f| {
-                let d = [f[0] as f32 + 0.5 - q[0], f[1] as f32 + 0.5 - q[1]];
-                (d[0] * d[0] + d[1] * d[1], f)
-            })
-            .collect();
-        around.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        // The nearest first. Distances tell cells apart but for ties, which the cell's own order breaks.
+        let mut around = [(0.0f32, [0; 2]); 9];
+        for (k, slot) in around.iter_mut().enumerate() {
+            let f: Fine = [own[0] + k as i32 % 3 - 1, own[1] + k as i32 / 3 - 1];
+            let d = [f[0] as f32 + 0.5 - q[0], f[1] as f32 + 0.5 - q[1]];
+            *slot = (d[0] * d[0] + d[1] * d[1], f);
+        }
+        around.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         for (_, fine) in around {
             let cell = [
                 fine[0].div_euclid(sub as i32),
@@ -388,6 +389,7 @@ impl Subdivision {
             let bit = 1u16 << ((fine[1] % sub as i32) * sub as i32 + fine[0] % sub as i32);
             for patch in self.chain(region, cell, back) {
                 if let Some(e) = self.patches[patch as usize].element_of(bit)
+                    && Some(e) != unseen
                     && !self.patches[patch as usize].hidden
                     && sees(&self.elements[e as usize])
                 {

@@ -7,6 +7,7 @@
 mod difference;
 mod fit;
 mod moments;
+mod read;
 mod sheet;
 mod split;
 
@@ -18,6 +19,7 @@ use serde::Serialize;
 
 pub use difference::VertexDifference;
 pub(crate) use moments::LumelLight;
+pub(crate) use read::LumelPlace;
 
 use crate::atlas::Layout;
 use crate::bake::{Recorded, in_blocks};
@@ -28,6 +30,7 @@ use crate::planes::Wanted;
 use crate::recall::{Stage, mix};
 use crate::vertex_footprint::{Spoke, VertexFootprint};
 use moments::Moments;
+use read::Reader;
 use sheet::Sheet;
 use split::{Round, SplitOptions};
 
@@ -42,7 +45,9 @@ const MOST_ROUNDS: usize = 24;
 pub struct VertexReport {
     /// Points with a value of their own: vertices, those of one place and one smoothing group counted once.
     pub points: u64,
-    /// Points that were gathered at, as their triangles are smaller than some lumels; the others were fitted to the lightmap alone.
+    /// Points of triangles that are smaller than some lumels whose light was read from the lumels around.
+    pub read: u64,
+    /// Points of such triangles about which lumels do not know, which were gathered at.
     pub gathered: u64,
     /// Gathering and shadow rays.
     pub rays: u64,
@@ -61,6 +66,8 @@ pub(crate) struct VertexBake<'b, 'w, 'a> {
     pub lumels: &'b Lumels,
     /// By lumel.
     pub light: &'b [LumelLight],
+    /// By lumel; `None` where nothing is to be read.
+    pub places: Option<&'b [LumelPlace]>,
     /// See [`crate::BakeOptions::vertex_error`].
     pub error: Option<f32>,
 }
@@ -89,12 +96,13 @@ impl VertexBake<'_, '_, '_> {
             })
             .collect();
         let mut report = VertexReport::default();
-        let gathered = self.gather(&sheets, &gatherer, monitor, &mut report)?;
         let floor = 0.01 * self.mean_luminance();
+        let rays = (&mut gatherer, monitor);
+        let known = self.small_triangles(&sheets, floor, &index, rays, &mut report)?;
         let fitted: Vec<Fitted> = sheets
             .par_iter_mut()
-            .zip(gathered)
-            .map(|(sheet, gathered)| self.fit(sheet, gathered, floor, &index))
+            .zip(known)
+            .map(|(sheet, known)| self.fit(sheet, known, floor, &index))
             .collect();
         let mut out = VertexLight {
             instances: empty(scene),
@@ -121,16 +129,36 @@ impl VertexBake<'_, '_, '_> {
         }
     }
 
-    /// Means over the small triangles about each point; `None` where there are none.
-    fn gather(
+    /// By sheet and point, the light over the small triangles about it: what the lumels around say ([`read`]), or gathered where they do not know. `None`
+    /// where there are no such triangles.
+    fn small_triangles(
         &self,
         sheets: &[Sheet],
-        gatherer: &Gatherer,
-        monitor: &dyn Monitor,
+        floor: f64,
+        index: &TexelIndex,
+        (gatherer, monitor): (&mut Gatherer, &dyn Monitor),
         report: &mut VertexReport,
     ) -> Result<Vec<Vec<Option<Vec3>>>, Cancelled> {
-        let mut jobs: Vec<(u32, u32, Vec<Spoke>, u32)> = Vec::new();
-        for (s, sheet) in sheets.iter().enumerate() {
+        let mut out: Vec<Vec<Option<Vec3>>> = (sheets.par_iter())
+            .map(|sheet| {
+                let Some(places) = self.places else {
+                    return vec![None; sheet.points];
+                };
+                let reader = Reader {
+                    world: self.world,
+                    placement: &self.layout.placements[sheet.instance],
+                    index,
+                    light: self.light,
+                    places,
+                    floor: floor as f32,
+                };
+                reader.read(sheet)
+            })
+            .collect();
+        report.read = out.iter().flatten().flatten().count() as u64;
+        let mut jobs: Vec<Job> = Vec::new();
+        let mut first = 0;
+        for (s, (sheet, known)) in sheets.iter().zip(&out).enumerate() {
             // The first vertex of each point names it.
             let mut seeds = vec![None; sheet.points];
             for v in &sheet.vertices {
@@ -139,33 +167,34 @@ impl VertexBake<'_, '_, '_> {
                     hash_u32(v.index ^ hash_u32(v.primitive ^ instance))
                 });
             }
-            for (point, spokes) in sheet.spokes(self.world.soup).into_iter().enumerate() {
+            let spokes = sheet.spokes(self.world.soup, |point| known[point].is_none());
+            for (point, spokes) in spokes.into_iter().enumerate() {
                 if !spokes.is_empty() {
-                    let seed = seeds[point].unwrap_or(0);
-                    jobs.push((s as u32, point as u32, spokes, seed));
+                    jobs.push(Job {
+                        sheet: s as u32,
+                        point: point as u32,
+                        item: first + point as u32,
+                        spokes,
+                        seed: seeds[point].unwrap_or(0),
+                    });
                 }
             }
+            first += sheet.points as u32;
         }
         let recorded = Recorded {
             recall: gatherer.recall,
             stage: Stage::Vertices.round(0),
-            item: &|k| k as u32,
-            guard: &|k| guard_of(&jobs[k].2, jobs[k].3),
+            item: &|k| jobs[k].item,
+            guard: &|k| guard_of(&jobs[k].spokes, jobs[k].seed),
         };
         let received = in_blocks(jobs.len(), Phase::Vertices, monitor, recorded, |i, tape| {
-            let (_, _, around, seed) = &jobs[i];
-            let footprint = VertexFootprint {
-                world: self.world,
-                around,
-                seed: *seed,
-            };
-            gatherer.gather_recalled(&footprint, *seed, tape)
+            let job = &jobs[i];
+            gatherer.gather_recalled(&job.footprint(self.world), job.seed, tape)
         })?;
         report.gathered = received.len() as u64;
         report.rays = received.iter().map(|r| r.rays).sum();
-        let mut out: Vec<Vec<Option<Vec3>>> = sheets.iter().map(|s| vec![None; s.points]).collect();
-        for ((sheet, point, ..), r) in jobs.iter().zip(&received) {
-            out[*sheet as usize][*point as usize] = Some(r.direct + r.indirect);
+        for (job, r) in jobs.iter().zip(&received) {
+            out[job.sheet as usize][job.point as usize] = Some(r.direct + r.indirect);
         }
         Ok(out)
     }
@@ -223,6 +252,26 @@ impl VertexBake<'_, '_, '_> {
             weight += f64::from(l.coverage);
         }
         sum / f64::max(weight, f64::MIN_POSITIVE)
+    }
+}
+
+/// A point to gather at.
+struct Job {
+    sheet: u32,
+    point: u32,
+    /// What records call it: its number among all points, so that those of others hold when it is no longer gathered at.
+    item: u32,
+    spokes: Vec<Spoke>,
+    seed: u32,
+}
+
+impl Job {
+    fn footprint<'b, 'w, 'a>(&'b self, world: &'w World<'a>) -> VertexFootprint<'b, 'w, 'a> {
+        VertexFootprint {
+            world,
+            around: &self.spokes,
+            seed: self.seed,
+        }
     }
 }
 

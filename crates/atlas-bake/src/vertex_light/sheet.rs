@@ -198,12 +198,15 @@ impl Sheet {
             .map(|c| self.vertices[c as usize].point as usize)
     }
 
-    /// For each point, the triangles about it that have too few lumels to go by.
-    pub fn spokes(&self, soup: &Soup) -> Vec<Vec<Spoke>> {
+    /// For each point that is `wanted`, the triangles about it that have too few lumels to go by.
+    pub fn spokes(&self, soup: &Soup, wanted: impl Fn(usize) -> bool) -> Vec<Vec<Spoke>> {
         let mut around: Vec<Vec<Spoke>> = vec![Vec::new(); self.points];
         for tri in self.tris.iter().filter(|t| !t.moments.measured()) {
             let (triangle, order, back) = corners_of(soup, tri.face);
             for (point, corner) in self.points_of(tri).into_iter().zip(order) {
+                if !wanted(point) {
+                    continue;
+                }
                 let list = &mut around[point];
                 let before = list.last().map_or(0.0, |s| s.running);
                 list.push(Spoke {
@@ -220,7 +223,7 @@ impl Sheet {
 
 /// The soup's triangle in whose place a face is, which of its world corners each corner of the primitive's triangle is, and whether the
 /// face lies on its back.
-fn corners_of(soup: &Soup, face: u32) -> (u32, [u8; 3], bool) {
+pub(super) fn corners_of(soup: &Soup, face: u32) -> (u32, [u8; 3], bool) {
     let order = if soup.source(face).mirrored {
         [0, 2, 1]
     } else {
