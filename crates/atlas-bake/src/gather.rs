@@ -32,8 +32,6 @@ pub struct GatherOptions {
     pub follow: u32,
     /// Rays that a lumel gets at most where neighbours say that `rays` are too few; a power of two times `rays`.
     pub most_rays: u32,
-    /// So many rays beyond `rays` a lumel gets on average at most; infinite where only `most_rays` is to limit it.
-    pub more_rays: f32,
     /// Good enough: estimated standard error of the indirect light over the total.
     pub error: f32,
     /// Direct light.

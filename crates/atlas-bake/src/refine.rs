@@ -125,12 +125,11 @@ pub(crate) fn add_rays(
     let mut all = vec![1; received.len()];
     let options = &gatherer.options;
     let most = (options.most_rays / options.rays.max(1)).max(1);
-    if gatherer.world.is_dark() {
+    if gatherer.world.is_dark() || (most == 1 && sparse.most_bearing() == 1) {
         return Ok(all);
     }
     let window = Window::new(lumels, layout, received, barriers, sparse);
-    // By how much variances pass what is good enough.
-    let noisy: Vec<(usize, f32)> = (0..received.len())
+    let short: Vec<(usize, u32)> = (0..received.len())
         .into_par_iter()
         .with_min_len(256)
         .filter_map(|i| {
@@ -152,29 +151,12 @@ pub(crate) fn add_rays(
             }
             let wanted = options.error * total / others;
             let ratio = variance / others / (wanted * wanted).max(1e-30);
-            (ratio > 1.0 || sparse.bearing(i) > 1).then_some((i, ratio))
+            // Powers of two keep the points of the sequence well distributed.
+            let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
+            let times = if times > most { times / 2 } else { times };
+            let times = times.max(sparse.bearing(i));
+            (times > 1).then_some((i, times))
         })
-        .collect();
-    let times = |&(i, ratio): &(usize, f32), lenient: f32| {
-        // Powers of two keep the points of the sequence well distributed.
-        let times = (ratio / lenient).clamp(1.0, most as f32).ceil() as u32;
-        let times = times.next_power_of_two();
-        let times = if times > most { times / 2 } else { times };
-        times.max(sparse.bearing(i))
-    };
-    // What may be spent goes where the most is to be had.
-    let budget = f64::from(options.more_rays) * received.len() as f64;
-    let spent = |lenient: f32| -> u64 {
-        let more = |n: &(usize, f32)| u64::from(times(n, lenient) - 1);
-        u64::from(options.rays) * noisy.iter().map(more).sum::<u64>()
-    };
-    let mut lenient = 1.0;
-    while spent(lenient) as f64 > budget && lenient < 1e12 {
-        lenient *= std::f32::consts::SQRT_2;
-    }
-    let short: Vec<(usize, u32)> = (noisy.iter())
-        .map(|n| (n.0, times(n, lenient)))
-        .filter(|(_, times)| *times > 1)
         .collect();
     let recorded = Recorded {
         recall: gatherer.recall,

@@ -133,9 +133,18 @@ impl Sparse {
     /// Times that a lumel has as many rays as others, where others are interpolated between it and its like: what it is wrong by is seen in four. With
     /// [`Interpolation::Wide`] most are such lumels.
     pub(crate) fn bearing(&self, i: usize) -> u32 {
+        if self.bears[i] {
+            self.most_bearing()
+        } else {
+            1
+        }
+    }
+
+    /// The most that [`bearing`](Self::bearing) says.
+    pub(crate) fn most_bearing(&self) -> u32 {
         match self.rule {
-            Interpolation::Open if self.bears[i] => 2,
-            _ => 1,
+            Interpolation::Open => 2,
+            Interpolation::Wide => 1,
         }
     }
 

@@ -238,7 +238,7 @@ impl Settings {
         // A draft that is to reach an error must see contacts, and gathers anew what is too noisy; without, it is to be quick (docs/ideas.md).
         let quick = start == Quality::Draft && self.error.is_none();
         let (rays, most, error, points, edge_points) = match start {
-            Quality::Draft if quick => (16, 32, 0.05, 4, 16),
+            Quality::Draft if quick => (16, 16, 1.0, 4, 16),
             Quality::Draft => (32, 32, 1.0, 16, 64),
             Quality::Preview => (128, 256, 0.03, 16, 128),
             Quality::Production => (512, 4096, 0.01, 32, 1024),
@@ -250,7 +250,7 @@ impl Settings {
             Quality::Production => (32, 512, 4),
         };
         let (interpolation, near, follow) = match quick {
-            true => (Interpolation::Wide, 0.25, 1),
+            true => (Interpolation::Wide, 0.25, 0),
             false => (Interpolation::Open, 1.0, 3),
         };
         let (most, error) = match self.error {
@@ -262,7 +262,6 @@ impl Settings {
             points,
             edge_points,
             most_rays: most,
-            more_rays: if quick { 1.0 } else { f32::INFINITY },
             error,
             direct: DirectOptions {
                 base,

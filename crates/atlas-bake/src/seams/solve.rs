@@ -670,35 +670,25 @@ mod tests {
     }
 
     #[test]
-    fn lookups_agree_where_light_would_become_negative() {
+    fn lookups_of_narrow_strips_agree_and_none_is_below_zero() {
         let (samples, pages, texels) = strips();
         let mut stitcher = Stitcher::new(&samples, &pages, &texels);
         assert!(stitcher.report.before.p99 > 1.0, "{:?}", stitcher.report);
         assert!(stitcher.narrow.iter().all(|&narrow| narrow));
-        let light = |page: usize, at: usize| pages[page].value[at][0];
-        let [signed, positive] = [true, false].map(|signed| {
-            let channel = Channel {
-                value: Box::new(light),
-                signed,
-            };
-            let change = stitcher.solve(&[channel]).remove(0);
-            let mut after = pages.clone();
-            for (&(p, at), change) in stitcher.places.iter().zip(change) {
-                after[p as usize].value[at as usize]
-                    .iter_mut()
-                    .for_each(|v| *v += change);
-            }
-            after
-        });
-        let least = |pages: &[Page]| {
-            let values = pages[0].value.iter().map(|v| v[0]);
-            values.fold(f32::INFINITY, f32::min)
+        let channel = Channel {
+            value: Box::new(|page, at| pages[page].value[at][0]),
+            signed: false,
         };
-        // What the floor is for, and that it holds to a rounding.
-        assert!(least(&signed) < -1e-3, "{}", least(&signed));
-        assert!(least(&positive) > -1e-6, "{}", least(&positive));
-        // What is promised of seams.
-        let found = stitcher.error(&positive);
+        let change = stitcher.solve(&[channel]).remove(0);
+        let mut after = pages.clone();
+        for (&(p, at), change) in stitcher.places.iter().zip(change) {
+            for v in &mut after[p as usize].value[at as usize] {
+                *v += change;
+                assert!(*v > -1e-6, "{v} but for rounding");
+            }
+        }
+        // What is promised of seams; 0.13 with the bounds of charts that have an inside.
+        let found = stitcher.error(&after);
         assert!(found.p99 < 0.01, "{found:?}");
     }
 

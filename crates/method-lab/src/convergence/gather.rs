@@ -124,7 +124,6 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 points,
                 edge_points: 0,
                 most_rays: rays,
-                more_rays: f32::INFINITY,
                 error: 0.0,
                 direct: DirectOptions::every(1, 1),
                 contacts: false,
