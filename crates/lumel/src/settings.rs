@@ -283,13 +283,14 @@ impl Settings {
             Quality::Preview => 64,
             Quality::Production => 256,
         };
+        let lumels = self.lumel_options();
         GatherOptions {
             rays,
-            points: 16,
+            points: lumels.points.min(16),
             edge_points: 0,
             most_rays: rays,
             open_only: true,
-            ..self.lumel_options()
+            ..lumels
         }
     }
 }

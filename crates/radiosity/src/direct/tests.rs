@@ -535,3 +535,41 @@ fn scouts_that_agree_save_rays_and_change_nothing() {
     assert_eq!((a.irradiance, a.rays), (b.irradiance, b.rays));
     assert_eq!((a.mixed, a.lit, a.hidden), (1, 1, 1));
 }
+
+#[test]
+fn lamps_are_seen_as_expected_or_the_receiver_must_look() {
+    let mut scene = floor();
+    let lamps = [Vec3::new(-1.0, 0.0, 2.0), Vec3::new(1.0, 0.0, 2.0)];
+    for position in lamps {
+        let (range, radius) = (None, 0.0);
+        let kind = LightKind::Point {
+            position,
+            range,
+            radius,
+        };
+        scene.lights.push(light(5.0, kind));
+    }
+    // A board of 20 cm that hides the second lamp from the origin.
+    add_quad(
+        &mut scene,
+        material(0.0, Vec3::ZERO),
+        Vec3::new(0.4, -0.1, 1.0),
+        Vec3::X * 0.2,
+        Vec3::Y * 0.2,
+    );
+    let here = receiver(Vec3::ZERO, Vec3::Z);
+    let aside = receiver(Vec3::new(0.0, 0.5, 0.0), Vec3::Z);
+    with_light(&scene, |l| {
+        let ask = |p, expected, least| l.lamps_seen_as(p, expected, least, 1);
+        assert_eq!(ask(&here, [0b01, 0b10], 0.0), Some(2));
+        // Neighbours that see both, as those do between which a thin thing's shadow falls.
+        assert_eq!(ask(&here, [0b11, 0b00], 0.0), None);
+        assert_eq!(ask(&aside, [0b01, 0b10], 0.0), None);
+        assert_eq!(ask(&aside, [0b11, 0b00], 0.0), Some(2));
+        // A lamp that nobody knows of, and one of which half is said.
+        assert_eq!(ask(&aside, [0b01, 0b00], 0.0), None);
+        assert_eq!(ask(&aside, [0b11, 0b10], 0.0), None);
+        // Each brings 5 cosθ/d² = 0.89 at the origin: what is less than asked for is not looked for.
+        assert_eq!(ask(&here, [0b11, 0b00], 1.0), Some(0));
+    });
+}
