@@ -5,6 +5,9 @@
 //! of their place: half of the gathering rays, since each of the few has twice as many. What is near, and throws light or shadow that changes from lumel to lumel, is found by geometry, not by rays, which miss what is thin. Direct light is
 //! computed at every lumel.
 //!
+//! [`Interpolation::Wide`], a draft's rule, does so wherever nothing rises within a lumel: also on curves and along chart borders. There direct light is interpolated too
+//! where neighbours agree about it, and what smoothing makes of the gathered lumels is carried to those between by a cubic.
+//!
 //! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (what is near decides how far a sample
 //! counts), on the lightmap's own grid and with a look at the neighbours' differences.
 

@@ -34,10 +34,12 @@ fn main() -> std::io::Result<()> {
     if list.is_some() {
         args.remove(0);
     }
+    let is_flag = |a: &std::ffi::OsString| a.to_string_lossy().starts_with('-');
     let dir = match (args.first(), list) {
-        (Some(dir), _) => PathBuf::from(dir),
+        // `--help` was a folder once.
+        (Some(dir), _) if !is_flag(dir) => PathBuf::from(dir),
         (None, None) => PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets")),
-        (None, Some(_)) => {
+        _ => {
             return Err(std::io::Error::other(
                 "usage: make-assets [--closed-form DIR | --dense DIR | --leaks DIR | DIR]",
             ));
