@@ -56,6 +56,8 @@ pub struct Patch {
     pub back: bool,
     /// All of it lies where no light comes and from where none is seen; see [`Subdivision::hide`].
     pub hidden: bool,
+    /// It is one element of a cell in which each stands alone; nothing is interpolated towards it, or from it.
+    pub fine: bool,
 }
 
 /// The finest piece of surface: it records direct light, at one point drawn uniformly from it.
@@ -292,7 +294,7 @@ impl Subdivision {
             weight: 1.0,
         };
         let mut taps = [own; 4];
-        if f.cells == [1, 1] {
+        if f.cells == [1, 1] || self.patches[at.patch.0 as usize].fine {
             return (taps, 1);
         }
         let back = self.patches[at.patch.0 as usize].back as u32;
@@ -321,6 +323,7 @@ impl Subdivision {
             }
             if let Some(patch) = self.reached(at.patch.0, front + back)
                 && !self.patches[patch as usize].hidden
+                && !self.patches[patch as usize].fine
             {
                 taps[n] = Tap {
                     patch: PatchId(patch),
@@ -484,6 +487,7 @@ fn cut_region(
                 mask: 0,
                 back: false,
                 hidden: false,
+                fine: false,
             });
         }
         let patch = &mut piece.patches[piece.table[cell] as usize];

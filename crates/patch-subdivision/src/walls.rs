@@ -2,7 +2,8 @@
 //!
 //! A region's grid knows nothing of other surfaces: a floor that runs on under a wall has patches that lie in two rooms. Light that one of
 //! them receives would then shine from both. Whoever can cast rays says which neighbouring elements do not see each other
-//! ([`Subdivision::neighbours`], [`Subdivision::separate`]); patches are cut there, and interpolation stops there.
+//! ([`Subdivision::neighbours`], [`Subdivision::separate`]); patches are cut there, and interpolation stops there. The same cuts patches into their elements where
+//! something stands so close that light differs from one to the next.
 
 use crate::subdivision::{ElementId, Locus, Patch, PatchId, Region, Subdivision};
 
@@ -82,29 +83,46 @@ impl Subdivision {
 
     /// Parts what walls part. `blocked` says of each of [`neighbours`](Self::neighbours) whether something stands between the two.
     ///
-    /// Patches whose elements a wall divides become one patch a part. Call it once, after [`hide`](Self::hide).
+    /// Patches whose elements a wall divides become one patch a part, and those that `crowded` names (one flag a patch) one an element
+    /// ([`Patch::fine`]). Call it once, after [`hide`](Self::hide).
     ///
     /// # Panics
     /// When the lists differ in length.
-    pub fn separate(&mut self, pairs: &[[u32; 2]], blocked: &[bool]) {
+    pub fn separate(&mut self, pairs: &[[u32; 2]], blocked: &[bool], crowded: &[bool]) {
         assert_eq!(pairs.len(), blocked.len(), "one flag a pair");
+        assert_eq!(crowded.len(), self.patches.len(), "one flag a patch");
         let buried = self.walls.buried.iter().any(|b| *b != 0);
-        if !buried && !blocked.contains(&true) {
+        let walls = buried || blocked.contains(&true);
+        if !walls && !crowded.contains(&true) {
             return;
+        }
+        for (patch, crowded) in self.patches.iter_mut().zip(crowded) {
+            patch.fine = *crowded && !patch.hidden;
         }
         let mut patch_of = vec![0u32; self.elements().len()];
         for p in 0..self.patches().len() {
             patch_of[self.elements_of(PatchId(p as u32))].fill(p as u32);
         }
-        let part = parts(pairs, blocked, &patch_of);
+        let mut part = parts(pairs, blocked, &patch_of);
+        for (k, (part, patch)) in part.iter_mut().zip(&patch_of).enumerate() {
+            if self.patches[*patch as usize].fine {
+                *part = k as u32;
+            }
+        }
         // What stands on a patch may divide it too.
         let mut divided: Vec<bool> = self.walls.buried.iter().map(|b| *b != 0).collect();
         divided.resize(self.patches().len(), false);
+        for (divided, patch) in divided.iter_mut().zip(&self.patches) {
+            *divided |= patch.fine;
+        }
         for ([a, b], _) in pairs.iter().zip(blocked).filter(|x| *x.1) {
             let p = patch_of[*a as usize];
             divided[p as usize] |= p == patch_of[*b as usize];
         }
         let moved = self.divide(&divided, &part);
+        if !walls {
+            return;
+        }
         // Elements have new numbers now, and some new patches.
         for p in 0..self.patches().len() {
             for k in self.elements_of(PatchId(p as u32)) {

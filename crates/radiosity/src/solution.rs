@@ -85,6 +85,8 @@ pub struct SolveReport {
     pub buried_elements: u64,
     /// Pairs of neighbouring elements that something on their surface keeps apart.
     pub walled_elements: u64,
+    /// Patches that are one element each, where something stands close.
+    pub fine_patches: u64,
     /// Emissive triangles that direct light samples.
     pub emitters: usize,
     /// Patches whose direct light is computed anew at each hit.

@@ -61,7 +61,7 @@ fn a_wall_parts_patches_and_stops_interpolation() {
         .map(|p| sides[p[0] as usize] != sides[p[1] as usize])
         .collect();
     let area: f32 = cut.patches().iter().map(|p| p.area).sum();
-    cut.separate(&pairs, &blocked);
+    cut.separate(&pairs, &blocked, &none(&cut));
     assert!(cut.has_walls());
     assert!(cut.patches().len() > 105, "{}", cut.patches().len());
     let after: f32 = cut.patches().iter().map(|p| p.area).sum();
@@ -107,7 +107,7 @@ fn what_is_buried_under_a_thick_wall_parts_patches_too() {
     cut.hide(&hidden);
     let pairs = cut.neighbours();
     let free = vec![false; pairs.len()];
-    cut.separate(&pairs, &free);
+    cut.separate(&pairs, &free, &none(&cut));
     for p in points().filter(|p| place(*p).abs() > 0.16) {
         let t = triangle_at(p);
         let at = cut.locate(t, p, false).expect("the floor is whole");
@@ -130,7 +130,7 @@ fn without_walls_nothing_changes() {
         .map(|p| (p.first_element, p.mask))
         .collect();
     let pairs = cut.neighbours();
-    cut.separate(&pairs, &vec![false; pairs.len()]);
+    cut.separate(&pairs, &vec![false; pairs.len()], &none(&cut));
     assert!(!cut.has_walls());
     let after: Vec<_> = cut
         .patches()
