@@ -97,7 +97,7 @@ impl Subdivision {
             return;
         }
         for (patch, crowded) in self.patches.iter_mut().zip(crowded) {
-            patch.fine = *crowded && !patch.hidden;
+            patch.fine = *crowded && !patch.hidden && patch.elements > 1;
         }
         let mut patch_of = vec![0u32; self.elements().len()];
         for p in 0..self.patches().len() {

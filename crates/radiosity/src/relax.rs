@@ -129,11 +129,12 @@ impl System<'_> {
     /// on top, of which each d_j has a variance of A_j Ā/rays (a column is a count of rays, each worth Ā/rays, the area-weighted mean
     /// patch) and Σ d_j = 0, so that only the uneven part of e counts, which is about |r|. Four standard errors of it are added.
     fn bound(&self, r: &[DVec3], x: &[DVec3]) -> f64 {
-        let (mut left, mut all) = (0f64, DVec3::ZERO);
+        let (mut left, mut excess, mut all) = (0f64, 0f64, DVec3::ZERO);
         let (mut most, mut uneven, mut area, mut squares) = (0f64, 0f64, 0f64, 0f64);
         for i in 0..self.len() {
             let (a, w) = (self.area[i], r[i].abs().element_sum());
             left += w * a;
+            excess -= r[i].min(DVec3::ZERO).element_sum() * a;
             uneven += w * w * a;
             area += a;
             squares += a * a;
@@ -146,7 +147,11 @@ impl System<'_> {
         let most = most.min(HIGHEST);
         let mean = squares / area.max(1e-300) / self.links.rays.max(1) as f64;
         let noise = 4.0 * most * (uneven * mean).sqrt();
-        (left + noise) / (1.0 - most) / all.element_sum().max(1e-300)
+        let all = all.element_sum() - excess / (1.0 - most);
+        if all <= 0.0 {
+            return f64::INFINITY;
+        }
+        (left + noise) / (1.0 - most) / all
     }
 
     /// Flux that arrives with irradiance `x`, all channels.

@@ -41,7 +41,7 @@ impl Default for SolveOptions {
             cut: CutOptions::default(),
             rays: 256,
             link_bytes: 512 << 20,
-            direct: DirectOptions::every(4, 8),
+            direct: DirectOptions::every(8, 8),
             resample: true,
             relax: RelaxOptions::default(),
         }

@@ -17,6 +17,11 @@ fn floor() -> (mesh_ingest::Soup, Subdivision) {
     (s, cut)
 }
 
+/// No patch is crowded.
+fn none(cut: &Subdivision) -> Vec<bool> {
+    vec![false; cut.patches().len()]
+}
+
 fn position(s: &mesh_ingest::Soup, e: &crate::Element) -> Vec3 {
     let [a, b, c] = s.triangles[e.triangle as usize];
     a + (b - a) * e.u + (c - a) * e.v
@@ -138,4 +143,46 @@ fn without_walls_nothing_changes() {
         .map(|p| (p.first_element, p.mask))
         .collect();
     assert_eq!(before, after);
+}
+
+#[test]
+fn what_is_crowded_is_cut_into_its_elements() {
+    let (s, mut cut) = floor();
+    let pairs = cut.neighbours();
+    let area: f64 = cut.patches().iter().map(|p| f64::from(p.area)).sum();
+    let crowded: Vec<bool> = (0..100).map(|p| p % 10 < 4).collect();
+    cut.separate(&pairs, &vec![false; pairs.len()], &crowded);
+    assert!(!cut.has_walls());
+    assert_eq!(cut.patches().len(), 60 + 40 * 16);
+    let after: f64 = cut.patches().iter().map(|p| f64::from(p.area)).sum();
+    // Patches' own areas are sums of 16 in single precision.
+    assert!((area / after - 1.0).abs() < 1e-6, "{area} {after}");
+    let mut found = 0;
+    for (id, p) in cut.patches().iter().enumerate() {
+        assert_eq!(p.elements, if p.fine { 1 } else { 16 });
+        for k in cut.elements_of(PatchId(id as u32)) {
+            let e = &cut.elements()[k];
+            let at = cut.locate(e.triangle, position(&s, e), false).unwrap();
+            found += usize::from((at.patch.0, at.element.unwrap().0) == (id as u32, k as u32));
+        }
+    }
+    // A point on a cell's border may round into the next.
+    assert!(found >= 1590, "{found} of 1600");
+    let mut kinds = [0; 2];
+    for p in points() {
+        let t = triangle_at(p);
+        let at = cut.locate(t, p, false).expect("the floor is whole");
+        let own = cut.patches()[at.patch.0 as usize].fine;
+        let (taps, n) = cut.taps(t, p, at);
+        let sum: f32 = taps[..n].iter().map(|t| t.weight).sum();
+        assert!((sum - 1.0).abs() < 1e-6);
+        if own {
+            assert_eq!((n, taps[0].patch.0), (1, at.patch.0), "{p}");
+        } else {
+            let other = |t: &crate::Tap| cut.patches()[t.patch.0 as usize].fine;
+            assert!(!taps[..n].iter().any(other), "{p}");
+        }
+        kinds[usize::from(own)] += 1;
+    }
+    assert!(kinds.iter().all(|k| *k > 3000), "{kinds:?}");
 }
