@@ -299,7 +299,11 @@ pub(crate) fn audit(
             }
             let mean = sum / rays;
             let independent = squares - sum * mean;
-            // Rays from one point of one element are alike; the point is as random as they are.
+            // Rays from one point of one element are alike; the point is as random as they are. A single one has no others to differ from, but from 0.
+            let mean = match cut.elements_of(PatchId(i as u32)).len() {
+                1 => 0.0,
+                _ => mean,
+            };
             let clustered: f64 = (by_element.iter().zip(&count))
                 .map(|(s, n)| (s - n * mean).powi(2))
                 .sum();

@@ -29,6 +29,8 @@ pub struct SolveOptions {
     pub link_bytes: u64,
     /// Direct light on elements.
     pub direct: DirectOptions,
+    /// Patches that something stands close to are cut into their elements, each with light of its own.
+    pub crowded: bool,
     /// Hits on patches over which direct light changes sample a light of their own, instead of reading that of their element.
     pub resample: bool,
     /// When to stop.
@@ -42,6 +44,7 @@ impl Default for SolveOptions {
             rays: 256,
             link_bytes: 512 << 20,
             direct: DirectOptions::every(8, 8),
+            crowded: true,
             resample: true,
             relax: RelaxOptions::default(),
         }
@@ -78,7 +81,10 @@ pub fn solve_recalled(
     let records = recalled.as_ref().map(|r| r.records);
     let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
     let Survey { buried, close } = survey(world, &cut);
-    let crowded = find_crowded(&cut, &buried, &close);
+    let crowded = match options.crowded {
+        true => find_crowded(&cut, &buried, &close),
+        false => vec![false; cut.patches().len()],
+    };
     cut.hide(&buried);
     let walled_elements = stand_apart(world, &mut cut, &crowded);
     let n = cut.patches().len();

@@ -134,6 +134,10 @@ fn infinite_plates_reflect_for_ever() {
                 }
             }
         }
-        assert!(b.report.solve.audit.within_bound);
+        assert!(
+            b.report.solve.audit.within_bound,
+            "{rho} {:?}",
+            b.report.solve
+        );
     }
 }

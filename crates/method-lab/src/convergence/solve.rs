@@ -42,6 +42,8 @@ fn with_solution<T>(
         rays,
         link_bytes: 4 << 30,
         direct: DirectOptions::every(4, 8),
+        // The cut is to be the grid.
+        crowded: false,
         resample: true,
         relax,
     };
