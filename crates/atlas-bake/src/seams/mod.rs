@@ -12,12 +12,17 @@ mod apply;
 mod border;
 mod bounds;
 mod contrast;
+mod factor;
+mod interior;
+mod islands;
 mod measure;
 mod pairs;
+mod rows;
 mod solve;
 mod tree;
 
 pub(crate) use apply::{Range, stitch};
 pub use measure::{SeamError, SeamReport};
 pub(crate) use pairs::{Sample, find_samples};
-pub(crate) use solve::{EMPTY, Stitcher, Texels};
+pub(crate) use rows::{EMPTY, Texels};
+pub(crate) use solve::Stitcher;
