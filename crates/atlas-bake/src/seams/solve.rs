@@ -170,12 +170,15 @@ impl Stitcher {
             .map(|&place| light(place) + 0.01 * mean)
             .collect();
         // What nobody sees in its own place is measured against the light of the lookups that read it: a dilated texel of the dark side must not hold the
-        // lit one down. So is what has no inside: against its own light the dark side would win, and a lamp's rim in the sun turn black.
+        // lit one down. So is what has no inside, by the sum of both sides, which is as dear for one as for the other: against its own light the dark side
+        // would win, and a lamp's rim in the sun turn black.
         let mut scales = self.light.clone();
         for row in &self.rows {
-            for &t in &row.texels {
-                if self.seen[t as usize] == 0.0 || self.narrow[t as usize] {
-                    scales[t as usize] = scales[t as usize].max(row.scale);
+            for t in row.texels.map(|t| t as usize) {
+                if self.narrow[t] {
+                    scales[t] = scales[t].max(2.0 * row.scale);
+                } else if self.seen[t] == 0.0 {
+                    scales[t] = scales[t].max(row.scale);
                 }
             }
         }
