@@ -19,8 +19,18 @@ const MOST_ITERATIONS: u64 = 60;
 /// Share of the way to the nearest bound that a step may go.
 const NEARLY: f64 = 0.995;
 
+/// Where pushes could not be brought below this share of what they are, what was seen on the way says nothing about what lies beyond: used all the
+/// same, it led one island of Sponza round in circles.
+const ASTRAY: f64 = 0.7;
+
+/// What pushes aim at then, as a share of what they are.
+const CALM: f64 = 0.5;
+
 /// Share of its range that a value keeps from both bounds at first.
 const INSIDE: f64 = 0.1;
+
+/// Times a fixed value's place on the diagonal what it would be.
+const FIXED: f64 = 1e30;
 
 /// A, for all channels.
 pub(super) struct Matrix {
@@ -60,163 +70,366 @@ impl Matrix {
     }
 }
 
-/// How far values are from their bounds, and what these push with.
-#[derive(Clone, Copy)]
-struct Bounded {
-    /// From the lower and the upper bound.
-    room: [DVec4; 2],
-    push: [DVec4; 2],
-}
-
-impl Bounded {
-    /// How pushes change when the value moves by `x`, so that room times push becomes `target` less what the predictor said of its square.
-    fn change(&self, x: DVec4, target: DVec4, predicted: DVec4, by: [DVec4; 2]) -> [DVec4; 2] {
-        let sign = [1.0, -1.0];
-        [0, 1].map(|k| {
-            (target - predicted * by[k] * sign[k] - x * self.push[k] * sign[k]) / self.room[k]
-                - self.push[k]
-        })
-    }
-}
-
 /// The least, and the number of steps that the slowest channel took.
 ///
 /// Each channel is solved as if it were alone: one that is done stands still.
 pub(super) fn least(matrix: &Matrix, wanted: &Wanted) -> (Vec<DVec4>, u64) {
+    let mut search = Search::new(matrix, wanted);
     let n = matrix.diagonal.len();
-    let tiny = DVec4::splat(f64::MIN_POSITIVE);
-    let (low, high) = (&wanted.low, &wanted.high);
-    let range = |i: usize| high[i] - low[i];
-    let free: Vec<BVec4> = (0..n).map(|i| range(i).cmpgt(DVec4::ZERO)).collect();
-    let one = |free: BVec4| DVec4::select(free, DVec4::ONE, DVec4::ZERO);
-    let count = free.iter().map(|&f| one(f)).sum::<DVec4>() * 2.0;
-    let mut mean_push = (wanted.energy / count.max(DVec4::ONE)).max(tiny);
-    let mut x: Vec<DVec4> = (0..n)
-        .map(|i| {
-            let keep = range(i) * INSIDE;
-            let inside = DVec4::ZERO.max(low[i] + keep).min(high[i] - keep);
-            DVec4::select(free[i], inside, DVec4::ZERO)
-        })
-        .collect();
-    let mut bounded: Vec<Bounded> = (0..n)
-        .map(|i| {
-            // What is fixed is not pushed, and takes no part below.
-            let room =
-                [x[i] - low[i], high[i] - x[i]].map(|r| DVec4::select(free[i], r, DVec4::ONE));
-            let push = room.map(|r| DVec4::select(free[i], mean_push / r, tiny));
-            Bounded { room, push }
-        })
-        .collect();
-    let mut factor = matrix.pattern.room();
-    let (mut slope, mut right) = (vec![DVec4::ZERO; n], vec![DVec4::ZERO; n]);
-    let (mut first, mut step) = (vec![DVec4::ZERO; n], vec![DVec4::ZERO; n]);
-    let mut going = wanted.energy.cmpgt(DVec4::ZERO);
+    let (mut right, mut first) = (vec![DVec4::ZERO; n], vec![DVec4::ZERO; n]);
     let mut iterations = 0;
     while iterations < MOST_ITERATIONS {
-        matrix.multiply(&x, &mut slope);
-        let mut value = wanted.energy * 0.5;
-        // What the least may lie below it: what pushes still do, and what they do not hold.
-        let mut above = mean_push * count;
-        for i in 0..n {
-            value += x[i] * (slope[i] * 0.5 - wanted.right[i]);
-            slope[i] -= wanted.right[i];
-            let [low, high] = bounded[i].push;
-            let loose = (slope[i] - low + high).abs() * range(i);
-            above += DVec4::select(free[i], loose, DVec4::ZERO);
-        }
-        going &= above.cmpgt(value * GAP);
-        if !going.any() {
+        search.look(wanted);
+        if !search.going.any() {
             break;
         }
         iterations += 1;
-        let diagonal: Vec<DVec4> = (0..n)
-            .map(|i| {
-                let Bounded { room, push } = bounded[i];
-                let own = DVec4::splat(matrix.diagonal[i]) + push[0] / room[0] + push[1] / room[1];
-                DVec4::select(
-                    free[i],
-                    own,
-                    DVec4::splat(FIXED * matrix.diagonal[i].max(1.0)),
-                )
-            })
-            .collect();
-        matrix
-            .pattern
-            .factor(&matrix.values, &diagonal, &mut factor);
-        // Where the least would be if pushes could end at once.
-        for (right, slope) in right.iter_mut().zip(&slope) {
+        search.factor();
+        // Where the least would be if pushes could end at once, and what would be left of them on the way there.
+        for (right, slope) in right.iter_mut().zip(&search.slope) {
             *right = -slope;
         }
-        solve_free(matrix, &mut factor, &free, &right, &mut first);
-        let none = [DVec4::ZERO; 2];
+        search.solve(&right, &mut first);
+        let share = search.left(&first) / search.mean_push;
+        let known = share.cmplt(DVec4::splat(ASTRAY));
+        let target = DVec4::select(known, share * share * share, DVec4::splat(CALM));
+        let trust = DVec4::select(known, DVec4::ONE, DVec4::ZERO);
+        let step = search.step(&first, search.mean_push * target, trust);
+        search.go(&step);
+    }
+    (search.found(wanted), iterations)
+}
+
+/// Where the search is.
+struct Search<'a> {
+    matrix: &'a Matrix,
+    factor: Factor,
+    /// Values whose bounds lie apart.
+    free: Vec<BVec4>,
+    /// Number of their bounds.
+    count: DVec4,
+    range: Vec<DVec4>,
+    x: Vec<DVec4>,
+    /// How far values are from their lower and upper bounds.
+    room: [Vec<DVec4>; 2],
+    /// What these push with.
+    push: [Vec<DVec4>; 2],
+    /// Mean of room times push.
+    mean_push: DVec4,
+    /// A x − b.
+    slope: Vec<DVec4>,
+    /// Channels that are not done.
+    going: BVec4,
+}
+
+/// Where to go, and how far.
+struct Step {
+    x: Vec<DVec4>,
+    push: [Vec<DVec4>; 2],
+    far: DVec4,
+}
+
+/// Which way room changes with the value.
+const SIGN: [f64; 2] = [1.0, -1.0];
+
+impl<'a> Search<'a> {
+    fn new(matrix: &'a Matrix, wanted: &Wanted) -> Self {
+        let n = matrix.diagonal.len();
+        let range: Vec<DVec4> = (0..n).map(|i| wanted.high[i] - wanted.low[i]).collect();
+        let free: Vec<BVec4> = range.iter().map(|r| r.cmpgt(DVec4::ZERO)).collect();
+        let count = free.iter().map(|&f| one(f)).sum::<DVec4>() * 2.0;
+        let count = count.max(DVec4::ONE);
+        let mean_push = (wanted.energy / count).max(TINY);
+        let x: Vec<DVec4> = (0..n)
+            .map(|i| {
+                let keep = range[i] * INSIDE;
+                let (low, high) = (wanted.low[i] + keep, wanted.high[i] - keep);
+                DVec4::select(free[i], DVec4::ZERO.max(low).min(high), DVec4::ZERO)
+            })
+            .collect();
+        // What is fixed is not pushed, and takes no part.
+        let room = [0, 1].map(|k| {
+            let to = |i: usize| [x[i] - wanted.low[i], wanted.high[i] - x[i]][k];
+            let room = |i: usize| DVec4::select(free[i], to(i), DVec4::ONE);
+            (0..n).map(room).collect::<Vec<_>>()
+        });
+        let push = [0, 1].map(|k| {
+            let push = |i: usize| DVec4::select(free[i], mean_push / room[k][i], TINY);
+            (0..n).map(push).collect()
+        });
+        Search {
+            matrix,
+            factor: matrix.pattern.room(),
+            free,
+            count,
+            range,
+            x,
+            room,
+            push,
+            mean_push,
+            slope: vec![DVec4::ZERO; n],
+            going: wanted.energy.cmpgt(DVec4::ZERO),
+        }
+    }
+
+    /// Finds the slope, and which channels are done.
+    fn look(&mut self, wanted: &Wanted) {
+        self.matrix.multiply(&self.x, &mut self.slope);
+        let mut value = wanted.energy * 0.5;
+        // What the least may lie below it: what pushes still do, and what they do not hold.
+        let mut above = self.mean_push * self.count;
+        for (i, slope) in self.slope.iter_mut().enumerate() {
+            value += self.x[i] * (*slope * 0.5 - wanted.right[i]);
+            *slope -= wanted.right[i];
+            let loose = *slope - self.push[0][i] + self.push[1][i];
+            let loose = loose.abs() * self.range[i];
+            above += DVec4::select(self.free[i], loose, DVec4::ZERO);
+        }
+        self.going &= above.cmpgt(value * GAP);
+    }
+
+    fn factor(&mut self) {
+        let diagonal: Vec<DVec4> = (0..self.x.len())
+            .map(|i| {
+                let stiff = |k: usize| self.push[k][i] / self.room[k][i];
+                let own = self.matrix.diagonal[i];
+                let fixed = DVec4::splat(FIXED * own.max(1.0));
+                DVec4::select(self.free[i], stiff(0) + stiff(1) + own, fixed)
+            })
+            .collect();
+        let values = &self.matrix.values;
+        (self.matrix.pattern).factor(values, &diagonal, &mut self.factor);
+    }
+
+    /// Solves, and leaves what is fixed.
+    fn solve(&mut self, right: &[DVec4], out: &mut [DVec4]) {
+        self.matrix.pattern.solve(&mut self.factor, right, out);
+        for (out, &free) in out.iter_mut().zip(&self.free) {
+            *out = DVec4::select(free, *out, DVec4::ZERO);
+        }
+    }
+
+    /// How a push changes that ends when its value moves by this.
+    fn ending(&self, k: usize, i: usize, x: DVec4) -> DVec4 {
+        -self.push[k][i] * (DVec4::ONE + x * SIGN[k] / self.room[k][i])
+    }
+
+    /// Mean of room times push after these steps, as far as they can be gone.
+    fn left(&self, first: &[DVec4]) -> DVec4 {
         let mut most = DVec4::ONE;
-        for (b, &d) in bounded.iter().zip(&first) {
-            let [l, h] = [d / b.room[0], d / b.room[1]];
-            most = most.max(-l).max(h).max(DVec4::ONE + l).max(DVec4::ONE - h);
+        for (i, &x) in first.iter().enumerate() {
+            let [l, h] = [0, 1].map(|k| x * SIGN[k] / self.room[k][i]);
+            most = most.max(-l).max(-h);
+            most = most.max(DVec4::ONE + l).max(DVec4::ONE + h);
         }
         let far = most.recip();
         let mut left = DVec4::ZERO;
-        for ((b, &d), &free) in bounded.iter().zip(&first).zip(&free) {
-            let by = b.change(d, DVec4::ZERO, DVec4::ZERO, none);
-            let sum = (b.room[0] + far * d) * (b.push[0] + far * by[0])
-                + (b.room[1] - far * d) * (b.push[1] + far * by[1]);
-            left += sum * one(free);
+        for (i, &x) in first.iter().enumerate() {
+            for k in [0, 1] {
+                let room = self.room[k][i] + far * x * SIGN[k];
+                let push = self.push[k][i] + far * self.ending(k, i, x);
+                left += room * push * one(self.free[i]);
+            }
         }
-        // The less is left of pushes then, the less of them to aim at now.
-        let share = left / count.max(DVec4::ONE) / mean_push;
-        let target = mean_push * share * share * share;
-        for i in 0..n {
-            let (b, d) = (&bounded[i], first[i]);
-            let by = b.change(d, DVec4::ZERO, DVec4::ZERO, none);
-            right[i] =
-                (target - d * by[0]) / b.room[0] - (target + d * by[1]) / b.room[1] - slope[i];
-        }
-        solve_free(matrix, &mut factor, &free, &right, &mut step);
+        left / self.count
+    }
+
+    /// The step to where room times push is `target`, less what the `first` says of its square as far as one may `trust` it.
+    fn step(&mut self, first: &[DVec4], target: DVec4, trust: DVec4) -> Step {
+        let n = first.len();
+        let aim = |search: &Self, k: usize, i: usize| {
+            let square = first[i] * SIGN[k] * search.ending(k, i, first[i]);
+            (target - trust * square) / search.room[k][i]
+        };
+        let right: Vec<DVec4> = (0..n)
+            .map(|i| aim(self, 0, i) - aim(self, 1, i) - self.slope[i])
+            .collect();
+        let mut x = vec![DVec4::ZERO; n];
+        self.solve(&right, &mut x);
         let mut most = DVec4::splat(NEARLY);
-        let mut changes = Vec::with_capacity(n);
-        for i in 0..n {
-            let (b, d) = (&bounded[i], step[i]);
-            let by = b.change(first[i], DVec4::ZERO, DVec4::ZERO, none);
-            let by = b.change(d, target, first[i], by);
-            most = most.max(-d / b.room[0]).max(d / b.room[1]);
-            let slower = (-by[0] / b.push[0]).max(-by[1] / b.push[1]);
-            most = most.max(DVec4::select(free[i], slower, DVec4::ZERO));
-            changes.push(by);
+        let push = [0, 1].map(|k| {
+            (0..n)
+                .map(|i| {
+                    let change = aim(self, k, i) + self.ending(k, i, x[i]);
+                    let slower = (-change / self.push[k][i]).max(-x[i] * SIGN[k] / self.room[k][i]);
+                    most = most.max(DVec4::select(self.free[i], slower, DVec4::ZERO));
+                    change
+                })
+                .collect::<Vec<_>>()
+        });
+        Step {
+            x,
+            push,
+            far: most.recip() * NEARLY,
         }
-        let far = DVec4::select(going, most.recip() * NEARLY, DVec4::ZERO);
-        mean_push = DVec4::ZERO;
-        for i in 0..n {
-            let b = &mut bounded[i];
-            let go =
-                |value: DVec4, by: DVec4| DVec4::select(going & free[i], value + far * by, value);
-            x[i] = go(x[i], step[i]);
-            b.room = [go(b.room[0], step[i]), go(b.room[1], -step[i])];
-            b.push = [go(b.push[0], changes[i][0]), go(b.push[1], changes[i][1])];
-            mean_push += (b.room[0] * b.push[0] + b.room[1] * b.push[1]) * one(free[i]);
+    }
+
+    fn go(&mut self, step: &Step) {
+        let mut sum = DVec4::ZERO;
+        for i in 0..self.x.len() {
+            let going = self.going & self.free[i];
+            let go = |value: &mut DVec4, by: DVec4| {
+                *value = DVec4::select(going, *value + step.far * by, *value);
+            };
+            go(&mut self.x[i], step.x[i]);
+            for k in [0, 1] {
+                go(&mut self.room[k][i], step.x[i] * SIGN[k]);
+                go(&mut self.push[k][i], step.push[k][i]);
+                sum += self.room[k][i] * self.push[k][i] * one(self.free[i]);
+            }
         }
-        mean_push = (mean_push / count.max(DVec4::ONE)).max(tiny);
+        self.mean_push = (sum / self.count).max(TINY);
     }
-    for i in 0..n {
-        let c = DVec4::select(free[i], x[i].max(low[i]).min(high[i]), DVec4::ZERO);
-        // Light may be no number.
-        x[i] = DVec4::select(c.is_finite_mask(), c, DVec4::ZERO);
+
+    fn found(&self, wanted: &Wanted) -> Vec<DVec4> {
+        (0..self.x.len())
+            .map(|i| {
+                let x = self.x[i].max(wanted.low[i]).min(wanted.high[i]);
+                // Light may be no number.
+                let known = self.free[i] & x.is_finite_mask();
+                DVec4::select(known, x, DVec4::ZERO)
+            })
+            .collect()
     }
-    (x, iterations)
 }
 
-/// Times a fixed value's place on the diagonal what it would be.
-const FIXED: f64 = 1e30;
+/// Positive, and nothing beside any number.
+const TINY: DVec4 = DVec4::splat(f64::MIN_POSITIVE);
 
-/// Solves, and leaves what is fixed.
-fn solve_free(
-    matrix: &Matrix,
-    factor: &mut Factor,
-    free: &[BVec4],
-    right: &[DVec4],
-    out: &mut [DVec4],
-) {
-    matrix.pattern.solve(factor, right, out);
-    for (out, &free) in out.iter_mut().zip(free) {
-        *out = DVec4::select(free, *out, DVec4::ZERO);
+fn one(free: BVec4) -> DVec4 {
+    DVec4::select(free, DVec4::ONE, DVec4::ZERO)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chain of texels whose neighbours are tied by weights from 1 to 1e6, pulled up and down, in four channels that differ in pulls and bounds.
+    fn chain(n: usize) -> (Matrix, Wanted) {
+        let mut seed = 7u32;
+        let mut random = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed >> 8) / f64::from(1 << 24)
+        };
+        let columns: Vec<usize> = (0..=n).map(|j| j.min(n - 1)).collect();
+        let below: Vec<u32> = (1..n as u32).collect();
+        let mut diagonal = vec![0.05; n];
+        let mut values = Vec::new();
+        for j in 0..n - 1 {
+            let tie = 10f64.powf(6.0 * random());
+            values.push(-tie);
+            diagonal[j] += tie;
+            diagonal[j + 1] += tie;
+        }
+        let mut right = vec![DVec4::ZERO; n];
+        let mut energy = DVec4::ZERO;
+        for (j, tie) in values.iter().enumerate() {
+            // What neighbours differ by to begin with.
+            let apart = DVec4::new(random(), random() - 0.5, 100.0 * random(), 0.0);
+            right[j] -= apart * *tie;
+            right[j + 1] += apart * *tie;
+            energy -= apart * apart * *tie;
+        }
+        let mut bound = |i: usize| match i % 5 {
+            0 => DVec4::ZERO,
+            k => DVec4::new(random(), 10.0, 0.1 * random(), 1.0) * k as f64,
+        };
+        let low = (0..n).map(|i| -bound(i)).collect();
+        let high = (0..n).map(|i| bound(i)).collect();
+        let pattern = Pattern::new(n, &columns, &below);
+        let matrix = Matrix {
+            columns,
+            below,
+            values,
+            diagonal,
+            pattern,
+        };
+        let wanted = Wanted {
+            right,
+            energy,
+            low,
+            high,
+        };
+        (matrix, wanted)
+    }
+
+    fn value(matrix: &Matrix, wanted: &Wanted, x: &[DVec4]) -> DVec4 {
+        let mut product = vec![DVec4::ZERO; x.len()];
+        matrix.multiply(x, &mut product);
+        let parts = (0..x.len()).map(|i| x[i] * (product[i] * 0.5 - wanted.right[i]));
+        wanted.energy * 0.5 + parts.sum::<DVec4>()
+    }
+
+    #[test]
+    fn the_least_within_bounds_is_found_however_much_ties_differ() {
+        let n = 60;
+        let (matrix, wanted) = chain(n);
+        let (found, iterations) = least(&matrix, &wanted);
+        assert!(iterations < MOST_ITERATIONS, "{iterations}");
+        for i in 0..n {
+            let inside = found[i].cmpge(wanted.low[i]) & found[i].cmple(wanted.high[i]);
+            assert!(inside.all(), "{i}: {}", found[i]);
+        }
+        // Another method, which takes its time: value by value to the best within its bounds.
+        let mut slow = vec![DVec4::ZERO; n];
+        for _ in 0..400_000 {
+            for i in 0..n {
+                let mut pull = wanted.right[i];
+                if i > 0 {
+                    pull -= slow[i - 1] * matrix.values[i - 1];
+                }
+                if i + 1 < n {
+                    pull -= slow[i + 1] * matrix.values[i];
+                }
+                slow[i] = (pull / matrix.diagonal[i])
+                    .max(wanted.low[i])
+                    .min(wanted.high[i]);
+            }
+        }
+        let (found, slow) = (
+            value(&matrix, &wanted, &found),
+            value(&matrix, &wanted, &slow),
+        );
+        // The gap that is promised, over what is found; and the slow one is within its bounds too, so no better than the least.
+        let above = (found - slow).cmple(found * GAP);
+        assert!(
+            (above | BVec4::new(false, false, false, true)).all(),
+            "{found} {slow}"
+        );
+        assert!(found.truncate().cmplt(wanted.energy.truncate() * 0.5).all());
+    }
+
+    #[test]
+    fn a_channel_is_solved_as_if_it_were_alone() {
+        let (matrix, wanted) = chain(60);
+        let (together, _) = least(&matrix, &wanted);
+        for c in 0..3 {
+            let mut mask = DVec4::ZERO;
+            mask[c] = 1.0;
+            let only = |list: &[DVec4]| list.iter().map(|v| v * mask).collect();
+            let alone = Wanted {
+                right: only(&wanted.right),
+                energy: wanted.energy * mask,
+                low: only(&wanted.low),
+                high: only(&wanted.high),
+            };
+            let (alone, _) = least(&matrix, &alone);
+            for (x, y) in alone.iter().zip(&together) {
+                assert_eq!(x[c].to_bits(), y[c].to_bits(), "{c}");
+            }
+        }
+    }
+
+    #[test]
+    fn light_that_is_no_number_spoils_no_other_channel() {
+        let (matrix, mut wanted) = chain(20);
+        let (clean, _) = least(&matrix, &wanted);
+        wanted.right[3][1] = f64::NAN;
+        wanted.energy[1] = f64::INFINITY;
+        let (found, _) = least(&matrix, &wanted);
+        for (found, clean) in found.iter().zip(&clean) {
+            assert!(found.is_finite());
+            assert_eq!((found.x, found.z), (clean.x, clean.z));
+        }
     }
 }
