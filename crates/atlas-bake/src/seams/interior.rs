@@ -285,8 +285,9 @@ impl<'a> Search<'a> {
         (0..self.x.len())
             .map(|i| {
                 let x = self.x[i].max(wanted.low[i]).min(wanted.high[i]);
-                // Light may be no number.
-                let known = self.free[i] & x.is_finite_mask();
+                // Light may be no number; and where nothing differs, nothing changes.
+                let differs = wanted.energy.cmpgt(DVec4::ZERO);
+                let known = self.free[i] & x.is_finite_mask() & differs;
                 DVec4::select(known, x, DVec4::ZERO)
             })
             .collect()
@@ -429,6 +430,8 @@ mod tests {
         let (found, _) = least(&matrix, &wanted);
         for (found, clean) in found.iter().zip(&clean) {
             assert!(found.is_finite());
+            // Nor does a channel change in which nothing differs.
+            assert_eq!(found.w, 0.0);
             assert_eq!((found.x, found.z), (clean.x, clean.z));
         }
     }

@@ -13,7 +13,7 @@ use crate::seams::interior::{Matrix, Wanted, least};
 use crate::seams::rows::Row;
 
 /// Texels that are solved at once, at most. Factors hold 12 to 20 numbers of four channels for each, 55 if a million of them are a solid field of seams; with
-/// what else the search keeps that is 1 to 2.5 kB for each, or 0.6 to 1.3 GB. The largest island of the scenes measured has 33,000.
+/// what else the search keeps that is 1 to 2.5 kB for each, or 0.6 to 1.3 GB. The largest island of the scenes measured has 21,000.
 pub(super) const MOST_TOGETHER: usize = 1 << 19;
 
 /// Times that the blocks of one island are solved, each against what the others have become.
@@ -26,7 +26,12 @@ pub(super) struct Equations<'a> {
     pub hold: &'a [f32],
     /// Neighbours, and what it counts that they change alike.
     pub even: &'a [(u32, u32, f32)],
+    /// Whether a texel must not change. What only such ones tie together is not.
+    pub still: &'a [bool],
 }
+
+/// No block: that of what must not change.
+const NONE: u32 = u32::MAX;
 
 /// A part of the texels with the equations that they take part in.
 struct Block {
@@ -51,7 +56,7 @@ impl<'a> Islands<'a> {
     /// Sorts the equations; at most `most` texels to a block.
     pub(super) fn new(of: Equations<'a>, most: usize) -> Self {
         let n = of.hold.len();
-        let mut places = vec![(0, 0); n];
+        let mut places = vec![(NONE, 0); n];
         let mut lists: Vec<Vec<u32>> = Vec::new();
         let mut islands = Vec::new();
         for island in of.islands(most) {
@@ -72,6 +77,7 @@ impl<'a> Islands<'a> {
             .filter(|(_, row)| row.agree > 0.0)
         {
             let mut of_row: Vec<u32> = row.terms().map(|(t, _)| places[t].0).collect();
+            of_row.retain(|&block| block != NONE);
             of_row.sort_unstable();
             of_row.dedup();
             for block in of_row {
@@ -81,8 +87,10 @@ impl<'a> Islands<'a> {
         let mut even = vec![Vec::new(); lists.len()];
         for &(i, j, weight) in of.even {
             let (a, b) = (places[i as usize].0, places[j as usize].0);
-            even[a as usize].push((i, j, weight));
-            if a != b {
+            if a != NONE {
+                even[a as usize].push((i, j, weight));
+            }
+            if b != NONE && a != b {
                 even[b as usize].push((j, i, weight));
             }
         }
@@ -108,6 +116,9 @@ impl<'a> Islands<'a> {
                 for (k, block) in (0..sweeps).flat_map(|_| own.iter().enumerate()) {
                     let changed = |t: usize| {
                         let (b, k) = self.places[t];
+                        if b == NONE {
+                            return DVec4::ZERO;
+                        }
                         let of = &done[b as usize - blocks.start].0;
                         of.get(k as usize).copied().unwrap_or_default()
                     };
@@ -139,7 +150,7 @@ impl Equations<'_> {
         }
         let mut islands: Vec<Vec<u32>> = Vec::new();
         let mut number = vec![u32::MAX; n];
-        for t in 0..n as u32 {
+        for t in (0..n as u32).filter(|&t| !self.still[t as usize]) {
             let r = find(&mut root, t) as usize;
             if number[r] == u32::MAX {
                 number[r] = islands.len() as u32;
@@ -164,10 +175,13 @@ impl Equations<'_> {
     fn links(&self) -> impl Iterator<Item = (u32, u32)> {
         let rows = self.rows.iter().filter(|row| row.agree > 0.0);
         let rows = rows.flat_map(|row| {
-            let terms = || row.terms().map(|(t, _)| t as u32);
+            let terms = || row.terms().filter(|(t, _)| !self.still[*t]);
+            let terms = || terms().map(|(t, _)| t as u32);
             terms().zip(terms().skip(1))
         });
-        self.even.iter().map(|&(i, j, _)| (i, j)).chain(rows)
+        let even = self.even.iter().map(|&(i, j, _)| (i, j));
+        let moves = |t: u32| !self.still[t as usize];
+        even.filter(move |&(i, j)| moves(i) && moves(j)).chain(rows)
     }
 
     /// Ends of links by texel: where each texel's begin, and the others.

@@ -276,6 +276,7 @@ impl Stitcher {
             rows: &self.rows,
             hold: &self.hold,
             even: &self.even,
+            still: &self.still,
         }
     }
 
@@ -294,7 +295,7 @@ impl Stitcher {
         for (c, _) in channels.iter().enumerate().filter(|(_, c)| c.signed) {
             floor[c] = f32::NEG_INFINITY;
         }
-        let mut bounds = bounds(
+        let bounds = bounds(
             &self.rows,
             &self.even,
             &self.steps,
@@ -303,12 +304,6 @@ impl Stitcher {
             &values,
             floor,
         );
-        for i in (0..values.len()).filter(|&i| self.still[i]) {
-            bounds = bounds.map(|mut b| {
-                b[i] = Vec4::ZERO;
-                b
-            });
-        }
         (values, bounds)
     }
 
