@@ -349,7 +349,7 @@ mod tests {
             k => DVec4::new(random(), 10.0, 0.1 * random(), 1.0) * k as f64,
         };
         let low = (0..n).map(|i| -bound(i)).collect();
-        let high = (0..n).map(|i| bound(i)).collect();
+        let high = (0..n).map(&mut bound).collect();
         let pattern = Pattern::new(n, &columns, &below);
         let matrix = Matrix {
             columns,
@@ -380,9 +380,8 @@ mod tests {
         let (matrix, wanted) = chain(n);
         let (found, iterations) = least(&matrix, &wanted);
         assert!(iterations < MOST_ITERATIONS, "{iterations}");
-        for i in 0..n {
-            let inside = found[i].cmpge(wanted.low[i]) & found[i].cmple(wanted.high[i]);
-            assert!(inside.all(), "{i}: {}", found[i]);
+        for ((x, low), high) in found.iter().zip(&wanted.low).zip(&wanted.high) {
+            assert!((x.cmpge(*low) & x.cmple(*high)).all(), "{low} {x} {high}");
         }
         // Another method, which takes its time: value by value to the best within its bounds.
         let mut slow = vec![DVec4::ZERO; n];
