@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-use crate::seams::solve::Row;
+use crate::seams::rows::Row;
 
 /// Least and greatest change that the seams at hand give reason for, for four channels at once.
 ///

@@ -9,7 +9,7 @@ use glam::Vec2;
 
 use crate::atlas::Page;
 use crate::seams::Sample;
-use crate::seams::solve::{EMPTY, Texels, light_at, lookup};
+use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 
 /// Misfit, over the light, at which agreement counts a quarter: about a step's, which is 0.125. At a third of this, a demo level's shadows leave
 /// 1 % of its seams 12 % apart; without end, lookups on a sphere are a sixth farther from the truth (docs/seams.md).

@@ -2,7 +2,8 @@
 //!
 //! A chart's border cuts through texels, differently on its two sides, so that two lookups at one point of the surface mix differing
 //! lumels: one sees a line. This module finds the places ([`border`], [`pairs`]), measures how far lookups differ ([`measure`]), and changes
-//! texels as little as it can until they agree ([`solve`]), less where two grids cannot ([`contrast`]), and not beyond the values at hand ([`bounds`]).
+//! texels as little as it can until they agree ([`solve`]), less where two grids cannot ([`contrast`]), and not beyond the values at hand ([`bounds`]). What hangs
+//! together is solved at once ([`islands`]), by an interior-point method ([`interior`]) on sparse factors ([`factor`]).
 //!
 //! Based on: Ray, Nivoliers, Lefebvre, Lévy, *Invisible seams*, 2010 (agreement of bilinear lookups as linear constraints on texels);
 //! Iwanicki, *Lighting technology of The Last of Us*, 2013 (least squares over samples of lightmap seams). Ours: corrections that are
@@ -12,12 +13,17 @@ mod apply;
 mod border;
 mod bounds;
 mod contrast;
+mod factor;
+mod interior;
+mod islands;
 mod measure;
 mod pairs;
+mod rows;
 mod solve;
 mod tree;
 
 pub(crate) use apply::{Range, stitch};
 pub use measure::{SeamError, SeamReport};
 pub(crate) use pairs::{Sample, find_samples};
-pub(crate) use solve::{EMPTY, Stitcher, Texels};
+pub(crate) use rows::{EMPTY, Texels};
+pub(crate) use solve::Stitcher;
