@@ -12,6 +12,9 @@ use crate::walls::LIFT;
 /// How far from its first point a cluster reaches, in lumels: as far as a bilinear lookup.
 const REACH: f32 = 1.0;
 
+/// And points that are left over join a neighbour's cluster within this.
+const JOIN: f32 = 1.5;
+
 /// Cosine of 15° between the normals of a cluster's points and its first one's.
 const LIKE_NORMAL: f32 = 0.966;
 
@@ -48,7 +51,7 @@ impl Clusters {
         // The first point that last looked at each: none is held against it twice. As a point's neighbours are looked through once it is in a
         // cluster, and it is in one only, all of this is linear.
         let mut seen = vec![NONE; sheet.points];
-        let mut queue = Vec::new();
+        let mut queue: Vec<u32> = Vec::new();
         for first in 0..sheet.points as u32 {
             if of[first as usize] != NONE {
                 continue;
@@ -64,7 +67,7 @@ impl Clusters {
                     let k = q as usize;
                     if of[k] == NONE
                         && std::mem::replace(&mut seen[k], first) != first
-                        && spots[k].is_some_and(|other| own.goes_with(&other, world))
+                        && spots[k].is_some_and(|other| own.goes_with(&other, REACH, world))
                     {
                         of[k] = first;
                         queue.push(q);
@@ -72,24 +75,42 @@ impl Clusters {
                 }
             }
         }
+        let mut sizes = vec![0u32; sheet.points];
+        of.iter().for_each(|&first| sizes[first as usize] += 1);
+        for p in 0..sheet.points {
+            let Some(own) = spots[p].filter(|_| sizes[of[p] as usize] == 1) else {
+                continue;
+            };
+            let around = &next[starts[p] as usize..starts[p + 1] as usize];
+            let other = around.iter().map(|&q| of[q as usize]).find(|&first| {
+                sizes[first as usize] > 1
+                    && std::mem::replace(&mut seen[first as usize], p as u32) != p as u32
+                    && spots[first as usize].is_some_and(|s| s.goes_with(&own, JOIN, world))
+            });
+            if let Some(first) = other {
+                of[p] = first;
+            }
+        }
         Clusters { of, spots }
     }
 }
 
 impl Spot {
-    fn goes_with(&self, other: &Spot, world: &World) -> bool {
+    /// Whether another point within `reach` lumels is of the same piece of surface.
+    fn goes_with(&self, other: &Spot, reach: f32, world: &World) -> bool {
         let size = self.size.min(other.size);
         let way = other.at.position - self.at.position;
         let off = [self, other].map(|s| s.at.normal.dot(way).abs());
-        way.length_squared() <= (REACH * size) * (REACH * size)
+        way.length_squared() <= (reach * size) * (reach * size)
             && off[0].max(off[1]) <= FLAT * size
             && self.at.normal.dot(other.at.normal) >= LIKE_NORMAL
             && !world.wall_between(&self.at, &other.at, LIFT * size)
     }
 
-    /// Whether anything stands on the surface so near that it may cut the triangles about a point of this one's cluster.
+    /// Whether anything stands on the surface so near that it may cut the triangles about a point of this one's cluster: these reach about as far as it
+    /// does.
     pub fn is_beside_something(&self, world: &World) -> bool {
-        world.anything_above(&self.at, 2.0 * REACH * self.size)
+        world.anything_above(&self.at, (JOIN + REACH) * self.size)
     }
 }
 
