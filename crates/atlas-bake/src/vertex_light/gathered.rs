@@ -1,9 +1,9 @@
 //! Light that is gathered at points about which the lightmap does not know.
 
-use radiosity::{Cancelled, Monitor, Phase, SurfacePoint, World};
+use radiosity::{Cancelled, Monitor, Phase, World};
 use rayon::prelude::*;
 
-use super::cluster::{Clusters, Spot};
+use super::cluster::Clusters;
 use super::sheet::Sheet;
 use crate::bake::{Recorded, in_blocks};
 use crate::estimate::{Point, mean_and_spread};
@@ -40,8 +40,8 @@ impl Job {
 struct Group {
     /// Indices of jobs, ascending.
     jobs: Vec<u32>,
-    /// The cluster's first point, if something stands so near that it may cut their triangles.
-    beside: Option<Spot>,
+    /// Something stands so near that it may cut their triangles.
+    beside: bool,
 }
 
 /// By job, its light. `jobs` are in the order of sheets and points.
@@ -84,13 +84,11 @@ pub(super) fn gather(
                 return gatherer.gather_recalled(&first.footprint(world), first.seed, tape);
             }
             let spokes = all_spokes(group.iter().map(|k| &jobs[*k as usize]), world);
-            let inner = VertexFootprint {
+            let footprint = VertexFootprint {
                 world,
                 around: &spokes,
                 seed: first.seed,
             };
-            let from = groups[g].beside;
-            let footprint = Seen { inner, from };
             gatherer.gather_shared(&footprint, first.seed, tape)
         },
     )?;
@@ -117,14 +115,14 @@ pub(super) fn gather(
             let job = &jobs[members[m] as usize];
             let g = group_of[members[m] as usize] as usize;
             let (group, light) = (&groups[g], &shared[g]);
-            let inner = job.footprint(world);
-            // Some of it lies inside of something: each has to find out by itself.
-            if light.open != 1.0 && light.open != 0.0 {
-                return gatherer.gather_recalled(&inner, job.seed, tape);
+            let footprint = job.footprint(world);
+            // In part inside of something: which of them is, each has to find out.
+            let whole = light.open == 1.0 || light.open == 0.0;
+            let spot = || clusters[job.sheet as usize].spots[job.point as usize];
+            let cut = || spot().is_none_or(|s| is_cut(job, &s, world));
+            if !whole || (group.beside && cut()) {
+                return gatherer.gather_recalled(&footprint, job.seed, tape);
             }
-            let own = || clusters[job.sheet as usize].spots[job.point as usize];
-            let from = group.beside.and_then(|_| own());
-            let footprint = Seen { inner, from };
             let indirect = Between {
                 indirect: light.indirect,
                 first_half: light.first_half,
@@ -172,9 +170,11 @@ fn groups(jobs: &[Job], clusters: &[Clusters], world: &World) -> Vec<Group> {
         .map(|list| {
             let clusters = &clusters[jobs[list[0] as usize].sheet as usize];
             let first = clusters.of[jobs[list[0] as usize].point as usize];
-            let spot = clusters.spots[first as usize].filter(|_| list.len() > 1);
+            let beside = || {
+                clusters.spots[first as usize].is_some_and(|spot| spot.is_beside_something(world))
+            };
             Group {
-                beside: spot.filter(|s| s.is_beside_something(world)),
+                beside: list.len() > 1 && beside(),
                 jobs: list,
             }
         })
@@ -192,28 +192,14 @@ fn all_spokes<'j>(jobs: impl Iterator<Item = &'j Job>, world: &World) -> Vec<Spo
         .collect()
 }
 
-/// The part of a footprint that can be seen from a point of the surface, just above it: a wall may stand on the rest, or part it off.
-struct Seen<'f, 'w, 'a> {
-    inner: VertexFootprint<'f, 'w, 'a>,
-    /// The point, if anything stands near.
-    from: Option<Spot>,
-}
-
-impl Footprint for Seen<'_, '_, '_> {
-    fn candidate(&self, i: u32) -> Option<SurfacePoint> {
-        let world = self.inner.world;
-        self.inner
-            .candidate(i)
-            .filter(|p| (self.from).is_none_or(|s| !world.wall_between(&s.at, p, LIFT * s.size)))
-    }
-
-    fn fallback(&self) -> SurfacePoint {
-        self.from.map_or_else(|| self.inner.fallback(), |s| s.at)
-    }
-
-    fn size(&self) -> f32 {
-        self.inner.size()
-    }
+/// Whether something stands on a triangle about a point: looked for from there to the middle of the opposite edge.
+fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
+    job.spokes.iter().any(|spoke| {
+        let mut w = [0.5; 3];
+        w[usize::from(spoke.corner)] = 0.0;
+        let far = world.inset_point(spoke.triangle, w[1], w[2], spoke.back, true);
+        world.wall_between(&spot.at, &far, LIFT * spot.size)
+    })
 }
 
 /// Identifies a point with what lies about it.
