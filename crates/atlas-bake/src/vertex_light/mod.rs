@@ -13,6 +13,8 @@ mod read;
 mod sheet;
 mod split;
 
+use std::cell::Cell;
+
 use glam::Vec3;
 use mesh_ingest::Scene;
 use radiosity::{Cancelled, Monitor, World, hash_u32, luminance};
@@ -139,22 +141,25 @@ impl VertexBake<'_, '_, '_> {
         (gatherer, monitor): (&mut Gatherer, &dyn Monitor),
         report: &mut VertexReport,
     ) -> Result<Vec<Vec<Option<Vec3>>>, Cancelled> {
-        let mut out: Vec<Vec<Option<Vec3>>> = (sheets.par_iter())
+        let direct = &gatherer.direct;
+        let (mut out, rays): (Vec<Vec<Option<Vec3>>>, Vec<u64>) = (sheets.par_iter())
             .map(|sheet| {
                 let Some(places) = self.places else {
-                    return vec![None; sheet.points];
+                    return (vec![None; sheet.points], 0);
                 };
                 let reader = Reader {
                     world: self.world,
+                    direct,
                     placement: &self.layout.placements[sheet.instance],
                     index,
                     light: self.light,
                     places,
                     floor: floor as f32,
+                    rays: Cell::new(0),
                 };
-                reader.read(sheet)
+                (reader.read(sheet), reader.rays.get())
             })
-            .collect();
+            .unzip();
         report.read = out.iter().flatten().flatten().count() as u64;
         let mut jobs: Vec<Job> = Vec::new();
         let mut first = 0;
@@ -183,7 +188,7 @@ impl VertexBake<'_, '_, '_> {
         }
         let received = gathered::gather(&jobs, sheets, gatherer, monitor)?;
         report.gathered = received.len() as u64;
-        report.rays = received.iter().map(|r| r.rays).sum();
+        report.rays = rays.iter().sum::<u64>() + received.iter().map(|r| r.rays).sum::<u64>();
         for (job, r) in jobs.iter().zip(&received) {
             out[job.sheet as usize][job.point as usize] = Some(r.direct + r.indirect);
         }

@@ -5,8 +5,10 @@
 //! lumels' positions and normals are interpolated to must be the point's own position and normal. So a lookup that reads across a fold, a gap of the chart or
 //! a coarse curve is found out, whatever the reason. Lumels that walls or contacts cross hold the light of a part of them, and are not read at all.
 
+use std::cell::Cell;
+
 use glam::{DVec2, Vec3};
-use radiosity::{SurfacePoint, World, luminance};
+use radiosity::{DirectLight, SurfacePoint, World, hash_u32, luminance};
 
 use super::moments::LumelLight;
 use super::sheet::{Sheet, Tri, corners_of};
@@ -21,19 +23,28 @@ const LIKE_NORMAL: f32 = 0.5;
 /// Cosine of 15° between the mean of lumels' normals and the point's own.
 const SAME_NORMAL: f32 = 0.966;
 
-/// Distance in lumels of the place that was read from the point: at charts' borders lookups lie a little inside, which [`LEAST_WEIGHT`] and [`PART`] allow. What these
-/// three let in over the demo level (each triangle split in nine), beyond 0.3, 0.9 and 0.9, was nearer to gathering with 2048 rays than gathering itself is:
-/// 0.090 against 0.146 with 16 rays (`draft`), 0.063 against 0.077 with 64 (`preview`); docs/profile.md.
-const SAME_PLACE: f32 = 0.75;
+/// Distance in lumels of the place that was read from the point, where most of the lookup's weight is there and of whole lumels.
+const SAME_PLACE: f32 = 0.3;
 
-/// Share of a lookup that must come from lumels that can be trusted.
+/// And at charts' borders, where lookups lie a little inside: there a shadow ray to each lamp that matters must find what the lumels found. What this,
+/// [`LEAST_WEIGHT`] and [`PART`] let in over the demo level (each triangle split in nine) was nearer to gathering with 2048 rays than gathering itself is, in the
+/// median and at the 95th percentile, with 16 rays (`draft`) and with 64 (`preview`); docs/profile.md has the figures.
+const NEAR_PLACE: f32 = 0.75;
+
+/// Share of a lookup from lumels that can be trusted which is most of it.
+const MOST_WEIGHT: f32 = 0.9;
+
+/// Share of a lookup that must come from such at charts' borders.
 const LEAST_WEIGHT: f32 = 0.25;
 
-/// Coverage of lumels that are read where no shadow's edge crosses them.
+/// Coverage of whole lumels.
+const WHOLE: f32 = 0.9;
+
+/// Coverage of others that are read, where no shadow's edge crosses them: on which side of it a part lies says nothing about the rest.
 const PART: f32 = 0.25;
 
-/// And where one does: on which side of it a part lies says nothing about the rest.
-const WHOLE: f32 = 0.9;
+/// Lamps that would bring less than this share of the light are not looked for.
+const MATTERS: f32 = 0.01;
 
 /// Lumels of a lookup that differ by more than this share of their mean do not say what lies between them.
 const MOST_SPREAD: f32 = 0.4;
@@ -51,6 +62,9 @@ pub(crate) struct LumelPlace {
     normal: Vec3,
     size: f32,
     sure: bool,
+    whole: bool,
+    /// Lamps that all of it sees, and that are hidden from all, as [`Received`] has them.
+    lamps: [u32; 2],
     /// A wall stands right of it, and below.
     walls: [bool; 2],
 }
@@ -68,6 +82,8 @@ impl LumelPlace {
                 position: r.position,
                 normal: r.normal,
                 size: r.size,
+                whole: lumel.coverage >= WHOLE,
+                lamps: [r.lit & !r.hidden, r.hidden & !r.lit],
                 sure: lumel.coverage >= least_coverage(r)
                     && r.open == 1.0
                     && !r.behind
@@ -93,12 +109,16 @@ fn least_coverage(r: &Received) -> f32 {
 /// What lookups go by.
 pub(super) struct Reader<'b, 'w, 'a> {
     pub world: &'w World<'a>,
+    /// Says where lamps are hidden.
+    pub direct: &'b DirectLight<'w, 'a>,
     pub placement: &'b Placement,
     pub index: &'b TexelIndex,
     pub light: &'b [LumelLight],
     pub places: &'b [LumelPlace],
     /// 1 % of the mean luminance.
     pub floor: f32,
+    /// Shadow rays that were cast.
+    pub rays: Cell<u64>,
 }
 
 impl Reader<'_, '_, '_> {
@@ -192,6 +212,7 @@ impl Reader<'_, '_, '_> {
         let (mut e, mut sum) = (Vec3::ZERO, 0.0);
         let (mut position, mut normal, mut size) = (Vec3::ZERO, Vec3::ZERO, 0.0);
         let (mut low, mut high) = (f32::INFINITY, 0.0f32);
+        let (mut whole, mut lamps) = (true, [u32::MAX; 2]);
         for (tap, w) in taps.into_iter().zip(weights) {
             let Some(i) = tap else {
                 continue;
@@ -207,16 +228,29 @@ impl Reader<'_, '_, '_> {
             size += place.size * w;
             let y = luminance(self.light[i].e);
             (low, high) = (low.min(y), high.max(y));
+            whole &= place.whole;
+            lamps = [0, 1].map(|k| lamps[k] & place.lamps[k]);
         }
         if sum < LEAST_WEIGHT {
             return None;
         }
         let away = (position / sum).distance_squared(p.position);
-        let limit = SAME_PLACE * size / sum;
-        let known = away <= limit * limit
+        let size = size / sum;
+        let within = |lumels: f32| away <= (lumels * size) * (lumels * size);
+        let known = within(NEAR_PLACE)
             && normal.normalize_or_zero().dot(p.normal) >= SAME_NORMAL
             && high - low <= MOST_SPREAD * (0.5 * (high + low) + self.floor);
-        known.then(|| e / sum)
+        if !known {
+            return None;
+        }
+        let e = e / sum;
+        if !(whole && sum >= MOST_WEIGHT && within(SAME_PLACE)) {
+            let seed = hash_u32(base.x as i64 as u32 ^ hash_u32(base.y as i64 as u32));
+            let least = MATTERS * luminance(e);
+            let rays = self.direct.lamps_seen_as(p, lamps, least, seed)?;
+            self.rays.set(self.rays.get() + u64::from(rays));
+        }
+        Some(e)
     }
 }
 
