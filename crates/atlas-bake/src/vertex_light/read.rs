@@ -106,6 +106,21 @@ fn least_coverage(r: &Received) -> f32 {
     }
 }
 
+/// What was read for a point so far.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    light: Vec3,
+    area: f32,
+    border: Option<Border>,
+}
+
+/// A place at a chart's border, and the lamps that all lumels there see, and that are hidden from all.
+#[derive(Clone, Copy)]
+struct Border {
+    at: SurfacePoint,
+    lamps: [u32; 2],
+}
+
 /// What lookups go by.
 pub(super) struct Reader<'b, 'w, 'a> {
     pub world: &'w World<'a>,
@@ -124,28 +139,43 @@ pub(super) struct Reader<'b, 'w, 'a> {
 impl Reader<'_, '_, '_> {
     /// By point: the mean light over its share of the small triangles about it, where the lumels know; `None` elsewhere.
     pub fn read(&self, sheet: &Sheet) -> Vec<Option<Vec3>> {
-        let mut sums = vec![Some((Vec3::ZERO, 0.0f32)); sheet.points];
+        let mut sums = vec![Some(Sum::default()); sheet.points];
         for tri in sheet.tris.iter().filter(|t| !t.moments.measured()) {
             let points = sheet.points_of(tri);
             let cuts = cuts(tri);
             for (k, point) in points.into_iter().enumerate() {
-                let Some((light, area)) = sums[point] else {
+                let Some(sum) = &mut sums[point] else {
                     continue;
                 };
                 let own = tri.area as f32;
-                sums[point] = cuts
-                    .and_then(|cuts| self.corner(tri, k, cuts))
-                    .map(|e| (light + e * own, area + own));
+                match cuts.and_then(|cuts| self.corner(tri, k, cuts, &mut sum.border)) {
+                    Some(e) => {
+                        sum.light += e * own;
+                        sum.area += own;
+                    }
+                    None => sums[point] = None,
+                }
             }
         }
-        (sums.into_iter())
-            .map(|s| s.filter(|s| s.1 > 0.0).map(|(light, area)| light / area))
+        (sums.into_iter().zip(0u32..))
+            .map(|(sum, point)| {
+                let sum = sum.filter(|s| s.area > 0.0)?;
+                let e = sum.light / sum.area;
+                if let Some(border) = sum.border {
+                    let seed = hash_u32(point ^ hash_u32(sheet.instance as u32));
+                    let least = MATTERS * luminance(e);
+                    let rays =
+                        (self.direct).lamps_seen_as(&border.at, border.lamps, least, seed)?;
+                    self.rays.set(self.rays.get() + u64::from(rays));
+                }
+                Some(e)
+            })
             .collect()
     }
 
     /// The mean over a triangle weighted by corner `k`'s hat function φ, its edges cut in `cuts`. Over a part with φ = f₀, f₁, f₂ at its corners,
     /// ∫ φ p = A/12 Σ (fⱼ + Σf) pⱼ: a lookup at that mean place is exact for light that is linear there.
-    fn corner(&self, tri: &Tri, k: usize, cuts: u32) -> Option<Vec3> {
+    fn corner(&self, tri: &Tri, k: usize, cuts: u32, border: &mut Option<Border>) -> Option<Vec3> {
         let (triangle, order, back) = corners_of(self.world.soup, tri.face);
         let n = cuts as i32;
         let (mut light, mut total) = (Vec3::ZERO, 0.0f32);
@@ -169,7 +199,7 @@ impl Reader<'_, '_, '_> {
             let p = self
                 .world
                 .surface_point(triangle, world[1], world[2], back, true);
-            light += self.lookup(page, &p)? * sum;
+            light += self.lookup(page, &p, border)? * sum;
             total += sum;
             Some(())
         };
@@ -184,8 +214,8 @@ impl Reader<'_, '_, '_> {
         Some(light / total)
     }
 
-    /// The light at a place of the instance's rectangle, which is `p` in the world.
-    fn lookup(&self, page: DVec2, p: &SurfacePoint) -> Option<Vec3> {
+    /// The light at a place of the instance's rectangle, which is `p` in the world. Where lamps are to be looked for, `border` gets to know.
+    fn lookup(&self, page: DVec2, p: &SurfacePoint, border: &mut Option<Border>) -> Option<Vec3> {
         let q = page - 0.5;
         let base = q.floor();
         let f = (q - base).as_vec2();
@@ -243,14 +273,11 @@ impl Reader<'_, '_, '_> {
         if !known {
             return None;
         }
-        let e = e / sum;
         if !(whole && sum >= MOST_WEIGHT && within(SAME_PLACE)) {
-            let seed = hash_u32(base.x as i64 as u32 ^ hash_u32(base.y as i64 as u32));
-            let least = MATTERS * luminance(e);
-            let rays = self.direct.lamps_seen_as(p, lamps, least, seed)?;
-            self.rays.set(self.rays.get() + u64::from(rays));
+            let border = border.get_or_insert(Border { at: *p, lamps });
+            border.lamps = [0, 1].map(|k| border.lamps[k] & lamps[k]);
         }
-        Some(e)
+        Some(e / sum)
     }
 }
 
