@@ -10,7 +10,7 @@ import common
 import speed_scenes
 
 LUMEL, CYCLES, OIDN = "lumel", "Cycles", "Cycles + OIDN"
-# lumel's bake of a level that has its lightmap coordinates, without vertex colours: what Cycles' bake does.
+# lumel's bake without vertex colours and the time of charts: what Cycles' bake does.
 EQUAL = "lumel, equal work"
 # Okabe and Ito's palette, told apart by people with any of the common colour deficiencies; markers differ too.
 STYLE = {LUMEL: ("#0072B2", "o"), CYCLES: ("#E69F00", "s"), OIDN: ("#009E73", "^")}
