@@ -109,7 +109,7 @@ def main():
             report = json.load(open(common.outputs(out)["report"]))
             c = compare(planes(out), truth)
             print("%-8s %-10s %7.2f %7.2f %7.1f %9.0f %7.2f%% %6.2f%% %7.1f%% %+6.2f%% %8.2f%% %7.2f%% %7.2f%%" % (
-                scene, quality, seconds, cpu, (report["gather"]["lumel_rays"] + report["gather"]["vertices"]["rays"]) / 1e6, instructions or 0,
+                scene, quality, seconds, cpu, (report["gather"]["lumel_rays"] + (report["gather"]["vertices"] or {}).get("rays", 0)) / 1e6, instructions or 0,
                 c["relRMSE"], c["p50"], c["p99"], c["bias"], c["indirect"], c["indirect_p50"], c["claimed"]), flush=True)
 
 

@@ -78,7 +78,7 @@ class Scene:
         if self.path is None:
             raise FileNotFoundError(trouble)
         self.options = ["--texels-per-unit", self.table["density"], "--max-page", 2048] + speed_scenes.sky_options(name)
-        flat, side = speed_scenes.flat_atlas(name, self.path, a.work, a.threads)
+        flat, side, _ = speed_scenes.flat_atlas(name, self.path, a.work, a.threads)
         self.refs = speed_scenes.references(name, flat, side, log=say)
         if a.truth == "paths":
             self.truth = reference.load(speed_scenes.three_truths(self.refs, name)[2])

@@ -6,10 +6,12 @@ one measure of error, time beside it.
 Usage : python speed_error.py [--scenes cornell,demo,garage,godot,sponza] [--lumel-only] [--full] [--resume] [--smoke] [--pictures]
               [--references-only] [--reference-time 1.0] [--refine SECONDS] [--repeat 3] [--threads N] [--work DIR] [--docs DIR]
         python speed_error.py --final              the five scenes, resuming where an earlier call of the same binary was cut off
+        python speed_error.py --final --lumel-only   lumel's rows of both kinds again, with a new binary, on the same five scenes; Cycles' rows stay
         python speed_error.py --page-only          plots and page again from the CSV
 Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its references are looked up under LUMEL_REF or made
           (reference.py; their time is bounded in the scene table, --reference-time scales it, --refine adds to what is there); 3 all settings of lumel and
-          Cycles in turn; settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
+          Cycles in turn, lumel's twice: the whole bake, and equal work (`--no-vertex-colors`, and what making charts and packing them took in that run is
+          taken off: Cycles does neither); settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
 Output: docs/data/speed_error.csv       a row for every run and family of lumels, written after each run; what was not run keeps its rows, unless they
                                         are of another atlas or, lumel's, of another binary
         docs/images/speed_error.png .svg  one panel a scene;  docs/images/weakness_*.png
@@ -19,6 +21,7 @@ Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that 
 Time  : on a quiet machine of 2 cores with cached references about 25 minutes; --full adds the settings that take minutes each.
 """
 import argparse
+import json
 import os
 import sys
 
@@ -45,6 +48,9 @@ LUMEL = {
 # few samples find no light at all: on Sponza, 12 % of the lumels between a thousandth and a hundredth of the mean hold 0 after 256.
 MOST_ZEROS, WELL_LIT = 0.01, 0.3
 BACK_LIT = 10   # a lumel that two-sided surfaces light so many times more, and by more than the mean light, is lit by a back
+# What equal work leaves out: vertex colours, and of the time the phase that makes and packs charts.  Not `--uv keep` on the lightmapped level: that takes a mesh's
+# coordinates for square and packs anew, so its lumels are others (demo level: 43 of 80 nodes have rectangles of another shape).
+EQUAL_WORK, NOT_THEIRS = ("--no-vertex-colors",), "atlas"
 LONG = 5.0      # s; what takes longer is run once
 
 
@@ -64,7 +70,7 @@ class Scene:
     def __init__(self, name, path, a):
         self.name, self.path, self.a = name, path, a
         self.table = speed_scenes.SCENES[name]
-        self.flat, self.side = speed_scenes.flat_atlas(name, path, a.work, a.threads)
+        self.flat, self.side, self.draft = speed_scenes.flat_atlas(name, path, a.work, a.threads)
         refs = speed_scenes.references(name, self.flat, self.side, log=say)
         if a.smoke:
             refs.count, refs.target = 100, 0.02
@@ -88,19 +94,30 @@ class Scene:
         one, two = [float((r["irradiance"][keep] @ [0.2126, 0.7152, 0.0722]).mean()) for r in (self.whole, self.half)]
         self.backs, self.maps = two / one - 1, {}
 
-    def lumel(self, setting, run):
-        out = os.path.join(self.a.work, "%s.%s" % (self.name, setting.replace(", ", "_").replace(" ", "")))
+    def lumel(self, setting, run, equal=False):
+        """rows of a bake; with `equal`, of the work that Cycles does"""
+        out = os.path.join(self.a.work, "%s.%s%s" % (self.name, setting.replace(", ", "_").replace(" ", ""), ".equal" if equal else ""))
         load = os.getloadavg()[0]
-        r = common.bake(self.path, out, *common.AREA_MEAN, *LUMEL[setting], "--texels-per-unit", self.table["density"], "--max-page", 2048, "--threads", self.a.threads,
+        less = EQUAL_WORK if equal else ()
+        r = common.bake(self.path, out, *common.AREA_MEAN, *less, *LUMEL[setting], "--texels-per-unit", self.table["density"], "--max-page", 2048, "--threads", self.a.threads,
                         *speed_scenes.sky_options(self.name))
         if r["code"] != 0:
             raise SystemExit("lumel failed (%d): %s" % (r["code"], r["err"]))
         report, exr = r["report_json"], r["pages"][0]
-        self.maps[setting] = exr
-        base = dict(method="lumel", setting=setting, run=run, seconds=report["measured"]["seconds"], process_seconds=r["seconds"], peak_mb=r["peak_mb"],
+        if equal and self.places(r) != self.places(self.draft):
+            raise SystemExit("%s: the atlas is not the draft's, so its lumels are not the same" % self.name)
+        not_theirs = common.phases(report)[NOT_THEIRS] if equal else 0.0
+        if not equal:
+            self.maps[setting] = exr
+        base = dict(method=speed_page.EQUAL if equal else speed_page.LUMEL, setting=setting, run=run, seconds=report["measured"]["seconds"] - not_theirs, process_seconds=r["seconds"], peak_mb=r["peak_mb"],
                     rays=report["gather"]["lumel_rays"], load=load,
                     versions="%s, binary %s" % (report["generator"], common.digest(common.LUMEL)[:8]))
         return [self.row(base, family, reference.errors(ref, exr, keep)) for family, ref, keep in self.families["lumel"]]
+
+    def places(self, bake):
+        """where a bake's lightmap has which node"""
+        with open(bake["manifest"]) as f:
+            return json.load(f)
 
     def map_of(self, setting):
         """the lightmap of a setting that this run has baked, or None"""
@@ -156,7 +173,7 @@ class Scene:
             lumel = [s for s in self.table.get("slow_lumel", ()) if s == "production"]
             samples = list(self.table["slow_cycles"]) if with_cycles else []
         for k in range(max(len(lumel), len(samples))):
-            jobs += [("lumel", s) for s in lumel[k:k + 1]] + [("cycles", s) for s in samples[k:k + 1]]
+            jobs += [(kind, s) for kind in ("lumel", "equal") for s in lumel[k:k + 1]] + [("cycles", s) for s in samples[k:k + 1]]
         book.start(self, jobs)
         again = jobs
         for run in range(1 if a.smoke else a.repeat):
@@ -164,13 +181,18 @@ class Scene:
             for kind, s in jobs:
                 rows = book.of(self, kind, s, run)
                 if not rows:
-                    rows = self.lumel(s, run) if kind == "lumel" else self.cycles(s, s <= 256, run)
+                    rows = self.cycles(s, s <= 256, run) if kind == "cycles" else self.lumel(s, run, kind == "equal")
                     book.add(rows)
                     for r in rows:
                         if r["family"] == "all":
                             say("%s, %s %s: %.2f s, relRMSE %.2f %%, median %.2f %%" % (self.name, r["method"], r["setting"], r["seconds"], 100 * r["relRMSE"], 100 * r["p50"]))
                 if rows and float(rows[0]["seconds"]) < LONG:
                     again.append((kind, s))
+
+
+def kind_of(row):
+    """the kind of job that a row is of"""
+    return {speed_page.LUMEL: "lumel", speed_page.EQUAL: "equal"}.get(row["method"], "cycles")
 
 
 class Book:
@@ -182,25 +204,25 @@ class Book:
     def start(self, scene, jobs):
         """Forgets a scene's rows of another atlas, or of another binary of lumel, and unless resuming those of the jobs."""
         name, binary = scene.name, "binary %s" % common.digest(common.LUMEL)[:8]
-        mine = {("lumel", s) if kind == "lumel" else ("cycles", "%d samples" % s) for kind, s in jobs}
-        runs_lumel = any(kind == "lumel" for kind, _ in jobs)
+        mine = {(kind, "%d samples" % s if kind == "cycles" else s) for kind, s in jobs}
+        runs_lumel = any(kind != "cycles" for kind, _ in jobs)
 
         def stays(r):
             if r["scene"] != name:
                 return True
-            kind = "lumel" if r["method"] == "lumel" else "cycles"
-            stale = r.get("atlas") != scene.refs.digest or (kind == "lumel" and runs_lumel and not r["versions"].endswith(binary))
+            kind = kind_of(r)
+            stale = r.get("atlas") != scene.refs.digest or (kind != "cycles" and runs_lumel and not r["versions"].endswith(binary))
             return not stale and (self.resume or (kind, r["setting"]) not in mine)
         self.rows = [r for r in self.rows if stays(r)]
 
     def of(self, scene, kind, setting, run):
         """the rows of a run that was made before"""
-        setting = setting if kind == "lumel" else "%d samples" % setting
-        return [r for r in self.rows if r["scene"] == scene.name and (r["method"] == "lumel") == (kind == "lumel") and r["setting"] == setting and str(r["run"]) == str(run)]
+        setting = "%d samples" % setting if kind == "cycles" else setting
+        return [r for r in self.rows if r["scene"] == scene.name and kind_of(r) == kind and r["setting"] == setting and str(r["run"]) == str(run)]
 
     def add(self, rows):
         self.rows += rows
-        scenes, methods = list(speed_scenes.SCENES), ("lumel", "Cycles", "Cycles + OIDN")
+        scenes, methods = list(speed_scenes.SCENES), (speed_page.LUMEL, speed_page.EQUAL, speed_page.CYCLES, speed_page.OIDN)
         self.rows.sort(key=lambda r: (scenes.index(r["scene"]), methods.index(r["method"])))
         new = self.path + ".new"
         speed_page.write_csv(new, COLUMNS, self.rows)

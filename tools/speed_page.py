@@ -10,9 +10,18 @@ import common
 import speed_scenes
 
 LUMEL, CYCLES, OIDN = "lumel", "Cycles", "Cycles + OIDN"
+# lumel's bake without vertex colours and the time of charts: what Cycles' bake does.
+EQUAL = "lumel, equal work"
 # Okabe and Ito's palette, told apart by people with any of the common colour deficiencies; markers differ too.
 STYLE = {LUMEL: ("#0072B2", "o"), CYCLES: ("#E69F00", "s"), OIDN: ("#009E73", "^")}
 TARGETS = (("relRMSE", "relRMSE over lit lumels", 0.007), ("p50", "median", 0.003), ("bias", "bias", 0.001))
+
+
+def of_work(rows, equal):
+    """The rows with lumel's whole bakes, or (`equal`) with its bakes of equal work as lumel's."""
+    if equal:
+        return [dict(r, method=LUMEL) if r["method"] == EQUAL else r for r in rows if r["method"] != LUMEL]
+    return [r for r in rows if r["method"] != EQUAL]
 
 
 def points(rows, scene, family="all"):
@@ -193,32 +202,40 @@ def goal(rows, scene, method, setting):
     return dict(seconds=p["seconds"], relRMSE=p["relRMSE"], estimated=estimated, ours=ours, kind=kind, ratio=p["seconds"] / ours)
 
 
+def _verdict(gs, wanted):
+    """The geometric mean of goals, and whether it is met."""
+    ratios, bounds = [g["ratio"] for g in gs], {g["kind"] for g in gs}
+    mean, least = statistics.geometric_mean(ratios), min(ratios)
+    bound = "" if not bounds - {""} else "at least " if ">" not in bounds else "at most " if "<" not in bounds else "about "
+    # A mean of lower bounds that falls short has not missed: lumel has no setting that is quick and coarse enough to tell.
+    met = "**missed**" if ">" in bounds else "met" if mean >= wanted else "**not shown**" if "<" in bounds else "**missed**"
+    return "geometric mean over %d scenes %s%.3g (asked: %d, %s); the least: %.3g (asked: %g, %s)" % (
+        len(ratios), bound, mean, wanted, met, least, wanted / 2, "met" if least >= wanted / 2 and ">" not in bounds else "**not shown**" if "<" in bounds and ">" not in bounds else "**missed**")
+
+
 def goals_text(rows):
-    text = []
+    """What is asked for: of whole bakes, and beside it of equal work."""
+    both, text = [of_work(rows, equal) for equal in (False, True)], []
     for method, setting, wanted in GOALS:
-        out, ratios, bounds = [], [], set()
+        out, measured = [], ([], [])
         for s in speed_scenes.FIVE:
-            g, title = goal(rows, s, method, setting), speed_scenes.SCENES[s]["title"]
-            if g is None:
-                out.append([title] + ["not measured"] * 4)
-                continue
-            ratios.append(g["ratio"])
-            bounds.add(g["kind"])
-            mark = "≈ " if g["estimated"] else ""
-            ours = {"": "%s s", "<": "under %s s", ">": "not reached; its closest in %s s"}[g["kind"]] % _seconds(g["ours"])
-            out.append([title, mark + _seconds(g["seconds"]) + " s", mark + _percent(g["relRMSE"]), ours,
-                        {"": "", "<": "at least ", ">": "under "}[g["kind"]] + "%.3g" % g["ratio"]])
-        text.append(_table(["scene", "%s, %s" % (method, setting), "its relRMSE", "lumel at that error", "times quicker (asked: %d)" % wanted], out))
-        if ratios:
-            mean = 1.0
-            for r in ratios:
-                mean *= r ** (1 / len(ratios))
-            least = min(ratios)
-            bound = "" if not bounds - {""} else "at least " if ">" not in bounds else "at most " if "<" not in bounds else "about "
-            # A mean of lower bounds that falls short has not missed: lumel has no setting that is quick and coarse enough to tell.
-            met = "**missed**" if ">" in bounds else "met" if mean >= wanted else "**not shown**" if "<" in bounds else "**missed**"
-            text.append("Geometric mean over %d scenes: %s%.3g (asked: %d, %s); the least: %.3g (asked: %g, %s).\n" % (
-                len(ratios), bound, mean, wanted, met, least, wanted / 2, "met" if least >= wanted / 2 and ">" not in bounds else "**not shown**" if "<" in bounds and ">" not in bounds else "**missed**"))
+            cells = [speed_scenes.SCENES[s]["title"], "not measured", "–"]
+            for k, kind_rows in enumerate(both):
+                g = goal(kind_rows, s, method, setting)
+                if g is None:
+                    cells += ["not measured", "–"]
+                    continue
+                measured[k].append(g)
+                mark = "≈ " if g["estimated"] else ""
+                cells[1:3] = [mark + _seconds(g["seconds"]) + " s", mark + _percent(g["relRMSE"])]
+                cells += [{"": "%s s", "<": "under %s s", ">": "not reached; its closest in %s s"}[g["kind"]] % _seconds(g["ours"]),
+                          {"": "", "<": "at least ", ">": "under "}[g["kind"]] + "%.3g" % g["ratio"]]
+            out.append(cells)
+        text.append(_table(["scene", "%s, %s" % (method, setting), "its relRMSE", "lumel at that error, whole bake", "times quicker (asked: %d)" % wanted, "equal work", "times quicker"], out))
+        for what, gs in zip(("Whole bake", "Equal work"), measured):
+            if gs:
+                text.append("%s: %s.\n" % (what, _verdict(gs, wanted)))
+    rows = both[0]
     out = []
     for s in speed_scenes.FIVE:
         ps = points(rows, s)
@@ -228,7 +245,22 @@ def goals_text(rows):
         verdict = "–" if None in most.values() else "met" if most[LUMEL] <= most[CYCLES] else "**missed**"
         out.append([speed_scenes.SCENES[s]["title"], cell(most[LUMEL]) + (" (%s)" % settings[0] if settings else ""), cell(most[CYCLES]), verdict])
     text.append("Peak memory of the process, MB, of lumel's hungriest setting here; Cycles' holds Blender:\n\n" + _table(["scene", "lumel", "Cycles", "no more than Cycles"], out))
+    text.append(_shares(*both))
     return "\n".join(text)
+
+
+def _shares(whole, equal):
+    """Seconds of whole bakes, and of equal work."""
+    out = []
+    for s in speed_scenes.FIVE:
+        of = [{p["setting"]: p for p in points(rows, s) if p["method"] == LUMEL} for rows in (whole, equal)]
+        pairs = [(of[0][k]["seconds"], of[1][k]["seconds"]) for k in ("draft", "preview", "production") if k in of[0] and k in of[1]]
+        names = [k for k in ("draft", "preview", "production") if k in of[0] and k in of[1]]
+        cell = dict(zip(names, ("%s, %s (%.0f %%)" % (_seconds(a), _seconds(b), 100 * b / a) for a, b in pairs)))
+        out.append([speed_scenes.SCENES[s]["title"]] + [cell.get(k, "–") for k in ("draft", "preview", "production")])
+    if all(c == "–" for r in out for c in r[1:]):
+        return "Equal work was not measured yet.\n"
+    return "Seconds of the whole bake and of equal work (which is so much of it):\n\n" + _table(["scene", "`draft`", "`preview`", "`production`"], out)
 
 
 def presets_text(rows):
@@ -374,9 +406,11 @@ def write_csv(path, columns, rows):
 def write(rows, docs):
     if not rows:
         raise SystemExit("no rows: run the sweep first")
-    rows = [{k: str(v) for k, v in r.items()} for r in rows]
+    every = [{k: str(v) for k, v in r.items()} for r in rows]
+    # Where all methods stand beside each other, lumel's are whole bakes.
+    rows = of_work(every, False)
     plot(rows, os.path.join(docs, "images", "speed_error.png"), os.path.join(docs, "images", "speed_error.svg"))
-    parts = dict(setup=setup_text(rows), goals=goals_text(rows), presets=presets_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))
+    parts = dict(setup=setup_text(rows), goals=goals_text(every), presets=presets_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))
     page = os.path.join(docs, "speed_error.md")
     own = os.path.join(common.HERE, "..", "docs", "speed_error.md")
     text = open(own).read()

@@ -151,7 +151,7 @@ def sky_options(name):
 
 
 def flat_atlas(name, scene, work, threads):
-    """Draft bake and its flattened atlas -> (flat .glb, side of the page)"""
+    """Draft bake and its flattened atlas -> (flat .glb, side of the page, the bake's files as common.bake has them)"""
     import reference
     s = SCENES[name]
     options = ["--quality", "draft", "--texels-per-unit", s["density"], "--max-page", 2048, "--threads", threads] + sky_options(name)
@@ -161,7 +161,7 @@ def flat_atlas(name, scene, work, threads):
     if len(r["pages"]) != 1:
         raise SystemExit("%s: %d pages, expected one" % (name, len(r["pages"])))
     flat = os.path.join(work, name + ".flat.glb")
-    return flat, reference.flatten(r["glb"], flat)["res"]
+    return flat, reference.flatten(r["glb"], flat)["res"], r
 
 
 def references(name, flat, side, seconds=1.0, log=None):

@@ -163,10 +163,30 @@ fn fitted_light_is_nearer_to_the_truth_than_means_are() {
     assert!(fitted < 0.65 * means, "{fitted} {means}");
     // What the report says is that error, but for lumels' means being a little flatter than the truth: h²/24 E'' of 3 cm under 0.5 m is
     // some 1e-3 of the light, which is a tenth of the error.
-    let reported = b.report.gather.vertices.difference.relative_rms;
+    let reported = b
+        .report
+        .gather
+        .vertices
+        .expect("vertices were baked")
+        .difference
+        .relative_rms;
     assert!((reported / fitted - 1.0).abs() < 0.1, "{reported} {fitted}");
-    assert_eq!(b.report.gather.vertices.points, 25);
-    assert_eq!(b.report.gather.vertices.gathered, 0);
+    assert_eq!(
+        b.report
+            .gather
+            .vertices
+            .expect("vertices were baked")
+            .points,
+        25
+    );
+    assert_eq!(
+        b.report
+            .gather
+            .vertices
+            .expect("vertices were baked")
+            .gathered,
+        0
+    );
 }
 
 /// A room of 2 m whose faces are primitives by themselves, no vertex shared, and a lamp off its middle.
@@ -195,12 +215,12 @@ fn vertex_scene(b: &Bake, dir: &std::path::Path) -> Loaded {
 fn split_triangles_fit_together_and_come_close_to_the_lightmap() {
     let dir = tempfile::tempdir().expect("a folder");
     let whole = with_splits(None);
-    let before = whole.report.gather.vertices;
+    let before = whole.report.gather.vertices.expect("vertices were baked");
     assert_eq!((before.added, before.full), (0, 0));
     let mut last = before.difference.relative_rms;
     for error in [0.2, 0.05] {
         let b = with_splits(Some(error));
-        let report = b.report.gather.vertices;
+        let report = b.report.gather.vertices.expect("vertices were baked");
         assert!(report.added > 0 && report.difference.relative_rms < last);
         last = report.difference.relative_rms;
         // No triangle is further off than asked, so that all together are not.
@@ -281,7 +301,7 @@ fn vertices_closer_than_lumels_read_them() {
     // Four cells a lumel. At 8 lumels a metre light would change by 3/2h · √2 d = 53 % from tap to tap where it falls fastest, more than is trusted; here by 27 %.
     let (g, lamp) = (floor(64), DVec3::new(0.1, 0.5, 0.2));
     let b = bake(&lit(&[&g], lamp.as_vec3()), &at(16.0));
-    let report = b.report.gather.vertices;
+    let report = b.report.gather.vertices.expect("vertices were baked");
     assert_eq!(report.points, 65 * 65);
     // Lumels that the border cuts are not read, nor lookups half a lumel beyond the last whole one: four rings of vertices at most.
     assert_eq!(report.read + report.gathered, report.points);
@@ -321,7 +341,7 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
     let mut parts = vec![&ground, &below];
     parts.extend(&wall);
     let b = bake(&lit(&parts, lamp), &at(8.0));
-    let report = b.report.gather.vertices;
+    let report = b.report.gather.vertices.expect("vertices were baked");
     assert!(report.read > report.gathered, "{report:?}");
     let light = light_of(&b, 0);
     let most = light.iter().copied().fold(0.0, f64::max);

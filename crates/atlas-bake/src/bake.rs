@@ -63,8 +63,8 @@ pub enum Directional {
 pub struct BakeOptions {
     /// Light at lumels.
     pub lumels: GatherOptions,
-    /// Light at vertices.
-    pub vertices: GatherOptions,
+    /// Light at vertices; `None` leaves it out: no ray is cast for it, and [`Baked::vertices`] is empty.
+    pub vertices: Option<GatherOptions>,
     /// Extra channels, in the order in which they are to be written.
     pub layers: Vec<Layer>,
     /// Texels around charts that take their neighbours' value.
@@ -137,8 +137,8 @@ pub struct BakeReport {
     pub shadow_edge_lumels: u64,
     /// Gathering and shadow rays, lumels.
     pub lumel_rays: u64,
-    /// Light at vertices.
-    pub vertices: VertexReport,
+    /// Light at vertices; `None` where it was left out.
+    pub vertices: Option<VertexReport>,
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean). Within a factor 1.5 of the true one
@@ -165,7 +165,7 @@ pub struct Baked {
     pub pages: Vec<Page>,
     /// Pages of each group of light, without extra channels; they sum to `pages`. Empty where groups are not kept apart.
     pub groups: Vec<Vec<Page>>,
-    /// Irradiance per instance, primitive and vertex of the primitive.
+    /// Irradiance per instance, primitive and vertex of the primitive; empty where [`BakeOptions::vertices`] leaves it out.
     pub vertices: VertexLight,
     /// What was done.
     pub report: BakeReport,
@@ -301,6 +301,9 @@ pub fn bake_recalling(
         + (out.pages.iter().chain(out.groups.iter().flatten()))
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
             .sum::<u64>();
+    let Some(at_vertices) = options.vertices else {
+        return Ok(out);
+    };
     let light: Vec<LumelLight> = received.iter().map(LumelLight::of).collect();
     // A mean over what a wall parts is for measuring, not for reading.
     let places = fill.then(|| LumelPlace::find(&lumels, &received, &barriers, &rims));
@@ -313,7 +316,9 @@ pub fn bake_recalling(
         places: places.as_deref(),
         error: options.vertex_error,
     };
-    (out.vertices, out.report.vertices) = vertices.run(gatherer, options.vertices, monitor)?;
+    let (lit, report) = vertices.run(gatherer, at_vertices, monitor)?;
+    out.vertices = lit;
+    out.report.vertices = Some(report);
     Ok(out)
 }
 

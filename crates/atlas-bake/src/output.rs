@@ -34,10 +34,12 @@ pub struct Committed {
     pub written: Vec<PathBuf>,
     /// Files that held the same bytes already and were left alone.
     pub unchanged: Vec<PathBuf>,
+    /// Files of an earlier run that were removed, see [`OutputSet::remove_obsolete`].
+    pub removed: Vec<PathBuf>,
 }
 
 impl Committed {
-    /// All files of the set.
+    /// All files of the set, not those removed.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         (self.written.iter().chain(&self.unchanged)).map(PathBuf::as_path)
     }
@@ -157,6 +159,7 @@ impl OutputSet {
                     path: path.clone(),
                     source,
                 })?;
+                committed.removed.push(path.clone());
             }
         }
         Ok(committed)

@@ -127,13 +127,13 @@ fn gather_draft(bencher: Bencher, name: &str) {
         };
         let options = BakeOptions {
             lumels,
-            vertices: GatherOptions {
+            vertices: Some(GatherOptions {
                 rays: 16,
                 edge_points: 0,
                 most_rays: 16,
                 open_only: true,
                 ..lumels
-            },
+            }),
             layers: Vec::new(),
             padding: 2,
             value: ValueKind::Radiance,

@@ -146,6 +146,8 @@ options! {
     ktx2(format: Ktx2Format) => |s| s.ktx2 = Some(format);
     /// Further conventions for the lightmap's place in the glTF.
     ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
+    /// Whether the scene with vertex colours is baked too; it is if nothing is said. Without it no light is computed for vertices.
+    vertex_colors(yes: bool) => |s| s.vertex_colors = yes;
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }

@@ -131,7 +131,15 @@ pub(crate) fn open(
     options: &BakeOptions,
 ) -> Recall {
     let exact = options.layers.contains(&Layer::Ao);
-    let key = key(surfaces, settings, options, exact);
+    let key_with = |vertices| key(surfaces, settings, options, vertices, exact);
+    let mut key = key_with(options.vertices);
+    if options.vertices.is_none() {
+        // Records that hold more than this bake asks for serve it as well.
+        let more = key_with(Some(settings.vertex_options()));
+        if path(cache, &more).exists() {
+            key = more;
+        }
+    }
     let lamps: Vec<_> = (surfaces.scene.lights.iter())
         .map(|light| lamp(surfaces.scene, light))
         .collect();
@@ -270,6 +278,7 @@ fn key(
     surfaces: &Surfaces,
     settings: &Settings,
     options: &BakeOptions,
+    vertices: Option<GatherOptions>,
     exact: bool,
 ) -> blake3::Hash {
     let Surfaces {
@@ -342,7 +351,7 @@ fn key(
         most_rays: 0,
         ..o
     };
-    let wanted = (asked(options.lumels), asked(options.vertices));
+    let wanted = (asked(options.lumels), vertices.map(asked));
     h.debug(&(wanted, options.hidden));
     h.0.finalize()
 }

@@ -65,6 +65,11 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
     }
     if let Some(e) = settings.vertex_error {
         positive("the vertex error", e)?;
+        if !settings.vertex_colors {
+            return Err(Error::Setting(format!(
+                "the vertex error is {e}, but vertex colours are left out (--no-vertex-colors, or vertex-colors = false in the file of settings): expected one or the other"
+            )));
+        }
     }
     if let Some(d) = settings.ao_distance {
         positive("the distance of ambient occlusion", d)?;

@@ -43,7 +43,8 @@ pub struct Estimate {
 }
 
 /// Rays, and time, of all that is done at lumels and vertices over those of gathering alone at lumels that are not interpolated, at draft,
-/// preview and production: more rays where edges and noise are, direct light of interpolated lumels, vertices. The geometric mean over the
+/// preview and production: more rays where edges and noise are, direct light of interpolated lumels, vertices (also where they are left out, which saves
+/// what the scene's triangles make of it). The geometric mean over the
 /// scenes of docs/pipeline.md (17 at draft, of which each is within a factor of 1.55; 7 at preview, within 1.5). Production was not measured.
 const OVER_GATHER: [f64; 3] = [1.5, 1.35, 1.35];
 

@@ -25,7 +25,9 @@ pub type NamedFile = (String, Vec<u8>);
 /// Names of the files that a bake of `scene` writes, first page only; the report is the last.
 pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
-    let mut ends = vec!["lightmap.exr", "glb", "vertex.glb", "lightmap.json"];
+    let mut ends = vec!["lightmap.exr", "glb"];
+    ends.extend(settings.vertex_colors.then_some(VERTEX));
+    ends.push("lightmap.json");
     ends.extend(settings.ktx2.map(|_| "lightmap.ktx2"));
     ends.extend(settings.probes.as_ref().map(|_| PROBES));
     let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
@@ -38,6 +40,9 @@ pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     names.push(format!("{stem}.report.json"));
     names
 }
+
+/// End of the name of the scene with vertex colours.
+const VERTEX: &str = "vertex.glb";
 
 /// End of the name of the probes' file.
 const PROBES: &str = "probes.json";
@@ -127,8 +132,10 @@ impl Bake {
                 stats.moz_left_out
             ));
         }
-        let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
-        files.push((format!("{}.vertex.glb", self.stem), bytes));
+        if settings.vertex_colors {
+            let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
+            files.push((format!("{}.{VERTEX}", self.stem), bytes));
+        }
         let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
         if let Some(page) = self.baked.pages.first() {
             manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
@@ -222,12 +229,15 @@ impl Bake {
         all
     }
 
-    /// Pages of an earlier bake that had more of them would be left over, and KTX2 files of one that wrote them would show its light.
+    /// Pages of an earlier bake that had more of them would be left over; KTX2 files and vertex colours of one that wrote them would show
+    /// its light.
     pub fn retire_pages(&self, set: &mut OutputSet) {
-        // Others make KTX2 files from EXRs too: only what the last report lists is Lumel's to remove.
+        // Others make such files too, KTX2 from EXRs for one: only what the last report lists is Lumel's to remove.
         let report = std::fs::read(set.dir().join(self.report_name())).unwrap_or_default();
+        let vertex = format!("{}.{VERTEX}", self.stem);
         for name in record::outputs_of(&report) {
-            if name.ends_with(".ktx2") && Path::new(&name).file_name() == Some(name.as_ref()) {
+            let ours = name.ends_with(".ktx2") || name == vertex;
+            if ours && Path::new(&name).file_name() == Some(name.as_ref()) {
                 set.remove_obsolete(&name);
             }
         }
@@ -280,7 +290,7 @@ impl Bake {
         let rays = self.report.solve.link_rays
             + self.report.solve.shadow_rays
             + self.report.gather.lumel_rays
-            + self.report.gather.vertices.rays
+            + self.report.gather.vertices.map_or(0, |v| v.rays)
             + self.report.probes.as_ref().map_or(0, |p| p.rays);
         Measured {
             threads: rayon::current_num_threads(),

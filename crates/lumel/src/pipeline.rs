@@ -352,7 +352,7 @@ pub(crate) fn bake_scene(
 pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
     BakeOptions {
         lumels: settings.lumel_options(),
-        vertices: settings.vertex_options(),
+        vertices: settings.vertex_colors.then(|| settings.vertex_options()),
         layers: settings.layers.clone(),
         padding: settings.padding,
         value: settings.value,

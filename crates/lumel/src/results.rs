@@ -59,7 +59,8 @@ impl Bake {
         )?)
     }
 
-    /// Light at vertices, of everything that receives light, in the order of instances and primitives.
+    /// Light at vertices, of everything that receives light, in the order of instances and primitives; nothing where
+    /// [`Settings::vertex_colors`](crate::Settings::vertex_colors) leaves it out.
     pub fn vertex_colors(&self) -> impl Iterator<Item = VertexColors<'_>> {
         let scene = &self.loaded.scene;
         let lit = self.baked.vertices.instances.iter().enumerate();
@@ -93,8 +94,14 @@ impl Bake {
     /// The scene with baked vertex colours, as `level.vertex.glb` holds it.
     ///
     /// # Errors
-    /// As [`lightmapped_glb`](Self::lightmapped_glb).
+    /// As [`lightmapped_glb`](Self::lightmapped_glb); [`Error::Setting`] where [`Settings::vertex_colors`](crate::Settings::vertex_colors)
+    /// leaves vertex colours out.
     pub fn vertex_glb(&self) -> Result<Vec<u8>, Error> {
+        if !self.report.settings.vertex_colors {
+            return Err(Error::Setting(
+                "the bake left vertex colours out: expected Settings::vertex_colors".into(),
+            ));
+        }
         let (document, scene) = (&self.loaded.document, &self.loaded.scene);
         Ok(write_vertex_glb(document, scene, &self.baked.vertices)?.0)
     }

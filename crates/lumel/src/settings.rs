@@ -162,6 +162,8 @@ pub struct Settings {
     pub hidden: Hidden,
     /// Make bilinear lookups on both sides of chart borders agree, but for those of curved surfaces (docs/seams.md).
     pub stitch: bool,
+    /// Bake the scene with vertex colours too; without, no light is computed for it and its file is not written.
+    pub vertex_colors: bool,
     /// Split edges of the vertex-lit scene until its relative error is about this.
     pub vertex_error: Option<f32>,
 }
@@ -195,6 +197,7 @@ impl Default for Settings {
             max_reflectance: 0.98,
             hidden: Hidden::Fill,
             stitch: true,
+            vertex_colors: true,
             vertex_error: None,
         }
     }

@@ -182,6 +182,7 @@ fn every_changed_setting_is_noticed() {
     for options in [
         "--sun 0,-1,0,5",
         "--no-stitch",
+        "--no-vertex-colors",
         "--light sky=2",
         "--padding 3",
     ] {

@@ -35,7 +35,7 @@ pub(crate) enum Stage {
     Follow = 3,
     /// More rays.
     More = 6,
-    /// Vertices.
+    /// Vertices: what they share, and what is their own.
     Vertices = 7,
 }
 

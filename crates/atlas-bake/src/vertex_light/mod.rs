@@ -4,16 +4,20 @@
 //! to these ([`fit`]); smaller triangles are gathered at, as means over the surface about each point. Vertices of one place and one smoothing
 //! group have one value, whatever seams of texture coordinates or materials part them ([`sheet`]).
 
+mod cluster;
 mod difference;
 mod fit;
+mod gathered;
 mod moments;
 mod read;
 mod sheet;
 mod split;
 
+use std::cell::Cell;
+
 use glam::Vec3;
 use mesh_ingest::Scene;
-use radiosity::{Cancelled, Monitor, Phase, World, hash_u32, luminance};
+use radiosity::{Cancelled, Monitor, World, hash_u32, luminance};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -22,13 +26,11 @@ pub(crate) use moments::LumelLight;
 pub(crate) use read::LumelPlace;
 
 use crate::atlas::Layout;
-use crate::bake::{Recorded, in_blocks};
 use crate::gather::{GatherOptions, Gatherer};
 use crate::gltf_out::{SplitPrimitive, VertexLight};
 use crate::lumels::{Lumels, TexelIndex};
 use crate::planes::Wanted;
-use crate::recall::{Stage, mix};
-use crate::vertex_footprint::{Spoke, VertexFootprint};
+use gathered::Job;
 use moments::Moments;
 use read::Reader;
 use sheet::Sheet;
@@ -139,22 +141,25 @@ impl VertexBake<'_, '_, '_> {
         (gatherer, monitor): (&mut Gatherer, &dyn Monitor),
         report: &mut VertexReport,
     ) -> Result<Vec<Vec<Option<Vec3>>>, Cancelled> {
-        let mut out: Vec<Vec<Option<Vec3>>> = (sheets.par_iter())
+        let direct = &gatherer.direct;
+        let (mut out, rays): (Vec<Vec<Option<Vec3>>>, Vec<u64>) = (sheets.par_iter())
             .map(|sheet| {
                 let Some(places) = self.places else {
-                    return vec![None; sheet.points];
+                    return (vec![None; sheet.points], 0);
                 };
                 let reader = Reader {
                     world: self.world,
+                    direct,
                     placement: &self.layout.placements[sheet.instance],
                     index,
                     light: self.light,
                     places,
                     floor: floor as f32,
+                    rays: Cell::new(0),
                 };
-                reader.read(sheet)
+                (reader.read(sheet), reader.rays.get())
             })
-            .collect();
+            .unzip();
         report.read = out.iter().flatten().flatten().count() as u64;
         let mut jobs: Vec<Job> = Vec::new();
         let mut first = 0;
@@ -181,18 +186,9 @@ impl VertexBake<'_, '_, '_> {
             }
             first += sheet.points as u32;
         }
-        let recorded = Recorded {
-            recall: gatherer.recall,
-            stage: Stage::Vertices.round(0),
-            item: &|k| jobs[k].item,
-            guard: &|k| guard_of(&jobs[k].spokes, jobs[k].seed),
-        };
-        let received = in_blocks(jobs.len(), Phase::Vertices, monitor, recorded, |i, tape| {
-            let job = &jobs[i];
-            gatherer.gather_recalled(&job.footprint(self.world), job.seed, tape)
-        })?;
+        let received = gathered::gather(&jobs, sheets, gatherer, monitor)?;
         report.gathered = received.len() as u64;
-        report.rays = received.iter().map(|r| r.rays).sum();
+        report.rays = rays.iter().sum::<u64>() + received.iter().map(|r| r.rays).sum::<u64>();
         for (job, r) in jobs.iter().zip(&received) {
             out[job.sheet as usize][job.point as usize] = Some(r.direct + r.indirect);
         }
@@ -255,26 +251,6 @@ impl VertexBake<'_, '_, '_> {
     }
 }
 
-/// A point to gather at.
-struct Job {
-    sheet: u32,
-    point: u32,
-    /// What records call it: its number among all points, so that those of others hold when it is no longer gathered at.
-    item: u32,
-    spokes: Vec<Spoke>,
-    seed: u32,
-}
-
-impl Job {
-    fn footprint<'b, 'w, 'a>(&'b self, world: &'w World<'a>) -> VertexFootprint<'b, 'w, 'a> {
-        VertexFootprint {
-            world,
-            around: &self.spokes,
-            seed: self.seed,
-        }
-    }
-}
-
 /// One instance's values.
 struct Fitted {
     /// By point.
@@ -322,12 +298,4 @@ fn fill(sheet: &Sheet, values: &[Vec3], scene: &Scene, world: &World, out: &mut 
         primitive.triangles.sort_by_key(|t| t.0);
     }
     out.split[sheet.instance] = split;
-}
-
-/// Identifies a point with what lies about it.
-fn guard_of(around: &[Spoke], seed: u32) -> u64 {
-    around.iter().fold(u64::from(seed), |h, s| {
-        let place = u64::from(s.triangle) << 3 | u64::from(s.corner) << 1 | u64::from(s.back);
-        mix(h ^ place)
-    })
 }

@@ -5,8 +5,10 @@
 //! lumels' positions and normals are interpolated to must be the point's own position and normal. So a lookup that reads across a fold, a gap of the chart or
 //! a coarse curve is found out, whatever the reason. Lumels that walls or contacts cross hold the light of a part of them, and are not read at all.
 
+use std::cell::Cell;
+
 use glam::{DVec2, Vec3};
-use radiosity::{SurfacePoint, World, luminance};
+use radiosity::{DirectLight, SurfacePoint, World, hash_u32, luminance};
 
 use super::moments::LumelLight;
 use super::sheet::{Sheet, Tri, corners_of};
@@ -21,15 +23,28 @@ const LIKE_NORMAL: f32 = 0.5;
 /// Cosine of 15° between the mean of lumels' normals and the point's own.
 const SAME_NORMAL: f32 = 0.966;
 
-/// Distance in lumels of the place that was read from the point. Up to 0.2, readings of the demo level (each triangle split in nine) were six times as close to
-/// gathering with 2048 rays as 16 rays are; above 0.4, at the borders of charts, they were no better.
+/// Distance in lumels of the place that was read from the point, where most of the lookup's weight is there and of whole lumels.
 const SAME_PLACE: f32 = 0.3;
 
-/// Share of a lookup that must come from lumels that can be trusted. Below, at charts' borders, readings of the demo level were no better than 16 rays.
-const LEAST_WEIGHT: f32 = 0.9;
+/// And at charts' borders, where lookups lie a little inside: there a shadow ray to each lamp that matters must find what the lumels found. What this,
+/// [`LEAST_WEIGHT`] and [`PART`] let in over the demo level (each triangle split in nine) was nearer to gathering with 2048 rays than gathering itself is, in the
+/// median and at the 95th percentile, with 16 rays (`draft`) and with 64 (`preview`); docs/profile.md has the figures.
+const NEAR_PLACE: f32 = 0.75;
 
-/// Coverage of lumels that are read: light in a corner of one says little about the rest of its lookups.
+/// Share of a lookup from lumels that can be trusted which is most of it.
+const MOST_WEIGHT: f32 = 0.9;
+
+/// Share of a lookup that must come from such at charts' borders.
+const LEAST_WEIGHT: f32 = 0.25;
+
+/// Coverage of whole lumels.
 const WHOLE: f32 = 0.9;
+
+/// Coverage of others that are read, where no shadow's edge crosses them: on which side of it a part lies says nothing about the rest.
+const PART: f32 = 0.25;
+
+/// Lamps that would bring less than this share of the light are not looked for.
+const MATTERS: f32 = 0.01;
 
 /// Lumels of a lookup that differ by more than this share of their mean do not say what lies between them.
 const MOST_SPREAD: f32 = 0.4;
@@ -47,6 +62,9 @@ pub(crate) struct LumelPlace {
     normal: Vec3,
     size: f32,
     sure: bool,
+    whole: bool,
+    /// Lamps that all of it sees, and that are hidden from all, as [`Received`] has them.
+    lamps: [u32; 2],
     /// A wall stands right of it, and below.
     walls: [bool; 2],
 }
@@ -64,7 +82,9 @@ impl LumelPlace {
                 position: r.position,
                 normal: r.normal,
                 size: r.size,
-                sure: lumel.coverage >= WHOLE
+                whole: lumel.coverage >= WHOLE,
+                lamps: [r.lit & !r.hidden, r.hidden & !r.lit],
+                sure: lumel.coverage >= least_coverage(r)
                     && r.open == 1.0
                     && !r.behind
                     && r.edge != Edge::Contact,
@@ -78,42 +98,84 @@ impl LumelPlace {
     }
 }
 
+/// Coverage from which a lumel with this light is read.
+fn least_coverage(r: &Received) -> f32 {
+    match r.edge {
+        Edge::None => PART,
+        _ => WHOLE,
+    }
+}
+
+/// What was read for a point so far.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    light: Vec3,
+    area: f32,
+    border: Option<Border>,
+}
+
+/// A place at a chart's border, and the lamps that all lumels there see, and that are hidden from all.
+#[derive(Clone, Copy)]
+struct Border {
+    at: SurfacePoint,
+    lamps: [u32; 2],
+}
+
 /// What lookups go by.
 pub(super) struct Reader<'b, 'w, 'a> {
     pub world: &'w World<'a>,
+    /// Says where lamps are hidden.
+    pub direct: &'b DirectLight<'w, 'a>,
     pub placement: &'b Placement,
     pub index: &'b TexelIndex,
     pub light: &'b [LumelLight],
     pub places: &'b [LumelPlace],
     /// 1 % of the mean luminance.
     pub floor: f32,
+    /// Shadow rays that were cast.
+    pub rays: Cell<u64>,
 }
 
 impl Reader<'_, '_, '_> {
     /// By point: the mean light over its share of the small triangles about it, where the lumels know; `None` elsewhere.
     pub fn read(&self, sheet: &Sheet) -> Vec<Option<Vec3>> {
-        let mut sums = vec![Some((Vec3::ZERO, 0.0f32)); sheet.points];
+        let mut sums = vec![Some(Sum::default()); sheet.points];
         for tri in sheet.tris.iter().filter(|t| !t.moments.measured()) {
             let points = sheet.points_of(tri);
             let cuts = cuts(tri);
             for (k, point) in points.into_iter().enumerate() {
-                let Some((light, area)) = sums[point] else {
+                let Some(sum) = &mut sums[point] else {
                     continue;
                 };
                 let own = tri.area as f32;
-                sums[point] = cuts
-                    .and_then(|cuts| self.corner(tri, k, cuts))
-                    .map(|e| (light + e * own, area + own));
+                match cuts.and_then(|cuts| self.corner(tri, k, cuts, &mut sum.border)) {
+                    Some(e) => {
+                        sum.light += e * own;
+                        sum.area += own;
+                    }
+                    None => sums[point] = None,
+                }
             }
         }
-        (sums.into_iter())
-            .map(|s| s.filter(|s| s.1 > 0.0).map(|(light, area)| light / area))
+        (sums.into_iter().zip(0u32..))
+            .map(|(sum, point)| {
+                let sum = sum.filter(|s| s.area > 0.0)?;
+                let e = sum.light / sum.area;
+                if let Some(border) = sum.border {
+                    let seed = hash_u32(point ^ hash_u32(sheet.instance as u32));
+                    let least = MATTERS * luminance(e);
+                    let rays =
+                        (self.direct).lamps_seen_as(&border.at, border.lamps, least, seed)?;
+                    self.rays.set(self.rays.get() + u64::from(rays));
+                }
+                Some(e)
+            })
             .collect()
     }
 
     /// The mean over a triangle weighted by corner `k`'s hat function φ, its edges cut in `cuts`. Over a part with φ = f₀, f₁, f₂ at its corners,
     /// ∫ φ p = A/12 Σ (fⱼ + Σf) pⱼ: a lookup at that mean place is exact for light that is linear there.
-    fn corner(&self, tri: &Tri, k: usize, cuts: u32) -> Option<Vec3> {
+    fn corner(&self, tri: &Tri, k: usize, cuts: u32, border: &mut Option<Border>) -> Option<Vec3> {
         let (triangle, order, back) = corners_of(self.world.soup, tri.face);
         let n = cuts as i32;
         let (mut light, mut total) = (Vec3::ZERO, 0.0f32);
@@ -137,7 +199,7 @@ impl Reader<'_, '_, '_> {
             let p = self
                 .world
                 .surface_point(triangle, world[1], world[2], back, true);
-            light += self.lookup(page, &p)? * sum;
+            light += self.lookup(page, &p, border)? * sum;
             total += sum;
             Some(())
         };
@@ -152,8 +214,8 @@ impl Reader<'_, '_, '_> {
         Some(light / total)
     }
 
-    /// The light at a place of the instance's rectangle, which is `p` in the world.
-    fn lookup(&self, page: DVec2, p: &SurfacePoint) -> Option<Vec3> {
+    /// The light at a place of the instance's rectangle, which is `p` in the world. Where lamps are to be looked for, `border` gets to know.
+    fn lookup(&self, page: DVec2, p: &SurfacePoint, border: &mut Option<Border>) -> Option<Vec3> {
         let q = page - 0.5;
         let base = q.floor();
         let f = (q - base).as_vec2();
@@ -180,6 +242,7 @@ impl Reader<'_, '_, '_> {
         let (mut e, mut sum) = (Vec3::ZERO, 0.0);
         let (mut position, mut normal, mut size) = (Vec3::ZERO, Vec3::ZERO, 0.0);
         let (mut low, mut high) = (f32::INFINITY, 0.0f32);
+        let (mut whole, mut lamps) = (true, [u32::MAX; 2]);
         for (tap, w) in taps.into_iter().zip(weights) {
             let Some(i) = tap else {
                 continue;
@@ -195,16 +258,26 @@ impl Reader<'_, '_, '_> {
             size += place.size * w;
             let y = luminance(self.light[i].e);
             (low, high) = (low.min(y), high.max(y));
+            whole &= place.whole;
+            lamps = [0, 1].map(|k| lamps[k] & place.lamps[k]);
         }
         if sum < LEAST_WEIGHT {
             return None;
         }
         let away = (position / sum).distance_squared(p.position);
-        let limit = SAME_PLACE * size / sum;
-        let known = away <= limit * limit
+        let size = size / sum;
+        let within = |lumels: f32| away <= (lumels * size) * (lumels * size);
+        let known = within(NEAR_PLACE)
             && normal.normalize_or_zero().dot(p.normal) >= SAME_NORMAL
             && high - low <= MOST_SPREAD * (0.5 * (high + low) + self.floor);
-        known.then(|| e / sum)
+        if !known {
+            return None;
+        }
+        if !(whole && sum >= MOST_WEIGHT && within(SAME_PLACE)) {
+            let border = border.get_or_insert(Border { at: *p, lamps });
+            border.lamps = [0, 1].map(|k| border.lamps[k] & lamps[k]);
+        }
+        Some(e / sum)
     }
 }
 

@@ -115,8 +115,14 @@ pub(crate) struct Bake {
     /// Stitch the borders of charts, whatever the file of settings says
     #[arg(long, conflicts_with = "no_stitch")]
     pub stitch: bool,
+    /// Bake the lightmap alone: no light at vertices, and no SCENE.vertex.glb
+    #[arg(long)]
+    pub no_vertex_colors: bool,
+    /// Bake vertex colours too, whatever the file of settings says
+    #[arg(long, conflicts_with = "no_vertex_colors")]
+    pub vertex_colors: bool,
     /// Split edges in the scene with vertex colours until its relative error is about X
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", conflicts_with = "no_vertex_colors")]
     pub vertex_error: Option<f32>,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
@@ -511,6 +517,13 @@ impl Bake {
         out.put(Flag, "hidden", self.hidden, |s, x| s.hidden = x.into());
         let stitch = either(self.stitch, self.no_stitch);
         out.put(Flag, "stitch", stitch, |s, x| s.stitch = x);
+        let colors = either(self.vertex_colors, self.no_vertex_colors);
+        if self.no_vertex_colors {
+            // Of a file that says how close they are to be, options go before it.
+            out.settings.vertex_error = None;
+            out.provenance.origins.remove("vertex-error");
+        }
+        out.put(Flag, "vertex-colors", colors, |s, x| s.vertex_colors = x);
         out.put(Flag, "vertex-error", self.vertex_error, |s, x| {
             s.vertex_error = Some(x)
         });

@@ -250,6 +250,9 @@ fn bake(
         for path in &done.unchanged {
             display.say(&format!("  unchanged {}", path.display()));
         }
+        for path in &done.removed {
+            display.say(&format!("  removed   {}", path.display()));
+        }
     }
     Ok(report)
 }
@@ -302,8 +305,7 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
             100.0 * audit.bound
         ));
     }
-    let v = &report.gather.vertices;
-    if v.points > 0 {
+    if let Some(v) = report.gather.vertices.filter(|v| v.points > 0) {
         let added = match v.added {
             0 => String::new(),
             n => format!(", {n} added by splitting"),

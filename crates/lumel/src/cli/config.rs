@@ -216,6 +216,7 @@ struct FileOptions {
     max_reflectance: Option<f32>,
     hidden: Option<Choice<HiddenArg>>,
     stitch: Option<bool>,
+    vertex_colors: Option<bool>,
     #[serde(deserialize_with = "positive")]
     vertex_error: Option<f32>,
     strict: Option<bool>,
@@ -302,6 +303,9 @@ impl FileOptions {
         });
         out.put(File, "hidden", self.hidden, |s, x| s.hidden = x.0.into());
         out.put(File, "stitch", self.stitch, |s, x| s.stitch = x);
+        out.put(File, "vertex-colors", self.vertex_colors, |s, x| {
+            s.vertex_colors = x
+        });
         out.put(File, "vertex-error", self.vertex_error, |s, x| {
             s.vertex_error = Some(x)
         });

@@ -45,7 +45,7 @@ fn the_templates_defaults_are_the_defaults() {
 #[test]
 fn every_form_of_a_value_is_read() {
     let out = layered(
-        "sky = 'a.hdr'\nprobes = 'p.json'\nexclude-light = ['c']\nlayers = ['ao', 'direct', 'ao']\nstitch = false\n\
+        "sky = 'a.hdr'\nprobes = 'p.json'\nexclude-light = ['c']\nlayers = ['ao', 'direct', 'ao']\nstitch = false\nvertex-colors = false\n\
          [[light]]\nname = 'z'\nfactor = 2\n[[light]]\nname = 'a'\nfactor = 0.5\n[[group]]\nname = 'z'\nsources = ['x']\n[[group]]\nname = 'a'\nsources = ['y', 'w']\n[[sun]]\ndirection = [0, -1, 0]\nlux = 5\n",
     );
     let s = &out.settings;
@@ -60,7 +60,10 @@ fn every_form_of_a_value_is_read() {
     let groups: Vec<&str> = s.groups.iter().map(|g| g.name.as_str()).collect();
     assert_eq!(groups, ["z", "a"]);
     assert_eq!(s.suns[0].direction, [0.0, -1.0, 0.0]);
-    assert_eq!((s.layers.len(), s.stitch), (2, false));
+    assert_eq!(
+        (s.layers.len(), s.stitch, s.vertex_colors),
+        (2, false, false)
+    );
     for (text, sky) in [
         ("sky = 2", SkySource::Color([2.0; 3])),
         ("sky = [1, 2.5, 3]", SkySource::Color([1.0, 2.5, 3.0])),

@@ -1,0 +1,248 @@
+//! Light that is gathered at points about which the lightmap does not know.
+
+use radiosity::{Cancelled, Monitor, Phase, World};
+use rayon::prelude::*;
+
+use super::cluster::Clusters;
+use super::sheet::Sheet;
+use crate::bake::{Recorded, in_blocks};
+use crate::estimate::{Point, mean_and_spread};
+use crate::footprint::Footprint;
+use crate::gather::{Gatherer, Received};
+use crate::planes::PlaneSums;
+use crate::points::Points;
+use crate::recall::{Stage, Tape, Topic, mix};
+use crate::sparse::Between;
+use crate::vertex_footprint::{Spoke, VertexFootprint};
+use crate::walls::LIFT;
+
+/// A point to gather at.
+pub(super) struct Job {
+    pub sheet: u32,
+    pub point: u32,
+    /// What records call it: its number among all points, so that those of others hold when it is no longer gathered at.
+    pub item: u32,
+    pub spokes: Vec<Spoke>,
+    pub seed: u32,
+}
+
+impl Job {
+    fn footprint<'b, 'w, 'a>(&'b self, world: &'w World<'a>) -> VertexFootprint<'b, 'w, 'a> {
+        VertexFootprint {
+            world,
+            around: &self.spokes,
+            seed: self.seed,
+        }
+    }
+}
+
+/// Jobs that share what surfaces send them.
+struct Group {
+    /// Indices of jobs, ascending.
+    jobs: Vec<u32>,
+    /// Something stands so near that it may cut their triangles.
+    beside: bool,
+}
+
+/// By job, its light. `jobs` are in the order of sheets and points.
+pub(super) fn gather(
+    jobs: &[Job],
+    sheets: &[Sheet],
+    gatherer: &Gatherer,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Received>, Cancelled> {
+    let world = gatherer.world;
+    let clusters: Vec<Clusters> = (sheets.par_iter().enumerate())
+        .map(|(s, sheet)| {
+            let s = s as u32;
+            let start = jobs.partition_point(|j| j.sheet < s);
+            match jobs.get(start).is_some_and(|j| j.sheet == s) {
+                true => Clusters::find(sheet, world),
+                false => Clusters::default(),
+            }
+        })
+        .collect();
+    let groups = groups(jobs, &clusters, world);
+    let first = |g: usize| &jobs[groups[g].jobs[0] as usize];
+    let recorded = Recorded {
+        recall: gatherer.recall,
+        stage: Stage::Vertices.round(0),
+        item: &|g| first(g).item,
+        guard: &|g| {
+            let of = |h, k: &u32| mix(h ^ guard_of(&jobs[*k as usize]));
+            groups[g].jobs.iter().fold(0, of)
+        },
+    };
+    let shared = in_blocks(
+        groups.len(),
+        Phase::Vertices,
+        monitor,
+        recorded,
+        |g, tape| {
+            let (group, first) = (&groups[g].jobs, first(g));
+            if group.len() == 1 {
+                return gatherer.gather_recalled(&first.footprint(world), first.seed, tape);
+            }
+            let spokes = all_spokes(group.iter().map(|k| &jobs[*k as usize]), world);
+            let footprint = VertexFootprint {
+                world,
+                around: &spokes,
+                seed: first.seed,
+            };
+            gatherer.gather_shared(&footprint, first.seed, tape)
+        },
+    )?;
+
+    let mut group_of = vec![0u32; jobs.len()];
+    for (g, group) in groups.iter().enumerate() {
+        (group.jobs.iter()).for_each(|&k| group_of[k as usize] = g as u32);
+    }
+    let members: Vec<u32> = (0..jobs.len() as u32)
+        .filter(|&k| groups[group_of[k as usize] as usize].jobs.len() > 1)
+        .collect();
+    let recorded = Recorded {
+        recall: gatherer.recall,
+        stage: Stage::Vertices.round(1),
+        item: &|m| jobs[members[m] as usize].item,
+        guard: &|m| guard_of(&jobs[members[m] as usize]),
+    };
+    let own = in_blocks(
+        members.len(),
+        Phase::Vertices,
+        monitor,
+        recorded,
+        |m, tape| {
+            let job = &jobs[members[m] as usize];
+            let g = group_of[members[m] as usize] as usize;
+            let (group, light) = (&groups[g], &shared[g]);
+            let footprint = job.footprint(world);
+            // In part inside of something: which of them is, each has to find out.
+            let whole = light.open == 1.0 || light.open == 0.0;
+            let spot = || clusters[job.sheet as usize].spots[job.point as usize];
+            let cut = || spot().is_none_or(|s| is_cut(job, &s, world));
+            if !whole || (group.beside && cut()) {
+                return gatherer.gather_recalled(&footprint, job.seed, tape);
+            }
+            let indirect = Between {
+                indirect: light.indirect,
+                first_half: light.first_half,
+                variance: light.indirect_variance,
+                planes: Vec::new(),
+            };
+            gatherer.gather_direct(&footprint, job.seed, &indirect, tape)
+        },
+    )?;
+    // Rays that were shared count once, with the first.
+    let mut out: Vec<Received> = Vec::with_capacity(jobs.len());
+    let mut own = own.into_iter();
+    for (k, &g) in group_of.iter().enumerate() {
+        let (group, shared) = (&groups[g as usize].jobs, &shared[g as usize]);
+        out.push(match group.len() {
+            1 => shared.clone(),
+            _ => {
+                let mut own = own.next().unwrap_or_default();
+                if group[0] as usize == k {
+                    own.rays += shared.rays;
+                }
+                own
+            }
+        });
+    }
+    Ok(out)
+}
+
+/// The jobs of each cluster, by their first.
+fn groups(jobs: &[Job], clusters: &[Clusters], world: &World) -> Vec<Group> {
+    let mut slots: Vec<Vec<u32>> = (clusters.iter())
+        .map(|c| vec![u32::MAX; c.of.len()])
+        .collect();
+    let mut lists: Vec<Vec<u32>> = Vec::new();
+    for (k, job) in jobs.iter().enumerate() {
+        let cluster = clusters[job.sheet as usize].of[job.point as usize];
+        let slot = &mut slots[job.sheet as usize][cluster as usize];
+        if *slot == u32::MAX {
+            *slot = lists.len() as u32;
+            lists.push(Vec::new());
+        }
+        lists[*slot as usize].push(k as u32);
+    }
+    (lists.into_par_iter())
+        .map(|list| {
+            let clusters = &clusters[jobs[list[0] as usize].sheet as usize];
+            let first = clusters.of[jobs[list[0] as usize].point as usize];
+            let beside = || {
+                clusters.spots[first as usize].is_some_and(|spot| spot.is_beside_something(world))
+            };
+            Group {
+                beside: list.len() > 1 && beside(),
+                jobs: list,
+            }
+        })
+        .collect()
+}
+
+/// The triangles about all of some points.
+fn all_spokes<'j>(jobs: impl Iterator<Item = &'j Job>, world: &World) -> Vec<Spoke> {
+    let mut running = 0.0;
+    jobs.flat_map(|j| &j.spokes)
+        .map(|spoke| {
+            running += world.soup.areas[spoke.triangle as usize];
+            Spoke { running, ..*spoke }
+        })
+        .collect()
+}
+
+/// Whether something stands on a triangle about a point: looked for from there to the middle of the opposite edge.
+fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
+    job.spokes.iter().any(|spoke| {
+        let mut w = [0.5; 3];
+        w[usize::from(spoke.corner)] = 0.0;
+        let far = world.inset_point(spoke.triangle, w[1], w[2], spoke.back, true);
+        world.wall_between(&spot.at, &far, LIFT * spot.size)
+    })
+}
+
+/// Identifies a point with what lies about it.
+fn guard_of(job: &Job) -> u64 {
+    job.spokes.iter().fold(u64::from(job.seed), |h, s| {
+        let place = u64::from(s.triangle) << 3 | u64::from(s.corner) << 1 | u64::from(s.back);
+        mix(h ^ place)
+    })
+}
+
+impl Gatherer<'_, '_> {
+    /// The indirect light of [`gather`](Self::gather), without planes; the whole of it counts where any of it lies inside of something.
+    fn gather_shared(&self, footprint: &impl Footprint, seed: u32, tape: &mut Tape) -> Received {
+        if self.world.is_dark() {
+            return Received {
+                open: 1.0,
+                ..Received::default()
+            };
+        }
+        let options = &self.options;
+        let count = options.points.max(1);
+        let per_point = (options.rays / count).max(1);
+        let points = Points::new(footprint, count as usize);
+        let count = points.count;
+        let mut sums = vec![Point::with_reach(footprint.reach()); count];
+        let mut planes = PlaneSums::new(self.wanted);
+        let mut records = tape.rays(Topic::Rays, 0);
+        for (k, sum) in sums.iter_mut().enumerate() {
+            let base = k as u32 * per_point;
+            let point = || &points.get()[k];
+            let rays = (base..base + per_point, seed);
+            self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
+        }
+        tape.keep_rays(Topic::Rays, 0, records);
+        let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
+        let estimate = mean_and_spread(&sums, &vec![true; count]);
+        Received {
+            indirect: estimate.mean,
+            first_half: estimate.first_half,
+            indirect_variance: estimate.variance,
+            open,
+            rays: u64::from(per_point) * count as u64,
+            ..Received::default()
+        }
+    }
+}
