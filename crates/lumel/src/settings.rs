@@ -212,7 +212,7 @@ impl Settings {
         // A gather reads many elements: what is not known of each by itself hardly matters, and one light sampled at a hit is
         // noisier than what its element has of all (docs/ideas.md).
         let (patches, rays, points) = match self.quality {
-            Quality::Draft => (3_000, 32, 4),
+            Quality::Draft => (2_600, 32, 4),
             Quality::Preview => (10_000, 64, 8),
             Quality::Production => (32_000, 128, 8),
         };
