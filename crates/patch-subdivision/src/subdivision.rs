@@ -58,6 +58,8 @@ pub struct Patch {
     pub hidden: bool,
     /// It is one element of a cell in which each stands alone; nothing is interpolated towards it, or from it.
     pub fine: bool,
+    /// Names it for random numbers: stays as it is when other patches are cut, and with it what is drawn here.
+    pub name: u32,
 }
 
 /// The finest piece of surface: it records direct light, at one point drawn uniformly from it.
@@ -205,6 +207,7 @@ impl Subdivision {
                 self.patches.push(Patch {
                     first_element: self.elements.len() as u32,
                     back: side == 1,
+                    name: self.patches.len() as u32,
                     ..*patch
                 });
                 self.elements
@@ -488,6 +491,7 @@ fn cut_region(
                 back: false,
                 hidden: false,
                 fine: false,
+                name: 0,
             });
         }
         let patch = &mut piece.patches[piece.table[cell] as usize];

@@ -456,6 +456,8 @@ fn gather_part(
         elements: members.len() as u16,
         mask: 0,
         area: 0.0,
+        // No other patch has so large a number, but in scenes of hundreds of millions.
+        name: whole.name ^ (u32::from(members[0].1) + 1) << 27,
         ..*whole
     };
     for &(k, cell) in members {

@@ -302,8 +302,8 @@ impl Block<'_> {
 }
 
 /// The seed of a patch's rays.
-fn seed(patch: PatchId) -> u32 {
-    hash_u32(patch.0 ^ 0x5bd1_e995)
+fn seed(cut: &Subdivision, patch: PatchId) -> u32 {
+    hash_u32(cut.patches()[patch.0 as usize].name ^ 0x5bd1_e995)
 }
 
 /// Which of a patch's elements a ray starts from whose third dimension is `x`: by area, `area` being their sum.
@@ -326,7 +326,7 @@ pub(crate) fn origins(
 ) -> impl Iterator<Item = usize> + '_ {
     let elements = &cut.elements()[cut.elements_of(patch)];
     let area: f32 = elements.iter().map(|e| e.area).sum();
-    let seed = seed(patch);
+    let seed = seed(cut, patch);
     (0..rays).map(move |k| pick(elements, area, sample_4d(k, 0, seed)[2]))
 }
 
@@ -347,7 +347,7 @@ fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
     let back = cut.patches()[patch.0 as usize].back;
     let elements = &cut.elements()[cut.elements_of(patch)];
     let area: f32 = elements.iter().map(|e| e.area).sum();
-    let seed = seed(patch);
+    let seed = seed(cut, patch);
     // Summed apart first: the sums of few rays round less.
     let mut source = [Vec3::ZERO; 2];
     for (k, target) in out.targets.iter_mut().enumerate() {

@@ -397,11 +397,14 @@ fn direct_light(
             ..DirectParts::default()
         };
         for p in patches {
-            let back = cut.patches()[p].back;
-            for k in cut.elements_of(PatchId(p as u32)) {
+            let patch = &cut.patches()[p];
+            let back = patch.back;
+            let cells = (0..16u32).filter(|bit| patch.mask >> bit & 1 == 1);
+            for (k, cell) in cut.elements_of(PatchId(p as u32)).zip(cells) {
                 let e = cut.elements()[k];
                 let point = world.inset_point(e.triangle, e.u, e.v, back, false);
-                let seed = hash_u32(k as u32 ^ 0x2545_f491);
+                // Of the same element by whatever patch.
+                let seed = hash_u32((patch.name << 5 | cell) ^ 0x2545_f491);
                 let mut tape = match records {
                     Some(records) => ShadowTape::begin(records.read(), &mut notes),
                     None => ShadowTape::Off,
