@@ -403,15 +403,13 @@ fn patches_do_not_carry_light_into_a_gap() {
     let rim = 0.13;
     let corner = Vec3::new(rim, h, -10.0);
     add_quad(&mut scene, black(), corner, 3.0 * x, 20.0 * z);
-    let soup = Soup::build(&scene);
     let options = options(1000, 1024);
     let s = solve_scene(&scene, Sky::Constant(Vec3::ONE), &options, &Silent);
     assert!(s.report.fine_patches > 1000, "{:?}", s.report);
-    let mut far = 0;
     for d in [0.2f32, 0.3, 0.45] {
         let (mut sum, mut n) = (0.0, 0.0);
         for k in 0..800 {
-            let p = Vec3::new(rim + d, 0.0, -8.0 as f32 + 0.02 * k as f32);
+            let p = Vec3::new(rim + d, 0.0, -8.0 + 0.02 * k as f32);
             // The floor's own two triangles come first; the second has more of x than of z.
             let t = u32::from((p.x + 2.0) / 4.0 > (p.z + 10.0) / 20.0);
             let at = s.cut.locate(t, p, false).unwrap();
@@ -430,9 +428,7 @@ fn patches_do_not_carry_light_into_a_gap() {
             got < 1.2 * most && got > 0.8 * least,
             "{d}: {got}, {least} to {most}"
         );
-        far += 1;
     }
-    assert_eq!((far, soup.triangles.len()), (3, 4));
 }
 
 /// A lamp behind bars is seen in part from nearly everywhere.
@@ -473,7 +469,7 @@ fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
             ..options(2000, 16)
         };
         let s = solve_scene(&scene, Sky::Black, &options, &Silent);
-        let (mut sum, mut square, mut area) = (0.0, 0.0, 0.0);
+        let (mut sum, mut area) = (0.0, 0.0);
         for (e, light) in s
             .cut
             .elements()
@@ -482,15 +478,14 @@ fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
             .filter(|x| x.0.triangle < 2)
         {
             sum += f64::from(e.area * light.x);
-            square += f64::from(e.area * light.x).powi(2);
             area += f64::from(e.area);
         }
-        (sum / area, square.sqrt() / area)
+        sum / area
     };
-    let (exact, _) = mean(DirectOptions::every(1024, 1024));
-    let (few, _) = mean(SolveOptions::default().direct);
-    let (adaptive, _) = mean(DirectOptions::every(4, 8));
-    println!("{exact} {few} {adaptive}");
+    let exact = mean(DirectOptions::every(1024, 1024));
+    let few = mean(SolveOptions::default().direct);
+    let adaptive = mean(DirectOptions::every(4, 8));
+    // Measured: −0.11 %, which is noise of both, and 5.0 % for going on only where the first four disagree.
     assert!((few / exact - 1.0).abs() < 0.003, "{few} {exact}");
-    assert!((adaptive / exact - 1.0).abs() > 0.003, "{adaptive} {exact}");
+    assert!(adaptive / exact - 1.0 > 0.03, "{adaptive} {exact}");
 }
