@@ -629,7 +629,7 @@ impl Gatherer<'_, '_> {
 
     /// What arrives at `p` from `direction`; `None` from a black back face. Light is added to `groups` too, unless that is empty.
     ///
-    /// What a ray hits far away is read from the solution. What it hits within a patch's size is not: there one value stands for
+    /// What a ray hits far away is read from the solution. What it hits within an element's size ([`GatherOptions::near`]) is not: there one value stands for
     /// places that differ as much as those of the gather itself (the inside of a corner, the gap behind a picture). There the ray goes on as a path,
     /// with direct light by a shadow ray of its own (after Jensen, *Global illumination using photon maps*, 1996, who does so for near hits of his
     /// final gather).

@@ -5,7 +5,7 @@
 //! matrix alone decides, hence the same bits for any number of threads and on any processor; that is why this is not left to the crate that orders the rows.
 //!
 //! Based on: Davis, *Algorithm 849: a concise sparse Cholesky factorization package*, 2005 (rows of L by the elimination tree);
-//! Amestoy, Davis, Duff, *An approximate minimum degree ordering algorithm*, 1996 (by `faer`).
+//! Amestoy, Davis, Duff, *An approximate minimum degree ordering algorithm*, 1996 (by the crate `amd`).
 
 use glam::DVec4;
 
