@@ -15,9 +15,18 @@ pub(crate) const MOSTLY_INSIDE: f32 = 0.75;
 /// wall does that goes on into the ground. Half-way between nothing and what is seen from right behind a plane.
 pub(crate) const BEHIND: f32 = 0.25;
 
-/// Points disagree where what they see spreads wider than by this many times what the number of their rays explains. Noise alone spreads
-/// by 1 ± √(2/15) with sixteen points: 4 is eight deviations off.
-const DISAGREE: f32 = 4.0;
+/// Points disagree where what they see spreads wider than by this many times what the number of their rays explains (an F-test). One of sixteen points that looks out of
+/// a slit with eight rays, and finds light with a quarter of them, is at 2.3; noise alone is past 2 once in fifty lumels, which then are looked at for nothing.
+const DISAGREE: f32 = 2.0;
+
+/// The same of points with fewer rays than [`FEW`], which know less of their noise: with two each, it is past 2 once in eleven.
+const FEW_DISAGREE: f32 = 4.0;
+
+/// See [`FEW_DISAGREE`].
+const FEW: u32 = 8;
+
+/// What spreads by less than this share of the light, squared, is even: an open sky, but for rounding.
+const EVEN: f32 = 1e-6;
 
 /// Running sums of one sub-point.
 #[derive(Clone, Copy, Default)]
@@ -136,6 +145,8 @@ pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
         .map(|g| (g.0 - g.1 * m) * (g.0 - g.1 * m))
         .sum();
     let spread = square / (n - 1.0).max(1.0);
+    let few = sums.first().is_some_and(|s| s.rays < FEW);
+    let bound = if few { FEW_DISAGREE } else { DISAGREE };
     Estimate {
         mean,
         first_half,
@@ -144,6 +155,47 @@ pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
         } else {
             m * m
         },
-        disagree: n > 1.0 && spread > DISAGREE * noise / n,
+        disagree: n > 1.0 && spread > (bound * noise / n).max(EVEN * m * m),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sixteen points of so many rays; `light` says what ray `i` of point `k` finds.
+    fn disagree(rays: u32, light: impl Fn(usize, u32) -> f32) -> bool {
+        let mut points = [Point::default(); 16];
+        for (k, point) in points.iter_mut().enumerate() {
+            for i in 0..rays {
+                point.rays += 1;
+                point.add(Vec3::new(1.0, 0.9, 1.3) * light(k, i));
+            }
+        }
+        mean_and_spread(&points, &[true; 16]).disagree
+    }
+
+    #[test]
+    fn even_light_is_no_edge() {
+        for rays in [2, 4, 8, 32] {
+            // Sums of thirds round differently by number, and a little for each point.
+            for light in [1.0 / 3.0, 0.7, 1e-6, 3e5] {
+                let even = |k: usize, _| light * (1.0 + 2e-7 * k as f32);
+                assert!(!disagree(rays, even), "{rays} rays of {light}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_that_looks_out_of_a_slit_is_seen() {
+        // A quarter of one point's rays, and a few of all, which are noise.
+        let slit = |k: usize, i: u32| if k == 5 && i % 4 == 0 { 1.0 } else { 0.0 };
+        assert!(disagree(8, slit) && disagree(16, slit));
+        assert!(!disagree(8, |k, i| f32::from(u8::from(
+            (k + i as usize) % 8 == 0
+        ))));
+        // Half of the footprint sees half of the light: with few rays a point too.
+        let half = |k: usize, i: u32| if k < 8 { 1.0 } else { 0.5 } + 0.01 * i as f32;
+        assert!(disagree(2, half) && disagree(8, half));
     }
 }
