@@ -189,10 +189,16 @@ mod tests {
     #[test]
     fn a_point_that_looks_out_of_a_slit_is_seen() {
         // A quarter of one point's rays, and a few of all, which are noise.
-        let slit = |k: usize, i: u32| if k == 5 && i % 4 == 0 { 1.0 } else { 0.0 };
+        let slit = |k: usize, i: u32| {
+            if k == 5 && i.is_multiple_of(4) {
+                1.0
+            } else {
+                0.0
+            }
+        };
         assert!(disagree(8, slit) && disagree(16, slit));
         assert!(!disagree(8, |k, i| f32::from(u8::from(
-            (k + i as usize) % 8 == 0
+            (k + i as usize).is_multiple_of(8)
         ))));
         // Half of the footprint sees half of the light: with few rays a point too.
         let half = |k: usize, i: u32| if k < 8 { 1.0 } else { 0.5 } + 0.01 * i as f32;
