@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use patch_subdivision::PatchId;
-use radiosity::{Sky, SurfacePoint, World, cosine_hemisphere, hash_u32, sample_2d};
+use radiosity::{Reflected, Sky, SurfacePoint, World, cosine_hemisphere, hash_u32, sample_2d};
 use visibility::Hit;
 
 use crate::gather::{Found, Gatherer, MOST_NEAR_BOUNCES, Ray, add};
@@ -63,7 +63,7 @@ impl Gatherer<'_, '_> {
     pub(crate) fn again<'p, S: Fn() -> &'p SurfacePoint, D: Fn() -> Vec3>(
         &self,
         bytes: &mut &[u8],
-        bounds: [f32; 2],
+        (bounds, share): ([f32; 2], f32),
         mut places: Retrace<S, D>,
         groups: &mut [Vec3],
         tape: &mut Tape,
@@ -73,7 +73,7 @@ impl Gatherer<'_, '_> {
         let (i, seed) = places.ray;
         let random = |bounce: usize| hash_u32(seed ^ i ^ (bounce as u32) << 24);
         let head = Head::read(bounds, bytes)?;
-        let mut lost = false;
+        let (mut lost, mut left_out) = (false, false);
         for bounce in 0..head.near {
             let hit = head.near_hit(bytes)?;
             places.triangles[bounce.min(4)] = hit.surface.triangle;
@@ -127,14 +127,21 @@ impl Gatherer<'_, '_> {
                     let p = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
                     Some(lights.sample_on(&solution.cut, patch, &p, random))
                 };
-                sum += solution
-                    .radiance_again(world, lights, &seen, random, throughput, groups, anew)?;
+                let of = match seen.far {
+                    true => Reflected::Share(share),
+                    false => Reflected::All,
+                };
+                let sent = solution
+                    .radiance_again(world, lights, &seen, random, of, throughput, groups, anew)?;
+                sum += sent.light;
+                left_out = sent.left_out;
             }
         }
         Some(Ray::Found(Found {
             radiance: sum,
             distance: head.distance,
             back: head.back,
+            left_out,
         }))
     }
 }

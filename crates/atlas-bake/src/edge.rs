@@ -6,6 +6,7 @@ use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, World, hash_
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gather::{Edge, Gatherer, Received, received};
+use crate::lit::LitRays;
 use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::points::{Place, Points};
 use crate::recall::{RayTape, Tape, Topic};
@@ -96,7 +97,6 @@ impl Gatherer<'_, '_> {
         let seed = hash_u32(seed ^ 0x2545_f491);
         let parts = (self.options.open_only)
             .then(|| Sorted::find(self.world, &points, footprint.reach(), tape));
-        let mut sums = vec![Point::with_reach(footprint.reach()); count];
         // The part of each point, and whether it is open.
         let mut part: Vec<(usize, bool)> = Vec::with_capacity(count);
         // The last is of slivers.
@@ -106,6 +106,9 @@ impl Gatherer<'_, '_> {
         let mut nowhere = PlaneSums::new(self.wanted);
         let mut rays = u64::from(EDGE_RAYS) * count as u64;
         let mut records = tape.rays(Topic::EdgeRays, 0);
+        let mut lit = LitRays::new(self, footprint.reach(), u32::MAX, tape);
+        let share = lit.share(|| points.get(), EDGE_RAYS);
+        let mut sums = vec![Point::new(footprint.reach(), share); count];
         for (k, sum) in sums.iter_mut().enumerate() {
             let point = || &points.get()[k];
             let base = k as u32 * EDGE_RAYS;
@@ -116,6 +119,9 @@ impl Gatherer<'_, '_> {
             let inside = parts.is_some()
                 && sum.inside()
                 && self.confirmed_inside(point, k as u32, seed, &mut rays, tape);
+            if !inside {
+                lit.reach(point, (k as u32, seed), sum, &mut own);
+            }
             let to = if inside {
                 &mut nowhere
             } else {
@@ -125,6 +131,7 @@ impl Gatherer<'_, '_> {
             part.push((of, !inside));
         }
         tape.keep_rays(Topic::EdgeRays, 0, records);
+        rays += lit.keep(tape);
         let near = sums.iter().any(|s| s.near);
         let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
         let mut hidden = vec![false; number];

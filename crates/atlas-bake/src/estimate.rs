@@ -34,9 +34,13 @@ const EVEN: f32 = 1e-6;
 pub(crate) struct Point {
     /// What a ray hits nearer than this is near, metres; what it hits nearer than a quarter of this is about to touch.
     pub reach: f32,
+    /// What of a far hit's direct light lit elements bring; see [`radiosity::of_lit`].
+    pub share: f32,
     /// A ray hit something near.
     pub near: bool,
     pub sum: Vec3,
+    /// Irradiance from lit elements, which gathering rays leave out.
+    pub from_lit: Vec3,
     /// Σ of squared luminances.
     pub square: f32,
     pub rays: u32,
@@ -48,9 +52,10 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    pub(crate) fn with_reach(reach: f32) -> Self {
+    pub(crate) fn new(reach: f32, share: f32) -> Self {
         Point {
             reach,
+            share,
             ..Point::default()
         }
     }
@@ -116,9 +121,11 @@ pub(crate) const GROUPS: usize = 8;
 pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
     let pi = std::f32::consts::PI;
     let (mut mean, mut n) = (Vec3::ZERO, 0.0f32);
+    let mut from_lit = 0.0;
     let (mut first_half, mut in_half) = (Vec3::ZERO, 0.0f32);
     for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
-        mean += s.sum * (pi / s.rays as f32);
+        mean += s.sum * (pi / s.rays as f32) + s.from_lit;
+        from_lit += luminance(s.from_lit);
         n += 1.0;
         if 2 * k < sums.len() {
             (first_half, in_half) = (mean, n);
@@ -131,11 +138,13 @@ pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
         mean
     };
     let m = luminance(mean);
+    let by_rays = m - from_lit / n;
     let (mut square, mut noise) = (0.0, 0.0);
     let mut groups = [(0f32, 0f32); GROUPS];
     for (k, (s, _)) in sums.iter().zip(open).enumerate().filter(|(_, (_, o))| **o) {
-        let value = luminance(s.sum) * (pi / s.rays as f32);
-        square += (value - m) * (value - m);
+        let gathered = luminance(s.sum) * (pi / s.rays as f32);
+        square += (gathered - by_rays) * (gathered - by_rays);
+        let value = gathered + luminance(s.from_lit);
         noise += pi * pi * s.variance_of_mean();
         let group = &mut groups[k * GROUPS / sums.len()];
         *group = (group.0 + value, group.1 + 1.0);

@@ -4,13 +4,14 @@ use std::cell::OnceCell;
 
 use glam::Vec3;
 use radiosity::{
-    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, Shade, Solution, SurfacePoint,
-    World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
+    DirectEstimate, DirectLight, DirectOptions, Incoming, Known, LitElements, Reflected, Shade,
+    Solution, SurfacePoint, World, cosine_hemisphere, hash_u32, luminance, sample_2d, sample_4d,
 };
 
 use crate::again::Retrace;
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
+use crate::lit::LitRays;
 use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::points::{Place, Points, nearest_is_open};
 use crate::recall::{Deaf, End, Listening, Notes, RayTape, Recall, Tape, Topic, key_of};
@@ -36,6 +37,8 @@ pub struct GatherOptions {
     pub error: f32,
     /// Direct light.
     pub direct: DirectOptions,
+    /// Shadow rays of each point to elements that direct light falls on; with 0 gathering rays find them.
+    pub lit: u32,
     /// Where lumels are interpolated instead.
     pub interpolation: Interpolation,
     /// A ray's hit is near, and the ray goes on as a path, within this many patches' size. Less is quicker, and blurs what stands close to each other.
@@ -152,6 +155,8 @@ pub struct Gatherer<'w, 'a> {
     pub options: GatherOptions,
     /// What to keep beside the irradiance.
     pub wanted: Wanted,
+    /// What direct light falls on, if that is sampled.
+    pub(crate) lit: LitElements,
     /// Records of an earlier bake, or for a later one.
     pub(crate) recall: Option<&'w Recall>,
     /// Less radiance than this on the back of a double-sided face is none: the inside of something.
@@ -166,6 +171,8 @@ pub(crate) struct Found {
     pub distance: f32,
     /// The first surface turns its back.
     pub back: bool,
+    /// It is lit, and that is left out.
+    pub left_out: bool,
 }
 
 /// What came of a gathering ray.
@@ -208,12 +215,17 @@ impl<'w, 'a> Gatherer<'w, 'a> {
         wanted: Wanted,
     ) -> Self {
         let mean = luminance(solution.mean_irradiance().as_vec3());
+        let lit = match options.lit {
+            0 => LitElements::default(),
+            _ => LitElements::collect(world, solution),
+        };
         Gatherer {
             world,
             solution,
             direct: direct.on_patches(&solution.cut),
             options,
             wanted,
+            lit,
             recall: None,
             dim: DIM * mean * std::f32::consts::FRAC_1_PI,
         }
@@ -252,10 +264,12 @@ impl Gatherer<'_, '_> {
         let options = &self.options;
         let count = (options.points as usize).clamp(1, MOST_POINTS);
         let points = Points::new(footprint, count);
-        let mut sums = vec![Point::with_reach(footprint.reach()); count];
         let per_point = self.rays_per_point();
         let mut planes = PlaneSums::new(self.wanted);
         let mut records = tape.rays(Topic::Rays, 0);
+        let mut lit = LitRays::new(self, footprint.reach(), 0, tape);
+        let share = lit.share(|| points.get(), per_point);
+        let mut sums = vec![Point::new(footprint.reach(), share); count];
         for (k, sum) in sums.iter_mut().enumerate() {
             // Aligned blocks of a Sobol sequence are well distributed, each by itself and all together.
             let base = k as u32 * per_point;
@@ -263,9 +277,10 @@ impl Gatherer<'_, '_> {
             let rays = (base..base + per_point, seed);
             let point = || &points.get()[k];
             self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
+            lit.reach(point, (k as u32, seed), sum, &mut planes);
         }
         tape.keep_rays(Topic::Rays, 0, records);
-        let mut rays = u64::from(per_point) * count as u64;
+        let mut rays = u64::from(per_point) * count as u64 + lit.keep(tape);
         let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
         let in_the_open = open.iter().filter(|&&o| o).count();
         if in_the_open == 0 || !options.open_only {
@@ -426,19 +441,23 @@ impl Gatherer<'_, '_> {
         // On with the sequences, of points and of directions both.
         let points = Points::new(footprint, count * times as usize);
         let count = count * done as usize;
-        let mut sums = vec![Point::default(); points.count - count];
         let mut planes = PlaneSums::new(self.wanted);
-        let most = sums.len();
         let start = count as u32 * per_point;
         let mut records = tape.rays(Topic::Rays, start);
+        let mut lit = LitRays::new(self, footprint.reach(), start, tape);
+        let share = lit.share(|| &points.get()[count..], per_point);
+        let mut sums = vec![Point::new(0.0, share); points.count - count];
+        let most = sums.len();
         for (k, sum) in sums.iter_mut().enumerate() {
             let base = (count + k) as u32 * per_point;
             planes.first_half = 2 * k < most;
             let rays = (base..base + per_point, seed);
             let point = || &points.get()[count + k];
             self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
+            lit.reach(point, ((count + k) as u32, seed), sum, &mut planes);
         }
         tape.keep_rays(Topic::Rays, start, records);
+        let shadow_rays = lit.keep(tape);
         let more = mean_and_spread(&sums, &vec![true; sums.len()]);
         let direct_variance = (first.error * first.error - first.indirect_variance).max(0.0);
         let a = done as f32 / times as f32;
@@ -457,7 +476,7 @@ impl Gatherer<'_, '_> {
             first_half: first.first_half * a + more.first_half * b,
             indirect_variance: variance,
             error: (direct_variance + variance).sqrt(),
-            rays: first.rays + sums.len() as u64 * u64::from(per_point),
+            rays: first.rays + sums.len() as u64 * u64::from(per_point) + shadow_rays,
             ..first.clone()
         }
     }
@@ -526,7 +545,7 @@ impl Gatherer<'_, '_> {
             let bounds = [out.reach, TOUCHING * out.reach];
             if let RayTape::Read(bytes) = records {
                 let places = Retrace::new(self.world, &point, &toward, (i, seed));
-                match self.again(bytes, bounds, places, &mut planes.of_ray, tape) {
+                match self.again(bytes, (bounds, out.share), places, &mut planes.of_ray, tape) {
                     Some(ray) => {
                         tape.taken += 1;
                         let ray = self.count(ray, out);
@@ -553,13 +572,13 @@ impl Gatherer<'_, '_> {
                     self.arriving_noted(
                         p,
                         direction,
-                        (i, seed),
+                        (i, seed, out.share),
                         groups,
                         records,
                         (bounds, tape.exact),
                     )
                 } else {
-                    self.arriving(p, direction, i, seed, groups, &mut Deaf)
+                    self.arriving(p, direction, (i, seed, out.share), groups, &mut Deaf)
                 };
                 found.map_or(Ray::Black, Ray::Found)
             };
@@ -593,7 +612,8 @@ impl Gatherer<'_, '_> {
                 out.add(found.radiance);
                 out.near |= found.distance < out.reach;
                 let light = luminance(found.radiance);
-                let unlit = self.options.open_only && found.back && light <= self.dim;
+                let unlit =
+                    self.options.open_only && found.back && light <= self.dim && !found.left_out;
                 let touching = self.options.open_only
                     && found.distance < TOUCHING * out.reach
                     && light <= SHADE / DIM * self.dim;
@@ -610,13 +630,13 @@ impl Gatherer<'_, '_> {
         &self,
         p: &SurfacePoint,
         direction: Vec3,
-        (i, seed): (u32, u32),
+        ray: (u32, u32, f32),
         groups: &mut [Vec3],
         records: &mut RayTape,
         (bounds, exact): ([f32; 2], bool),
     ) -> Option<Found> {
         let mut notes = Listening::new();
-        let found = self.arriving(p, direction, i, seed, groups, &mut notes);
+        let found = self.arriving(p, direction, ray, groups, &mut notes);
         match &found {
             Some(found) => (notes.0.distance, notes.0.back) = (found.distance, found.back),
             None => notes.0.end = End::Black,
@@ -637,14 +657,14 @@ impl Gatherer<'_, '_> {
         &self,
         p: &SurfacePoint,
         direction: Vec3,
-        i: u32,
-        seed: u32,
+        (i, seed, share): (u32, u32, f32),
         groups: &mut [Vec3],
         notes: &mut N,
     ) -> Option<Found> {
         let (mut point, mut direction) = (*p, direction);
         let (mut sum, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let (mut distance, mut back) = (f32::INFINITY, false);
+        let mut left_out = false;
         for bounce in 0.. {
             let (found, tint) = self.world.incoming(point.origin, direction);
             throughput *= tint;
@@ -670,23 +690,34 @@ impl Gatherer<'_, '_> {
             }
             let at = point.origin + direction * hit.t;
             let random = hash_u32(seed ^ i ^ (bounce << 24));
-            let near = self.options.near
-                * NEAR[bounce as usize]
-                * self.solution.cut.patch_edge(hit.triangle);
+            let edge = self.solution.cut.patch_edge(hit.triangle);
+            let near = self.options.near * NEAR[bounce as usize] * edge;
+            let sampled = bounce == 0
+                && self.options.lit > 0
+                && hit.t > LitElements::FROM * edge
+                && !self.world.lets_light_through(hit.triangle);
+            let of = match sampled {
+                true => Reflected::Share(share),
+                false => Reflected::All,
+            };
             if bounce == MOST_NEAR_BOUNCES || hit.t > near {
                 let (solution, world) = (self.solution, self.world);
-                sum += if N::ON {
-                    let direct = &self.direct;
-                    let (light, seen) = solution
-                        .radiance_noted(world, direct, &hit, at, random, throughput, groups);
+                let direct = &self.direct;
+                let sent = if N::ON {
+                    let (sent, seen) = solution
+                        .radiance_noted(world, direct, &hit, at, random, of, throughput, groups);
                     notes.end(seen.map(End::Far));
-                    light
+                    sent
                 } else if groups.is_empty() {
-                    throughput * solution.radiance(world, &self.direct, &hit, at, random)
+                    let mut sent = solution.radiance_sent(world, direct, &hit, at, random, of);
+                    sent.light *= throughput;
+                    sent
                 } else {
-                    let direct = &self.direct;
-                    solution.radiance_by_group(world, direct, &hit, at, random, throughput, groups)
+                    solution
+                        .radiance_by_group(world, direct, &hit, at, random, of, throughput, groups)
                 };
+                sum += sent.light;
+                left_out = sent.left_out;
                 break;
             }
             point = self
@@ -726,6 +757,7 @@ impl Gatherer<'_, '_> {
             radiance: sum,
             distance,
             back,
+            left_out,
         })
     }
 

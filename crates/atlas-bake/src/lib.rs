@@ -18,6 +18,7 @@ mod gather;
 mod gltf_out;
 mod ktx2;
 mod layout;
+mod lit;
 mod lumels;
 mod manifest;
 mod output;

@@ -96,6 +96,9 @@ pub(crate) struct PlaneSums {
     /// Over all rays, and over those of the first half of the points.
     sums: Vec<[Vec3; 2]>,
     rays: [u32; 2],
+    /// The same of what lit elements bring to points, and these points.
+    from_lit: Vec<[Vec3; 2]>,
+    points: [u32; 2],
     /// What one ray brought, by group.
     pub of_ray: Vec<Vec3>,
     /// Rays now belong to the first half of the points.
@@ -107,6 +110,8 @@ impl PlaneSums {
         PlaneSums {
             sums: vec![[Vec3::ZERO; 2]; wanted.planes()],
             rays: [0; 2],
+            from_lit: Vec::new(),
+            points: [0; 2],
             of_ray: vec![Vec3::ZERO; wanted.groups],
             first_half: true,
             wanted,
@@ -121,6 +126,17 @@ impl PlaneSums {
             }
         }
         for (n, more) in self.rays.iter_mut().zip(&mut other.rays) {
+            *n += std::mem::take(more);
+        }
+        if !other.from_lit.is_empty() {
+            self.from_lit.resize(self.sums.len(), [Vec3::ZERO; 2]);
+            for (sum, more) in self.from_lit.iter_mut().zip(&mut other.from_lit) {
+                for (a, b) in sum.iter_mut().zip(more) {
+                    *a += std::mem::take(b);
+                }
+            }
+        }
+        for (n, more) in self.points.iter_mut().zip(&mut other.points) {
             *n += std::mem::take(more);
         }
     }
@@ -160,16 +176,53 @@ impl PlaneSums {
         }
     }
 
+    /// One more point that lit elements bring light to.
+    pub(crate) fn add_point(&mut self) {
+        self.points[0] += 1;
+        self.points[1] += u32::from(self.first_half);
+    }
+
+    /// Adds what a lit element brings to it: irradiance (`of_ray` holds the groups' parts, and is emptied), its unit direction, and the cosine of that.
+    pub(crate) fn add_lit(&mut self, irradiance: Vec3, direction: Vec3, cos: f32) {
+        let (wanted, first) = (self.wanted, if self.first_half { 1.0 } else { 0.0 });
+        let sums = &mut self.from_lit;
+        sums.resize(wanted.planes(), [Vec3::ZERO; 2]);
+        let mut put = |k: usize, x: Vec3| {
+            sums[k][0] += x;
+            sums[k][1] += x * first;
+        };
+        for (k, part) in self.of_ray.iter_mut().enumerate() {
+            put(k, std::mem::take(part));
+        }
+        if wanted.moments {
+            let at = wanted.moments_plane();
+            let flux = irradiance / cos.max(1e-4);
+            put(at, flux);
+            for k in 0..3 {
+                put(at + 1 + k, flux * direction[k]);
+            }
+        }
+    }
+
     /// Means over all rays, as irradiances are made of radiances: π times the mean.
     pub(crate) fn finish(&self) -> Vec<Plane> {
         let [all, first] = self.rays.map(|n| PI / n.max(1) as f32);
+        let [lit_all, lit_first] = self.points.map(|n| 1.0 / n.max(1) as f32);
         let one_half = self.rays[1] == 0 || self.rays[1] == self.rays[0];
-        self.sums
-            .iter()
-            .map(|[sum, half]| Plane {
-                direct: Vec3::ZERO,
-                indirect: *sum * all,
-                first_half: if one_half { *sum * all } else { *half * first },
+        let nothing = [Vec3::ZERO; 2];
+        let from_lit = self.from_lit.iter().chain(std::iter::repeat(&nothing));
+        (self.sums.iter())
+            .zip(from_lit)
+            .map(|([sum, half], [lit, lit_half])| {
+                let indirect = *sum * all + *lit * lit_all;
+                Plane {
+                    direct: Vec3::ZERO,
+                    indirect,
+                    first_half: match one_half {
+                        true => indirect,
+                        false => *half * first + *lit_half * lit_first,
+                    },
+                }
             })
             .collect()
     }

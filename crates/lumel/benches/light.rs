@@ -123,6 +123,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
             follow: 0,
             interpolation: Interpolation::Wide,
             near: 0.25,
+            lit: 0,
             open_only: false,
         };
         let options = BakeOptions {
@@ -131,6 +132,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
                 rays: 16,
                 edge_points: 0,
                 most_rays: 16,
+                lit: 0,
                 open_only: true,
                 ..lumels
             }),

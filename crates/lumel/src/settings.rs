@@ -277,6 +277,8 @@ impl Settings {
             follow,
             interpolation,
             near,
+            // A tenth of the time: too much for a draft (docs/ideas.md).
+            lit: u32::from(!quick),
             open_only: false,
         }
     }

@@ -4,8 +4,8 @@
 //! promises hold in the limit and settings are finite.
 
 use method_lab::convergence::{
-    CutErrors, Field, Promise, Series, cut_errors, direct_error, indirect_error, rays_error,
-    residual_and_error,
+    CutErrors, Field, Promise, Series, cut_errors, direct_error, indirect_error, lit_error,
+    rays_error, residual_and_error,
 };
 
 fn assert_order(name: &'static str, promise: (f64, bool), room: f64, points: Vec<(f64, f64)>) {
@@ -59,6 +59,27 @@ fn the_gather_converges_with_rays() {
     assert_order("point", (0.75, false), 0.08, indirect_error(1, &rays));
     // Sixteen points with a sixteenth of the rays each: between N^−1/2 and N^−3/4.
     assert_order("lumel", (0.625, false), 0.125, indirect_error(16, &rays));
+}
+
+#[test]
+fn lit_elements_bring_no_more_and_no_less_than_they_reflect() {
+    // 4 % of one wall are lit, of which a lumel sees a form factor of half a percent: a gathering ray in 200 meets it.
+    let [_, without] = lit_error(64, 0);
+    let [bias, with] = lit_error(64, 1);
+    // Three standard errors of the mean over 128 receivers, and what elements as points are off by.
+    assert!(
+        bias.abs() < 3.0 * with / 128f64.sqrt() + 0.002,
+        "{bias} {with}"
+    );
+    // Sixteen samples that all find it: what 64 rays find of it has a standard error of its own size. Less than a tenth would do without the share that is
+    // left to those.
+    assert!(with < 0.25 * without, "{with} {without}");
+    // Many gathering rays for each sample: most of the light is theirs, and nothing counts twice.
+    let [bias, with] = lit_error(4096, 1);
+    assert!(
+        bias.abs() < 3.0 * with / 128f64.sqrt() + 0.002,
+        "{bias} {with}"
+    );
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::audit::Audit;
 use crate::direct::DirectLight;
 use crate::recall::Drawn;
 use crate::relax::{RelaxReport, RelaxStep};
-use crate::world::World;
+use crate::world::{World, luminance};
 
 /// Irradiance of every element and patch, ready to be gathered from.
 pub struct Solution {
@@ -17,6 +17,8 @@ pub struct Solution {
     pub cut: Subdivision,
     /// Direct irradiance per element.
     pub direct: Vec<Vec3>,
+    /// Mean reflectance per element.
+    pub reflectance: Vec<Vec3>,
     /// Mean direct irradiance per patch.
     pub direct_mean: Vec<Vec3>,
     /// Indirect irradiance per patch: reflected light, the sky, and emission that rays gather.
@@ -126,9 +128,25 @@ impl Solution {
         p: Vec3,
         seed: u32,
     ) -> Vec3 {
+        self.radiance_sent(world, lights, hit, p, seed, Reflected::All)
+            .light
+    }
+
+    /// [`radiance`](Self::radiance), or a part of it.
+    #[inline]
+    pub fn radiance_sent(
+        &self,
+        world: &World,
+        lights: &DirectLight,
+        hit: &Hit,
+        p: Vec3,
+        seed: u32,
+        of: Reflected,
+    ) -> Sent {
         let Some(at) = place(world, &self.cut, hit, p) else {
-            return Vec3::ZERO;
+            return Sent::default();
         };
+        let kept = self.kept(at, of);
         let direct = if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             lights.sample_on(&self.cut, at.patch, &point, seed).0
@@ -141,7 +159,21 @@ impl Solution {
         let (taps, n) = self.cut.taps(hit.triangle, p, at);
         let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
         let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
-        self.sent(reflectance, direct, &taps[..n], glow)
+        Sent {
+            light: self.sent(reflectance, direct * kept, &taps[..n], glow),
+            left_out: kept < 1.0,
+        }
+    }
+
+    /// What share of the direct light of a place is asked for.
+    #[inline]
+    fn kept(&self, at: Locus, of: Reflected) -> f32 {
+        match (of, at.element) {
+            (Reflected::Share(s), Some(e)) if !self.rough[at.patch.0 as usize] => {
+                1.0 - of_lit(s, luminance(self.direct[e.0 as usize]))
+            }
+            _ => 1.0,
+        }
     }
 
     /// Radiance that a point sends, given the direct light on it and the patches that its indirect light is interpolated between.
@@ -166,20 +198,23 @@ impl Solution {
         hit: &Hit,
         p: Vec3,
         seed: u32,
+        of: Reflected,
         throughput: Vec3,
         parts: &mut [Vec3],
-    ) -> Vec3 {
+    ) -> Sent {
         let Some(groups) = &self.groups else {
             // One group of light is all of it.
-            let light = throughput * self.radiance(world, lights, hit, p, seed);
+            let mut sent = self.radiance_sent(world, lights, hit, p, seed, of);
+            sent.light *= throughput;
             if let Some(all) = parts.first_mut() {
-                *all += light;
+                *all += sent.light;
             }
-            return light;
+            return sent;
         };
         let Some(at) = place(world, &self.cut, hit, p) else {
-            return Vec3::ZERO;
+            return Sent::default();
         };
+        let kept = self.kept(at, of);
         let drawn = self.rough[at.patch.0 as usize].then(|| {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             lights.sample_on(&self.cut, at.patch, &point, seed)
@@ -193,7 +228,7 @@ impl Solution {
             groups,
             throughput,
             reflectance,
-            (at, drawn),
+            (at, drawn, kept),
             taps,
             glow,
             parts,
@@ -210,11 +245,12 @@ impl Solution {
         hit: &Hit,
         p: Vec3,
         seed: u32,
+        of: Reflected,
         throughput: Vec3,
         parts: &mut [Vec3],
-    ) -> (Vec3, Option<SeenPatch>) {
+    ) -> (Sent, Option<SeenPatch>) {
         let Some(at) = place(world, &self.cut, hit, p) else {
-            return (Vec3::ZERO, None);
+            return (Sent::default(), None);
         };
         let own = self.cut.patches()[at.patch.0 as usize];
         let element = at.element.map(|e| e.0.wrapping_sub(own.first_element));
@@ -223,6 +259,7 @@ impl Solution {
             element: element.map(|k| k as u8),
             q: self.cut.project(hit.triangle, p),
             surface: Shade::of(world, hit),
+            far: of != Reflected::All,
             drawn: None,
         };
         let mut named = element.is_none_or(|k| k < u32::from(own.elements));
@@ -233,16 +270,19 @@ impl Solution {
             named &= noted.2.is_some();
         }
         // What is noted says all that there is: the same light comes of it.
-        let again = self.radiance_again(world, lights, &seen, seed, throughput, parts, |_| None);
+        let again =
+            self.radiance_again(world, lights, &seen, seed, of, throughput, parts, |_| None);
         match again.filter(|_| named) {
             Some(light) => (light, Some(seen)),
             None => {
-                let light = if parts.is_empty() {
-                    throughput * self.radiance(world, lights, hit, p, seed)
+                let sent = if parts.is_empty() {
+                    let mut sent = self.radiance_sent(world, lights, hit, p, seed, of);
+                    sent.light *= throughput;
+                    sent
                 } else {
-                    self.radiance_by_group(world, lights, hit, p, seed, throughput, parts)
+                    self.radiance_by_group(world, lights, hit, p, seed, of, throughput, parts)
                 };
-                (light, None)
+                (sent, None)
             }
         }
     }
@@ -257,10 +297,11 @@ impl Solution {
         lights: &DirectLight,
         seen: &SeenPatch,
         seed: u32,
+        of: Reflected,
         throughput: Vec3,
         parts: &mut [Vec3],
         anew: impl FnOnce(PatchId) -> Option<(Vec3, usize)>,
-    ) -> Option<Vec3> {
+    ) -> Option<Sent> {
         let patch = seen.patch as usize;
         let first = self.cut.patches().get(patch)?.first_element;
         let at = Locus {
@@ -281,12 +322,13 @@ impl Solution {
         let taps = &taps[..n];
         let reflectance = seen.surface.reflectance(world);
         let glow = seen.surface.glow;
+        let kept = self.kept(at, of);
         Some(match &self.groups {
             Some(groups) if !parts.is_empty() => sent_by_group(
                 groups,
                 throughput,
                 reflectance,
-                (at, drawn),
+                (at, drawn, kept),
                 taps,
                 glow,
                 parts,
@@ -297,13 +339,21 @@ impl Solution {
                     (None, Some(e)) => *self.direct.get(e.0 as usize)?,
                     (None, None) => self.direct_mean[patch],
                 };
-                let light = throughput * self.sent(reflectance, direct, taps, glow.0);
+                let light = throughput * self.sent(reflectance, direct * kept, taps, glow.0);
                 if let Some(all) = parts.first_mut() {
                     *all += light;
                 }
-                light
+                Sent {
+                    light,
+                    left_out: kept < 1.0,
+                }
             }
         })
+    }
+
+    /// Intensity along the normal of element `e` for each irradiance on it: reflectance × area / π.
+    pub fn intensity_of_irradiance(&self, e: usize) -> Vec3 {
+        self.reflectance[e] * (self.cut.elements()[e].area * std::f32::consts::FRAC_1_PI)
     }
 
     /// Area-weighted mean irradiance.
@@ -317,6 +367,31 @@ impl Solution {
     }
 }
 
+/// What of the light that a surface reflects is asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reflected {
+    /// All of it.
+    All,
+    /// Of what lamps and emitters bring to elements only what [`of_lit`] of this leaves.
+    Share(f32),
+}
+
+/// The share of a lit element's direct light (of that luminance) that is sampled there, where `s` is the share of gathering rays, per luminance: the balance heuristic.
+#[inline]
+pub fn of_lit(s: f32, direct: f32) -> f32 {
+    let x = s * direct;
+    x / (1.0 + x)
+}
+
+/// Radiance of a surface.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sent {
+    /// What was asked for.
+    pub light: Vec3,
+    /// There is more, which was not.
+    pub left_out: bool,
+}
+
 /// What a far hit's light hangs on, the solution apart.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeenPatch {
@@ -328,6 +403,8 @@ pub struct SeenPatch {
     pub q: [f32; 2],
     /// What the surface does to light.
     pub surface: Shade,
+    /// It is far enough off for its direct light to be sampled.
+    pub far: bool,
     /// Of a rough patch: the light that was sampled.
     pub drawn: Option<Drawn>,
 }
@@ -372,11 +449,11 @@ fn sent_by_group(
     groups: &GroupLight,
     throughput: Vec3,
     reflectance: Vec3,
-    (at, drawn): (Locus, Option<(Vec3, usize)>),
+    (at, drawn, kept): (Locus, Option<(Vec3, usize)>, f32),
     taps: &[Tap],
     (glow, glow_group): (Vec3, usize),
     parts: &mut [Vec3],
-) -> Vec3 {
+) -> Sent {
     let n = groups.count.min(parts.len());
     let reflected = throughput * reflectance * std::f32::consts::FRAC_1_PI;
     let mut light = Vec3::ZERO;
@@ -392,7 +469,7 @@ fn sent_by_group(
             None => &groups.direct_mean[at.patch.0 as usize * groups.count..],
         };
         for (g, e) in direct[..n].iter().enumerate() {
-            add(g, reflected * *e);
+            add(g, reflected * (*e * kept));
         }
     }
     for t in taps {
@@ -404,5 +481,8 @@ fn sent_by_group(
     if glow != Vec3::ZERO {
         add(glow_group, throughput * glow);
     }
-    light
+    Sent {
+        light,
+        left_out: kept < 1.0,
+    }
 }

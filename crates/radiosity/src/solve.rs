@@ -180,7 +180,7 @@ pub fn solve_recalled(
     report.link_rays = links.rays as u64 * n as u64;
     report.bytes = links.bytes()
         + report.subdivision.bytes
-        + ((direct.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
+        + ((direct.len() + reflectance.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
     report.audit = audit(
         world,
         &cut,
@@ -212,6 +212,7 @@ pub fn solve_recalled(
         indirect: indirect.iter().map(|e| e.as_vec3()).collect(),
         cut,
         direct,
+        reflectance,
         rough,
         report,
     }

@@ -425,6 +425,12 @@ impl<'a> World<'a> {
         self.groups.as_ref().map_or(0, |g| g.sky as usize)
     }
 
+    /// Whether light passes a triangle, or holes in it.
+    #[inline]
+    pub fn lets_light_through(&self, triangle: u32) -> bool {
+        self.open && self.scene.needs_alpha(self.soup.material(triangle))
+    }
+
     /// Reflectance at a hit (linear, per channel); of any face, duplicates among them.
     #[inline]
     pub fn reflectance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {

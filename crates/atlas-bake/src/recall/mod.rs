@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use radiosity::{KnownLamps, Recalled, Records, Topic as SolveTopic};
 use serde::Serialize;
 
-pub(crate) use rays::{Deaf, End, Head, Listening, Notes};
+pub(crate) use rays::{Deaf, End, Head, Listening, Notes, read_answer, write_answer};
 use store::{Reader, Writer};
 pub(crate) use tape::{RayTape, Tape, Topic, key_of, mix};
 

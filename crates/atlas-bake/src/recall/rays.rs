@@ -113,6 +113,11 @@ const GLOWS: u8 = 2;
 const DRAWN: u8 = 4;
 const LIT: u8 = 8;
 
+/// An element's number within its patch, which has 16 at most, where there is none.
+const NO_ELEMENT: u8 = 0x7f;
+/// Beside that: it is far off.
+const FAR: u8 = 0x80;
+
 impl RayNote {
     /// Appends the record. `bounds` are the distances below which something is near, and touching; with `exact` all of the distance is kept.
     pub(crate) fn write(&self, bounds: [f32; 2], exact: bool, out: &mut Vec<u8>) {
@@ -149,7 +154,8 @@ impl RayNote {
             End::Far(seen) => {
                 surface(&seen.surface, seen.drawn.as_ref(), out);
                 out.extend_from_slice(&seen.patch.to_le_bytes()[..3]);
-                out.push(seen.element.unwrap_or(u8::MAX));
+                let far = if seen.far { FAR } else { 0 };
+                out.push(seen.element.unwrap_or(NO_ELEMENT) | far);
                 put(out, &seen.q);
                 if let Some(d) = &seen.drawn {
                     drawn(d, out);
@@ -228,11 +234,14 @@ impl Head {
                 let (surface, flags) = read_surface(bytes)?;
                 let patch = read_u24(bytes)?;
                 let [element] = take(bytes)?;
+                let far = element & FAR != 0;
+                let element = element & !FAR;
                 End::Far(SeenPatch {
                     patch,
-                    element: (element != u8::MAX).then_some(element),
+                    element: (element != NO_ELEMENT).then_some(element),
                     q: [float(bytes)?, float(bytes)?],
                     surface,
+                    far,
                     drawn: match flags & DRAWN {
                         0 => None,
                         _ => Some(read_drawn(flags, bytes)?),
@@ -243,6 +252,37 @@ impl Head {
         })
     }
 }
+
+/// Appends what a shadow ray to an element found, or that there was none to draw.
+pub(crate) fn write_answer(answer: Option<(u32, Vec3)>, out: &mut Vec<u8>) {
+    let (element, passed) = answer
+        .filter(|a| a.0 < NOTHING)
+        .unwrap_or((NOTHING, Vec3::ZERO));
+    out.extend_from_slice(&element.to_le_bytes()[..3]);
+    if passed == Vec3::ZERO {
+        out.push(0);
+    } else if passed == Vec3::ONE {
+        out.push(1);
+    } else {
+        out.push(2);
+        put(out, &passed.to_array());
+    }
+}
+
+/// Takes an answer off the front of `bytes`; `None` where there is none.
+pub(crate) fn read_answer(bytes: &mut &[u8]) -> Option<(u32, Vec3)> {
+    let element = read_u24(bytes)?;
+    let [kind] = take(bytes)?;
+    let passed = match kind {
+        0 => Vec3::ZERO,
+        1 => Vec3::ONE,
+        _ => vec3(bytes)?,
+    };
+    (element < NOTHING).then_some((element, passed))
+}
+
+/// No element.
+const NOTHING: u32 = 0xff_ffff;
 
 fn put(out: &mut Vec<u8>, numbers: &[f32]) {
     for x in numbers {

@@ -22,6 +22,8 @@ pub(crate) enum Topic {
     Place = 6,
     /// Further rays of a point that seems to be inside of something; the key is its number.
     Confirm = 7,
+    /// Shadow rays to lit elements; the key is that of the gathering rays from the same points.
+    Lit = 8,
 }
 
 /// Gathering rays of one sequence.

@@ -9,6 +9,7 @@ use crate::bake::{Recorded, in_blocks};
 use crate::estimate::{Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gather::{Gatherer, Received};
+use crate::lit::LitRays;
 use crate::planes::PlaneSums;
 use crate::points::Points;
 use crate::recall::{Stage, Tape, Topic, mix};
@@ -224,16 +225,20 @@ impl Gatherer<'_, '_> {
         let per_point = (options.rays / count).max(1);
         let points = Points::new(footprint, count as usize);
         let count = points.count;
-        let mut sums = vec![Point::with_reach(footprint.reach()); count];
         let mut planes = PlaneSums::new(self.wanted);
         let mut records = tape.rays(Topic::Rays, 0);
+        let mut lit = LitRays::new(self, footprint.reach(), 0, tape);
+        let share = lit.share(|| points.get(), per_point);
+        let mut sums = vec![Point::new(footprint.reach(), share); count];
         for (k, sum) in sums.iter_mut().enumerate() {
             let base = k as u32 * per_point;
             let point = || &points.get()[k];
             let rays = (base..base + per_point, seed);
             self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
+            lit.reach(point, (k as u32, seed), sum, &mut planes);
         }
         tape.keep_rays(Topic::Rays, 0, records);
+        let shadow_rays = lit.keep(tape);
         let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
         let estimate = mean_and_spread(&sums, &vec![true; count]);
         Received {
@@ -241,7 +246,7 @@ impl Gatherer<'_, '_> {
             first_half: estimate.first_half,
             indirect_variance: estimate.variance,
             open,
-            rays: u64::from(per_point) * count as u64,
+            rays: u64::from(per_point) * count as u64 + shadow_rays,
             ..Received::default()
         }
     }

@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 use mesh_ingest::Soup;
 use patch_subdivision::Options as CutOptions;
 use radiosity::{
-    DirectLight, DirectOptions, Emitters, RelaxOptions, Silent, SolveOptions, SurfacePoint, World,
-    WorldOptions, hash_u32, sample_2d, solve,
+    DirectLight, DirectOptions, Emitters, RelaxOptions, Silent, Solution, SolveOptions,
+    SurfacePoint, World, WorldOptions, hash_u32, sample_2d, solve,
 };
 
 use super::scene::{EDGE_HEIGHT, LAMP, OPEN, half_hidden_lamp, lit_cube};
@@ -80,6 +80,64 @@ fn receiver(k: u32, size: f32, shift: Vec3) -> Square {
 /// A cube's floor gathers from walls that are dark, but for one, which by decree has irradiance 1 and reflectance ½: the truth is half the
 /// form factor to that wall, averaged over the lumel.
 pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
+    in_dark_cube(|world, emitters, solution| {
+        // x = 0 is the wall.
+        for (k, patch) in solution.cut.patches().iter().enumerate() {
+            let element = solution.cut.elements()[patch.first_element as usize];
+            if world.soup.normals[element.triangle as usize].x > 0.5 {
+                solution.indirect[k] = Vec3::ONE;
+            }
+        }
+        let wall = cube(1).patches[2].corners.clone();
+        let truth =
+            |square: &Square| square.mean(|p| 0.5 * form_factor_polygon(p, DVec3::Z, &wall));
+        let size = if points == 1 { 0.0 } else { 0.05 };
+        (rays.iter())
+            .map(|&rays| {
+                let gatherer = gatherer(world, emitters, solution, (rays, points, 0));
+                let [_, rms] = errors(&gatherer, size, truth);
+                (f64::from(rays), rms)
+            })
+            .collect()
+    })
+}
+
+/// Relative bias and RMS error, as [`indirect_error`]'s, where a spot of 20 cm on the wall is all that is lit, by direct light, with so many `rays` and, for each of 16
+/// points, `lit` shadow rays to its elements.
+///
+/// The truth is the sum over elements of a lumel's mean point-to-point kernel: they are 1.25 cm wide and 30 cm off at least, so that it is good to
+/// (1.25/30)² = 0.2 %.
+pub fn lit_error(rays: u32, lit: u32) -> [f64; 2] {
+    in_dark_cube(|world, emitters, solution| {
+        let mut spot: Vec<(DVec3, f64)> = Vec::new();
+        for k in 0..solution.cut.elements().len() {
+            let e = solution.cut.elements()[k];
+            let at = world.surface_point(e.triangle, e.u, e.v, false, false);
+            let middle = (at.position - Vec3::splat(0.5)).abs();
+            if at.normal.x > 0.5 && middle.y.max(middle.z) < 0.1 {
+                solution.direct[k] = Vec3::ONE;
+                spot.push((at.position.as_dvec3(), f64::from(e.area)));
+            }
+        }
+        let truth = |square: &Square| {
+            square.mean(|p| {
+                let brings = |(q, area): &(DVec3, f64)| {
+                    let v = *q - p;
+                    0.5 * area * v.z.max(0.0) * -v.x / v.length_squared().powi(2)
+                };
+                spot.iter().map(brings).sum::<f64>() / std::f64::consts::PI
+            })
+        };
+        errors(
+            &gatherer(world, emitters, solution, (rays, 16, lit)),
+            0.05,
+            truth,
+        )
+    })
+}
+
+/// A cube whose light is what `decree` says: it is given none.
+fn in_dark_cube<T>(decree: impl FnOnce(&World, &Emitters, &mut Solution) -> T) -> T {
     let scene = lit_cube(0.5);
     let soup = Soup::build(&scene);
     let world =
@@ -97,7 +155,6 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
         ..SolveOptions::default()
     };
     let mut solution = solve(&world, &emitters, &options, &Silent);
-    // The decree. x = 0 is the wall.
     for light in [
         &mut solution.direct,
         &mut solution.direct_mean,
@@ -106,47 +163,53 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
         light.fill(Vec3::ZERO);
     }
     solution.rough.fill(false);
-    for (k, patch) in solution.cut.patches().iter().enumerate() {
-        let element = solution.cut.elements()[patch.first_element as usize];
-        if soup.normals[element.triangle as usize].x > 0.5 {
-            solution.indirect[k] = Vec3::ONE;
-        }
+    decree(&world, &emitters, &mut solution)
+}
+
+/// With so many rays, points that share them, and shadow rays of each of these to lit elements.
+fn gatherer<'w, 'a>(
+    world: &'w World<'a>,
+    emitters: &'w Emitters,
+    solution: &'w Solution,
+    (rays, points, lit): (u32, u32, u32),
+) -> Gatherer<'w, 'a> {
+    let options = GatherOptions {
+        rays,
+        points,
+        edge_points: 0,
+        most_rays: rays,
+        error: 0.0,
+        direct: DirectOptions::every(1, 1),
+        contacts: false,
+        follow: 0,
+        interpolation: Interpolation::Open,
+        near: 1.0,
+        lit,
+        open_only: false,
+    };
+    let direct = DirectLight::new(world, emitters);
+    Gatherer::new(
+        world,
+        solution,
+        direct,
+        options,
+        atlas_bake::Wanted::default(),
+    )
+}
+
+/// Relative bias and RMS error of the indirect light at receivers on the floor's middle, well inside of the cube.
+fn errors(gatherer: &Gatherer, size: f32, truth: impl Fn(&Square) -> f64) -> [f64; 2] {
+    let (mut bias, mut squares, mut truths) = (0.0, 0.0, [0.0; 2]);
+    for k in 0..RECEIVERS {
+        let square = receiver(k, size, Vec3::new(0.3, 0.3, 0.0));
+        let truth = truth(&square);
+        let got = gatherer.gather(&square, hash_u32(k ^ 0x51ed_270b));
+        let error = f64::from(got.indirect.x) - truth;
+        bias += error;
+        squares += error * error;
+        truths = [truths[0] + truth, truths[1] + truth * truth];
     }
-    let wall = cube(1).patches[2].corners.clone();
-    let mut out = Vec::new();
-    for &rays in rays {
-        let gatherer = Gatherer::new(
-            &world,
-            &solution,
-            DirectLight::new(&world, &emitters),
-            GatherOptions {
-                rays,
-                points,
-                edge_points: 0,
-                most_rays: rays,
-                error: 0.0,
-                direct: DirectOptions::every(1, 1),
-                contacts: false,
-                follow: 0,
-                interpolation: Interpolation::Open,
-                near: 1.0,
-                open_only: false,
-            },
-            atlas_bake::Wanted::default(),
-        );
-        let (mut squares, mut truths) = (0.0, 0.0);
-        for k in 0..RECEIVERS {
-            // Floor: the middle, well inside of the cube.
-            let size = if points == 1 { 0.0 } else { 0.05 };
-            let square = receiver(k, size, Vec3::new(0.3, 0.3, 0.0));
-            let truth = square.mean(|p| 0.5 * form_factor_polygon(p, DVec3::Z, &wall));
-            let got = gatherer.gather(&square, hash_u32(k ^ 0x51ed_270b));
-            squares += (f64::from(got.indirect.x) - truth).powi(2);
-            truths += truth * truth;
-        }
-        out.push((f64::from(rays), (squares / truths).sqrt()));
-    }
-    out
+    [bias / truths[0], (squares / truths[1]).sqrt()]
 }
 
 /// Relative RMS error of direct light for each number of shadow rays a lamp's triangle gets, in the penumbra of a straight edge, at points

@@ -6,7 +6,7 @@ mod gather;
 mod scene;
 mod solve;
 
-pub use gather::{direct_error, indirect_error};
+pub use gather::{direct_error, indirect_error, lit_error};
 pub use solve::{Bounded, CutErrors, Field, cut_errors, rays_error, residual_and_error};
 
 /// Errors at several settings of one knob.
