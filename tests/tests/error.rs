@@ -18,7 +18,8 @@ fn bake(error: f32, quality: Quality, density: f32) -> lumel::Bake {
 #[test]
 fn an_error_is_reached_with_no_more_rays_than_it_takes() {
     let mut rays = 0;
-    for wanted in [0.1, 0.03, 0.015] {
+    // The first rays reach 0.027 already.
+    for wanted in [0.03, 0.015, 0.0075] {
         let report = bake(wanted, Quality::Preview, 4.0).report.gather;
         assert_eq!(report.error_reached, Some(true), "{wanted}");
         assert!(report.estimated_error <= f64::from(wanted));

@@ -3,19 +3,19 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::Vec3;
-use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Phase, Solution, World, luminance};
+use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Phase, Solution, World};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::atlas::{Layout, Page};
-use crate::certainty::{Certainty, scale};
+use crate::certainty::Certainty;
 use crate::gather::{Edge, GatherOptions, Gatherer, Received};
 use crate::gltf_out::VertexLight;
-use crate::lumels::{Lumel, Lumels, TexelIndex};
+use crate::lumels::{Lumels, TexelIndex};
 use crate::manifest::ValueKind;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
-use crate::reach::{mean_light, reach};
+use crate::reach::{mean_light, mean_square, reach, relative_errors};
 use crate::recall::{Recall, Tape};
 use crate::refine::{add_rays, follow_edges};
 use crate::rims::darken_rims;
@@ -239,6 +239,17 @@ pub fn bake_recalling(
         &sparse,
         monitor,
     )?;
+    // What is hidden takes its neighbours' light, and what lookups behind a wall read the dark side's.
+    let finish = |received: &mut [Received]| -> Vec<usize> {
+        if !fill {
+            return Vec::new();
+        }
+        fill_hidden(&lumels, layout, received, &barriers, options.padding + 1);
+        match barriers.matter() {
+            true => darken_rims(world, &lumels, layout, received, &barriers),
+            false => Vec::new(),
+        }
+    };
     let mut sure = Vec::new();
     if let Some(wanted) = options.error {
         let reached = reach(
@@ -250,6 +261,7 @@ pub fn bake_recalling(
             &sparse,
             wanted,
             &times,
+            &finish,
             monitor,
         )?;
         out.report.rounds = reached.rounds;
@@ -270,20 +282,8 @@ pub fn bake_recalling(
         &certainty,
         &|i| sure.get(i) == Some(&true),
     );
-    let mut rims = Vec::new();
-    if fill {
-        fill_hidden(
-            &lumels,
-            layout,
-            &mut received,
-            &barriers,
-            options.padding + 1,
-        );
-        if barriers.matter() {
-            rims = darken_rims(world, &lumels, layout, &mut received, &barriers);
-        }
-    }
-    summarise(&lumels.lumels, &received, &mut out.report);
+    let rims = finish(&mut received);
+    summarise(&lumels, &received, &mut out.report);
     let reached = |x| out.report.estimated_error <= f64::from(x);
     out.report.error_reached = options.error.map(reached);
     let wanted = gatherer.wanted;
@@ -297,6 +297,7 @@ pub fn bake_recalling(
     };
     (out.pages, out.groups, out.report.seams) = pages.make();
     out.report.bytes = lumels.bytes()
+        + gatherer.lit.bytes()
         + (received.len() * wanted.planes() * size_of::<Plane>()) as u64
         + (out.pages.iter().chain(out.groups.iter().flatten()))
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
@@ -370,10 +371,10 @@ pub(crate) fn in_blocks(
     Ok(received)
 }
 
-fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
-    report.lumels = lumels.len() as u64;
+fn summarise(lumels: &Lumels, received: &[Received], report: &mut BakeReport) {
+    report.lumels = lumels.lumels.len() as u64;
     let (mut sum, mut weight) = ([0f64; 3], 0f64);
-    for (l, r) in lumels.iter().zip(received) {
+    for (l, r) in lumels.lumels.iter().zip(received) {
         report.lumel_rays += r.rays;
         report.edge_lumels += (r.edge == Edge::Contact) as u64;
         report.shadow_edge_lumels += (r.edge == Edge::Shadow) as u64;
@@ -387,13 +388,8 @@ fn summarise(lumels: &[Lumel], received: &[Received], report: &mut BakeReport) {
         weight += w;
     }
     report.mean = sum.map(|s| s / weight.max(1e-300));
-    let mean = luminance(Vec3::from_array(report.mean.map(|m| m as f32))) * std::f32::consts::PI;
-    let mut errors: Vec<f64> = (received.iter())
-        .filter_map(|r| Some(f64::from(r.error / scale(r, mean)?)))
-        .collect();
-    // Not `sum()`, which is −0 for an unlit scene.
-    let square: f64 = errors.iter().fold(0.0, |s, e| s + e * e);
-    report.estimated_error = (square / errors.len().max(1) as f64).sqrt();
+    let mut errors = relative_errors(lumels, received);
+    report.estimated_error = mean_square(&errors).sqrt();
     let middle = errors.len() / 2;
     if !errors.is_empty() {
         report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;

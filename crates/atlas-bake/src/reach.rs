@@ -25,10 +25,6 @@ const TIMES: u32 = 4;
 /// points, of which a lumel that lies by an eighth on the surface uses all.
 const MOST: u32 = 8192;
 
-/// Share of what is asked for that is aimed at: hidden lumels take their neighbours' light, and their errors, only after the rounds. Up to 4 % more on the
-/// Cornell box.
-const MARGIN: f64 = 0.95;
-
 /// Rounds at most: from the least of samples to the most are eight doublings; the rest is for what earlier rounds judged wrongly.
 const ROUNDS: u32 = 10;
 
@@ -81,6 +77,7 @@ pub(crate) fn reach(
     sparse: &Sparse,
     wanted: f32,
     first_times: &[u32],
+    finish: &Finish,
     monitor: &dyn Monitor,
 ) -> Result<Reached, Cancelled> {
     let first = gatherer.options;
@@ -92,18 +89,17 @@ pub(crate) fn reach(
     let mut result = Ok(());
     for round in 0..ROUNDS {
         let sure = |i: usize| first.rays * level.rays[i] >= SURE;
-        let errors = estimate(
-            lumels, layout, received, barriers, sparse, first.rays, &sure,
+        let (errors, finished) = estimate(
+            lumels, layout, received, barriers, sparse, first.rays, &sure, finish,
         );
-        let n = errors.iter().filter(|e| e.lit).count().max(1) as f64;
-        let total: f64 = errors.iter().map(Relative::sum).sum();
-        let aim = MARGIN * f64::from(wanted);
-        let allowed = aim * aim * n;
-        if total <= allowed {
+        let allowed = f64::from(wanted).powi(2);
+        if finished <= allowed {
             break;
         }
-        let (chosen, exhausted) =
-            choose(&errors, received, sparse, &level, &first, total - allowed);
+        // Lumels that were gathered must come down by as much as the whole map.
+        let total: f64 = errors.iter().map(Relative::sum).sum();
+        let excess = total * (1.0 - allowed / finished);
+        let (chosen, exhausted) = choose(&errors, received, sparse, &level, &first, excess);
         out.exhausted = exhausted;
         if chosen.is_empty() {
             break;
@@ -124,7 +120,6 @@ pub(crate) fn reach(
 /// Squared relative errors of a lumel.
 #[derive(Default, Clone, Copy)]
 struct Relative {
-    lit: bool,
     direct: f64,
     indirect: f64,
 }
@@ -135,7 +130,11 @@ impl Relative {
     }
 }
 
-/// The errors that the map would have if it were finished now.
+/// What a map is given after smoothing: light, and errors, for lumels that have none of their own.
+type Finish<'f> = dyn Fn(&mut [Received]) -> Vec<usize> + 'f;
+
+/// The errors of lumels' own samples if the map were finished now, and the mean square of all its errors, as the report will have it.
+#[allow(clippy::too_many_arguments, reason = "as above")]
 fn estimate(
     lumels: &Lumels,
     layout: &Layout,
@@ -144,7 +143,8 @@ fn estimate(
     sparse: &Sparse,
     rays: u32,
     sure: &(dyn Fn(usize) -> bool + Sync),
-) -> Vec<Relative> {
+    finish: &Finish,
+) -> (Vec<Relative>, f64) {
     let mut trial = received.to_vec();
     sparse.interpolate(&mut trial);
     let mean = mean_light(lumels, &trial);
@@ -152,20 +152,35 @@ fn estimate(
     smooth_indirect(
         lumels, layout, &mut trial, barriers, sparse, 0, &certainty, sure,
     );
-    (trial.into_par_iter().with_min_len(1024))
+    let errors = (trial.par_iter().with_min_len(1024))
         .map(|r| {
-            let Some(scale) = scale(&r, mean) else {
+            let Some(scale) = scale(r, mean) else {
                 return Relative::default();
             };
             let square = f64::from(scale).powi(2);
             let direct = f64::from(r.error * r.error - r.indirect_variance).max(0.0);
             Relative {
-                lit: true,
                 direct: direct / square,
                 indirect: f64::from(r.indirect_variance) / square,
             }
         })
+        .collect();
+    finish(&mut trial);
+    (errors, mean_square(&relative_errors(lumels, &trial)))
+}
+
+/// Standard errors of lit lumels over their light.
+pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64> {
+    let mean = mean_light(lumels, received);
+    (received.iter())
+        .filter_map(|r| Some(f64::from(r.error / scale(r, mean)?)))
         .collect()
+}
+
+/// 0 of none.
+pub(crate) fn mean_square(errors: &[f64]) -> f64 {
+    // Not `sum()`, which is −0 for an unlit scene.
+    errors.iter().fold(0.0, |s, e| s + e * e) / errors.len().max(1) as f64
 }
 
 /// Mean luminance of the light of lumels, weighted by coverage.
