@@ -17,8 +17,11 @@ fn bake(error: f32, quality: Quality, density: f32) -> lumel::Bake {
 
 #[test]
 fn an_error_is_reached_with_no_more_rays_than_it_takes() {
-    let mut rays = 0;
-    // The first rays reach 0.027 already.
+    // The first rays reach 0.027 already: 0.1 takes no more.
+    let coarse = bake(0.1, Quality::Preview, 4.0).report.gather;
+    assert_eq!(coarse.error_reached, Some(true));
+    assert!(coarse.estimated_error <= 0.1);
+    let mut rays = coarse.lumel_rays - 1;
     for wanted in [0.03, 0.015, 0.0075] {
         let report = bake(wanted, Quality::Preview, 4.0).report.gather;
         assert_eq!(report.error_reached, Some(true), "{wanted}");
