@@ -77,6 +77,7 @@ pub(crate) fn plan(
 pub(crate) fn options(quality: Quality) -> ProbeOptions {
     let (rays, samples) = match quality {
         Quality::Draft => (256, 32),
+        Quality::Quick => (512, 64),
         Quality::Preview => (1024, 128),
         Quality::Production => (4096, 512),
     };

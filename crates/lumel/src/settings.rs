@@ -14,8 +14,10 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
-    /// For a look: some per cent of noise in corners.
+    /// For a look: some per cent of noise on walls, tens in dark corners.
     Draft,
+    /// For changing lights: about twice a draft's time, a third of its error.
+    Quick,
     /// For work: around 1 %.
     #[default]
     Preview,
@@ -203,6 +205,38 @@ impl Default for Settings {
     }
 }
 
+/// What gathering begins with.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Start {
+    Draft,
+    Quick,
+    /// What rounds make up for: few rays, but contacts and shadows' edges are looked for, which no estimate knows of that were missed.
+    Rounds,
+    Preview,
+    Production,
+}
+
+impl Start {
+    /// With an error to reach, as few rays as may do: the gather goes on by itself. To 0.03 from `quick`, what it had overlooked was left out of the
+    /// estimate (docs/ideas.md).
+    fn of(settings: &Settings) -> Start {
+        let preset = match settings.quality {
+            Quality::Draft => Start::Draft,
+            Quality::Quick => Start::Quick,
+            Quality::Preview => Start::Preview,
+            Quality::Production => Start::Production,
+        };
+        match (settings.error, preset) {
+            (None, _) => preset,
+            (Some(x), _) if x >= 0.1 => Start::Quick,
+            (Some(x), _) if x >= 0.03 => Start::Rounds,
+            (Some(x), _) if x >= 0.01 => Start::Preview,
+            (Some(_), Start::Draft | Start::Quick) => Start::Rounds,
+            (Some(_), _) => preset,
+        }
+    }
+}
+
 impl Settings {
     /// Patches, links and direct light of the solve.
     ///
@@ -213,6 +247,7 @@ impl Settings {
         // noisier than what its element has of all (docs/ideas.md).
         let (patches, rays, points) = match self.quality {
             Quality::Draft => (2_600, 32, 4),
+            Quality::Quick => (8_000, 24, 4),
             Quality::Preview => (10_000, 64, 8),
             Quality::Production => (32_000, 128, 8),
         };
@@ -233,30 +268,24 @@ impl Settings {
 
     /// Gathering at lumels.
     pub(crate) fn lumel_options(&self) -> GatherOptions {
-        // With an error to reach, as few rays at first as may do: the gather goes on by itself.
-        let start = match self.error {
-            None => self.quality,
-            Some(x) if x >= 0.03 => Quality::Draft,
-            Some(x) if x >= 0.01 => Quality::Preview,
-            Some(_) => self.quality,
-        };
-        // A draft that is to reach an error must see contacts, and gathers anew what is too noisy; without, it is to be quick (docs/ideas.md).
-        let quick = start == Quality::Draft && self.error.is_none();
+        let start = Start::of(self);
         let (rays, most, error, points, edge_points) = match start {
-            Quality::Draft if quick => (16, 16, 1.0, 4, 16),
-            Quality::Draft => (32, 32, 1.0, 16, 64),
-            Quality::Preview => (128, 256, 0.03, 16, 128),
-            Quality::Production => (512, 4096, 0.01, 32, 1024),
+            Start::Draft => (16, 16, 1.0, 4, 16),
+            Start::Quick => (32, 64, 0.1, 16, 32),
+            Start::Rounds => (32, 32, 1.0, 16, 64),
+            Start::Preview => (128, 256, 0.03, 16, 128),
+            Start::Production => (512, 4096, 0.01, 32, 1024),
         };
         let (base, penumbra, scouts) = match start {
-            Quality::Draft if quick => (4, 16, 2),
-            Quality::Draft => (16, 32, 4),
-            Quality::Preview => (16, 128, 4),
-            Quality::Production => (32, 512, 4),
+            Start::Draft | Start::Quick => (4, 16, 2),
+            Start::Rounds => (16, 32, 4),
+            Start::Preview => (16, 128, 4),
+            Start::Production => (32, 512, 4),
         };
-        let (interpolation, near, follow) = match quick {
-            true => (Interpolation::Wide, 0.12, 0),
-            false => (Interpolation::Open, 0.25, 3),
+        let (interpolation, near, follow) = match start {
+            Start::Draft => (Interpolation::Wide, 0.12, 0),
+            Start::Quick => (Interpolation::Wide, 0.12, 1),
+            _ => (Interpolation::Open, 0.25, 3),
         };
         let (most, error) = match self.error {
             None => (most, error),
@@ -273,12 +302,12 @@ impl Settings {
                 penumbra,
                 scouts,
             },
-            contacts: !quick,
+            contacts: start != Start::Draft,
             follow,
             interpolation,
             near,
             // A tenth of the time: too much for a draft (docs/ideas.md).
-            lit: u32::from(!quick),
+            lit: u32::from(start != Start::Draft),
             open_only: false,
         }
     }
@@ -287,6 +316,7 @@ impl Settings {
     pub(crate) fn vertex_options(&self) -> GatherOptions {
         let rays = match self.quality {
             Quality::Draft => 16,
+            Quality::Quick => 32,
             Quality::Preview => 64,
             Quality::Production => 256,
         };
