@@ -1,6 +1,6 @@
 """Is a bake's own estimate of its error right?  Estimated against true error, lumel by lumel, over five scenes.
 
-Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,preview,error] [--lumel BINARY]
+Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,quick,preview,error] [--lumel BINARY]
               [--truth bake|paths] [--references-only] [--pictures] [--docs DIR] [--work DIR]
         python error_calibration.py --page-only          docs/error.md from the CSV
 Steps : for each scene of speed_scenes.py, at its density there, 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every
@@ -174,7 +174,7 @@ def keep_rows(rows):
     fresh = {key(r) for r in rows}
     order = list(speed_scenes.FIVE)
     atlas = {r["scene"]: r["atlas"] for r in rows}
-    new = sorted([r for r in old if key(r) not in fresh and r.get("atlas") == atlas.get(r["scene"], r.get("atlas"))] + rows, key=lambda r: (r["truth"], order.index(r["scene"]), {"draft": 0, "preview": 1, "production": 2}.get(r["setting"], 3)))
+    new = sorted([r for r in old if key(r) not in fresh and r.get("atlas") == atlas.get(r["scene"], r.get("atlas"))] + rows, key=lambda r: (r["truth"], order.index(r["scene"]), {"draft": 0, "quick": 1, "preview": 2, "production": 3}.get(r["setting"], 4)))
     os.makedirs(os.path.dirname(CSV), exist_ok=True)
     with open(CSV, "w", newline="") as f:
         out = csv.DictWriter(f, COLUMNS, extrasaction="ignore")
@@ -240,7 +240,7 @@ def picture(scene, setting):
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("--scenes", default=",".join(speed_scenes.FIVE))
-    ap.add_argument("--settings", default="draft,preview,error")
+    ap.add_argument("--settings", default="draft,quick,preview,error")
     ap.add_argument("--lumel", default=common.LUMEL)
     ap.add_argument("--truth", choices=("paths", "bake"), default="bake")
     ap.add_argument("--pictures", action="store_true", help="of the first of the settings")

@@ -334,7 +334,7 @@ def main():
         fresh = {(r["scene"], r["quality"]) for r in new}
         rows = [r for r in speed_page.read_csv(CSV) if (r["scene"], r["quality"]) not in fresh] + new
         order = list(SCENES)
-        rows.sort(key=lambda r: (order.index(r["scene"]), ["draft", "preview", "production"].index(r["quality"])))
+        rows.sort(key=lambda r: (order.index(r["scene"]), ["draft", "quick", "preview", "production"].index(r["quality"])))
         speed_page.write_csv(CSV, COLUMNS, rows)
         page(speed_page.read_csv(CSV), DOCS)
 

@@ -38,7 +38,8 @@ COLUMNS = ("scene method setting run seconds process_seconds peak_mb n relRMSE p
 # lumel's settings: name → options of `lumel bake`; a scene's slow_lumel need --full.
 LUMEL = {
     "draft": ["--quality", "draft"],
-    "draft, error 0.1": ["--quality", "draft", "--error", 0.1],
+    "quick": ["--quality", "quick"],
+    "quick, error 0.1": ["--quality", "quick", "--error", 0.1],
     "preview": ["--quality", "preview"],
     "preview, error 0.02": ["--quality", "preview", "--error", 0.02],
     "production": ["--quality", "production"],

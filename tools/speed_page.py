@@ -12,6 +12,7 @@ import speed_scenes
 LUMEL, CYCLES, OIDN = "lumel", "Cycles", "Cycles + OIDN"
 # lumel's bake without vertex colours and the time of charts: what Cycles' bake does.
 EQUAL = "lumel, equal work"
+PRESETS = ("draft", "quick", "preview", "production")
 # Okabe and Ito's palette, told apart by people with any of the common colour deficiencies; markers differ too.
 STYLE = {LUMEL: ("#0072B2", "o"), CYCLES: ("#E69F00", "s"), OIDN: ("#009E73", "^")}
 TARGETS = (("relRMSE", "relRMSE over lit lumels", 0.007), ("p50", "median", 0.003), ("bias", "bias", 0.001))
@@ -254,13 +255,13 @@ def _shares(whole, equal):
     out = []
     for s in speed_scenes.FIVE:
         of = [{p["setting"]: p for p in points(rows, s) if p["method"] == LUMEL} for rows in (whole, equal)]
-        pairs = [(of[0][k]["seconds"], of[1][k]["seconds"]) for k in ("draft", "preview", "production") if k in of[0] and k in of[1]]
-        names = [k for k in ("draft", "preview", "production") if k in of[0] and k in of[1]]
+        pairs = [(of[0][k]["seconds"], of[1][k]["seconds"]) for k in PRESETS if k in of[0] and k in of[1]]
+        names = [k for k in PRESETS if k in of[0] and k in of[1]]
         cell = dict(zip(names, ("%s, %s (%.0f %%)" % (_seconds(a), _seconds(b), 100 * b / a) for a, b in pairs)))
-        out.append([speed_scenes.SCENES[s]["title"]] + [cell.get(k, "–") for k in ("draft", "preview", "production")])
+        out.append([speed_scenes.SCENES[s]["title"]] + [cell.get(k, "–") for k in PRESETS])
     if all(c == "–" for r in out for c in r[1:]):
         return "Equal work was not measured yet.\n"
-    return "Seconds of the whole bake and of equal work (which is so much of it):\n\n" + _table(["scene", "`draft`", "`preview`", "`production`"], out)
+    return "Seconds of the whole bake and of equal work (which is so much of it):\n\n" + _table(["scene"] + ["`%s`" % k for k in PRESETS], out)
 
 
 def presets_text(rows):
@@ -270,16 +271,16 @@ def presets_text(rows):
         ps = points(rows, s)
         best, own = front(ps), front([p for p in ps if p["method"] == LUMEL])
         cells = []
-        for preset in ("draft", "preview", "production"):
+        for preset in PRESETS:
             p = next((p for p in ps if p["method"] == LUMEL and p["setting"] == preset), None)
             if p is None:
                 cells.append("–")
                 continue
             where = "◆" if p in best else "◇" if p in own else "no"
             cells.append("%s (%s), %s s %s" % (_percent(p["relRMSE"], 1), _percent(p["p50"]), _seconds(p["seconds"]), where))
-        if cells != ["–"] * 3:
+        if cells != ["–"] * len(PRESETS):
             out.append([speed_scenes.SCENES[s]["title"]] + cells)
-    return _table(["scene", "`draft`: relRMSE (median), time", "`preview`", "`production`"], out)
+    return _table(["scene", "`%s`: relRMSE (median), time" % PRESETS[0]] + ["`%s`" % k for k in PRESETS[1:]], out)
 
 
 def losses_text(rows):

@@ -39,7 +39,7 @@ SCENES = {
     "garage": dict(
         title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=12.0, sky="0,0,0", plain=LIMIT, fair=False,
         why="46,000 lumels, 8.3 cm each; `lumel bake` would choose 27 and 222,000, with which 256 samples of Cycles take over a minute and the truth half an hour",
-        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256, 1024), slow_cycles=(), slow_lumel=FINE + ("draft, error 0.1",)),
+        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256, 1024), slow_cycles=(), slow_lumel=FINE + ("quick, error 0.1",)),
     "godot": dict(
         title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=1.0, sky="0,0,0", plain=LIMIT, fair=False,
         why="51,000 lumels, 1 m each; `lumel bake` would choose 2.6 and 237,000, with which 256 samples of Cycles take over a minute and the truth half an hour",
@@ -48,7 +48,7 @@ SCENES = {
     "sponza": dict(
         title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
         why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
-        count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("draft, error 0.1", "production")),
+        count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("quick, error 0.1", "production")),
     "room": dict(
         title="Classic room", file=os.path.join(ASSETS, "classic_room_1014.glb"), density=18.0, sky="0,0,0", fair=True,
         why="the finest that fits 256², 5.6 cm a lumel",

@@ -277,7 +277,9 @@ impl Settings {
             Start::Production => (512, 4096, 0.01, 32, 1024),
         };
         let (base, penumbra, scouts) = match start {
-            Start::Draft | Start::Quick => (4, 16, 2),
+            Start::Draft => (4, 16, 2),
+            // With 4 and 16 a room lit by a window had dots all over its walls.
+            Start::Quick => (8, 32, 2),
             Start::Rounds => (16, 32, 4),
             Start::Preview => (16, 128, 4),
             Start::Production => (32, 512, 4),

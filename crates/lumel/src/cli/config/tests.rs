@@ -87,7 +87,11 @@ fn errors_say_where_what_and_what_was_expected() {
         ("a = 1", &[":1:1: ", "`a`", "quality", "texels-per-unit"]),
         (
             "\n\nquality = 'best'",
-            &[":3:11: ", "best", "\"draft\", \"quick\", \"preview\", \"production\""],
+            &[
+                ":3:11: ",
+                "best",
+                "\"draft\", \"quick\", \"preview\", \"production\"",
+            ],
         ),
         ("quality = 3", &[":1:11: ", "3", "\"draft\""]),
         (
