@@ -333,3 +333,38 @@ impl Settings {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_to_reach_an_error_looks_for_contacts() {
+        let options = |quality, error| {
+            Settings {
+                quality,
+                error,
+                ..Settings::default()
+            }
+            .lumel_options()
+        };
+        assert!(!options(Quality::Draft, None).contacts);
+        for quality in [
+            Quality::Draft,
+            Quality::Quick,
+            Quality::Preview,
+            Quality::Production,
+        ] {
+            let mut rays = 0;
+            for error in [0.3, 0.1, 0.05, 0.02, 0.005] {
+                let options = options(quality, Some(error));
+                // Rounds add rays; the preset's own second looks would come before them.
+                assert_eq!(options.most_rays, options.rays);
+                assert!(options.contacts && options.lit == 1 && options.follow > 0);
+                // A small error begins with no fewer rays, but for presets that have few.
+                assert!(options.rays >= rays || quality < Quality::Preview);
+                rays = options.rays;
+            }
+        }
+    }
+}

@@ -268,7 +268,7 @@ macro_rules! mirror {
 
 mirror!(QualityArg => Quality {
     Draft => Quality::Draft, "For a look";
-    Quick => Quality::Quick, "For changing lights: some 5 to 10 %";
+    Quick => Quality::Quick, "For changing lights";
     Preview => Quality::Preview, "For work";
     Production => Quality::Production, "For shipping";
 });
