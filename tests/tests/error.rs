@@ -48,8 +48,8 @@ fn each_preset_takes_more_rays_for_less_error() {
         bake.report.gather
     });
     for pair in reports.windows(2) {
-        assert!(pair[1].lumel_rays > pair[0].lumel_rays);
-        // Twice the rays at least, so the inverse root of two.
+        assert!(pair[1].lumel_rays >= 2 * pair[0].lumel_rays);
+        // The inverse root of two.
         let share = pair[1].estimated_error / pair[0].estimated_error;
         assert!(share < 0.71, "{share}");
     }

@@ -15,7 +15,7 @@ use crate::files::output_names;
 use crate::pipeline::{Prepared, bake_options, plan_layout, prepare};
 use crate::probes;
 use crate::scene_input::SceneInput;
-use crate::settings::Settings;
+use crate::settings::{Quality, Settings};
 
 /// A bake's plan and cost.
 ///
@@ -42,12 +42,18 @@ pub struct Estimate {
     pub bytes: f64,
 }
 
-/// Rays, and time, of all that is done at lumels and vertices over those of gathering alone at lumels that are not interpolated, at draft, quick,
-/// preview and production: more rays where edges and noise are, direct light of interpolated lumels, vertices (also where they are left out, which saves
+/// Rays, and time, of all that is done at lumels and vertices over those of gathering alone at lumels that are not interpolated:
+/// more rays where edges and noise are, direct light of interpolated lumels, vertices (also where they are left out, which saves
 /// what the scene's triangles make of it). The geometric mean over the
 /// scenes of docs/pipeline.md (17 at draft, of which each is within a factor of 1.55; 12 at quick, 11 of them within 1.5; 7 at preview, within 1.5).
-/// Production was not measured.
-const OVER_GATHER: [f64; 4] = [1.5, 1.8, 1.35, 1.35];
+fn over_gather(quality: Quality) -> f64 {
+    match quality {
+        Quality::Draft => 1.5,
+        Quality::Quick => 1.8,
+        // Production was not measured.
+        Quality::Preview | Quality::Production => 1.35,
+    }
+}
 
 /// The time of a bake that has the machine for itself is within this factor of the estimate, either way: that of rays, and what each takes.
 pub const ESTIMATE_FACTOR: f64 = 2.0;
@@ -110,11 +116,10 @@ pub fn estimate(
     let options = bake_options(settings);
     let gather = gather_cost(&world, &emitters, &solution, &plan, &options);
     let gathered = gather.gathered as f64;
-    let quality = settings.quality as usize;
+    let over = over_gather(settings.quality);
     let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
-    let rays = solving + gathered * gather.rays * OVER_GATHER[quality] + probe_rays;
-    let seconds =
-        planning + (solving + probe_rays) / rate + gathered * gather.seconds * OVER_GATHER[quality];
+    let rays = solving + gathered * gather.rays * over + probe_rays;
+    let seconds = planning + (solving + probe_rays) / rate + gathered * gather.seconds * over;
     let mut files = output_names(file, settings);
     let first = ".lightmap.exr";
     let at = files.iter().position(|f| f.ends_with(first)).unwrap_or(0);

@@ -210,7 +210,7 @@ impl Default for Settings {
 enum Start {
     Draft,
     Quick,
-    /// What rounds make up for: few rays, but contacts and shadows' edges are looked for, which no estimate knows of that were missed.
+    /// Few rays, which rounds add to. Contacts and shadows' edges are looked for: of those that were missed no estimate knows.
     Rounds,
     Preview,
     Production,
