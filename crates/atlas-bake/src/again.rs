@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use patch_subdivision::PatchId;
-use radiosity::{Reflected, Sky, SurfacePoint, World, cosine_hemisphere, hash_u32, sample_2d};
+use radiosity::{Sky, SurfacePoint, World, cosine_hemisphere, hash_u32, sample_2d};
 use visibility::Hit;
 
 use crate::gather::{Found, Gatherer, MOST_NEAR_BOUNCES, Ray, add};
@@ -127,10 +127,7 @@ impl Gatherer<'_, '_> {
                     let p = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
                     Some(lights.sample_on(&solution.cut, patch, &p, random))
                 };
-                let of = match seen.far {
-                    true => Reflected::Share(share),
-                    false => Reflected::All,
-                };
+                let of = self.of_hit(seen.far, head.near as u32, seen.surface.triangle, share);
                 let sent = solution
                     .radiance_again(world, lights, &seen, random, of, throughput, groups, anew)?;
                 sum += sent.light;

@@ -692,14 +692,8 @@ impl Gatherer<'_, '_> {
             let random = hash_u32(seed ^ i ^ (bounce << 24));
             let edge = self.solution.cut.patch_edge(hit.triangle);
             let near = self.options.near * NEAR[bounce as usize] * edge;
-            let sampled = bounce == 0
-                && self.options.lit > 0
-                && hit.t > LitElements::FROM * edge
-                && !self.world.lets_light_through(hit.triangle);
-            let of = match sampled {
-                true => Reflected::Share(share),
-                false => Reflected::All,
-            };
+            let far = hit.t > LitElements::FROM * edge;
+            let of = self.of_hit(far, bounce, hit.triangle, share);
             if bounce == MOST_NEAR_BOUNCES || hit.t > near {
                 let (solution, world) = (self.solution, self.world);
                 let direct = &self.direct;
@@ -759,6 +753,19 @@ impl Gatherer<'_, '_> {
             back,
             left_out,
         })
+    }
+
+    /// What of the light of a hit counts, after so many bounces: lit elements' is sampled besides from where rays are gathered, but not where light passes
+    /// through them.
+    #[inline]
+    pub(crate) fn of_hit(&self, far: bool, bounce: u32, triangle: u32, share: f32) -> Reflected {
+        match far {
+            true if bounce == 0 && !self.world.lets_light_through(triangle) => {
+                Reflected::Afar(share)
+            }
+            true => Reflected::Afar(0.0),
+            false => Reflected::All,
+        }
     }
 
     /// Direct light on the points that are open, and where the footprint is.

@@ -280,6 +280,16 @@ impl Subdivision {
         region.frame.project(p)
     }
 
+    /// The middle, on the region's grid, of the cell that an element lies in: as [`project`](Self::project).
+    pub fn middle(&self, element: ElementId, soup: &Soup) -> [f32; 2] {
+        let e = &self.elements[element.0 as usize];
+        let [a, b, c] = soup.triangles[e.triangle as usize];
+        let q = self.project(e.triangle, a + (b - a) * e.u + (c - a) * e.v);
+        let region = &self.regions[self.region_of_triangle[e.triangle as usize] as usize];
+        let sub = region.frame.sub as f32;
+        q.map(|x| ((x * sub).floor() + 0.5) / sub)
+    }
+
     /// [`taps`](Self::taps) of a point by its place on the region's grid; `None` for a patch that is not there.
     #[inline]
     pub fn taps_at(&self, q: [f32; 2], at: Locus) -> Option<([Tap; 4], usize)> {

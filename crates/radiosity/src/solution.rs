@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 use patch_subdivision::{ElementId, Locus, PatchId, Stats, Subdivision, Tap};
+use rayon::prelude::*;
 use serde::Serialize;
 use visibility::Hit;
 
@@ -28,6 +29,8 @@ pub struct Solution {
     pub rough: Vec<bool>,
     /// The same by group of light, where groups are kept apart.
     pub groups: Option<GroupLight>,
+    /// By element.
+    pub(crate) afar: Vec<Afar>,
     /// How it was reached.
     pub report: SolveReport,
 }
@@ -43,6 +46,78 @@ pub struct GroupLight {
     pub direct_mean: Vec<Vec3>,
     /// Indirect irradiance per patch.
     pub indirect: Vec<Vec3>,
+}
+
+/// An element as it is seen from afar: all that a gathering ray needs of it, in one place.
+///
+/// From beyond a patch's size an element fills a small part of what is seen, and what changes within it, texture and indirect light, is as good as its mean: a
+/// ray need not read a texture and four patches for it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Afar {
+    direct: Vec3,
+    triangle: u32,
+    /// Interpolated to the middle of its cell.
+    indirect: Vec3,
+    /// Where that is on the region's grid.
+    q: [f32; 2],
+    /// Mean reflectance about its point, as long as that lies on the same triangle.
+    reflectance: Vec3,
+}
+
+impl Afar {
+    /// Of all elements. O(elements).
+    pub(crate) fn collect(
+        world: &World,
+        cut: &Subdivision,
+        direct: &[Vec3],
+        reflectance: &[Vec3],
+        indirect: &[Vec3],
+    ) -> Vec<Afar> {
+        let of_patch = |patch: usize| {
+            let patch = PatchId(patch as u32);
+            cut.elements_of(patch).map(move |e| {
+                let triangle = cut.elements()[e].triangle;
+                let element = ElementId(e as u32);
+                let q = cut.middle(element, world.soup);
+                let at = Locus {
+                    patch,
+                    element: Some(element),
+                };
+                let taps = cut.taps_at(q, at);
+                let light = taps.map(|(taps, n)| interpolated(indirect, &taps[..n]));
+                let afar = Afar {
+                    direct: direct[e],
+                    triangle,
+                    indirect: light.unwrap_or_default(),
+                    q,
+                    reflectance: world
+                        .even_reflectance(triangle)
+                        .unwrap_or(reflectance[e]),
+                };
+                (e, afar)
+            })
+        };
+        let found: Vec<(usize, Afar)> = (0..cut.patches().len())
+            .into_par_iter()
+            .with_min_len(64)
+            .flat_map_iter(of_patch)
+            .collect();
+        let mut out = vec![Afar::default(); cut.elements().len()];
+        for (e, afar) in found {
+            out[e] = afar;
+        }
+        out
+    }
+}
+
+/// Irradiance interpolated between patches.
+#[inline]
+fn interpolated(indirect: &[Vec3], taps: &[Tap]) -> Vec3 {
+    let mut sum = Vec3::ZERO;
+    for t in taps {
+        sum += indirect[t.patch.0 as usize] * t.weight;
+    }
+    sum
 }
 
 /// Patch and element of the point `p`, which a ray found as `hit`: on its side of walls that stand on the surface. `None` as
@@ -146,6 +221,18 @@ impl Solution {
         let Some(at) = place(world, &self.cut, hit, p) else {
             return Sent::default();
         };
+        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+        if let Some(afar) = self.afar(at, of) {
+            let kept = of.kept(afar.direct);
+            let reflectance = match afar.triangle == hit.triangle {
+                true => afar.reflectance,
+                false => world.reflectance(hit.triangle, hit.u, hit.v),
+            };
+            return Sent {
+                light: sent(reflectance, afar.direct * kept, afar.indirect, glow),
+                left_out: kept < 1.0,
+            };
+        }
         let kept = self.kept(at, of);
         let direct = if self.rough[at.patch.0 as usize] {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
@@ -158,32 +245,31 @@ impl Solution {
         };
         let (taps, n) = self.cut.taps(hit.triangle, p, at);
         let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
-        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+        let indirect = interpolated(&self.indirect, &taps[..n]);
         Sent {
-            light: self.sent(reflectance, direct * kept, &taps[..n], glow),
+            light: sent(reflectance, direct * kept, indirect, glow),
             left_out: kept < 1.0,
+        }
+    }
+
+    /// What a place looks like from afar, if that is asked for.
+    #[inline]
+    fn afar(&self, at: Locus, of: Reflected) -> Option<&Afar> {
+        match (of, at.element) {
+            (Reflected::Afar(_), Some(e)) if !self.rough[at.patch.0 as usize] => {
+                self.afar.get(e.0 as usize)
+            }
+            _ => None,
         }
     }
 
     /// What share of the direct light of a place is asked for.
     #[inline]
     fn kept(&self, at: Locus, of: Reflected) -> f32 {
-        match (of, at.element) {
-            (Reflected::Share(s), Some(e)) if !self.rough[at.patch.0 as usize] => {
-                1.0 - of_lit(s, luminance(self.direct[e.0 as usize]))
-            }
+        match at.element {
+            Some(e) if !self.rough[at.patch.0 as usize] => of.kept(self.direct[e.0 as usize]),
             _ => 1.0,
         }
-    }
-
-    /// Radiance that a point sends, given the direct light on it and the patches that its indirect light is interpolated between.
-    #[inline]
-    fn sent(&self, reflectance: Vec3, direct: Vec3, taps: &[Tap], glow: Vec3) -> Vec3 {
-        let mut indirect = Vec3::ZERO;
-        for t in taps {
-            indirect += self.indirect[t.patch.0 as usize] * t.weight;
-        }
-        reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI + glow
     }
 
     /// Adds `throughput` times [`radiance`](Self::radiance) to `parts` by group of light, and says what it is in all.
@@ -219,10 +305,14 @@ impl Solution {
             let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
             lights.sample_on(&self.cut, at.patch, &point, seed)
         });
-        let (taps, count) = self.cut.taps(hit.triangle, p, at);
+        let (q, reflectance) = self.seen(hit, p, at, of);
+        let reflectance =
+            reflectance.unwrap_or_else(|| world.reflectance(hit.triangle, hit.u, hit.v));
+        let Some((taps, count)) = self.cut.taps_at(q, at) else {
+            return Sent::default();
+        };
         let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
         let glow = (glow, world.emission_group(hit.triangle));
-        let reflectance = world.reflectance(hit.triangle, hit.u, hit.v);
         let taps = &taps[..count];
         sent_by_group(
             groups,
@@ -233,6 +323,22 @@ impl Solution {
             glow,
             parts,
         )
+    }
+
+    /// Where on its region's grid indirect light is read for a hit, and the element's reflectance where that is what counts.
+    #[inline]
+    fn seen(
+        &self,
+        hit: &Hit,
+        p: Vec3,
+        at: Locus,
+        of: Reflected,
+    ) -> ([f32; 2], Option<Vec3>) {
+        match self.afar(at, of) {
+            Some(afar) if afar.triangle == hit.triangle => (afar.q, Some(afar.reflectance)),
+            Some(afar) => (afar.q, None),
+            None => (self.cut.project(hit.triangle, p), None),
+        }
     }
 
     /// [`radiance_by_group`](Self::radiance_by_group) and [`radiance`](Self::radiance) in one (`parts` is empty where groups are not kept apart), and
@@ -254,11 +360,12 @@ impl Solution {
         };
         let own = self.cut.patches()[at.patch.0 as usize];
         let element = at.element.map(|e| e.0.wrapping_sub(own.first_element));
+        let (q, reflectance) = self.seen(hit, p, at, of);
         let mut seen = SeenPatch {
             patch: at.patch.0,
             element: element.map(|k| k as u8),
-            q: self.cut.project(hit.triangle, p),
-            surface: Shade::of(world, hit),
+            q,
+            surface: Shade::of_mean(world, hit, reflectance),
             far: of != Reflected::All,
             drawn: None,
         };
@@ -339,7 +446,8 @@ impl Solution {
                     (None, Some(e)) => *self.direct.get(e.0 as usize)?,
                     (None, None) => self.direct_mean[patch],
                 };
-                let light = throughput * self.sent(reflectance, direct * kept, taps, glow.0);
+                let indirect = interpolated(&self.indirect, taps);
+                let light = throughput * sent(reflectance, direct * kept, indirect, glow.0);
                 if let Some(all) = parts.first_mut() {
                     *all += light;
                 }
@@ -372,8 +480,25 @@ impl Solution {
 pub enum Reflected {
     /// All of it.
     All,
-    /// Of what lamps and emitters bring to elements only what [`of_lit`] of this leaves.
-    Share(f32),
+    /// All that is seen of its element from afar, but of what lamps and emitters bring to that only what [`of_lit`] of this leaves.
+    Afar(f32),
+}
+
+impl Reflected {
+    /// What share of `direct` irradiance is asked for.
+    #[inline]
+    fn kept(self, direct: Vec3) -> f32 {
+        match self {
+            Reflected::All => 1.0,
+            Reflected::Afar(share) => 1.0 - of_lit(share, luminance(direct)),
+        }
+    }
+}
+
+/// Radiance that a point sends, given the light on it.
+#[inline]
+fn sent(reflectance: Vec3, direct: Vec3, indirect: Vec3, glow: Vec3) -> Vec3 {
+    reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI + glow
 }
 
 /// The share of a lit element's direct light (of that luminance) that is sampled there, where `s` is the share of gathering rays, per luminance: the balance heuristic.
@@ -423,10 +548,16 @@ pub struct Shade {
 impl Shade {
     /// Of a hit.
     pub fn of(world: &World, hit: &Hit) -> Shade {
+        Shade::of_mean(world, hit, None)
+    }
+
+    /// Of a hit, with the mean reflectance about it if that is given.
+    fn of_mean(world: &World, hit: &Hit, mean: Option<Vec3>) -> Shade {
         let even = world.even_reflectance(hit.triangle);
+        let own = || mean.unwrap_or_else(|| world.reflectance(hit.triangle, hit.u, hit.v));
         Shade {
             triangle: hit.triangle,
-            reflectance: (even.is_none()).then(|| world.reflectance(hit.triangle, hit.u, hit.v)),
+            reflectance: (even.is_none()).then(own),
             glow: (
                 world.gathered_emission(hit.triangle, hit.u, hit.v),
                 world.emission_group(hit.triangle),

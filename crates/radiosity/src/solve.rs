@@ -15,7 +15,7 @@ use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::recall::{Recalled, ShadowTape, Topic};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
-use crate::solution::{GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
+use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
 use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
@@ -206,10 +206,12 @@ pub fn solve_recalled(
         direct_mean: interleave(&|i, g| by_group[g].direct[i].as_vec3()),
         indirect: interleave(&|i, g| of_groups[g][i].as_vec3()),
     });
+    let indirect: Vec<Vec3> = indirect.iter().map(|e| e.as_vec3()).collect();
     Solution {
         groups,
         direct_mean: surfaces.direct.iter().map(|e| e.as_vec3()).collect(),
-        indirect: indirect.iter().map(|e| e.as_vec3()).collect(),
+        afar: Afar::collect(world, &cut, &direct, &reflectance, &indirect),
+        indirect,
         cut,
         direct,
         reflectance,
