@@ -54,9 +54,12 @@ impl Default for SolveOptions {
 /// Rays a patch has after the first pass; each later pass quadruples them.
 const FIRST_PASS: u32 = 16;
 
+/// Residual that passes before the last are relaxed to: theirs is where the next one begins, and what few rays get wrong is more than that.
+const EARLY: f64 = 1e-2;
+
 /// Solves the scene's light.
 ///
-/// Progressive: passes with ever more rays, each relaxed until its residual is below the tolerance, starting from the last pass's
+/// Progressive: passes with ever more rays, the last relaxed until its residual is below the tolerance, each starting from the one before's
 /// answer. When the monitor cancels, the last answer stands (at least direct light on the elements done), and
 /// [`SolveReport::cancelled`] is set.
 ///
@@ -143,6 +146,10 @@ pub fn solve_recalled(
             break;
         }
         let mut relaxation: Option<RelaxReport> = None;
+        let mut relax = options.relax;
+        if rays < most {
+            relax.tolerance = relax.tolerance.max(EARLY);
+        }
         for (g, indirect) in of_groups.iter_mut().enumerate() {
             let direct = &by_group.get(g).unwrap_or(&surfaces).direct_radiosity;
             let source: Vec<DVec3> = (0..n)
@@ -157,7 +164,8 @@ pub fn solve_recalled(
                 area: &surfaces.area,
                 source: &source,
             };
-            let one = system.relax(indirect, &options.relax, monitor);
+            let mut one = system.relax(indirect, &relax, monitor);
+            one.converged = one.residual <= options.relax.tolerance;
             let steps = one.steps.iter().map(|&step| SolveStep { rays, step });
             report.history.extend(steps);
             relaxation = Some(match relaxation {
