@@ -51,7 +51,7 @@ MOST_ZEROS, WELL_LIT = 0.01, 0.3
 BACK_LIT = 10   # a lumel that two-sided surfaces light so many times more, and by more than the mean light, is lit by a back
 # What equal work leaves out: vertex colours, and of the time the phase that makes and packs charts.  Not `--uv keep` on the lightmapped level: that takes a mesh's
 # coordinates for square and packs anew, so its lumels are others (demo level: 43 of 80 nodes have rectangles of another shape).
-EQUAL_WORK, NOT_THEIRS = ("--no-vertex-colors",), "atlas"
+EQUAL_WORK, NOT_THEIRS = ("--no-vertex-colors", "--in-turn"), "atlas"
 LONG = 5.0      # s; what takes longer is run once
 
 

@@ -247,6 +247,7 @@ impl<'a> Baker<'a> {
                     size: *size,
                     show: &**show,
                 }),
+            in_turn: false,
         };
         self.work(|watch| bake_scene(scene, &self.settings, &provenance, &beside, watch))
     }

@@ -1,6 +1,7 @@
 //! The bake from file to files.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
@@ -11,7 +12,10 @@ use atlas_bake::{
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
-use radiosity::{DirectLight, Emitters, Monitor, Phase, Sky, Solution, World, WorldOptions};
+use radiosity::{
+    DirectLight, Emitters, LightGroups, Monitor, Phase, Recalled, Sky, Solution, World,
+    WorldOptions,
+};
 
 use crate::cache::{self, Cache, Surfaces};
 use crate::check::check;
@@ -160,6 +164,8 @@ pub struct Beside<'a> {
     pub cache: Option<&'a Cache>,
     /// Who wants to see the level as soon as its light is solved, before lumels are gathered.
     pub first_picture: Option<FirstPicture<'a>>,
+    /// Make charts and solve the light one after the other: each phase's time is then its own.
+    pub in_turn: bool,
 }
 
 /// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and contacts, and there in a small part of a bake's time.
@@ -167,7 +173,7 @@ pub struct Beside<'a> {
 pub struct FirstPicture<'a> {
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// Gets the PNG, from the thread that bakes, which waits. An error ends the bake.
+    /// Gets the PNG, from a thread that bakes, which waits. An error ends the bake.
     pub show: &'a (dyn Fn(Vec<u8>) -> Result<(), Error> + Sync),
 }
 
@@ -222,48 +228,42 @@ pub(crate) fn bake_scene(
     clock.lap(Phase::Ingest);
 
     begin(monitor, Phase::Atlas)?;
-    let charts = cache.map(cache::Charts::new);
-    let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
-    let (layout, layout_report) = plan_layout(file, &loaded.scene, &soup, settings, kept, monitor)?;
-    clock.lap(Phase::Atlas);
-
-    begin(monitor, Phase::Tree)?;
     let options = bake_options(settings);
-    let recall = cache.map(|cache| {
-        let surfaces = Surfaces {
-            scene: &loaded.scene,
-            layout: &layout,
-            sky: &sky,
-            groups: groups.as_ref(),
-        };
-        cache::open(cache, &surfaces, settings, &options)
-    });
-    let world = World::build(
-        &loaded.scene,
-        &soup,
-        WorldOptions {
-            sky,
-            groups,
-            ..WorldOptions::default()
-        },
-    )
-    .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
-    let emitters = Emitters::collect(&world);
-    clock.lap(Phase::Tree);
-
-    begin(monitor, Phase::Solve)?;
-    let recalled = recall.as_ref().and_then(|r| r.recalled());
-    let solve = settings.solve_options();
-    let solution = radiosity::solve_recalled(&world, &emitters, &solve, recalled, monitor);
-    if solution.report.cancelled {
-        return Err(Error::Cancelled);
-    }
-    clock.lap(Phase::Solve);
-    if let Some(first) = &beside.first_picture {
-        let png = first_picture(&loaded, &world, &emitters, &solution, first.size)?;
-        (first.show)(png)?;
-        clock.lap(Phase::Picture);
-    }
+    let charts = cache.map(cache::Charts::new);
+    let level = Level {
+        file,
+        loaded: &loaded,
+        soup: &soup,
+        settings,
+        first_picture: beside.first_picture.as_ref(),
+    };
+    // A cache names what it holds by the charts too. One thread would change to and fro.
+    let in_turn = beside.in_turn || cache.is_some() || rayon::current_num_threads() == 1;
+    let ((layout, layout_report), lit, recall) = if in_turn {
+        let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
+        let planned = level.charts(kept, monitor)?;
+        clock.lap(Phase::Atlas);
+        let recall = cache.map(|cache| {
+            let surfaces = Surfaces {
+                scene: &loaded.scene,
+                layout: &planned.0,
+                sky: &sky,
+                groups: groups.as_ref(),
+            };
+            cache::open(cache, &surfaces, settings, &options)
+        });
+        let recalled = recall.as_ref().and_then(|r| r.recalled());
+        let lit = level.light(sky, groups, recalled, monitor, &mut clock)?;
+        (planned, lit, recall)
+    } else {
+        let (planned, lit) = level.charts_and_light(sky, groups, monitor, &mut clock)?;
+        (planned, lit, None)
+    };
+    let Lit {
+        world,
+        emitters,
+        solution,
+    } = lit;
 
     begin(monitor, Phase::Gather)?;
     let baked = atlas_bake::bake_recalling(
@@ -346,6 +346,147 @@ pub(crate) fn bake_scene(
         value: settings.value,
         clock,
     })
+}
+
+/// A level that was read, and what is wanted of it.
+struct Level<'l> {
+    file: &'l Path,
+    loaded: &'l Loaded,
+    soup: &'l Soup,
+    settings: &'l Settings,
+    first_picture: Option<&'l FirstPicture<'l>>,
+}
+
+/// A level whose light is solved on patches.
+struct Lit<'l> {
+    world: World<'l>,
+    emitters: Emitters,
+    solution: Solution,
+}
+
+impl<'l> Level<'l> {
+    fn charts(
+        &self,
+        kept: Option<&dyn KeptCharts>,
+        monitor: &dyn Monitor,
+    ) -> Result<(Layout, LayoutReport), Error> {
+        let scene = &self.loaded.scene;
+        plan_layout(self.file, scene, self.soup, self.settings, kept, monitor)
+    }
+
+    /// Builds the tree, solves the light, and shows the first picture of it.
+    fn light(
+        &self,
+        sky: Sky,
+        groups: Option<LightGroups>,
+        recalled: Option<Recalled<'_>>,
+        monitor: &dyn Monitor,
+        clock: &mut Clock,
+    ) -> Result<Lit<'l>, Error> {
+        begin(monitor, Phase::Tree)?;
+        let options = WorldOptions {
+            sky,
+            groups,
+            ..WorldOptions::default()
+        };
+        let world = World::build(&self.loaded.scene, self.soup, options)
+            .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        let emitters = Emitters::collect(&world);
+        clock.lap(Phase::Tree);
+
+        begin(monitor, Phase::Solve)?;
+        let options = self.settings.solve_options();
+        let solution = radiosity::solve_recalled(&world, &emitters, &options, recalled, monitor);
+        if solution.report.cancelled {
+            return Err(Error::Cancelled);
+        }
+        clock.lap(Phase::Solve);
+        if let Some(first) = self.first_picture {
+            let png = first_picture(self.loaded, &world, &emitters, &solution, first.size)?;
+            (first.show)(png)?;
+            clock.lap(Phase::Picture);
+        }
+        Ok(Lit {
+            world,
+            emitters,
+            solution,
+        })
+    }
+
+    /// Both at once: neither needs anything of the other, and charts of few large meshes keep one core busy. Of two errors the charts' is told, as if they
+    /// came first.
+    fn charts_and_light(
+        &self,
+        sky: Sky,
+        groups: Option<LightGroups>,
+        monitor: &dyn Monitor,
+        clock: &mut Clock,
+    ) -> Result<((Layout, LayoutReport), Lit<'l>), Error> {
+        let (always, stop, planned) = (
+            AtomicBool::new(true),
+            AtomicBool::new(false),
+            AtomicBool::new(false),
+        );
+        let side = |shown| Side {
+            monitor,
+            stop: &stop,
+            shown,
+        };
+        let mut own = clock.clone();
+        let (charts, lit) = rayon::join(
+            || {
+                let charts = self.charts(None, &side(&always));
+                clock.lap(Phase::Atlas);
+                planned.store(true, Ordering::Relaxed);
+                stop.fetch_or(charts.is_err(), Ordering::Relaxed);
+                charts
+            },
+            || {
+                own.phases.clear();
+                let lit = self.light(sky, groups, None, &side(&planned), &mut own);
+                stop.fetch_or(lit.is_err(), Ordering::Relaxed);
+                lit
+            },
+        );
+        let outcome = match (charts, lit) {
+            // The other one's fault.
+            (Err(Error::Cancelled), Err(e)) => Err(e),
+            (Err(e), _) | (_, Err(e)) => Err(e),
+            (Ok(charts), Ok(lit)) => Ok((charts, lit)),
+        }?;
+        // Whoever follows has seen every phase, in order.
+        begin(monitor, Phase::Solve)?;
+        clock.phases.append(&mut own.phases);
+        clock.last = Instant::now();
+        Ok(outcome)
+    }
+}
+
+/// The monitor of one of two things that are done at once.
+struct Side<'m> {
+    monitor: &'m dyn Monitor,
+    /// The other one failed.
+    stop: &'m AtomicBool,
+    /// Its progress is shown.
+    shown: &'m AtomicBool,
+}
+
+impl Monitor for Side<'_> {
+    fn progress(&self, phase: Phase, done: u64, total: u64) {
+        if self.shown.load(Ordering::Relaxed) {
+            self.monitor.progress(phase, done, total);
+        }
+    }
+
+    fn residual(&self, residual: f64) {
+        if self.shown.load(Ordering::Relaxed) {
+            self.monitor.residual(residual);
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.stop.load(Ordering::Relaxed) || self.monitor.cancelled()
+    }
 }
 
 /// What settings say about gathering and pages.

@@ -83,7 +83,8 @@ pub struct StoredPage {
 pub struct Measured {
     /// Worker threads.
     pub threads: usize,
-    /// Wall time per phase, in order.
+    /// Wall time per phase, in order. Charts are made while the tree is built and the light is solved, but with one thread, a cache or `--in-turn`: these times
+    /// overlap then, and sum to more than all.
     pub phases: Vec<PhaseTime>,
     /// Wall time of all, seconds.
     pub seconds: f64,

@@ -90,9 +90,7 @@ impl Afar {
                     triangle,
                     indirect: light.unwrap_or_default(),
                     q,
-                    reflectance: world
-                        .even_reflectance(triangle)
-                        .unwrap_or(reflectance[e]),
+                    reflectance: world.even_reflectance(triangle).unwrap_or(reflectance[e]),
                 };
                 (e, afar)
             })
@@ -327,13 +325,7 @@ impl Solution {
 
     /// Where on its region's grid indirect light is read for a hit, and the element's reflectance where that is what counts.
     #[inline]
-    fn seen(
-        &self,
-        hit: &Hit,
-        p: Vec3,
-        at: Locus,
-        of: Reflected,
-    ) -> ([f32; 2], Option<Vec3>) {
+    fn seen(&self, hit: &Hit, p: Vec3, at: Locus, of: Reflected) -> ([f32; 2], Option<Vec3>) {
         match self.afar(at, of) {
             Some(afar) if afar.triangle == hit.triangle => (afar.q, Some(afar.reflectance)),
             Some(afar) => (afar.q, None),
@@ -617,3 +609,6 @@ fn sent_by_group(
         left_out: kept < 1.0,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -127,6 +127,9 @@ pub(crate) struct Bake {
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
+    /// Make charts and solve the light one after the other, not at once: for measuring, each phase's time in the report is then its own. The results are the same
+    #[arg(long)]
+    pub in_turn: bool,
     /// Keep what rays met in this folder, and cast none again that an earlier bake of the same surfaces cast: after a lamp was moved, or with
     /// other output options. The results are the same
     #[arg(long, value_name = "DIR")]

@@ -168,6 +168,7 @@ fn bake(
             size: FIRST,
             show: &show,
         }),
+        in_turn: a.in_turn,
     };
     let bake = lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?;
     if let Some(cache) = &bake.report.measured.cache {
