@@ -10,8 +10,8 @@ Usage : python speed_error.py [--scenes cornell,demo,garage,godot,sponza] [--lum
         python speed_error.py --page-only          plots and page again from the CSV
 Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its references are looked up under LUMEL_REF or made
           (reference.py; their time is bounded in the scene table, --reference-time scales it, --refine adds to what is there); 3 all settings of lumel and
-          Cycles in turn, lumel's twice: the whole bake, and equal work (`--no-vertex-colors`, and what making charts and packing them took in that run is
-          taken off: Cycles does neither); settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
+          Cycles in turn, lumel's twice: the whole bake, and equal work (`--no-vertex-colors --in-turn`, and what making charts and packing them took in
+          that run is taken off: Cycles does neither); settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
 Output: docs/data/speed_error.csv       a row for every run and family of lumels, written after each run; what was not run keeps its rows, unless they
                                         are of another atlas or, lumel's, of another binary
         docs/images/speed_error.png .svg  one panel a scene;  docs/images/weakness_*.png
