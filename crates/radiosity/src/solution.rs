@@ -29,7 +29,7 @@ pub struct Solution {
     pub rough: Vec<bool>,
     /// The same by group of light, where groups are kept apart.
     pub groups: Option<GroupLight>,
-    /// By element.
+    /// By element; of the light above when the solve ended, or [`refresh`](Self::refresh) was called.
     pub(crate) afar: Vec<Afar>,
     /// How it was reached.
     pub report: SolveReport,
@@ -186,6 +186,17 @@ pub struct SolveReport {
 }
 
 impl Solution {
+    /// Makes anew what is seen from afar, after the light was changed.
+    pub fn refresh(&mut self, world: &World) {
+        self.afar = Afar::collect(
+            world,
+            &self.cut,
+            &self.direct,
+            &self.reflectance,
+            &self.indirect,
+        );
+    }
+
     /// Radiance that leaves the point `p`, which a ray found as `hit`, towards the ray's origin: ρE/π and gathered emission.
     ///
     /// Indirect light is interpolated between patches. Direct light comes from the point's element, or, on

@@ -15,7 +15,7 @@ use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::recall::{Recalled, ShadowTape, Topic};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
-use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
+use crate::solution::{GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
 use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
@@ -214,18 +214,19 @@ pub fn solve_recalled(
         direct_mean: interleave(&|i, g| by_group[g].direct[i].as_vec3()),
         indirect: interleave(&|i, g| of_groups[g][i].as_vec3()),
     });
-    let indirect: Vec<Vec3> = indirect.iter().map(|e| e.as_vec3()).collect();
-    Solution {
+    let mut solution = Solution {
         groups,
         direct_mean: surfaces.direct.iter().map(|e| e.as_vec3()).collect(),
-        afar: Afar::collect(world, &cut, &direct, &reflectance, &indirect),
-        indirect,
+        afar: Vec::new(),
+        indirect: indirect.iter().map(|e| e.as_vec3()).collect(),
         cut,
         direct,
         reflectance,
         rough,
         report,
-    }
+    };
+    solution.refresh(world);
+    solution
 }
 
 /// Patches whose elements' direct light spans more than half of the brightest: below that, what one element gets wrong is less than

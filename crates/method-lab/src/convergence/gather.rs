@@ -88,6 +88,7 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
                 solution.indirect[k] = Vec3::ONE;
             }
         }
+        solution.refresh(world);
         let wall = cube(1).patches[2].corners.clone();
         let truth =
             |square: &Square| square.mean(|p| 0.5 * form_factor_polygon(p, DVec3::Z, &wall));
@@ -119,6 +120,7 @@ pub fn lit_error(rays: u32, lit: u32) -> [f64; 2] {
                 spot.push((at.position.as_dvec3(), f64::from(e.area)));
             }
         }
+        solution.refresh(world);
         let truth = |square: &Square| {
             square.mean(|p| {
                 let brings = |(q, area): &(DVec3, f64)| {
