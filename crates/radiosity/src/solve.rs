@@ -15,7 +15,7 @@ use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::recall::{Recalled, ShadowTape, Topic};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
-use crate::solution::{GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
+use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
 use crate::world::{Emission, Incoming, World, luminance};
 
 /// How finely a scene is solved.
@@ -188,6 +188,7 @@ pub fn solve_recalled(
     report.link_rays = links.rays as u64 * n as u64;
     report.bytes = links.bytes()
         + report.subdivision.bytes
+        + (cut.elements().len() * size_of::<Afar>()) as u64
         + ((direct.len() + reflectance.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
     report.audit = audit(
         world,
