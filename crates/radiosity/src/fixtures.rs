@@ -101,6 +101,16 @@ pub(crate) fn light(intensity: f32, kind: mesh_ingest::LightKind) -> Light {
     }
 }
 
+/// A lamp in the unit cube, off its middle.
+pub(crate) fn lamp() -> Light {
+    let kind = mesh_ingest::LightKind::Point {
+        position: Vec3::new(0.4, 0.5, 0.7),
+        range: None,
+        radius: 0.0,
+    };
+    light(3.0, kind)
+}
+
 /// A sphere about the origin, an octahedron whose faces are split `level` times: 8·4^level facets, fronts inside or outside.
 pub(crate) fn add_sphere(
     scene: &mut Scene,

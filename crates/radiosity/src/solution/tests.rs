@@ -1,10 +1,10 @@
 use glam::Vec2;
-use mesh_ingest::{Image, LightKind, Scene, Soup, TextureRef, Wrap};
+use mesh_ingest::{Image, Scene, Soup, TextureRef, Wrap};
 use visibility::Ray;
 
 use super::*;
 use crate::emitters::Emitters;
-use crate::fixtures::{add_quad, cube, light, material};
+use crate::fixtures::{add_quad, cube, lamp, material};
 use crate::monitor::Silent;
 use crate::sampling::sample_2d;
 use crate::solve::{SolveOptions, solve};
@@ -34,14 +34,7 @@ fn chequered_room() -> Scene {
     if let Some(mesh) = scene.meshes.last_mut() {
         mesh.primitives[0].tex_coords = vec![vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y]];
     }
-    scene.lights.push(light(
-        3.0,
-        LightKind::Point {
-            position: Vec3::new(0.4, 0.5, 0.7),
-            range: None,
-            radius: 0.0,
-        },
-    ));
+    scene.lights.push(lamp());
     scene
 }
 

@@ -2,10 +2,10 @@ use std::f64::consts::PI;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::Vec3;
-use mesh_ingest::{LightKind, Scene, Soup};
+use mesh_ingest::{Scene, Soup};
 
 use super::*;
-use crate::fixtures::{add_quad, cube, light, material};
+use crate::fixtures::{add_quad, cube, lamp, material};
 use crate::monitor::Silent;
 use crate::sky::Sky;
 use crate::world::WorldOptions;
@@ -38,14 +38,7 @@ fn solve_scene(scene: &Scene, sky: Sky, options: &SolveOptions, monitor: &dyn Mo
 /// A closed room with a lamp off its centre.
 fn lit_room(reflectance: f32) -> Scene {
     let mut scene = cube(reflectance, Vec3::ZERO);
-    scene.lights.push(light(
-        3.0,
-        LightKind::Point {
-            position: Vec3::new(0.4, 0.5, 0.7),
-            range: None,
-            radius: 0.0,
-        },
-    ));
+    scene.lights.push(lamp());
     scene
 }
 
