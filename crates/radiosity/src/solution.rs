@@ -181,7 +181,7 @@ pub struct SolveReport {
     pub audit: Audit,
     /// The solve was stopped early; what is here is what had been reached.
     pub cancelled: bool,
-    /// Memory of links and subdivision, bytes.
+    /// Memory of links, subdivision and the light of elements, bytes.
     pub bytes: u64,
 }
 
