@@ -7,17 +7,25 @@ use std::collections::BTreeMap;
 use common::{at, bake};
 use glam::{DVec3, Vec3};
 use lumel::mesh_ingest::{LoadOptions, Loaded, load};
-use lumel::{Bake, Quality, Settings};
+use lumel::{Bake, Hidden, Quality, Settings};
 use lumel_tests::geometry::{Geometry, box_faces, grid};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
 use lumel_tests::scenes::closed_form::point_irradiance;
 
 /// A mesh of these black primitives under a lamp of 4 candela at `lamp`.
 fn lit(primitives: &[&Geometry], lamp: Vec3) -> Vec<u8> {
+    painted(primitives, 0.0, lamp)
+}
+
+/// A mesh of these grey primitives under that lamp.
+fn painted(primitives: &[&Geometry], reflectance: f32, lamp: Vec3) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let parts: Vec<_> = primitives
         .iter()
-        .map(|g| (*g, b.material(&Material::diffuse("black", [0.0; 3]))))
+        .map(|g| {
+            let paint = Material::diffuse("paint", [reflectance; 3]);
+            (*g, b.material(&paint))
+        })
         .collect();
     let mesh = b.mesh("mesh", &parts);
     b.node(Node::of_mesh("node", mesh));
@@ -362,4 +370,35 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
     }
     assert!(dark > 31 * 65 && lit == 3 * 65, "{dark} {lit}");
     assert!(light_of(&b, 1).iter().all(|e| *e < 1e-6 * most));
+}
+
+#[test]
+fn gathered_light_is_not_smoothed_through_a_wall() {
+    // One dense floor through two closed white rooms, of which one has a lamp. With the mean over hidden parts nothing is read from lumels.
+    let (low, high) = (Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, 1.0, 1.0));
+    let mut room = box_faces(low, high, 1).map(Geometry::flipped);
+    room[2] = floor(32);
+    let (thick, out) = (Vec3::new(0.01, 1.01, 1.01), Vec3::new(0.01, 0.01, 1.01));
+    let wall = box_faces(-out, thick, 1);
+    let parts: Vec<&Geometry> = room.iter().chain(&wall).collect();
+    let settings = Settings {
+        hidden: Hidden::Mean,
+        quality: Quality::Draft,
+        ..at(8.0)
+    };
+    let b = bake(&painted(&parts, 0.8, Vec3::new(0.5, 0.6, 0.2)), &settings);
+    let report = b.report.gather.vertices.expect("vertices were baked");
+    assert_eq!(report.read, 0);
+    let light = light_of(&b, 2);
+    let most = light.iter().copied().fold(0.0, f64::max);
+    let mut dark = 0;
+    for (p, e) in room[2].positions.iter().zip(&light) {
+        if p.x < -0.02 {
+            assert!(*e < 1e-6 * most, "{p} {e} of {most}");
+            dark += 1;
+        } else if p.x > 0.02 {
+            assert!(*e > 0.05 * most, "{p} {e} of {most}");
+        }
+    }
+    assert_eq!(dark, 16 * 33);
 }

@@ -46,7 +46,7 @@ const UNLIKE: f32 = 0.7;
 
 /// Cosine between normals below which two lumels see too different hemispheres. About 30°: along a curve light changes steadily, which
 /// the plane follows, and pillars are a few lumels around.
-const SAME_FACING: f32 = 0.85;
+pub(crate) const SAME_FACING: f32 = 0.85;
 
 /// Lumels of a window.
 pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
@@ -508,11 +508,8 @@ impl<'a> Window<'a> {
             let weigh = |k: usize| {
                 let (j, dx, dy) = around[k];
                 let d = by.halves[j][judge] - value;
-                // A half has twice the variance of the whole.
-                let noise = (2.0 * (by.noise[i] + by.noise[j])).max(f32::MIN_POSITIVE);
-                let likely = (-d * d / (2.0 * SIGMAS * SIGMAS * noise)).exp();
                 let near = (-0.5 * (dx * dx + dy * dy) as f32 / (reach * reach) as f32).exp();
-                likely * near * self.lumels[j].coverage.max(0.05)
+                likely(d, by.noise[i] + by.noise[j]) * near * self.lumels[j].coverage.max(0.05)
             };
             let Some(shares) = shares_of_fit(&around[..n], weigh) else {
                 return keep(variance[i]);
@@ -538,6 +535,13 @@ impl<'a> Window<'a> {
             planes,
         }
     }
+}
+
+/// How much a neighbour counts whose half of the samples differs by `d`, where the variances of both wholes sum to `noise`.
+pub(crate) fn likely(d: f32, noise: f32) -> f32 {
+    // A half has twice the variance of the whole.
+    let noise = (2.0 * noise).max(f32::MIN_POSITIVE);
+    (-d * d / (2.0 * SIGMAS * SIGMAS * noise)).exp()
 }
 
 /// What share each neighbour has in the value at the lumel of the quadratic fitted with these weights; they sum to 1.

@@ -35,7 +35,7 @@ pub(crate) enum Stage {
     Follow = 3,
     /// More rays.
     More = 6,
-    /// Vertices: what they share, and what is their own.
+    /// Vertices: what they share, what is their own, and what is shared where neighbours smooth it.
     Vertices = 7,
 }
 

@@ -11,7 +11,7 @@ use std::sync::Mutex;
 use tempfile::NamedTempFile;
 
 /// First bytes of a file: the form of what follows.
-const MAGIC: &[u8; 16] = b"lumel records 3\n";
+const MAGIC: &[u8; 16] = b"lumel records 4\n";
 
 /// Where a block is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

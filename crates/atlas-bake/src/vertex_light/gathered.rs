@@ -5,10 +5,11 @@ use rayon::prelude::*;
 
 use super::cluster::Clusters;
 use super::sheet::Sheet;
+use super::smooth::Mesh;
 use crate::bake::{Recorded, in_blocks};
 use crate::estimate::{Point, mean_and_spread};
 use crate::footprint::Footprint;
-use crate::gather::{Gatherer, Received};
+use crate::gather::{GatherOptions, Gatherer, Received};
 use crate::lit::LitRays;
 use crate::planes::PlaneSums;
 use crate::points::Points;
@@ -49,7 +50,7 @@ struct Group {
 pub(super) fn gather(
     jobs: &[Job],
     sheets: &[Sheet],
-    gatherer: &Gatherer,
+    gatherer: &mut Gatherer,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Received>, Cancelled> {
     let world = gatherer.world;
@@ -64,40 +65,28 @@ pub(super) fn gather(
         })
         .collect();
     let groups = groups(jobs, &clusters, world);
-    let first = |g: usize| &jobs[groups[g].jobs[0] as usize];
-    let recorded = Recorded {
-        recall: gatherer.recall,
-        stage: Stage::Vertices.round(0),
-        item: &|g| first(g).item,
-        guard: &|g| {
-            let of = |h, k: &u32| mix(h ^ guard_of(&jobs[*k as usize]));
-            groups[g].jobs.iter().fold(0, of)
-        },
-    };
-    let shared = in_blocks(
-        groups.len(),
-        Phase::Vertices,
-        monitor,
-        recorded,
-        |g, tape| {
-            let (group, first) = (&groups[g].jobs, first(g));
-            if group.len() == 1 {
-                return gatherer.gather_recalled(&first.footprint(world), first.seed, tape);
-            }
-            let spokes = all_spokes(group.iter().map(|k| &jobs[*k as usize]), world);
-            let footprint = VertexFootprint {
-                world,
-                around: &spokes,
-                seed: first.seed,
-            };
-            gatherer.gather_shared(&footprint, first.seed, tape)
-        },
-    )?;
-
     let mut group_of = vec![0u32; jobs.len()];
     for (g, group) in groups.iter().enumerate() {
         (group.jobs.iter()).for_each(|&k| group_of[k as usize] = g as u32);
     }
+    let mesh = mesh_of(jobs, sheets, &clusters, &groups, &group_of, world);
+    let mut shared: Vec<Received> = Vec::new();
+    shared.resize_with(groups.len(), Received::default);
+    let smoothed = mesh.has_others();
+    let all = gatherer.options;
+    for (round, options, which) in [(0, all, false), (2, half(&all), true)] {
+        gatherer.options = options;
+        let part: Vec<usize> = (0..groups.len())
+            .filter(|&g| smoothed[g] == which)
+            .collect();
+        let of_part = share_out(&part, jobs, &groups, gatherer, round, monitor);
+        gatherer.options = all;
+        for (g, received) in part.into_iter().zip(of_part?) {
+            shared[g] = received;
+        }
+    }
+    mesh.smooth(&mut shared);
+    let gatherer = &*gatherer;
     let members: Vec<u32> = (0..jobs.len() as u32)
         .filter(|&k| groups[group_of[k as usize] as usize].jobs.len() > 1)
         .collect();
@@ -150,6 +139,88 @@ pub(super) fn gather(
         });
     }
     Ok(out)
+}
+
+/// Half of the rays, two and more at each point.
+fn half(options: &GatherOptions) -> GatherOptions {
+    let rays = (options.rays / 2).max(1);
+    GatherOptions {
+        rays,
+        points: options.points.min((rays / 2).max(1)),
+        ..*options
+    }
+}
+
+/// Light of the groups of `part`, in its order.
+fn share_out(
+    part: &[usize],
+    jobs: &[Job],
+    groups: &[Group],
+    gatherer: &Gatherer,
+    round: u32,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Received>, Cancelled> {
+    let world = gatherer.world;
+    let group = |k: usize| &groups[part[k]];
+    let first = |k: usize| &jobs[group(k).jobs[0] as usize];
+    let recorded = Recorded {
+        recall: gatherer.recall,
+        stage: Stage::Vertices.round(round),
+        item: &|k| first(k).item,
+        guard: &|k| {
+            let of = |h, k: &u32| mix(h ^ guard_of(&jobs[*k as usize]));
+            group(k).jobs.iter().fold(0, of)
+        },
+    };
+    in_blocks(part.len(), Phase::Vertices, monitor, recorded, |k, tape| {
+        let (group, first) = (&group(k).jobs, first(k));
+        if group.len() == 1 {
+            return gatherer.gather_recalled(&first.footprint(world), first.seed, tape);
+        }
+        let spokes = all_spokes(group.iter().map(|k| &jobs[*k as usize]), world);
+        let footprint = VertexFootprint {
+            world,
+            around: &spokes,
+            seed: first.seed,
+        };
+        gatherer.gather_shared(&footprint, first.seed, tape)
+    })
+}
+
+/// Groups, and which of them lie beside each other: by edges of triangles.
+fn mesh_of(
+    jobs: &[Job],
+    sheets: &[Sheet],
+    clusters: &[Clusters],
+    groups: &[Group],
+    group_of: &[u32],
+    world: &World,
+) -> Mesh {
+    let spots = (groups.par_iter())
+        .map(|group| {
+            let job = &jobs[group.jobs[0] as usize];
+            clusters[job.sheet as usize].spots[job.point as usize]
+        })
+        .collect();
+    let edges = |s: usize| {
+        let sheet = &sheets[s];
+        let start = jobs.partition_point(|j| (j.sheet as usize) < s);
+        let end = jobs.partition_point(|j| (j.sheet as usize) <= s);
+        let mut of = vec![u32::MAX; if start < end { sheet.points } else { 0 }];
+        for (job, g) in jobs[start..end].iter().zip(&group_of[start..end]) {
+            of[job.point as usize] = *g;
+        }
+        let group = move |p: usize| of.get(p).copied().unwrap_or(u32::MAX);
+        (sheet.tris.iter()).flat_map(move |tri| {
+            let g = sheet.points_of(tri).map(&group);
+            [(0, 1), (1, 2), (2, 0)].map(|(a, b)| [g[a].min(g[b]), g[a].max(g[b])])
+        })
+    };
+    let pairs = (0..sheets.len()).into_par_iter();
+    let pairs = (pairs.flat_map_iter(edges))
+        .filter(|[a, b]| a != b && *b != u32::MAX)
+        .collect();
+    Mesh::new(spots, pairs, world)
 }
 
 /// The jobs of each cluster, by their first.

@@ -11,6 +11,7 @@ mod gathered;
 mod moments;
 mod read;
 mod sheet;
+mod smooth;
 mod split;
 
 use std::cell::Cell;
