@@ -45,6 +45,8 @@ LUMEL = {
     "production": ["--quality", "production"],
     "production, error 0.005": ["--quality", "production", "--error", 0.005],
 }
+# No goal hangs on these: if time runs out, they are missed less.  All others of a scene are taken in turn, within a quarter of an hour.
+LAST = ("production", "production, error 0.005")
 # A peer's map in which more of the well-lit lumels hold exactly 0 shows a fault of its bake, not noise.  Well-lit: above a third of the mean.  In darker ones
 # few samples find no light at all: on Sponza, 12 % of the lumels between a thousandth and a hundredth of the mean hold 0 after 256.
 MOST_ZEROS, WELL_LIT = 0.01, 0.3
@@ -163,20 +165,18 @@ class Scene:
             self._triangles = len(reference.gltf_scene.load(self.flat, images=False).tri)
         return self._triangles
 
-    def sweep(self, with_cycles, book, only_slow=False):
-        """Every setting in turn, then those under LONG seconds again; every run's rows go to `book` at once.  `only_slow`: Cycles' slow ones and lumel's `production`, where it is slow"""
+    def sweep(self, with_cycles, book, last=False):
+        """Every setting in turn, then those under LONG seconds again; every run's rows go to `book` at once.  With --final a scene's LAST ones wait for a call of their own"""
         a, jobs = self.a, []
-        lumel = [s for s in LUMEL if a.full or s not in self.table.get("slow_lumel", ())]
-        samples = list(self.table["cycles"]) + (list(self.table["slow_cycles"]) if a.full else []) if with_cycles else []
+        slow = self.table.get("slow_lumel", ())
+        lumel = [s for s in LUMEL if a.full or s not in slow or (a.final and s == "production")]
+        samples = list(self.table["cycles"]) + (list(self.table["slow_cycles"]) if a.full or a.final else []) if with_cycles else []
         if a.smoke:
             lumel, samples = lumel[:3:2], [2, 8] if samples else []
-        if only_slow:
-            lumel = [s for s in self.table.get("slow_lumel", ()) if s == "production"]
-            samples = list(self.table["slow_cycles"]) if with_cycles else []
+        if a.final:
+            lumel, samples = [s for s in lumel if (s in LAST) == last], [] if last else samples
         for k in range(max(len(lumel), len(samples))):
-            ours, theirs = [(kind, s) for kind in ("lumel", "equal") for s in lumel[k:k + 1]], [("cycles", s) for s in samples[k:k + 1]]
-            # Of the slow ones, goals hang on Cycles': if time runs out, lumel's `production` is missed less.
-            jobs += theirs + ours if only_slow else ours + theirs
+            jobs += [(kind, s) for kind in ("lumel", "equal") for s in lumel[k:k + 1]] + [("cycles", s) for s in samples[k:k + 1]]
         book.start(self, jobs)
         again = jobs
         for run in range(1 if a.smoke else a.repeat):
@@ -234,8 +234,8 @@ class Book:
 
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    ap.add_argument("--scenes", default=",".join(speed_scenes.FIVE))
-    ap.add_argument("--final", action="store_true", help="--scenes %s --resume, and after all else the slow ones but for `--error`; the page is written after each scene" % ",".join(speed_scenes.FIVE))
+    ap.add_argument("--scenes", help="[default: %s]" % ",".join(speed_scenes.FIVE))
+    ap.add_argument("--final", action="store_true", help="--resume, with the slow ones but for `--error`, and lumel's `production` after all else; the page is written after each scene")
     ap.add_argument("--resume", action="store_true", help="runs of the same atlas (and binary, lumel's) that the CSV holds already are not made again")
     ap.add_argument("--pictures", action="store_true", help="the pictures of known weaknesses too, each with a reference of its own")
     ap.add_argument("--lumel-only", action="store_true", help="no Cycles; its rows of an earlier run are kept")
@@ -250,8 +250,7 @@ def main():
     ap.add_argument("--threads", type=int, default=os.cpu_count())
     ap.add_argument("--work", default="/tmp/lumel-speed")
     a = ap.parse_args()
-    if a.final:
-        a.scenes, a.resume = ",".join(speed_scenes.FIVE), True
+    a.scenes, a.resume = a.scenes or ",".join(speed_scenes.FIVE), a.resume or a.final
     docs = os.path.abspath(a.docs or (a.work if a.smoke else os.path.join(common.HERE, "..", "docs")))
     table = os.path.join(docs, "data", "speed_error.csv")
     if a.smoke:
@@ -285,7 +284,7 @@ def main():
         scene.sweep(with_cycles, book)
         speed_page.write(speed_page.read_csv(table), docs)
     for scene in ready if a.final else []:
-        scene.sweep(with_cycles, book, only_slow=True)
+        scene.sweep(with_cycles, book, last=True)
     if a.pictures and not a.smoke:
         speed_page.weaknesses({s.name: s for s in ready}, docs, say)
     speed_page.write(speed_page.read_csv(table), docs)

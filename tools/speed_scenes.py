@@ -26,28 +26,29 @@ LIMIT = 0.98
 # count     lumels compared;  target: median relative standard error of the reference (under open sky half the lumels have none, so time must rule);
 #           seconds: limit for (whole texel, middle half, chart edges too)
 # cycles    samples;  slow_cycles, slow_lumel: only with --full;  light_tree: which setting of Cycles was the better one at equal time;  bounces: of Cycles, 32
+CHOSEN = "what `lumel bake` chooses by itself, but for 2 %%: %s"
 SCENES = {
     "cornell": dict(
         title="Cornell box", file=os.path.join(ASSETS, "cornell_box.glb"), density=13.53, sky="0,0,0", fair=True,
-        why="that of docs/measurements.md, 156 × 256 texels, 7.4 cm a lumel",
+        why="36,000 lumels, 7.4 cm each; `lumel bake` would choose 31.5 and 193,000",
         count=1000, target=0.0008, seconds=(120, 60, 40), cycles=(16, 64, 256, 1024), slow_cycles=()),
     "demo": dict(
         title="Demo level", file=os.path.join(ASSETS, "demo_level.glb"), density=7.84, sky="0.25,0.35,0.5", fair=False,
-        why="what `lumel bake` chooses by itself: 556² texels, 12.8 cm a lumel",
+        why=CHOSEN % "220,000 lumels, 12.8 cm each",
         count=600, target=0.001, seconds=(240, 90, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("production",),
         light_tree=True),   # 16 samples: 50 % in 10.1 s of processor time against 74 % in 5.9 s; median 6 against 29 %
     "garage": dict(
-        title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=12.0, sky="0,0,0", plain=LIMIT, fair=False,
-        why="46,000 lumels, 8.3 cm each; `lumel bake` would choose 27 and 222,000, with which 256 samples of Cycles take over a minute and the truth half an hour",
-        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256, 1024), slow_cycles=(), slow_lumel=FINE + ("quick, error 0.1",)),
+        title="webxr_garage", file=os.path.join(common.SCENES, "webxr_garage", "garage.gltf"), density=28.0, sky="0,0,0", plain=LIMIT, fair=False,
+        why=CHOSEN % "222,000 lumels, 3.6 cm each",
+        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("quick, error 0.1", "production")),
     "godot": dict(
-        title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=1.0, sky="0,0,0", plain=LIMIT, fair=False,
-        why="51,000 lumels, 1 m each; `lumel bake` would choose 2.6 and 237,000, with which 256 samples of Cycles take over a minute and the truth half an hour",
-        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE,
+        title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=2.5, sky="0,0,0", plain=LIMIT, fair=False,
+        why=CHOSEN % "237,000 lumels, 40 cm each",
+        count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("quick, error 0.1", "production"),
         bounces=512),       # of white walls: 32 bounces lose 11 to 13 % of the light, 512 nothing that 64 samples show, at a third more time
     "sponza": dict(
         title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
-        why="what `lumel bake` chooses by itself: 569 × 806 texels, 20 cm a lumel",
+        why=CHOSEN % "247,000 lumels, 20 cm each",
         count=1000, target=0.0001, seconds=(60, 40, 40), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("quick, error 0.1", "production")),
     "room": dict(
         title="Classic room", file=os.path.join(ASSETS, "classic_room_1014.glb"), density=18.0, sky="0,0,0", fair=True,

@@ -79,7 +79,7 @@ pub(super) fn gather(
         let part: Vec<usize> = (0..groups.len())
             .filter(|&g| smoothed[g] == which)
             .collect();
-        let of_part = share_out(&part, jobs, &groups, gatherer, round, monitor);
+        let of_part = gather_groups(&part, jobs, &groups, gatherer, round, monitor);
         gatherer.options = all;
         for (g, received) in part.into_iter().zip(of_part?) {
             shared[g] = received;
@@ -152,7 +152,7 @@ fn half(options: &GatherOptions) -> GatherOptions {
 }
 
 /// Light of the groups of `part`, in its order.
-fn share_out(
+fn gather_groups(
     part: &[usize],
     jobs: &[Job],
     groups: &[Group],
