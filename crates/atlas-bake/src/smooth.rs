@@ -623,19 +623,24 @@ fn keep(
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+
+    /// Random numbers about 0 with a standard deviation of one.
+    pub(crate) fn normal_numbers() -> impl FnMut() -> f32 {
+        let mut state = 1u32;
+        let mut uniform = move || {
+            state = radiosity::hash_u32(state);
+            state as f32 * 2f32.powi(-32)
+        };
+        // Sum of twelve, each with a variance of a twelfth.
+        move || (0..12).map(|_| uniform()).sum::<f32>() - 6.0
+    }
 
     /// Rows of luminance after smoothing, on a floor with `light(x)` at column x, which was gathered with standard errors `noise(x)`.
     fn smoothed(light: impl Fn(u32) -> f32, noise: impl Fn(u32) -> f32) -> Vec<Vec<f32>> {
         const SIZE: u32 = 48;
-        let mut state = 1u32;
-        let mut uniform = || {
-            state = radiosity::hash_u32(state);
-            state as f32 * 2f32.powi(-32)
-        };
-        // Sum of twelve: a standard deviation of one.
-        let mut normal = || (0..12).map(|_| uniform()).sum::<f32>() - 6.0;
+        let mut normal = normal_numbers();
         let (mut lumels, mut received) = (Lumels::default(), Vec::new());
         for [x, y] in (0..SIZE * SIZE).map(|k| [k % SIZE, k / SIZE]) {
             lumels.lumels.push(Lumel {

@@ -180,6 +180,7 @@ mod tests {
     use radiosity::SurfacePoint;
 
     use super::*;
+    use crate::smooth::tests::normal_numbers;
 
     /// Columns of light after smoothing, over a floor of points with `light(x)`, gathered with standard errors of `noise(x)`; edges are along rows, columns and
     /// diagonals as in a mesh, but for those that `cut` is said of: from column x to the next.
@@ -189,13 +190,7 @@ mod tests {
         cut: impl Fn(u32) -> bool,
     ) -> Vec<Vec<f32>> {
         const SIZE: u32 = 48;
-        let mut state = 1u32;
-        let mut uniform = || {
-            state = radiosity::hash_u32(state);
-            state as f32 * 2f32.powi(-32)
-        };
-        // Sum of twelve: a standard deviation of one.
-        let mut normal = || (0..12).map(|_| uniform()).sum::<f32>() - 6.0;
+        let mut normal = normal_numbers();
         let (mut spots, mut received, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
         for [x, y] in (0..SIZE * SIZE).map(|k| [k / SIZE, k % SIZE]) {
             let position = Vec3::new(x as f32, y as f32, 0.0);
