@@ -18,7 +18,6 @@ use crate::planes::{Plane, Wanted};
 use crate::reach::{mean_light, mean_square, reach, relative_errors};
 use crate::recall::{Recall, Tape};
 use crate::refine::{add_rays, follow_edges};
-use crate::rims::darken_rims;
 use crate::seams::SeamReport;
 use crate::smooth::smooth_indirect;
 use crate::sparse::Sparse;
@@ -239,15 +238,17 @@ pub fn bake_recalling(
         &sparse,
         monitor,
     )?;
-    // What is hidden takes its neighbours' light, and what lookups behind a wall read the dark side's.
-    let finish = |received: &mut [Received]| -> Vec<usize> {
-        if !fill {
-            return Vec::new();
-        }
-        fill_hidden(&lumels, layout, received, &barriers, options.padding + 1);
-        match barriers.matter() {
-            true => darken_rims(world, &lumels, layout, received, &barriers),
-            false => Vec::new(),
+    // What is hidden takes its neighbours' light.
+    let finish = |received: &mut [Received]| {
+        if fill {
+            fill_hidden(
+                world,
+                &lumels,
+                layout,
+                received,
+                &barriers,
+                options.padding + 1,
+            );
         }
     };
     let mut sure = Vec::new();
@@ -282,7 +283,7 @@ pub fn bake_recalling(
         &certainty,
         &|i| sure.get(i) == Some(&true),
     );
-    let rims = finish(&mut received);
+    finish(&mut received);
     summarise(&lumels, &received, &mut out.report);
     let reached = |x| out.report.estimated_error <= f64::from(x);
     out.report.error_reached = options.error.map(reached);
@@ -307,7 +308,7 @@ pub fn bake_recalling(
     };
     let light: Vec<LumelLight> = received.iter().map(LumelLight::of).collect();
     // A mean over what a wall parts is for measuring, not for reading.
-    let places = fill.then(|| LumelPlace::find(&lumels, &received, &barriers, &rims));
+    let places = fill.then(|| LumelPlace::find(&lumels, &received, &barriers));
     drop(received);
     let vertices = VertexBake {
         world,

@@ -1,7 +1,6 @@
 //! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
 
-use glam::Vec3;
-use radiosity::{DirectEstimate, DirectOptions, Known, SurfacePoint, World, hash_u32, luminance};
+use radiosity::{DirectEstimate, DirectOptions, Known, World, hash_u32, luminance};
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
@@ -60,27 +59,22 @@ struct Seen {
 }
 
 impl Seen {
+    /// How many points count.
+    fn size(&self) -> usize {
+        self.mask.iter().filter(|m| **m).count()
+    }
+
     /// Luminance of the light.
     fn light(&self) -> f32 {
         luminance(self.direct.irradiance + self.indirect.mean)
     }
 }
 
-/// The dark part of a footprint that a wall divides stands for all of it where it has less than this of the bright part's light: what
-/// comes through a wall is seen in the dark. Where both have about the same light, both count.
-const DARK_PART: f32 = 0.5;
-
-/// The same for what lies beyond a wall and is too little to hold one of the first points: few rays tell only what is black.
-const DARK_SLIVER: f32 = 0.02;
-
 /// A footprint of which less than this can be seen counts as hidden: what so little of it says is all noise, and its neighbours know better.
 const LEAST_OPEN: f32 = 1.0 / 32.0;
 
 /// What touches a footprint throws a shadow on a part of it, which so many points do not miss as easily as [`DirectOptions::scouts`].
 const LEAST_SCOUTS: u32 = 32;
-
-/// Further rays of a point whose few all met black backs. An open point near the backs of things sees them in half of its hemisphere at most.
-const CONFIRM: u32 = 6;
 
 impl Gatherer<'_, '_> {
     /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many points, few rays each, and as many shadow rays as
@@ -97,8 +91,8 @@ impl Gatherer<'_, '_> {
         let seed = hash_u32(seed ^ 0x2545_f491);
         let parts = (self.options.open_only)
             .then(|| Sorted::find(self.world, &points, footprint.reach(), tape));
-        // The part of each point, and whether it is open.
-        let mut part: Vec<(usize, bool)> = Vec::with_capacity(count);
+        // The part of each point; `None` inside a body.
+        let mut part: Vec<Option<usize>> = Vec::with_capacity(count);
         // The last is of slivers.
         let number = parts.as_ref().map_or(1, |p| p.count + 1);
         let mut planes: Vec<PlaneSums> = (0..number).map(|_| PlaneSums::new(self.wanted)).collect();
@@ -115,100 +109,79 @@ impl Gatherer<'_, '_> {
             own.first_half = 2 * k < count;
             let samples = (base..base + EDGE_RAYS, seed);
             self.indirect(point, samples, sum, &mut own, (tape, &mut records));
-            let of = parts.as_ref().map_or(0, |parts| parts.of[k] as usize);
-            let inside = parts.is_some()
-                && sum.inside()
-                && self.confirmed_inside(point, k as u32, seed, &mut rays, tape);
-            if !inside {
+            let of = match &parts {
+                None => Some(0),
+                Some(_) if self.world.inside_a_body(point()) => None,
+                Some(parts) => Some(parts.of[k] as usize),
+            };
+            if of.is_some() {
                 lit.reach(point, (k as u32, seed), sum, &mut own);
             }
-            let to = if inside {
-                &mut nowhere
-            } else {
-                &mut planes[of]
-            };
+            let to = of.map_or(&mut nowhere, |of| &mut planes[of]);
             to.take(&mut own);
-            part.push((of, !inside));
+            part.push(of);
         }
         tape.keep_rays(Topic::EdgeRays, 0, records);
         rays += lit.keep(tape);
         let near = sums.iter().any(|s| s.near);
-        let mut seen: Vec<(Seen, f32)> = Vec::with_capacity(number);
-        let mut hidden = vec![false; number];
+        let of = |k: usize| (sums.iter().zip(&part)).filter(move |x| *x.1 == Some(k));
         let dark: Vec<[f32; 2]> = (0..number)
-            .map(|k| {
-                let of = sums.iter().zip(&part).filter(|x| x.1.0 == k);
-                Point::dark_shares(of.map(|x| x.0))
-            })
+            .map(|k| Point::dark_shares(of(k).map(|x| x.0)))
             .collect();
         let some_before = dark.iter().any(|d| d[0] < BEHIND && d[1] < MOSTLY_INSIDE);
+        // What can be seen, the largest part last.
+        let mut seen: Vec<Seen> = Vec::with_capacity(number);
+        let mut hidden = vec![false; number];
         for (k, planes) in planes.iter().enumerate() {
-            let of = || {
-                sums.iter()
-                    .zip(&part)
-                    .filter(move |x| x.1.0 == k)
-                    .map(|x| x.0)
-            };
-            let mask: Vec<bool> = part.iter().map(|p| *p == (k, true)).collect();
-            let behind = some_before && dark[k][0] >= BEHIND;
-            if parts.is_some() && (behind || dark[k][1] >= MOSTLY_INSIDE) {
-                hidden[k] = true;
-            } else if mask.contains(&true) {
+            let mask: Vec<bool> = part.iter().map(|p| *p == Some(k)).collect();
+            if parts.is_none() || !mask.contains(&true) {
+                continue;
+            }
+            hidden[k] = some_before && dark[k][0] >= BEHIND;
+            if !hidden[k] {
                 let one = self.see(footprint, &points, &sums, mask, seed, planes, tape);
                 rays += u64::from(one.direct.rays);
+                // Few rays of an open shell's inside get out, and no light gets in. The end of a wall, say, may reach through the room's shell to where
+                // nobody will ever be; without a wall it is shade.
                 let walled = parts.as_ref().is_some_and(|p| p.count > 1);
-                if walled && one.light() == 0.0 && Point::in_the_void(of()) {
-                    // The end of a wall, say, that reaches through the room's shell to where nobody will ever be. Without a wall it is shade.
-                    hidden[k] = true;
-                    continue;
+                let shut =
+                    dark[k][1] >= MOSTLY_INSIDE || walled && Point::in_the_void(of(k).map(|x| x.0));
+                hidden[k] = shut && self.is_dark(one.light());
+                if !hidden[k] {
+                    seen.push(one);
                 }
-                let sliver = parts.as_ref().is_some_and(|p| p.count == k);
-                seen.push((one, if sliver { DARK_SLIVER } else { DARK_PART }));
             }
         }
-        let part: Vec<bool> = part.iter().map(|p| p.1 && !hidden[p.0]).collect();
-        let brightest = seen.iter().map(|s| s.0.light()).fold(0.0, f32::max);
+        seen.sort_by_key(Seen::size);
         let cut = seen.len() > 1;
-        let whole = !cut && !seen.is_empty();
-        seen.retain(|(part, share)| whole || part.light() < share * brightest);
-        seen.sort_by(|a, b| a.0.light().total_cmp(&b.0.light()));
-        let mut seen: Vec<Seen> = seen.into_iter().map(|s| s.0).collect();
-        if seen.is_empty() {
-            // No part is dark beside another: all of what is open; all of it where nothing is.
-            let mut all = nowhere;
-            if cut {
-                all = PlaneSums::new(self.wanted);
-                let open = planes.iter_mut().zip(&hidden).filter(|x| !x.1);
-                open.for_each(|(p, _)| all.take(p));
-            }
-            let mask: Vec<bool> = part.iter().map(|open| !cut || *open).collect();
-            seen.push(self.see(footprint, &points, &sums, mask, seed, &all, tape));
-            rays += u64::from(seen[0].direct.rays);
-        }
+        let open = part.iter().filter(|p| p.is_some_and(|p| !hidden[p]));
+        let open = open.count() as f32 / count as f32;
         let Seen {
             mask,
             direct,
             place,
             indirect,
             planes,
-        } = seen.swap_remove(0);
-        let inside = |s: &Point| s.inside();
-        let open = match &parts {
-            None => sums.iter().filter(|s| !inside(s)).count(),
-            Some(_) => part.iter().filter(|open| **open).count(),
-        };
-        let open = open as f32 / count as f32;
+        } = seen.pop().unwrap_or_else(|| {
+            // Nothing can be seen, or nothing is to be kept apart: all of it.
+            let mut all = nowhere;
+            planes.iter_mut().for_each(|p| all.take(p));
+            let mask = vec![true; count];
+            let one = self.see(footprint, &points, &sums, mask, seed, &all, tape);
+            rays += u64::from(one.direct.rays);
+            one
+        });
+        let counted = || sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
+        let dark = self.is_dark(luminance(direct.irradiance + indirect.mean));
         Received {
             edge: Edge::Contact,
             near,
-            behind: {
-                let counted = || sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
-                let dark = direct.irradiance == Vec3::ZERO && indirect.mean == Vec3::ZERO;
-                (dark && Point::in_the_void(counted()))
-                    || Point::dark_shares(counted())[0] >= BEHIND
-            },
+            behind: (dark && Point::in_the_void(counted()))
+                || Point::dark_shares(counted())[0] >= BEHIND,
             // What a wall cuts is no whole lumel.
-            open: if parts.is_some() && open < LEAST_OPEN {
+            open: if parts.is_none() {
+                1.0
+            } else if open < LEAST_OPEN {
                 0.0
             } else if cut {
                 open.min(1.0 - 1.0 / count as f32)
@@ -273,29 +246,6 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Whether some more rays from a point that seems to be inside something meet nothing but backs too.
-    fn confirmed_inside<'p>(
-        &self,
-        point: impl Fn() -> &'p SurfacePoint,
-        k: u32,
-        seed: u32,
-        rays: &mut u64,
-        tape: &mut Tape,
-    ) -> bool {
-        let mut planes = PlaneSums::new(Wanted::default());
-        let seed = hash_u32(seed ^ k ^ 0x9e37_79b9);
-        let mut records = tape.rays(Topic::Confirm, k);
-        let inside = (0..CONFIRM).all(|i| {
-            let mut one = Point::default();
-            let samples = (i..i + 1, seed);
-            self.indirect(&point, samples, &mut one, &mut planes, (tape, &mut records));
-            *rays += 1;
-            one.inside()
-        });
-        tape.keep_rays(Topic::Confirm, k, records);
-        inside
-    }
-
     /// Whether a ray from any of the points that an edge would get meets anything but black back faces.
     pub(crate) fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
         (self.options.points..self.options.edge_points).any(|i| {
@@ -305,7 +255,7 @@ impl Gatherer<'_, '_> {
                 let rays = (i..i + 1, seed ^ 0x9e37_79b9);
                 let unrecorded = (&mut Tape::off(), &mut RayTape::Off);
                 self.indirect(|| &p, rays, &mut probe, &mut planes, unrecorded);
-                probe.black == 0
+                probe.black == 0 && !self.world.inside_a_body(&p)
             })
         })
     }

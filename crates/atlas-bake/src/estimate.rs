@@ -45,6 +45,8 @@ pub(crate) struct Point {
     pub square: f32,
     pub rays: u32,
     pub black: u32,
+    /// Rays that met any back.
+    pub backs: u32,
     /// Rays that met unlit backs of double-sided faces, or ended in the dark right above the point.
     pub unlit: u32,
     /// Rays that left the scene, or met black backs, and found no light.

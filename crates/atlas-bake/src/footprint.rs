@@ -66,15 +66,6 @@ impl LumelFootprint<'_, '_, '_> {
             .map_or(Vec3::ZERO, |f| self.reflectance(&f, third, third))
     }
 
-    /// Candidate `i` with its place on the page, texels.
-    pub(crate) fn placed(&self, i: u32) -> Option<(Vec2, SurfacePoint)> {
-        let (f, u, v) = self.locate(i)?;
-        let [a, b, c] = f.corners;
-        let at = a + (b - a) * u + (c - a) * v;
-        let point = self.world.inset_point(f.triangle, u, v, f.back, true);
-        Some((at, point))
-    }
-
     /// Of the face itself, which may be a duplicate with looks of its own.
     fn reflectance(&self, fragment: &Fragment, u: f32, v: f32) -> Vec3 {
         let w = [1.0 - u - v, u, v];

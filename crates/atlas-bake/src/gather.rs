@@ -281,7 +281,17 @@ impl Gatherer<'_, '_> {
         }
         tape.keep_rays(Topic::Rays, 0, records);
         let mut rays = u64::from(per_point) * count as u64 + lit.keep(tape);
-        let mut open: Vec<bool> = sums.iter().map(|s| !s.inside()).collect();
+        // Inside of a wall is no place to see light from, whatever its rays find.
+        let covered = options.open_only && sums.iter().any(|s| s.near || s.backs > 0);
+        let buried: Vec<bool> = match covered {
+            true => (points.get().iter())
+                .map(|p| self.world.inside_a_body(p))
+                .collect(),
+            false => vec![false; count],
+        };
+        let mut open: Vec<bool> = (sums.iter().zip(&buried))
+            .map(|(s, buried)| !buried && !s.inside())
+            .collect();
         let in_the_open = open.iter().filter(|&&o| o).count();
         if in_the_open == 0 || !options.open_only {
             open.fill(true);
@@ -340,8 +350,12 @@ impl Gatherer<'_, '_> {
             true => Place::of(points.get()),
             false => place,
         };
-        let open = in_the_open as f32 / count as f32;
-        let dark = direct.irradiance == Vec3::ZERO && estimate.mean == Vec3::ZERO;
+        let dark = self.is_dark(luminance(direct.irradiance + estimate.mean));
+        let open = match in_the_open {
+            // Under the backs of an open shell, but light gets there.
+            0 if !dark && !buried.contains(&true) => 1.0,
+            n => n as f32 / count as f32,
+        };
         // As the ends of things that reach through a room's shell; but also what lies in the shade of a lamp without anything to bounce off. Only a
         // wall between it and its neighbours tells ([`fill_hidden`](crate::walls::fill_hidden)).
         let lost = options.open_only && near && dark && Point::in_the_void(sums.iter());
@@ -527,6 +541,11 @@ impl Gatherer<'_, '_> {
         }
     }
 
+    /// Whether so much irradiance (luminance) is none.
+    pub(crate) fn is_dark(&self, light: f32) -> bool {
+        light <= std::f32::consts::PI * self.dim
+    }
+
     /// Casts the gathering rays of `samples` from a point, or takes them from records.
     pub(crate) fn indirect<'p>(
         &self,
@@ -604,12 +623,14 @@ impl Gatherer<'_, '_> {
             Ray::Below => Found::default(),
             Ray::Black => {
                 out.black += 1;
+                out.backs += 1;
                 out.void += 1;
                 out.near = true;
                 Found::default()
             }
             Ray::Found(found) => {
                 out.add(found.radiance);
+                out.backs += u32::from(found.back);
                 out.near |= found.distance < out.reach;
                 let light = luminance(found.radiance);
                 let unlit =

@@ -31,7 +31,6 @@ pub mod probes;
 mod reach;
 mod recall;
 mod refine;
-mod rims;
 mod seams;
 mod smooth;
 mod sparse;

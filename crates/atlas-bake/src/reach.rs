@@ -131,7 +131,7 @@ impl Relative {
 }
 
 /// What a map is given after smoothing: light, and errors, for lumels that have none of their own.
-type Finish<'f> = dyn Fn(&mut [Received]) -> Vec<usize> + 'f;
+type Finish<'f> = dyn Fn(&mut [Received]) + 'f;
 
 /// The errors of lumels' own samples if the map were finished now, and the mean square of all its errors, as the report will have it.
 #[allow(clippy::too_many_arguments, reason = "as above")]

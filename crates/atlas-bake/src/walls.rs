@@ -1,15 +1,17 @@
 //! Walls that stand on a surface that has lumels: what lies on their two sides is kept apart.
 //!
 //! A floor that runs on under a wall has lumels on both sides, and some that the wall cuts. The mean of a lit room and a dark one is wrong in
-//! both, and in the dark one it is seen: as light that comes through the wall. So the points of such a lumel are sorted by which of
-//! them see each other just above the surface ([`Parts`]), and lumels do not take light from neighbours behind a wall ([`Barriers`]).
+//! both. So the points of such a lumel are sorted by which of them see each other just above the surface ([`Parts`]), it holds the light of
+//! its largest part that can be seen, and lumels do not take light from neighbours behind a wall ([`Barriers`]).
 
+use glam::Vec3;
 use radiosity::{SurfacePoint, World, luminance};
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
 use crate::gather::Received;
 use crate::lumels::{Lumels, TexelIndex};
+use crate::planes::Plane;
 
 /// Height above the surface at which walls are looked for, in lumels: above thresholds, mats and what else lies flat on a floor.
 pub(crate) const LIFT: f32 = 0.15;
@@ -190,12 +192,10 @@ impl Received {
 
 /// Gives lumels of which nothing can be seen the light of their neighbours, `rings` deep, since bilinear lookups beside them read it.
 ///
-/// Of several neighbours the darkest counts: a wall of one lumel may have a lit room on one side and a dark one on the other, and light
-/// that comes through a wall is the worse fault.
-///
-/// So do lumels behind what their neighbours lie before, with something between them: the first row of a wall that goes on into the ground,
-/// where it may see the sky from below.
+/// So do lumels behind a single-sided surface that their neighbours lie before: the first row of a wall that goes on into the ground,
+/// where it may see the sky from below. Such a surface shows the neighbour its front and the lumel its back.
 pub(crate) fn fill_hidden(
+    world: &World,
     lumels: &Lumels,
     layout: &Layout,
     received: &mut [Received],
@@ -204,79 +204,115 @@ pub(crate) fn fill_hidden(
 ) {
     let index = TexelIndex::build(&lumels.lumels, layout);
     let mut filled: Vec<bool> = received.iter().map(|r| r.open > 0.0).collect();
-    let behind: Vec<(usize, usize)> = (0..received.len())
+    let behind: Vec<(usize, Received)> = (0..received.len())
         .into_par_iter()
         .with_min_len(1024)
         .filter(|&i| received[i].behind && filled[i])
         .filter_map(|i| {
-            let before = |j: usize| filled[j] && !received[j].behind;
-            let parted = |j: usize| barriers.between(lumels, i, j);
-            let beside = |j: usize| before(j) && parted(j);
-            Some((
-                i,
-                darkest_beside(lumels, &index, received, beside, i, false)?,
-            ))
+            let own = received[i].point(world);
+            let lift = LIFT * received[i].size;
+            let before = |j: usize| {
+                filled[j]
+                    && !received[j].behind
+                    && barriers.between(lumels, i, j)
+                    && world.backs_onto(&own, &received[j].point(world), lift)
+            };
+            let around = beside(lumels, &index, received, &before, i, EDGES);
+            Some((i, blend(received, &around, i)?))
         })
         .collect();
-    take(received, &behind);
+    put(received, behind);
     let mut empty: Vec<usize> = (0..received.len()).filter(|&i| !filled[i]).collect();
     for _ in 0..rings {
-        let found: Vec<(usize, usize)> = empty
+        let found: Vec<(usize, Received)> = empty
             .par_iter()
             .with_min_len(1024)
             .filter_map(|&i| {
                 let of = |j: usize| filled[j];
-                Some((i, darkest_beside(lumels, &index, received, of, i, true)?))
+                let mut around = beside(lumels, &index, received, &of, i, EDGES);
+                if around.is_empty() {
+                    around = beside(lumels, &index, received, &of, i, CORNERS);
+                }
+                Some((i, blend(received, &around, i)?))
             })
             .collect();
         if found.is_empty() {
             return;
         }
-        take(received, &found);
-        for (i, _) in found {
-            filled[i] = true;
+        for (i, _) in &found {
+            filled[*i] = true;
         }
+        put(received, found);
         empty.retain(|&i| !filled[i]);
     }
 }
 
-/// Gives each lumel of `pairs` the light of the other.
-fn take(received: &mut [Received], pairs: &[(usize, usize)]) {
-    for &(i, from) in pairs {
-        let light = received[from].clone();
-        received[i] = Received {
-            position: received[i].position,
-            normal: received[i].normal,
-            open: 0.0,
-            rays: received[i].rays,
-            edge: received[i].edge,
-            ..light
-        };
+const EDGES: [[i64; 2]; 4] = [[0, -1], [-1, 0], [1, 0], [0, 1]];
+const CORNERS: [[i64; 2]; 4] = [[-1, -1], [1, -1], [-1, 1], [1, 1]];
+
+fn put(received: &mut [Received], values: Vec<(usize, Received)>) {
+    for (i, value) in values {
+        received[i] = value;
     }
 }
 
-/// The darkest neighbour of lumel `i` that `may` serve: of those that share an edge with it, else, with `corners`, of those at its corners.
-fn darkest_beside(
+/// The neighbours of lumel `i` at these offsets that `may` serve and face about the same way.
+fn beside(
     lumels: &Lumels,
     index: &TexelIndex,
     received: &[Received],
-    may: impl Fn(usize) -> bool,
+    may: &dyn Fn(usize) -> bool,
     i: usize,
-    corners: bool,
-) -> Option<usize> {
-    const EDGES: [[i64; 2]; 4] = [[0, -1], [-1, 0], [1, 0], [0, 1]];
-    const CORNERS: [[i64; 2]; 4] = [[-1, -1], [1, -1], [-1, 1], [1, 1]];
+    around: [[i64; 2]; 4],
+) -> Vec<usize> {
     let l = &lumels.lumels[i];
     let [x, y] = l.texel.map(i64::from);
-    let darkest = |around: [[i64; 2]; 4]| {
-        (around.into_iter())
-            .filter_map(|[dx, dy]| index.at(l.page, x + dx, y + dy))
-            .filter(|&j| lumels.lumels[j].instance == l.instance && may(j))
-            .filter(|&j| received[j].normal.dot(received[i].normal) > 0.5)
-            .min_by(|&a, &b| {
-                let light = |j: usize| luminance(received[j].direct + received[j].indirect);
-                light(a).total_cmp(&light(b)).then(a.cmp(&b))
-            })
+    (around.into_iter())
+        .filter_map(|[dx, dy]| index.at(l.page, x + dx, y + dy))
+        .filter(|&j| lumels.lumels[j].instance == l.instance)
+        .filter(|&j| received[j].normal.dot(received[i].normal) > 0.5)
+        .filter(|&j| may(j))
+        .collect()
+}
+
+/// Lumel `i` with the light of some neighbours; `None` of none.
+///
+/// A wall of one lumel may have a bright room on one side and a dark one on the other, and lookups on both read it. Their mean would be seen as
+/// light in the dark room, the darker of them as a dark line in the bright one. The square of the mean root lies between the two where eyes
+/// have it, which see about the root of light.
+fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> {
+    let n = around.len() as f32;
+    let light = |j: usize| luminance(received[j].direct + received[j].indirect).max(0.0);
+    let mean = around.iter().map(|&j| light(j)).sum::<f32>() / n;
+    let root = around.iter().map(|&j| light(j).sqrt()).sum::<f32>() / n;
+    let weight = if mean > 0.0 {
+        root * root / mean / n
+    } else {
+        1.0 / n
     };
-    darkest(EDGES).or_else(|| if corners { darkest(CORNERS) } else { None })
+    let (first, own) = (*around.first()?, &received[i]);
+    let mut out = Received {
+        position: own.position,
+        normal: own.normal,
+        open: 0.0,
+        rays: own.rays,
+        edge: own.edge,
+        direct: Vec3::ZERO,
+        indirect: Vec3::ZERO,
+        first_half: Vec3::ZERO,
+        planes: vec![Plane::default(); own.planes.len()].into(),
+        ..received[first].clone()
+    };
+    for &j in around {
+        let from = &received[j];
+        out.direct += from.direct * weight;
+        out.indirect += from.indirect * weight;
+        out.first_half += from.first_half * weight;
+        for (plane, of) in out.planes.iter_mut().zip(&from.planes) {
+            plane.direct += of.direct * weight;
+            plane.indirect += of.indirect * weight;
+            plane.first_half += of.first_half * weight;
+        }
+    }
+    Some(out)
 }

@@ -24,6 +24,7 @@ mod recall;
 mod relax;
 mod sampling;
 mod sky;
+mod solids;
 mod solution;
 mod solve;
 mod world;

@@ -11,6 +11,7 @@ use crate::emitters::brightness;
 use crate::glass::{Coin, Glass};
 use crate::groups::LightGroups;
 use crate::sky::{BrightSky, Sky};
+use crate::solids::Solids;
 
 /// Rec.709 luminance of a linear colour.
 #[inline]
@@ -89,6 +90,7 @@ pub struct World<'a> {
     /// Per triangle; empty where nothing emits, so that such a scene pays nothing.
     emission: Vec<Emission>,
     curved: Curved,
+    solids: Solids,
 }
 
 impl<'a> World<'a> {
@@ -118,7 +120,9 @@ impl<'a> World<'a> {
             .map(|p| p.abs().max_element())
             .fold(0.0, f32::max);
         let (sky, bright) = BrightSky::split(options.sky);
+        let off = |p| offset(p, radius);
         Ok(World {
+            solids: Solids::find(scene, soup, &options.tree, off)?,
             emission: classify_emission(scene, soup),
             curved: Curved::find(scene, soup),
             two_sided: scene.materials.iter().map(|m| m.double_sided).collect(),
@@ -264,7 +268,13 @@ impl<'a> World<'a> {
     /// covers both. The second term is for points near the origin whose triangles reach far from it.
     #[inline]
     pub fn offset(&self, position: Vec3) -> f32 {
-        1e-6 * position.abs().max_element() + 2e-7 * self.radius
+        offset(position, self.radius)
+    }
+
+    /// Whether a point of a surface is inside a wall, a crate or the like, where nobody sees it. Told by geometry alone; of shells that are
+    /// open somewhere only rays know.
+    pub fn inside_a_body(&self, p: &SurfacePoint) -> bool {
+        self.solids.hide(p.origin, p.geometric)
     }
 
     /// What arrives at `origin` from the unit `direction`, and what share of it (per channel) glass on the way lets through.
@@ -353,12 +363,7 @@ impl<'a> World<'a> {
     /// bulges. Not along one between two lifted points: a wall that leans would pass between a point and where it is lifted to.
     /// Cut-out, blended and glass surfaces are no walls.
     pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
-        let way = b.position - a.position;
-        // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge rises over the middle of the straight
-        // way by at most half of that over the cosine of half their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
-        let below = (-a.geometric.dot(way)).max(b.geometric.dot(way)).max(0.0);
-        let up = (a.geometric + b.geometric).normalize_or(a.geometric);
-        let top = 0.5 * (a.origin + b.origin) + up * (lift + 0.75 * below);
+        let top = above_the_middle(a, b, lift);
         [a, b].into_iter().any(|end| {
             let ray = Ray {
                 origin: end.origin,
@@ -368,6 +373,30 @@ impl<'a> World<'a> {
             };
             self.bvh.occluded(&ray, &Opaque)
         })
+    }
+
+    /// Whether `a` lies behind a single-sided surface that `b`, of the same surface, lies before: what is met first on the way of
+    /// [`wall_between`](Self::wall_between) shows `a` its back and `b` its front.
+    pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
+        let top = above_the_middle(a, b, lift);
+        let first = |end: &SurfacePoint| {
+            let direction = top - end.origin;
+            let ray = Ray {
+                origin: end.origin,
+                direction,
+                t_min: 0.0,
+                t_max: 1.0,
+            };
+            self.bvh.closest_hit(&ray, &Opaque)
+        };
+        // One of the two ways may meet nothing.
+        let shows = |hit: Option<Hit>, back: bool| {
+            hit.map(|h| h.back == back && !self.two_sided(h.triangle))
+        };
+        match (shows(first(a), true), shows(first(b), false)) {
+            (None, None) => false,
+            (a, b) => a.unwrap_or(true) && b.unwrap_or(true),
+        }
     }
 
     /// Whether anything rises above the plane through `p` within a box of half-size `reach` about it. What lies in the plane, or within rounding
@@ -530,6 +559,21 @@ fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
 ///
 /// What counts of a textured triangle is how bright its light is, not how bright all of it is on average: a sign that glows in a dark wall is
 /// a small lamp.
+/// A point above the middle between two points of one surface: `lift` metres, and more where the surface bulges.
+fn above_the_middle(a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> Vec3 {
+    let way = b.position - a.position;
+    // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge rises over the middle of the straight
+    // way by at most half of that over the cosine of half their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
+    let below = (-a.geometric.dot(way)).max(b.geometric.dot(way)).max(0.0);
+    let up = (a.geometric + b.geometric).normalize_or(a.geometric);
+    0.5 * (a.origin + b.origin) + up * (lift + 0.75 * below)
+}
+
+/// [`World::offset`] in a scene whose largest coordinate is `radius`.
+fn offset(position: Vec3, radius: f32) -> f32 {
+    1e-6 * position.abs().max_element() + 2e-7 * radius
+}
+
 fn classify_emission(scene: &Scene, soup: &Soup) -> Vec<Emission> {
     let glows: Vec<bool> = scene
         .materials

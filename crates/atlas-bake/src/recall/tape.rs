@@ -20,8 +20,6 @@ pub(crate) enum Topic {
     Parts = 5,
     /// Where the points are of which shadow rays start; the key is theirs.
     Place = 6,
-    /// Further rays of a point that seems to be inside of something; the key is its number.
-    Confirm = 7,
     /// Shadow rays to lit elements; the key is that of the gathering rays from the same points.
     Lit = 8,
 }

@@ -70,14 +70,13 @@ pub(crate) struct LumelPlace {
 }
 
 impl LumelPlace {
-    /// By lumel. `rims` are lumels that hold the light of others.
+    /// By lumel.
     pub(crate) fn find(
         lumels: &Lumels,
         received: &[Received],
         barriers: &Barriers,
-        rims: &[usize],
     ) -> Vec<LumelPlace> {
-        let mut places: Vec<LumelPlace> = (received.iter().zip(&lumels.lumels).enumerate())
+        (received.iter().zip(&lumels.lumels).enumerate())
             .map(|(i, (r, lumel))| LumelPlace {
                 position: r.position,
                 normal: r.normal,
@@ -90,11 +89,7 @@ impl LumelPlace {
                     && r.edge != Edge::Contact,
                 walls: [false, true].map(|down| barriers.after(i, down)),
             })
-            .collect();
-        for &i in rims {
-            places[i].sure = false;
-        }
-        places
+            .collect()
     }
 }
 
