@@ -18,7 +18,7 @@ from . import scene as scenes
 from . import score, truth
 
 KEYS = ["label", "binary", "family", "seed", "level", "quality", "view"]
-MEASURES = ["flip", "patch", "patch_max", "dark", "bright", "dark_line", "bright_line", "blotches",
+MEASURES = ["flip", "patch", "patch_max", "dark", "bright", "dark_line", "bright_line", "blotches", "dark_back", "bright_back",
             "error_median", "error_p95", "error_rms"]
 COLUMNS = KEYS + MEASURES + ["noise_flip", "noise_patch", "noise_median"] \
     + ["best_" + k for k in ("flip", "patch", "dark", "bright", "dark_line", "bright_line")] \
@@ -87,17 +87,25 @@ def pictures(out, row, shown, i):
     save(base + ".flip.png", shown[2])
 
 
+def density_of(report):
+    """lumels a metre"""
+    return float(report["layout"]["texels_per_unit"])
+
+
 def judge(out, path, folder, keys, report, width, references, noise):
     """draws and scores a finished bake; appends its rows"""
-    from . import ideal, view
+    from . import blotches, ideal, view
     baked = view.Baked(os.path.join(folder, os.path.basename(path)))
     gather = report.get("gather") or report.get("bake", {}).get("gather") or {}
+    density = density_of(report)
     for i, (camera, v) in enumerate(zip(baked.scene.cameras, references)):
         hit = baked.hits(camera, width)
         light = view.shown(baked.light(hit), hit, v, width)
-        measures, shown = score.compare(v, light)
+        backs = view.backs(hit, v, width)
+        measures, shown = score.compare(v, light, backs)
         row = dict(keys, view=i, status="ok", **measures, **noise[i])
         row.update(ideal.measures(baked, hit, v, width))
+        row["blotches"] = blotches.measure(baked.tracer, baked.scene, hit, v, light, density)
         row.update(claimed=gather.get("estimated_error", ""),
                    claimed_median=gather.get("median_error", ""))
         pictures(out, row, shown, i)

@@ -11,6 +11,8 @@ where the brighter of both is shown as 2 % of white or more (linear): below that
 reflection in a lit room, about 1 %, hides a factor of two.  `dark_line`, `bright_line`: the share
 of those that form lines: in a straight run of 13 pixels in one of 16 directions, where one pixel in
 four may be missing, and not in any square of 5 × 5 of them.
+Backs of double-sided faces count apart, as `dark_back` and `bright_back`: both sides share lumels,
+and no lightmap of one coordinate a vertex can hold the light of both.
 Points: |bake − truth| / (truth + 1 % of the mean truth) of R's luminance over pixels that show one
 lit surface: median, 95th percentile, root mean square.
 """
@@ -104,19 +106,23 @@ def relative_error(v, light):
     return np.where(lit, (b - t) / (t + 0.01 * mean + 1e-30), np.nan)
 
 
-def compare(v, light):
-    """-> measures, pictures (truth, bake, FLIP's map)"""
+def compare(v, light, backs=None):
+    """-> measures, pictures (truth, bake, FLIP's map); backs: mask of pixels, see the head"""
     t, b = radiance(v, v["light"]), radiance(v, light)
     e = exposure(t)
     shown = picture(t, e), picture(b, e)
     m = flip(*shown)
     patches = box(m, 5)
     dark, bright = extremes(t, b, e)
+    backs = np.zeros_like(dark) if backs is None else backs
+    dark_back, bright_back = dark & backs, bright & backs
+    dark, bright = dark & ~backs, bright & ~backs
     error = np.abs(relative_error(v, light))
     error = error[np.isfinite(error)]
     median, high = np.percentile(error, [50, 95]) if len(error) else (0, 0)
     out = dict(flip=m.mean(), patch=np.percentile(patches, 99), patch_max=patches.max(),
-               dark=dark.mean(), bright=bright.mean(), dark_line=lines(dark).mean(),
+               dark=dark.mean(), bright=bright.mean(), dark_back=dark_back.mean(),
+               bright_back=bright_back.mean(), dark_line=lines(dark).mean(),
                bright_line=lines(bright).mean(), error_median=median, error_p95=high,
                error_rms=np.sqrt((error ** 2).mean()) if len(error) else 0)
     return {k: float(x) for k, x in out.items()}, (*shown, m)

@@ -7,8 +7,9 @@ on and α (1 − τ) reflects.  Spheres (radius) and discs (angle) shine with un
 seen by shadow rays only.  Where normals describe a round surface, light is gathered on that one
 (docs/smooth.md); further along a path faces are flat.
 Method: cosine-weighted directions and samples of emissive triangles joined by MIS (power
-heuristic), lamps drawn by resampling among candidates, unlimited bounces with Russian roulette from
-the fifth.  Samples of one pixel are an additive recurrence in four dimensions, shifted at random.
+heuristic), lamps drawn by resampling among candidates, unlimited bounces with Russian roulette
+from the first.  Samples of one pixel are an additive recurrence in four dimensions, shifted at
+random.
 Faces that coincide: single-sided ones are moved out along their normal by a fifth of the offset of
 rays, so that of two that stand back to back each side sees the front.
 """
@@ -28,6 +29,7 @@ mi.set_variant("llvm_ad_rgb")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # Of so many candidates one lamp is asked.
 CANDIDATES = 4
+EMITTER_CANDIDATES = 6
 # α_j = g^-j with g⁵ = g + 1 (Roberts 2018): the four-dimensional golden ratio, in 32-bit fractions.
 GOLDEN = [int((1.1673039782614187 ** -j) * 2 ** 32) for j in (1, 2, 3, 4)]
 REPEAT_CLAMP, REPEAT_MIRROR = 33071, 33648
@@ -131,6 +133,7 @@ class Tracer:
         self.emitters = power.sum() > 0
         if self.emitters:
             share = power / power.sum()
+            self.brightness = floats([max(m.emissive @ LUMINANCE, 1e-20) for m in mats])
             self.emitter = mi.DiscreteDistribution(share.astype(np.float32))
             self.density = floats(np.where(area > 0, share / np.maximum(area, 1e-300), 0))
 
@@ -251,26 +254,57 @@ class Tracer:
         return dr.select(active, share, mi.Color3f(0))
 
     # -- light ----------------------------------------------------------------------------------
-    def from_triangles(self, p, n, face, u, active):
-        """radiance · cos / π of one point of the emissive triangles, weighed by MIS"""
+    def triangle_point(self, p, n, face, u, active):
+        """a point of the emissive triangles -> triangle, place in it, direction, distance, density
+        per solid angle, and whether light may go that way"""
         triangle, rest, _ = self.emitter.sample_reuse_pmf(dr.minimum(u.x, 0.99999994), active)
         s = dr.sqrt(1 - rest)
         uv = mi.Point2f(u.y * s, 1 - s)
-        q = mi.Point3f(self.inside(self.corners, 3, triangle, uv, active))
+        v = mi.Point3f(self.inside(self.corners, 3, triangle, uv, active)) - p
         other = dr.gather(mi.Vector3f, self.face, triangle, active)
         mat = dr.gather(mi.UInt32, self.material, triangle, active)
-        v = q - p
         d2 = dr.maximum(dr.squared_norm(v), 1e-20)
         distance = dr.sqrt(d2)
         d = v / distance
-        here, there = dr.dot(n, d), -dr.dot(other, d)
+        there = -dr.dot(other, d)
         there = dr.select(dr.gather(mi.Bool, self.two, mat, active), dr.abs(there), there)
-        ok = active & (here > 0) & (there > 1e-6) & (dr.dot(face, d) > 0)
-        pl = dr.gather(mi.Float, self.density, triangle, ok) * d2 / dr.maximum(there, 1e-6)
-        pc = here / dr.pi
+        ok = active & (dr.dot(n, d) > 0) & (there > 1e-6) & (dr.dot(face, d) > 0)
+        density = dr.gather(mi.Float, self.density, triangle, ok) * d2 / dr.maximum(there, 1e-6)
+        return triangle, uv, d, distance, density, ok
+
+    def by_light(self, pl, pc):
+        """MIS weight of a sample by light against one by direction"""
+        pl = pl * EMITTER_CANDIDATES
+        return pl * pl / (pl * pl + pc * pc)
+
+    def from_triangles(self, p, n, face, u, rng, active):
+        """radiance · cos / π of emissive triangles, weighed by MIS; of some candidates one is
+        asked, by what it would send without shadow"""
+        total, value = mi.Float(0), mi.Float(1)
+        best = (mi.UInt32(0), mi.Point2f(0), mi.Vector3f(n), mi.Float(1), mi.Float(0))
+        for k in range(EMITTER_CANDIDATES):
+            uk = u if k == 0 else mi.Point2f(rng.next_float32(), rng.next_float32())
+            if k == 0:
+                first = uk.x
+            x = first + k / EMITTER_CANDIDATES
+            x = dr.select(x >= 1, x - 1, x)
+            triangle, uv, d, distance, pl, ok = self.triangle_point(
+                p, n, face, mi.Point2f(x, uk.y), active)
+            pc = dr.maximum(dr.dot(n, d), 0) / dr.pi
+            sends = dr.select(ok, pc * self.by_light(pl, pc) / pl, 0)
+            mat = dr.gather(mi.UInt32, self.material, triangle, ok)
+            y = sends * dr.gather(mi.Float, self.brightness, mat, ok)
+            total += y
+            take = (y > 0) & (rng.next_float32() * total <= y)
+            new = (triangle, uv, d, distance, sends)
+            best = tuple(dr.select(take, a, b) for a, b in zip(new, best))
+            value = dr.select(take, y, value)
+        triangle, uv, d, distance, sends = best
+        ok = active & (total > 0)
+        mat = dr.gather(mi.UInt32, self.material, triangle, ok)
         _, a, _ = self.surface(mat, triangle, uv, ok)
         share = self.passes(p, d, distance - self.eps, ok)
-        weight = a * pc * pl / (pl * pl + pc * pc)
+        weight = a * sends * total / (EMITTER_CANDIDATES * value)
         return dr.select(ok, share * self.emission(mat, triangle, uv, ok) * weight, mi.Color3f(0))
 
     def lamp_unshadowed(self, p, n, face, i, u, active):
@@ -341,7 +375,7 @@ class Tracer:
     def direct(self, p, n, face, u, rng, active, first):
         total = mi.Color3f(0)
         if self.emitters:
-            total += self.from_triangles(p, n, face, u, active)
+            total += self.from_triangles(p, n, face, u, rng, active)
         if self.lamps:
             total += self.from_lamps(p, n, face, rng, active, first)
         return total
@@ -372,7 +406,7 @@ class Tracer:
             if dr.hint(self.emitters, mode="scalar"):
                 pl = dr.gather(mi.Float, self.density, triangle, shows) \
                     * dr.squared_norm(q - last) / dr.maximum(dr.abs(dr.dot(side, d)), 1e-6)
-                share = a * density * density / (density * density + pl * pl)
+                share = a * (1 - self.by_light(pl, density))
                 glow = self.emission(mat, triangle, uv, shows)
                 total += dr.select(shows, weight * glow * share, mi.Color3f(0))
             stops = a * (1 - t)

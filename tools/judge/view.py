@@ -94,3 +94,9 @@ def shown(light, hit, reference, width):
     total = (albedo * light).reshape(h, width, SIDE * SIDE, 3).sum(2)
     under = albedo.reshape(h, width, SIDE * SIDE, 3).sum(2)
     return np.where(under > 1e-6, total / np.maximum(under, 1e-6), 0).astype(np.float32)
+
+
+def backs(hit, v, width):
+    """pixels some of whose subpixels show the back of a double-sided face"""
+    mask = hit["shows"].numpy() & hit["back"].numpy()
+    return mask.reshape(v["seen"].shape[0], width, SIDE * SIDE).any(2)

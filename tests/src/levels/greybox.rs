@@ -49,7 +49,8 @@ pub(super) fn make(kit: &mut Kit) {
                 1 => {
                     // A ramp stands in the floor.
                     let ramp = block([-w / 2.0, -0.1, 0.0], [w / 2.0, 0.0, 1.6]);
-                    vec![(ramp.transformed(tilted(-20.0)), paint)]
+                    let ramp = ramp.transformed(tilted(20.0)).moved(Vec3::Y * 0.547);
+                    vec![(ramp, paint)]
                 }
                 2 => {
                     let pillar = post([0.0, 0.2], 0.0, [0.4, height, 0.4]);

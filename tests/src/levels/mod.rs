@@ -5,15 +5,26 @@
 //! machine. `cargo run --release -p lumel-tests --bin make-level -- --list` names the families.
 
 mod archviz;
+mod blocks;
+mod cave;
+mod foliage;
+mod furniture;
 mod greybox;
 mod kit;
+mod lamps;
+mod lods;
 mod maze;
+mod modular;
+mod nets;
 mod plan;
 mod random;
 mod shapes;
+mod steps;
 mod suite;
+mod terrain;
 #[cfg(test)]
 mod tests;
+mod uv1;
 mod views;
 
 use std::fmt;
@@ -27,20 +38,50 @@ use random::Random;
 pub enum Family {
     /// Rooms of wall boxes that overlap, abut or fall short by a millimetre.
     Greybox,
+    /// A few pieces on a grid, placed many times, turned, mirrored, back to back.
+    Kit,
     /// White rooms with windows, frames, sills and furniture.
     Archviz,
+    /// Tunnels and domes displaced by noise.
+    Cave,
+    /// Stairs of boxes that stand in each other, in a room or under a vault.
+    Stairs,
+    /// A heightfield with houses sunk in it.
+    Terrain,
+    /// Leaf cards around garden walls.
+    Foliage,
+    /// A stylised dungeon of stone blocks under torches.
+    Blocks,
+    /// Furniture flush with walls, sunk in them, hovering, in each other.
+    Furniture,
     /// An office maze of coincident panels.
     Maze,
+    /// Three levels of detail in one place, and variants.
+    Lods,
+    /// Lightmap coordinates of their own, good and bad.
+    Uv1,
+    /// Few and many lamps of all kinds in halls and corridors.
+    Lamps,
     /// A hotel suite lit through its windows alone.
     Suite,
 }
 
 impl Family {
     /// All of them.
-    pub const ALL: [Family; 4] = [
+    pub const ALL: [Family; 14] = [
         Family::Greybox,
+        Family::Kit,
         Family::Archviz,
+        Family::Cave,
+        Family::Stairs,
+        Family::Terrain,
+        Family::Foliage,
+        Family::Blocks,
+        Family::Furniture,
         Family::Maze,
+        Family::Lods,
+        Family::Uv1,
+        Family::Lamps,
         Family::Suite,
     ];
 
@@ -48,8 +89,18 @@ impl Family {
     pub fn name(self) -> &'static str {
         match self {
             Family::Greybox => "greybox",
+            Family::Kit => "kit",
             Family::Archviz => "archviz",
+            Family::Cave => "cave",
+            Family::Stairs => "stairs",
+            Family::Terrain => "terrain",
+            Family::Foliage => "foliage",
+            Family::Blocks => "blocks",
+            Family::Furniture => "furniture",
             Family::Maze => "maze",
+            Family::Lods => "lods",
+            Family::Uv1 => "uv1",
+            Family::Lamps => "lamps",
             Family::Suite => "suite",
         }
     }
@@ -58,8 +109,18 @@ impl Family {
     pub fn what(self) -> &'static str {
         match self {
             Family::Greybox => "rooms of wall boxes that overlap, abut or fall short",
+            Family::Kit => "pieces of a kit, instanced, mirrored, back to back",
             Family::Archviz => "white rooms with windows to sky and sun",
+            Family::Cave => "tunnels and domes displaced by noise",
+            Family::Stairs => "stairs of boxes in each other, in rooms and under vaults",
+            Family::Terrain => "a heightfield with houses sunk in it",
+            Family::Foliage => "leaf cards around garden walls",
+            Family::Blocks => "a dungeon of stone blocks under torches",
+            Family::Furniture => "furniture flush, sunk, hovering, in each other",
             Family::Maze => "an office maze of coincident panels",
+            Family::Lods => "levels of detail and variants in one place",
+            Family::Uv1 => "lightmap coordinates of its own, good and bad",
+            Family::Lamps => "few and many lamps in halls and corridors",
             Family::Suite => "a hotel suite lit through its windows alone",
         }
     }
@@ -67,8 +128,18 @@ impl Family {
     fn make(self) -> fn(&mut Kit) {
         match self {
             Family::Greybox => greybox::make,
+            Family::Kit => modular::make,
             Family::Archviz => archviz::make,
+            Family::Cave => cave::make,
+            Family::Stairs => steps::make,
+            Family::Terrain => terrain::make,
+            Family::Foliage => foliage::make,
+            Family::Blocks => blocks::make,
+            Family::Furniture => furniture::make,
             Family::Maze => maze::make,
+            Family::Lods => lods::make,
+            Family::Uv1 => uv1::make,
+            Family::Lamps => lamps::make,
             Family::Suite => suite::make,
         }
     }

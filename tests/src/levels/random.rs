@@ -25,7 +25,7 @@ impl Random {
         a + (b - a) * self.unit()
     }
 
-    /// Uniform in `a..b` in millimetres, as people type sizes: the last digits are zeros.
+    /// Uniform in `a..b` in whole centimetres, as people type sizes.
     pub fn metres(&mut self, a: f32, b: f32) -> f32 {
         (self.range(a, b) * 100.0).round() / 100.0
     }

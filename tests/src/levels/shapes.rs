@@ -280,7 +280,7 @@ pub(super) fn frustums(n: u32, r: f32, h: f32, profile: &[(f32, f32)]) -> Geomet
     out
 }
 
-/// A low-poly rock: a sphere with flat facets, squeezed and bumped.
+/// A low-poly rock.
 pub(super) fn rock(rng: &mut Random, radius: f32, level: u32) -> Geometry {
     let seed = rng.int(0, 1 << 20);
     let squeeze = Vec3::new(
@@ -288,10 +288,15 @@ pub(super) fn rock(rng: &mut Random, radius: f32, level: u32) -> Geometry {
         rng.range(0.5, 0.9),
         rng.range(0.7, 1.3),
     );
+    rock_of(seed, squeeze * radius, level)
+}
+
+/// A sphere with flat facets, squeezed and bumped: the same shape at each `level` of detail.
+pub(super) fn rock_of(seed: u32, radii: Vec3, level: u32) -> Geometry {
     let mut g = icosphere(Vec3::ZERO, 1.0, level);
     for p in &mut g.positions {
         let bump = 1.0 + 0.3 * super::random::noise(*p * 1.7, seed);
-        *p *= squeeze * (radius * bump);
+        *p *= radii * bump;
     }
     faceted(g)
 }

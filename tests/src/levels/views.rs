@@ -154,7 +154,7 @@ impl Judge<'_> {
         let all = f64::from(GRID[0] * GRID[1]);
         depth.sort_by(f64::total_cmp);
         let middle = depth[depth.len() / 2];
-        let range = if k == 0 { 2.0..9.0 } else { 1.5..4.0 };
+        let range = if k == 0 { 2.5..9.0 } else { 1.5..4.0 };
         let ok = bad <= MOST_BAD * all
             && emits <= 0.15 * all
             && depth[0] > 0.35
