@@ -73,10 +73,13 @@ def gather(tracer, hit, width, height, paths, seed):
     lane = dr.arange(mi.UInt32, count)
     sub, pixel = lane % (SIDE * SIDE), lane // (SIDE * SIDE)
     key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
-    rng = mi.PCG32(size=count, initstate=int(key[0]), initseq=int(key[1]))
-    shift = mi.PCG32(size=width * height, initstate=int(key[1]), initseq=int(key[0]))
+    # Opaque, and evaluated before the loop: one kernel for all passes and all views
+    key = [dr.opaque(mi.UInt64, int(x)) for x in key]
+    rng = mi.PCG32(size=count, initstate=key[0], initseq=key[1])
+    shift = mi.PCG32(size=width * height, initstate=key[1], initseq=key[0])
     shift = [dr.gather(mi.UInt32, shift.next_uint32(), pixel) for _ in range(4)]
     total = dr.zeros(mi.Color3f, count)
+    dr.eval(rng, shift, total)
     for k in range(paths):
         n = sub + dr.opaque(mi.UInt32, k * SIDE * SIDE)
         u = [mi.Float((s + n * g) >> 8) * 2.0 ** -24 for s, g in zip(shift, GOLDEN)]
