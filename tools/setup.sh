@@ -20,7 +20,7 @@ if ! ls /usr/lib/*/libLLVM*19* >/dev/null 2>&1; then
 fi
 python=$(command -v python3.11 || command -v python3)
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
-"$venv/bin/pip" install -q -r "$shared/requirements.txt" matplotlib==3.11.2
+"$venv/bin/pip" install -q -r "$shared/requirements.txt" -r "$here/judge/requirements.txt" matplotlib==3.11.2
 mkdir -p "$npm_dir"
 (cd "$npm_dir" && npm install --silent --no-fund --no-audit gltf-validator@2.0.0-dev.3.10 playcanvas@2.23.3 babylonjs@9.28.0 babylonjs-loaders@9.28.0 fflate@0.8.3)
 

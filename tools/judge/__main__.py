@@ -33,7 +33,7 @@ def main():
         if name in ("truth", "bake"):
             c.add_argument("--levels", required=True)
             c.add_argument("--width", type=int, default=480, help="of the pictures, pixels")
-            c.add_argument("--paths", type=int, default=12, help="a subpixel, four to a pixel")
+            c.add_argument("--paths", type=int, default=16, help="a subpixel, four to a pixel")
         if name == "bake":
             c.add_argument("--binary", required=True)
             c.add_argument("--timeout", type=float, default=600, help="seconds a bake")

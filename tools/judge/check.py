@@ -23,7 +23,8 @@ def irradiance(tracer, p, n, batches=16, k=256, seed=0):
     means = []
     for i in range(batches):
         key = np.random.SeedSequence((seed, i)).generate_state(2, np.uint64)
-        rng = mi.PCG32(size=count, initstate=int(key[0]), initseq=int(key[1]))
+        key = [dr.opaque(mi.UInt64, int(x)) for x in key]
+        rng = mi.PCG32(size=count, initstate=key[0], initseq=key[1])
         u = [rng.next_float32() for _ in range(4)]
         light = tracer.radiance(mi.Point3f(at[0] + at[1] * tracer.eps), at[1], at[1],
                                 mi.Point2f(u[0], u[1]), mi.Point2f(u[2], u[3]), rng, mi.Bool(True))

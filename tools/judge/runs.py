@@ -18,7 +18,8 @@ from . import scene as scenes
 from . import score, truth
 
 KEYS = ["label", "binary", "family", "seed", "level", "quality", "view"]
-MEASURES = ["flip", "patch", "patch_max", "dark", "bright", "dark_line", "bright_line", "blotches", "dark_back", "bright_back",
+MEASURES = ["flip", "patch", "patch_max", "dark", "bright", "dark_line", "bright_line", "blotches",
+            "dark_back", "bright_back",
             "error_median", "error_p95", "error_rms"]
 COLUMNS = KEYS + MEASURES + ["noise_flip", "noise_patch", "noise_median"] \
     + ["best_" + k for k in ("flip", "patch", "dark", "bright", "dark_line", "bright_line")] \

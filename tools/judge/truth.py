@@ -17,7 +17,7 @@ from . import scene as scenes
 from .trace import GOLDEN, Tracer, dr, mi
 
 SIDE = 2                        # subpixels along each side of a pixel
-VERSION = 1                     # of the pictures; part of the cache's key
+VERSION = 2                     # of the pictures; part of the cache's key
 
 
 def camera_rays(camera, width, height, centre):
@@ -73,10 +73,13 @@ def gather(tracer, hit, width, height, paths, seed):
     lane = dr.arange(mi.UInt32, count)
     sub, pixel = lane % (SIDE * SIDE), lane // (SIDE * SIDE)
     key = np.random.SeedSequence(seed).generate_state(2, np.uint64)
-    rng = mi.PCG32(size=count, initstate=int(key[0]), initseq=int(key[1]))
-    shift = mi.PCG32(size=width * height, initstate=int(key[1]), initseq=int(key[0]))
+    # Opaque, and evaluated before the loop: one kernel for all passes and all views
+    key = [dr.opaque(mi.UInt64, int(x)) for x in key]
+    rng = mi.PCG32(size=count, initstate=key[0], initseq=key[1])
+    shift = mi.PCG32(size=width * height, initstate=key[1], initseq=key[0])
     shift = [dr.gather(mi.UInt32, shift.next_uint32(), pixel) for _ in range(4)]
     total = dr.zeros(mi.Color3f, count)
+    dr.eval(rng, shift, total)
     for k in range(paths):
         n = sub + dr.opaque(mi.UInt32, k * SIDE * SIDE)
         u = [mi.Float((s + n * g) >> 8) * 2.0 ** -24 for s, g in zip(shift, GOLDEN)]
@@ -137,11 +140,13 @@ def references(path, cache, width=480, paths=8, log=print):
     for i, camera in enumerate(level.cameras):
         v = view(tracer, camera, width, paths)
         v["half0"], v["half1"] = v.pop("halves")
-        del v["hits"], v["raw"]
-        out.append(v)
-        store.update({"%d/%s" % (i, k): a.astype(np.float32) for k, a in v.items()})
+        del v["hits"], v["raw"], v["normal"]
+        # Half floats, here too: the same figures whether the cache was filled or not
+        half = {k: np.minimum(a, 65504).astype(np.float16) for k, a in v.items()}
+        out.append({k: a.astype(np.float32) for k, a in half.items()})
+        store.update({"%d/%s" % (i, k): a for k, a in half.items()})
     os.makedirs(cache, exist_ok=True)
-    np.savez(name + ".part.npz", **store)
+    np.savez_compressed(name + ".part.npz", **store)
     os.replace(name + ".part.npz", name)
     log("%s: truth of %d views in %.0f s" % (path, len(out), time.time() - start))
     return out
