@@ -21,15 +21,18 @@ struct Stones {
 
 pub(super) fn make(kit: &mut Kit) {
     let rng = &mut kit.rng;
-    let stones = Stones {
+    let mut stones = Stones {
         length: rng.metres(0.5, 1.2),
         course: rng.metres(0.35, 0.6),
         depth: rng.pick(&[0.2, 0.3, 0.4]),
         rough: rng.pick(&[0.0, 0.02, 0.06]),
         gap: rng.pick(&[0.0, 0.0, 0.001, -0.02]),
     };
+    if kit.small() {
+        (stones.length, stones.course) = (1.4, 0.6);
+    }
     let rooms = kit.count(1, [1, 3]);
-    let (d, courses) = (kit.rng.metres(3.5, 6.5), kit.rng.int(5, 8));
+    let (d, courses) = (kit.rng.metres(3.5, 6.5), kit.count(5, [5, 8]));
     let height = stones.course * courses as f32;
     let both = kit.rng.chance(0.2);
     let level = kit.rng.range(0.25, 0.55);
@@ -165,7 +168,7 @@ fn wall(
 
 /// Slabs of the floor, each a little higher or lower.
 fn slabs(kit: &mut Kit, paints: &[usize; 3], min: Vec3, max: Vec3, room: u32) {
-    let side = kit.rng.metres(0.6, 1.2);
+    let side = kit.rng.metres(if kit.small() { 1.1 } else { 0.6 }, 1.2);
     let rough = kit.rng.pick(&[0.0, 0.01, 0.03]);
     let mut parts = Vec::new();
     let mut z = min.z - 0.1;

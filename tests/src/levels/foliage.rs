@@ -22,7 +22,7 @@ pub(super) fn make(kit: &mut Kit) {
     } else {
         kit.rng.metres(6.0, 11.0)
     };
-    let rho = kit.rng.colour(0.25, 0.4);
+    let rho = kit.rng.ground();
     let ground = kit.paint("ground", rho);
     kit.part(
         "ground",

@@ -9,6 +9,9 @@ use crate::geometry::Geometry;
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 use crate::path_tracer::Triangle;
 
+/// Lumels per metre of small levels: tens of thousands in all, which a draft does in a second or two.
+const SMALL_DENSITY: f32 = 10.0;
+
 /// A mesh that can be placed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mesh(usize);
@@ -65,7 +68,6 @@ pub(super) struct Kit {
     pub sky: Option<[f32; 3]>,
     /// Direction in which sunlight travels.
     pub sun: Option<Vec3>,
-    pub texels_per_unit: Option<f32>,
     pub spaces: Vec<Space>,
     /// Whether the backs of nodes count as the inside of something, for cameras. Not for shells that people walk in.
     pub solid: bool,
@@ -87,7 +89,6 @@ impl Kit {
             size,
             sky: None,
             sun: None,
-            texels_per_unit: None,
             spaces: Vec::new(),
             solid: true,
             paints: Vec::new(),
@@ -260,8 +261,9 @@ impl Kit {
         if let Some([r, g, b]) = self.sky {
             settings += &format!("sky = [{r:.3}, {g:.3}, {b:.3}]\n");
         }
-        if let Some(density) = self.texels_per_unit {
-            settings += &format!("texels-per-unit = {density:.1}\n");
+        if self.small() {
+            // Lumels chosen by the scene's size are as many in a small level as in a large one.
+            settings += &format!("texels-per-unit = {SMALL_DENSITY:.1}\n");
         }
         Level {
             glb: self.b.finish(),

@@ -63,6 +63,19 @@ impl Random {
     pub fn colour(&mut self, level: f32, spread: f32) -> [f32; 3] {
         [0; 3].map(|_| (level * (1.0 + self.range(-spread, spread))).clamp(0.02, 0.98))
     }
+
+    /// A colour that ground has out of doors: grass, earth, sand, gravel, snow.
+    pub fn ground(&mut self) -> [f32; 3] {
+        let [r, g, b] = self.pick(&[
+            [0.16, 0.24, 0.08],
+            [0.24, 0.17, 0.11],
+            [0.5, 0.42, 0.28],
+            [0.32, 0.31, 0.29],
+            [0.88, 0.9, 0.93],
+        ]);
+        let level = self.range(0.8, 1.05);
+        [r * level, g * level, b * level]
+    }
 }
 
 /// Sine and cosine of degrees by Taylor's series: libraries differ in the last bit, and bytes must not.

@@ -97,7 +97,13 @@ fn spiral(kit: &mut Kit, height: f32, paint: usize) -> Parts {
 /// A half-cylinder with ends on straight feet: one skin, looking inwards, or modelled inside out.
 fn shell(kit: &mut Kit, w: f32, d: f32, paint: usize) {
     let n = kit.rng.int(6, 24);
-    let foot = kit.rng.pick(&[0.0, 0.8, 1.6]);
+    let inside_out = kit.rng.chance(0.35);
+    // Inside out is the vault alone; what it stands on is as it should be, or nothing would be seen of the room.
+    let foot = kit.rng.pick(if inside_out {
+        &[1.8, 2.2, 2.6]
+    } else {
+        &[0.0, 0.8, 1.6]
+    });
     let r = w / 2.0;
     let mut outline = vec![Vec3::new(w, 0.0, 0.0)];
     for i in 0..=n {
@@ -112,7 +118,15 @@ fn shell(kit: &mut Kit, w: f32, d: f32, paint: usize) {
         if (p[1] - p[0]).length() < 1e-5 {
             continue;
         }
-        g.append(&quad([p[0], p[1], p[1] + back, p[0] + back]));
+        let strip = quad([p[0], p[1], p[1] + back, p[0] + back]);
+        // The first wall is at the largest x, and inwards is −x.
+        let inwards = strip.normals[0].dot(Vec3::new(r, foot, 0.0) - (p[0] + p[1]) / 2.0) > 0.0;
+        let curved = p[0].y.min(p[1].y) >= foot;
+        g.append(&if inwards == (inside_out && curved) {
+            strip.flipped()
+        } else {
+            strip
+        });
         let middle = Vec3::new(r, 0.0, 0.0);
         if (p[0].y + p[1].y) > 1e-5 {
             let base = ends.positions.len() as u32;
@@ -126,15 +140,7 @@ fn shell(kit: &mut Kit, w: f32, d: f32, paint: usize) {
                 .extend([[b, b + 1, b + 2], [b + 3, b + 5, b + 4]]);
         }
     }
-    // Which way the strip looks: its first wall is at the largest x, and inwards is −x.
-    if g.normals[0].x > 0.0 {
-        g = g.flipped();
-    }
     kit.solid = false;
-    let kind = kit.rng.int(0, 2);
-    if kind == 0 {
-        g = g.flipped();
-    }
     kit.item("vault", &[(g, paint)], place(Vec3::ZERO, 0.0));
     kit.item("ends", &[(ends, paint)], place(Vec3::ZERO, 0.0));
     kit.solid = true;

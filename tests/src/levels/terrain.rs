@@ -33,7 +33,7 @@ pub(super) fn make(kit: &mut Kit) {
         kit.rng.metres(14.0, 26.0)
     };
     let n = kit.count(14, [40, 90]);
-    let rho = kit.rng.colour(0.3, 0.4);
+    let rho = kit.rng.ground();
     let both = kit.rng.chance(0.3);
     let grass = kit.paint_sided("grass", rho, both);
     kit.solid = false;

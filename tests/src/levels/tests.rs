@@ -106,6 +106,25 @@ fn cameras_stand_in_free_space() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+/// All but foliage, whose cards the path tracer does not read.
+#[test]
+#[ignore = "takes a minute; for whoever changes a family"]
+fn cameras_of_full_levels_stand_in_free_space() {
+    let mut wrong = Vec::new();
+    for family in Family::ALL {
+        for seed in 1..25 {
+            if family == Family::Foliage {
+                continue;
+            }
+            let made = level(family, seed, Size::Full);
+            if let Some(what) = wrong_views(&made) {
+                wrong.push(format!("{family} {seed}: {what}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
 #[test]
 fn small_levels_are_small_and_finite() {
     for family in Family::ALL {

@@ -43,14 +43,25 @@ impl Kit {
         let mut rng = super::random::Random::new(judge.tree.triangles().len() as u64, 0x6361_6D);
         for k in 0..3 {
             let mut best: Vec<View> = Vec::new();
+            // Where nothing will do: what shows fewest backs.
+            let mut spare: Option<View> = None;
             for attempt in 0..6000 {
                 // Spaces that look at nothing else first; later any, and later less choosy.
                 let space = spaces[rng.int(0, spaces.len() as u32 - 1) as usize];
                 let view = draw(&mut rng, &space, k);
                 let slack = f64::from(attempt / 1500);
-                let Some(mut score) = judge.score(&view, k, slack) else {
+                let Some((mut score, bad)) = judge.score(&view, k, slack) else {
                     continue;
                 };
+                if score == 0.0 {
+                    if spare.as_ref().is_none_or(|s| -bad > s.score) && !judge.inside(view.eye) {
+                        spare = Some(View {
+                            score: -bad,
+                            ..view
+                        });
+                    }
+                    continue;
+                }
                 let near =
                     |v: &View| (v.eye - view.eye).length() + (v.forward - view.forward).length();
                 score += views.iter().map(near).fold(2.0, f64::min) * 0.5;
@@ -61,6 +72,7 @@ impl Kit {
             }
             best.sort_by(|a, b| b.score.total_cmp(&a.score));
             let found = best.into_iter().find(|v| !judge.inside(v.eye));
+            let found = found.or(spare);
             views.push(found.unwrap_or_else(|| draw(&mut rng, &spaces[0], k)));
         }
         for (k, v) in views.into_iter().enumerate() {
@@ -113,8 +125,8 @@ impl Judge<'_> {
         self.tree.closest(&ray).map(|h| (h.t, h.triangle))
     }
 
-    /// How much there is to see, or `None` for a view that nobody would choose.
-    fn score(&self, v: &View, k: usize, slack: f64) -> Option<f64> {
+    /// How much there is to see, 0 for a view that nobody would choose, and how much of it is wrong; `None` where no camera can be.
+    fn score(&self, v: &View, k: usize, slack: f64) -> Option<(f64, f64)> {
         for i in 0..26 {
             if self.cast(v.eye, around(i), CLEAR).is_some() {
                 return None;
@@ -161,7 +173,9 @@ impl Judge<'_> {
             && lit >= (0.25 - 0.08 * slack) * all
             && range.start - 0.3 * slack <= middle
             && middle <= range.end + 1.5 * slack;
-        ok.then(|| (lit / all).min(0.6) * 3.0 + (seen.len() as f64).sqrt() * 0.5)
+        let score = (lit / all).min(0.6) * 3.0 + (seen.len() as f64).sqrt() * 0.5;
+        let wrong = bad + 0.5 * (all - lit);
+        Some((if ok { score } else { 0.0 }, wrong))
     }
 
     /// Whether some lamp, the sun or a part of the sky reaches a point, 0 to 1.
