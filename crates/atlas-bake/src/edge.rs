@@ -141,12 +141,11 @@ impl Gatherer<'_, '_> {
             if !hidden[k] {
                 let one = self.see(footprint, &points, &sums, mask, seed, planes, tape);
                 rays += u64::from(one.direct.rays);
-                // Few rays of an open shell's inside get out, and no light gets in. The end of a wall, say, may reach through the room's shell to where
-                // nobody will ever be; without a wall it is shade.
+                let dark = self.is_dark(one.light());
+                // The end of a wall, say, may reach through the room's shell to where nobody will ever be; without a wall it is shade.
                 let walled = parts.as_ref().is_some_and(|p| p.count > 1);
-                let shut =
-                    dark[k][1] >= MOSTLY_INSIDE || walled && Point::in_the_void(of(k).map(|x| x.0));
-                hidden[k] = shut && self.is_dark(one.light());
+                let lost = walled && dark && Point::in_the_void(of(k).map(|x| x.0));
+                hidden[k] = lost || Point::shut(of(k).map(|x| x.0), dark);
                 if !hidden[k] {
                     seen.push(one);
                 }

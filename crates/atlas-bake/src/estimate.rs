@@ -86,6 +86,14 @@ impl Point {
         [black, black + unlit].map(|n| n as f32 / rays as f32)
     }
 
+    /// Whether nobody sees these points: nearly all rays from there end right above, or on unlit backs. On black backs too, where it is `dark`: under the back
+    /// of a vault they are all around, but light comes in at its ends.
+    pub(crate) fn shut<'p>(points: impl Iterator<Item = &'p Point>, dark: bool) -> bool {
+        let [black, all] = Point::dark_shares(points);
+        let share = if dark { all } else { all - black };
+        share >= MOSTLY_INSIDE
+    }
+
     /// Whether nearly all rays of these points went where nothing is: out of the scene into the dark, or to black backs.
     pub(crate) fn in_the_void<'p>(points: impl Iterator<Item = &'p Point>) -> bool {
         let (mut void, mut rays) = (0, 0);

@@ -352,8 +352,7 @@ impl Gatherer<'_, '_> {
         };
         let dark = self.is_dark(luminance(direct.irradiance + estimate.mean));
         let open = match in_the_open {
-            // Under the backs of an open shell, but light gets there.
-            0 if !dark && !buried.contains(&true) => 1.0,
+            0 if !buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,
             n => n as f32 / count as f32,
         };
         // As the ends of things that reach through a room's shell; but also what lies in the shade of a lamp without anything to bounce off. Only a

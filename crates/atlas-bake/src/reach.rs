@@ -169,10 +169,11 @@ fn estimate(
     (errors, mean_square(&relative_errors(lumels, &trial)))
 }
 
-/// Standard errors of lit lumels over their light.
+/// Standard errors of lit lumels over their light. Those of which nothing can be seen hold light of others, and are left out.
 pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64> {
     let mean = mean_light(lumels, received);
     (received.iter())
+        .filter(|r| r.open > 0.0)
         .filter_map(|r| Some(f64::from(r.error / scale(r, mean)?)))
         .collect()
 }

@@ -5,9 +5,9 @@
 //! more often than it enters it, whatever else is in the way.
 //!
 //! A *body* is a connected piece of one instance whose every edge is shared by as many triangles in one direction as in the other, and
-//! whose volume is not 0. Its winding says which side is inside; where faces are double-sided, either will do. Not bodies are
-//! - closed surfaces that let light through, or that hold a lamp or a whole emitter: someone is meant to look at what is inside them,
-//! - shells whose single-sided fronts face inwards, which are rooms.
+//! whose fronts face outwards. Not bodies are
+//! - closed surfaces that let light through, or that hold a lamp or most of an emitter: someone is meant to look at what is inside them,
+//! - shells whose fronts face inwards, which are rooms, double-sided or not.
 //!
 //! A hollow body (a house with thick walls) is one closed surface inside another of the same instance: the inner one is taken out of the outer.
 //!
@@ -27,6 +27,9 @@ use crate::sampling::cosine_hemisphere;
 /// Mean thickness below which a closed surface is two sheets glued together: volume over area and length, far above the rounding of either.
 const THINNEST: f64 = 1e-6;
 
+/// A body that holds more than this share of a piece that emits is lit inside: a bulb may stand in a room's floor, and a panel be sunk in a ceiling up to its face.
+const MOST_OF_IT: f32 = 0.75;
+
 /// Directions in which crossings are counted, in the square that [`cosine_hemisphere`] maps: two that agree decide, since a ray
 /// through an edge may count it twice. Away from the horizon, so that they leave the plane that the point lies in.
 const DIRECTIONS: [[f32; 2]; 3] = [[0.137, 0.271], [0.293, 0.618], [0.071, 0.829]];
@@ -34,8 +37,8 @@ const DIRECTIONS: [[f32; 2]; 3] = [[0.137, 0.271], [0.293, 0.618], [0.071, 0.829
 /// The closed bodies of a scene.
 pub(crate) struct Solids {
     tree: Bvh,
-    /// By triangle of the tree: its body, and whether its front faces outwards.
-    faces: Vec<(u32, bool)>,
+    /// By triangle of the tree: its body.
+    faces: Vec<u32>,
     /// Fronts' normals, by triangle of the tree.
     normals: Vec<Vec3>,
     /// By body: someone is meant to see its inside.
@@ -49,11 +52,10 @@ struct Piece {
     instance: u32,
     /// Signed, m³: positive where fronts face outwards.
     volume: f64,
-    double_sided: bool,
     /// It is closed, opaque and has volume.
     closed: bool,
-    /// Middles of its emissive triangles, just above their fronts.
-    emits: Vec<Vec3>,
+    /// Middles of its emissive triangles, just above their fronts, and their areas.
+    emits: Vec<(Vec3, f32)>,
 }
 
 impl Solids {
@@ -70,12 +72,11 @@ impl Solids {
         let pieces = pieces(scene, soup, offset);
         let all: Vec<&Piece> = pieces.iter().filter(|p| p.closed).collect();
         // First each by itself, to find out which are in which.
-        let alone = |(k, piece): (usize, &&Piece)| (k as u32, piece.volume > 0.0);
-        let apart: Vec<(u32, bool)> = all.iter().enumerate().map(alone).collect();
+        let apart: Vec<u32> = (0..all.len() as u32).collect();
         let first = Solids::of(&all, &apart, tree)?;
-        let body_of = |(k, piece): (usize, &&Piece)| -> Option<(u32, bool)> {
+        let body_of = |(k, piece): (usize, &&Piece)| -> Option<u32> {
             if piece.volume > 0.0 {
-                return Some((k as u32, true));
+                return Some(k as u32);
             }
             // The smallest of those around it.
             let volume = |b: u32| all[b as usize].volume;
@@ -83,13 +84,10 @@ impl Solids {
             let hollow = around
                 .filter(|&b| volume(b) > 0.0 && all[b as usize].instance == piece.instance)
                 .min_by(|a, b| volume(*a).total_cmp(&volume(*b)));
-            match hollow {
-                // As seen from the body, a cavity's fronts face outwards.
-                Some(body) => Some((body, true)),
-                None => piece.double_sided.then_some((k as u32, false)),
-            }
+            // As seen from the body, a cavity's fronts face outwards.
+            hollow
         };
-        let (kept, bodies): (Vec<&Piece>, Vec<(u32, bool)>) = (all.iter().enumerate())
+        let (kept, bodies): (Vec<&Piece>, Vec<u32>) = (all.iter().enumerate())
             .filter_map(|x| Some((*x.1, body_of(x)?)))
             .unzip();
         let mut solids = Solids::of(&kept, &bodies, tree)?;
@@ -97,12 +95,8 @@ impl Solids {
         Ok(solids)
     }
 
-    /// The tree of some pieces, with each one's body and whether its fronts face out of that.
-    fn of(
-        pieces: &[&Piece],
-        bodies: &[(u32, bool)],
-        tree: &BuildOptions,
-    ) -> Result<Solids, BuildError> {
+    /// The tree of some pieces, with each one's body.
+    fn of(pieces: &[&Piece], bodies: &[u32], tree: &BuildOptions) -> Result<Solids, BuildError> {
         let (mut triangles, mut faces) = (Vec::new(), Vec::new());
         for (piece, body) in pieces.iter().zip(bodies) {
             triangles.extend_from_slice(&piece.triangles);
@@ -112,7 +106,7 @@ impl Solids {
         Ok(Solids {
             normals: normals.collect(),
             tree: Bvh::build(&triangles, |_| true, tree)?,
-            inhabited: vec![false; bodies.iter().map(|b| b.0 + 1).max().unwrap_or(0) as usize],
+            inhabited: vec![false; bodies.iter().map(|b| b + 1).max().unwrap_or(0) as usize],
             faces,
         })
     }
@@ -132,15 +126,17 @@ impl Solids {
             }
         }
         for piece in pieces.iter().filter(|p| !p.emits.is_empty()) {
-            let mut common = self.around(piece.emits[0], Vec3::Y);
-            for at in &piece.emits[1..] {
-                if common.is_empty() {
-                    break;
+            let all: f32 = piece.emits.iter().map(|e| e.1).sum();
+            let mut held: Vec<(u32, f32)> = Vec::new();
+            for (at, area) in &piece.emits {
+                for body in self.around(*at, Vec3::Y) {
+                    match held.iter_mut().find(|h| h.0 == body) {
+                        Some(h) => h.1 += area,
+                        None => held.push((body, *area)),
+                    }
                 }
-                let here = self.around(*at, Vec3::Y);
-                common.retain(|b| here.contains(b));
             }
-            for body in common {
+            for (body, _) in held.into_iter().filter(|h| h.1 > MOST_OF_IT * all) {
                 self.inhabited[body as usize] = true;
             }
         }
@@ -199,9 +195,9 @@ struct Crossings<'s> {
 
 impl HitFilter for Crossings<'_> {
     fn accept(&self, triangle: u32, _: f32, _: f32, ray: &Ray) -> bool {
-        let (body, outwards) = self.solids.faces[triangle as usize];
+        let body = self.solids.faces[triangle as usize];
         let leaves = self.solids.normals[triangle as usize].dot(ray.direction) > 0.0;
-        let step = if leaves == outwards { 1 } else { -1 };
+        let step = if leaves { 1 } else { -1 };
         let mut found = self.found.borrow_mut();
         match found.iter_mut().find(|f| f.0 == body) {
             Some(f) => f.1 += step,
@@ -225,19 +221,18 @@ fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece
                 triangles: members.iter().map(|&m| corners[m]).collect(),
                 instance: instance as u32,
                 volume: 0.0,
-                double_sided: true,
                 closed: true,
                 emits: Vec::new(),
             };
             for &m in &members {
                 let material = &scene.materials[soup.material(faces[m]) as usize];
-                piece.double_sided &= material.double_sided;
                 piece.closed &= !material.lets_light_through();
                 if material.emissive != Vec3::ZERO && !material.occluder_only {
                     let [a, b, c] = corners[m];
-                    let normal = (b - a).cross(c - a).normalize_or_zero();
+                    let cross = (b - a).cross(c - a);
                     let middle = (a + b + c) / 3.0;
-                    piece.emits.push(middle + normal * offset(middle));
+                    let above = middle + cross.normalize_or_zero() * offset(middle);
+                    piece.emits.push((above, 0.5 * cross.length()));
                 }
             }
             piece.closed = piece.closed && is_closed(&piece.triangles);

@@ -1,0 +1,193 @@
+//! Generated levels, small, at `draft`: what the cameras see is held against the path tracer.
+//!
+//! A pixel counts as dark where the bake shows less than half of the true light, and as bright where it shows more than twice as much: a few
+//! such pixels in a row are a line that people see. `tools/judge` does the same with whole pictures of whole levels.
+
+mod common;
+
+use common::bake;
+use glam::{DQuat, DVec2, DVec3};
+use lumel::atlas_bake::{ExrImage, read_exr};
+use lumel::{Quality, Settings, SkySource};
+use lumel_tests::levels::{Family, Level, Size, level};
+use lumel_tests::path_tracer::{Effort, Footprint, PathTracer, Ray, Scene, Tree, luminance};
+use serde_json::Value;
+
+/// Columns and rows of pixels of each of a level's three views.
+const PIXELS: [u32; 2] = [36, 24];
+
+/// Paths a pixel. Light that is uncertain by more than [`CERTAIN`] is not judged.
+const PATHS: u32 = 192;
+
+/// Truth's standard error over its value, and the share of a view's mean light below which a pixel is black on screen either way.
+const CERTAIN: f64 = 0.12;
+const BLACK: f64 = 0.02;
+
+/// Share of pixels that may be dark, and that may be bright. At `draft`, with so few lumels, contacts are not looked for: a lumel that something stands
+/// on in part is wrong over its own width.
+const MOST: f64 = 0.01;
+
+struct View {
+    eye: DVec3,
+    turn: DQuat,
+    yfov: f64,
+}
+
+impl View {
+    /// The direction of a pixel's middle.
+    fn direction(&self, x: u32, y: u32) -> DVec3 {
+        let half = (self.yfov / 2.0).tan();
+        let at = |k: u32, n: u32| 2.0 * (f64::from(k) + 0.5) / f64::from(n) - 1.0;
+        let (x, y) = (at(x, PIXELS[0]) * half * 1.5, -at(y, PIXELS[1]) * half);
+        self.turn * DVec3::new(x, y, -1.0).normalize()
+    }
+}
+
+fn views(level: &Level) -> Vec<View> {
+    let length = u32::from_le_bytes(level.glb[12..16].try_into().expect("a header")) as usize;
+    let json: Value = serde_json::from_slice(&level.glb[20..20 + length]).expect("JSON");
+    let numbers = |v: &Value| -> Vec<f64> {
+        let all = v.as_array().into_iter().flatten();
+        all.filter_map(Value::as_f64).collect()
+    };
+    let nodes = json["nodes"].as_array().expect("nodes").iter();
+    nodes
+        .filter_map(|n| {
+            let camera = n["camera"].as_u64()? as usize;
+            Some(View {
+                eye: DVec3::from_slice(&numbers(&n["translation"])),
+                turn: DQuat::from_slice(&numbers(&n["rotation"])),
+                yfov: json["cameras"][camera]["perspective"]["yfov"].as_f64()?,
+            })
+        })
+        .collect()
+}
+
+/// The sky of `sky = [r, g, b]`, black without it.
+fn sky(settings: &str) -> [f32; 3] {
+    let Some(line) = settings.lines().find_map(|l| l.strip_prefix("sky = [")) else {
+        return [0.0; 3];
+    };
+    let mut numbers = (line.trim_end_matches(']').split(',')).map(|x| x.trim().parse());
+    [0; 3].map(|_| numbers.next().expect("three numbers").expect("a number"))
+}
+
+/// A bilinear lookup, as engines read pages: v runs down, texels' values are at their middles, borders are clamped.
+fn lookup(page: &ExrImage, uv: DVec2) -> DVec3 {
+    let size = [page.width, page.height];
+    let at: [f64; 2] = [0, 1].map(|k| uv[k] * f64::from(size[k]) - 0.5);
+    let mut sum = DVec3::ZERO;
+    for corner in 0..4 {
+        let mut weight = 1.0;
+        let place = [0, 1].map(|k| {
+            let step = f64::from(corner >> k & 1);
+            let fraction = at[k] - at[k].floor();
+            weight *= if step > 0.0 { fraction } else { 1.0 - fraction };
+            (at[k].floor() + step).clamp(0.0, f64::from(size[k] - 1)) as u32
+        });
+        let texel = (place[1] * page.width + place[0]) as usize;
+        let channel = |name| f64::from(page.channel(name).expect("a channel")[texel]);
+        sum += DVec3::from_array(["R", "G", "B"].map(channel)) * weight;
+    }
+    sum
+}
+
+/// Shares of judged pixels that are dark, and bright.
+fn shares(made: &Level) -> [f64; 2] {
+    let sky = sky(&made.settings);
+    let settings = Settings {
+        quality: Quality::Draft,
+        sky: SkySource::Color(sky),
+        ..Settings::default()
+    };
+    let baked = bake(&made.glb, &settings);
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    baked.write(dir.path()).expect("written");
+    let glb = std::fs::read(dir.path().join("scene.glb")).expect("the lightmapped scene");
+    let mut scene = Scene::from_glb(&glb).expect("a scene that the path tracer models");
+    scene.sky = DVec3::from_array(sky.map(f64::from));
+    let pages: Vec<ExrImage> = (baked.page_names().iter())
+        .map(|name| read_exr(&dir.path().join(name)).expect("an EXR"))
+        .collect();
+    let tree = Tree::new(scene.triangles.clone());
+    let (mut places, mut shown) = (Vec::new(), Vec::new());
+    for view in views(made) {
+        for (x, y) in (0..PIXELS[1]).flat_map(|y| (0..PIXELS[0]).map(move |x| (x, y))) {
+            let ray = Ray {
+                origin: view.eye,
+                direction: view.direction(x, y),
+                t_max: f64::INFINITY,
+                skip: [usize::MAX; 2],
+            };
+            let Some(hit) = tree.closest(&ray) else {
+                continue;
+            };
+            let triangle = &scene.triangles[hit.triangle];
+            let Some((page, uv)) = triangle.lightmap else {
+                continue;
+            };
+            // A lightmap is of fronts.
+            if triangle.normal().dot(ray.direction) >= 0.0 {
+                continue;
+            }
+            let [a, b, c] = triangle.corners;
+            let (p, n) = (ray.origin + ray.direction * hit.t - a, triangle.cross());
+            let u = p.cross(c - a).dot(n) / n.length_squared();
+            let v = (b - a).cross(p).dot(n) / n.length_squared();
+            places.push(Footprint::of_point(hit.triangle, u, v));
+            let at = uv[0] + (uv[1] - uv[0]) * u + (uv[2] - uv[0]) * v;
+            shown.push(luminance(lookup(&pages[page], at)));
+        }
+    }
+    let truth = PathTracer::new(scene).irradiance(&places, Effort::new(PATHS, 1));
+    let light = |k: usize| luminance(truth[k].mean) / std::f64::consts::PI;
+    let mean = (0..shown.len()).map(light).sum::<f64>() / shown.len() as f64;
+    let (mut dark, mut bright, mut judged) = (0, 0, 0);
+    for (k, shown) in shown.iter().enumerate() {
+        assert!(shown.is_finite() && *shown >= 0.0);
+        let black = light(k).max(*shown) < BLACK * mean;
+        let error = truth[k].luminance_error / std::f64::consts::PI;
+        if error > CERTAIN * light(k).max(BLACK * mean) {
+            continue;
+        }
+        judged += 1;
+        dark += usize::from(!black && *shown < 0.5 * light(k));
+        bright += usize::from(!black && *shown > 2.0 * light(k) + 2.0 * error);
+    }
+    assert!(
+        2 * judged > shown.len(),
+        "{judged} of {} pixels",
+        shown.len()
+    );
+    [dark, bright].map(|n| n as f64 / judged as f64)
+}
+
+fn check(family: Family, seed: u64) {
+    let [dark, bright] = shares(&level(family, seed, Size::Small));
+    println!("{family} {seed}: dark {dark:.4}, bright {bright:.4}");
+    assert!(
+        dark <= MOST && bright <= MOST,
+        "{family} {seed}: {dark:.4} {bright:.4}"
+    );
+}
+
+#[test]
+fn rooms_of_overlapping_walls_have_no_lines() {
+    check(Family::Greybox, 1);
+    check(Family::Greybox, 2);
+}
+
+#[test]
+fn stairs_under_vaults_have_no_stripes() {
+    check(Family::Stairs, 1);
+}
+
+#[test]
+fn coincident_panels_have_no_lines() {
+    check(Family::Maze, 1);
+}
+
+#[test]
+fn furniture_in_walls_and_in_itself_has_no_lines() {
+    check(Family::Furniture, 1);
+}
