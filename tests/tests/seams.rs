@@ -238,6 +238,38 @@ fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
 }
 
 #[test]
+fn surfaces_that_coincide_by_the_hundred_take_no_more_samples_than_pages_hold() {
+    // Every tile on the left meets every tile on the right: 40,000 pairs.
+    const LAYERS: usize = 200;
+    let mut b = GltfBuilder::new();
+    let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
+    let tile = grid(Vec3::ZERO, Vec3::Z, Vec3::X, [1, 1]);
+    let tile = b.mesh("tile", &[(&tile, grey)]);
+    for i in 0..2 * LAYERS {
+        b.node(Node {
+            translation: Vec3::X * (i % 2) as f32,
+            ..Node::of_mesh("tile", tile)
+        });
+    }
+    let light = b.light("lamp", Light::Point([1.0; 3]));
+    b.node(Node {
+        translation: Vec3::new(0.7, 1.0, 0.4),
+        light: Some(light),
+        ..Node::default()
+    });
+    let bake = bake(&b.finish(), &at(4.0));
+    let found = bake.report.gather.seams;
+    let texels: usize = bake.baked.pages.iter().map(|p| p.value.len()).sum();
+    eprintln!("layers: {found:?}, {texels} texels");
+    // Each of the left meets four: 4 texels of 8 samples each. All pairs would have 1.3 million.
+    let most = LAYERS as u64 * 4 * 4 * 8;
+    assert!(
+        found.samples > 0 && found.samples <= most.min(4 * texels as u64),
+        "{found:?}"
+    );
+}
+
+#[test]
 fn creases_are_no_seams() {
     let floor = floor([[-1.0, -1.0], [-1.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
     // Ten degrees up: more than the eight up to which surfaces go on.

@@ -83,6 +83,14 @@ pub struct Layout {
     pub texels_per_unit: f32,
 }
 
+impl Layout {
+    /// Texels of all pages.
+    pub(crate) fn texels(&self) -> f64 {
+        let texels = |&[w, h]: &[u32; 2]| f64::from(w) * f64::from(h);
+        self.pages.iter().map(texels).sum()
+    }
+}
+
 /// One finished lightmap page, row 0 at the top.
 #[derive(Debug, Clone, Default)]
 pub struct Page {

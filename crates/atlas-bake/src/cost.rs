@@ -1,4 +1,4 @@
-//! What a gather will cost, from a few of its lumels.
+//! What a gather will cost, from a few of its lumels, and stitching after it.
 
 use std::time::{Duration, Instant};
 
@@ -9,6 +9,7 @@ use crate::atlas::Layout;
 use crate::bake::{BakeOptions, Hidden};
 use crate::gather::{GatherOptions, Gatherer};
 use crate::lumels::Lumels;
+use crate::seams::find_samples;
 use crate::sparse::Sparse;
 
 /// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
@@ -35,6 +36,10 @@ pub struct GatherCost {
     pub seconds: f64,
     /// Rays, gathering and shadow rays together, that one of them casts in the mean.
     pub rays: f64,
+    /// Points where lookups on two sides of a seam are compared.
+    pub seam_samples: usize,
+    /// Channels, light and layers, that are stitched.
+    pub stitched: usize,
 }
 
 /// Gathers at lumels here and there, and says how long that took.
@@ -59,8 +64,14 @@ pub fn gather_cost(
     let mut cost = GatherCost {
         gathered: full.len(),
         interpolated: lumels.lumels.len() - full.len(),
+        seam_samples: find_samples(world, layout, &lumels).len(),
         ..GatherCost::default()
     };
+    if options.stitch {
+        let groups = options.wanted(world).groups;
+        let directions = if options.directional.is_some() { 4 } else { 0 };
+        cost.stitched = 3 * (1 + groups + options.layers.len() + directions);
+    }
     if full.is_empty() {
         return cost;
     }

@@ -61,9 +61,13 @@ pub const ESTIMATE_FACTOR: f64 = 2.0;
 /// Patches and rays of the solve that the gather is tried in: its light is not looked at.
 const TRIAL: [u32; 2] = [2_000, 16];
 
-/// Peak memory in bytes: at rest, per triangle, per lumel and per ray between patches; least squares over the reports of 285 bakes, of
-/// which four fifths lie within -17 and +13 % and all within -27 and +65 %.
-const BYTES: [f64; 4] = [12.9e6, 933.0, 221.0, 13.2];
+/// Time of a point of a seam over that of a ray: of finding it and setting its equation up, and of stitching it in up to four channels. Stitching
+/// takes the same number of steps whatever the equations are. By slow_dive_level's 175,000 points: 0.65 s of one thread at 1.6 million rays a second.
+const SEAM: [f64; 2] = [4.0, 8.0];
+
+/// Peak memory in bytes: at rest, per triangle, per lumel, per ray between patches and per point of a seam. By eight bakes at draft and one of
+/// 2.9 million lumels, which lie within -20 and +26 % of it (docs/pipeline.md).
+const BYTES: [f64; 5] = [12.9e6, 1400.0, 520.0, 13.2, 200.0];
 
 /// Rays of the measurement.
 const PROBES: usize = 1 << 16;
@@ -119,7 +123,10 @@ pub fn estimate(
     let over = over_gather(settings.quality);
     let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
     let rays = solving + gathered * gather.rays * over + probe_rays;
-    let seconds = planning + (solving + probe_rays) / rate + gathered * gather.seconds * over;
+    let samples = gather.seam_samples as f64;
+    let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
+    let seconds =
+        planning + (solving + probe_rays + stitching) / rate + gathered * gather.seconds * over;
     let mut files = output_names(file, settings);
     let first = ".lightmap.exr";
     let at = files.iter().position(|f| f.ends_with(first)).unwrap_or(0);
@@ -138,7 +145,8 @@ pub fn estimate(
         bytes: BYTES[0]
             + BYTES[1] * soup.triangles.len() as f64
             + BYTES[2] * layout.lumels
-            + BYTES[3] * links,
+            + BYTES[3] * links
+            + BYTES[4] * samples,
         layout,
     })
 }

@@ -30,27 +30,44 @@ pub(crate) struct Piece {
     pub texel: f32,
 }
 
-/// Texels of a piece at most. What is cut short has a small box, however long and slanting the edge is.
+/// Texels of a piece at most. What is cut short has a small box, however long and slanting the edge is. Where charts lie upon each other, borders
+/// together may be longer than pages have texels; pieces are then as much longer as keeps them fewer.
 const LONGEST: f32 = 16.0;
-
-/// Pieces of one edge at most, so that no scale makes work without end.
-const MOST_PIECES: f32 = 4096.0;
 
 /// The borders of all charts of all instances, in the order of the soup's triangles.
 ///
 /// An edge is inside of its chart if another triangle of the chart has an edge with the same two places in the lightmap, whether or not they
-/// share vertices. Triangles without extent in the lightmap have no lookups of their own and no borders.
+/// share vertices. Triangles without extent in the lightmap have no lookups of their own and no borders. There are at most as many pieces as
+/// edges and a sixteenth of the pages' texels.
 pub(crate) fn border_pieces(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Piece> {
-    (0..world.scene.instances.len())
+    let edges: Vec<[u32; 3]> = (0..world.scene.instances.len())
         .into_par_iter()
-        .flat_map_iter(|i| instance_pieces(world, layout, lumels, i))
-        .collect()
+        .flat_map_iter(|i| instance_edges(world, layout, lumels, i))
+        .collect();
+    let length = |&[_, t, k]: &[u32; 3]| {
+        let corners = lumels.page_corners(t);
+        f64::from((corners[(k as usize + 1) % 3] - corners[k as usize]).length())
+    };
+    let all: f64 = edges.iter().map(length).sum();
+    let longest = LONGEST * ((all / layout.texels()) as f32).max(1.0);
+    let mut out = Vec::new();
+    for [page, t, k] in edges {
+        let corners = lumels.page_corners(t);
+        cut(world, corners, page, t, k as usize, longest, &mut out);
+    }
+    out
 }
 
 /// Chart, places of the ends in ascending order, triangle, corner where the edge starts.
 type Edge = (u32, [u32; 2], [u32; 2], u32, u32);
 
-fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: usize) -> Vec<Piece> {
+/// Page, triangle and corner where each edge starts that is a border.
+fn instance_edges(
+    world: &World,
+    layout: &Layout,
+    lumels: &Lumels,
+    instance: usize,
+) -> Vec<[u32; 3]> {
     let atlas = &layout.meshes[world.scene.instances[instance].mesh];
     let page = layout.placements[instance].page;
     let [start, end] = world.soup.instance_ranges[instance];
@@ -73,25 +90,29 @@ fn instance_pieces(world: &World, layout: &Layout, lumels: &Lumels, instance: us
         }
     }
     edges.sort_unstable();
-    let mut alone: Vec<(u32, u32)> = edges
+    let mut alone: Vec<[u32; 3]> = edges
         .chunk_by(|x, y| (x.0, x.1, x.2) == (y.0, y.1, y.2))
         .filter(|run| run.len() == 1)
-        .map(|run| (run[0].3, run[0].4))
+        .map(|run| [page, run[0].3, run[0].4])
         .collect();
     alone.sort_unstable();
-    let mut out = Vec::new();
-    for (t, k) in alone.into_iter() {
-        cut(world, lumels.page_corners(t), page, t, k as usize, &mut out);
-    }
-    out
+    alone
 }
 
 fn area([a, b, c]: [Vec2; 3]) -> f32 {
     0.5 * (b - a).perp_dot(c - a)
 }
 
-/// Cuts edge `k` of triangle `t` into pieces of [`LONGEST`] texels.
-fn cut(world: &World, corners: [Vec2; 3], page: u32, t: u32, k: usize, out: &mut Vec<Piece>) {
+/// Cuts edge `k` of triangle `t` into pieces of `longest` texels.
+fn cut(
+    world: &World,
+    corners: [Vec2; 3],
+    page: u32,
+    t: u32,
+    k: usize,
+    longest: f32,
+    out: &mut Vec<Piece>,
+) {
     let triangle = world.soup.triangles[t as usize];
     let next = (k + 1) % 3;
     let (a, b, c) = (triangle[k], triangle[next], triangle[(k + 2) % 3]);
@@ -105,7 +126,7 @@ fn cut(world: &World, corners: [Vec2; 3], page: u32, t: u32, k: usize, out: &mut
     }
     let texel = (world.soup.areas[t as usize] / area(corners).abs()).sqrt();
     let corner = [Vec2::ZERO, Vec2::X, Vec2::Y];
-    let n = (texels.length() / LONGEST).ceil().clamp(1.0, MOST_PIECES);
+    let n = (texels.length() / longest).ceil();
     for i in 0..n as u32 {
         let ends = [i as f32 / n, (i + 1) as f32 / n];
         out.push(Piece {

@@ -30,8 +30,6 @@ pub struct SeamReport {
     pub moved_elsewhere: f64,
     /// Values of lumels that would have become negative and are 0.
     pub clamped: u64,
-    /// Iterations of the solver, of the channel that took most.
-    pub iterations: u64,
 }
 
 /// Quantiles of (difference, weight).

@@ -2,8 +2,8 @@
 //!
 //! A chart's border cuts through texels, differently on its two sides, so that two lookups at one point of the surface mix differing
 //! lumels: one sees a line. This module finds the places ([`border`], [`pairs`]), measures how far lookups differ ([`measure`]), and changes
-//! texels as little as it can until they agree ([`solve`]), less where two grids cannot ([`contrast`]), and not beyond the values at hand ([`bounds`]). What hangs
-//! together is solved at once ([`islands`]), by an interior-point method ([`interior`]) on sparse factors ([`factor`]).
+//! texels as little as it can until they agree ([`solve`]), less where two grids cannot ([`contrast`]), and not beyond the values at hand ([`bounds`]). Equations
+//! are summed up in one sparse matrix ([`matrix`]), and a fixed number of steps goes towards their least ([`least`]): stitching's share of a bake is known before.
 //!
 //! Based on: Ray, Nivoliers, Lefebvre, Lévy, *Invisible seams*, 2010 (agreement of bilinear lookups as linear constraints on texels);
 //! Iwanicki, *Lighting technology of The Last of Us*, 2013 (least squares over samples of lightmap seams). Ours: corrections that are
@@ -13,9 +13,8 @@ mod apply;
 mod border;
 mod bounds;
 mod contrast;
-mod factor;
-mod interior;
-mod islands;
+mod least;
+mod matrix;
 mod measure;
 mod pairs;
 mod rows;

@@ -49,10 +49,32 @@ const SAME_PLACE: f32 = 1e-3;
 /// the least that sees a zigzag.
 const SPACING: f32 = 0.125;
 
-/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces where few of them coincide.
+/// Samples for each texel of the pages, at most; where seams are longer than half of a texel for each, samples lie farther apart. A level of 1,067 charts
+/// with lightmap coordinates of its own has 0.7.
+const MOST_SAMPLES: f64 = 4.0;
+
+/// Boxes that are looked at for each piece, at most. Pieces have 5 to 30 near them; thousands where as many surfaces coincide.
+const MOST_NEAR: usize = 1024;
+
+/// Times that a piece may meet others over its own length, at most, and how many of them. Where two kits coincide, a border is met twice.
+const MOST_LAYERS: f32 = 4.0;
+const MOST_MET: usize = 64;
+
+/// What two pieces have in common.
+struct Stretch {
+    pieces: [usize; 2],
+    /// Where it begins and ends, in parameters of either piece.
+    ends: [[f32; 2]; 2],
+    /// Length of it, texels of the denser side.
+    texels: f32,
+    /// The same in metres.
+    metres: f32,
+}
+
+/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces, whatever coincides.
 ///
 /// Of every two borders that run along each other, their common stretch is sampled where the surface goes on across it and nothing stands
-/// upon it.
+/// upon it. Where very many coincide, only some of them are: see [`MOST_NEAR`] and [`MOST_LAYERS`].
 pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Sample> {
     let pieces = border_pieces(world, layout, lumels);
     let boxes: Vec<[Vec3; 2]> = pieces
@@ -60,22 +82,40 @@ pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> V
         .map(|p| [p.world[0].min(p.world[1]), p.world[0].max(p.world[1])])
         .collect();
     let tree = BoxTree::build(&boxes);
-    (0..pieces.len())
+    let stretches: Vec<Stretch> = (0..pieces.len())
         .into_par_iter()
         .with_min_len(64)
         .flat_map_iter(|i| {
             let apart = apart(world, &pieces[i]);
-            let mut near = Vec::new();
+            let (mut near, mut looked) = (Vec::new(), 0);
             tree.meet(boxes[i][0] - apart, boxes[i][1] + apart, &mut |j| {
                 if j as usize > i {
                     near.push(j as usize);
                 }
+                looked += 1;
+                looked < MOST_NEAR
             });
             near.sort_unstable();
-            let mut out = Vec::new();
+            let (mut out, mut met) = (Vec::new(), 0.0);
             for j in near {
-                sample_stretch(world, [&pieces[i], &pieces[j]], &mut out);
+                if let Some(found) = stretch(world, &pieces, [i, j]) {
+                    met += found.ends[1][0] - found.ends[0][0];
+                    out.push(found);
+                }
+                if met > MOST_LAYERS - 0.5 || out.len() == MOST_MET {
+                    break;
+                }
             }
+            out
+        })
+        .collect();
+    let texels: f64 = stretches.iter().map(|s| f64::from(s.texels)).sum();
+    let spacing = SPACING.max((texels / (MOST_SAMPLES * layout.texels())) as f32);
+    (stretches.par_iter())
+        .with_min_len(64)
+        .flat_map_iter(|s| {
+            let mut out = Vec::new();
+            sample(world, s.pieces.map(|i| &pieces[i]), s, spacing, &mut out);
             out
         })
         .collect()
@@ -90,22 +130,26 @@ fn apart(world: &World, p: &Piece) -> f32 {
         .max(rounding)
 }
 
-/// Samples of what two pieces have in common, if they are a seam.
-fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
-    let [p, q] = pieces;
+/// What two pieces have in common, if they can be a seam.
+fn stretch(world: &World, pieces: &[Piece], pair: [usize; 2]) -> Option<Stretch> {
+    let [p, q] = pair.map(|i| &pieces[i]);
+    let [n, m] = [p, q].map(|p| world.soup.normals[p.triangle as usize]);
+    if n.dot(m) < SHARPEST_FOLD || p.inward.dot(q.inward) > FOLDED_BACK {
+        return None;
+    }
     let apart = apart(world, p).min(apart(world, q));
     let (along, other) = (p.world[1] - p.world[0], q.world[1] - q.world[0]);
     let (length, other_length) = (along.length(), other.length());
     let direction = along / length;
     let cosine = direction.dot(other) / other_length;
     if cosine * cosine < 1.0 - EDGES_ASKEW * EDGES_ASKEW {
-        return;
+        return None;
     }
     let place = |point: Vec3| direction.dot(point - p.world[0]);
     let (a, b) = (place(q.world[0]), place(q.world[1]));
     let (from, to) = (a.min(b).max(0.0), a.max(b).min(length));
     if to - from <= (1e-3 * length.min(other_length)).max(2.0 * apart) {
-        return;
+        return None;
     }
     // Parameters of either piece at a distance along the first.
     let at = |x: f32| [x / length, (x - a) / (b - a)];
@@ -113,31 +157,44 @@ fn sample_stretch(world: &World, pieces: [&Piece; 2], out: &mut Vec<Sample>) {
         let [s, t] = at(x);
         let gap = p.world[0].lerp(p.world[1], s) - q.world[0].lerp(q.world[1], t);
         if gap.length() > apart {
-            return;
+            return None;
         }
     }
-    let texel = |side: usize, s: f32| pieces[side].texels[0].lerp(pieces[side].texels[1], s);
-    let [[s0, t0], [s1, t1]] = [at(from), at(to)];
-    let same = |s, t| (texel(0, s) - texel(1, t)).length() <= SAME_PLACE;
-    if p.page == q.page && same(s0, t0) && same(s1, t1) {
-        return;
+    let ends = [at(from), at(to)];
+    let [a, b] = ends.map(|params| places([p, q], params));
+    let same = |ends: [Vec2; 2]| (ends[0] - ends[1]).length() <= SAME_PLACE;
+    if p.page == q.page && same(a) && same(b) {
+        return None;
     }
-    if p.inward.dot(q.inward) > FOLDED_BACK {
-        return;
-    }
-    let texels = (texel(0, s1) - texel(0, s0))
-        .length()
-        .max((texel(1, t1) - texel(1, t0)).length());
-    let along = [texel(0, s1) - texel(0, s0), texel(1, t1) - texel(1, t0)].map(|v| v / texels);
-    let n = (texels / SPACING).ceil().max(1.0);
+    let texels = (b[0] - a[0]).length().max((b[1] - a[1]).length());
+    Some(Stretch {
+        pieces: pair,
+        ends,
+        texels,
+        metres: to - from,
+    })
+}
+
+/// Where the two pieces' parameters lead on their pages, texels.
+fn places(pieces: [&Piece; 2], params: [f32; 2]) -> [Vec2; 2] {
+    [0, 1].map(|k| pieces[k].texels[0].lerp(pieces[k].texels[1], params[k]))
+}
+
+/// Samples of a stretch, `spacing` texels apart at most.
+fn sample(world: &World, pieces: [&Piece; 2], s: &Stretch, spacing: f32, out: &mut Vec<Sample>) {
+    let [a, b] = s.ends.map(|params| places(pieces, params));
+    let along = [b[0] - a[0], b[1] - a[1]].map(|v| v / s.texels);
+    let n = (s.texels / spacing).ceil().max(1.0);
     for i in 0..n as u32 {
-        let params = at(from + (to - from) * (i as f32 + 0.5) / n);
+        let x = (i as f32 + 0.5) / n;
+        let params = [0, 1].map(|k| s.ends[0][k] + (s.ends[1][k] - s.ends[0][k]) * x);
         if goes_on(world, pieces, params) {
+            let at = places(pieces, params);
             out.push(Sample {
                 along,
-                sides: [0, 1].map(|k| (pieces[k].page, texel(k, params[k]))),
-                texels: texels / n,
-                metres: (to - from) / n,
+                sides: [0, 1].map(|k| (pieces[k].page, at[k])),
+                texels: s.texels / n,
+                metres: s.metres / n,
             });
         }
     }
@@ -164,9 +221,6 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let beside = pieces.map(|p| (BESIDE * p.texel).min(p.altitude.max(0.1 * p.texel)));
     let geometric = pieces.map(|p| world.soup.normals[p.triangle as usize]);
     let cosine = geometric[0].dot(geometric[1]);
-    if cosine < SHARPEST_FOLD {
-        return false;
-    }
     // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ between them lifts it over.
     let top = geometric[0].cross(geometric[1]).length() / (1.0 + cosine).max(0.1);
     let mut ends = [Vec3::ZERO; 2];

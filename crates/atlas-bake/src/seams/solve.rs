@@ -8,13 +8,13 @@
 //! neighbours in a chart, lets changes die out over a few texels instead of making a step beside the seam.
 
 use glam::Vec4;
-use rayon::prelude::*;
 
 use crate::atlas::Page;
 use crate::seams::Sample;
 use crate::seams::bounds::bounds;
 use crate::seams::contrast::{faith, misfit};
-use crate::seams::islands::{Equations, Islands, MOST_TOGETHER};
+use crate::seams::least::least;
+use crate::seams::matrix::Matrix;
 use crate::seams::measure::{SeamError, SeamReport, quantiles};
 use crate::seams::rows::{
     EMPTY, Row, TexelList, Texels, beside, light_at, lookup, mean_light, narrow,
@@ -254,30 +254,30 @@ impl Stitcher {
         &self.places
     }
 
-    /// Changes that make each channel's lookups agree, in the order of [`places`](Self::places). Channels are solved four at a time, each as if it
+    /// Changes that bring each channel's lookups together, in the order of [`places`](Self::places). Channels are solved four at a time, each as if it
     /// were alone.
-    pub(crate) fn solve(&mut self, channels: &[Channel<'_>]) -> Vec<Vec<f32>> {
-        let islands = Islands::new(self.equations(), MOST_TOGETHER);
-        let solved: Vec<(Vec<Vec4>, u64)> = (channels.par_chunks(4))
-            .map(|channels| {
-                let (values, bounds) = self.values_and_bounds(channels);
-                islands.solve(&values, &bounds)
-            })
-            .collect();
-        let most = solved.iter().map(|s| s.1).max().unwrap_or(0);
-        self.report.iterations = self.report.iterations.max(most);
-        (0..channels.len())
-            .map(|c| solved[c / 4].0.iter().map(|v| v[c % 4]).collect())
-            .collect()
+    pub(crate) fn solve(&self, channels: &[Channel<'_>]) -> Vec<Vec<f32>> {
+        let matrix = Matrix::new(&self.rows, &self.hold, &self.even);
+        let mut changes = Vec::new();
+        for channels in channels.chunks(4) {
+            let solved = self.solve_four(&matrix, channels);
+            for c in 0..channels.len() {
+                changes.push(solved.iter().map(|v| v[c]).collect());
+            }
+        }
+        changes
     }
 
-    fn equations(&self) -> Equations<'_> {
-        Equations {
-            rows: &self.rows,
-            hold: &self.hold,
-            even: &self.even,
-            still: &self.still,
+    fn solve_four(&self, matrix: &Matrix, channels: &[Channel<'_>]) -> Vec<Vec4> {
+        let (values, bounds) = self.values_and_bounds(channels);
+        let mut right = vec![Vec4::ZERO; values.len()];
+        for row in &self.rows {
+            let pull = row.difference(&values) * row.agree;
+            for (t, w) in row.terms() {
+                right[t] -= pull * w;
+            }
         }
+        least(matrix, &right, &bounds)
     }
 
     /// What texels are in up to four channels, and how far they may change there.
@@ -295,7 +295,7 @@ impl Stitcher {
         for (c, _) in channels.iter().enumerate().filter(|(_, c)| c.signed) {
             floor[c] = f32::NEG_INFINITY;
         }
-        let bounds = bounds(
+        let mut bounds = bounds(
             &self.rows,
             &self.even,
             &self.steps,
@@ -304,6 +304,9 @@ impl Stitcher {
             &values,
             floor,
         );
+        for (i, _) in self.still.iter().enumerate().filter(|(_, still)| **still) {
+            (bounds[0][i], bounds[1][i]) = (Vec4::ZERO, Vec4::ZERO);
+        }
         (values, bounds)
     }
 
@@ -405,37 +408,27 @@ mod tests {
         (samples, vec![page], texels)
     }
 
-    /// The pages of the strips as stitched, with islands of at most so many texels solved at once.
-    fn stitched(
-        samples: &[Sample],
-        pages: &[Page],
-        texels: &Texels,
-        most: usize,
-    ) -> (Stitcher, Vec<Page>) {
+    fn stitched(samples: &[Sample], pages: &[Page], texels: &Texels) -> (Stitcher, Vec<Page>) {
         let stitcher = Stitcher::new(samples, pages, texels);
         let channel = Channel {
             value: Box::new(|page, at| pages[page].value[at][0]),
             signed: false,
         };
-        let islands = Islands::new(stitcher.equations(), most);
-        let (values, bounds) = stitcher.values_and_bounds(&[channel]);
-        let (change, iterations) = islands.solve(&values, &bounds);
-        assert!((1..30).contains(&iterations), "{iterations}");
+        let change = stitcher.solve(&[channel]);
         let mut after = pages.to_vec();
-        for (&(p, at), change) in stitcher.places.iter().zip(change) {
+        for (&(p, at), change) in stitcher.places.iter().zip(&change[0]) {
             for v in &mut after[p as usize].value[at as usize] {
-                *v += change.x;
+                *v += change;
                 assert!(*v > -1e-6, "{v} but for rounding");
             }
         }
-        drop(islands);
         (stitcher, after)
     }
 
     #[test]
     fn lookups_of_narrow_strips_agree_and_none_is_below_zero() {
         let (samples, pages, texels) = strips();
-        let (stitcher, after) = stitched(&samples, &pages, &texels, MOST_TOGETHER);
+        let (stitcher, after) = stitched(&samples, &pages, &texels);
         assert!(stitcher.report.before.p99 > 1.0, "{:?}", stitcher.report);
         assert!(stitcher.narrow.iter().all(|&narrow| narrow));
         // What is promised of seams; 0.13 with the bounds of charts that have an inside.
@@ -452,22 +445,10 @@ mod tests {
             let lit = (x + if y < 7 { 0 } else { 2 }) % 6 < 3;
             *v = [if lit { 1.0 } else { 0.001 }; 3];
         }
-        let (stitcher, after) = stitched(&samples, &pages, &texels, MOST_TOGETHER);
+        let (stitcher, after) = stitched(&samples, &pages, &texels);
         assert!(stitcher.report.before.p99 > 1.0, "{:?}", stitcher.report);
         let found = stitcher.error(&after);
         assert!(found.p99 < 0.01, "{found:?}");
-    }
-
-    #[test]
-    fn an_island_that_is_too_large_is_solved_in_parts_that_agree() {
-        let (samples, pages, texels) = strips();
-        let (stitcher, after) = stitched(&samples, &pages, &texels, MOST_TOGETHER);
-        let (n, whole) = (stitcher.places.len(), stitcher.error(&after));
-        for parts in [2, 3, 6] {
-            let (stitcher, after) = stitched(&samples, &pages, &texels, n.div_ceil(parts));
-            let found = stitcher.error(&after);
-            assert!(found.p99 < 0.01, "{parts}: {found:?}, at once {whole:?}");
-        }
     }
 
     #[test]

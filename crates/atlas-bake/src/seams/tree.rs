@@ -56,8 +56,8 @@ impl BoxTree {
         self.split(boxes, right, 2 * node + 2);
     }
 
-    /// Calls `found` with boxes that may meet this one, in no order that means anything.
-    pub(crate) fn meet(&self, low: Vec3, high: Vec3, found: &mut impl FnMut(u32)) {
+    /// Calls `found` with boxes that may meet this one, in no order that means anything, until it says `false`.
+    pub(crate) fn meet(&self, low: Vec3, high: Vec3, found: &mut impl FnMut(u32) -> bool) {
         if !self.order.is_empty() {
             self.visit(0, 0, self.order.len(), [low, high], found);
         }
@@ -69,21 +69,19 @@ impl BoxTree {
         first: usize,
         count: usize,
         [low, high]: [Vec3; 2],
-        found: &mut impl FnMut(u32),
-    ) {
+        found: &mut impl FnMut(u32) -> bool,
+    ) -> bool {
         let [lo, hi] = self.nodes[node];
         if lo.cmpgt(high).any() || hi.cmplt(low).any() {
-            return;
+            return true;
         }
         if count <= LEAF {
-            self.order[first..first + count]
-                .iter()
-                .for_each(|&i| found(i));
-            return;
+            let mut leaf = self.order[first..first + count].iter();
+            return leaf.all(|&i| found(i));
         }
         let half = count / 2;
-        self.visit(2 * node + 1, first, half, [low, high], found);
-        self.visit(2 * node + 2, first + half, count - half, [low, high], found);
+        self.visit(2 * node + 1, first, half, [low, high], found)
+            && self.visit(2 * node + 2, first + half, count - half, [low, high], found)
     }
 }
 
@@ -110,6 +108,7 @@ mod tests {
                 if l.cmple(high).all() && h.cmpge(low).all() {
                     found.push(i);
                 }
+                true
             });
             found.sort_unstable();
             let all: Vec<u32> = (0..500)
