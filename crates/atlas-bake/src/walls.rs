@@ -277,19 +277,22 @@ fn beside(
 
 /// Lumel `i` with the light of some neighbours; `None` of none.
 ///
-/// A wall of one lumel may have a bright room on one side and a dark one on the other, and lookups on both read it. Their mean would be seen as
-/// light in the dark room, the darker of them as a dark line in the bright one. The square of the mean root lies between the two where eyes
-/// have it, which see about the root of light.
+/// It lies in a wall, and a neighbour that can be seen up to a share of it ends where the wall begins: lookups in front of the wall read the lumel where
+/// that is more than half. A wall of little more than a lumel is read from on both sides, and may have a bright room on one of them and a dark one
+/// on the other. The mean of these would be seen as light in the dark room, the darker one as a dark line in the bright room. The square of the
+/// mean root lies between the two where eyes have it, which see about the root of light.
 fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> {
-    let n = around.len() as f32;
+    // Of neighbours that were hidden themselves all count the same.
+    let read = |j: usize| (received[j].open - 0.5).max(1e-3);
+    let all: f32 = around.iter().map(|&j| read(j)).sum();
     let light = |j: usize| luminance(received[j].direct + received[j].indirect).max(0.0);
-    let mean = around.iter().map(|&j| light(j)).sum::<f32>() / n;
-    let root = around.iter().map(|&j| light(j).sqrt()).sum::<f32>() / n;
-    let weight = if mean > 0.0 {
-        root * root / mean / n
-    } else {
-        1.0 / n
-    };
+    let mean = around.iter().map(|&j| read(j) * light(j)).sum::<f32>() / all;
+    let root = around
+        .iter()
+        .map(|&j| read(j) * light(j).sqrt())
+        .sum::<f32>()
+        / all;
+    let dimmed = if mean > 0.0 { root * root / mean } else { 1.0 };
     let (first, own) = (*around.first()?, &received[i]);
     let mut out = Received {
         position: own.position,
@@ -305,6 +308,7 @@ fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> 
     };
     for &j in around {
         let from = &received[j];
+        let weight = dimmed * read(j) / all;
         out.direct += from.direct * weight;
         out.indirect += from.indirect * weight;
         out.first_half += from.first_half * weight;

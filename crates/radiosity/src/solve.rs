@@ -255,7 +255,7 @@ fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
 
 /// What a few rays from each element find.
 struct Survey {
-    /// It lies inside something: in a body, or all of its rays meet black back faces.
+    /// It lies inside something: all of its rays meet black back faces.
     buried: Vec<bool>,
     /// Its ray meets something within a patch's edge.
     close: Vec<bool>,
@@ -277,9 +277,6 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         }
         let back = cut.patches()[p.0 as usize].back;
         let point = world.surface_point(e.triangle, e.u, e.v, back, false);
-        if world.inside_a_body(&point) {
-            return (true, false);
-        }
         let seed = hash_u32(k as u32 ^ 0x7f4a_7c15);
         for i in 0..RAYS {
             let [u, v] = sample_2d(i, 2, seed);
