@@ -14,18 +14,21 @@ use lumel_tests::path_tracer::{Effort, Footprint, PathTracer, Ray, Scene, Tree, 
 use serde_json::Value;
 
 /// Columns and rows of pixels of each of a level's three views.
-const PIXELS: [u32; 2] = [36, 24];
+const PIXELS: [u32; 2] = [30, 20];
 
-/// Paths a pixel. Light that is uncertain by more than [`CERTAIN`] is not judged.
-const PATHS: u32 = 192;
+/// Paths a pixel.
+const PATHS: u32 = 256;
 
-/// Truth's standard error over its value, and the share of a view's mean light below which a pixel is black on screen either way.
-const CERTAIN: f64 = 0.12;
+/// Standard errors that the path tracer may be off by before a pixel counts: one in forty is further off, on one side, and the bake would have to be off
+/// by nearly a factor of two besides.
+const SIGMAS: f64 = 2.0;
+
+/// The share of a view's mean light below which a pixel is black on screen either way.
 const BLACK: f64 = 0.02;
 
-/// Share of pixels that may be dark, and that may be bright. At `draft`, with so few lumels, contacts are not looked for: a lumel that something stands
-/// on in part is wrong over its own width.
-const MOST: f64 = 0.01;
+/// Shares of pixels that may be dark, and that may be bright: none was dark, and of greybox 1 the most were bright, 0.6 %, in corners where lumels of
+/// 10 cm are wider than the shade. Twice that, and so many dark ones that the truth's noise cannot make them.
+const MOST: [f64; 2] = [0.002, 0.012];
 
 struct View {
     eye: DVec3,
@@ -92,7 +95,7 @@ fn lookup(page: &ExrImage, uv: DVec2) -> DVec3 {
     sum
 }
 
-/// Shares of judged pixels that are dark, and bright.
+/// Shares of pixels that are dark, and bright.
 fn shares(made: &Level) -> [f64; 2] {
     let sky = sky(&made.settings);
     let settings = Settings {
@@ -142,31 +145,22 @@ fn shares(made: &Level) -> [f64; 2] {
     let truth = PathTracer::new(scene).irradiance(&places, Effort::new(PATHS, 1));
     let light = |k: usize| luminance(truth[k].mean) / std::f64::consts::PI;
     let mean = (0..shown.len()).map(light).sum::<f64>() / shown.len() as f64;
-    let (mut dark, mut bright, mut judged) = (0, 0, 0);
+    let (mut dark, mut bright) = (0, 0);
     for (k, shown) in shown.iter().enumerate() {
         assert!(shown.is_finite() && *shown >= 0.0);
-        let black = light(k).max(*shown) < BLACK * mean;
-        let error = truth[k].luminance_error / std::f64::consts::PI;
-        if error > CERTAIN * light(k).max(BLACK * mean) {
-            continue;
-        }
-        judged += 1;
-        dark += usize::from(!black && *shown < 0.5 * light(k));
-        bright += usize::from(!black && *shown > 2.0 * light(k) + 2.0 * error);
+        let unsure = SIGMAS * truth[k].luminance_error / std::f64::consts::PI;
+        let black = BLACK * mean;
+        dark += usize::from(light(k) > black && *shown < 0.5 * (light(k) - unsure));
+        bright += usize::from(*shown > black && *shown > 2.0 * (light(k) + unsure));
     }
-    assert!(
-        2 * judged > shown.len(),
-        "{judged} of {} pixels",
-        shown.len()
-    );
-    [dark, bright].map(|n| n as f64 / judged as f64)
+    [dark, bright].map(|n| n as f64 / shown.len() as f64)
 }
 
 fn check(family: Family, seed: u64) {
     let [dark, bright] = shares(&level(family, seed, Size::Small));
     println!("{family} {seed}: dark {dark:.4}, bright {bright:.4}");
     assert!(
-        dark <= MOST && bright <= MOST,
+        dark <= MOST[0] && bright <= MOST[1],
         "{family} {seed}: {dark:.4} {bright:.4}"
     );
 }
