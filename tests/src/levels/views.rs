@@ -16,7 +16,7 @@ const CLEAR: f64 = 0.3;
 /// Columns and rows of the rays that judge a view.
 const GRID: [u32; 2] = [9, 6];
 /// Backs of single-sided faces that a view may show, and rays that may leave the level where there is no sky.
-const MOST_BAD: f64 = 0.06;
+const MOST_BAD: f64 = 0.04;
 
 struct View {
     eye: DVec3,
@@ -40,7 +40,7 @@ impl Kit {
             kit: self,
         };
         // A stream of its own would be drawn from the same seed; the spaces' order decides enough.
-        let mut rng = super::random::Random::new(judge.tree.triangles().len() as u64, 0x6361_6D);
+        let mut rng = super::random::Random::new(judge.tree.triangles().len() as u64, 0x0063_616D);
         for k in 0..3 {
             let mut best: Vec<View> = Vec::new();
             // Where nothing will do: what shows fewest backs.
@@ -54,7 +54,7 @@ impl Kit {
                     continue;
                 };
                 if score == 0.0 {
-                    if spare.as_ref().is_none_or(|s| -bad > s.score) && !judge.inside(view.eye) {
+                    if spare.as_ref().is_none_or(|s| -bad > s.score) && judge.fits(view.eye) {
                         spare = Some(View {
                             score: -bad,
                             ..view
@@ -71,7 +71,7 @@ impl Kit {
                 }
             }
             best.sort_by(|a, b| b.score.total_cmp(&a.score));
-            let found = best.into_iter().find(|v| !judge.inside(v.eye));
+            let found = best.into_iter().find(|v| judge.fits(v.eye));
             let found = found.or(spare);
             views.push(found.unwrap_or_else(|| draw(&mut rng, &spaces[0], k)));
         }
@@ -198,19 +198,37 @@ impl Judge<'_> {
         f64::from(u8::from(lit))
     }
 
-    /// Whether a point lies inside some solid node: its winding number there is about 1 (Jacobson et al., *Robust Inside-Outside
-    /// Segmentation using Generalized Winding Numbers*, 2013).
-    fn inside(&self, p: DVec3) -> bool {
+    /// Whether a camera fits: nothing within [`CLEAR`], where thin edges slip between rays, and no solid node around it. Inside of one its
+    /// winding number is about 1 (Jacobson et al., *Robust Inside-Outside Segmentation using Generalized Winding Numbers*, 2013).
+    fn fits(&self, p: DVec3) -> bool {
         let mut winding = vec![0.0; self.kit.solids.len()];
         for t in self.tree.triangles() {
             let [a, b, c] = t.corners.map(|q| q - p);
+            if nearest(a, b, c) < CLEAR * CLEAR {
+                return false;
+            }
             let (la, lb, lc) = (a.length(), b.length(), c.length());
             let det = a.dot(b.cross(c));
             let div = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
             winding[t.node] += 2.0 * det.atan2(div) / (4.0 * PI);
         }
-        (winding.iter().zip(&self.kit.solids)).any(|(w, solid)| *solid && *w > 0.8)
+        !(winding.iter().zip(&self.kit.solids)).any(|(w, solid)| *solid && *w > 0.8)
     }
+}
+
+/// Squared distance of a triangle from the origin: that of its plane where the foot lies inside, else that of its nearest edge.
+fn nearest(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let edge = |p: DVec3, q: DVec3| {
+        let d = q - p;
+        let t = (-p.dot(d) / d.length_squared()).clamp(0.0, 1.0);
+        (p + d * t).length_squared()
+    };
+    let n = (b - a).cross(c - a);
+    let inside = |p: DVec3, q: DVec3| n.cross(q - p).dot(-p) >= 0.0;
+    if inside(a, b) && inside(b, c) && inside(c, a) {
+        return a.dot(n).powi(2) / n.length_squared();
+    }
+    edge(a, b).min(edge(b, c)).min(edge(c, a))
 }
 
 /// The middles of a cube's faces, edges and corners.
