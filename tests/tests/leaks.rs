@@ -129,6 +129,9 @@ fn points(polygon: &[DVec2]) -> Vec<DVec2> {
     polygon.iter().map(near).chain([middle]).collect()
 }
 
+/// A page, column and row.
+type Texel = (usize, [i64; 2]);
+
 fn look(scene: &LeakScene, quality: Quality) -> Findings {
     let (baked, pages) = bake(scene, quality);
     let sizes: Vec<_> = pages.iter().map(|p| p.size).collect();
@@ -136,7 +139,7 @@ fn look(scene: &LeakScene, quality: Quality) -> Findings {
     let (mut sum, mut area) = (0.0, 0.0);
     let (mut leaked, mut dark_area) = (0.0, 0.0);
     // Lookups in lumels of which all lies in the dark.
-    let mut wholly: BTreeMap<(usize, [i64; 2]), (f64, Vec<(f64, String)>)> = BTreeMap::new();
+    let mut wholly: BTreeMap<Texel, (f64, Vec<(f64, String)>)> = BTreeMap::new();
     let mut lumels = BTreeSet::new();
     for footprint in footprints(&baked, &sizes) {
         let texel = footprint.texel.map(i64::from);
@@ -192,7 +195,7 @@ fn look(scene: &LeakScene, quality: Quality) -> Findings {
     }
     for ((page, [x, y]), (value, looks)) in &wholly {
         let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (*page, [x + dx, y + dy])));
-        let deep = |at: &(usize, [i64; 2])| wholly.contains_key(at) || !lumels.contains(at);
+        let deep = |at: &Texel| wholly.contains_key(at) || !lumels.contains(at);
         if around.into_iter().all(|at| deep(&at)) {
             let place = || looks[looks.len() - 1].1.clone();
             out.lumels.add(*value, place);

@@ -153,8 +153,13 @@ impl Gatherer<'_, '_> {
         }
         seen.sort_by_key(Seen::size);
         let cut = seen.len() > 1;
-        let open = part.iter().filter(|p| p.is_some_and(|p| !hidden[p]));
-        let open = open.count() as f32 / count as f32;
+        let open = match &parts {
+            None => sums.iter().filter(|s| !s.inside()).count(),
+            Some(_) => (part.iter())
+                .filter(|p| p.is_some_and(|p| !hidden[p]))
+                .count(),
+        };
+        let open = open as f32 / count as f32;
         let Seen {
             mask,
             direct,
@@ -178,9 +183,7 @@ impl Gatherer<'_, '_> {
             behind: (dark && Point::in_the_void(counted()))
                 || Point::dark_shares(counted())[0] >= BEHIND,
             // What a wall cuts is no whole lumel.
-            open: if parts.is_none() {
-                1.0
-            } else if open < LEAST_OPEN {
+            open: if parts.is_some() && open < LEAST_OPEN {
                 0.0
             } else if cut {
                 open.min(1.0 - 1.0 / count as f32)

@@ -19,7 +19,10 @@ fn scenes(folder: &Path, out: &mut Vec<PathBuf>) {
     entries.sort();
     for path in entries {
         if path.is_dir() {
-            if path.file_name().is_some_and(|n| n != "bad") {
+            if path
+                .file_name()
+                .is_some_and(|n| n != "bad" && n != "reproducers")
+            {
                 scenes(&path, out);
             }
         } else if path.extension().is_some_and(|e| e == "glb" || e == "gltf") {

@@ -187,7 +187,11 @@ fn documents(dir: &Path, found: &mut Vec<PathBuf>) {
     entries.sort();
     for path in entries {
         let end = path.extension().and_then(|e| e.to_str());
-        if path.is_dir() && path.file_name().is_some_and(|n| n != "bad") {
+        if path.is_dir()
+            && path
+                .file_name()
+                .is_some_and(|n| n != "bad" && n != "reproducers")
+        {
             documents(&path, found);
         } else if matches!(end, Some("gltf" | "glb")) {
             found.push(path);
