@@ -109,13 +109,13 @@ fn rooms_hide_nothing() {
     // A double-sided one, wound either way, with a lamp in it that the pillar does not hold.
     for (lamp, inwards) in [(true, false), (false, false), (false, true)] {
         let mut scene = Scene::default();
-        block(&mut scene, grey(true), [-2.0; 3], [2.0; 3], false, ALL);
+        block(&mut scene, grey(true), [-2.0; 3], [2.0; 3], inwards, ALL);
         block(
             &mut scene,
             grey(true),
             [-0.2, -2.0, -0.2],
             [0.2, 2.0, 0.2],
-            inwards,
+            false,
             ALL,
         );
         if lamp {
