@@ -11,12 +11,10 @@
     reason = "figures of each scene, with --nocapture"
 )]
 
-mod common;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::PI;
 
-use common::{at, lumels_of};
+use crate::common::{at, lumels_of};
 use glam::{DVec2, DVec3, Vec3};
 use lumel::atlas_bake::read_exr;
 use lumel::{Quality, Settings, SkySource};
@@ -102,7 +100,7 @@ fn bake(scene: &LeakScene, quality: Quality) -> (Scene, Vec<Page>) {
         },
         ..Settings::default()
     };
-    let bake = common::bake(&scene.glb, &settings);
+    let bake = crate::common::bake(&scene.glb, &settings);
     let dir = tempfile::tempdir().expect("a temporary folder");
     bake.write(dir.path()).expect("written");
     let pages = (bake.page_names().iter())
@@ -348,7 +346,7 @@ fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
             &[(Light::Directional([1.0; 3]), Vec3::Y)],
         );
         let mut shaded = 0;
-        for l in lumels_of(&common::bake(&glb, &at(density)), "floor") {
+        for l in lumels_of(&crate::common::bake(&glb, &at(density)), "floor") {
             if l.points.iter().all(|p| p.x > 0.0 && p.z > 0.0) {
                 assert_eq!(l.red(), 0.0, "{density}: {}", l.points[0]);
                 shaded += 1;
@@ -395,10 +393,10 @@ fn the_inside_of_a_post_blackens_nothing_around_it() {
         );
         let settings = Settings {
             sky: SkySource::Color([1.0; 3]),
-            ..common::at(8.0)
+            ..crate::common::at(8.0)
         };
         let (mut dark, mut around) = (0, 0);
-        for l in lumels_of(&common::bake(&glb, &settings), "floor") {
+        for l in lumels_of(&crate::common::bake(&glb, &settings), "floor") {
             let inside = |p: &DVec3| {
                 let p = p.as_vec3();
                 (low.x..=high.x).contains(&p.x) && (low.z..=high.z).contains(&p.z)

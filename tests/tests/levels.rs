@@ -3,9 +3,7 @@
 //! A pixel counts as dark where the bake shows less than half of the true light, and as bright where it shows more than twice as much: a few
 //! such pixels in a row are a line that people see. `tools/judge` does the same with whole pictures of whole levels.
 
-mod common;
-
-use common::bake;
+use crate::common::bake;
 use glam::{DQuat, DVec2, DVec3};
 use lumel::atlas_bake::{ExrImage, read_exr};
 use lumel::{Quality, Settings, SkySource};
@@ -158,7 +156,6 @@ fn shares(made: &Level) -> [f64; 2] {
 
 fn check(family: Family, seed: u64) {
     let [dark, bright] = shares(&level(family, seed, Size::Small));
-    println!("{family} {seed}: dark {dark:.4}, bright {bright:.4}");
     assert!(
         dark <= MOST[0] && bright <= MOST[1],
         "{family} {seed}: {dark:.4} {bright:.4}"

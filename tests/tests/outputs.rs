@@ -1,12 +1,10 @@
 //! The written glTF files, read as an engine reads them: JSON, accessors, extras; nothing of Lumel's own types.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 use std::path::Path;
 
-use common::{at, bake};
+use crate::common::{at, bake};
 use glam::{DVec2, DVec3, Quat, Vec3};
 use lumel::atlas_bake::{ExrImage, read_exr};
 use lumel::{Quality, Settings, ValueKind};

@@ -8,9 +8,7 @@
     reason = "figures for docs/seams.md, with --nocapture"
 )]
 
-mod common;
-
-use common::{bake, lumels_of};
+use crate::common::{bake, lumels_of};
 use glam::Vec3;
 use lumel::atlas_bake::{Layer, SeamReport};
 use lumel::{Bake, LightGroup, Settings, SkySource};
@@ -34,7 +32,7 @@ fn floor(corners: [[f32; 2]; 4]) -> Geometry {
 fn at(texels_per_unit: f32) -> Settings {
     Settings {
         stitch: true,
-        ..common::at(texels_per_unit)
+        ..crate::common::at(texels_per_unit)
     }
 }
 

@@ -4,11 +4,9 @@
 //! are drawn by a fixed seed, their footprints are traced, and [`Comparison::objections`] says what does not fit. All random numbers
 //! are fixed, so the tests are deterministic; that they can fail is tested too.
 
-mod common;
-
 use std::sync::LazyLock;
 
-use common::bake;
+use crate::common::bake;
 use glam::DVec3;
 use lumel::atlas_bake::{ExrImage, read_exr};
 use lumel::{Hidden, Layer, Quality, Settings, SkySource};
@@ -252,7 +250,7 @@ fn open_share(f: &Footprint, scene: &Scene) -> f64 {
 }
 
 /// All lumels, for the record in docs/second_method.md:
-/// `[QUALITY=draft|preview] cargo test -p lumel-tests --test second_method -- --ignored --nocapture`.
+/// `[QUALITY=draft|preview] cargo test -p lumel-tests second_method:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes; for the record"]
 #[allow(clippy::print_stdout, reason = "its table is what it is for")]

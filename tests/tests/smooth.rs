@@ -5,11 +5,9 @@
     reason = "figures for docs/smooth.md, with --nocapture"
 )]
 
-mod common;
-
 use std::f64::consts::PI;
 
-use common::{Seen, at, bake, lumels_of, worst};
+use crate::common::{Seen, at, bake, lumels_of, worst};
 use glam::{DVec2, DVec3, Vec3};
 use lumel::atlas_bake::read_exr;
 use lumel::{Settings, SkySource};

@@ -1,10 +1,8 @@
 //! Surfaces that modelling tools and exporters leave behind: slivers, doubles, overlaps, flipped faces, near contact.
 
-mod common;
-
 use std::f64::consts::PI;
 
-use common::{Seen, at, bake, lumels_of};
+use crate::common::{Seen, at, bake, lumels_of};
 use glam::Vec3;
 use lumel::{Bake, Hidden, Quality, Settings};
 use lumel_tests::geometry::{Geometry, grid, quad};

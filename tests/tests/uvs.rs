@@ -1,10 +1,8 @@
 //! Density of nodes and stable coordinates, through the whole pipeline: what stands in the written files.
 
-mod common;
-
 use std::path::Path;
 
-use common::{at, bake};
+use crate::common::{at, bake};
 use glam::{Quat, Vec3};
 use lumel::atlas_bake::{LayoutOptions, layout, separate_unlike};
 use lumel::mesh_ingest::{LoadOptions, Soup};

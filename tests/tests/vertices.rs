@@ -1,10 +1,8 @@
 //! Light at vertices: what it is the best value of, who shares it, and where triangles are split for it.
 
-mod common;
-
 use std::collections::BTreeMap;
 
-use common::{at, bake};
+use crate::common::{at, bake};
 use glam::{DVec3, Vec3};
 use lumel::mesh_ingest::{LoadOptions, Loaded, load};
 use lumel::{Bake, Hidden, Quality, Settings};

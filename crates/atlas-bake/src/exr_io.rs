@@ -30,6 +30,10 @@ const ATTRIBUTE: &str = "lumel";
 /// The most that [`read_exr`] unpacks, in bytes of `f32`: 16 channels of 8192².
 const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
 
+/// More samples than a byte of a file can hold. DEFLATE packs even pictures best of EXR's ways: at most 258 bytes into two bits,
+/// which is 516 halves a byte. Twice that leaves room for what has not been thought of.
+const SAMPLES_PER_BYTE: u64 = 1032;
+
 /// What [`write_lightmap_exr`] had to change to store a page as halves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub struct ExrStats {
@@ -207,7 +211,7 @@ impl ExrImage {
 ///
 /// # Errors
 /// [`Error::Io`] where the file cannot be opened, [`Error::Image`] where it is not an OpenEXR image of flat scanlines or
-/// tiles in a compression that is known, [`Error::Limit`] where it would unpack to more than 16 GiB.
+/// tiles in a compression that is known, would unpack to more than 4 GiB, or to more than a file of its size can hold.
 pub fn read_exr(path: &Path) -> Result<ExrImage> {
     let io = |source| Error::Io {
         path: path.to_owned(),
@@ -220,17 +224,25 @@ pub fn read_exr(path: &Path) -> Result<ExrImage> {
     // The header is read first, on its own, so that a small file with a huge data window is refused before memory is asked for.
     let file = BufReader::new(std::fs::File::open(path).map_err(io)?);
     let meta = MetaData::read_from_buffered(file, false).map_err(bad)?;
-    let bytes: u64 = meta
-        .headers
-        .iter()
-        .map(|h| h.layer_size.0 as u64 * h.layer_size.1 as u64 * h.channels.list.len() as u64 * 4)
-        .max()
-        .unwrap_or(0);
-    if bytes > READ_LIMIT {
-        return Err(Error::Limit {
-            what: "size of an EXR in bytes",
-            got: bytes,
-            max: READ_LIMIT,
+    // Sizes come from the file, and their product need not fit.
+    let stored = std::fs::metadata(path).map_err(io)?.len();
+    for header in &meta.headers {
+        let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
+        let channels = header.channels.list.len() as u64;
+        let samples = width.saturating_mul(height).saturating_mul(channels);
+        let most = stored.saturating_mul(SAMPLES_PER_BYTE);
+        let why = if samples > READ_LIMIT / 4 {
+            format!("at most {} samples", READ_LIMIT / 4)
+        } else if samples > most {
+            format!("at most the {most} samples that {stored} bytes can hold")
+        } else {
+            continue;
+        };
+        return Err(Error::Image {
+            what: path.display().to_string(),
+            message: format!(
+                "found {width} x {height} pixels of {channels} channels, expected {why}"
+            ),
         });
     }
     let image = exr_read()
@@ -405,6 +417,40 @@ mod tests {
             write_lightmap_exr(&Page::default(), &ExrOptions::default()),
             Err(Error::Inconsistent { .. })
         ));
+    }
+
+    /// Sizes whose product wraps to 0 aborted the process; one that a short file only claims took gigabytes.
+    #[test]
+    fn sizes_that_the_file_cannot_hold_are_refused_unallocated() {
+        let dir = tempfile::tempdir().unwrap();
+        let options = ExrOptions {
+            coverage: true,
+            ..ExrOptions::default()
+        };
+        let mut small = page(16, 16);
+        small.layers.clear();
+        let (bytes, _) = write_lightmap_exr(&small, &options).unwrap();
+        let name = b"dataWindow\0box2i\0\x10\0\0\0";
+        let at = bytes.windows(name.len()).position(|w| w == name).unwrap() + name.len();
+        let claim = |[left, top, right, bottom]: [i32; 4]| {
+            let mut bytes = bytes.clone();
+            for (i, x) in [left, top, right, bottom].into_iter().enumerate() {
+                bytes[at + 4 * i..][..4].copy_from_slice(&x.to_le_bytes());
+            }
+            read_exr(&write_to(&dir, &bytes)).unwrap_err().to_string()
+        };
+        // 2^30 x 2^30 pixels of four channels of four bytes: 2^64.
+        let wraps = claim([-(1 << 29), -(1 << 29), (1 << 29) - 1, (1 << 29) - 1]);
+        assert!(
+            wraps.contains("1073741824 x 1073741824 pixels of 4 channels"),
+            "{wraps}"
+        );
+        let long = claim([0, 0, 8191, 4095]);
+        assert!(long.contains("8192 x 4096 pixels"), "{long}");
+        assert!(
+            long.contains(&format!("{} bytes can hold", bytes.len())),
+            "{long}"
+        );
     }
 
     #[test]

@@ -1,9 +1,7 @@
 //! Layouts of small scenes: charts, densities, rectangles.
 
-mod common;
-
+use crate::common::*;
 use atlas_bake::{Layout, LayoutError, LayoutOptions, LayoutReport, UvMode, UvOrigin, layout};
-use common::*;
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use mesh_ingest::{Mesh, Scene, Soup};
 

@@ -1,14 +1,10 @@
 //! Every mesh that an unwrapper may break on gets charts: inside the page, apart, not turned over, the same each time.
 
-mod common;
-#[path = "common/nasty.rs"]
-mod nasty;
-
+use crate::common::nasty::nasty;
+use crate::common::*;
 use atlas_bake::unwrap::UnwrapperChoice;
 use atlas_bake::{Layout, LayoutOptions, LayoutReport, layout};
-use common::*;
 use glam::DAffine3;
-use nasty::nasty;
 
 fn lay_out(
     name: &str,

@@ -1,11 +1,9 @@
 //! Every mesh of the shared scenes, where they are beside this checkout (or where `LUMEL_SCENES` says).
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
+use crate::common::*;
 use atlas_bake::{LayoutOptions, UvMode, layout};
-use common::*;
 use mesh_ingest::{LoadOptions, Soup};
 
 /// Every .glb and .gltf below `folder`, those that are broken on purpose apart.

@@ -1,10 +1,8 @@
 //! Every unwrapper on the same meshes.
 
-mod common;
-
+use crate::common::*;
 use atlas_bake::unwrap::UnwrapperChoice;
 use atlas_bake::{LayoutOptions, UvOrigin, layout, pack_pages};
-use common::*;
 use glam::Vec3;
 
 #[test]

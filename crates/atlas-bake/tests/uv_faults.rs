@@ -1,11 +1,9 @@
 //! Faults of an asset's own TEXCOORD_1: each with a mesh that has it, the place where it is, and what follows.
 
-mod common;
-
+use crate::common::*;
 use atlas_bake::{
     LayoutOptions, MeshReport, Severity, UvFault, UvFaultKind, UvMode, UvOrigin, layout,
 };
-use common::*;
 use glam::{Vec2, Vec3};
 use mesh_ingest::Mesh;
 

@@ -248,6 +248,7 @@ impl<'a> Baker<'a> {
                     show: &**show,
                 }),
             in_turn: false,
+            outputs: &[],
         };
         self.work(|watch| bake_scene(scene, &self.settings, &provenance, &beside, watch))
     }

@@ -78,6 +78,14 @@ pub enum Error {
         /// Why.
         message: String,
     },
+    /// A result would replace a file that is not the bake's.
+    #[error("{}: the bake would replace this file, and {why}; give another folder or name", file.display())]
+    Overwrite {
+        /// The file.
+        file: PathBuf,
+        /// Whose it is.
+        why: String,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -102,7 +110,7 @@ impl Error {
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
             | Error::Compare { .. } => 3,
-            Error::Output(_) | Error::Port { .. } => 2,
+            Error::Output(_) | Error::Port { .. } | Error::Overwrite { .. } => 2,
             Error::Sky { io, .. }
             | Error::Probes { io, .. }
             | Error::Config { io, .. }

@@ -13,6 +13,7 @@ use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
 use crate::memory;
+use crate::overwrite;
 use crate::pipeline::{Bake, Clock};
 use crate::record::{self, PREVIEW, Provenance, RecordedOutput};
 use crate::report::{Blank, Measured, Report, StoredPage};
@@ -209,10 +210,13 @@ impl Bake {
     /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay as they are.
     ///
     /// # Errors
-    /// [`Error::Output`].
+    /// [`Error::Output`]; [`Error::Overwrite`] where one of them is a file that the scene was read from.
     pub fn write(&self, dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
         let (files, _) = self.files()?;
-        let mut set = OutputSet::create(dir.as_ref())?;
+        let dir = dir.as_ref();
+        let outputs: Vec<PathBuf> = files.iter().map(|(name, _)| dir.join(name)).collect();
+        overwrite::refuse_inputs(&outputs, &self.loaded.document.inputs_on_disk())?;
+        let mut set = OutputSet::create(dir)?;
         for (name, bytes) in &files {
             set.add(name, bytes)?;
         }

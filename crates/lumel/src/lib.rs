@@ -51,6 +51,7 @@ mod folder;
 mod inspect;
 mod memory;
 mod origin;
+mod overwrite;
 mod pictures;
 mod pipeline;
 mod probes;
@@ -84,6 +85,7 @@ pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, inspect, inspect_and_draw};
 pub use mesh_ingest::MemoryDocument;
 pub use origin::Origin;
+pub use overwrite::outputs_in;
 pub use pipeline::{Bake, Beside, FirstPicture, bake, bake_beside, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{

@@ -1,6 +1,6 @@
 //! The bake from file to files.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -20,6 +20,7 @@ use radiosity::{
 use crate::cache::{self, Cache, Surfaces};
 use crate::check::check;
 use crate::error::Error;
+use crate::overwrite;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
 use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
@@ -166,6 +167,9 @@ pub struct Beside<'a> {
     pub first_picture: Option<FirstPicture<'a>>,
     /// Make charts and solve the light one after the other: each phase's time is then its own.
     pub in_turn: bool,
+    /// Files that will be written or removed ([`output_names`](crate::output_names), [`outputs_in`](crate::outputs_in)): a bake that
+    /// reads one of them ends with [`Error::Overwrite`] before anything is planned.
+    pub outputs: &'a [PathBuf],
 }
 
 /// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and contacts, and there in a small part of a bake's time.
@@ -220,6 +224,10 @@ pub(crate) fn bake_scene(
         sky,
         clamped_materials,
     } = prepare(scene, settings)?;
+    if !beside.outputs.is_empty() {
+        let inputs = overwrite::all_inputs(&loaded.document, &option_inputs, settings, provenance);
+        overwrite::refuse_inputs(beside.outputs, &inputs)?;
+    }
     let (groups, group_names) = chosen.groups.unzip();
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),

@@ -4,28 +4,16 @@
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
-#[path = "common/browser.rs"]
-mod browser;
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-#[path = "common/quads.rs"]
-mod quads;
-#[path = "common/site.rs"]
-mod site;
-
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 
-use browser::Browser;
-use common::{bake, command, temp, write};
+use crate::common::browser::Browser;
+use crate::common::quads::{ALBEDO, OTHER, R, points, scene, shown, sun};
+use crate::common::site::Site;
+use crate::common::{bake, command, temp, write};
 use image::RgbImage;
-use quads::{ALBEDO, OTHER, R, points, scene, shown, sun};
 use serde_json::json;
-use site::Site;
 use tempfile::TempDir;
 
 /// `lumel view` on a folder, ended when dropped.

@@ -1,15 +1,9 @@
 //! `--cache` by the real binary: the bytes of a clean bake, whatever changed since the cache was filled and whatever became of it.
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use common::{asset, bake, comparable, files, names, parse, temp, write};
+use crate::common::{asset, bake, comparable, files, names, parse, temp, write};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 

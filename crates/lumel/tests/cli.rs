@@ -1,12 +1,10 @@
 //! The real binary: files, streams and exit codes (DESIGN.md §1.1 and §1.2). Values are other tests' business.
 
-mod common;
-
 use std::ffi::OsStr;
 use std::fs;
 use std::path::Path;
 
-use common::{asset, bake, comparable, files, lumel, names, outputs, parse, temp, write};
+use crate::common::{asset, bake, comparable, files, lumel, names, outputs, parse, temp, write};
 use lumel::atlas_bake::{ExrImage, read_exr};
 use serde_json::{Value, json};
 

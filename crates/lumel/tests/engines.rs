@@ -6,32 +6,16 @@
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-#[path = "common/browser.rs"]
-mod browser;
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-#[path = "common/quads.rs"]
-mod quads;
-#[path = "common/site.rs"]
-mod site;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use browser::Browser;
-use common::{files, lumel, names, outputs, parse, temp, write};
+use crate::common::browser::Browser;
+use crate::common::quads::{points, scene, shown, sun};
+use crate::common::site::{Site, npm_modules};
+use crate::common::{files, lumel, names, outputs, parse, temp, write};
 use image::RgbImage;
 use lumel::atlas_bake::read_exr;
-use quads::{points, scene, shown, sun};
 use serde_json::{Value, json};
-use site::{Site, npm_modules};
 use tempfile::TempDir;
 
 /// A name that has to be encoded in an address, and whose `#` Bevy would take for a label.

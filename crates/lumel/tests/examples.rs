@@ -1,6 +1,6 @@
 //! The examples run, and find what they say they find.
 //!
-//! `cargo test` builds examples before tests; `cargo test --test examples` does not, and then this test says so.
+//! `cargo test` builds examples before tests; `cargo test --test all` does not, and then this test says so.
 
 use std::path::PathBuf;
 use std::process::Command;

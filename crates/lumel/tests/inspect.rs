@@ -1,12 +1,9 @@
 //! `lumel inspect` by the real binary: what it says of a level's own coordinates, and the pictures that it draws.
 
-#[allow(dead_code, reason = "what the other test binaries use")]
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{lumel, names, temp};
+use crate::common::{lumel, names, temp};
 use serde_json::{Value, json};
 
 /// Two quads a metre wide as one mesh, the second drawn over half of the first in TEXCOORD_1, and a third, sound quad of a mesh of its own.
@@ -62,7 +59,7 @@ fn level(dir: &Path) -> std::path::PathBuf {
     path
 }
 
-fn inspect(scene: &Path, options: &[&str]) -> common::Run {
+fn inspect(scene: &Path, options: &[&str]) -> crate::common::Run {
     let scene = scene.to_str().expect("UTF-8");
     lumel([&["inspect", scene, "--texels-per-unit=20"], options].concat())
 }

@@ -2,19 +2,13 @@
 
 #![cfg(unix)]
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{asset, bake, comparable, files, names, outputs, parse, temp, write};
+use crate::common::{asset, bake, comparable, files, names, outputs, parse, temp, write};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -38,7 +32,7 @@ impl Victim {
         bake(&folder.path().join("small/level.glb"), &out, "").ok();
         let before = files(&out);
         assert_eq!(names(&out), outputs("level"));
-        let mut child = common::command()
+        let mut child = crate::common::command()
             .arg("bake")
             .arg(folder.path().join("large/level.glb"))
             .arg("-o")
@@ -140,7 +134,7 @@ fn sigterm_is_like_ctrl_c() {
 fn a_stopped_bake_leaves_no_folder() {
     let t = temp();
     let out = t.path().join("out");
-    let mut child = common::command()
+    let mut child = crate::common::command()
         .arg("bake")
         .arg(asset("demo_level.glb"))
         .arg("-o")
@@ -201,7 +195,7 @@ fn sigkill_while_writing_tears_no_file() {
     let new = files(&out);
     bake(&scene, &out, "").ok();
     let old = files(&out);
-    let mut child = common::command()
+    let mut child = crate::common::command()
         .arg("bake")
         .arg(&scene)
         .arg("-o")

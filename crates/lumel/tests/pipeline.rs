@@ -2,18 +2,12 @@
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, SystemTime};
 
-use common::{Run, bake, comparable, files, lumel, names, outputs, parse, temp, write};
+use crate::common::{Run, bake, comparable, files, lumel, names, outputs, parse, temp, write};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 

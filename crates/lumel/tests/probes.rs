@@ -1,14 +1,8 @@
 //! Light probes through the real binary: `--probes`, its file, and what is refused.
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::fs;
 
-use common::{asset, bake, comparable, files, lumel, names, outputs, parse, temp, write};
+use crate::common::{asset, bake, comparable, files, lumel, names, outputs, parse, temp, write};
 use serde_json::{Value, json};
 
 /// Nine coefficients of a radiance that is the same from everywhere.

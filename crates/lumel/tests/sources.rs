@@ -1,15 +1,9 @@
 //! Sources of light by name, through the real binary: `--light`, `--exclude-light`, `--group`, `--sun`, and what `inspect` and the
 //! report say of them.
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::path::Path;
 
-use common::{asset, bake, files, lumel, parse, temp, write};
+use crate::common::{asset, bake, files, lumel, parse, temp, write};
 use serde_json::{Value, json};
 
 /// (−4 0 4), (4 0 4), (4 0 −4): a floor's half, as base64, seen from above.

@@ -1,14 +1,8 @@
 //! `--no-vertex-colors` by the real binary: the lightmap keeps every byte, and nothing is left that could be taken for light at vertices.
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::path::Path;
 
-use common::{asset, bake, files, lumel, names, outputs, parse, temp, write};
+use crate::common::{asset, bake, files, lumel, names, outputs, parse, temp, write};
 use serde_json::{Value, json};
 
 const OUT: &str = "--no-vertex-colors";

@@ -1,16 +1,10 @@
 //! `lumel view` and `lumel report` as commands: what they print, serve and write, and how they fail.
 
-#[allow(
-    dead_code,
-    reason = "helpers are shared, and not every file needs each"
-)]
-mod common;
-
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::Stdio;
 
-use common::{asset, bake, command, files, lumel, names, outputs, temp};
+use crate::common::{asset, bake, command, files, lumel, names, outputs, temp};
 
 /// Status line, headers and body of a request made by hand.
 fn request(address: &str, text: &str) -> (String, Vec<u8>) {

@@ -83,8 +83,88 @@ fn parse_json(bytes: &[u8]) -> Outcome<Value> {
             "a glTF 2.0 document (.gltf or .glb)",
         ));
     }
-    serde_json::from_slice(bytes)
-        .map_err(|e| Fault::invalid("", format!("broken JSON ({e})"), "a JSON object"))
+    let mut json = serde_json::from_slice(bytes)
+        .map_err(|e| Fault::invalid("", format!("broken JSON ({e})"), "a JSON object"))?;
+    settle_integers(&mut json, Place::Other);
+    Ok(json)
+}
+
+/// Members whose numbers are indices, counts or enumerations, in the specification and in extensions.
+const INTEGERS: [&str; 32] = [
+    "buffer",
+    "bufferView",
+    "byteLength",
+    "byteOffset",
+    "byteStride",
+    "camera",
+    "children",
+    "componentType",
+    "count",
+    "ids",
+    "index",
+    "indices",
+    "input",
+    "inverseBindMatrices",
+    "joints",
+    "light",
+    "magFilter",
+    "material",
+    "mesh",
+    "minFilter",
+    "mode",
+    "node",
+    "nodes",
+    "output",
+    "sampler",
+    "scene",
+    "skeleton",
+    "skin",
+    "source",
+    "specularImages",
+    "texCoord",
+    "variants",
+];
+
+/// Members that are objects, or lists of them, of nothing but indices.
+const INDEX_MAPS: [&str; 2] = ["attributes", "targets"];
+
+/// Where a value stands.
+#[derive(Clone, Copy, PartialEq)]
+enum Place {
+    Other,
+    Integers,
+    IndexMap,
+}
+
+/// Makes `1.0` the `1` that it stands for where glTF wants an integer: some writers know floats alone, and JSON has no other
+/// numbers. Everything that reads the document, and what is written of it, then sees one form.
+fn settle_integers(value: &mut Value, place: Place) {
+    match value {
+        Value::Number(n) if place == Place::Integers && n.is_f64() => {
+            // Beyond 2^53 a float is no count of anything.
+            let whole = |x: &f64| x.fract() == 0.0 && x.abs() < 9.0e15;
+            if let Some(x) = n.as_f64().filter(whole) {
+                *value = (x as i64).into();
+            }
+        }
+        Value::Array(list) => {
+            list.iter_mut().for_each(|v| settle_integers(v, place));
+        }
+        Value::Object(members) => {
+            for (key, value) in members.iter_mut().filter(|(key, _)| *key != "extras") {
+                let of_map = place == Place::IndexMap && value.is_number();
+                let place = if of_map || INTEGERS.contains(&key.as_str()) {
+                    Place::Integers
+                } else if INDEX_MAPS.contains(&key.as_str()) {
+                    Place::IndexMap
+                } else {
+                    Place::Other
+                };
+                settle_integers(value, place);
+            }
+        }
+        _ => {}
+    }
 }
 
 /// Reads the GLB container by hand: `gltf::Glb::from_slice` underflows on a short length and refuses unknown chunks, which

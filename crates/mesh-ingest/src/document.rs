@@ -18,7 +18,7 @@ use crate::version;
 
 /// A glTF document with its buffers, for those who write it back.
 ///
-/// Nothing in [`json`](Document::json) is changed, unknown members and extensions included, and member order is kept.
+/// Nothing that [`json`](Document::json) says is changed, unknown members and extensions included, and member order is kept.
 #[derive(Debug)]
 pub struct Document {
     file: PathBuf,
@@ -180,7 +180,7 @@ impl Document {
         self.binary
     }
 
-    /// The parsed JSON, member order kept.
+    /// The parsed JSON, member order kept. Indices and counts that were written as floats (`1.0`) are integers in it.
     pub fn json(&self) -> &Value {
         &self.json
     }

@@ -1,5 +1,6 @@
 //! What can be wrong with an asset, said by fault, file and place in the document.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -20,9 +21,39 @@ pub struct Problem {
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.path.is_empty() {
-            write!(f, "{}: ", self.path)?;
+            write!(f, "{}: ", short(&self.path))?;
         }
-        write!(f, "found {}, expected {}", self.found, self.expected)
+        let (found, expected) = (short(&self.found), short(&self.expected));
+        write!(f, "found {found}, expected {expected}")
+    }
+}
+
+/// `text` on one line and without what a terminal obeys: control characters, and those that turn the direction of writing, as
+/// `\u{1b}`. For names and values out of documents, which may hold anything.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let obeyed =
+        |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    if !text.contains(obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len() + 8);
+    for c in text.chars() {
+        if obeyed(c) {
+            out.extend(c.escape_default());
+        } else {
+            out.push(c);
+        }
+    }
+    Cow::Owned(out)
+}
+
+/// As [`printable`], cut where it would fill a screen.
+fn short(text: &str) -> Cow<'_, str> {
+    /// Longer than any message of the project's own.
+    const MOST: usize = 400;
+    match text.char_indices().nth(MOST) {
+        Some((cut, _)) => Cow::Owned(format!("{}…", printable(&text[..cut]))),
+        None => printable(text),
     }
 }
 

@@ -12,6 +12,10 @@ use crate::input::Input;
 use crate::material::{AVIF_WAY_OUT, KTX2_WAY_OUT};
 use crate::scene::Image;
 
+/// More pixels than a byte of a JPEG can hold: a block of 64 takes a bit at the least, that of its mean in a progressive file. Twice
+/// that leaves room for what has not been thought of.
+const JPEG_PIXELS_PER_BYTE: u64 = 1024;
+
 /// Decodes images `needed` of the document; the others stay `None`.
 pub(crate) fn decode(
     document: &mut Document,
@@ -172,6 +176,15 @@ fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
             format!("images[{i}]"),
             format!("{width} × {height} pixels"),
             "at least one pixel",
+        ));
+    }
+    // Decoders fill up what is missing of a JPEG, which may be nearly all of it.
+    let most = (bytes.len() as u64).saturating_mul(JPEG_PIXELS_PER_BYTE);
+    if u64::from(width) * u64::from(height) > most && format_of(i, bytes)? == ImageFormat::Jpeg {
+        return Err(Fault::invalid(
+            format!("images[{i}]"),
+            format!("{width} × {height} pixels in {} bytes", bytes.len()),
+            "an image that is not cut short",
         ));
     }
     Ok([width, height])

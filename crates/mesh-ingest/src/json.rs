@@ -106,18 +106,22 @@ impl<'a> Item<'a> {
     }
 
     /// A non-negative integer. `2.0` is one, as in JSON Schema.
+    fn whole(&self) -> Outcome<usize> {
+        let number = self.value.as_u64().or_else(|| match self.value.as_f64() {
+            Some(x) if (0.0..9.0e15).contains(&x) && x.fract() == 0.0 => Some(x as u64),
+            _ => None,
+        });
+        number
+            .and_then(|n| usize::try_from(n).ok())
+            .ok_or_else(|| self.wrong("a non-negative integer"))
+    }
+
+    /// The non-negative integer `key`, where it is present.
     pub fn opt_uint(&self, key: &str) -> Outcome<Option<usize>> {
         let Some(item) = self.get(key) else {
             return Ok(None);
         };
-        let number = item.value.as_u64().or_else(|| match item.value.as_f64() {
-            Some(x) if (0.0..9.0e15).contains(&x) && x.fract() == 0.0 => Some(x as u64),
-            _ => None,
-        });
-        match number.and_then(|n| usize::try_from(n).ok()) {
-            Some(n) => Ok(Some(n)),
-            None => Err(item.wrong("a non-negative integer")),
-        }
+        item.whole().map(Some)
     }
 
     pub fn uint(&self, key: &str) -> Outcome<usize> {
@@ -184,16 +188,11 @@ impl<'a> Item<'a> {
             .iter()
             .enumerate()
             .map(|(i, value)| {
-                value
-                    .as_u64()
-                    .and_then(|n| usize::try_from(n).ok())
-                    .ok_or_else(|| {
-                        Item {
-                            value,
-                            path: format!("{}[{i}]", item.path),
-                        }
-                        .wrong("a non-negative integer")
-                    })
+                Item {
+                    value,
+                    path: format!("{}[{i}]", item.path),
+                }
+                .whole()
             })
             .collect()
     }

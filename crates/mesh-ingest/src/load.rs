@@ -14,7 +14,7 @@ use crate::geometry;
 use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
 use crate::options::{LoadOptions, MAX_COORDINATE};
-use crate::primitive::{attribute_list, primitive_mode};
+use crate::primitive::{Want, attribute_list, primitive_mode};
 use crate::report::{IngestReport, Totals};
 use crate::scene::{Instance, Mesh, Primitive, Scene};
 use crate::settle::{needed_images, settle_alpha};
@@ -87,6 +87,8 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
             why: why_empty(&graph, &report),
         });
     }
+    check_writable(&document, &scene, &mut faults);
+    faults.check(path)?;
     settle_alpha(&mut scene, &used_materials, &mut report);
     warn_missing_images(&document, &needed, &mut report);
     report.files = document.input_uris();
@@ -131,6 +133,40 @@ fn check_layout(document: &Document, faults: &mut Faults) {
             format!("{unbacked} bytes that no buffer view backs"),
             format!("at most {allowed}"),
         ));
+    }
+}
+
+/// Reads what only writers need: attributes and morph targets that light ignores, and compressed data of animations. What is broken
+/// there is better known before the bake than after it.
+fn check_writable(document: &Document, scene: &Scene, faults: &mut Faults) {
+    let root = document.root();
+    let views = root.len_of("bufferViews").unwrap_or(0);
+    let primitives: BTreeSet<_> = (scene.meshes.iter())
+        .flat_map(|mesh| mesh.primitives.iter().map(|p| (mesh.gltf_mesh, p)))
+        .filter(|(_, p)| !scene.materials[p.material].occluder_only)
+        .map(|(mesh, p)| (mesh, p.gltf_primitive))
+        .collect();
+    let primitives: Vec<_> = primitives.into_iter().collect();
+    let whole: Vec<_> = (primitives.into_par_iter())
+        .map(|(mesh, primitive)| {
+            let item = root
+                .element("meshes", mesh)?
+                .element("primitives", primitive)?;
+            document.read_primitive(&item, Want::All).map(drop)
+        })
+        .collect();
+    let decoded: Vec<_> = (0..views)
+        .into_par_iter()
+        .map(|i| {
+            let view = document.view_at(i)?;
+            match view.meshopt {
+                Some(_) => document.view_bytes(i, &view).map(drop),
+                None => Ok(()),
+            }
+        })
+        .collect();
+    for outcome in whole.into_iter().chain(decoded) {
+        faults.take(outcome);
     }
 }
 

@@ -66,8 +66,7 @@ pub(crate) fn walk(
     let Some(count) = faults.take(root.len_of("nodes")) else {
         return graph;
     };
-    let hierarchy = hierarchy(&root, count, faults);
-    let Some(children) = faults.take(hierarchy) else {
+    let Some(children) = hierarchy(&root, count, faults) else {
         return graph;
     };
     let Some(roots) = faults.take(scene_roots(&root, scene, &children, report)) else {
@@ -104,44 +103,63 @@ pub(crate) fn walk(
     graph
 }
 
-/// Children by node, checked to be a forest.
-fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Outcome<Vec<Vec<usize>>> {
+/// Children by node; `None`, with faults, unless they are a forest. Only a forest can be walked: a node with two parents may be
+/// its own ancestor, and a chain of nodes that each list the next one twice doubles at every step.
+fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Option<Vec<Vec<usize>>> {
     let mut parent: Vec<Option<usize>> = vec![None; count];
     let mut children = Vec::with_capacity(count);
+    let mut is_forest = true;
     for i in 0..count {
-        let node = root.element("nodes", i)?;
-        let own = node.uints("children")?;
+        let node = faults.take(root.element("nodes", i))?;
+        let own = faults.take(node.uints("children"))?;
         for (k, &child) in own.iter().enumerate() {
-            let path = || format!("{}.children[{k}]", node.path);
-            if child >= count {
-                return Err(Fault::invalid(
-                    path(),
+            let (found, expected) = match parent.get(child) {
+                None => (
                     format!("{child}"),
                     format!("an index into nodes, which has {count}"),
-                ));
-            }
-            match parent[child] {
-                None => parent[child] = Some(i),
-                Some(first) => faults.push(Fault::invalid(
-                    path(),
+                ),
+                Some(_) if child == i => (
+                    format!("node {child} itself"),
+                    "a hierarchy without loops".to_string(),
+                ),
+                Some(None) => {
+                    parent[child] = Some(i);
+                    continue;
+                }
+                Some(Some(first)) if *first == i => (
+                    format!("node {child} for the second time"),
+                    "each child once".to_string(),
+                ),
+                Some(Some(first)) => (
                     format!("node {child}, already a child of node {first}"),
-                    "a node with one parent",
-                )),
-            }
+                    "a node with one parent".to_string(),
+                ),
+            };
+            is_forest = false;
+            faults.push(Fault::invalid(
+                format!("{}.children[{k}]", node.path),
+                found,
+                expected,
+            ));
         }
         children.push(own);
     }
-    // With one parent each, a cycle is what never reaches a root. Every node is walked once: `done` marks known good ones.
+    if !is_forest {
+        return None;
+    }
+    // With one parent each, a cycle is what never reaches a root. `state` marks the nodes of this climb and of earlier ones,
+    // so that each is climbed from once.
     let mut state = vec![0usize; count];
     for start in 0..count {
         let mut at = Some(start);
         while let Some(i) = at {
             if state[i] == start + 1 {
-                return Err(Fault::invalid(
+                faults.push(Fault::invalid(
                     format!("nodes[{i}]"),
                     "a node that is its own ancestor",
                     "a hierarchy without loops",
                 ));
+                return None;
             }
             if state[i] != 0 {
                 break;
@@ -150,7 +168,7 @@ fn hierarchy(root: &Item<'_>, count: usize, faults: &mut Faults) -> Outcome<Vec<
             at = parent[i];
         }
     }
-    Ok(children)
+    Some(children)
 }
 
 /// The scene that was asked for, else the document's own choice, else the first; `None` where there is none.

@@ -21,7 +21,7 @@ pub(crate) struct View {
     /// Bytes once decoded.
     pub length: usize,
     pub stride: Option<usize>,
-    meshopt: Option<(Meshopt, usize, usize, usize)>,
+    pub meshopt: Option<(Meshopt, usize, usize, usize)>,
 }
 
 /// An accessor's own numbers, without its data.

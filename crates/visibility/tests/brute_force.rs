@@ -1,8 +1,6 @@
 //! The tree returns what testing every triangle returns, bit for bit, and honours ranges and filters.
 
-mod common;
-
-use common::{BruteForce, EveryThird, Random, build, ray};
+use crate::common::{BruteForce, EveryThird, Random, build, ray};
 use glam::Vec3;
 use visibility::{AcceptAll, BuildOptions, Bvh, HitFilter, Quality, Ray};
 

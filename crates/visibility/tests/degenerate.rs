@@ -1,10 +1,8 @@
 //! Inputs that break tree builders, and answers that must not depend on the machine or the tree.
 
-mod common;
-
 use std::time::{Duration, Instant};
 
-use common::{AIMS, PLACES, Random, build, cube, icosphere, inside_ray, ray, torus};
+use crate::common::{AIMS, PLACES, Random, build, cube, icosphere, inside_ray, ray, torus};
 use glam::Vec3;
 use visibility::{AcceptAll, BuildError, BuildOptions, Bvh};
 
@@ -214,7 +212,7 @@ fn both_paths_return_the_same_bits() {
 fn flat_boxes_and_rays_in_their_planes() {
     let mesh = cube(8);
     let bvh = build(&mesh.triangles);
-    let brute = common::BruteForce::new(&mesh.triangles);
+    let brute = crate::common::BruteForce::new(&mesh.triangles);
     for i in -8i32..=8 {
         for j in -8i32..=8 {
             let p = Vec3::new(i as f32 / 8.0, j as f32 / 8.0, 0.0);

@@ -1,8 +1,6 @@
 //! Rays that start on or just off thin triangles.
 
-mod common;
-
-use common::{Random, ray};
+use crate::common::{Random, ray};
 use glam::{DVec3, Vec3};
 use visibility::{AcceptAll, BuildOptions, Bvh, HitFilter, Ray};
 

@@ -1,8 +1,6 @@
 //! Rays from inside a closed mesh always hit it.
 
-mod common;
-
-use common::{AIMS, PLACES, Random, build, cube, icosphere, inside_ray, torus};
+use crate::common::{AIMS, PLACES, Random, build, cube, icosphere, inside_ray, torus};
 use visibility::AcceptAll;
 
 /// At least a million rays per aim over meshes and places; `examples/leaks.rs` casts ten million each.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use lumel_tests::scenes::closed_form as scenes;
 
-use crate::SMOOTH;
+use super::SMOOTH;
 use crate::common::{Seen, at, bake, lumels_of, mean};
 
 #[test]

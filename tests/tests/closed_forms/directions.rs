@@ -8,8 +8,8 @@ use lumel_tests::gltf::{Light, Material};
 use lumel_tests::scenes::closed_form::Stage;
 use serde_json::{Value, json};
 
+use super::{GOLDEN, HALF, golden, production};
 use crate::common::{Seen, at, lumels_of};
-use crate::{GOLDEN, HALF, golden, production};
 
 fn sh1(settings: Settings) -> Settings {
     Settings {

@@ -6,7 +6,7 @@ use lumel::{Bake, Quality, Settings};
 use lumel_tests::scenes::closed_form as scenes;
 use lumel_tests::scenes::{FurnaceShape, furnace, sealed_dark_box};
 
-use crate::SMOOTH;
+use super::SMOOTH;
 use crate::common::{at, bake, bright, lumels_of, mean, worst};
 
 #[test]

@@ -11,8 +11,8 @@ use lumel_tests::scenes::closed_form::Stage;
 use lumel_tests::textures;
 use serde_json::json;
 
+use super::golden;
 use crate::common::at;
-use crate::golden;
 
 /// An open room with lamps of every kind, a glowing texture, a screen, glass, a blended and a double-sided sheet, and an occluder.
 fn scene() -> Vec<u8> {

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use lumel::{Quality, Settings};
 use lumel_tests::scenes::closed_form as scenes;
 
-use crate::SMOOTH;
+use super::SMOOTH;
 use crate::common::{at, bake, bright, lumels_of, mean};
 
 #[test]

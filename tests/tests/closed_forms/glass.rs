@@ -11,8 +11,8 @@ use lumel_tests::scenes::closed_form::{
 use lumel_tests::textures;
 use serde_json::json;
 
+use super::{GOLDEN, HALF, SMOOTH, golden, production};
 use crate::common::{Seen, at, lumels_of, mean, worst};
-use crate::{GOLDEN, HALF, SMOOTH, golden, production};
 
 /// Three bytes that glTF's factors hold exactly enough: the coloured glass.
 const AMBER: [f32; 3] = [0.9, 0.5, 0.1];

@@ -8,8 +8,8 @@ use lumel_tests::gltf::{Light, Material};
 use lumel_tests::scenes::closed_form::Stage;
 use serde_json::json;
 
+use super::golden;
 use crate::common::{Seen, at, lumels_in, lumels_in_files, lumels_of, mean};
-use crate::golden;
 
 /// Largest relative error of a number in a half float: eleven bits.
 const HALF_BITS: f64 = 1.0 / 2048.0;

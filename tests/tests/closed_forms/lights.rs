@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 use lumel_tests::scenes::closed_form as scenes;
 
+use super::{GOLDEN, HALF, SMOOTH};
 use crate::common::{Seen, at, bake, lumels_of, mean, worst};
-use crate::{GOLDEN, HALF, SMOOTH};
 
 #[test]
 fn a_point_light_over_a_floor() {

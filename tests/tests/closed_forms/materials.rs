@@ -11,8 +11,8 @@ use lumel_tests::scenes::closed_form::{
 use lumel_tests::scenes::{FurnaceShape, furnace};
 use serde_json::{Value, json};
 
+use super::{GOLDEN, HALF, SMOOTH, golden, production};
 use crate::common::{Seen, at, lumels_of, mean, worst};
-use crate::{GOLDEN, HALF, SMOOTH, golden, production};
 
 /// A level square of 1 m at this height about the y axis; its front is up or down.
 fn level(height: f32, up: bool) -> [Vec3; 3] {

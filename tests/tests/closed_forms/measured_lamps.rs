@@ -5,8 +5,8 @@ use lumel_tests::gltf::Light;
 use lumel_tests::scenes::closed_form::{Stage, point_irradiance};
 use serde_json::json;
 
+use super::{GOLDEN, golden};
 use crate::common::{at, lumels_of, worst};
-use crate::{GOLDEN, golden};
 
 /// IES LM-63-2002, type C, the same all around, of these candela at these vertical angles (degrees).
 fn ies(values: &[(f64, f64)]) -> String {

@@ -8,8 +8,8 @@ use lumel_tests::gltf::Light;
 use lumel_tests::scenes::closed_form::Stage;
 use serde_json::json;
 
+use super::{GOLDEN, golden, production};
 use crate::common::{Seen, at, lumels_of};
-use crate::{GOLDEN, golden, production};
 
 fn ao(distance: f32, settings: Settings) -> Settings {
     Settings {

@@ -7,8 +7,8 @@ use lumel::{ProbeSource, Settings, SkySource, Sun};
 use lumel_tests::scenes::closed_form::Stage;
 use lumel_tests::scenes::{FurnaceShape, furnace};
 
+use super::{GOLDEN, golden};
 use crate::common::at;
-use crate::{GOLDEN, golden};
 
 /// The harmonics of red at these points.
 fn probes(glb: &[u8], points: &[[f64; 3]], settings: Settings) -> Vec<[f64; 9]> {

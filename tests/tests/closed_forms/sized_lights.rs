@@ -8,8 +8,8 @@ use lumel_tests::gltf::Light;
 use lumel_tests::scenes::closed_form::{Stage, point_irradiance};
 use serde_json::{Value, json};
 
+use super::{GOLDEN, HALF, golden, production};
 use crate::common::{Seen, at, lumels_of, worst};
-use crate::{GOLDEN, HALF, golden, production};
 
 /// A lamp of 10 cd at 2 m over a floor of 3 m.
 fn lamp_over_floor(light: fn([f32; 3]) -> Light, more: Value) -> Vec<u8> {

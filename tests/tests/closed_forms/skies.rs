@@ -10,8 +10,8 @@ use lumel::{Bake, Settings, SkySource};
 use lumel_tests::scenes::closed_form::Stage;
 use serde_json::json;
 
+use super::{GOLDEN, golden};
 use crate::common::{at, lumels_of, mean};
-use crate::{GOLDEN, golden};
 
 /// The faces of [`Stage::cube`] and their normals.
 const FACES: [(&str, DVec3); 6] = [

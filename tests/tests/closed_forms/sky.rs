@@ -6,8 +6,8 @@ use glam::DVec3;
 use lumel::{Settings, SkySource};
 use lumel_tests::scenes::closed_form as scenes;
 
+use super::{HALF, SMOOTH};
 use crate::common::{Seen, at, bake, lumels_of, mean, worst};
-use crate::{HALF, SMOOTH};
 
 #[test]
 fn a_uniform_sky_seen_from_an_open_box() {

@@ -1,7 +1,5 @@
 //! Bakes a scene held in memory and looks at its lumels.
 
-#![allow(dead_code, reason = "each test file uses its own part")]
-
 use std::collections::BTreeMap;
 use std::path::Path;
 

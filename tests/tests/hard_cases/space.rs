@@ -1,6 +1,6 @@
 //! Size, place, brightness, and scenes with next to nothing in them.
 
-use crate::common::{self, at, bake, lumels_of};
+use crate::common::{at, bake, lumels_of};
 use glam::{Mat4, Vec3};
 use lumel::{Quality, Settings};
 use lumel_tests::scenes::{self, closed_form};
@@ -93,7 +93,7 @@ fn one_triangle_is_lit_evenly() {
     let b = bake(&closed_form::one_triangle(), &at(8.0));
     // E = 1 lx; half float.
     let lumels = lumels_of(&b, "triangle");
-    assert!(common::worst(&lumels, 0.0, |_| 1.0) < 1e-3);
+    assert!(crate::common::worst(&lumels, 0.0, |_| 1.0) < 1e-3);
 }
 
 #[test]

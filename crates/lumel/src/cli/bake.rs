@@ -131,6 +131,16 @@ fn check_outputs(
     Ok(())
 }
 
+/// Every file that the bake may replace.
+fn all_outputs(a: &Bake, settings: &Settings) -> Result<Vec<PathBuf>, lumel::Error> {
+    let names = lumel::output_names(&a.scene, settings);
+    let mut all = lumel::outputs_in(&a.output, &a.scene, &names)?;
+    for path in [&a.report, &a.preview, &a.first_picture, &a.depfile] {
+        all.extend(path.clone());
+    }
+    Ok(all)
+}
+
 /// Writes the first picture, by itself and at once: it is no result.
 fn show_first(a: &Bake, png: &[u8], start: Instant, display: &Display) -> Result<(), lumel::Error> {
     let Some(path) = &a.first_picture else {
@@ -161,6 +171,7 @@ fn bake(
         limit: a.cache_size.unwrap_or(lumel::Cache::LIMIT),
     });
     let start = Instant::now();
+    let outputs = all_outputs(a, settings)?;
     let show = |png: Vec<u8>| show_first(a, &png, start, display);
     let beside = lumel::Beside {
         cache: cache.as_ref(),
@@ -169,6 +180,7 @@ fn bake(
             show: &show,
         }),
         in_turn: a.in_turn,
+        outputs: &outputs,
     };
     let bake = lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?;
     if let Some(cache) = &bake.report.measured.cache {

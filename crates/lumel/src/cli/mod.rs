@@ -18,6 +18,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use lumel::atlas_bake::OutputSet;
+use lumel::mesh_ingest::printable;
 
 use args::{Arguments, Command};
 
@@ -73,7 +74,7 @@ pub(crate) fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Lumel(e)) => {
-            let _ = writeln!(std::io::stderr(), "error: {e}");
+            let _ = writeln!(std::io::stderr(), "error: {}", lines(&e.to_string()));
             ExitCode::from(e.exit_code() as u8)
         }
         Err(Failure::Strict(n)) => {
@@ -90,6 +91,12 @@ pub(crate) fn run() -> ExitCode {
             ExitCode::from(2)
         }
     }
+}
+
+/// `text` of several lines without what a terminal obeys: names of documents and files are in it.
+fn lines(text: &str) -> String {
+    let lines: Vec<_> = text.split('\n').map(printable).collect();
+    lines.join("\n")
 }
 
 /// Writes all or nothing.
@@ -126,7 +133,7 @@ fn inspect(a: &args::Inspect) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(&report).unwrap_or_default();
         writeln!(out, "{text}")?;
     } else {
-        out.write_all(report.to_text().as_bytes())?;
+        out.write_all(lines(&report.to_text()).as_bytes())?;
     }
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
+use lumel::mesh_ingest::printable;
 use lumel::{Monitor, Phase};
 
 use super::interrupt;
@@ -46,6 +47,7 @@ impl Display {
         if self.quiet {
             return;
         }
+        let line = printable(line);
         match &self.bar {
             Some(bar) => bar.suspend(|| {
                 let _ = writeln!(std::io::stderr(), "{line}");

@@ -1,5 +1,10 @@
 //! Runs the real binary in folders of its own.
 
+#[allow(clippy::print_stderr, reason = "says what it skips")]
+pub mod browser;
+pub mod quads;
+pub mod site;
+
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

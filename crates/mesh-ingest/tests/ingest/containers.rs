@@ -3,7 +3,7 @@
 use mesh_ingest::{Digest, Error, LoadOptions, load};
 use serde_json::json;
 
-use crate::build::{Doc, UNIT, load_bytes, paths};
+use super::build::{Doc, UNIT, load_bytes, paths};
 
 fn options() -> LoadOptions {
     LoadOptions::default()
@@ -38,6 +38,37 @@ fn buffers_may_have_awkward_names() {
             matches!(load(&file, &options()), Err(Error::Io { .. })),
             "{uri}"
         );
+    }
+}
+
+/// Some writers know no integers. The validator has nothing to say against `1.0`, and writers of the document must see an index.
+#[test]
+fn integers_may_be_written_as_floats() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["nodes"][0]["translation"] = json!([1.0, 2.0, 3.0]);
+    doc.json["nodes"][0]["extras"] = json!({"count": 2.0});
+    doc.root(json!({"children": [2]}));
+    doc.node(json!({"mesh": 0}));
+    doc.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 0}]);
+    let plain = doc.load().expect("it loads");
+
+    // All integers of the document, but extras'.
+    fn float(value: &mut serde_json::Value) {
+        match value {
+            serde_json::Value::Number(n) => *value = json!(n.as_f64()),
+            serde_json::Value::Array(list) => list.iter_mut().for_each(float),
+            serde_json::Value::Object(members) => members.values_mut().for_each(float),
+            _ => {}
+        }
+    }
+    float(&mut doc.json);
+    assert!(doc.json.to_string().contains(r#""children":[2.0]"#));
+    let loaded = doc.load().expect("it loads");
+    assert_eq!(loaded.document.json(), plain.document.json());
+    assert_eq!(loaded.scene.instances.len(), 2);
+    for bad in [json!([2.5]), json!([-1.0]), json!([1e300]), json!(["2"])] {
+        doc.json["nodes"][1]["children"] = bad;
+        assert_eq!(paths(doc.load()), ["nodes[1].children[0]"]);
     }
 }
 

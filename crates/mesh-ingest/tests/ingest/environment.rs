@@ -8,7 +8,7 @@ use image::{ImageFormat, Rgba, RgbaImage};
 use mesh_ingest::{Environment, Error, Limits, LoadOptions, Loaded, load};
 use serde_json::{Value, json};
 
-use crate::build::{Doc, UNIT, load_bytes, paths};
+use super::build::{Doc, UNIT, load_bytes, paths};
 
 const NAME: &str = "EXT_lights_image_based";
 

@@ -5,8 +5,8 @@ use image::{Rgba, RgbaImage};
 use mesh_ingest::{Error, LeftOutReason, Loaded, Soup};
 use serde_json::{Value, json};
 
-use crate::build::{Doc, QUAD, UNIT};
-use crate::materials::textured;
+use super::build::{Doc, QUAD, UNIT};
+use super::materials::textured;
 
 /// A lit triangle of a material with these extras.
 fn with_extras(lumel: Value) -> Doc {

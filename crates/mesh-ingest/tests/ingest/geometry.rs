@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3, Vec4};
 use mesh_ingest::Soup;
 use serde_json::json;
 
-use crate::build::{Doc, QUAD, UNIT, paths};
+use super::build::{Doc, QUAD, UNIT, paths};
 
 fn first_triangles(doc: &Doc) -> Vec<[u32; 3]> {
     doc.load().unwrap().scene.meshes[0].primitives[0]

@@ -5,8 +5,8 @@ use image::{ImageFormat, Rgba, RgbaImage};
 use mesh_ingest::{AlphaMode, Scene, Soup};
 use serde_json::{Value, json};
 
-use crate::build::{Doc, paths};
-use crate::materials::textured;
+use super::build::{Doc, paths};
+use super::materials::textured;
 
 fn glass(extension: Value) -> Doc {
     textured(

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use mesh_ingest::{Error, LeftOutReason, LightKind, LoadOptions, Soup};
 use serde_json::json;
 
-use crate::build::{Doc, UNIT, load_bytes, paths};
+use super::build::{Doc, UNIT, load_bytes, paths};
 
 #[test]
 fn transforms_compose_and_mirror() {
@@ -85,6 +85,66 @@ fn loops_and_second_parents_are_refused() {
     assert_eq!(paths(doc.load()), ["nodes[2].children[0]"]);
     doc.json["nodes"][b]["children"] = json!([b + 1]);
     assert_eq!(paths(doc.load()), ["nodes[2].children[0]"]);
+}
+
+/// Each of these made the walk run for ever, or until memory ended.
+#[test]
+fn hierarchies_that_are_no_forest_are_refused_at_once() {
+    let load = |nodes: Vec<serde_json::Value>| {
+        let mut doc = Doc::with_triangles(&UNIT);
+        doc.json["nodes"] = json!(nodes);
+        let error = doc.load().expect_err("no forest");
+        assert_eq!(error.exit_code(), 3);
+        error
+            .problems()
+            .iter()
+            .map(ToString::to_string)
+            .collect::<Vec<_>>()
+    };
+    let leaf = json!({"mesh": 0});
+    assert_eq!(
+        load(vec![json!({"children": [1]}), json!({"children": [1]})]),
+        ["nodes[1].children[0]: found node 1 itself, expected a hierarchy without loops"]
+    );
+    assert_eq!(
+        load(vec![json!({"children": [0, 0]})]),
+        [
+            "nodes[0].children[0]: found node 0 itself, expected a hierarchy without loops",
+            "nodes[0].children[1]: found node 0 itself, expected a hierarchy without loops"
+        ]
+    );
+    // A loop that a second parent leads into: no node of it is without a parent.
+    assert_eq!(
+        load(vec![
+            json!({"children": [1]}),
+            json!({"children": [2]}),
+            json!({"children": [1]})
+        ]),
+        [
+            "nodes[2].children[0]: found node 1, already a child of node 0, expected a node with one parent"
+        ]
+    );
+    // A diamond.
+    assert_eq!(
+        load(vec![
+            json!({"children": [1, 2]}),
+            json!({"children": [3]}),
+            json!({"children": [3]}),
+            leaf.clone()
+        ]),
+        [
+            "nodes[2].children[0]: found node 3, already a child of node 1, expected a node with one parent"
+        ]
+    );
+    // 2^60 paths lead to the last one.
+    let mut doubling: Vec<_> = (1..=60).map(|i| json!({"children": [i, i]})).collect();
+    doubling.push(leaf);
+    let problems = load(doubling);
+    assert_eq!(problems.len(), 60);
+    assert_eq!(
+        problems[0],
+        "nodes[0].children[1]: found node 1 for the second time, expected each child once"
+    );
 }
 
 #[test]

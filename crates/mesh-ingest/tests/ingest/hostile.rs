@@ -3,7 +3,8 @@
 use mesh_ingest::{Error, Limits, LoadOptions, load};
 use serde_json::json;
 
-use crate::build::{Doc, UNIT, load_bytes, paths};
+use super::build::{Doc, UNIT, load_bytes, paths};
+use super::materials::textured;
 
 #[test]
 fn counts_that_nothing_backs_are_refused_unallocated() {
@@ -156,4 +157,101 @@ fn meshopt_lies_are_refused() {
         let error = doc.load().unwrap_err();
         assert_eq!(error.exit_code(), 3, "{error}");
     }
+}
+
+/// Light needs none of these, but writers copy them: they failed after the bake.
+#[test]
+fn what_only_writers_read_is_checked_too() {
+    // Two joints for three vertices.
+    let mut doc = Doc::with_triangles(&UNIT);
+    let view = doc.view(&[0; 8]);
+    let joints = doc.push(
+        "accessors",
+        json!({"bufferView": view, "componentType": 5121, "count": 2, "type": "VEC4"}),
+    );
+    doc.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
+    let attribute = "meshes[0].primitives[0].attributes";
+    assert_eq!(paths(doc.load()), [format!("{attribute}.JOINTS_0")]);
+
+    // A custom attribute of another length.
+    let mut doc = Doc::with_triangles(&UNIT);
+    let floats = doc.floats(&[[0.0; 3]; 4]);
+    doc.json["meshes"][0]["primitives"][0]["attributes"]["_WIND"] = json!(floats);
+    let error = doc.load().expect_err("four of three");
+    assert_eq!(error.exit_code(), 3);
+    assert_eq!(paths(Err(error)), [format!("{attribute}._WIND")]);
+
+    // A morph target that is not there.
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 99}]);
+    let target = "meshes[0].primitives[0].targets[0].POSITION";
+    assert_eq!(paths(doc.load()), [target]);
+
+    // Compressed times of an animation that do not decode.
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.view(&[0; 12]);
+    doc.json["bufferViews"][1]["extensions"]["EXT_meshopt_compression"] = json!({"buffer": 0,
+        "byteOffset": 36, "byteLength": 3, "byteStride": 4, "mode": "ATTRIBUTES", "count": 3});
+    let times = doc.push(
+        "accessors",
+        json!({"bufferView": 1, "componentType": 5126, "count": 3, "type": "SCALAR"}),
+    );
+    doc.json["animations"] =
+        json!([{"channels": [], "samplers": [{"input": times, "output": times}]}]);
+    let error = doc.load().expect_err("it does not decode");
+    assert_eq!(error.exit_code(), 3);
+    assert!(paths(Err(error))[0].starts_with("bufferViews[1]"));
+}
+
+/// Names and types of a document reached the terminal as they were, with whatever a terminal obeys.
+#[test]
+fn messages_hold_nothing_that_a_terminal_obeys_and_end() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["accessors"][0]["type"] =
+        json!("\u{1b}[31mEVIL\u{1b}[0m\n\nerror: fake \u{9b}\u{202e}");
+    let text = doc.load().expect_err("no such type").to_string();
+    assert!(
+        !text.contains(|c: char| c.is_control() || c == '\u{202e}'),
+        "{text:?}"
+    );
+    assert!(text.contains("EVIL"), "{text}");
+
+    doc.json["accessors"][0]["type"] = json!("x".repeat(3_000_000));
+    let text = doc.load().expect_err("no such type").to_string();
+    assert!(text.len() < 2000, "{} bytes", text.len());
+}
+
+/// A decoder makes up for what is missing of a JPEG: 4 GB of grey.
+#[test]
+fn jpegs_that_cannot_hold_their_pixels_are_refused_undecoded() {
+    let picture = image::RgbImage::from_pixel(16, 16, image::Rgb([200, 10, 10]));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture
+        .write_to(&mut bytes, image::ImageFormat::Jpeg)
+        .expect("memory takes all");
+    let mut bytes = bytes.into_inner();
+    let load = |bytes: &[u8]| {
+        let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
+        let mut doc = textured(material, None);
+        let view = doc.view(bytes);
+        doc.push(
+            "images",
+            json!({"bufferView": view, "mimeType": "image/jpeg"}),
+        );
+        doc.push("textures", json!({"source": 0}));
+        doc.load()
+    };
+    load(&bytes).expect("it holds 16 × 16");
+    // Start of frame: marker, length, precision, height, width.
+    let frame = bytes
+        .windows(2)
+        .position(|w| w == [0xff, 0xc0])
+        .expect("a baseline JPEG");
+    bytes[frame + 5..frame + 9].copy_from_slice(&[0x4e, 0x20, 0x4e, 0x20]);
+    let error = load(&bytes).expect_err("a few hundred bytes hold no 20,000²");
+    assert_eq!(error.exit_code(), 3);
+    assert!(
+        error.to_string().contains("20000 × 20000 pixels in"),
+        "{error}"
+    );
 }

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use mesh_ingest::{Error, LightKind, LoadOptions, Loaded, load};
 use serde_json::{Value, json};
 
-use crate::build::{Doc, UNIT, paths};
+use super::build::{Doc, UNIT, paths};
 
 /// A file of the 2002 edition with these angles and the intensities `value(vertical, horizontal)`.
 fn ies(vertical: &[f64], horizontal: &[f64], value: impl Fn(f64, f64) -> f64) -> String {

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use mesh_ingest::{Light, LightKind, Loaded};
 use serde_json::{Value, json};
 
-use crate::build::{Doc, UNIT};
+use super::build::{Doc, UNIT};
 
 /// One light, its extras and those of its node.
 fn with_light(light: Value, node_extras: Value) -> Loaded {

@@ -5,7 +5,7 @@ use image::{ImageFormat, RgbaImage};
 use mesh_ingest::{AlphaMode, Soup};
 use serde_json::{Value, json};
 
-use crate::build::{Doc, QUAD, UNIT};
+use super::build::{Doc, QUAD, UNIT};
 
 /// A unit quad with UVs equal to x and y and one material.
 pub fn textured(material: Value, image: Option<&RgbaImage>) -> Doc {

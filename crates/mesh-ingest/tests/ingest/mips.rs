@@ -7,8 +7,8 @@ use image::{Rgba, RgbaImage};
 use mesh_ingest::{Pyramids, Scene, Soup};
 use serde_json::{Value, json};
 
-use crate::build::Doc;
-use crate::materials::textured;
+use super::build::Doc;
+use super::materials::textured;
 
 /// 16-bit storage of a level's colour and share; three roundings (colour, share, sum) of half a step each.
 const STORED: f32 = 1.5 / 65535.0 + 1e-6;

@@ -3,7 +3,7 @@
 use mesh_ingest::Soup;
 use serde_json::json;
 
-use crate::build::{Doc, UNIT};
+use super::build::{Doc, UNIT};
 
 #[test]
 fn coincident_triangles_keep_one_per_acting_side() {

@@ -1,5 +1,5 @@
 //! Meshes, rays and a brute-force caster shared by the tests.
-#![allow(dead_code, reason = "each test binary uses a part")]
+#![allow(dead_code, reason = "tests use all of it, examples a part")]
 
 use glam::{DVec3, Vec3};
 use visibility::{AcceptAll, BuildOptions, Bvh, Hit, HitFilter, Ray};

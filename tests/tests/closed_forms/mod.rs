@@ -3,9 +3,6 @@
 //! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative; direct light without occlusion has no other error than the
 //! footprint's mean, which bake and test take over different points. Gathered light has what its rays leave, which each test says.
 
-#[path = "../common/mod.rs"]
-mod common;
-
 mod cie;
 mod directions;
 mod emissive_texture;
@@ -38,7 +35,7 @@ const GOLDEN: f64 = 0.005;
 /// Bakes and checks the energy audit.
 #[track_caller]
 fn golden(glb: &[u8], settings: &Settings) -> Bake {
-    let bake = common::bake(glb, settings);
+    let bake = crate::common::bake(glb, settings);
     let audit = &bake.report.solve.audit;
     assert!(
         audit.within_bound,
@@ -52,6 +49,6 @@ fn golden(glb: &[u8], settings: &Settings) -> Bake {
 fn production(texels_per_unit: f32) -> Settings {
     Settings {
         quality: Quality::Production,
-        ..common::at(texels_per_unit)
+        ..crate::common::at(texels_per_unit)
     }
 }

@@ -2,9 +2,6 @@
 //!
 //! Faces that lie in or on one another are in `surfaces.rs`.
 
-#[path = "../common/mod.rs"]
-mod common;
-
 mod broken;
 mod energy;
 mod leaks;
