@@ -153,7 +153,9 @@ impl Document {
             return Ok(attributes);
         };
         for name in map.keys() {
-            let raw = self.accessor(target.uint(name)?)?;
+            let accessor = target.uint(name)?;
+            self.known_accessor(accessor, &target.path_of(name))?;
+            let raw = self.accessor(accessor)?;
             if raw.count != vertex_count {
                 return Err(Fault::invalid(
                     target.path_of(name),

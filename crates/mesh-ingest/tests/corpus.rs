@@ -54,7 +54,8 @@ fn corpus() {
             Ok(Ok(())) => {}
             Ok(Err(Error::Unsupported { .. } | Error::NoTriangles { .. })) => {}
             Ok(Err(error)) => assert!(
-                invalid.contains(&file),
+                // What once broke the loader is told of, in time; not all of it is sound.
+                invalid.contains(&file) || file.starts_with(scenes.join("reproducers")),
                 "{} is valid but: {error}",
                 file.display()
             ),
