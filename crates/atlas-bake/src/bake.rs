@@ -1,28 +1,25 @@
 //! Lumels and vertices of a whole scene, gathered and put into pages.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use glam::Vec3;
-use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Phase, Solution, World};
-use rayon::prelude::*;
+use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Solution, World};
 use serde::Serialize;
 
 use crate::atlas::{Layout, Page};
-use crate::certainty::Certainty;
-use crate::gather::{Edge, GatherOptions, Gatherer, Received};
+use crate::barriers::Barriers;
+use crate::first::gather_first;
+use crate::gather::Gatherer;
 use crate::gltf_out::VertexLight;
-use crate::lumels::{Lumels, TexelIndex};
+use crate::hidden::fill_hidden;
 use crate::manifest::ValueKind;
+use crate::map::LumelMap;
+use crate::options::GatherOptions;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
-use crate::reach::{mean_light, mean_square, reach, relative_errors};
-use crate::recall::{Recall, Tape};
+use crate::reach::{mean_square, reach, relative_errors, settle};
+use crate::received::Edge;
 use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
-use crate::smooth::smooth_indirect;
-use crate::sparse::Sparse;
 use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexReport};
-use crate::walls::{Barriers, fill_hidden};
 
 /// Extra channels of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -96,6 +93,21 @@ pub enum Hidden {
 }
 
 impl BakeOptions {
+    /// Gathers at lumels as these options say.
+    pub(crate) fn gatherer<'w, 'a>(
+        &self,
+        world: &'w World<'a>,
+        emitters: &'w Emitters,
+        solution: &'w Solution,
+    ) -> Gatherer<'w, 'a> {
+        let options = GatherOptions {
+            open_only: self.hidden == Hidden::Fill,
+            ..self.lumels
+        };
+        let direct = DirectLight::new(world, emitters);
+        Gatherer::new(world, solution, direct, options, self.wanted(world))
+    }
+
     /// What lumels are to keep beside their irradiance.
     pub(crate) fn wanted(&self, world: &World) -> Wanted {
         Wanted {
@@ -170,10 +182,7 @@ pub struct Baked {
     pub report: BakeReport,
 }
 
-/// Footprints gathered between two looks at the monitor.
-const BLOCK: usize = 64;
-
-/// Gathers light at all lumels and vertices.
+/// Gathers light at all lumels and vertices: the passes of a bake, in their order.
 ///
 /// Deterministic for any number of threads: every footprint is computed by itself, with random numbers that hang on its place.
 ///
@@ -187,193 +196,78 @@ pub fn bake(
     options: &BakeOptions,
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
-    bake_recalling(world, emitters, solution, layout, options, None, monitor)
-}
-
-/// [`bake`], with records of an earlier bake or for a later one. The result is the same.
-///
-/// # Errors
-/// [`Cancelled`] when the monitor says so.
-pub fn bake_recalling(
-    world: &World,
-    emitters: &Emitters,
-    solution: &Solution,
-    layout: &Layout,
-    options: &BakeOptions,
-    recall: Option<&Recall>,
-    monitor: &dyn Monitor,
-) -> Result<Baked, Cancelled> {
     let mut out = Baked::default();
-    let lumels = Lumels::find(world.scene, world.soup, layout);
-    let mut gatherer = Gatherer::new(
-        world,
-        solution,
-        DirectLight::new(world, emitters).with_records(recall.and_then(Recall::recalled)),
-        GatherOptions {
-            open_only: options.hidden == Hidden::Fill,
-            ..options.lumels
-        },
-        options.wanted(world),
-    );
-    gatherer.recall = recall;
-    let mut sparse = if world.is_dark() {
-        Sparse::none(lumels.lumels.len())
-    } else {
-        Sparse::find(world, &lumels, layout, options.lumels.interpolation, recall)
-    };
-    let mut received = sparse.gather(&gatherer, &lumels, layout, monitor)?;
-    follow_edges(&gatherer, &lumels, layout, &mut received, monitor)?;
+    let gatherer = options.gatherer(world, emitters, solution);
+    let mut map = LumelMap::new(world, layout, options.lumels.interpolation);
+    gather_first(&gatherer, &mut map, monitor)?;
+    follow_edges(&gatherer, &mut map, monitor)?;
     let fill = options.hidden == Hidden::Fill;
-    let mut barriers = Barriers::default();
     if fill {
-        let index = TexelIndex::build(&lumels.lumels, layout);
-        barriers = Barriers::find(world, &lumels, &index, &received);
+        map.barriers = Barriers::find(world, &map.lumels, &map.index, &map.received);
     }
-    let times = add_rays(
-        &gatherer,
-        &lumels,
-        layout,
-        &mut received,
-        &barriers,
-        &sparse,
-        monitor,
-    )?;
+    add_rays(&gatherer, &mut map, monitor)?;
     // What is hidden takes its neighbours' light.
-    let finish = |received: &mut [Received]| {
+    let finish = |map: &mut LumelMap| {
         if fill {
-            fill_hidden(
-                world,
-                &lumels,
-                layout,
-                received,
-                &barriers,
-                options.padding + 1,
-            );
+            fill_hidden(world, map, options.padding + 1);
         }
     };
-    let mut sure = Vec::new();
     if let Some(wanted) = options.error {
-        let reached = reach(
-            &mut gatherer,
-            &lumels,
-            layout,
-            &mut received,
-            &barriers,
-            &sparse,
-            wanted,
-            &times,
-            &finish,
-            monitor,
-        )?;
+        let reached = reach(&gatherer, &mut map, wanted, &finish, monitor)?;
         out.report.rounds = reached.rounds;
         out.report.exhausted_lumels = reached.exhausted;
-        sure = reached.sure;
     }
-    sparse.interpolate(&mut received);
-    let mean = mean_light(&lumels, &received);
-    let certainty = Certainty::measure(&received, |i| !sparse.is(i), options.lumels.rays, mean);
-    let groups = gatherer.wanted.groups;
-    smooth_indirect(
-        &lumels,
-        layout,
-        &mut received,
-        &barriers,
-        &sparse,
-        groups,
-        &certainty,
-        &|i| sure.get(i) == Some(&true),
-    );
-    finish(&mut received);
-    summarise(&lumels, &received, &mut out.report);
+    let wanted = gatherer.wanted;
+    let asked = options.error.is_some();
+    settle(&mut map, options.lumels.rays, wanted.groups, asked);
+    finish(&mut map);
+    summarise(&map, &mut out.report);
     let reached = |x| out.report.estimated_error <= f64::from(x);
     out.report.error_reached = options.error.map(reached);
-    let wanted = gatherer.wanted;
     let pages = Pages {
         world,
         layout,
-        lumels: &lumels,
-        received: &received,
+        lumels: &map.lumels,
+        received: &map.received,
         options,
         wanted,
     };
     (out.pages, out.groups, out.report.seams) = pages.make();
-    out.report.bytes = lumels.bytes()
-        + gatherer.lit.bytes()
-        + (received.len() * wanted.planes() * size_of::<Plane>()) as u64
+    out.report.bytes = map.lumels.bytes()
+        + gatherer.tracer.lit.bytes()
+        + (map.len() * wanted.planes() * size_of::<Plane>()) as u64
         + (out.pages.iter().chain(out.groups.iter().flatten()))
             .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
             .sum::<u64>();
-    let Some(at_vertices) = options.vertices else {
-        return Ok(out);
-    };
-    let light: Vec<LumelLight> = received.iter().map(LumelLight::of).collect();
-    // A mean over what a wall parts is for measuring, not for reading.
-    let places = fill.then(|| LumelPlace::find(&lumels, &received, &barriers));
-    drop(received);
-    let vertices = VertexBake {
-        world,
-        layout,
-        lumels: &lumels,
-        light: &light,
-        places: places.as_deref(),
-        error: options.vertex_error,
-    };
-    let (lit, report) = vertices.run(gatherer, at_vertices, monitor)?;
-    out.vertices = lit;
-    out.report.vertices = Some(report);
+    if let Some(at_vertices) = options.vertices {
+        // A mean over what a wall parts is for measuring, not for reading.
+        let places = fill.then(|| LumelPlace::find(&map));
+        let light: Vec<LumelLight> = map.received.iter().map(LumelLight::of).collect();
+        map.received = Vec::new();
+        let vertices = VertexBake {
+            world,
+            layout,
+            map: &map,
+            light: &light,
+            places: places.as_deref(),
+            error: options.vertex_error,
+        };
+        // Vertices hold one colour.
+        let gatherer = Gatherer {
+            options: at_vertices,
+            wanted: Wanted::default(),
+            ..gatherer
+        };
+        let (lit, report) = vertices.run(&gatherer, monitor)?;
+        out.vertices = lit;
+        out.report.vertices = Some(report);
+    }
     Ok(out)
 }
 
-/// Where a stage's records are.
-pub(crate) struct Recorded<'r> {
-    pub recall: Option<&'r Recall>,
-    pub stage: u8,
-    /// What records call the stage's footprints; ascending.
-    pub item: &'r (dyn Fn(usize) -> u32 + Sync),
-    /// What identifies them.
-    pub guard: &'r (dyn Fn(usize) -> u64 + Sync),
-}
-
-/// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
-pub(crate) fn in_blocks(
-    n: usize,
-    phase: Phase,
-    monitor: &dyn Monitor,
-    recorded: Recorded,
-    gather: impl Fn(usize, &mut Tape) -> Received + Sync,
-) -> Result<Vec<Received>, Cancelled> {
-    let mut received = Vec::new();
-    received.resize_with(n, Received::default);
-    let done = AtomicU64::new(0);
-    received
-        .par_chunks_mut(BLOCK)
-        .enumerate()
-        .for_each(|(b, out)| {
-            if monitor.cancelled() {
-                return;
-            }
-            let mut records = recorded.recall.map(|r| r.block(recorded.stage));
-            for (k, r) in out.iter_mut().enumerate() {
-                let k = b * BLOCK + k;
-                *r = match &mut records {
-                    None => gather(k, &mut Tape::off()),
-                    Some(records) => {
-                        let guard = || (recorded.guard)(k);
-                        records.with((recorded.item)(k), guard, |tape| gather(k, tape))
-                    }
-                };
-            }
-            let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
-            monitor.progress(phase, now, n as u64);
-        });
-    if done.load(Ordering::Relaxed) < n as u64 {
-        return Err(Cancelled);
-    }
-    Ok(received)
-}
-
-fn summarise(lumels: &Lumels, received: &[Received], report: &mut BakeReport) {
-    report.lumels = lumels.lumels.len() as u64;
+fn summarise(map: &LumelMap, report: &mut BakeReport) {
+    let (lumels, received) = (&map.lumels, &map.received);
+    report.lumels = map.len() as u64;
     let (mut sum, mut weight) = ([0f64; 3], 0f64);
     for (l, r) in lumels.lumels.iter().zip(received) {
         report.lumel_rays += r.rays;
@@ -382,7 +276,7 @@ fn summarise(lumels: &Lumels, received: &[Received], report: &mut BakeReport) {
         report.hidden_lumels += (r.open == 0.0) as u64;
         report.partly_hidden_lumels += (r.open > 0.0 && r.open < 1.0) as u64;
         let w = l.coverage as f64;
-        let value = (r.direct + r.indirect) * std::f32::consts::FRAC_1_PI;
+        let value = r.light() * std::f32::consts::FRAC_1_PI;
         for (s, v) in sum.iter_mut().zip(value.to_array()) {
             *s += v as f64 * w;
         }

@@ -14,7 +14,7 @@
 use radiosity::luminance;
 
 use crate::estimate::GROUPS;
-use crate::gather::{Edge, Received};
+use crate::received::{Edge, Received};
 
 /// A lumel is lit above this share of the mean light.
 const LIT: f32 = 1e-3;
@@ -35,7 +35,7 @@ const FASTEST: f64 = 0.125;
 /// Where smoothing lightened a lumel, what its own samples say decides both: a black corner that a fit filled would else count as lit, with an error of many
 /// times its light, which a measurement against the truth leaves out (webxr_garage at `preview`: an eighth of the estimate).
 pub(crate) fn scale(r: &Received, mean: f32) -> Option<f32> {
-    let light = (r.least).unwrap_or_else(|| luminance(r.direct + r.indirect));
+    let light = (r.least).unwrap_or_else(|| luminance(r.light()));
     (light > LIT * mean).then_some(light + FLOOR * mean)
 }
 
@@ -89,7 +89,7 @@ impl Certainty {
             }
             if r.direct_doubt[1] > 0.0 {
                 let sums = &mut direct[kind];
-                sums.claimed += weight * f64::from(r.direct_variance());
+                sums.claimed += weight * f64::from(r.direct_variance);
                 sums.halves += weight * f64::from(r.direct_doubt[0]);
                 sums.quarters += weight * f64::from(r.direct_doubt[1]);
                 sums.count += 1;

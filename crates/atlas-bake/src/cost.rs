@@ -2,15 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use radiosity::{DirectLight, Emitters, Solution, World};
+use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
 
 use crate::atlas::Layout;
-use crate::bake::{BakeOptions, Hidden};
-use crate::gather::{GatherOptions, Gatherer};
-use crate::lumels::Lumels;
+use crate::bake::BakeOptions;
+use crate::map::LumelMap;
 use crate::seams::find_samples;
-use crate::sparse::Sparse;
 
 /// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
 /// the machine. Rounds go on until [`ENOUGH`].
@@ -52,19 +50,12 @@ pub fn gather_cost(
     layout: &Layout,
     options: &BakeOptions,
 ) -> GatherCost {
-    let lumels = Lumels::find(world.scene, world.soup, layout);
-    let sparse = if world.is_dark() {
-        Sparse::none(lumels.lumels.len())
-    } else {
-        Sparse::find(world, &lumels, layout, options.lumels.interpolation, None)
-    };
-    let full: Vec<usize> = (0..lumels.lumels.len())
-        .filter(|&i| !sparse.is(i))
-        .collect();
+    let map = LumelMap::new(world, layout, options.lumels.interpolation);
+    let full: Vec<usize> = (0..map.len()).filter(|&i| !map.plan.is(i)).collect();
     let mut cost = GatherCost {
         gathered: full.len(),
-        interpolated: lumels.lumels.len() - full.len(),
-        seam_samples: find_samples(world, layout, &lumels).len(),
+        interpolated: map.len() - full.len(),
+        seam_samples: find_samples(world, layout, &map.lumels).len(),
         ..GatherCost::default()
     };
     if options.stitch {
@@ -75,20 +66,13 @@ pub fn gather_cost(
     if full.is_empty() {
         return cost;
     }
-    let gatherer = Gatherer::new(
-        world,
-        solution,
-        DirectLight::new(world, emitters),
-        GatherOptions {
-            open_only: options.hidden == Hidden::Fill,
-            ..options.lumels
-        },
-        options.wanted(world),
-    );
+    let gatherer = options.gatherer(world, emitters, solution);
     let gather = |k: usize| -> u64 {
         // Multiples of the golden ratio: every stretch of them lies evenly over the level.
         let at = (k as f64 * 0.618_033_988_749_895).fract() * full.len() as f64;
-        let (footprint, seed) = lumels.footprint(world, full[(at as usize).min(full.len() - 1)]);
+        let (footprint, seed) = map
+            .lumels
+            .footprint(world, full[(at as usize).min(full.len() - 1)]);
         gatherer.gather(&footprint, seed).rays
     };
     let size = ROUND * rayon::current_num_threads();

@@ -62,10 +62,12 @@ impl Point {
         }
     }
 
-    pub(crate) fn add(&mut self, radiance: Vec3) {
+    /// Takes what a ray found, and gives its luminance.
+    pub(crate) fn add(&mut self, radiance: Vec3) -> f32 {
         self.sum += radiance;
         let l = luminance(radiance);
         self.square += l * l;
+        l
     }
 
     pub(crate) fn inside(&self) -> bool {

@@ -1,8 +1,10 @@
 //! Lightmap charts, lumels, final gather, seams; EXR and glTF output.
 
-mod again;
 mod atlas;
 mod bake;
+mod barriers;
+mod between;
+mod blocks;
 mod certainty;
 mod compare;
 mod cost;
@@ -13,44 +15,52 @@ mod error;
 mod estimate;
 mod exr_io;
 mod false_color;
+mod first;
 mod footprint;
 mod gather;
 mod gltf_out;
+mod hidden;
 mod ktx2;
 mod layout;
 mod lit;
 mod lumels;
 mod manifest;
+mod map;
+mod options;
 mod output;
 mod pack;
 mod pages;
+mod parts;
+mod plan;
 mod planes;
 mod points;
 mod preview;
 pub mod probes;
+mod quadratic;
 mod reach;
-mod recall;
+mod received;
 mod refine;
+mod sample;
 mod seams;
 mod smooth;
-mod sparse;
 mod texture;
+mod tracer;
 mod unlike;
 pub mod unwrap;
 mod uv_check;
 mod uv_picture;
 mod vertex_footprint;
 mod vertex_light;
-mod walls;
+mod window;
 
 pub use atlas::*;
-pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake, bake_recalling};
+pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
 pub use footprint::{Footprint, LumelFootprint};
-pub use gather::{Edge, GatherOptions, Gatherer, Interpolation, Received};
+pub use gather::Gatherer;
 pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight,
     VertexStats, write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,
@@ -63,6 +73,7 @@ pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
+pub use options::{GatherOptions, Interpolation};
 pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};
@@ -70,7 +81,7 @@ pub use preview::{
     Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,
     scene_camera,
 };
-pub use recall::{Recall, RecallReport};
+pub use received::{Edge, Received};
 pub use seams::{SeamError, SeamReport};
 pub use unlike::separate_unlike;
 pub use uv_check::{

@@ -9,10 +9,10 @@ use crate::atlas::{Layout, Page, Rect, UvOrigin};
 use crate::bake::{BakeOptions, Directional, Layer};
 use crate::dilate::dilate;
 use crate::footprint::LumelFootprint;
-use crate::gather::Received;
 use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
 use crate::planes::{Plane, Wanted};
+use crate::received::Received;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
 
 /// What pages are made of.
@@ -152,7 +152,7 @@ impl Pages<'_, '_, '_> {
                     ValueKind::Radiosity => luminance(self.reflectance(l)),
                     ValueKind::Radiance | ValueKind::Irradiance => 1.0,
                 };
-                out.push(r.error * tint * scale);
+                out.push(r.error() * tint * scale);
             }
             Layer::Coverage => out.push(l.coverage),
             Layer::Ao => {

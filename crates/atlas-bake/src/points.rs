@@ -1,41 +1,13 @@
 //! Points of a footprint.
 
-use std::cell::OnceCell;
-
 use glam::Vec3;
 use radiosity::SurfacePoint;
 
 use crate::footprint::Footprint;
-use crate::recall::{Tape, Topic};
-
-/// Points of a footprint, found when they are first asked for: with records they may never be.
-pub(crate) struct Points<'f, F> {
-    footprint: &'f F,
-    /// How many they are.
-    pub count: usize,
-    all: OnceCell<Vec<SurfacePoint>>,
-}
-
-impl<'f, F: Footprint> Points<'f, F> {
-    pub(crate) fn new(footprint: &'f F, count: usize) -> Self {
-        Points {
-            footprint,
-            count,
-            all: OnceCell::new(),
-        }
-    }
-
-    #[inline]
-    pub(crate) fn get(&self) -> &[SurfacePoint] {
-        (self.all).get_or_init(|| spread(self.footprint, self.count))
-    }
-}
 
 /// Where a footprint is, or a part of it.
 #[derive(Clone, Copy)]
 pub(crate) struct Place {
-    /// Its first point.
-    pub first: SurfacePoint,
     /// Mean position of its points.
     pub position: Vec3,
     /// Mean shading normal, unit.
@@ -45,62 +17,17 @@ pub(crate) struct Place {
 impl Place {
     /// Of some points, at least one.
     pub(crate) fn of(points: &[SurfacePoint]) -> Place {
-        let (first, n) = (points[0], points.len() as f32);
+        let n = points.len() as f32;
         Place {
-            first,
             position: points.iter().map(|p| p.position).sum::<Vec3>() / n,
-            normal: (points.iter().map(|p| p.normal).sum::<Vec3>()).normalize_or(first.normal),
+            normal: (points.iter().map(|p| p.normal).sum::<Vec3>()).normalize_or(points[0].normal),
         }
-    }
-
-    /// Of `points`, or from records.
-    pub(crate) fn find<'p>(
-        tape: &mut Tape,
-        key: u64,
-        points: impl FnOnce() -> &'p Vec<SurfacePoint>,
-    ) -> Place {
-        let known = tape.find(Topic::Place, key).and_then(|bytes| {
-            let mut numbers = bytes
-                .as_chunks::<4>()
-                .0
-                .iter()
-                .map(|b| f32::from_le_bytes(*b));
-            let mut next = || Some(Vec3::new(numbers.next()?, numbers.next()?, numbers.next()?));
-            Some(Place {
-                first: SurfacePoint {
-                    position: next()?,
-                    origin: next()?,
-                    normal: next()?,
-                    geometric: next()?,
-                },
-                position: next()?,
-                normal: next()?,
-            })
-        });
-        if let Some(known) = known {
-            return known;
-        }
-        let place = Place::of(points());
-        let first = place.first;
-        if tape.writes() {
-            let all = [
-                first.position,
-                first.origin,
-                first.normal,
-                first.geometric,
-                place.position,
-                place.normal,
-            ];
-            let numbers = all.map(|v| v.to_array());
-            let bytes = numbers.as_flattened().iter().flat_map(|x| x.to_le_bytes());
-            tape.put(Topic::Place, key, &bytes.collect::<Vec<u8>>());
-        }
-        place
     }
 }
 
-/// The first points of the stream that lie on the surface, repeated where it has fewer.
-fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
+/// The first `count` points of the footprint's stream that lie on the surface, repeated where it has
+/// fewer.
+pub(crate) fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
     let mut points = Vec::with_capacity(count);
     for i in 0..8 * count as u32 {
         if points.len() == count || (points.is_empty() && i == 4 * count.min(16) as u32) {
@@ -118,8 +45,69 @@ fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
     points
 }
 
+/// Points of a footprint that count for direct light: those that are open, and, when more are asked
+/// for, further ones of the stream near these.
+pub(crate) struct OpenPoints<'p, F> {
+    footprint: &'p F,
+    points: &'p [SurfacePoint],
+    open: &'p [bool],
+    valid: Vec<SurfacePoint>,
+    further: Vec<SurfacePoint>,
+    /// Candidates of the stream looked at for `further`.
+    stream: u32,
+}
+
+impl<'p, F: Footprint> OpenPoints<'p, F> {
+    /// At least one of `open` is true.
+    pub(crate) fn new(footprint: &'p F, points: &'p [SurfacePoint], open: &'p [bool]) -> Self {
+        let valid = points.iter().zip(open).filter(|(_, open)| **open);
+        OpenPoints {
+            footprint,
+            points,
+            open,
+            valid: valid.map(|(p, _)| *p).collect(),
+            further: Vec::new(),
+            stream: 0,
+        }
+    }
+
+    /// Of the footprint, metres.
+    pub(crate) fn size(&self) -> f32 {
+        self.footprint.size()
+    }
+
+    /// Of the open points.
+    pub(crate) fn place(&self) -> Place {
+        Place::of(&self.valid)
+    }
+
+    /// Point number `i`.
+    pub(crate) fn get(&mut self, i: u32) -> SurfacePoint {
+        let (i, count) = (i as usize, self.valid.len());
+        if i < count {
+            return self.valid[i];
+        }
+        while self.further.len() <= i - count {
+            let found = self.find_further();
+            self.further
+                .push(found.unwrap_or(self.valid[self.further.len() % count]));
+        }
+        self.further[i - count]
+    }
+
+    /// The next of the stream that lies near an open point, of eight.
+    fn find_further(&mut self) -> Option<SurfacePoint> {
+        let all_open = self.valid.len() == self.points.len();
+        (0..8).find_map(|_| {
+            let c = (self.footprint).candidate(self.stream + self.points.len() as u32);
+            self.stream += 1;
+            c.filter(|c| all_open || nearest_is_open(self.points, self.open, c.position))
+        })
+    }
+}
+
 /// Whether the nearest of some points is open.
-pub(crate) fn nearest_is_open(points: &[SurfacePoint], open: &[bool], p: Vec3) -> bool {
+fn nearest_is_open(points: &[SurfacePoint], open: &[bool], p: Vec3) -> bool {
     let mut best = (f32::INFINITY, true);
     for (q, open) in points.iter().zip(open) {
         let d = q.position.distance_squared(p);

@@ -6,17 +6,18 @@
 
 use std::collections::BTreeMap;
 
-use radiosity::{Cancelled, Monitor, Phase, luminance};
+use radiosity::{Cancelled, DirectOptions, Monitor, Phase, luminance};
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
-use crate::bake::{Recorded, in_blocks};
+use crate::between::interpolate;
+use crate::blocks::in_blocks;
 use crate::certainty::{Certainty, scale};
-use crate::gather::{Edge, Gatherer, Received};
+use crate::gather::Gatherer;
 use crate::lumels::Lumels;
-use crate::smooth::smooth_indirect;
-use crate::sparse::Sparse;
-use crate::walls::Barriers;
+use crate::map::LumelMap;
+use crate::options::GatherOptions;
+use crate::received::{Edge, Received};
+use crate::smooth::{Trust, smooth_indirect};
 
 /// Samples are multiplied by this in a round.
 const TIMES: u32 = 4;
@@ -38,19 +39,10 @@ pub(crate) struct Reached {
     pub rounds: u32,
     /// Lumels that have as many samples as they can, and more error than is asked for.
     pub exhausted: u64,
-    /// By lumel: it has so many rays that what it says of itself can be trusted.
-    pub sure: Vec<bool>,
 }
 
 /// Rays that a lumel can be judged by alone: what a sixteenth of them do not see is a thousandth of the light.
 const SURE: u32 = 512;
-
-/// The samples that lumels have, as multiples of what they had first.
-struct Level {
-    rays: Vec<u32>,
-    /// Of contacts and penumbrae.
-    points: Vec<u32>,
-}
 
 /// What a lumel is to get more of.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -60,38 +52,24 @@ enum More {
     Penumbra,
 }
 
-/// Gathers on at lumels until the root mean square of their relative errors is at most `wanted`, or nothing more can be done.
+/// Gathers on at lumels until the root mean square of their relative errors is at most `wanted`, or nothing more can be done. `finish` gives light, and
+/// errors, to lumels that have none of their own, once the map is smoothed.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
-#[allow(
-    clippy::too_many_arguments,
-    reason = "what a bake holds while it gathers"
-)]
 pub(crate) fn reach(
-    gatherer: &mut Gatherer,
-    lumels: &Lumels,
-    layout: &Layout,
-    received: &mut [Received],
-    barriers: &Barriers,
-    sparse: &Sparse,
+    gatherer: &Gatherer,
+    map: &mut LumelMap,
     wanted: f32,
-    first_times: &[u32],
     finish: &Finish,
     monitor: &dyn Monitor,
 ) -> Result<Reached, Cancelled> {
     let first = gatherer.options;
-    let mut level = Level {
-        rays: first_times.to_vec(),
-        points: vec![1; received.len()],
-    };
+    // Of contacts and penumbrae.
+    let mut points = vec![1; map.len()];
     let mut out = Reached::default();
-    let mut result = Ok(());
     for round in 0..ROUNDS {
-        let sure = |i: usize| first.rays * level.rays[i] >= SURE;
-        let (errors, finished) = estimate(
-            lumels, layout, received, barriers, sparse, first.rays, &sure, finish,
-        );
+        let (errors, finished) = estimate(map, first.rays, finish);
         let allowed = f64::from(wanted).powi(2);
         if finished <= allowed {
             break;
@@ -99,22 +77,15 @@ pub(crate) fn reach(
         // Lumels that were gathered must come down by as much as the whole map.
         let total: f64 = errors.iter().map(Relative::sum).sum();
         let excess = total * (1.0 - allowed / finished);
-        let (chosen, exhausted) = choose(&errors, received, sparse, &level, &first, excess);
+        let (chosen, exhausted) = choose(&errors, map, &points, &first, excess);
         out.exhausted = exhausted;
         if chosen.is_empty() {
             break;
         }
         out.rounds = round + 1;
-        result = look(gatherer, lumels, received, &mut level, &chosen, monitor);
-        if result.is_err() {
-            break;
-        }
+        look(gatherer, map, &mut points, &chosen, monitor)?;
     }
-    gatherer.options = first;
-    out.sure = (level.rays.iter())
-        .map(|times| first.rays * times >= SURE)
-        .collect();
-    result.map(|()| out)
+    Ok(out)
 }
 
 /// Squared relative errors of a lumel.
@@ -130,43 +101,46 @@ impl Relative {
     }
 }
 
-/// What a map is given after smoothing: light, and errors, for lumels that have none of their own.
-type Finish<'f> = dyn Fn(&mut [Received]) + 'f;
+/// What a map is given after smoothing.
+type Finish<'f> = dyn Fn(&mut LumelMap) + 'f;
 
 /// The errors of lumels' own samples if the map were finished now, and the mean square of all its errors, as the report will have it.
-#[allow(clippy::too_many_arguments, reason = "as above")]
-fn estimate(
-    lumels: &Lumels,
-    layout: &Layout,
-    received: &[Received],
-    barriers: &Barriers,
-    sparse: &Sparse,
-    rays: u32,
-    sure: &(dyn Fn(usize) -> bool + Sync),
-    finish: &Finish,
-) -> (Vec<Relative>, f64) {
-    let mut trial = received.to_vec();
-    sparse.interpolate(&mut trial);
-    let mean = mean_light(lumels, &trial);
-    let certainty = Certainty::measure(&trial, |i| !sparse.is(i), rays, mean);
-    smooth_indirect(
-        lumels, layout, &mut trial, barriers, sparse, 0, &certainty, sure,
-    );
-    let errors = (trial.par_iter().with_min_len(1024))
+fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f64) {
+    let gathered = map.received.clone();
+    let mean = settle(map, rays, 0, true);
+    let errors = (map.received.par_iter().with_min_len(1024))
         .map(|r| {
             let Some(scale) = scale(r, mean) else {
                 return Relative::default();
             };
             let square = f64::from(scale).powi(2);
-            let direct = f64::from(r.error * r.error - r.indirect_variance).max(0.0);
             Relative {
-                direct: direct / square,
+                direct: f64::from(r.direct_variance) / square,
                 indirect: f64::from(r.indirect_variance) / square,
             }
         })
         .collect();
-    finish(&mut trial);
-    (errors, mean_square(&relative_errors(lumels, &trial)))
+    finish(map);
+    let finished = mean_square(&relative_errors(&map.lumels, &map.received));
+    map.received = gathered;
+    (errors, finished)
+}
+
+/// Interpolates and smooths lumels that have `rays` gathering rays at least. The first `groups` planes are shares of the light. Where an error is `asked`
+/// for, lumels with many rays are trusted. Gives the mean light before smoothing.
+pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) -> f32 {
+    interpolate(map);
+    let mean = mean_light(&map.lumels, &map.received);
+    let certainty = Certainty::measure(&map.received, |i| !map.plan.is(i), rays, mean);
+    let times = std::mem::take(&mut map.times);
+    let trust = Trust {
+        certainty: &certainty,
+        sure: &|i| asked && rays * times[i] >= SURE,
+        groups,
+    };
+    smooth_indirect(map, trust);
+    map.times = times;
+    mean
 }
 
 /// Standard errors of lit lumels over their light. Those of which nothing can be seen hold light of others, and are left out.
@@ -174,7 +148,7 @@ pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64
     let mean = mean_light(lumels, received);
     (received.iter())
         .filter(|r| r.open > 0.0)
-        .filter_map(|r| Some(f64::from(r.error / scale(r, mean)?)))
+        .filter_map(|r| Some(f64::from(r.error() / scale(r, mean)?)))
         .collect()
 }
 
@@ -189,7 +163,7 @@ pub(crate) fn mean_light(lumels: &Lumels, received: &[Received]) -> f32 {
     let (mut sum, mut weight) = (0.0, 0.0);
     for (l, r) in lumels.lumels.iter().zip(received) {
         let covered = f64::from(l.coverage);
-        sum += covered * f64::from(luminance(r.direct + r.indirect));
+        sum += covered * f64::from(luminance(r.light()));
         weight += covered;
     }
     (sum / f64::max(weight, 1e-300)) as f32
@@ -198,10 +172,9 @@ pub(crate) fn mean_light(lumels: &Lumels, received: &[Received]) -> f32 {
 /// The lumels with the largest errors, as few as bring the sum down by `excess`, with what each lacks; and how many of the largest have no more to get.
 fn choose(
     errors: &[Relative],
-    received: &[Received],
-    sparse: &Sparse,
-    level: &Level,
-    first: &crate::GatherOptions,
+    map: &LumelMap,
+    points: &[u32],
+    first: &GatherOptions,
     excess: f64,
 ) -> (BTreeMap<(More, u32), Vec<usize>>, u64) {
     let mut order: Vec<usize> = (0..errors.len())
@@ -219,12 +192,12 @@ fn choose(
         if saved >= excess {
             break;
         }
-        let (r, e) = (&received[i], &errors[i]);
+        let (r, e) = (&map.received[i], &errors[i]);
         let before = saved;
         if r.edge == Edge::Contact {
-            if first.edge_points * level.points[i] * TIMES * 2 <= MOST {
+            if first.edge_points * points[i] * TIMES * 2 <= MOST {
                 chosen
-                    .entry((More::Contact, level.points[i]))
+                    .entry((More::Contact, points[i]))
                     .or_default()
                     .push(i);
                 saved += (1.0 - LEFT) * e.sum();
@@ -233,21 +206,21 @@ fn choose(
             // What has a tenth of the error is not worth while.
             if e.direct >= 0.1 * e.indirect
                 && r.mixed != 0
-                && first.direct.penumbra * level.points[i] * TIMES <= MOST
+                && first.direct.penumbra * points[i] * TIMES <= MOST
             {
                 chosen
-                    .entry((More::Penumbra, level.points[i]))
+                    .entry((More::Penumbra, points[i]))
                     .or_default()
                     .push(i);
                 saved += (1.0 - LEFT) * e.direct;
             }
             if e.indirect >= 0.1 * e.direct {
-                let between = sparse.of(i);
-                let own = (!sparse.is(i)).then_some(i);
+                let between = map.plan.of(i);
+                let own = (!map.plan.is(i)).then_some(i);
                 let mut more = false;
                 for j in own.into_iter().chain(between) {
-                    if received[j].edge == Edge::Contact
-                        || first.rays * level.rays[j] * TIMES > MOST
+                    if map.received[j].edge == Edge::Contact
+                        || first.rays * map.times[j] * TIMES > MOST
                     {
                         continue;
                     }
@@ -255,7 +228,7 @@ fn choose(
                     if !taken[j] {
                         taken[j] = true;
                         chosen
-                            .entry((More::Rays, level.rays[j]))
+                            .entry((More::Rays, map.times[j]))
                             .or_default()
                             .push(j);
                     }
@@ -272,10 +245,9 @@ fn choose(
 
 /// Gathers on at the chosen lumels.
 fn look(
-    gatherer: &mut Gatherer,
-    lumels: &Lumels,
-    received: &mut [Received],
-    level: &mut Level,
+    gatherer: &Gatherer,
+    map: &mut LumelMap,
+    points: &mut [u32],
     chosen: &BTreeMap<(More, u32), Vec<usize>>,
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
@@ -283,24 +255,23 @@ fn look(
     // Penumbrae last: more rays leave direct light as it is.
     for (&(more, from), of) in chosen {
         let to = from * TIMES;
-        gatherer.options.edge_points = first.edge_points * to;
-        gatherer.options.direct.penumbra = first.direct.penumbra * to;
-        // Which lumels come here hangs on the light: no records.
-        let recorded = Recorded {
-            recall: None,
-            stage: 0,
-            item: &|k| of[k] as u32,
-            guard: &|_| 0,
-        };
-        let again = in_blocks(of.len(), Phase::Refine, monitor, recorded, |k, tape| {
+        let closer = gatherer.with(GatherOptions {
+            edge_points: first.edge_points * to,
+            direct: DirectOptions {
+                penumbra: first.direct.penumbra * to,
+                ..first.direct
+            },
+            ..first
+        });
+        let again = in_blocks(of.len(), Phase::Refine, monitor, |k| {
             let i = of[k];
-            let (footprint, seed) = lumels.footprint(gatherer.world, i);
-            let old = &received[i];
+            let (footprint, seed) = map.lumels.footprint(gatherer.world(), i);
+            let old = &map.received[i];
             match more {
-                More::Rays => gatherer.gather_more(&footprint, seed, old, from, to, tape),
-                More::Penumbra => gatherer.refine_direct(&footprint, seed, old, old.mixed, tape),
+                More::Rays => closer.gather_more(&footprint, seed, old, (from, to)),
+                More::Penumbra => closer.refine_direct(&footprint, seed, old, old.mixed),
                 More::Contact => {
-                    let again = gatherer.gather_edge(&footprint, seed, tape);
+                    let again = closer.gather_edge(&footprint, seed);
                     Received {
                         open: old.open.min(again.open),
                         rays: old.rays + again.rays,
@@ -308,16 +279,13 @@ fn look(
                     }
                 }
             }
-        });
-        gatherer.options = first;
-        for (&i, r) in of.iter().zip(again?) {
-            received[i] = r;
-            let levels = if more == More::Rays {
-                &mut level.rays
-            } else {
-                &mut level.points
-            };
-            levels[i] = to;
+        })?;
+        for (&i, r) in of.iter().zip(again) {
+            map.received[i] = r;
+            match more {
+                More::Rays => map.times[i] = to,
+                _ => points[i] = to,
+            }
         }
     }
     Ok(())

@@ -6,14 +6,11 @@
 use radiosity::{Cancelled, Monitor, Phase, luminance};
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
-use crate::bake::{Recorded, in_blocks};
-use crate::gather::{Edge, Gatherer, Received};
-use crate::lumels::{Lumels, TexelIndex};
-use crate::recall::Stage;
-use crate::smooth::Window;
-use crate::sparse::Sparse;
-use crate::walls::Barriers;
+use crate::blocks::in_blocks;
+use crate::gather::Gatherer;
+use crate::map::LumelMap;
+use crate::received::{Edge, Received};
+use crate::window::Window;
 
 /// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
 /// of their first points stands for.
@@ -22,21 +19,18 @@ use crate::walls::Barriers;
 /// [`Cancelled`] when the monitor says so.
 pub(crate) fn follow_edges(
     gatherer: &Gatherer,
-    lumels: &Lumels,
-    layout: &Layout,
-    received: &mut [Received],
+    map: &mut LumelMap,
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
-    let index = TexelIndex::build(&lumels.lumels, layout);
     // Where edges get no more points than others, a second look would see no more.
     let options = &gatherer.options;
     let contacts = options.contacts && options.edge_points > options.points;
-    for round in 0..options.follow.min(ROUNDS) {
-        let beside: Vec<(usize, Look)> = (0..received.len())
+    for round in 0..options.follow {
+        let beside: Vec<(usize, Look)> = (0..map.len())
             .into_par_iter()
             .with_min_len(1024)
             .filter_map(|i| {
-                let look = look_again(lumels, &index, received, i);
+                let look = look_again(map, i);
                 let contact = look.contact && contacts && round == 0;
                 (contact || look.lights != 0).then_some((i, Look { contact, ..look }))
             })
@@ -44,21 +38,14 @@ pub(crate) fn follow_edges(
         if beside.is_empty() {
             break;
         }
-        let stage = Stage::Follow.round(round);
-        let recorded = Recorded {
-            recall: gatherer.recall,
-            stage,
-            item: &|k| beside[k].0 as u32,
-            guard: &|_| 0,
-        };
-        let refined = in_blocks(beside.len(), Phase::Refine, monitor, recorded, |k, tape| {
+        let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
             let (i, look) = beside[k];
-            let (footprint, seed) = lumels.footprint(gatherer.world, i);
-            let first = &received[i];
+            let (footprint, seed) = map.lumels.footprint(gatherer.world(), i);
+            let first = &map.received[i];
             if !look.contact {
-                return gatherer.refine_direct(&footprint, seed, first, look.lights, tape);
+                return gatherer.refine_direct(&footprint, seed, first, look.lights);
             }
-            let again = gatherer.gather_edge(&footprint, seed, tape);
+            let again = gatherer.gather_edge(&footprint, seed);
             Received {
                 // What the smoothing goes by, which the many points know better.
                 open: first.open.min(again.open),
@@ -67,14 +54,11 @@ pub(crate) fn follow_edges(
             }
         })?;
         for ((i, _), again) in beside.into_iter().zip(refined) {
-            received[i] = again;
+            map.received[i] = again;
         }
     }
     Ok(())
 }
-
-/// Most lumels that an edge is followed for, [`GatherOptions::follow`](crate::GatherOptions::follow): records have a stage for each.
-const ROUNDS: u32 = 3;
 
 /// Why a lumel is to be looked at again.
 #[derive(Clone, Copy, Default)]
@@ -85,55 +69,47 @@ struct Look {
     lights: u32,
 }
 
-fn look_again(lumels: &Lumels, index: &TexelIndex, received: &[Received], i: usize) -> Look {
-    let (l, own) = (&lumels.lumels[i], &received[i]);
+fn look_again(map: &LumelMap, i: usize) -> Look {
+    let own = &map.received[i];
     // Buried lumels were searched through, and those at contacts looked at closely.
     if own.edge == Edge::Contact || own.open == 0.0 {
         return Look::default();
     }
-    let [x, y] = l.texel.map(i64::from);
     let mut look = Look::default();
-    for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
-        let Some(j) = index.at(l.page, x + dx, y + dy) else {
+    for way in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])) {
+        let Some(j) = map.beside(i, way) else {
             continue;
         };
-        let other = &received[j];
-        if lumels.lumels[j].instance == l.instance {
-            look.contact |= other.edge == Edge::Contact;
-            // One light's shadow may end in a lumel that another's was found in.
-            look.lights |= other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit);
-        }
+        let other = &map.received[j];
+        look.contact |= other.edge == Edge::Contact;
+        // One light's shadow may end in a lumel that another's was found in.
+        look.lights |= other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit);
     }
     look.lights &= !(own.mixed | own.looked);
     look
 }
 
-/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error), and says how many times
-/// as many rays as at first each lumel has.
+/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
 pub(crate) fn add_rays(
     gatherer: &Gatherer,
-    lumels: &Lumels,
-    layout: &Layout,
-    received: &mut [Received],
-    barriers: &Barriers,
-    sparse: &Sparse,
+    map: &mut LumelMap,
     monitor: &dyn Monitor,
-) -> Result<Vec<u32>, Cancelled> {
-    let mut all = vec![1; received.len()];
+) -> Result<(), Cancelled> {
     let options = &gatherer.options;
     let most = (options.most_rays / options.rays.max(1)).max(1);
-    if gatherer.world.is_dark() || (most == 1 && sparse.most_bearing() == 1) {
-        return Ok(all);
+    if gatherer.world().is_dark() || (most == 1 && map.plan.most_bearing() == 1) {
+        return Ok(());
     }
-    let window = Window::new(lumels, layout, received, barriers, sparse);
-    let short: Vec<(usize, u32)> = (0..received.len())
+    let window = Window::new(map);
+    let received = &map.received;
+    let short: Vec<(usize, u32)> = (0..map.len())
         .into_par_iter()
         .with_min_len(256)
         .filter_map(|i| {
-            if received[i].edge == Edge::Contact || received[i].open < 1.0 || sparse.is(i) {
+            if received[i].edge == Edge::Contact || received[i].open < 1.0 || map.plan.is(i) {
                 return None; // has many already, or none that matter
             }
             let (around, n) = window.around(i);
@@ -141,12 +117,12 @@ pub(crate) fn add_rays(
             for &(j, ..) in around[..n].iter().filter(|a| a.0 != i) {
                 let r = &received[j];
                 variance += r.indirect_variance;
-                total += luminance(r.direct + r.indirect);
+                total += luminance(r.light());
                 others += 1.0;
             }
             if others == 0.0 {
                 variance = received[i].indirect_variance;
-                total = luminance(received[i].direct + received[i].indirect);
+                total = luminance(received[i].light());
                 others = 1.0;
             }
             let wanted = options.error * total / others;
@@ -154,24 +130,18 @@ pub(crate) fn add_rays(
             // Powers of two keep the points of the sequence well distributed.
             let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
             let times = if times > most { times / 2 } else { times };
-            let times = times.max(sparse.bearing(i));
+            let times = times.max(map.plan.bearing(i));
             (times > 1).then_some((i, times))
         })
         .collect();
-    let recorded = Recorded {
-        recall: gatherer.recall,
-        stage: Stage::More.round(0),
-        item: &|k| short[k].0 as u32,
-        guard: &|_| 0,
-    };
-    let more = in_blocks(short.len(), Phase::Refine, monitor, recorded, |k, tape| {
+    let more = in_blocks(short.len(), Phase::Refine, monitor, |k| {
         let (i, times) = short[k];
-        let (footprint, seed) = lumels.footprint(gatherer.world, i);
-        gatherer.gather_more(&footprint, seed, &received[i], 1, times, tape)
+        let (footprint, seed) = map.lumels.footprint(gatherer.world(), i);
+        gatherer.gather_more(&footprint, seed, &map.received[i], (1, times))
     })?;
     for ((i, times), again) in short.into_iter().zip(more) {
-        received[i] = again;
-        all[i] = times;
+        map.received[i] = again;
+        map.times[i] = times;
     }
-    Ok(all)
+    Ok(())
 }

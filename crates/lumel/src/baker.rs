@@ -197,7 +197,7 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// Keeps records of rays there, and takes those of an earlier bake: what did not change is not cast again.
+    /// Keeps charts of large meshes there, and takes those of an earlier bake.
     #[must_use]
     pub fn cache(mut self, cache: Cache) -> Self {
         self.cache = Some(cache);

@@ -13,11 +13,10 @@ use atlas_bake::{
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{
-    DirectLight, Emitters, LightGroups, Monitor, Phase, Recalled, Sky, Solution, World,
-    WorldOptions,
+    DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, World, WorldOptions,
 };
 
-use crate::cache::{self, Cache, Surfaces};
+use crate::cache::{Cache, Charts};
 use crate::check::check;
 use crate::error::Error;
 use crate::overwrite;
@@ -161,7 +160,7 @@ pub fn bake_from(
 /// What a bake may do beside baking; the result is the same.
 #[derive(Clone, Copy, Default)]
 pub struct Beside<'a> {
-    /// Where an earlier bake left records of its rays, or this one leaves them for a later one.
+    /// Where charts of large meshes are kept.
     pub cache: Option<&'a Cache>,
     /// Who wants to see the level as soon as its light is solved, before lumels are gathered.
     pub first_picture: Option<FirstPicture<'a>>,
@@ -237,7 +236,8 @@ pub(crate) fn bake_scene(
 
     begin(monitor, Phase::Atlas)?;
     let options = bake_options(settings);
-    let charts = cache.map(cache::Charts::new);
+    let charts = cache.map(Charts::new);
+    let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
     let level = Level {
         file,
         loaded: &loaded,
@@ -245,27 +245,14 @@ pub(crate) fn bake_scene(
         settings,
         first_picture: beside.first_picture.as_ref(),
     };
-    // A cache names what it holds by the charts too. One thread would change to and fro.
-    let in_turn = beside.in_turn || cache.is_some() || rayon::current_num_threads() == 1;
-    let ((layout, layout_report), lit, recall) = if in_turn {
-        let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
+    // One thread would change to and fro.
+    let in_turn = beside.in_turn || rayon::current_num_threads() == 1;
+    let ((layout, layout_report), lit) = if in_turn {
         let planned = level.charts(kept, monitor)?;
         clock.lap(Phase::Atlas);
-        let recall = cache.map(|cache| {
-            let surfaces = Surfaces {
-                scene: &loaded.scene,
-                layout: &planned.0,
-                sky: &sky,
-                groups: groups.as_ref(),
-            };
-            cache::open(cache, &surfaces, settings, &options)
-        });
-        let recalled = recall.as_ref().and_then(|r| r.recalled());
-        let lit = level.light(sky, groups, recalled, monitor, &mut clock)?;
-        (planned, lit, recall)
+        (planned, level.light(sky, groups, monitor, &mut clock)?)
     } else {
-        let (planned, lit) = level.charts_and_light(sky, groups, monitor, &mut clock)?;
-        (planned, lit, None)
+        level.charts_and_light(kept, sky, groups, monitor, &mut clock)?
     };
     let Lit {
         world,
@@ -274,19 +261,9 @@ pub(crate) fn bake_scene(
     } = lit;
 
     begin(monitor, Phase::Gather)?;
-    let baked = atlas_bake::bake_recalling(
-        &world,
-        &emitters,
-        &solution,
-        &layout,
-        &options,
-        recall.as_ref(),
-        monitor,
-    )
-    .map_err(|_| Error::Cancelled)?;
-    let cached = cache
-        .zip(recall)
-        .map(|(cache, recall)| cache::close(cache, recall, charts.as_ref()));
+    let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
+        .map_err(|_| Error::Cancelled)?;
+    let cached = charts.map(Charts::close);
     clock.lap(Phase::Gather);
 
     let (probes, probe_report) = match &plan {
@@ -387,7 +364,6 @@ impl<'l> Level<'l> {
         &self,
         sky: Sky,
         groups: Option<LightGroups>,
-        recalled: Option<Recalled<'_>>,
         monitor: &dyn Monitor,
         clock: &mut Clock,
     ) -> Result<Lit<'l>, Error> {
@@ -404,7 +380,7 @@ impl<'l> Level<'l> {
 
         begin(monitor, Phase::Solve)?;
         let options = self.settings.solve_options();
-        let solution = radiosity::solve_recalled(&world, &emitters, &options, recalled, monitor);
+        let solution = radiosity::solve(&world, &emitters, &options, monitor);
         if solution.report.cancelled {
             return Err(Error::Cancelled);
         }
@@ -425,6 +401,7 @@ impl<'l> Level<'l> {
     /// came first.
     fn charts_and_light(
         &self,
+        kept: Option<&dyn KeptCharts>,
         sky: Sky,
         groups: Option<LightGroups>,
         monitor: &dyn Monitor,
@@ -443,7 +420,7 @@ impl<'l> Level<'l> {
         let mut own = clock.clone();
         let (charts, lit) = rayon::join(
             || {
-                let charts = self.charts(None, &side(&always));
+                let charts = self.charts(kept, &side(&always));
                 clock.lap(Phase::Atlas);
                 planned.store(true, Ordering::Relaxed);
                 stop.fetch_or(charts.is_err(), Ordering::Relaxed);
@@ -451,7 +428,7 @@ impl<'l> Level<'l> {
             },
             || {
                 own.phases.clear();
-                let lit = self.light(sky, groups, None, &side(&planned), &mut own);
+                let lit = self.light(sky, groups, &side(&planned), &mut own);
                 stop.fetch_or(lit.is_err(), Ordering::Relaxed);
                 lit
             },

@@ -84,7 +84,7 @@ pub struct Measured {
     /// Worker threads.
     pub threads: usize,
     /// Wall time per phase, in order. Charts are made while the tree is built and the light is solved, so that these times overlap and sum to more than all,
-    /// unless there is one thread, a cache, or `--in-turn`.
+    /// unless there is one thread or `--in-turn`.
     pub phases: Vec<PhaseTime>,
     /// Wall time of all, seconds.
     pub seconds: f64,

@@ -7,10 +7,6 @@ use serde_json::{Value, json};
 
 const OUT: &str = "--no-vertex-colors";
 
-fn report(out: &Path) -> Value {
-    parse(&files(out)["cornell_box.report.json"])
-}
-
 #[test]
 fn all_but_vertex_colours_keeps_its_bytes() {
     let (all, some) = (temp(), temp());
@@ -114,36 +110,4 @@ fn plans_builds_and_pages_know_that_there_are_none() {
     let paths = [&out, &page].map(|p| p.to_str().expect("UTF-8"));
     lumel(["report", paths[0], "-o", paths[1]]).ok();
     assert!(page.exists());
-}
-
-#[test]
-fn a_cache_of_more_serves_and_one_of_less_does_not() {
-    let t = temp();
-    let scene = asset("cornell_box.glb");
-    let rays = |options: &str, cache: &str| {
-        let out = temp();
-        let options = format!("{options} --cache {}", t.path().join(cache).display());
-        bake(&scene, out.path(), &options).ok();
-        let cache = report(out.path())["measured"]["cache"].take();
-        let count = |key: &str| cache[key].as_u64().expect("a number");
-        (
-            cache["found"] == json!(true),
-            count("rays_taken"),
-            count("rays_cast"),
-        )
-    };
-    assert_eq!(rays("", "all"), (false, 0, 0));
-    let (found, taken, cast) = rays(OUT, "all");
-    // What is cast are rays that no record can hold; the box has next to none of them.
-    assert!(
-        found && taken > 10_000 && cast * 1000 < taken,
-        "{taken} {cast}"
-    );
-    assert_eq!(rays(OUT, "some"), (false, 0, 0));
-    assert!(rays(OUT, "some").0);
-    assert!(
-        !rays("", "some").0,
-        "records without vertices' rays would never get them"
-    );
-    assert!(rays("", "some").0);
 }

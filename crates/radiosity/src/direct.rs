@@ -13,7 +13,6 @@ use mesh_ingest::{Light, LightKind};
 use patch_subdivision::Subdivision;
 
 use crate::emitters::{Emitter, Emitters, Few};
-use crate::recall::{Code, Kind, NO_CODE, Recalled, ShadowTape, code};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
@@ -98,8 +97,6 @@ pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
     tables: Tables,
-    /// Records of an earlier bake or for a later one.
-    recalled: Option<Recalled<'w>>,
 }
 
 /// A light as one receiver sees it.
@@ -120,7 +117,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             world,
             emitters,
             tables: Tables::default(),
-            recalled: None,
         }
     }
 
@@ -130,20 +126,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         DirectLight {
             tables: Tables::new(cut.patches().len()),
             ..self
-        }
-    }
-
-    /// The same, with records of an earlier bake or for a later one.
-    pub fn with_records(self, recalled: Option<Recalled<'w>>) -> Self {
-        DirectLight { recalled, ..self }
-    }
-
-    /// What records call a lamp by its shape, and with its intensity.
-    #[inline]
-    fn names_of(&self, lamp: usize) -> [Code; 2] {
-        match &self.recalled {
-            Some(r) => [r.lamps.shape(lamp), r.lamps.light(lamp)],
-            None => [NO_CODE; 2],
         }
     }
 
@@ -179,26 +161,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         known: &Known,
         parts: &mut DirectParts,
     ) -> DirectEstimate {
-        let tape = &mut ShadowTape::Off;
-        self.irradiance_recalled(&mut point, scale, seed, options, known, parts, tape)
-    }
-
-    /// [`irradiance_parts`](Self::irradiance_parts), whose shadow rays are noted in `tape` or answered by it. Notes must be of the same points,
-    /// seed and [`DirectOptions::base`]; other lamps or options only ask for other samples.
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "what a receiver is, how much work it is worth, and where results go"
-    )]
-    pub fn irradiance_recalled(
-        &self,
-        mut point: impl FnMut(u32) -> SurfacePoint,
-        scale: f32,
-        seed: u32,
-        options: &DirectOptions,
-        known: &Known,
-        parts: &mut DirectParts,
-        tape: &mut ShadowTape,
-    ) -> DirectEstimate {
         let mut out = DirectEstimate::default();
         let lights = &self.world.scene.lights;
         let bright = self.world.bright.as_ref();
@@ -215,7 +177,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             options,
             out: &mut out,
             parts,
-            tape,
             mixed: Vec::new(),
         };
         let shares = self.shares_of_lamps(&first, scale);
@@ -225,29 +186,17 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let term = Term::Lamp(light, self.world.lamp_group(k));
                 let sun = matches!(light.kind, LightKind::Directional { .. });
                 let bit = 1 << (k % 31);
-                let [shape, all] = self.names_of(k);
-                // Where its intensity is another, only rays to it are the same.
-                let name = (shape, shape == all);
                 let look = known.look & bit != 0;
-                self.begin(term, name, share, bit, look, sun, &mut work);
+                self.begin(term, share, bit, look, sun, &mut work);
             }
         }
         if !self.emitters.is_empty() || bright.is_some() {
             let look = known.look & EMITTERS != 0;
             if let Some(bright) = bright {
                 let total: f32 = bright.cells.iter().map(|c| c.power).sum();
-                for (k, cell) in bright.cells.iter().enumerate() {
+                for cell in &bright.cells {
                     let share = cell.power / total;
-                    let name = (code(Kind::Sky, k as u32), true);
-                    self.begin(
-                        Term::Sky(cell),
-                        name,
-                        share,
-                        EMITTERS,
-                        look,
-                        false,
-                        &mut work,
-                    );
+                    self.begin(Term::Sky(cell), share, EMITTERS, look, false, &mut work);
                 }
             }
             let mut terms = Vec::new();
@@ -257,9 +206,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let worth = (WORTH * total / (total + known.light + work.lit())).min(1.0);
             for (node, weight) in terms {
                 let share = worth * weight / total;
-                let name = (code(Kind::Emitters, node), true);
                 let term = self.term_of_node(node);
-                self.begin(term, name, share, EMITTERS, look, false, &mut work);
+                self.begin(term, share, EMITTERS, look, false, &mut work);
             }
         }
         self.look_closer(known.light, work);
@@ -339,8 +287,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 
     /// Takes a light's first samples, and adds it to what arrives unless they disagree about what gets through. `share` is roughly its
-    /// part of the light, which decides how much work it is worth; `name` is what
-    /// records call it, and whether they mean its intensity too.
+    /// part of the light, which decides how much work it is worth.
     #[allow(
         clippy::too_many_arguments,
         reason = "a light, and all that decides how it is begun"
@@ -348,12 +295,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     fn begin<'t, P: FnMut(u32) -> SurfacePoint>(
         &self,
         term: Term<'t>,
-        (name, whole_name): (Code, bool),
         share: f32,
         bit: u32,
         look: bool,
         sun: bool,
-        work: &mut Work<'_, 't, '_, P>,
+        work: &mut Work<'_, 't, P>,
     ) {
         // Up to four lights of equal strength get the whole number of points each; more share four times that number, by what
         // they bring, so that a hundred emissive triangles cost little more than four.
@@ -385,14 +331,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         } else {
             0
         };
-        let mut tally = Tally::new(work.parts, groups, sun);
-        // Samples without random numbers are told apart by their points.
-        let sequence = if is_random {
-            shift << 16 | work.set & 0xffff
-        } else {
-            0
-        };
-        tally.heard = work.tape.listen(name, sequence);
+        let tally = Tally::new(work.parts, groups, sun);
         let mut light = Started {
             is_random,
             tally,
@@ -406,31 +345,12 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             most,
         };
         work.set += 1;
-        let asked = if look {
+        let [target, scouts] = if look {
             [most, u32::MAX]
         } else {
             [base, scouts]
         };
-        let heard = light.tally.heard.as_mut().filter(|_| whole_name);
-        match heard.and_then(|h| h.noted(asked)) {
-            Some(outcome) => {
-                light.marks = light.tally.resume(&outcome);
-                light.taken = asked[0];
-                let rays = light.tally.rays;
-                light.tally.heard.iter_mut().for_each(|h| h.count(rays));
-            }
-            None => {
-                self.go_on(&mut light, asked[0], asked[1], work);
-                let writes = light.tally.heard.as_ref().is_some_and(|h| h.writes());
-                if writes && let Some(outcome) = light.tally.outcome(&light.marks) {
-                    light
-                        .tally
-                        .heard
-                        .iter_mut()
-                        .for_each(|h| h.note(asked, &outcome));
-                }
-            }
-        }
+        self.go_on(&mut light, target, scouts, work);
         if light.tally.mixed() && light.taken < most {
             work.mixed.push(light);
         } else {
@@ -469,9 +389,6 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             } else {
                 [0.0; 4]
             };
-            if let Some(heard) = &mut light.tally.heard {
-                heard.at = if light.is_random { n } else { at };
-            }
             let few = light.few.as_ref().and_then(Option::as_ref);
             self.sample(&light.term, few, &p, random, &mut light.tally);
             light.taken += 1;
@@ -517,7 +434,7 @@ struct Started<'t> {
 }
 
 /// What is under way at one receiver.
-struct Work<'r, 't, 'n, P> {
+struct Work<'r, 't, P> {
     /// Points of the receiver, the first of them, and its size in metres.
     point: &'r mut P,
     first: SurfacePoint,
@@ -528,12 +445,11 @@ struct Work<'r, 't, 'n, P> {
     options: &'r DirectOptions,
     out: &'r mut DirectEstimate,
     parts: &'r mut DirectParts,
-    tape: &'r mut ShadowTape<'n>,
     /// Lights to be looked at more closely.
     mixed: Vec<Started<'t>>,
 }
 
-impl<P> Work<'_, '_, '_, P> {
+impl<P> Work<'_, '_, P> {
     /// Luminance of what arrives from all lights so far.
     fn lit(&self) -> f32 {
         let mixed: f32 = (self.mixed.iter())
@@ -542,8 +458,7 @@ impl<P> Work<'_, '_, '_, P> {
         luminance(self.out.irradiance) + mixed
     }
 
-    fn finish(&mut self, mut light: Started) {
-        self.tape.keep(light.tally.heard.take());
+    fn finish(&mut self, light: Started) {
         let [lit, hidden] = light.tally.seen();
         if light.tally.mixed() {
             self.out.mixed |= light.bit;

@@ -5,9 +5,7 @@ use patch_subdivision::{Element, PatchId, Subdivision};
 use rayon::prelude::*;
 
 use crate::monitor::{Cancelled, Monitor, Phase};
-use crate::recall::{Records, Topic};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_4d};
-use crate::sky::Sky;
 use crate::solution::place;
 use crate::world::{Incoming, World};
 
@@ -132,13 +130,12 @@ impl Links {
         self.sky[patch] * (std::f32::consts::PI / self.rays.max(1) as f32)
     }
 
-    /// Casts rays until every patch has `rays`, for all patches or, when cancelled, for none: the links stay as they were. `records` are of an earlier bake or for a later one.
+    /// Casts rays until every patch has `rays`, for all patches or, when cancelled, for none: the links stay as they were.
     pub(crate) fn extend(
         &mut self,
         world: &World,
         cut: &Subdivision,
         rays: u32,
-        records: Option<&dyn Records>,
         monitor: &dyn Monitor,
     ) -> Result<(), Cancelled> {
         const BLOCK: usize = 64;
@@ -166,38 +163,12 @@ impl Links {
             .zip(sources)
             .zip(skies)
             .enumerate()
-            .for_each(|(block, (((rows, tints), source), sky))| {
+            .for_each(|(block, (((rows, tints), source), skies))| {
                 if monitor.cancelled() {
                     return;
                 }
                 let mut n = 0u64;
                 let range = from as usize..rays as usize;
-                let item = (block as u32) << 4 | (from as u64 + 1).ilog2();
-                let mut held = Block {
-                    sky: &world.sky,
-                    rows,
-                    tints,
-                    source,
-                    skies: sky,
-                    stride,
-                    range: range.clone(),
-                };
-                if let Some(records) = records.filter(|r| r.read())
-                    && (records.load(Topic::Links, item)).is_some_and(|b| held.restore(&b))
-                {
-                    let count = (held.skies.len() * range.len()) as u64;
-                    records.count(count, 0);
-                    let now = done.fetch_add(count, std::sync::atomic::Ordering::Relaxed) + count;
-                    monitor.progress(Phase::Links, now, total);
-                    return;
-                }
-                let Block {
-                    rows,
-                    tints,
-                    source,
-                    skies: sky,
-                    ..
-                } = &mut held;
                 for (k, row) in rows.chunks_mut(stride).enumerate() {
                     let patch = PatchId((block * BLOCK + k) as u32);
                     let range = range.clone();
@@ -210,15 +181,10 @@ impl Links {
                             &mut []
                         },
                         source: &mut source[k * groups..(k + 1) * groups],
-                        sky: &mut sky[k],
+                        sky: &mut skies[k],
                     };
                     cast(world, cut, patch, &mut out);
                     n += (rays - from) as u64;
-                }
-                match records {
-                    Some(records) if records.read() => records.count(0, n),
-                    Some(records) => records.save(Topic::Links, item, &held.keep()),
-                    None => {}
                 }
                 let now = done.fetch_add(n, std::sync::atomic::Ordering::Relaxed) + n;
                 monitor.progress(Phase::Links, now, total);
@@ -231,73 +197,6 @@ impl Links {
         }
         self.rays = rays;
         Ok(())
-    }
-}
-
-/// Consecutive patches' part of the links.
-struct Block<'l> {
-    /// Sums hang on it, if nothing else does.
-    sky: &'l Sky,
-    rows: &'l mut [u32],
-    tints: &'l mut [u32],
-    source: &'l mut [Vec3],
-    skies: &'l mut [Vec3],
-    stride: usize,
-    /// The rays in question.
-    range: std::ops::Range<usize>,
-}
-
-impl Block<'_> {
-    /// What the rays of the range found, and the sums after them, for [`restore`](Self::restore).
-    fn keep(&self) -> Vec<u8> {
-        let mut out = self.guard();
-        for rows in [&*self.rows, &*self.tints] {
-            for row in rows.chunks(self.stride) {
-                let words = row[self.range.clone()].iter();
-                out.extend(words.flat_map(|w| w.to_le_bytes()));
-            }
-        }
-        for v in self.source.iter().chain(self.skies.iter()) {
-            out.extend(v.to_array().iter().flat_map(|x| x.to_le_bytes()));
-        }
-        out
-    }
-
-    /// A sky that is a map is among what records are named by.
-    fn guard(&self) -> Vec<u8> {
-        let even = match self.sky {
-            Sky::Constant(radiance) => *radiance,
-            _ => Vec3::ZERO,
-        };
-        even.to_array()
-            .iter()
-            .flat_map(|x| x.to_le_bytes())
-            .collect()
-    }
-
-    /// Puts back what [`keep`](Self::keep) gave; false, with nothing changed, for anything else.
-    fn restore(&mut self, bytes: &[u8]) -> bool {
-        let guard = self.guard();
-        let rows = self.rows.len().div_ceil(self.stride.max(1));
-        let tinted = if self.tints.is_empty() { 1 } else { 2 };
-        let words = rows * self.range.len() * tinted;
-        let sums = (self.source.len() + self.skies.len()) * 12;
-        if bytes.len() != guard.len() + 4 * words + sums || !bytes.starts_with(&guard) {
-            return false;
-        }
-        let mut words = (bytes[guard.len()..].as_chunks::<4>().0.iter()).copied();
-        let mut next = || words.next().unwrap_or_default();
-        for rows in [&mut *self.rows, &mut *self.tints] {
-            for row in rows.chunks_mut(self.stride) {
-                for slot in &mut row[self.range.clone()] {
-                    *slot = u32::from_le_bytes(next());
-                }
-            }
-        }
-        for v in self.source.iter_mut().chain(self.skies.iter_mut()) {
-            *v = Vec3::from_array([0; 3].map(|_| f32::from_le_bytes(next())));
-        }
-        true
     }
 }
 

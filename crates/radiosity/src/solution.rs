@@ -8,7 +8,6 @@ use visibility::Hit;
 
 use crate::audit::Audit;
 use crate::direct::DirectLight;
-use crate::recall::Drawn;
 use crate::relax::{RelaxReport, RelaxStep};
 use crate::world::{World, luminance};
 
@@ -212,21 +211,20 @@ impl Solution {
         p: Vec3,
         seed: u32,
     ) -> Vec3 {
-        self.radiance_sent(world, lights, hit, p, seed, Reflected::All)
-            .light
+        let all = Look {
+            hit: *hit,
+            at: p,
+            seed,
+            of: Reflected::All,
+        };
+        self.radiance_sent(world, lights, &all).light
     }
 
     /// [`radiance`](Self::radiance), or a part of it.
     #[inline]
-    pub fn radiance_sent(
-        &self,
-        world: &World,
-        lights: &DirectLight,
-        hit: &Hit,
-        p: Vec3,
-        seed: u32,
-        of: Reflected,
-    ) -> Sent {
+    pub fn radiance_sent(&self, world: &World, lights: &DirectLight, look: &Look) -> Sent {
+        let Look { hit, at: p, .. } = look;
+        let (p, seed, of) = (*p, look.seed, look.of);
         let Some(at) = place(world, &self.cut, hit, p) else {
             return Sent::default();
         };
@@ -281,31 +279,28 @@ impl Solution {
         }
     }
 
-    /// Adds `throughput` times [`radiance`](Self::radiance) to `parts` by group of light, and says what it is in all.
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "what a hit is, what to do with it, and where to put it"
-    )]
+    /// `throughput` times what [`radiance_sent`](Self::radiance_sent) says. It is added to `parts`
+    /// by group of light, unless these are empty.
+    #[inline]
     pub fn radiance_by_group(
         &self,
         world: &World,
         lights: &DirectLight,
-        hit: &Hit,
-        p: Vec3,
-        seed: u32,
-        of: Reflected,
+        look: &Look,
         throughput: Vec3,
         parts: &mut [Vec3],
     ) -> Sent {
-        let Some(groups) = &self.groups else {
+        let Some(groups) = self.groups.as_ref().filter(|_| !parts.is_empty()) else {
             // One group of light is all of it.
-            let mut sent = self.radiance_sent(world, lights, hit, p, seed, of);
+            let mut sent = self.radiance_sent(world, lights, look);
             sent.light *= throughput;
             if let Some(all) = parts.first_mut() {
                 *all += sent.light;
             }
             return sent;
         };
+        let Look { hit, at: p, .. } = look;
+        let (p, seed, of) = (*p, look.seed, look.of);
         let Some(at) = place(world, &self.cut, hit, p) else {
             return Sent::default();
         };
@@ -344,124 +339,6 @@ impl Solution {
         }
     }
 
-    /// [`radiance_by_group`](Self::radiance_by_group) and [`radiance`](Self::radiance) in one (`parts` is empty where groups are not kept apart), and
-    /// what to note of the hit.
-    #[allow(clippy::too_many_arguments, reason = "as for radiance_by_group")]
-    pub fn radiance_noted(
-        &self,
-        world: &World,
-        lights: &DirectLight,
-        hit: &Hit,
-        p: Vec3,
-        seed: u32,
-        of: Reflected,
-        throughput: Vec3,
-        parts: &mut [Vec3],
-    ) -> (Sent, Option<SeenPatch>) {
-        let Some(at) = place(world, &self.cut, hit, p) else {
-            return (Sent::default(), None);
-        };
-        let own = self.cut.patches()[at.patch.0 as usize];
-        let element = at.element.map(|e| e.0.wrapping_sub(own.first_element));
-        let (q, reflectance) = self.seen(hit, p, at, of);
-        let mut seen = SeenPatch {
-            patch: at.patch.0,
-            element: element.map(|k| k as u8),
-            q,
-            surface: Shade::of_mean(world, hit, reflectance),
-            far: of != Reflected::All,
-            drawn: None,
-        };
-        let mut named = element.is_none_or(|k| k < u32::from(own.elements));
-        if self.rough[at.patch.0 as usize] {
-            let point = world.inset_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            let noted = lights.sample_on_noted(&self.cut, at.patch, &point, seed);
-            seen.drawn = noted.2;
-            named &= noted.2.is_some();
-        }
-        // What is noted says all that there is: the same light comes of it.
-        let again =
-            self.radiance_again(world, lights, &seen, seed, of, throughput, parts, |_| None);
-        match again.filter(|_| named) {
-            Some(light) => (light, Some(seen)),
-            None => {
-                let sent = if parts.is_empty() {
-                    let mut sent = self.radiance_sent(world, lights, hit, p, seed, of);
-                    sent.light *= throughput;
-                    sent
-                } else {
-                    self.radiance_by_group(world, lights, hit, p, seed, of, throughput, parts)
-                };
-                (sent, None)
-            }
-        }
-    }
-
-    /// What [`radiance_noted`](Self::radiance_noted) gives at a hit of which this was noted. `anew` samples a light there where what is noted is
-    /// not the one that is wanted; `None`, with `parts` as they were, where it gives none.
-    #[allow(clippy::too_many_arguments, reason = "as for radiance_by_group")]
-    #[inline]
-    pub fn radiance_again(
-        &self,
-        world: &World,
-        lights: &DirectLight,
-        seen: &SeenPatch,
-        seed: u32,
-        of: Reflected,
-        throughput: Vec3,
-        parts: &mut [Vec3],
-        anew: impl FnOnce(PatchId) -> Option<(Vec3, usize)>,
-    ) -> Option<Sent> {
-        let patch = seen.patch as usize;
-        let first = self.cut.patches().get(patch)?.first_element;
-        let at = Locus {
-            patch: PatchId(seen.patch),
-            element: seen.element.map(|k| ElementId(first + u32::from(k))),
-        };
-        let drawn = if self.rough[patch] {
-            let known = (seen.drawn.as_ref())
-                .and_then(|drawn| lights.sample_on_again(&self.cut, at.patch, seed, drawn));
-            match known {
-                Some(known) => Some(known),
-                None => Some(anew(at.patch)?),
-            }
-        } else {
-            None
-        };
-        let (taps, n) = self.cut.taps_at(seen.q, at)?;
-        let taps = &taps[..n];
-        let reflectance = seen.surface.reflectance(world);
-        let glow = seen.surface.glow;
-        let kept = self.kept(at, of);
-        Some(match &self.groups {
-            Some(groups) if !parts.is_empty() => sent_by_group(
-                groups,
-                throughput,
-                reflectance,
-                (at, drawn, kept),
-                taps,
-                glow,
-                parts,
-            ),
-            _ => {
-                let direct = match (drawn, at.element) {
-                    (Some((direct, _)), _) => direct,
-                    (None, Some(e)) => *self.direct.get(e.0 as usize)?,
-                    (None, None) => self.direct_mean[patch],
-                };
-                let indirect = interpolated(&self.indirect, taps);
-                let light = throughput * sent(reflectance, direct * kept, indirect, glow.0);
-                if let Some(all) = parts.first_mut() {
-                    *all += light;
-                }
-                Sent {
-                    light,
-                    left_out: kept < 1.0,
-                }
-            }
-        })
-    }
-
     /// Intensity along the normal of element `e` for each irradiance on it: reflectance × area / π.
     pub fn intensity_of_irradiance(&self, e: usize) -> Vec3 {
         self.reflectance[e] * (self.cut.elements()[e].area * std::f32::consts::FRAC_1_PI)
@@ -476,6 +353,19 @@ impl Solution {
         }
         sum / area.max(1e-300)
     }
+}
+
+/// A hit whose radiance towards the ray's origin is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Look {
+    /// What the ray hit, and where.
+    pub hit: Hit,
+    /// See `hit`; metres, recentred.
+    pub at: Vec3,
+    /// Decides where shadow rays go.
+    pub seed: u32,
+    /// What of the light counts.
+    pub of: Reflected,
 }
 
 /// What of the light that a surface reflects is asked for.
@@ -518,63 +408,6 @@ pub struct Sent {
     pub light: Vec3,
     /// There is more, which was not.
     pub left_out: bool,
-}
-
-/// What a far hit's light hangs on, the solution apart.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SeenPatch {
-    /// The patch.
-    pub patch: u32,
-    /// Its element, counted within the patch.
-    pub element: Option<u8>,
-    /// The place on the patch's grid.
-    pub q: [f32; 2],
-    /// What the surface does to light.
-    pub surface: Shade,
-    /// It is far enough off for its direct light to be sampled.
-    pub far: bool,
-    /// Of a rough patch: the light that was sampled.
-    pub drawn: Option<Drawn>,
-}
-
-/// What a surface does to light at a hit.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shade {
-    /// The triangle.
-    pub triangle: u32,
-    /// Reflectance, unless all of the material has the same.
-    pub reflectance: Option<Vec3>,
-    /// Gathered emission and its group.
-    pub glow: (Vec3, usize),
-}
-
-impl Shade {
-    /// Of a hit.
-    pub fn of(world: &World, hit: &Hit) -> Shade {
-        Shade::of_mean(world, hit, None)
-    }
-
-    /// Of a hit, with the mean reflectance about it if that is given.
-    fn of_mean(world: &World, hit: &Hit, mean: Option<Vec3>) -> Shade {
-        let even = world.even_reflectance(hit.triangle);
-        let own = || mean.unwrap_or_else(|| world.reflectance(hit.triangle, hit.u, hit.v));
-        Shade {
-            triangle: hit.triangle,
-            reflectance: (even.is_none()).then(own),
-            glow: (
-                world.gathered_emission(hit.triangle, hit.u, hit.v),
-                world.emission_group(hit.triangle),
-            ),
-        }
-    }
-
-    /// Reflectance.
-    #[inline]
-    pub fn reflectance(&self, world: &World) -> Vec3 {
-        (self.reflectance)
-            .or_else(|| world.even_reflectance(self.triangle))
-            .unwrap_or_default()
-    }
 }
 
 /// Adds what a point sends to `parts` by group of light, and says what it is in all.

@@ -12,7 +12,6 @@ use crate::direct::{DirectLight, DirectOptions, DirectParts, Known};
 use crate::emitters::Emitters;
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
-use crate::recall::{Recalled, ShadowTape, Topic};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
@@ -70,18 +69,6 @@ pub fn solve(
     options: &SolveOptions,
     monitor: &dyn Monitor,
 ) -> Solution {
-    solve_recalled(world, emitters, options, None, monitor)
-}
-
-/// [`solve`], with records of an earlier bake or for a later one. The result is the same.
-pub fn solve_recalled(
-    world: &World,
-    emitters: &Emitters,
-    options: &SolveOptions,
-    recalled: Option<Recalled>,
-    monitor: &dyn Monitor,
-) -> Solution {
-    let records = recalled.as_ref().map(|r| r.records);
     let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
     let Survey { buried, close } = survey(world, &cut);
     let crowded = match options.crowded {
@@ -104,14 +91,7 @@ pub fn solve_recalled(
         groups: direct_groups,
         rays,
         finished,
-    } = direct_light(
-        world,
-        emitters,
-        &cut,
-        &options.direct,
-        recalled.clone(),
-        monitor,
-    );
+    } = direct_light(world, emitters, &cut, &options.direct, monitor);
     report.shadow_rays = rays;
     report.cancelled = !finished;
     let reflectance = element_reflectance(world, &cut);
@@ -141,7 +121,7 @@ pub fn solve_recalled(
     let mut of_groups = vec![vec![DVec3::ZERO; n]; groups];
     let mut rays = FIRST_PASS.min(most);
     while !report.cancelled {
-        if let Err(Cancelled) = links.extend(world, &cut, rays, records, monitor) {
+        if let Err(Cancelled) = links.extend(world, &cut, rays, monitor) {
             report.cancelled = true;
             break;
         }
@@ -356,12 +336,10 @@ fn direct_light(
     emitters: &Emitters,
     cut: &Subdivision,
     options: &DirectOptions,
-    recalled: Option<Recalled>,
     monitor: &dyn Monitor,
 ) -> ElementLight {
     const BLOCK: usize = 64;
-    let records = recalled.as_ref().map(|r| r.records);
-    let light = DirectLight::new(world, emitters).with_records(recalled.clone());
+    let light = DirectLight::new(world, emitters);
     let n = cut.patches().len();
     let groups = match world.group_count() {
         1 => 0,
@@ -400,11 +378,6 @@ fn direct_light(
         let count = patches.len() as u64;
         let mut slot = 0;
         let known = Known::default();
-        let block = (patches.start / BLOCK) as u32;
-        let notes = (records.filter(|r| r.read()))
-            .and_then(|r| r.load(Topic::Elements, block))
-            .unwrap_or_default();
-        let (mut notes, mut kept, mut counted) = (&notes[..], Vec::new(), [0; 2]);
         let mut parts = DirectParts {
             groups: vec![Vec3::ZERO; groups],
             ..DirectParts::default()
@@ -418,32 +391,12 @@ fn direct_light(
                 let point = world.inset_point(e.triangle, e.u, e.v, back, false);
                 // Of the same element by whatever patch.
                 let seed = hash_u32((patch.name << 5 | cell) ^ 0x2545_f491);
-                let mut tape = match records {
-                    Some(records) => ShadowTape::begin(records.read(), &mut notes),
-                    None => ShadowTape::Off,
-                };
-                let got = light.irradiance_recalled(
-                    |_| point,
-                    0.0,
-                    seed,
-                    options,
-                    &known,
-                    &mut parts,
-                    &mut tape,
-                );
-                let [taken, traced] = tape.end(&mut kept);
-                counted = [counted[0] + taken, counted[1] + traced];
+                let got = light.irradiance_parts(|_| point, 0.0, seed, options, &known, &mut parts);
                 cast += got.rays as u64;
                 out[slot] = got.irradiance;
                 by_group[slot * groups..(slot + 1) * groups].copy_from_slice(&parts.groups);
                 parts.groups.fill(Vec3::ZERO);
                 slot += 1;
-            }
-        }
-        if let Some(records) = records {
-            records.count(counted[0], counted[1]);
-            if !records.read() {
-                records.save(Topic::Elements, block, &kept);
             }
         }
         rays.fetch_add(cast, Ordering::Relaxed);

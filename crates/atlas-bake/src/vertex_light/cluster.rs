@@ -7,7 +7,7 @@
 use radiosity::{SurfacePoint, World};
 
 use super::sheet::{Sheet, Tri, corners_of};
-use crate::walls::LIFT;
+use crate::parts::LIFT;
 
 /// How far from its first point a cluster reaches, in lumels: as far as a bilinear lookup.
 const REACH: f32 = 1.0;

@@ -6,24 +6,21 @@ use rayon::prelude::*;
 use super::cluster::Clusters;
 use super::sheet::Sheet;
 use super::smooth::Mesh;
-use crate::bake::{Recorded, in_blocks};
-use crate::estimate::{Point, mean_and_spread};
+use crate::between::Between;
+use crate::blocks::in_blocks;
+use crate::estimate::mean_and_spread;
 use crate::footprint::Footprint;
-use crate::gather::{GatherOptions, Gatherer, Received};
-use crate::lit::LitRays;
-use crate::planes::PlaneSums;
-use crate::points::Points;
-use crate::recall::{Stage, Tape, Topic, mix};
-use crate::sparse::Between;
+use crate::gather::Gatherer;
+use crate::options::GatherOptions;
+use crate::parts::LIFT;
+use crate::points::spread;
+use crate::received::Received;
 use crate::vertex_footprint::{Spoke, VertexFootprint};
-use crate::walls::LIFT;
 
 /// A point to gather at.
 pub(super) struct Job {
     pub sheet: u32,
     pub point: u32,
-    /// What records call it: its number among all points, so that those of others hold when it is no longer gathered at.
-    pub item: u32,
     pub spokes: Vec<Spoke>,
     pub seed: u32,
 }
@@ -50,10 +47,10 @@ struct Group {
 pub(super) fn gather(
     jobs: &[Job],
     sheets: &[Sheet],
-    gatherer: &mut Gatherer,
+    gatherer: &Gatherer,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Received>, Cancelled> {
-    let world = gatherer.world;
+    let world = gatherer.world();
     let clusters: Vec<Clusters> = (sheets.par_iter().enumerate())
         .map(|(s, sheet)| {
             let s = s as u32;
@@ -73,55 +70,44 @@ pub(super) fn gather(
     let mut shared: Vec<Received> = Vec::new();
     shared.resize_with(groups.len(), Received::default);
     let smoothed = mesh.has_others();
-    let all = gatherer.options;
-    for (round, options, which) in [(0, all, false), (2, half(&all), true)] {
-        gatherer.options = options;
+    for which in [false, true] {
+        // What neighbours smooth needs fewer rays.
+        let gatherer = match which {
+            false => gatherer.clone(),
+            true => gatherer.with(half(&gatherer.options)),
+        };
         let part: Vec<usize> = (0..groups.len())
             .filter(|&g| smoothed[g] == which)
             .collect();
-        let of_part = gather_groups(&part, jobs, &groups, gatherer, round, monitor);
-        gatherer.options = all;
-        for (g, received) in part.into_iter().zip(of_part?) {
+        let of_part = gather_groups(&part, jobs, &groups, &gatherer, monitor)?;
+        for (g, received) in part.into_iter().zip(of_part) {
             shared[g] = received;
         }
     }
     mesh.smooth(&mut shared);
-    let gatherer = &*gatherer;
     let members: Vec<u32> = (0..jobs.len() as u32)
         .filter(|&k| groups[group_of[k as usize] as usize].jobs.len() > 1)
         .collect();
-    let recorded = Recorded {
-        recall: gatherer.recall,
-        stage: Stage::Vertices.round(1),
-        item: &|m| jobs[members[m] as usize].item,
-        guard: &|m| guard_of(&jobs[members[m] as usize]),
-    };
-    let own = in_blocks(
-        members.len(),
-        Phase::Vertices,
-        monitor,
-        recorded,
-        |m, tape| {
-            let job = &jobs[members[m] as usize];
-            let g = group_of[members[m] as usize] as usize;
-            let (group, light) = (&groups[g], &shared[g]);
-            let footprint = job.footprint(world);
-            // In part inside of something: which of them is, each has to find out.
-            let whole = light.open == 1.0 || light.open == 0.0;
-            let spot = || clusters[job.sheet as usize].spots[job.point as usize];
-            let cut = || spot().is_none_or(|s| is_cut(job, &s, world));
-            if !whole || (group.beside && cut()) {
-                return gatherer.gather_recalled(&footprint, job.seed, tape);
-            }
-            let indirect = Between {
-                indirect: light.indirect,
-                first_half: light.first_half,
-                variance: light.indirect_variance,
-                planes: Vec::new(),
-            };
-            gatherer.gather_direct(&footprint, job.seed, &indirect, tape)
-        },
-    )?;
+    let own = in_blocks(members.len(), Phase::Vertices, monitor, |m| {
+        let job = &jobs[members[m] as usize];
+        let g = group_of[members[m] as usize] as usize;
+        let (group, light) = (&groups[g], &shared[g]);
+        let footprint = job.footprint(world);
+        // In part inside of something: which of them is, each has to find out.
+        let whole = light.open == 1.0 || light.open == 0.0;
+        let spot = || clusters[job.sheet as usize].spots[job.point as usize];
+        let cut = || spot().is_none_or(|s| is_cut(job, &s, world));
+        if !whole || (group.beside && cut()) {
+            return gatherer.gather(&footprint, job.seed);
+        }
+        let indirect = Between {
+            indirect: light.indirect,
+            first_half: light.first_half,
+            variance: light.indirect_variance,
+            planes: Vec::new(),
+        };
+        gatherer.gather_direct(&footprint, job.seed, &indirect)
+    })?;
     // Rays that were shared count once, with the first.
     let mut out: Vec<Received> = Vec::with_capacity(jobs.len());
     let mut own = own.into_iter();
@@ -157,25 +143,15 @@ fn gather_groups(
     jobs: &[Job],
     groups: &[Group],
     gatherer: &Gatherer,
-    round: u32,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Received>, Cancelled> {
-    let world = gatherer.world;
+    let world = gatherer.world();
     let group = |k: usize| &groups[part[k]];
     let first = |k: usize| &jobs[group(k).jobs[0] as usize];
-    let recorded = Recorded {
-        recall: gatherer.recall,
-        stage: Stage::Vertices.round(round),
-        item: &|k| first(k).item,
-        guard: &|k| {
-            let of = |h, k: &u32| mix(h ^ guard_of(&jobs[*k as usize]));
-            group(k).jobs.iter().fold(0, of)
-        },
-    };
-    in_blocks(part.len(), Phase::Vertices, monitor, recorded, |k, tape| {
+    in_blocks(part.len(), Phase::Vertices, monitor, |k| {
         let (group, first) = (&group(k).jobs, first(k));
         if group.len() == 1 {
-            return gatherer.gather_recalled(&first.footprint(world), first.seed, tape);
+            return gatherer.gather(&first.footprint(world), first.seed);
         }
         let spokes = all_spokes(group.iter().map(|k| &jobs[*k as usize]), world);
         let footprint = VertexFootprint {
@@ -183,7 +159,7 @@ fn gather_groups(
             around: &spokes,
             seed: first.seed,
         };
-        gatherer.gather_shared(&footprint, first.seed, tape)
+        gatherer.gather_shared(&footprint, first.seed)
     })
 }
 
@@ -274,50 +250,25 @@ fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
     })
 }
 
-/// Identifies a point with what lies about it.
-fn guard_of(job: &Job) -> u64 {
-    job.spokes.iter().fold(u64::from(job.seed), |h, s| {
-        let place = u64::from(s.triangle) << 3 | u64::from(s.corner) << 1 | u64::from(s.back);
-        mix(h ^ place)
-    })
-}
-
 impl Gatherer<'_, '_> {
     /// The indirect light of [`gather`](Self::gather), without planes; the whole of it counts where any of it lies inside of something.
-    fn gather_shared(&self, footprint: &impl Footprint, seed: u32, tape: &mut Tape) -> Received {
-        if self.world.is_dark() {
+    fn gather_shared(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        if self.world().is_dark() {
             return Received {
                 open: 1.0,
                 ..Received::default()
             };
         }
-        let options = &self.options;
-        let count = options.points.max(1);
-        let per_point = (options.rays / count).max(1);
-        let points = Points::new(footprint, count as usize);
-        let count = points.count;
-        let mut planes = PlaneSums::new(self.wanted);
-        let mut records = tape.rays(Topic::Rays, 0);
-        let mut lit = LitRays::new(self, footprint.reach(), 0, tape);
-        let share = lit.share(|| points.get(), per_point);
-        let mut sums = vec![Point::new(footprint.reach(), share); count];
-        for (k, sum) in sums.iter_mut().enumerate() {
-            let base = k as u32 * per_point;
-            let point = || &points.get()[k];
-            let rays = (base..base + per_point, seed);
-            self.indirect(point, rays, sum, &mut planes, (tape, &mut records));
-            lit.reach(point, (k as u32, seed), sum, &mut planes);
-        }
-        tape.keep_rays(Topic::Rays, 0, records);
-        let shadow_rays = lit.keep(tape);
-        let open = sums.iter().filter(|s| !s.inside()).count() as f32 / count as f32;
-        let estimate = mean_and_spread(&sums, &vec![true; count]);
+        let points = spread(footprint, self.options.points.max(1) as usize);
+        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, _| {});
+        let open = sampled.sums.iter().filter(|s| !s.inside()).count();
+        let estimate = mean_and_spread(&sampled.sums, &vec![true; points.len()]);
         Received {
             indirect: estimate.mean,
             first_half: estimate.first_half,
             indirect_variance: estimate.variance,
-            open,
-            rays: u64::from(per_point) * count as u64 + shadow_rays,
+            open: open as f32 / points.len() as f32,
+            rays: sampled.rays,
             ..Received::default()
         }
     }

@@ -27,10 +27,10 @@ pub(crate) use moments::LumelLight;
 pub(crate) use read::LumelPlace;
 
 use crate::atlas::Layout;
-use crate::gather::{GatherOptions, Gatherer};
+use crate::gather::Gatherer;
 use crate::gltf_out::{SplitPrimitive, VertexLight};
-use crate::lumels::{Lumels, TexelIndex};
-use crate::planes::Wanted;
+use crate::lumels::TexelIndex;
+use crate::map::LumelMap;
 use gathered::Job;
 use moments::Moments;
 use read::Reader;
@@ -66,7 +66,7 @@ pub struct VertexReport {
 pub(crate) struct VertexBake<'b, 'w, 'a> {
     pub world: &'w World<'a>,
     pub layout: &'b Layout,
-    pub lumels: &'b Lumels,
+    pub map: &'b LumelMap,
     /// By lumel.
     pub light: &'b [LumelLight],
     /// By lumel; `None` where nothing is to be read.
@@ -79,33 +79,28 @@ impl VertexBake<'_, '_, '_> {
     /// Irradiance at every vertex that a triangle uses; 0 at the others.
     pub fn run(
         &self,
-        mut gatherer: Gatherer,
-        options: GatherOptions,
+        gatherer: &Gatherer,
         monitor: &dyn Monitor,
     ) -> Result<(VertexLight, VertexReport), Cancelled> {
-        gatherer.options = options;
-        // Vertices hold one colour.
-        gatherer.wanted = Wanted::default();
         let scene = self.world.scene;
-        let index = TexelIndex::build(&self.lumels.lumels, self.layout);
+        let index = &self.map.index;
         let mut sheets: Vec<Sheet> = (0..scene.instances.len())
             .into_par_iter()
             .filter(|&i| scene.has_lightmap(i))
             .map(|i| {
                 let (soup, layout) = (self.world.soup, self.layout);
-                let mut sheet = Sheet::build(scene, soup, layout, self.lumels, i);
-                self.measure(&mut sheet, &index);
+                let mut sheet = Sheet::build(scene, soup, layout, &self.map.lumels, i);
+                self.measure(&mut sheet, index);
                 sheet
             })
             .collect();
         let mut report = VertexReport::default();
         let floor = 0.01 * self.mean_luminance();
-        let rays = (&mut gatherer, monitor);
-        let known = self.small_triangles(&sheets, floor, &index, rays, &mut report)?;
+        let known = self.small_triangles(&sheets, floor, (gatherer, monitor), &mut report)?;
         let fitted: Vec<Fitted> = sheets
             .par_iter_mut()
             .zip(known)
-            .map(|(sheet, known)| self.fit(sheet, known, floor, &index))
+            .map(|(sheet, known)| self.fit(sheet, known, floor, index))
             .collect();
         let mut out = VertexLight {
             instances: empty(scene),
@@ -138,11 +133,10 @@ impl VertexBake<'_, '_, '_> {
         &self,
         sheets: &[Sheet],
         floor: f64,
-        index: &TexelIndex,
-        (gatherer, monitor): (&mut Gatherer, &dyn Monitor),
+        (gatherer, monitor): (&Gatherer, &dyn Monitor),
         report: &mut VertexReport,
     ) -> Result<Vec<Vec<Option<Vec3>>>, Cancelled> {
-        let direct = &gatherer.direct;
+        let (direct, index) = (&gatherer.tracer.direct, &self.map.index);
         let (mut out, rays): (Vec<Vec<Option<Vec3>>>, Vec<u64>) = (sheets.par_iter())
             .map(|sheet| {
                 let Some(places) = self.places else {
@@ -163,7 +157,6 @@ impl VertexBake<'_, '_, '_> {
             .unzip();
         report.read = out.iter().flatten().flatten().count() as u64;
         let mut jobs: Vec<Job> = Vec::new();
-        let mut first = 0;
         for (s, (sheet, known)) in sheets.iter().zip(&out).enumerate() {
             // The first vertex of each point names it.
             let mut seeds = vec![None; sheet.points];
@@ -179,13 +172,11 @@ impl VertexBake<'_, '_, '_> {
                     jobs.push(Job {
                         sheet: s as u32,
                         point: point as u32,
-                        item: first + point as u32,
                         spokes,
                         seed: seeds[point].unwrap_or(0),
                     });
                 }
             }
-            first += sheet.points as u32;
         }
         let received = gathered::gather(&jobs, sheets, gatherer, monitor)?;
         report.gathered = received.len() as u64;
@@ -230,7 +221,7 @@ impl VertexBake<'_, '_, '_> {
             }
         }
         let placement = &self.layout.placements[sheet.instance];
-        let lumels = &self.lumels.lumels;
+        let lumels = &self.map.lumels.lumels;
         let first = lumels.partition_point(|l| (l.instance as usize) < sheet.instance);
         let end = lumels.partition_point(|l| (l.instance as usize) <= sheet.instance);
         let pairs = difference::pairs(sheet, &values, placement, index, self.light, first..end);
@@ -244,7 +235,7 @@ impl VertexBake<'_, '_, '_> {
     /// Of the lightmap, weighted by coverage.
     fn mean_luminance(&self) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
-        for (l, light) in self.lumels.lumels.iter().zip(self.light) {
+        for (l, light) in self.map.lumels.lumels.iter().zip(self.light) {
             sum += f64::from(l.coverage * luminance(light.e));
             weight += f64::from(l.coverage);
         }

@@ -6,8 +6,8 @@ use radiosity::luminance;
 
 use super::sheet::Tri;
 use crate::atlas::Placement;
-use crate::gather::Received;
 use crate::lumels::TexelIndex;
+use crate::received::Received;
 
 /// Triangles of fewer texels than this are gathered at by themselves: a lumel's mean says too little about what lies within it.
 pub(super) const LEAST_TEXELS: f64 = 4.0;
@@ -31,7 +31,7 @@ impl LumelLight {
         LumelLight {
             e: received.direct + received.indirect,
             open: received.open,
-            variance: received.error * received.error,
+            variance: received.variance(),
         }
     }
 

@@ -13,9 +13,9 @@ use radiosity::{DirectLight, SurfacePoint, World, hash_u32, luminance};
 use super::moments::LumelLight;
 use super::sheet::{Sheet, Tri, corners_of};
 use crate::atlas::Placement;
-use crate::gather::{Edge, Received};
-use crate::lumels::{Lumels, TexelIndex};
-use crate::walls::Barriers;
+use crate::lumels::TexelIndex;
+use crate::map::LumelMap;
+use crate::received::{Edge, Received};
 
 /// Lumels' normals may differ from the point's by 60°: on a curve their mean can still be right, which [`SAME_NORMAL`] tells.
 const LIKE_NORMAL: f32 = 0.5;
@@ -71,12 +71,8 @@ pub(crate) struct LumelPlace {
 
 impl LumelPlace {
     /// By lumel.
-    pub(crate) fn find(
-        lumels: &Lumels,
-        received: &[Received],
-        barriers: &Barriers,
-    ) -> Vec<LumelPlace> {
-        (received.iter().zip(&lumels.lumels).enumerate())
+    pub(crate) fn find(map: &LumelMap) -> Vec<LumelPlace> {
+        (map.received.iter().zip(&map.lumels.lumels).enumerate())
             .map(|(i, (r, lumel))| LumelPlace {
                 position: r.position,
                 normal: r.normal,
@@ -87,7 +83,7 @@ impl LumelPlace {
                     && r.open == 1.0
                     && !r.behind
                     && r.edge != Edge::Contact,
-                walls: [false, true].map(|down| barriers.after(i, down)),
+                walls: [false, true].map(|down| map.barriers.after(i, down)),
             })
             .collect()
     }

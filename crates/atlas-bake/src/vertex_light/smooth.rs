@@ -9,9 +9,10 @@ use radiosity::{World, luminance};
 use rayon::prelude::*;
 
 use super::cluster::Spot;
-use crate::gather::Received;
-use crate::smooth::{SAME_FACING, likely};
-use crate::walls::LIFT;
+use crate::parts::LIFT;
+use crate::received::Received;
+use crate::smooth::likely;
+use crate::window::SAME_FACING;
 
 /// Steps from group to group that a window takes.
 const RINGS: usize = 2;
@@ -120,9 +121,7 @@ impl Mesh {
         });
         for (r, smoothed) in received.iter_mut().zip(smoothed) {
             if let Some((indirect, variance)) = smoothed {
-                let direct = r.direct_variance();
                 (r.indirect, r.indirect_variance) = (indirect, variance);
-                r.error = (direct + variance).sqrt();
             }
         }
     }

@@ -130,8 +130,7 @@ pub(crate) struct Bake {
     /// Make charts and solve the light one after the other, not at once: for measuring, each phase's time in the report is then its own. The results are the same
     #[arg(long)]
     pub in_turn: bool,
-    /// Keep what rays met in this folder, and cast none again that an earlier bake of the same surfaces cast: after a lamp was moved, or with
-    /// other output options. The results are the same
+    /// Keep the charts of large meshes in this folder, for later bakes of the same meshes. The results are the same
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
     /// Remove what was used least recently from the cache's folder when it is larger than this, e.g. 500M or 20G [default: 8G]

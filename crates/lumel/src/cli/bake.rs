@@ -271,25 +271,13 @@ fn bake(
 }
 
 fn say_cache(cache: &lumel::CacheReport, display: &Display) {
-    let r = &cache.records;
-    let size = r.bytes as f64 / f64::from(1 << 20);
-    let all = (r.rays_taken + r.rays_cast).max(1) as f64;
-    display.say(&if r.found {
-        format!(
-            "  cache     {:.1} % of {:.1} M rays taken from {size:.0} MiB",
-            100.0 * r.rays_taken as f64 / all,
-            1e-6 * all
-        )
-    } else {
-        format!("  cache     {size:.0} MiB kept for the next bake")
-    });
-    if cache.charts[0] > 0 {
+    let [found, kept] = cache.charts;
+    if found + kept > 0 {
         display.say(&format!(
-            "  cache     charts of {} meshes taken",
-            cache.charts[0]
+            "  cache     charts of {found} meshes taken, of {kept} kept"
         ));
     }
-    for note in &r.notes {
+    for note in &cache.notes {
         display.say(&format!("  cache     {note}"));
     }
 }

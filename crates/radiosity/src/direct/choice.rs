@@ -13,8 +13,7 @@ use patch_subdivision::{PatchId, Subdivision};
 use super::sample::falloff;
 use super::tally::Tally;
 use super::{DirectLight, Term};
-use crate::recall::{Code, Drawn, Kind, NO_CODE, ShadowTape, Topic, code, share_of};
-use crate::sampling::sample_4d;
+use crate::sampling::{hash_u32, sample_4d};
 use crate::solution::element_edge;
 use crate::world::{SurfacePoint, luminance};
 
@@ -55,10 +54,6 @@ impl Tables {
                 .collect(),
         )
     }
-
-    fn has(&self, patch: PatchId) -> bool {
-        (patch.0 as usize) < self.0.len()
-    }
 }
 
 impl<'w> DirectLight<'w, '_> {
@@ -82,75 +77,12 @@ impl<'w> DirectLight<'w, '_> {
         (lit * scale, group)
     }
 
-    /// [`sample_on`](Self::sample_on), with what there is to note of it; `None` where nothing could be drawn, or what was has no name.
-    pub fn sample_on_noted(
-        &self,
-        cut: &Subdivision,
-        patch: PatchId,
-        point: &SurfacePoint,
-        seed: u32,
-    ) -> (Vec3, usize, Option<Drawn>) {
-        let Some((source, scale)) = self.draw_on(cut, patch, seed) else {
-            let (lit, group) = self.sample_on(cut, patch, point, seed);
-            return (lit, group, self.tables.has(patch).then_some(Drawn::NOTHING));
-        };
-        let (lit, group) = self.sample_of(source, point, seed);
-        let drawn = Drawn {
-            code: self.code(source),
-            lit,
-            group: u8::try_from(group).unwrap_or(u8::MAX),
-        };
-        let named = drawn.code != NO_CODE && usize::from(drawn.group) == group;
-        (lit * scale, group, named.then_some(drawn))
-    }
-
-    /// What [`sample_on`](Self::sample_on) would give at a point where it once drew `drawn`; `None` where it would draw another light now, or one
-    /// that has changed.
-    #[inline]
-    pub fn sample_on_again(
-        &self,
-        cut: &Subdivision,
-        patch: PatchId,
-        seed: u32,
-        drawn: &Drawn,
-    ) -> Option<(Vec3, usize)> {
-        let Some((source, scale)) = self.draw_on(cut, patch, seed) else {
-            return (self.tables.has(patch) && *drawn == Drawn::NOTHING).then_some((Vec3::ZERO, 0));
-        };
-        let code = self.code(source);
-        if code != drawn.code || code == NO_CODE {
-            return None;
-        }
-        let group = match source {
-            Source::Lamp(k) => self.world.lamp_group(k as usize),
-            _ => usize::from(drawn.group),
-        };
-        Some((drawn.lit * scale, group))
-    }
-
-    /// Which light a hit on a patch draws, and one over the chance of it.
-    #[inline]
-    fn draw_on(&self, cut: &Subdivision, patch: PatchId, seed: u32) -> Option<(Source, f32)> {
-        let table = self.tables.0.get(patch.0 as usize)?;
-        draw(table.get_or_init(|| self.choices(cut, patch)), seed)
-    }
-
     /// Irradiance at a point from one sample of a light, and its group.
     fn sample_of(&self, source: Source, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {
         let mut tally = Tally::single();
         let random = sample_4d(0, 1, seed);
         self.sample(&self.term(source), None, point, random, &mut tally);
         (tally.lit(), tally.group)
-    }
-
-    /// What records call a light whose intensity counts.
-    #[inline]
-    fn code(&self, source: Source) -> Code {
-        match source {
-            Source::Lamp(k) => self.names_of(k as usize)[1],
-            Source::Sky(k) => code(Kind::Sky, k),
-            Source::Emitters(node) => code(Kind::Emitters, node),
-        }
     }
 
     fn term(&self, source: Source) -> Term<'w> {
@@ -197,45 +129,20 @@ impl<'w> DirectLight<'w, '_> {
         let cells = (self.world.bright.iter().flat_map(|b| &b.cells).enumerate())
             .map(|(k, cell)| (Source::Sky(k as u32), cell.power));
         let emitters = (nodes.into_iter()).map(|(id, weight)| (Source::Emitters(id), weight));
-        let records = self.recalled.as_ref().map(|r| r.records);
-        let notes = (records.filter(|r| r.read()))
-            .and_then(|r| r.load(Topic::Choices, patch.0))
-            .unwrap_or_default();
-        let mut tape = match records {
-            Some(records) => ShadowTape::begin(records.read(), &mut &notes[..]),
-            None => ShadowTape::Off,
-        };
         // What each brings at most, or about as much as that; then what it does bring to the patch's elements, by a sample at each.
         let mut weights: Vec<(Source, f32, f32)> = (lamps.chain(cells).chain(emitters))
             .filter(|s| s.1 > 0.0)
             .map(|(source, most)| {
                 let term = self.term(source);
                 let mut tally = Tally::single();
-                let name = match source {
-                    Source::Lamp(k) => self.names_of(k as usize)[0],
-                    _ => self.code(source),
-                };
-                tally.heard = tape.listen(name, 0);
                 for (k, p) in points.iter().enumerate() {
-                    if let Some(heard) = &mut tally.heard {
-                        heard.at = k as u32;
-                    }
                     let random = sample_4d(k as u32, 2, patch.0);
                     self.sample(&term, None, p, random, &mut tally);
                 }
-                tape.keep(tally.heard.take());
                 let [lit, all] = tally.luminances(points.len() as u32);
                 (source, lit + HIDDEN * (all - lit), most)
             })
             .collect();
-        if let Some(records) = records {
-            let mut out = Vec::new();
-            let [taken, cast] = tape.end(&mut out);
-            records.count(taken, cast);
-            if !records.read() {
-                records.save(Topic::Choices, patch.0, &out);
-            }
-        }
         let total: f32 = weights.iter().map(|w| w.1).sum();
         for (_, weight, most) in &mut weights {
             let least = if total > 0.0 { LEAST * total } else { *most };
@@ -255,7 +162,7 @@ impl<'w> DirectLight<'w, '_> {
 #[inline]
 fn draw(choices: &[Choice], seed: u32) -> Option<(Source, f32)> {
     let &(_, total) = choices.last()?;
-    let x = share_of(seed) * total;
+    let x = hash_u32(seed) as f32 / 4294967296.0 * total;
     let at = choices.partition_point(|c| c.1 <= x).min(choices.len() - 1);
     let below = if at == 0 { 0.0 } else { choices[at - 1].1 };
     let (source, up_to) = choices[at];

@@ -3,7 +3,6 @@
 use glam::Vec3;
 
 use super::{DirectEstimate, DirectParts};
-use crate::recall::{Heard, Outcome};
 use crate::world::luminance;
 
 /// One sample of a light.
@@ -47,8 +46,6 @@ pub(super) struct Tally {
     pub plainly: bool,
     /// Group of the last sample.
     pub group: usize,
-    /// Answers of an earlier bake to this light's shadow rays, or notes for a later one.
-    pub heard: Option<Box<Heard>>,
 }
 
 /// Sums of a light's samples so far, as luminances.
@@ -120,13 +117,6 @@ impl Sums {
     }
 }
 
-/// The luminance of light that all gets through, which rounding keeps from being 1, and the sums of so many of it and of its square.
-fn sums_of_ones(count: u32) -> (f32, [f32; 2]) {
-    let one = luminance(Vec3::ONE);
-    let sums = (0..count).fold([0.0, 0.0], |[a, b], _| [a + one, b + one * one]);
-    (one, sums)
-}
-
 impl Tally {
     /// For a light whose samples belong to `groups` groups: 1 unless that is to be known.
     pub(super) fn new(parts: &DirectParts, groups: usize, sun: bool) -> Self {
@@ -155,87 +145,6 @@ impl Tally {
         }
     }
 
-    /// All that the samples so far came to, with the marks on the way; `None` where more than their sum is kept.
-    pub(super) fn outcome(&self, marks: &[Mark; 2]) -> Option<Outcome> {
-        let parts = [&self.plain, &self.closed];
-        if parts
-            .iter()
-            .any(|s| !s.groups.is_empty() || s.moments.is_some())
-        {
-            return None;
-        }
-        let mut out = Outcome::default();
-        let mut words = out.iter_mut();
-        let mut put = |x: u32| {
-            if let Some(word) = words.next() {
-                *word = x;
-            }
-        };
-        // Where all or nothing gets through, that says the rest.
-        let clear = self.count > 0 && self.all_lit();
-        if self.count.max(self.rays) > 0xffff || self.group > 0xff {
-            return None;
-        }
-        put(self.count | self.rays << 16);
-        put(self.group as u32 | u32::from(clear) << 8);
-        let share = [self.passed, self.squares, self.least, self.most];
-        let sums = [self.last, self.plain.lit, self.closed.lit].map(|v| v.to_array());
-        for x in share.iter().chain(sums.as_flattened()) {
-            put(if clear { 0 } else { x.to_bits() });
-        }
-        for x in parts.map(|s| s.all.to_array()).as_flattened() {
-            put(x.to_bits());
-        }
-        put(self.unoccluded.to_bits());
-        put(self.weight.to_bits());
-        // Nobody asks for them where samples agree.
-        for m in marks.iter().filter(|_| self.mixed()) {
-            put(m.n);
-            for x in [m.plain, m.closed, m.weight] {
-                put(x.to_bits());
-            }
-        }
-        Some(out)
-    }
-
-    /// Whether every sample saw all of the light, so that what arrives is what would.
-    fn all_lit(&self) -> bool {
-        let (one, [passed, squares]) = sums_of_ones(self.count);
-        let same = |s: &Sums| s.lit == s.all;
-        self.last == Vec3::ONE
-            && [self.least, self.most] == [one; 2]
-            && [self.passed, self.squares] == [passed, squares]
-            && same(&self.plain)
-            && same(&self.closed)
-    }
-
-    /// Puts back what [`outcome`](Self::outcome) gave, and gives the marks.
-    pub(super) fn resume(&mut self, outcome: &Outcome) -> [Mark; 2] {
-        let [counts, group, rest @ ..] = *outcome;
-        (self.count, self.rays) = (counts & 0xffff, counts >> 16);
-        self.group = (group & 0xff) as usize;
-        let x = rest.map(f32::from_bits);
-        let vec = |k: usize| Vec3::new(x[k], x[k + 1], x[k + 2]);
-        (self.plain.all, self.closed.all) = (vec(13), vec(16));
-        (self.unoccluded, self.weight) = (x[19], x[20]);
-        if group >> 8 != 0 {
-            let (one, sums) = sums_of_ones(self.count);
-            (self.least, self.most, self.last) = (one, one, Vec3::ONE);
-            [self.passed, self.squares] = sums;
-            (self.plain.lit, self.closed.lit) = (self.plain.all, self.closed.all);
-        } else {
-            (self.passed, self.squares, self.least, self.most) = (x[0], x[1], x[2], x[3]);
-            self.last = vec(4);
-            (self.plain.lit, self.closed.lit) = (vec(7), vec(10));
-        }
-        [21, 25].map(|k| Mark {
-            n: rest[k],
-            plain: x[k + 1],
-            closed: x[k + 2],
-            weight: x[k + 3],
-        })
-    }
-
     /// From `scouts` samples on, what all of them saw is taken for granted; never if they disagree.
     #[inline]
     pub(super) fn assume(&mut self, scouts: u32) {
@@ -247,10 +156,7 @@ impl Tally {
     pub(super) fn passed(&mut self, cast: impl FnOnce() -> Vec3) -> Vec3 {
         self.assumed.unwrap_or_else(|| {
             self.rays += 1;
-            match &mut self.heard {
-                None => cast(),
-                Some(heard) => heard.answer(cast),
-            }
+            cast()
         })
     }
 

@@ -40,7 +40,7 @@ fn exchange(
     let cut = Subdivision::build(&soup, |t| world.two_sided(t as u32), &options);
     let n = cut.patches().len();
     let mut links = Links::new(n, RAYS);
-    links.extend(&world, &cut, RAYS, None, &Silent).unwrap();
+    links.extend(&world, &cut, RAYS, &Silent).unwrap();
     let of: Vec<usize> = (0..n)
         .map(|i| {
             let e = cut.elements()[cut.patches()[i].first_element as usize];
@@ -213,7 +213,7 @@ fn a_wall_on_an_endless_floor_sees_half_of_the_sky() {
     };
     let cut = Subdivision::build(&soup, |_| false, &options);
     let mut links = Links::new(cut.patches().len(), RAYS);
-    links.extend(&world, &cut, RAYS, None, &Silent).unwrap();
+    links.extend(&world, &cut, RAYS, &Silent).unwrap();
     let mut walls = 0;
     for i in 0..cut.patches().len() {
         let e = cut.elements()[cut.patches()[i].first_element as usize];

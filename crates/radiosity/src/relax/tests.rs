@@ -34,7 +34,7 @@ impl Problem {
         let cut = Subdivision::build(&soup, |_| false, &cut);
         let n = cut.patches().len();
         let mut links = Links::new(n, 256);
-        links.extend(&world, &cut, 256, None, &Silent).unwrap();
+        links.extend(&world, &cut, 256, &Silent).unwrap();
         Problem {
             links,
             reflectance: (0..n)

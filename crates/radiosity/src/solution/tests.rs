@@ -38,6 +38,15 @@ fn chequered_room() -> Scene {
     scene
 }
 
+fn look(hit: &Hit, at: Vec3, of: Reflected) -> Look {
+    Look {
+        hit: *hit,
+        at,
+        seed: 1,
+        of,
+    }
+}
+
 /// What `look` makes of `n` hits spread over the middle of the floor.
 fn over_the_floor(n: u32, mut look: impl FnMut(&World, &Solution, &DirectLight, &Hit, Vec3)) {
     let scene = chequered_room();
@@ -68,7 +77,11 @@ fn from_afar_a_surface_sends_what_it_sends_on_average() {
     let (mut near, mut afar, mut differ) = (Vec3::ZERO, Vec3::ZERO, 0);
     let n = 1 << 14;
     over_the_floor(n, |world, solution, lights, hit, at| {
-        let sent = |of| solution.radiance_sent(world, lights, hit, at, 1, of).light;
+        let sent = |of| {
+            solution
+                .radiance_sent(world, lights, &look(hit, at, of))
+                .light
+        };
         let pair = [sent(Reflected::All), sent(Reflected::Afar(0.0))];
         near += pair[0] / n as f32;
         afar += pair[1] / n as f32;
@@ -88,7 +101,7 @@ fn from_afar_a_surface_sends_what_it_sends_on_average() {
 #[test]
 fn what_is_left_out_from_afar_is_the_share_of_direct_light() {
     over_the_floor(64, |world, solution, lights, hit, at| {
-        let sent = |of| solution.radiance_sent(world, lights, hit, at, 1, of);
+        let sent = |of| solution.radiance_sent(world, lights, &look(hit, at, of));
         let (all, part) = (sent(Reflected::Afar(0.0)), sent(Reflected::Afar(0.2)));
         assert!(!all.left_out && part.left_out);
         let place = place(world, &solution.cut, hit, at).expect("a patch");

@@ -235,7 +235,7 @@ fn links_of_a_cube_are_its_form_factors() {
     let mut links = Links::new(n, 1024);
     // In two steps, as the solver does: the second continues the sequence of the first.
     for rays in [100, 1024] {
-        links.extend(&world, &cut, rays, None, &Silent).unwrap();
+        links.extend(&world, &cut, rays, &Silent).unwrap();
         assert_eq!(links.rays, rays);
     }
     let (mut from, mut to) = ([0f64; 6], [[0f64; 6]; 6]);
@@ -296,22 +296,22 @@ fn cancelled_links_stay_as_they_were() {
     let cut = Subdivision::build(&soup, |_| false, &options(200, 0).cut);
     let n = cut.patches().len();
     let mut links = Links::new(n, 64);
-    links.extend(&world, &cut, 16, None, &Silent).unwrap();
+    links.extend(&world, &cut, 16, &Silent).unwrap();
     let before: Vec<_> = (0..n)
         .map(|i| (links.row(i).to_vec(), links.all_sources(i)))
         .collect();
     // The first block of 64 patches is cast, the others are not.
     let monitor = CancelAfter(AtomicU32::new(1));
-    assert!(links.extend(&world, &cut, 64, None, &monitor).is_err());
+    assert!(links.extend(&world, &cut, 64, &monitor).is_err());
     for (i, (row, source)) in before.iter().enumerate() {
         assert_eq!(links.row(i), row);
         assert_eq!(links.all_sources(i), *source);
     }
     // And they can go on from there to what an uncancelled run gives.
-    links.extend(&world, &cut, 64, None, &Silent).unwrap();
+    links.extend(&world, &cut, 64, &Silent).unwrap();
     let mut fresh = Links::new(n, 64);
-    fresh.extend(&world, &cut, 16, None, &Silent).unwrap();
-    fresh.extend(&world, &cut, 64, None, &Silent).unwrap();
+    fresh.extend(&world, &cut, 16, &Silent).unwrap();
+    fresh.extend(&world, &cut, 64, &Silent).unwrap();
     for i in 0..n {
         assert_eq!(links.row(i), fresh.row(i));
         assert_eq!(links.all_sources(i), fresh.all_sources(i));

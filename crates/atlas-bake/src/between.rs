@@ -1,0 +1,196 @@
+//! Light of lumels that lie between gathered ones.
+
+use glam::Vec3;
+use radiosity::luminance;
+use rayon::prelude::*;
+
+use crate::map::LumelMap;
+use crate::received::{Edge, Received};
+
+/// Direct light is interpolated where a straight line between two neighbours and a cubic through four differ by no more than this share of the light.
+const STRAIGHT: f32 = 0.01;
+
+/// Indirect light between neighbours.
+pub(crate) struct Between {
+    pub indirect: Vec3,
+    pub first_half: Vec3,
+    pub variance: f32,
+    /// Indirect light and its first half, by plane.
+    pub planes: Vec<[Vec3; 2]>,
+}
+
+/// What an interpolated lumel's light is made of; see [`taps`].
+#[derive(Default)]
+pub(crate) struct Taps {
+    list: [(usize, f32); 8],
+    count: usize,
+    lines: usize,
+    /// All lines have more than two points, which tell a straight line from a bent one.
+    bent: bool,
+}
+
+impl Taps {
+    /// Adds a line of two to four lumels.
+    fn add(&mut self, line: &[(usize, f32)]) {
+        if self.lines == 1 {
+            self.list[..self.count].iter_mut().for_each(|t| t.1 *= 0.5);
+        }
+        let share = if self.lines == 0 { 1.0 } else { 0.5 };
+        for &(j, weight) in line {
+            self.list[self.count] = (j, weight * share);
+            self.count += 1;
+        }
+        self.bent = (self.bent || self.lines == 0) && line.len() > 2;
+        self.lines += 1;
+    }
+
+    /// Lumels and their weights.
+    pub(crate) fn list(&self) -> &[(usize, f32)] {
+        &self.list[..self.count]
+    }
+}
+
+/// Direct light between neighbours.
+pub(crate) struct DirectBetween {
+    pub irradiance: Vec3,
+    /// Direct light by plane.
+    pub planes: Vec<Vec3>,
+    /// Square of what interpolation may be off.
+    pub variance: f32,
+    /// Lamps that all of them see, and that are hidden from all, as [`Received`] has them.
+    pub lit: u32,
+    pub hidden: u32,
+}
+
+fn mean_of<'r>(beside: impl Iterator<Item = &'r Received>) -> Between {
+    let mut out = Between {
+        indirect: Vec3::ZERO,
+        first_half: Vec3::ZERO,
+        variance: 0.0,
+        planes: Vec::new(),
+    };
+    let mut n = 0.0;
+    for r in beside {
+        n += 1.0;
+        out.indirect += r.indirect;
+        out.first_half += r.first_half;
+        // As if neighbours' errors were one; smoothing finds out what they are.
+        out.variance += r.indirect_variance;
+        out.planes.resize(r.planes.len(), [Vec3::ZERO; 2]);
+        for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
+            sum[0] += plane.indirect;
+            sum[1] += plane.first_half;
+        }
+    }
+    let share = 1.0 / f32::max(n, 1.0);
+    out.indirect *= share;
+    out.first_half *= share;
+    out.variance *= share;
+    out.planes.iter_mut().flatten().for_each(|p| *p *= share);
+    out
+}
+
+/// Indirect light of lumel `i`, which is interpolated.
+pub(crate) fn between(map: &LumelMap, i: usize) -> Between {
+    mean_of(map.plan.of(i).map(|j| &map.received[j]))
+}
+
+/// What an interpolated lumel's light is made of: its neighbours on both sides and, where surface goes on undisturbed, the next ones in the same
+/// lines, with weights that sum to 1. A cubic through four, a parabola through three, else a straight line. Empty where neighbours are on
+/// one side alone.
+pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
+    let (l, received) = (map.lumel(i), &map.received);
+    let [x, y] = l.texel.map(i64::from);
+    let mut taps = Taps::default();
+    let next = |j: usize| -> Option<usize> {
+        let [u, v] = map.lumel(j).texel.map(i64::from);
+        let at = |k: i64| map.index.at(l.page, x + k * (u - x), y + k * (v - y));
+        let (between, far) = (at(2)?, at(3)?);
+        let (near, r) = (&received[j], &received[far]);
+        let way = r.position - near.position;
+        // A chart may hold places that adjoin and surfaces that do not.
+        let goes_on = way.length() <= 4.0 * near.size
+            && way.dot(near.normal).abs() <= 0.5 * near.size
+            && [between, far].into_iter().all(|k| {
+                let r = &received[k];
+                let clear = map.plan.is(k) || (r.open == 1.0 && !r.near);
+                clear && map.lumel(k).instance == l.instance
+            });
+        goes_on.then_some(far)
+    };
+    // Opposite ones: the first and the second of two, the first and the last, the second and the third of four.
+    let [a, b, c, d] = map.plan.beside[i];
+    let pairs = if c.or(d).is_some() || (x & y & 1 == 1) {
+        [[a, d], [b, c]]
+    } else {
+        [[a, b], [None; 2]]
+    };
+    for pair in pairs {
+        let [Some(a), Some(b)] = pair.map(|j| j.map(|j| j as usize)) else {
+            continue;
+        };
+        match (next(a), next(b)) {
+            (Some(far_a), Some(far_b)) => {
+                taps.add(&[(a, 0.5625), (b, 0.5625), (far_a, -0.0625), (far_b, -0.0625)]);
+            }
+            (None, Some(far)) => taps.add(&[(a, 0.375), (b, 0.75), (far, -0.125)]),
+            (Some(far), None) => taps.add(&[(a, 0.75), (b, 0.375), (far, -0.125)]),
+            (None, None) => taps.add(&[(a, 0.5), (b, 0.5)]),
+        }
+    }
+    taps
+}
+
+/// Direct light of lumel `i` by its taps, where all agree about lamps, no shadow's edge crosses any and it does not bend; `None` elsewhere.
+pub(crate) fn direct_between(map: &LumelMap, i: usize) -> Option<DirectBetween> {
+    let (taps, received) = (taps(map, i), &map.received);
+    if !taps.bent {
+        return None; // nothing to tell by whether it bends
+    }
+    let first = &received[taps.list().first()?.0];
+    let mut out = DirectBetween {
+        irradiance: Vec3::ZERO,
+        planes: vec![Vec3::ZERO; first.planes.len()],
+        variance: 0.0,
+        lit: first.lit,
+        hidden: first.hidden,
+    };
+    for &(j, weight) in taps.list() {
+        let r = &received[j];
+        let same = [r.lit, r.hidden] == [out.lit, out.hidden] && r.mixed == 0;
+        if !(same && r.edge == Edge::None && r.open == 1.0) {
+            return None;
+        }
+        out.irradiance += r.direct * weight;
+        for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
+            *sum += plane.direct * weight;
+        }
+    }
+    let (mut straight, mut n) = (0f32, 0f32);
+    for j in map.plan.of(i) {
+        straight += luminance(received[j].direct);
+        n += 1.0;
+    }
+    out.irradiance = out.irradiance.max(Vec3::ZERO);
+    let light = luminance(out.irradiance + first.indirect);
+    let bend = luminance(out.irradiance) - straight / n;
+    out.variance = bend * bend;
+    (bend.abs() <= STRAIGHT * light).then_some(out)
+}
+
+/// Interpolates anew, after what lumels are interpolated between has changed.
+pub(crate) fn interpolate(map: &mut LumelMap) {
+    let between: Vec<Option<Between>> = (0..map.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .map(|i| (map.plan.is(i)).then(|| between(map, i)))
+        .collect();
+    for (r, between) in map.received.iter_mut().zip(between) {
+        let Some(b) = between else { continue };
+        (r.indirect, r.first_half) = (b.indirect, b.first_half);
+        r.indirect_variance = b.variance;
+        for (plane, of) in r.planes.iter_mut().zip(b.planes) {
+            [plane.indirect, plane.first_half] = of;
+        }
+    }
+}

@@ -1,0 +1,41 @@
+//! Footprints gathered in parallel.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use radiosity::{Cancelled, Monitor, Phase};
+use rayon::prelude::*;
+
+use crate::received::Received;
+
+/// Footprints gathered between two looks at the monitor.
+const BLOCK: usize = 64;
+
+/// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub(crate) fn in_blocks(
+    n: usize,
+    phase: Phase,
+    monitor: &dyn Monitor,
+    gather: impl Fn(usize) -> Received + Sync,
+) -> Result<Vec<Received>, Cancelled> {
+    let mut received = Vec::new();
+    received.resize_with(n, Received::default);
+    let done = AtomicU64::new(0);
+    let blocks = received.par_chunks_mut(BLOCK).enumerate();
+    blocks.for_each(|(b, out)| {
+        if monitor.cancelled() {
+            return;
+        }
+        for (k, r) in out.iter_mut().enumerate() {
+            *r = gather(b * BLOCK + k);
+        }
+        let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
+        monitor.progress(phase, now, n as u64);
+    });
+    if done.load(Ordering::Relaxed) < n as u64 {
+        return Err(Cancelled);
+    }
+    Ok(received)
+}

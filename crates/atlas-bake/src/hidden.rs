@@ -1,0 +1,130 @@
+//! Lumels that nobody sees take the light of those beside them.
+
+use glam::Vec3;
+use radiosity::{World, luminance};
+use rayon::prelude::*;
+
+use crate::map::LumelMap;
+use crate::parts::LIFT;
+use crate::planes::Plane;
+use crate::received::Received;
+
+/// Gives lumels of which nothing can be seen the light of their neighbours, `rings` deep, since bilinear lookups beside them read it.
+///
+/// So do lumels behind a single-sided surface that their neighbours lie before: the first row of a wall that goes on into the ground,
+/// where it may see the sky from below. Such a surface shows the neighbour its front and the lumel its back.
+pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
+    let mut filled: Vec<bool> = map.received.iter().map(|r| r.open > 0.0).collect();
+    let received = &map.received;
+    let behind: Vec<(usize, Received)> = (0..map.len())
+        .into_par_iter()
+        .with_min_len(1024)
+        .filter(|&i| received[i].behind && filled[i])
+        .filter_map(|i| {
+            let own = received[i].point(world);
+            let lift = LIFT * received[i].size;
+            let before = |j: usize| {
+                filled[j]
+                    && !received[j].behind
+                    && map.barriers.between(&map.lumels, i, j)
+                    && world.backs_onto(&own, &received[j].point(world), lift)
+            };
+            let around = beside(map, &before, i, EDGES);
+            Some((i, blend(received, &around, i)?))
+        })
+        .collect();
+    put(&mut map.received, behind);
+    let mut empty: Vec<usize> = (0..map.len()).filter(|&i| !filled[i]).collect();
+    for _ in 0..rings {
+        let found: Vec<(usize, Received)> = empty
+            .par_iter()
+            .with_min_len(1024)
+            .filter_map(|&i| {
+                let of = |j: usize| filled[j];
+                let mut around = beside(map, &of, i, EDGES);
+                if around.is_empty() {
+                    around = beside(map, &of, i, CORNERS);
+                }
+                Some((i, blend(&map.received, &around, i)?))
+            })
+            .collect();
+        if found.is_empty() {
+            return;
+        }
+        for (i, _) in &found {
+            filled[*i] = true;
+        }
+        put(&mut map.received, found);
+        empty.retain(|&i| !filled[i]);
+    }
+}
+
+const EDGES: [[i64; 2]; 4] = [[0, -1], [-1, 0], [1, 0], [0, 1]];
+const CORNERS: [[i64; 2]; 4] = [[-1, -1], [1, -1], [-1, 1], [1, 1]];
+
+fn put(received: &mut [Received], values: Vec<(usize, Received)>) {
+    for (i, value) in values {
+        received[i] = value;
+    }
+}
+
+/// The neighbours of lumel `i` at these offsets that `may` serve and face about the same way.
+fn beside(
+    map: &LumelMap,
+    may: &dyn Fn(usize) -> bool,
+    i: usize,
+    around: [[i64; 2]; 4],
+) -> Vec<usize> {
+    let received = &map.received;
+    (around.into_iter())
+        .filter_map(|way| map.beside(i, way))
+        .filter(|&j| received[j].normal.dot(received[i].normal) > 0.5)
+        .filter(|&j| may(j))
+        .collect()
+}
+
+/// Lumel `i` with the light of some neighbours; `None` of none.
+///
+/// It lies in a wall, and a neighbour that can be seen up to a share of it ends where the wall begins: lookups in front of the wall read the lumel where
+/// that is more than half. A wall of little more than a lumel is read from on both sides, and may have a bright room on one of them and a dark one
+/// on the other. The mean of these would be seen as light in the dark room, the darker one as a dark line in the bright room. The square of the
+/// mean root lies between the two where eyes have it, which see about the root of light.
+fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> {
+    // Of neighbours that were hidden themselves all count the same.
+    let read = |j: usize| (received[j].open - 0.5).max(1e-3);
+    let all: f32 = around.iter().map(|&j| read(j)).sum();
+    let light = |j: usize| luminance(received[j].direct + received[j].indirect).max(0.0);
+    let mean = around.iter().map(|&j| read(j) * light(j)).sum::<f32>() / all;
+    let root = around
+        .iter()
+        .map(|&j| read(j) * light(j).sqrt())
+        .sum::<f32>()
+        / all;
+    let dimmed = if mean > 0.0 { root * root / mean } else { 1.0 };
+    let (first, own) = (*around.first()?, &received[i]);
+    let mut out = Received {
+        position: own.position,
+        normal: own.normal,
+        open: 0.0,
+        rays: own.rays,
+        edge: own.edge,
+        direct: Vec3::ZERO,
+        indirect: Vec3::ZERO,
+        first_half: Vec3::ZERO,
+        planes: vec![Plane::default(); own.planes.len()].into(),
+        ..received[first].clone()
+    };
+    for &j in around {
+        let from = &received[j];
+        let weight = dimmed * read(j) / all;
+        out.direct += from.direct * weight;
+        out.indirect += from.indirect * weight;
+        out.first_half += from.first_half * weight;
+        for (plane, of) in out.planes.iter_mut().zip(&from.planes) {
+            plane.direct += of.direct * weight;
+            plane.indirect += of.indirect * weight;
+            plane.first_half += of.first_half * weight;
+        }
+    }
+    Some(out)
+}

@@ -1,0 +1,217 @@
+//! The lumels about one that lie on the same piece of surface.
+
+use crate::map::LumelMap;
+
+/// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which leaves about a tenth of the
+/// variance, a third of the noise.
+pub(crate) const REACH: i64 = 3;
+
+/// Cosine between normals below which two lumels see too different hemispheres. About 30°: along a curve light changes steadily, which
+/// the plane follows, and pillars are a few lumels around.
+pub(crate) const SAME_FACING: f32 = 0.85;
+
+/// Lumels of a window.
+pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
+
+/// A neighbour and its offset in texels.
+pub(crate) type Neighbour = (usize, i64, i64);
+
+/// Looks up lumels by their neighbours.
+#[derive(Clone, Copy)]
+pub(crate) struct Window<'m> {
+    map: &'m LumelMap,
+}
+
+impl<'m> Window<'m> {
+    pub(crate) fn new(map: &'m LumelMap) -> Self {
+        Window { map }
+    }
+
+    /// Lumels that were gathered at about `i`, itself among them if it was, on the same piece of surface and wholly in the open. Where light is
+    /// interpolated, every second lumel of a window twice as wide: as many as elsewhere.
+    pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
+        let mut found = [(0, 0, 0); SIDE * SIDE];
+        if self.map.plan.bears(i) || self.map.plan.is(i) {
+            let n = self.on_grid(i, 2, &mut found);
+            let n = self.over_clear_ground(i, &mut found, n);
+            if 2 * n >= SIDE * SIDE {
+                return (found, n);
+            }
+        }
+        let mut n = self.on_grid(i, 1, &mut found);
+        if self.map.barriers.matter() {
+            n = self.on_this_side(&mut found, n);
+        }
+        (found, n)
+    }
+
+    /// Lumels in the window about `i` whose column and row are multiples of `stride`, or any if that is 1. With more than one, what is near
+    /// something is left out: between such, barriers are not looked for.
+    fn on_grid(&self, i: usize, stride: i64, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
+        let (l, own) = (self.map.lumel(i), &self.map.received[i]);
+        let [cx, cy] = l.texel.map(i64::from);
+        // From an odd lumel one column less fits in than from an even one.
+        let side = |c: i64| {
+            let odd = c.rem_euclid(stride);
+            let steps = REACH * stride - odd;
+            (-steps..=steps).step_by(stride as usize)
+        };
+        let mut n = 0;
+        for dy in side(cy) {
+            for dx in side(cx) {
+                let (x, y) = (cx + dx, cy + dy);
+                let Some(j) = self.map.index.at(l.page, x, y) else {
+                    continue;
+                };
+                let r = &self.map.received[j];
+                let steps = ((dx * dx + dy * dy) as f32).sqrt();
+                let between = r.position - own.position;
+                if self.map.lumel(j).instance == l.instance
+                    && !self.map.plan.is(j)
+                    && (r.open == 1.0 || j == i)
+                    && (stride == 1 || j == i || !r.near)
+                    && r.normal.dot(own.normal) >= SAME_FACING
+                    && between.length() <= 1.5 * (steps + 0.5) * own.size
+                    && between.dot(own.normal).abs() <= 0.5 * (steps + 1.0) * own.size
+                {
+                    found[n] = (j, dx, dy);
+                    n += 1;
+                }
+            }
+        }
+        n
+    }
+
+    /// Keeps those of the first `n` lumels, which lie on every second column and row, that one comes to from the middle by steps over lumels near
+    /// which nothing stands: a floor that a wall passes through lies within or beside one of them.
+    fn over_clear_ground(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
+        const WIDE: i64 = 2 * REACH;
+        const ACROSS: usize = (2 * WIDE + 1) as usize;
+        let l = self.map.lumel(i);
+        let [cx, cy] = l.texel.map(i64::from);
+        let place = |dx: i64, dy: i64| ((dy + WIDE) * ACROSS as i64 + dx + WIDE) as usize;
+        let mut there = [false; ACROSS * ACROSS];
+        let mut reached = [false; ACROSS * ACROSS];
+        let mut next = [(0i64, 0i64); SIDE * SIDE];
+        let mut waiting = 0;
+        for &(_, dx, dy) in &found[..n] {
+            there[place(dx, dy)] = true;
+            // What the lumel lies between; itself, if it was gathered at.
+            if dx.abs() <= 1 && dy.abs() <= 1 {
+                reached[place(dx, dy)] = true;
+                next[waiting] = (dx, dy);
+                waiting += 1;
+            }
+        }
+        while waiting > 0 {
+            waiting -= 1;
+            let (x, y) = next[waiting];
+            for (sx, sy) in [(1i64, 0i64), (-1, 0), (0, 1), (0, -1)] {
+                let (u, v) = (x + 2 * sx, y + 2 * sy);
+                if u.abs() > WIDE || v.abs() > WIDE || !there[place(u, v)] || reached[place(u, v)] {
+                    continue;
+                }
+                let between = self.map.index.at(l.page, cx + x + sx, cy + y + sy);
+                let clear = |j: usize| {
+                    let r = &self.map.received[j];
+                    self.map.lumel(j).instance == l.instance && r.open == 1.0 && !r.near
+                };
+                if between.is_some_and(clear) {
+                    reached[place(u, v)] = true;
+                    next[waiting] = (u, v);
+                    waiting += 1;
+                }
+            }
+        }
+        keep(found, n, |dx, dy| reached[place(dx, dy)])
+    }
+
+    /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier, in their order, and says how many.
+    fn on_this_side(&self, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
+        // What a wall cuts is not among the neighbours, what it runs between has something near.
+        if !found[..n].iter().any(|f| self.map.received[f.0].near) {
+            return n;
+        }
+        let place = |dx: i64, dy: i64| ((dy + REACH) * SIDE as i64 + dx + REACH) as usize;
+        let mut slot = [usize::MAX; SIDE * SIDE];
+        for &(j, dx, dy) in &found[..n] {
+            slot[place(dx, dy)] = j;
+        }
+        let mut reached = [false; SIDE * SIDE];
+        let mut next = Vec::with_capacity(n);
+        next.push((0i64, 0i64));
+        reached[place(0, 0)] = true;
+        while let Some((x, y)) = next.pop() {
+            let own = slot[place(x, y)];
+            for (dx, dy) in [(1i64, 0i64), (-1, 0), (0, 1), (0, -1)] {
+                let (u, v) = (x + dx, y + dy);
+                if u.abs() > REACH || v.abs() > REACH || reached[place(u, v)] {
+                    continue;
+                }
+                let other = slot[place(u, v)];
+                // The middle itself may not be among those found.
+                let before = if dx + dy > 0 { own } else { other };
+                let free = other != usize::MAX
+                    && (before == usize::MAX || !self.map.barriers.after(before, dy != 0));
+                if free {
+                    reached[place(u, v)] = true;
+                    next.push((u, v));
+                }
+            }
+        }
+        keep(found, n, |dx, dy| reached[place(dx, dy)])
+    }
+
+    /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that
+    /// chanced to miss it finds itself dark and certain, and would stay a dark dot.
+    pub(crate) fn pooled_variance(&self, i: usize) -> f32 {
+        let (around, n) = self.around(i);
+        let sum: f32 = around[..n]
+            .iter()
+            .map(|a| self.map.received[a.0].indirect_variance)
+            .sum();
+        let own = &self.map.received[i];
+        if n == 0 {
+            own.indirect_variance
+        } else if own.open < 1.0 {
+            // A part of a lumel has fewer rays than its neighbours.
+            own.indirect_variance.max(sum / n as f32)
+        } else {
+            sum / n as f32
+        }
+    }
+
+    /// [`pooled_variance`](Self::pooled_variance) of those lumels about `i` that have about its light.
+    pub(crate) fn variance_of_alike(&self, i: usize, light: &[f32], alike: f32) -> f32 {
+        let (around, n) = self.around(i);
+        let (mut sum, mut count) = (0.0, 0.0);
+        for &(j, ..) in &around[..n] {
+            if light[j] <= alike * light[i] && light[i] <= alike * light[j] {
+                sum += self.map.received[j].indirect_variance;
+                count += 1.0;
+            }
+        }
+        if count > 0.0 {
+            sum / count
+        } else {
+            self.map.received[i].indirect_variance
+        }
+    }
+}
+
+/// Keeps those of the first `n` whose place was `reached`, in their order, and says how many.
+fn keep(
+    found: &mut [Neighbour; SIDE * SIDE],
+    n: usize,
+    reached: impl Fn(i64, i64) -> bool,
+) -> usize {
+    let mut kept = 0;
+    for k in 0..n {
+        let (_, dx, dy) = found[k];
+        if reached(dx, dy) {
+            found[kept] = found[k];
+            kept += 1;
+        }
+    }
+    kept
+}
