@@ -4,7 +4,6 @@ use glam::Vec3;
 use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Solution, World};
 use serde::Serialize;
 
-use crate::atlas::{Layout, Page};
 use crate::barriers::Barriers;
 use crate::first::gather_first;
 use crate::gather::Gatherer;
@@ -13,6 +12,7 @@ use crate::hidden::fill_hidden;
 use crate::manifest::ValueKind;
 use crate::map::LumelMap;
 use crate::options::GatherOptions;
+use crate::page::Page;
 use crate::pages::Pages;
 use crate::planes::{Plane, Wanted};
 use crate::reach::{mean_square, reach, relative_errors, settle};
@@ -20,6 +20,7 @@ use crate::received::Edge;
 use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
 use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexReport};
+use atlas::Layout;
 
 /// Extra channels of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]

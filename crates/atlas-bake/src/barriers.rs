@@ -3,9 +3,9 @@
 use radiosity::World;
 use rayon::prelude::*;
 
-use crate::lumels::{Lumels, TexelIndex};
 use crate::parts::LIFT;
 use crate::received::Received;
+use atlas::{Lumels, TexelIndex};
 
 /// Between which lumels that touch a wall stands.
 #[derive(Debug, Default)]

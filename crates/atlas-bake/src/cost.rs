@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
 use crate::bake::BakeOptions;
 use crate::map::LumelMap;
 use crate::seams::find_samples;
+use atlas::Layout;
 
 /// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
 /// the machine. Rounds go on until [`ENOUGH`].
@@ -70,9 +70,7 @@ pub fn gather_cost(
     let gather = |k: usize| -> u64 {
         // Multiples of the golden ratio: every stretch of them lies evenly over the level.
         let at = (k as f64 * 0.618_033_988_749_895).fract() * full.len() as f64;
-        let (footprint, seed) = map
-            .lumels
-            .footprint(world, full[(at as usize).min(full.len() - 1)]);
+        let (footprint, seed) = map.footprint(world, full[(at as usize).min(full.len() - 1)]);
         gatherer.gather(&footprint, seed).rays
     };
     let size = ROUND * rayon::current_num_threads();

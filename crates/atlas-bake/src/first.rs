@@ -23,7 +23,7 @@ pub(crate) fn gather_first(
     let world = gatherer.world();
     let first: Vec<usize> = (0..n).filter(|&i| !map.plan.is(i)).collect();
     let gathered = in_blocks(first.len(), Phase::Gather, monitor, |k| {
-        let (footprint, seed) = map.lumels.footprint(world, first[k]);
+        let (footprint, seed) = map.footprint(world, first[k]);
         gatherer.gather(&footprint, seed)
     })?;
     map.received.resize_with(n, Received::default);
@@ -34,7 +34,7 @@ pub(crate) fn gather_first(
     let rest: Vec<usize> = (0..n).filter(|&i| map.plan.is(i) || unsteady[i]).collect();
     let gathered = in_blocks(rest.len(), Phase::Gather, monitor, |k| {
         let i = rest[k];
-        let (footprint, seed) = map.lumels.footprint(world, i);
+        let (footprint, seed) = map.footprint(world, i);
         if unsteady[i] {
             return gatherer.gather(&footprint, seed);
         }

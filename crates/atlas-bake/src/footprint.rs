@@ -1,9 +1,9 @@
 //! The pieces of surface that receive light: a lumel's part of a texel, a vertex's surroundings.
 
 use glam::{Vec2, Vec3};
-use radiosity::{SurfacePoint, World, sample_2d};
+use radiosity::{SurfacePoint, World, hash_u32, sample_2d};
 
-use crate::lumels::{Fragment, Lumel, Lumels};
+use atlas::{Fragment, Lumel, Lumels};
 
 /// A piece of surface, as a stream of points spread evenly over it.
 pub trait Footprint: Sync {
@@ -45,6 +45,13 @@ impl<'l, 'w, 'a> LumelFootprint<'l, 'w, 'a> {
             size,
             reach: reach.max(size),
         }
+    }
+
+    /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
+    pub(crate) fn of(world: &'w World<'a>, lumels: &'l Lumels, i: usize) -> (Self, u32) {
+        let lumel = lumels.lumels[i];
+        let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
+        (Self::new(world, lumels, lumel, seed), seed)
     }
 }
 

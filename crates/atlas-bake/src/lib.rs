@@ -1,6 +1,5 @@
 //! Lightmap charts, lumels, final gather, seams; EXR and glTF output.
 
-mod atlas;
 mod bake;
 mod barriers;
 mod between;
@@ -8,7 +7,6 @@ mod blocks;
 mod certainty;
 mod compare;
 mod cost;
-pub mod density;
 mod dilate;
 mod edge;
 mod error;
@@ -21,14 +19,12 @@ mod gather;
 mod gltf_out;
 mod hidden;
 mod ktx2;
-mod layout;
 mod lit;
-mod lumels;
 mod manifest;
 mod map;
 mod options;
 mod output;
-mod pack;
+mod page;
 mod pages;
 mod parts;
 mod plan;
@@ -45,15 +41,11 @@ mod seams;
 mod smooth;
 mod texture;
 mod tracer;
-mod unlike;
-pub mod unwrap;
-mod uv_check;
 mod uv_picture;
 mod vertex_footprint;
 mod vertex_light;
 mod window;
 
-pub use atlas::*;
 pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost};
@@ -66,16 +58,12 @@ pub use gltf_out::{
     VertexStats, write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,
 };
 pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2};
-pub use layout::{
-    LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout, layout_kept,
-};
-pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
 pub use options::{GatherOptions, Interpolation};
 pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
-pub use pack::{PackedPages, pack_pages};
+pub use page::Page;
 pub use planes::{Plane, Wanted};
 pub use preview::{
     Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,
@@ -83,9 +71,5 @@ pub use preview::{
 };
 pub use received::{Edge, Received};
 pub use seams::{SeamError, SeamReport};
-pub use unlike::separate_unlike;
-pub use uv_check::{
-    OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
-};
 pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};
 pub use vertex_light::{MOST_ADDED_VERTICES, VertexDifference, VertexReport};

@@ -5,9 +5,9 @@ use serde::Serialize;
 
 use serde_json::{Value, json};
 
-use crate::atlas::{Layout, Placement, Rect};
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
+use atlas::{Layout, Placement, Rect};
 
 /// What the R, G and B channels of a lightmap hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -287,7 +287,7 @@ mod tests {
     use mesh_ingest::{Instance, Material, Mesh, Primitive};
 
     use super::*;
-    use crate::atlas::MeshAtlas;
+    use atlas::MeshAtlas;
 
     fn scene() -> (Scene, Layout) {
         let instance = |node, copy| Instance {

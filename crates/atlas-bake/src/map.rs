@@ -2,12 +2,13 @@
 
 use radiosity::World;
 
-use crate::atlas::Layout;
 use crate::barriers::Barriers;
-use crate::lumels::{Lumel, Lumels, TexelIndex};
+use crate::footprint::LumelFootprint;
 use crate::options::Interpolation;
 use crate::plan::Plan;
 use crate::received::Received;
+use atlas::Layout;
+use atlas::{Lumel, Lumels, TexelIndex};
 
 /// Lumels: their places, how they lie to each other, and their light. Lists are by lumel.
 pub(crate) struct LumelMap {
@@ -52,6 +53,15 @@ impl LumelMap {
     /// The place of lumel `i`.
     pub(crate) fn lumel(&self, i: usize) -> &Lumel {
         &self.lumels.lumels[i]
+    }
+
+    /// The footprint of lumel `i`, and the seed of its random numbers.
+    pub(crate) fn footprint<'l, 'w, 'a>(
+        &'l self,
+        world: &'w World<'a>,
+        i: usize,
+    ) -> (LumelFootprint<'l, 'w, 'a>, u32) {
+        LumelFootprint::of(world, &self.lumels, i)
     }
 
     /// The lumel so many texels from lumel `i`, if it is of the same instance.

@@ -5,15 +5,16 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::{Vec2, Vec3};
 use radiosity::{World, luminance};
 
-use crate::atlas::{Layout, Page, Rect, UvOrigin};
 use crate::bake::{BakeOptions, Directional, Layer};
 use crate::dilate::dilate;
 use crate::footprint::LumelFootprint;
-use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
+use crate::page::Page;
 use crate::planes::{Plane, Wanted};
 use crate::received::Received;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
+use atlas::{Layout, Rect, UvOrigin};
+use atlas::{Lumel, Lumels};
 
 /// What pages are made of.
 pub(crate) struct Pages<'p, 'w, 'a> {

@@ -14,10 +14,10 @@
 use radiosity::{SurfacePoint, World, luminance};
 use rayon::prelude::*;
 
-use crate::footprint::Footprint;
-use crate::lumels::{Lumels, TexelIndex};
+use crate::footprint::{Footprint, LumelFootprint};
 use crate::options::Interpolation;
 use crate::received::{Edge, Received};
+use atlas::{Lumels, TexelIndex};
 
 /// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light from what is R away changes over R, and
 /// the window that the quadratic is fitted in reaches seven lumels at most.
@@ -76,7 +76,7 @@ impl Plan {
             .into_par_iter()
             .with_min_len(256)
             .map(|i| {
-                let (footprint, _) = lumels.footprint(world, i);
+                let (footprint, _) = LumelFootprint::of(world, lumels, i);
                 (footprint.fallback(), footprint.reach())
             })
             .collect();

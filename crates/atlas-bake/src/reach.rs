@@ -13,11 +13,11 @@ use crate::between::interpolate;
 use crate::blocks::in_blocks;
 use crate::certainty::{Certainty, scale};
 use crate::gather::Gatherer;
-use crate::lumels::Lumels;
 use crate::map::LumelMap;
 use crate::options::GatherOptions;
 use crate::received::{Edge, Received};
 use crate::smooth::{Trust, smooth_indirect};
+use atlas::Lumels;
 
 /// Samples are multiplied by this in a round.
 const TIMES: u32 = 4;
@@ -265,7 +265,7 @@ fn look(
         });
         let again = in_blocks(of.len(), Phase::Refine, monitor, |k| {
             let i = of[k];
-            let (footprint, seed) = map.lumels.footprint(gatherer.world(), i);
+            let (footprint, seed) = map.footprint(gatherer.world(), i);
             let old = &map.received[i];
             match more {
                 More::Rays => closer.gather_more(&footprint, seed, old, (from, to)),

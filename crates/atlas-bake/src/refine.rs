@@ -40,7 +40,7 @@ pub(crate) fn follow_edges(
         }
         let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
             let (i, look) = beside[k];
-            let (footprint, seed) = map.lumels.footprint(gatherer.world(), i);
+            let (footprint, seed) = map.footprint(gatherer.world(), i);
             let first = &map.received[i];
             if !look.contact {
                 return gatherer.refine_direct(&footprint, seed, first, look.lights);
@@ -136,7 +136,7 @@ pub(crate) fn add_rays(
         .collect();
     let more = in_blocks(short.len(), Phase::Refine, monitor, |k| {
         let (i, times) = short[k];
-        let (footprint, seed) = map.lumels.footprint(gatherer.world(), i);
+        let (footprint, seed) = map.footprint(gatherer.world(), i);
         gatherer.gather_more(&footprint, seed, &map.received[i], (1, times))
     })?;
     for ((i, times), again) in short.into_iter().zip(more) {

@@ -331,11 +331,11 @@ pub(crate) fn likely(d: f32, noise: f32) -> f32 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::atlas::Layout;
     use crate::barriers::Barriers;
-    use crate::lumels::{Lumel, Lumels, TexelIndex};
     use crate::plan::Plan;
     use crate::window::REACH;
+    use atlas::Layout;
+    use atlas::{Lumel, Lumels, TexelIndex};
 
     /// Random numbers about 0 with a standard deviation of one.
     pub(crate) fn normal_numbers() -> impl FnMut() -> f32 {

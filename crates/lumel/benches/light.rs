@@ -10,10 +10,8 @@ use std::path::{Path, PathBuf};
 
 use divan::{Bencher, black_box, counter::ItemsCount};
 use glam::{DVec3, Vec3};
-use lumel::atlas_bake::{
-    self, BakeOptions, GatherOptions, Hidden, Interpolation, Layout, LayoutOptions, ValueKind,
-    layout,
-};
+use lumel::atlas::{Layout, LayoutOptions, layout};
+use lumel::atlas_bake::{self, BakeOptions, GatherOptions, Hidden, Interpolation, ValueKind};
 use lumel::mesh_ingest::{self, LoadOptions, Soup};
 use lumel::radiosity::{
     DirectOptions, Emitters, Sky, SolveOptions, World, WorldOptions, form_factor_polygon, solve,

@@ -14,6 +14,7 @@ pub(crate) fn write() {
         "visibility",
         "patch-subdivision",
         "radiosity",
+        "atlas",
         "atlas-bake",
     ] {
         collect(&root.join("crates").join(folder).join("src"), &mut files);

@@ -67,14 +67,14 @@ mod sources;
 pub mod view;
 mod watch;
 
+pub use atlas;
 pub use atlas_bake;
 pub use mesh_ingest;
 pub use radiosity;
 pub use visibility;
 
-pub use atlas_bake::{
-    Directional, Hidden, Ktx2Format, Layer, Page, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
-};
+pub use atlas::{UnwrapperChoice, UvMode};
+pub use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, Page, Paint, ValueKind};
 pub use baker::Baker;
 pub use cache::{Cache, CacheReport};
 pub use depfile::depfile;

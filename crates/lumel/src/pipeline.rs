@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use atlas::{KeptCharts, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport};
 use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
-use atlas_bake::unwrap::KeptCharts;
 use atlas_bake::{
-    BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, LitScene,
-    PictureLight, ValueKind, choose_camera, render_preview, scene_camera,
+    BakeOptions, Baked, LitScene, PictureLight, ValueKind, choose_camera, render_preview,
+    scene_camera,
 };
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
@@ -123,7 +123,7 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
         loaded.scene.environment.as_ref(),
     )?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
-    atlas_bake::separate_unlike(&mut loaded.scene);
+    atlas::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
     Ok(Prepared {
         loaded,
@@ -567,7 +567,7 @@ pub(crate) fn plan_layout(
         monitor.progress(Phase::Atlas, p.done as u64, p.total as u64);
         !monitor.cancelled()
     };
-    atlas_bake::layout_kept(scene, soup, &options, kept, &progress).map_err(|source| match source {
+    atlas::layout_kept(scene, soup, &options, kept, &progress).map_err(|source| match source {
         LayoutError::Cancelled => Error::Cancelled,
         source => Error::Layout {
             file: file.to_owned(),

@@ -2,10 +2,8 @@
 
 use std::path::PathBuf;
 
-use atlas_bake::{
-    Directional, GatherOptions, Hidden, Interpolation, Ktx2Format, Layer, UvMode, ValueKind,
-    unwrap::UnwrapperChoice,
-};
+use atlas::{UnwrapperChoice, UvMode};
+use atlas_bake::{Directional, GatherOptions, Hidden, Interpolation, Ktx2Format, Layer, ValueKind};
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;

@@ -10,10 +10,11 @@ use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, index, object_at, push, set_extra};
 use super::split::{Split, accessor_of, add_gathered};
 use super::{LIGHTMAP_EXTRA, by_node, moz, texcoord};
-use crate::atlas::{Layout, Page, UvOrigin};
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
+use crate::page::Page;
+use atlas::{Layout, UvOrigin};
 
 /// What writing a glTF changed beside the coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]

@@ -6,8 +6,8 @@ use mesh_ingest::{Primitive, RawAccessor, RawPrimitive};
 use serde_json::{Map, Value, json};
 
 use super::editor::Editor;
-use crate::atlas::PrimitiveAtlas;
 use crate::error::{Error, Result};
+use atlas::PrimitiveAtlas;
 
 /// New vertices and triangles of a primitive.
 pub(super) struct Split {

@@ -8,8 +8,8 @@ use mesh_ingest::{LoadOptions, Loaded, Scene, load};
 use serde_json::{Value, json};
 
 use super::*;
-use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
 use crate::manifest::ValueKind;
+use atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
 
 mod moz;
 mod vertex;

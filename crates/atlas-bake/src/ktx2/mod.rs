@@ -16,10 +16,10 @@ mod tests;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::atlas::Page;
 use crate::compare::{DiffReport, diff};
 use crate::error::{Error, Result};
 use crate::exr_io::{ExrImage, ExrStats, HALF_MAX};
+use crate::page::Page;
 
 /// How a page's texels are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]

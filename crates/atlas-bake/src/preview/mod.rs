@@ -11,10 +11,11 @@ use radiosity::{DirectLight, Solution, World, hash_u32};
 use rayon::prelude::*;
 use visibility::{Bvh, Hit, HitFilter, Ray};
 
-use crate::atlas::{Layout, Page, Placement};
 use crate::error::Result;
 use crate::false_color::{encode_png, heat};
 use crate::manifest::ValueKind;
+use crate::page::Page;
+use atlas::{Layout, Placement};
 
 pub use camera::{Camera, choose_camera, scene_camera};
 use tone::Exposure;

@@ -3,7 +3,7 @@ use mesh_ingest::{Instance, Material, Mesh, Primitive};
 use visibility::BuildOptions;
 
 use super::*;
-use crate::atlas::{MeshAtlas, PrimitiveAtlas, Rect};
+use atlas::{MeshAtlas, PrimitiveAtlas, Rect};
 
 /// A 2 × 2 wall at z = 0 that faces +z, its lightmap left half 1 and right half 3, base colour (1, 0.5, 0).
 fn wall() -> (Scene, Layout, Vec<Page>) {

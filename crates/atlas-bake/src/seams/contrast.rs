@@ -7,7 +7,7 @@
 
 use glam::Vec2;
 
-use crate::atlas::Page;
+use crate::page::Page;
 use crate::seams::Sample;
 use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 

@@ -4,10 +4,10 @@ use glam::{Vec2, Vec3};
 use radiosity::World;
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
-use crate::lumels::Lumels;
 use crate::seams::border::{Piece, border_pieces};
 use crate::seams::tree::BoxTree;
+use atlas::Layout;
+use atlas::Lumels;
 
 /// A point of a seam.
 #[derive(Debug, Clone, Copy)]

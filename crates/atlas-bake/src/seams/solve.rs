@@ -9,7 +9,7 @@
 
 use glam::Vec4;
 
-use crate::atlas::Page;
+use crate::page::Page;
 use crate::seams::Sample;
 use crate::seams::bounds::bounds;
 use crate::seams::contrast::{faith, misfit};

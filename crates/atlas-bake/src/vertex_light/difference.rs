@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use super::moments::{LumelLight, over_lumels};
 use super::sheet::Sheet;
-use crate::atlas::Placement;
-use crate::lumels::TexelIndex;
+use atlas::Placement;
+use atlas::TexelIndex;
 
 /// Interpolated vertex light against the lumels, luminance, over lumels in the open, weighted by area.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]

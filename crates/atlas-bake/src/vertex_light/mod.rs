@@ -26,11 +26,11 @@ pub use difference::VertexDifference;
 pub(crate) use moments::LumelLight;
 pub(crate) use read::LumelPlace;
 
-use crate::atlas::Layout;
 use crate::gather::Gatherer;
 use crate::gltf_out::{SplitPrimitive, VertexLight};
-use crate::lumels::TexelIndex;
 use crate::map::LumelMap;
+use atlas::Layout;
+use atlas::TexelIndex;
 use gathered::Job;
 use moments::Moments;
 use read::Reader;

@@ -5,9 +5,9 @@ use patch_subdivision::raster::{Polygon, cut_triangle};
 use radiosity::luminance;
 
 use super::sheet::Tri;
-use crate::atlas::Placement;
-use crate::lumels::TexelIndex;
 use crate::received::Received;
+use atlas::Placement;
+use atlas::TexelIndex;
 
 /// Triangles of fewer texels than this are gathered at by themselves: a lumel's mean says too little about what lies within it.
 pub(super) const LEAST_TEXELS: f64 = 4.0;

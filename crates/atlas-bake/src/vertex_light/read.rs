@@ -12,10 +12,10 @@ use radiosity::{DirectLight, SurfacePoint, World, hash_u32, luminance};
 
 use super::moments::LumelLight;
 use super::sheet::{Sheet, Tri, corners_of};
-use crate::atlas::Placement;
-use crate::lumels::TexelIndex;
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
+use atlas::Placement;
+use atlas::TexelIndex;
 
 /// Lumels' normals may differ from the point's by 60°: on a curve their mean can still be right, which [`SAME_NORMAL`] tells.
 const LIKE_NORMAL: f32 = 0.5;

@@ -6,9 +6,9 @@ use glam::{DVec2, Vec3};
 use mesh_ingest::{Primitive, Scene, Soup};
 
 use super::moments::Moments;
-use crate::atlas::Layout;
-use crate::lumels::{Lumels, faces_of};
 use crate::vertex_footprint::Spoke;
+use atlas::Layout;
+use atlas::{Lumels, faces_of};
 
 /// Normals that differ by less are of one smoothing group: cos 5°. Exporters round normals to a degree at worst (8 bits), and hard edges
 /// that anyone sees are above ten.

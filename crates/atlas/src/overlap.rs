@@ -4,7 +4,7 @@ use glam::Vec2;
 use patch_subdivision::raster::cover_triangle;
 
 /// No triangle or chart at a texel.
-pub(crate) const NOBODY: u32 = u32::MAX;
+const NOBODY: u32 = u32::MAX;
 
 /// Two charts or more at a texel.
 const SEVERAL: u32 = u32::MAX - 1;
@@ -73,7 +73,7 @@ impl Overlaps {
 }
 
 /// Calls `f(column, row)` for each texel of the grid whose centre lies more than 1e-3 texel inside the triangle.
-pub(crate) fn for_each_texel(corners: &[Vec2; 3], size: [u32; 2], mut f: impl FnMut(u32, u32)) {
+pub fn for_each_texel(corners: &[Vec2; 3], size: [u32; 2], mut f: impl FnMut(u32, u32)) {
     const INSET: f64 = 1e-3;
     let p = corners.map(|c| c.as_dvec2());
     let low = p[0].y.min(p[1].y).min(p[2].y) + INSET;
@@ -104,7 +104,7 @@ pub(crate) fn for_each_texel(corners: &[Vec2; 3], size: [u32; 2], mut f: impl Fn
 }
 
 /// Where a bilinear lookup on one chart reads lumels of another.
-pub(crate) struct Bleeding {
+pub struct Bleeding {
     /// Covered area, texels.
     pub covered: f64,
     /// The part of it, by triangle, whose lookups read other charts, texels.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::common::*;
-use atlas_bake::{LayoutOptions, UvMode, layout};
+use atlas::{LayoutOptions, UvMode, layout};
 use mesh_ingest::{LoadOptions, Soup};
 
 /// Every .glb and .gltf below `folder`, those that are broken on purpose apart.

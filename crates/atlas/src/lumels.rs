@@ -5,10 +5,7 @@ use mesh_ingest::{Scene, Soup};
 use patch_subdivision::raster::cover_triangle;
 use rayon::prelude::*;
 
-use radiosity::{World, hash_u32};
-
 use crate::atlas::{Layout, MeshAtlas};
-use crate::footprint::LumelFootprint;
 
 /// A texel that lies at least in part on a surface.
 #[derive(Debug, Clone, Copy)]
@@ -99,24 +96,13 @@ impl Lumels {
     }
 
     /// The first face under a lumel.
-    pub(crate) fn first_face(&self, lumel: &Lumel) -> u32 {
+    pub fn first_face(&self, lumel: &Lumel) -> u32 {
         self.faces[lumel.first as usize]
     }
 
     /// Page corners of a face, in the order of the world corners of the triangle in whose place it is; NaN where it has none.
-    pub(crate) fn page_corners(&self, face: u32) -> [Vec2; 3] {
+    pub fn page_corners(&self, face: u32) -> [Vec2; 3] {
         self.corners[face as usize]
-    }
-
-    /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
-    pub(crate) fn footprint<'l, 'w, 'a>(
-        &'l self,
-        world: &'w World<'a>,
-        i: usize,
-    ) -> (LumelFootprint<'l, 'w, 'a>, u32) {
-        let lumel = self.lumels[i];
-        let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
-        (LumelFootprint::new(world, self, lumel, seed), seed)
     }
 
     /// Memory, bytes.
@@ -129,13 +115,14 @@ impl Lumels {
 }
 
 /// Lumel at each texel.
-pub(crate) struct TexelIndex {
+pub struct TexelIndex {
     /// By page: width, height, lumel number or `u32::MAX`.
     pages: Vec<(i64, i64, Vec<u32>)>,
 }
 
 impl TexelIndex {
-    pub(crate) fn build(lumels: &[Lumel], layout: &Layout) -> Self {
+    /// The lumels of a layout's pages.
+    pub fn build(lumels: &[Lumel], layout: &Layout) -> Self {
         let mut pages: Vec<(i64, i64, Vec<u32>)> = layout
             .pages
             .iter()
@@ -149,7 +136,7 @@ impl TexelIndex {
     }
 
     /// The lumel at a texel, if there is one; the texel may lie outside of the page.
-    pub(crate) fn at(&self, page: u32, x: i64, y: i64) -> Option<usize> {
+    pub fn at(&self, page: u32, x: i64, y: i64) -> Option<usize> {
         let (w, h, texels) = &self.pages[page as usize];
         if x < 0 || y < 0 || x >= *w || y >= *h {
             return None;
@@ -167,7 +154,7 @@ struct InstanceLumels {
 }
 
 /// All faces of an instance: its triangles in the soup, and those that others take the place of.
-pub(crate) fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
+pub fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
     let [start, end] = soup.instance_ranges[instance];
     let [first, last] = soup.duplicate_ranges[instance];
     let n = soup.len() as u32;

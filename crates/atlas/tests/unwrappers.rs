@@ -1,8 +1,8 @@
 //! Every unwrapper on the same meshes.
 
 use crate::common::*;
-use atlas_bake::unwrap::UnwrapperChoice;
-use atlas_bake::{LayoutOptions, UvOrigin, layout, pack_pages};
+use atlas::UnwrapperChoice;
+use atlas::{LayoutOptions, UvOrigin, layout, pack_pages};
 use glam::Vec3;
 
 #[test]

@@ -7,7 +7,7 @@ use super::measure::signed_area2;
 use super::{
     Cancel, NONE, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish,
 };
-use crate::uv_check::overlap_share;
+use crate::overlap::overlap_share;
 
 /// Faces join a group up to this angle from its first face (degrees); the stretch stays below 1/cos.
 const GROUP_DEGREES: f64 = 30.0;

@@ -1,7 +1,7 @@
 //! Densities of nodes, and instances of one mesh that are too unlike to share charts.
 
 use crate::common::*;
-use atlas_bake::{LayoutOptions, layout, separate_unlike};
+use atlas::{LayoutOptions, layout, separate_unlike};
 use glam::{DAffine3, DVec3, Vec3};
 use mesh_ingest::{Scene, Soup};
 

@@ -59,15 +59,11 @@ pub struct DensityPlan {
     pub meshes: Vec<MeshDensity>,
 }
 
-/// The default density of a scene: lumels per metre with which all instances together get about `lumels` lumels (within 12 %).
-///
-/// A [preferred number](preferred), so that charts stay as they are while a level grows. Huge instances count only with their share,
-/// and nodes' own factors not at all: a factor on one node does not change the others.
-pub fn choose_texels_per_unit(scene: &Scene, soup: &Soup, lumels: u64) -> f32 {
-    plan(scene, soup, None, lumels).texels_per_unit
-}
-
 /// Densities for all meshes; `wanted` is honoured for all, else they follow from the budget of `lumels`.
+///
+/// The default density is the one with which all instances together get about `lumels` lumels (within 12 %).
+/// It is a [preferred number](preferred), so that charts stay as they are while a level grows. Huge instances count only with
+/// their share, and nodes' own factors not at all: a factor on one node does not change the others.
 pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> DensityPlan {
     let mut meshes = survey(scene, soup);
     if let Some(texels_per_unit) = wanted {

@@ -29,7 +29,7 @@ use thiserror::Error;
 
 pub use boxes::BoxProjection;
 use charts::Charts;
-pub use input::{CREASE_DEGREES, NONE, SHARP_DEGREES, UnwrapInput};
+pub use input::{NONE, UnwrapInput};
 use join::join_small;
 pub use kept::KeptCharts;
 pub(crate) use measure::weighted_median;
@@ -38,7 +38,7 @@ use pack_charts::pack_charts;
 pub use uvunwrap::UvUnwrap;
 use weld::weld_slits;
 
-use crate::uv_check::Overlaps;
+use crate::overlap::Overlaps;
 pub use xatlas::Xatlas;
 
 /// How to unwrap.

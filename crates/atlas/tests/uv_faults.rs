@@ -1,9 +1,7 @@
 //! Faults of an asset's own TEXCOORD_1: each with a mesh that has it, the place where it is, and what follows.
 
 use crate::common::*;
-use atlas_bake::{
-    LayoutOptions, MeshReport, Severity, UvFault, UvFaultKind, UvMode, UvOrigin, layout,
-};
+use atlas::{LayoutOptions, MeshReport, Severity, UvFault, UvFaultKind, UvMode, UvOrigin, layout};
 use glam::{Vec2, Vec3};
 use mesh_ingest::Mesh;
 

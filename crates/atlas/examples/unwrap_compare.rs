@@ -1,8 +1,8 @@
 //! Measures the unwrappers on glTF scenes and on hard meshes made here, and prints a table.
 //!
 //! ```sh
-//! cargo run --release -p atlas-bake --example unwrap_compare -- ../shared/scenes          # every .glb and .gltf below
-//! cargo run --release -p atlas-bake --example unwrap_compare -- --hard                    # the meshes of tests/nasty.rs
+//! cargo run --release -p atlas --example unwrap_compare -- ../shared/scenes          # every .glb and .gltf below
+//! cargo run --release -p atlas --example unwrap_compare -- --hard                    # the meshes of tests/nasty.rs
 //! ```
 //! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default). Columns: charts, area over page area (rectangles of all
 //! instances), L² stretch (area-weighted mean over meshes), texels under two charts, triangles turned over, slits (length of smooth edges
@@ -17,8 +17,8 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use atlas_bake::unwrap::UnwrapperChoice;
-use atlas_bake::{LayoutOptions, UvMode, layout, overlap_share};
+use atlas::UnwrapperChoice;
+use atlas::{LayoutOptions, UvMode, layout, overlap_share};
 use glam::{DAffine3, Vec2};
 use mesh_ingest::{Instance, LoadOptions, Material, Mesh, Primitive, Scene, Soup};
 

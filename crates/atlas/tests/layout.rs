@@ -1,7 +1,7 @@
 //! Layouts of small scenes: charts, densities, rectangles.
 
 use crate::common::*;
-use atlas_bake::{Layout, LayoutError, LayoutOptions, LayoutReport, UvMode, UvOrigin, layout};
+use atlas::{Layout, LayoutError, LayoutOptions, LayoutReport, UvMode, UvOrigin, layout};
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use mesh_ingest::{Mesh, Scene, Soup};
 

@@ -2,7 +2,7 @@
 
 pub mod nasty;
 
-use atlas_bake::{Layout, MeshAtlas};
+use atlas::{Layout, MeshAtlas};
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 use mesh_ingest::{AlphaMode, Instance, Material, Mesh, Primitive, Scene, Soup};
 
@@ -266,7 +266,7 @@ pub fn check_blocks(atlas: &MeshAtlas, padding: u32, block: i64) -> usize {
         });
     }
     let flat: Vec<[Vec2; 3]> = all.iter().map(|x| x.0).collect();
-    let overlap = atlas_bake::overlap_share(&flat, atlas.size);
+    let overlap = atlas::overlap_share(&flat, atlas.size);
     assert!(overlap == 0.0, "overlap {overlap}");
     for y in 0..h {
         for x in 0..w {

@@ -1,18 +1,15 @@
 //! Whether an asset's own `TEXCOORD_1` can serve as lightmap coordinates, and at which size.
 
 mod fault;
-mod raster;
 
 use glam::{DVec2, Vec2};
 use mesh_ingest::Mesh;
 
 use crate::atlas::{MeshAtlas, PrimitiveAtlas, UvOrigin};
+use crate::overlap::{Bleeding, Overlaps};
 use crate::unwrap::{UnwrapInput, weighted_median};
 
 pub use fault::{Severity, UvFault, UvFaultKind, UvPlace};
-pub(crate) use raster::Overlaps;
-pub use raster::overlap_share;
-pub(crate) use raster::{Bleeding, for_each_texel};
 
 /// Share of covered texels that may lie under two triangles. Authors' atlases have shared borders that cross a few texel
 /// centres; a real overlap (a tiled or mirrored layout) is far above.

@@ -2,8 +2,8 @@
 
 use crate::common::nasty::nasty;
 use crate::common::*;
-use atlas_bake::unwrap::UnwrapperChoice;
-use atlas_bake::{Layout, LayoutOptions, LayoutReport, layout};
+use atlas::UnwrapperChoice;
+use atlas::{Layout, LayoutOptions, LayoutReport, layout};
 use glam::DAffine3;
 
 fn lay_out(
