@@ -1,26 +1,18 @@
-//! Lumels and vertices of a whole scene, gathered and put into pages.
+//! A whole scene: its light gathered, at lumels and vertices, and put into pages.
 
+use atlas::Layout;
+use gather::{
+    GatherOptions, Gatherer, LightOptions, LightReport, VertexLight, VertexOptions, VertexReport,
+    Wanted, bake_light, bake_vertices,
+};
 use glam::Vec3;
 use radiosity::{Cancelled, DirectLight, Emitters, Monitor, Solution, World};
 use serde::Serialize;
 
-use crate::barriers::Barriers;
-use crate::first::gather_first;
-use crate::gather::Gatherer;
-use crate::gltf_out::VertexLight;
-use crate::hidden::fill_hidden;
 use crate::manifest::ValueKind;
-use crate::map::LumelMap;
-use crate::options::GatherOptions;
 use crate::page::Page;
 use crate::pages::Pages;
-use crate::planes::{Plane, Wanted};
-use crate::reach::{mean_square, reach, relative_errors, settle};
-use crate::received::Edge;
-use crate::refine::{add_rays, follow_edges};
 use crate::seams::SeamReport;
-use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexReport};
-use atlas::Layout;
 
 /// Extra channels of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
@@ -76,7 +68,7 @@ pub struct BakeOptions {
     pub hidden: Hidden,
     /// Make bilinear lookups on both sides of chart borders agree.
     pub stitch: bool,
-    /// Gather on until [`BakeReport::estimated_error`] is at most this; `None` stops where [`lumels`](Self::lumels) says.
+    /// Gather on until [`LightReport::estimated_error`] is at most this; `None` stops where [`lumels`](Self::lumels) says.
     pub error: Option<f32>,
     /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh as it is.
     pub vertex_error: Option<f32>,
@@ -109,6 +101,14 @@ impl BakeOptions {
         Gatherer::new(world, solution, direct, options, self.wanted(world))
     }
 
+    /// How far the light at lumels is taken.
+    fn light(&self) -> LightOptions {
+        LightOptions {
+            rings: self.padding + 1,
+            error: self.error,
+        }
+    }
+
     /// What lumels are to keep beside their irradiance.
     pub(crate) fn wanted(&self, world: &World) -> Wanted {
         Wanted {
@@ -134,36 +134,14 @@ fn diagonal(world: &World) -> f32 {
     }
 }
 
-/// What was gathered.
+/// What was gathered, and what was made of it.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct BakeReport {
-    /// Texels with a surface.
-    pub lumels: u64,
-    /// Lumels that lie wholly inside or right behind something single-sided: nearly all rays from there meet back faces.
-    pub hidden_lumels: u64,
-    /// Lumels of which a part does; their value is the mean over all of it.
-    pub partly_hidden_lumels: u64,
-    /// Lumels at a contact, which were gathered at many points.
-    pub edge_lumels: u64,
-    /// Lumels in or beside the edge of a shadow.
-    pub shadow_edge_lumels: u64,
-    /// Gathering and shadow rays, lumels.
-    pub lumel_rays: u64,
+    /// Light at lumels.
+    #[serde(flatten)]
+    pub light: LightReport,
     /// Light at vertices; `None` where it was left out.
     pub vertices: Option<VertexReport>,
-    /// Mean of R over lumels, weighted by coverage (linear RGB).
-    pub mean: [f64; 3],
-    /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean). Within a factor 1.5 of the true one
-    /// on the scenes of docs/error.md.
-    pub estimated_error: f64,
-    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners.
-    pub median_error: f64,
-    /// Whether that is as small as [`BakeOptions::error`] asked for; `None` where nothing was asked.
-    pub error_reached: Option<bool>,
-    /// Times that lumels were looked at again for it.
-    pub rounds: u32,
-    /// Lumels that have as many samples as they can and still too large an error.
-    pub exhausted_lumels: u64,
     /// Seams between charts: how far lookups on their two sides differ.
     pub seams: SeamReport,
     /// Memory of pages and lumel lists, bytes.
@@ -183,9 +161,9 @@ pub struct Baked {
     pub report: BakeReport,
 }
 
-/// Gathers light at all lumels and vertices: the passes of a bake, in their order.
+/// Bakes a scene: gathers light at lumels, makes pages of it, and gathers light at vertices.
 ///
-/// Deterministic for any number of threads: every footprint is computed by itself, with random numbers that hang on its place.
+/// Deterministic for any number of threads, see [`bake_light`].
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
@@ -197,97 +175,35 @@ pub fn bake(
     options: &BakeOptions,
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
-    let mut out = Baked::default();
     let gatherer = options.gatherer(world, emitters, solution);
-    let mut map = LumelMap::new(world, layout, options.lumels.interpolation);
-    gather_first(&gatherer, &mut map, monitor)?;
-    follow_edges(&gatherer, &mut map, monitor)?;
-    let fill = options.hidden == Hidden::Fill;
-    if fill {
-        map.barriers = Barriers::find(world, &map.lumels, &map.index, &map.received);
-    }
-    add_rays(&gatherer, &mut map, monitor)?;
-    // What is hidden takes its neighbours' light.
-    let finish = |map: &mut LumelMap| {
-        if fill {
-            fill_hidden(world, map, options.padding + 1);
-        }
-    };
-    if let Some(wanted) = options.error {
-        let reached = reach(&gatherer, &mut map, wanted, &finish, monitor)?;
-        out.report.rounds = reached.rounds;
-        out.report.exhausted_lumels = reached.exhausted;
-    }
-    let wanted = gatherer.wanted;
-    let asked = options.error.is_some();
-    settle(&mut map, options.lumels.rays, wanted.groups, asked);
-    finish(&mut map);
-    summarise(&map, &mut out.report);
-    let reached = |x| out.report.estimated_error <= f64::from(x);
-    out.report.error_reached = options.error.map(reached);
+    let (map, light) = bake_light(&gatherer, layout, options.light(), monitor)?;
     let pages = Pages {
         world,
         layout,
-        lumels: &map.lumels,
-        received: &map.received,
+        lumels: map.lumels(),
+        received: map.received(),
         options,
-        wanted,
+        wanted: gatherer.wanted,
     };
-    (out.pages, out.groups, out.report.seams) = pages.make();
-    out.report.bytes = map.lumels.bytes()
-        + gatherer.tracer.lit.bytes()
-        + (map.len() * wanted.planes() * size_of::<Plane>()) as u64
-        + (out.pages.iter().chain(out.groups.iter().flatten()))
-            .map(|p| (p.value.len() * (16 + 4 * p.layers.len())) as u64)
-            .sum::<u64>();
-    if let Some(at_vertices) = options.vertices {
-        // A mean over what a wall parts is for measuring, not for reading.
-        let places = fill.then(|| LumelPlace::find(&map));
-        let light: Vec<LumelLight> = map.received.iter().map(LumelLight::of).collect();
-        map.received = Vec::new();
-        let vertices = VertexBake {
-            world,
-            layout,
-            map: &map,
-            light: &light,
-            places: places.as_deref(),
-            error: options.vertex_error,
-        };
-        // Vertices hold one colour.
-        let gatherer = Gatherer {
-            options: at_vertices,
-            wanted: Wanted::default(),
-            ..gatherer
-        };
-        let (lit, report) = vertices.run(&gatherer, monitor)?;
-        out.vertices = lit;
-        out.report.vertices = Some(report);
+    let (pages, groups, seams) = pages.make();
+    let all_pages = pages.iter().chain(groups.iter().flatten());
+    let bytes = map.bytes() + gatherer.bytes() + all_pages.map(Page::bytes).sum::<u64>();
+    let (mut vertices, mut at_vertices) = (VertexLight::default(), None);
+    if let Some(gather) = options.vertices {
+        let error = options.vertex_error;
+        let options = VertexOptions { gather, error };
+        let (lit, report) = bake_vertices(&gatherer, layout, map, options, monitor)?;
+        (vertices, at_vertices) = (lit, Some(report));
     }
-    Ok(out)
-}
-
-fn summarise(map: &LumelMap, report: &mut BakeReport) {
-    let (lumels, received) = (&map.lumels, &map.received);
-    report.lumels = map.len() as u64;
-    let (mut sum, mut weight) = ([0f64; 3], 0f64);
-    for (l, r) in lumels.lumels.iter().zip(received) {
-        report.lumel_rays += r.rays;
-        report.edge_lumels += (r.edge == Edge::Contact) as u64;
-        report.shadow_edge_lumels += (r.edge == Edge::Shadow) as u64;
-        report.hidden_lumels += (r.open == 0.0) as u64;
-        report.partly_hidden_lumels += (r.open > 0.0 && r.open < 1.0) as u64;
-        let w = l.coverage as f64;
-        let value = r.light() * std::f32::consts::FRAC_1_PI;
-        for (s, v) in sum.iter_mut().zip(value.to_array()) {
-            *s += v as f64 * w;
-        }
-        weight += w;
-    }
-    report.mean = sum.map(|s| s / weight.max(1e-300));
-    let mut errors = relative_errors(lumels, received);
-    report.estimated_error = mean_square(&errors).sqrt();
-    let middle = errors.len() / 2;
-    if !errors.is_empty() {
-        report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
-    }
+    Ok(Baked {
+        pages,
+        groups,
+        vertices,
+        report: BakeReport {
+            light,
+            vertices: at_vertices,
+            seams,
+            bytes,
+        },
+    })
 }

@@ -2,13 +2,13 @@
 
 use std::time::{Duration, Instant};
 
+use atlas::Layout;
+use gather::LumelMap;
 use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
 
 use crate::bake::BakeOptions;
-use crate::map::LumelMap;
 use crate::seams::find_samples;
-use atlas::Layout;
 
 /// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
 /// the machine. Rounds go on until [`ENOUGH`].
@@ -51,11 +51,13 @@ pub fn gather_cost(
     options: &BakeOptions,
 ) -> GatherCost {
     let map = LumelMap::new(world, layout, options.lumels.interpolation);
-    let full: Vec<usize> = (0..map.len()).filter(|&i| !map.plan.is(i)).collect();
+    let full: Vec<usize> = (0..map.len())
+        .filter(|&i| !map.is_interpolated(i))
+        .collect();
     let mut cost = GatherCost {
         gathered: full.len(),
         interpolated: map.len() - full.len(),
-        seam_samples: find_samples(world, layout, &map.lumels).len(),
+        seam_samples: find_samples(world, layout, map.lumels()).len(),
         ..GatherCost::default()
     };
     if options.stitch {

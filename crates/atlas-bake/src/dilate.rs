@@ -1,9 +1,10 @@
 //! Dilation: texels without a value of their own take their neighbours', so that bilinear lookups at chart borders read light
 //! and not the void.
 
+use atlas::Rect;
+
 use crate::page::Page;
 use crate::seams::EMPTY;
-use atlas::Rect;
 
 /// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which piece of surface a texel has its value
 /// from, [`EMPTY`] where it has none, and is updated; `readers`, which piece's lookups read a texel that has none. Reads and writes nothing

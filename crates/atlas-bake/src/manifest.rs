@@ -3,11 +3,11 @@
 use mesh_ingest::Scene;
 use serde::Serialize;
 
+use atlas::{Layout, Placement, Rect};
 use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
-use atlas::{Layout, Placement, Rect};
 
 /// What the R, G and B channels of a lightmap hold.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]

@@ -21,4 +21,9 @@ impl Page {
         let layer = self.layers.iter().find(|(n, _)| n == name)?;
         Some(&layer.1)
     }
+
+    /// Memory, bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        (self.value.len() * (16 + 4 * self.layers.len())) as u64
+    }
 }

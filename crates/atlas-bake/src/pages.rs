@@ -2,19 +2,16 @@
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
+use atlas::{Layout, Lumel, Lumels, Rect, UvOrigin};
+use gather::{LumelFootprint, Plane, Received, Wanted};
 use glam::{Vec2, Vec3};
 use radiosity::{World, luminance};
 
 use crate::bake::{BakeOptions, Directional, Layer};
 use crate::dilate::dilate;
-use crate::footprint::LumelFootprint;
 use crate::manifest::ValueKind;
 use crate::page::Page;
-use crate::planes::{Plane, Wanted};
-use crate::received::Received;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
-use atlas::{Layout, Rect, UvOrigin};
-use atlas::{Lumel, Lumels};
 
 /// What pages are made of.
 pub(crate) struct Pages<'p, 'w, 'a> {

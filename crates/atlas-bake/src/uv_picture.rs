@@ -1,13 +1,12 @@
 //! Pictures of charts: what lies where on a lightmap, and what is wrong with it.
 
+use atlas::{Bleeding, Layout, MeshAtlas, UvFault, for_each_texel};
 use glam::{Vec2, Vec3};
 use mesh_ingest::{Mesh, Scene, Soup};
 use patch_subdivision::raster::cover_triangle;
 
 use crate::error::Result;
 use crate::false_color::encode_png;
-use atlas::{Bleeding, UvFault, for_each_texel};
-use atlas::{Layout, MeshAtlas};
 
 /// What the colours of a picture tell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -1,7 +1,8 @@
 //! Occluders have no place in the lightmap, and stay as they were in what is written.
 
 use atlas::{Layout, LayoutError, LayoutOptions, LayoutReport, layout};
-use atlas_bake::{Manifest, ValueKind, VertexLight, write_lightmapped_glb, write_vertex_glb};
+use atlas_bake::{Manifest, ValueKind, write_lightmapped_glb, write_vertex_glb};
+use gather::VertexLight;
 use mesh_ingest::{LoadOptions, Loaded, Soup, load};
 use serde_json::{Value, json};
 

@@ -15,6 +15,7 @@ pub(crate) fn write() {
         "patch-subdivision",
         "radiosity",
         "atlas",
+        "gather",
         "atlas-bake",
     ] {
         collect(&root.join("crates").join(folder).join("src"), &mut files);

@@ -8,7 +8,7 @@
 //!
 //! let bake = Baker::new().quality(Quality::Draft).sky([0.25, 0.35, 0.5]).bake("level.glb")?;
 //! bake.write("out")?;
-//! println!("error about {:.2} %", 100.0 * bake.report.gather.median_error);
+//! println!("error about {:.2} %", 100.0 * bake.report.gather.light.median_error);
 //! # Ok::<(), lumel::Error>(())
 //! ```
 //!
@@ -69,6 +69,7 @@ mod watch;
 
 pub use atlas;
 pub use atlas_bake;
+pub use gather;
 pub use mesh_ingest;
 pub use radiosity;
 pub use visibility;

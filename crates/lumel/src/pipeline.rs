@@ -5,11 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use atlas::{KeptCharts, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport};
-use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
+use atlas_bake::ProbeFile;
 use atlas_bake::{
     BakeOptions, Baked, LitScene, PictureLight, ValueKind, choose_camera, render_preview,
     scene_camera,
 };
+use gather::probes::{ProbeReport, ProbeScene, bake_probes, report_probes};
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{
@@ -629,20 +630,20 @@ fn warnings(
             100.0 * solution.report.relaxation.residual
         ));
     }
-    if let (Some(wanted), Some(false)) = (wanted, baked.report.error_reached) {
+    if let (Some(wanted), Some(false)) = (wanted, baked.report.light.error_reached) {
         out.push(format!(
             "the error asked for, {} %, was not reached: the estimate is {:.2} %, and {} of {} lumels have as many samples as a lumel gets; a finer --texels-per-unit helps where things touch",
             100.0 * wanted,
-            100.0 * baked.report.estimated_error,
-            baked.report.exhausted_lumels,
-            baked.report.lumels
+            100.0 * baked.report.light.estimated_error,
+            baked.report.light.exhausted_lumels,
+            baked.report.light.lumels
         ));
     }
-    let hidden = baked.report.hidden_lumels;
-    if hidden * 20 > baked.report.lumels {
+    let hidden = baked.report.light.hidden_lumels;
+    if hidden * 20 > baked.report.light.lumels {
         out.push(format!(
             "{hidden} of {} lumels lie inside or behind single-sided faces",
-            baked.report.lumels
+            baked.report.light.lumels
         ));
     }
     out

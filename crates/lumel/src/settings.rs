@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use atlas::{UnwrapperChoice, UvMode};
-use atlas_bake::{Directional, GatherOptions, Hidden, Interpolation, Ktx2Format, Layer, ValueKind};
+use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, ValueKind};
+use gather::{GatherOptions, Interpolation};
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use glam::{DVec3, Vec3};
 use lumel::atlas::Lumels;
-use lumel::atlas_bake::{Footprint, LumelFootprint, read_exr};
+use lumel::atlas_bake::read_exr;
+use lumel::gather::{Footprint, LumelFootprint};
 use lumel::mesh_ingest::Soup;
 use lumel::radiosity::{World, WorldOptions};
 use lumel::{Bake, Settings, Silent};

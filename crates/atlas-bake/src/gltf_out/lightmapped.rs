@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use atlas::{Layout, UvOrigin};
 use mesh_ingest::{Document, Scene};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -14,7 +15,6 @@ use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
 use crate::page::Page;
-use atlas::{Layout, UvOrigin};
 
 /// What writing a glTF changed beside the coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]

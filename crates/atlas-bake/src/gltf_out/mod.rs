@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use serde_json::Value;
 
 pub use lightmapped::{GlbOptions, GltfStats, write_lightmapped_glb, write_lightmapped_glb_with};
-pub use vertex::{SplitPrimitive, VertexLight, VertexStats, write_vertex_glb};
+pub use vertex::{VertexStats, write_vertex_glb};
 
 /// Name of the node extra with a lightmap's place.
 pub const LIGHTMAP_EXTRA: &str = "lightmap";

@@ -2,12 +2,12 @@
 
 use std::collections::HashMap;
 
+use atlas::PrimitiveAtlas;
 use mesh_ingest::{Primitive, RawAccessor, RawPrimitive};
 use serde_json::{Map, Value, json};
 
 use super::editor::Editor;
 use crate::error::{Error, Result};
-use atlas::PrimitiveAtlas;
 
 /// New vertices and triangles of a primitive.
 pub(super) struct Split {

@@ -3,6 +3,7 @@
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 
+use gather::{SplitPrimitive, VertexLight};
 use glam::Vec2;
 use mesh_ingest::{LoadOptions, Loaded, Scene, load};
 use serde_json::{Value, json};

@@ -5,6 +5,7 @@
 mod camera;
 mod tone;
 
+use atlas::{Layout, Placement};
 use glam::{Vec2, Vec3};
 use mesh_ingest::{AlphaMode, Scene, Soup};
 use radiosity::{DirectLight, Solution, World, hash_u32};
@@ -15,7 +16,6 @@ use crate::error::Result;
 use crate::false_color::{encode_png, heat};
 use crate::manifest::ValueKind;
 use crate::page::Page;
-use atlas::{Layout, Placement};
 
 pub use camera::{Camera, choose_camera, scene_camera};
 use tone::Exposure;

@@ -1,13 +1,12 @@
 //! Places where the same point of a surface lies at two places of the lightmap.
 
+use atlas::{Layout, Lumels};
 use glam::{Vec2, Vec3};
 use radiosity::World;
 use rayon::prelude::*;
 
 use crate::seams::border::{Piece, border_pieces};
 use crate::seams::tree::BoxTree;
-use atlas::Layout;
-use atlas::Lumels;
 
 /// A point of a seam.
 #[derive(Debug, Clone, Copy)]
