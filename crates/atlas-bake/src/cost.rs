@@ -7,7 +7,7 @@ use gather::LumelMap;
 use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
 
-use crate::bake::BakeOptions;
+use crate::options::BakeOptions;
 use crate::seams::find_samples;
 
 /// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on

@@ -13,6 +13,7 @@ mod false_color;
 mod gltf_out;
 mod ktx2;
 mod manifest;
+mod options;
 mod output;
 mod page;
 mod pages;
@@ -23,7 +24,7 @@ mod seams;
 mod texture;
 mod uv_picture;
 
-pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
+pub use bake::{BakeReport, Baked, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
@@ -36,6 +37,7 @@ pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
+pub use options::{BakeOptions, Directional, Hidden, Layer};
 pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
 pub use page::Page;
 pub use preview::{

@@ -7,9 +7,9 @@ use gather::{LumelFootprint, Plane, Received, Wanted};
 use glam::{Vec2, Vec3};
 use radiosity::{World, luminance};
 
-use crate::bake::{BakeOptions, Directional, Layer};
 use crate::dilate::dilate;
 use crate::manifest::ValueKind;
+use crate::options::{BakeOptions, Directional, Layer};
 use crate::page::Page;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
 

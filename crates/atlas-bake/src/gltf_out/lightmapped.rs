@@ -9,8 +9,10 @@ use serde_json::{Map, Value, json};
 
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, index, object_at, push, set_extra};
+use super::moz;
+use super::nodes::{LIGHTMAP_EXTRA, by_node};
 use super::split::{Split, accessor_of, add_gathered};
-use super::{LIGHTMAP_EXTRA, by_node, moz, texcoord};
+use super::texcoord;
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};

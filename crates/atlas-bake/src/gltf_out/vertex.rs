@@ -22,8 +22,9 @@ use serde_json::{Map, Value, json};
 
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, elements_mut, index, object_at, push, set_extra};
+use super::midpoints;
+use super::nodes::{VERTEX_LIGHT_EXTRA, by_node};
 use super::split::{accessor_of, add_gathered};
-use super::{VERTEX_LIGHT_EXTRA, by_node, midpoints};
 use crate::error::{Error, Result};
 use crate::texture;
 

@@ -3,10 +3,10 @@
 use glam::{DVec2, DVec3, Vec2};
 
 use super::charts::Charts;
+use super::finish::finish;
+use super::input::{NONE, UnwrapInput};
 use super::measure::signed_area2;
-use super::{
-    Cancel, NONE, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish,
-};
+use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 use crate::overlap::overlap_share;
 
 /// Faces join a group up to this angle from its first face (degrees); the stretch stays below 1/cos.

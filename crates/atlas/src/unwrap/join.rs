@@ -9,8 +9,8 @@
 
 use glam::DVec2;
 
-use super::UnwrapInput;
 use super::charts::{Charts, cross2};
+use super::input::UnwrapInput;
 use super::joints::{Joint, joints};
 
 /// Largest chart that is joined to another, lumels². Beyond it the texels saved are few beside the chart's own.

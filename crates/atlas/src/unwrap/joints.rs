@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::charts::Charts;
-use super::{NONE, UnwrapInput};
+use super::input::{NONE, UnwrapInput};
 
 /// Faces that meet along a part of an edge only count as neighbours up to this bend (degrees): the same wall, cut differently.
 const FLAT_DEGREES: f64 = 15.0;

@@ -5,7 +5,8 @@
 
 use glam::Vec2;
 
-use super::{UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, check};
+use super::input::UnwrapInput;
+use super::unwrapper::{UnwrapOptions, UnwrappedMesh, Unwrapper, check};
 
 /// Where charts are kept from one layout to the next.
 pub trait KeptCharts: Sync {
@@ -134,7 +135,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             primitive: vec![0; 2],
             seams: vec![[false; 3]; 2],
-            neighbors: vec![[super::super::NONE; 3]; 2],
+            neighbors: vec![[super::super::input::NONE; 3]; 2],
             layer: vec![0; 2],
             layers: 1,
             regions: 1,

@@ -3,7 +3,8 @@
 use glam::Vec2;
 use serde::Serialize;
 
-use super::{NONE, UnwrapInput, UnwrappedMesh};
+use super::input::{NONE, UnwrapInput};
+use super::unwrapper::UnwrappedMesh;
 
 /// How good an unwrap is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]

@@ -5,6 +5,7 @@
 
 mod boxes;
 mod charts;
+mod finish;
 mod guard;
 mod input;
 mod join;
@@ -15,6 +16,7 @@ mod measure;
 mod pack_charts;
 mod place;
 mod split;
+mod unwrapper;
 mod uvunwrap;
 mod weld;
 mod xatlas;
@@ -22,100 +24,17 @@ mod xatlas;
 use std::sync::Arc;
 use std::time::Duration;
 
-use glam::{DVec2, Vec2};
 use serde::Serialize;
-use split::split_hollow;
-use thiserror::Error;
 
 pub use boxes::BoxProjection;
-use charts::Charts;
-pub use input::{NONE, UnwrapInput};
-use join::join_small;
+pub use input::UnwrapInput;
 pub use kept::KeptCharts;
 pub(crate) use measure::weighted_median;
 pub use measure::{ChartMeasure, measure};
-use pack_charts::pack_charts;
+use unwrapper::check;
+pub use unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 pub use uvunwrap::UvUnwrap;
-use weld::weld_slits;
-
-use crate::overlap::Overlaps;
 pub use xatlas::Xatlas;
-
-/// How to unwrap.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct UnwrapOptions {
-    /// Lumels per metre wanted.
-    pub texels_per_unit: f32,
-    /// What keeps charts apart. 2: the texels that bilinear lookups on two charts read are disjoint; each one more is a free texel
-    /// between those. 1: one free texel between the texels that charts touch; 0: no texel is touched by two charts. Half
-    /// of the free texels, rounded up, lie between the charts and the border of the rectangle.
-    pub padding: u32,
-    /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any size).
-    pub block: u32,
-    /// Also keeps charts to blocks: no block of `block` × `block` texels holds texels that lookups in two charts read.
-    pub block_charts: bool,
-    /// Longest side of the rectangle in texels. The density is lowered until the charts fit.
-    pub max_size: u32,
-}
-
-/// Flat charts of one mesh.
-#[derive(Debug, Clone, Default)]
-pub struct UnwrappedMesh {
-    /// Width and height of the rectangle in texels.
-    pub size: [u32; 2],
-    /// Density that was reached; the one asked for unless the charts did not fit.
-    pub texels_per_unit: f32,
-    /// Texel coordinates of each triangle's corners (x right, y down). The signed area (x right, y down) is positive, or zero for
-    /// triangles too thin for any texel.
-    pub corners: Vec<[Vec2; 3]>,
-    /// Chart of each triangle.
-    pub chart: Vec<u32>,
-    /// Number of charts.
-    pub charts: u32,
-}
-
-/// Why an unwrapper gave up on a mesh.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum UnwrapError {
-    /// The caller asked to stop.
-    #[error("cancelled")]
-    Cancelled,
-    /// The charts cannot be made to fit.
-    #[error("{charts} charts do not fit into {max_size} x {max_size} texels")]
-    DoesNotFit {
-        /// How many charts there are.
-        charts: u32,
-        /// The largest rectangle allowed.
-        max_size: u32,
-    },
-    /// The unwrapper refused the mesh or gave a result that cannot be used.
-    #[error("{0}")]
-    Failed(String),
-}
-
-/// Polled during long work; `true` asks to stop.
-pub type Cancel<'a> = &'a (dyn Fn() -> bool + Sync);
-
-/// Something that flattens meshes.
-pub trait Unwrapper: Sync {
-    /// Name for reports and for `--unwrapper`.
-    fn name(&self) -> &'static str;
-
-    /// Flattens `mesh`.
-    ///
-    /// Guarantees on success: every corner is finite and lies in the rectangle; charts do not overlap and keep
-    /// their distance; the same input gives the same output for any number of threads.
-    ///
-    /// # Errors
-    /// [`UnwrapError`]; another unwrapper may do better.
-    fn unwrap(
-        &self,
-        mesh: &UnwrapInput,
-        options: &UnwrapOptions,
-        cancel: Cancel<'_>,
-    ) -> Result<UnwrappedMesh, UnwrapError>;
-}
 
 /// Which unwrapper to use.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -185,72 +104,4 @@ fn unwrap_within(
         }
     }
     Err(last)
-}
-
-/// Cuts hollow charts, joins small ones, closes slits and packs them all: what every unwrapper ends with.
-fn finish(
-    mesh: &UnwrapInput,
-    mut charts: Charts,
-    options: &UnwrapOptions,
-    cancel: Cancel<'_>,
-) -> Result<UnwrappedMesh, UnwrapError> {
-    let lumel = 1.0 / f64::from(options.texels_per_unit);
-    split_hollow(mesh, &mut charts, lumel);
-    join_small(mesh, &mut charts, lumel);
-    let apart = charts.corners.clone();
-    weld_slits(mesh, &mut charts, lumel);
-    if cancel() {
-        return Err(UnwrapError::Cancelled);
-    }
-    let packed = pack_charts(&charts, options, cancel)?;
-    // Charts that come near themselves may be drawn over themselves by it. The page tells; they stay as they were then.
-    if undo_overlaps(&packed, &apart, &mut charts) {
-        return pack_charts(&charts, options, cancel);
-    }
-    Ok(packed)
-}
-
-/// Gives charts with texels that two triangles cover the corners that they had `before`; whether that changes anything.
-fn undo_overlaps(packed: &UnwrappedMesh, before: &[[DVec2; 3]], charts: &mut Charts) -> bool {
-    let overlaps = Overlaps::find(&packed.corners, packed.size);
-    if overlaps.twice == 0 {
-        return false;
-    }
-    let mut overlapping = vec![false; charts.count as usize];
-    for (t, n) in overlaps.by_triangle.iter().enumerate() {
-        if *n > 0 {
-            overlapping[charts.chart[t] as usize] = true;
-        }
-    }
-    let mut changed = false;
-    for ((now, was), chart) in charts.corners.iter_mut().zip(before).zip(&charts.chart) {
-        if overlapping[*chart as usize] && now != was {
-            *now = *was;
-            changed = true;
-        }
-    }
-    changed
-}
-
-/// Rejects what would break the bake: wrong counts, non-finite or outlying corners.
-fn check(
-    mesh: &UnwrapInput,
-    options: &UnwrapOptions,
-    result: UnwrappedMesh,
-) -> Result<UnwrappedMesh, UnwrapError> {
-    let [w, h] = result.size;
-    if result.corners.len() != mesh.triangles.len() || result.chart.len() != mesh.triangles.len() {
-        return Err(UnwrapError::Failed("triangles are missing".into()));
-    }
-    if w > options.max_size || h > options.max_size {
-        return Err(UnwrapError::DoesNotFit {
-            charts: result.charts,
-            max_size: options.max_size,
-        });
-    }
-    let inside = |p: &Vec2| p.x >= 0.0 && p.y >= 0.0 && p.x <= w as f32 && p.y <= h as f32;
-    if !result.corners.iter().flatten().all(inside) {
-        return Err(UnwrapError::Failed("a corner lies off the page".into()));
-    }
-    Ok(result)
 }

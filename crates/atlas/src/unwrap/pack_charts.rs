@@ -11,7 +11,7 @@ use super::charts::{Charts, Shape};
 use super::mask::{Mask, SLACK};
 use super::measure::signed_area2;
 use super::place::{Item, Place, place_all};
-use super::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
+use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 
 /// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a border row of lumels that are half on the
 /// surface costs as much to bake as whole ones, and the texels won are few beside the chart's own.

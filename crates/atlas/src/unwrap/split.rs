@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::charts::{Charts, Shape, cross2};
-use super::{NONE, UnwrapInput};
+use super::input::{NONE, UnwrapInput};
 
 /// A chart is cut where its box is empty over more than this share of all charts' area: other charts cannot fill that.
 const EMPTY: f64 = 0.5;

@@ -6,7 +6,9 @@ use glam::{DVec2, Vec2, Vec3};
 use uvunwrap::{Density, Error, MeshInput, Options, Packing};
 
 use super::charts::Charts;
-use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish};
+use super::finish::finish;
+use super::input::UnwrapInput;
+use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 
 /// Largest mesh given to uvunwrap: at 10 to 16 µs a triangle, a minute. Larger ones go to the box projection.
 pub const MAX_TRIANGLES: usize = 4_000_000;

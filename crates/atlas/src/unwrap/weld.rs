@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 
 use glam::DVec2;
 
-use super::UnwrapInput;
 use super::charts::{Charts, cross2};
+use super::input::UnwrapInput;
 
 /// Places of one vertex in one chart that are nearer than this to each other become one, lumels. Each moves by half of it; what joins charts leaves no
 /// wider slits but short ones.

@@ -23,8 +23,10 @@ use glam::{Vec2, Vec3};
 // Nothing of the crate's Rust side is called: this links the C++ library that it builds.
 use xatlas_rs as _;
 
+use super::finish::finish;
+use super::input::UnwrapInput;
+use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 use super::uvunwrap::flatten;
-use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwrapper, finish};
 
 /// Largest mesh given to xatlas. 82,000 triangles of a sphere took it 80 s (FACTS.md §6), and its time grows faster than the
 /// number of triangles.
