@@ -2,6 +2,26 @@
 //!
 //! [`bake`] reads like the method's table of contents: light is gathered at lumels (crate `gather`),
 //! lumels become [`Page`]s, their seams are stitched, and vertices get light from the same lumels.
+//!
+//! ```
+//! use atlas_bake::{ExrOptions, Page, diff, read_exr, write_lightmap_exr};
+//!
+//! let page = Page {
+//!     width: 2,
+//!     height: 1,
+//!     value: vec![[0.5, 0.25, 1.0], [2.0; 3]],
+//!     coverage: vec![1.0; 2],
+//!     layers: Vec::new(),
+//! };
+//! let (bytes, stats) = write_lightmap_exr(&page, &ExrOptions::default())?;
+//! assert_eq!(stats.clamped, 0);
+//! let file = tempfile::NamedTempFile::new().expect("a temporary file");
+//! std::fs::write(file.path(), bytes).expect("written");
+//! let image = read_exr(file.path())?;
+//! assert_eq!(image.channel("R"), Some(&[0.5, 2.0][..]));
+//! assert_eq!(diff(&image, &image)?.rel_rmse, 0.0);
+//! # Ok::<(), atlas_bake::Error>(())
+//! ```
 
 mod bake;
 mod compare;

@@ -38,7 +38,7 @@
 //! - **Threads** are those of the current rayon pool, or [`Baker::threads`].
 //!
 //! [`Settings`] is the plain struct behind [`Baker`], for programs that read options from elsewhere; [`bake()`] takes it with a [`Monitor`]. The crates
-//! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
+//! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas`], [`gather`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
 
 mod baker;
 mod cache;
