@@ -1,6 +1,6 @@
 //! Pages of a lightmap: seams, dilation, and the files they are written to (EXR, KTX2, glTF, JSON, PNG).
 //!
-//! [`bake`] reads like the method's table of contents: light is gathered at lumels (crate `gather`),
+//! [`bake()`] reads like the method's table of contents: light is gathered at lumels (crate `gather`),
 //! lumels become [`Page`]s, their seams are stitched, and vertices get light from the same lumels.
 //!
 //! ```
@@ -48,7 +48,7 @@ pub use bake::{BakeReport, Baked, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
-pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
+pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, write_lightmap_exr};
 pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,
     write_lightmapped_glb_with, write_vertex_glb,

@@ -27,11 +27,11 @@ impl Gatherer<'_, '_> {
     /// First a few points share many rays. Where they disagree (some lie inside a closed thing, or see
     /// much more light than others) an edge crosses the footprint, and the mean is only as good as the
     /// share of points on either side: these footprints are gathered anew, with
-    /// [`GatherOptions::edge_points`] points of two rays each.
+    /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points) points of two rays each.
     ///
     /// Sub-points inside closed things are those in a body, those from which nearly all rays meet black
     /// back faces, and, where only what is open counts, unlit backs of double-sided ones. Where all of
-    /// the footprint is inside, the mean is over all of it, whatever [`GatherOptions::open_only`] says.
+    /// the footprint is inside, the mean is over all of it, whatever [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let (world, options) = (self.tracer.world, &self.options);
         // Openness is there in the dark too.

@@ -33,7 +33,7 @@ pub struct GltfStats {
     pub sets_replaced: u64,
     /// Materials copied so that only those primitives read the moved set.
     pub materials_copied: u64,
-    /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](crate::separate_unlike)).
+    /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](atlas::separate_unlike)).
     pub meshes_copied: u64,
     /// Meshes copied so that each lit node's coordinates are on its page, for `MOZ_lightmap`.
     pub moz_meshes: u64,

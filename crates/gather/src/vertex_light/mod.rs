@@ -56,7 +56,7 @@ pub struct VertexReport {
     pub rays: u64,
     /// Vertices that splitting added, all instances together.
     pub added: u64,
-    /// Instances that would have got more than [`MOST_ADDED_VERTICES`].
+    /// Instances that would have got more than 200,000 vertices.
     pub full: u64,
     /// Against the lightmap.
     pub difference: VertexDifference,
