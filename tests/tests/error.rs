@@ -18,12 +18,12 @@ fn bake(error: f32, quality: Quality, density: f32) -> lumel::Bake {
 #[test]
 fn an_error_is_reached_with_no_more_rays_than_it_takes() {
     // The first rays, `quick`'s, reach 0.041.
-    let coarse = bake(0.1, Quality::Preview, 4.0).report.gather;
+    let coarse = bake(0.1, Quality::Preview, 4.0).report.gather.light;
     assert_eq!(coarse.error_reached, Some(true));
     assert!(coarse.estimated_error <= 0.1);
     let mut rays = coarse.lumel_rays;
     for wanted in [0.03, 0.015, 0.0075] {
-        let report = bake(wanted, Quality::Preview, 4.0).report.gather;
+        let report = bake(wanted, Quality::Preview, 4.0).report.gather.light;
         assert_eq!(report.error_reached, Some(true), "{wanted}");
         assert!(report.estimated_error <= f64::from(wanted));
         assert!(
@@ -45,7 +45,7 @@ fn each_preset_takes_more_rays_for_less_error() {
             ..Settings::default()
         };
         let bake = lumel::bake(&file, &settings, &Silent).expect("the box bakes");
-        bake.report.gather
+        bake.report.gather.light
     });
     for pair in reports.windows(2) {
         assert!(pair[1].lumel_rays >= 2 * pair[0].lumel_rays);
@@ -59,7 +59,7 @@ fn each_preset_takes_more_rays_for_less_error() {
 fn an_error_out_of_reach_is_a_warning() {
     // Below what 8192 rays a lumel can know; a draft's solve, so that it is found out soon.
     let bake = bake(1e-5, Quality::Draft, 1.0);
-    let report = &bake.report.gather;
+    let report = &bake.report.gather.light;
     assert_eq!(report.error_reached, Some(false));
     assert!(report.exhausted_lumels > 0 && report.estimated_error > 1e-5);
     let warned = |w: &String| w.contains("was not reached");

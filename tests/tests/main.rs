@@ -2,6 +2,7 @@
 //! linked with everything below it once more.
 
 mod assets;
+mod circles;
 mod closed_forms;
 mod common;
 mod demo_level;

@@ -423,7 +423,7 @@ fn a_mirrored_instance_is_lit_as_its_original_is() {
     let (mut difference, mut sum, mut largest) = (0.0, 0.0, 0f64);
     for y in 0..a.rect.h {
         for x in 0..a.rect.w {
-            let at = |r: lumel::atlas_bake::Rect| ((r.y + y) * page.width + r.x + x) as usize;
+            let at = |r: lumel::atlas::Rect| ((r.y + y) * page.width + r.x + x) as usize;
             let (i, j) = (at(a.rect), at(m.rect));
             assert!((page.coverage[i] - page.coverage[j]).abs() < 1e-3);
             let weight = f64::from(page.coverage[i]);

@@ -312,7 +312,7 @@ fn parts_go_on_summing_to_the_light() {
     let baked = &bake.baked;
     assert_eq!(baked.groups.len(), 2);
     let page = &baked.pages[0];
-    let mean = bake.report.gather.mean[0] as f32;
+    let mean = bake.report.gather.light.mean[0] as f32;
     for (i, value) in page.value.iter().enumerate() {
         for (c, &value) in value.iter().enumerate() {
             let layers = page.layers[c].1[i] + page.layers[3 + c].1[i];

@@ -366,6 +366,6 @@ fn occluders_cast_their_shadow_and_nothing_else() {
         all_hold(&lit, 2.0);
         all_hold(&dark, 0.0);
         assert_eq!(baked.layout.placements[1].rect.w, 0, "{list}");
-        assert_eq!(baked.report.gather.lumels, 256, "{list}");
+        assert_eq!(baked.report.gather.light.lumels, 256, "{list}");
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::common::{at, bake};
 use glam::{Quat, Vec3};
-use lumel::atlas_bake::{LayoutOptions, layout, separate_unlike};
+use lumel::atlas::{LayoutOptions, layout, separate_unlike};
 use lumel::mesh_ingest::{LoadOptions, Soup};
 use lumel::{Bake, Quality, Settings};
 use lumel_tests::geometry::{Geometry, cuboid, grid};

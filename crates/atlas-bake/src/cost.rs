@@ -2,12 +2,12 @@
 
 use std::time::{Duration, Instant};
 
+use atlas::Layout;
+use gather::LumelMap;
 use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
-use crate::bake::BakeOptions;
-use crate::map::LumelMap;
+use crate::options::BakeOptions;
 use crate::seams::find_samples;
 
 /// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
@@ -51,11 +51,13 @@ pub fn gather_cost(
     options: &BakeOptions,
 ) -> GatherCost {
     let map = LumelMap::new(world, layout, options.lumels.interpolation);
-    let full: Vec<usize> = (0..map.len()).filter(|&i| !map.plan.is(i)).collect();
+    let full: Vec<usize> = (0..map.len())
+        .filter(|&i| !map.is_interpolated(i))
+        .collect();
     let mut cost = GatherCost {
         gathered: full.len(),
         interpolated: map.len() - full.len(),
-        seam_samples: find_samples(world, layout, &map.lumels).len(),
+        seam_samples: find_samples(world, layout, map.lumels()).len(),
         ..GatherCost::default()
     };
     if options.stitch {
@@ -70,9 +72,7 @@ pub fn gather_cost(
     let gather = |k: usize| -> u64 {
         // Multiples of the golden ratio: every stretch of them lies evenly over the level.
         let at = (k as f64 * 0.618_033_988_749_895).fract() * full.len() as f64;
-        let (footprint, seed) = map
-            .lumels
-            .footprint(world, full[(at as usize).min(full.len() - 1)]);
+        let (footprint, seed) = map.footprint(world, full[(at as usize).min(full.len() - 1)]);
         gatherer.gather(&footprint, seed).rays
     };
     let size = ROUND * rayon::current_num_threads();

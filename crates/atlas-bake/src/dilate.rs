@@ -1,7 +1,9 @@
 //! Dilation: texels without a value of their own take their neighbours', so that bilinear lookups at chart borders read light
 //! and not the void.
 
-use crate::atlas::{Page, Rect};
+use atlas::Rect;
+
+use crate::page::Page;
 use crate::seams::EMPTY;
 
 /// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which piece of surface a texel has its value

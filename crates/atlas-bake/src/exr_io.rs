@@ -17,8 +17,8 @@ use exr::prelude::{
 use half::f16;
 use rayon::prelude::*;
 
-use crate::atlas::Page;
 use crate::error::{Error, Result};
+use crate::page::Page;
 
 /// Largest finite half: 2^16 − 2^5.
 pub const HALF_MAX: f32 = 65504.0;

@@ -1,91 +1,70 @@
-//! Lightmap charts, lumels, final gather, seams; EXR and glTF output.
+//! Pages of a lightmap: seams, dilation, and the files they are written to (EXR, KTX2, glTF, JSON, PNG).
+//!
+//! [`bake()`] reads like the method's table of contents: light is gathered at lumels (crate `gather`),
+//! lumels become [`Page`]s, their seams are stitched, and vertices get light from the same lumels.
+//!
+//! ```
+//! use atlas_bake::{ExrOptions, Page, diff, read_exr, write_lightmap_exr};
+//!
+//! let page = Page {
+//!     width: 2,
+//!     height: 1,
+//!     value: vec![[0.5, 0.25, 1.0], [2.0; 3]],
+//!     coverage: vec![1.0; 2],
+//!     layers: Vec::new(),
+//! };
+//! let (bytes, stats) = write_lightmap_exr(&page, &ExrOptions::default())?;
+//! assert_eq!(stats.clamped, 0);
+//! let file = tempfile::NamedTempFile::new().expect("a temporary file");
+//! std::fs::write(file.path(), bytes).expect("written");
+//! let image = read_exr(file.path())?;
+//! assert_eq!(image.channel("R"), Some(&[0.5, 2.0][..]));
+//! assert_eq!(diff(&image, &image)?.rel_rmse, 0.0);
+//! # Ok::<(), atlas_bake::Error>(())
+//! ```
 
-mod atlas;
 mod bake;
-mod barriers;
-mod between;
-mod blocks;
-mod certainty;
 mod compare;
 mod cost;
-pub mod density;
 mod dilate;
-mod edge;
 mod error;
-mod estimate;
 mod exr_io;
 mod false_color;
-mod first;
-mod footprint;
-mod gather;
 mod gltf_out;
-mod hidden;
 mod ktx2;
-mod layout;
-mod lit;
-mod lumels;
 mod manifest;
-mod map;
 mod options;
 mod output;
-mod pack;
+mod page;
 mod pages;
-mod parts;
-mod plan;
-mod planes;
-mod points;
 mod preview;
-pub mod probes;
-mod quadratic;
-mod reach;
-mod received;
-mod refine;
-mod sample;
+mod probe_file;
+mod probe_points;
 mod seams;
-mod smooth;
 mod texture;
-mod tracer;
-mod unlike;
-pub mod unwrap;
-mod uv_check;
 mod uv_picture;
-mod vertex_footprint;
-mod vertex_light;
-mod window;
 
-pub use atlas::*;
-pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake};
+pub use bake::{BakeReport, Baked, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};
-pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
-pub use footprint::{Footprint, LumelFootprint};
-pub use gather::Gatherer;
+pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, write_lightmap_exr};
 pub use gltf_out::{
-    GlbOptions, GltfStats, LIGHTMAP_EXTRA, SplitPrimitive, VERTEX_LIGHT_EXTRA, VertexLight,
-    VertexStats, write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,
+    GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,
+    write_lightmapped_glb_with, write_vertex_glb,
 };
 pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2};
-pub use layout::{
-    LayoutError, LayoutOptions, LayoutProgress, LayoutReport, MeshReport, layout, layout_kept,
-};
-pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
-pub use options::{GatherOptions, Interpolation};
+pub use options::{BakeOptions, Directional, Hidden, Layer};
 pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
-pub use pack::{PackedPages, pack_pages};
-pub use planes::{Plane, Wanted};
+pub use page::Page;
 pub use preview::{
     Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,
     scene_camera,
 };
-pub use received::{Edge, Received};
+pub use probe_file::{FilledGrid, ProbeFile};
+pub use probe_points::{PointsError, parse_points};
 pub use seams::{SeamError, SeamReport};
-pub use unlike::separate_unlike;
-pub use uv_check::{
-    OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
-};
 pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};
-pub use vertex_light::{MOST_ADDED_VERTICES, VertexDifference, VertexReport};

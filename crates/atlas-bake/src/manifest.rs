@@ -3,9 +3,9 @@
 use mesh_ingest::Scene;
 use serde::Serialize;
 
+use atlas::{Layout, Placement, Rect};
 use serde_json::{Value, json};
 
-use crate::atlas::{Layout, Placement, Rect};
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 
@@ -287,7 +287,7 @@ mod tests {
     use mesh_ingest::{Instance, Material, Mesh, Primitive};
 
     use super::*;
-    use crate::atlas::MeshAtlas;
+    use atlas::MeshAtlas;
 
     fn scene() -> (Scene, Layout) {
         let instance = |node, copy| Instance {

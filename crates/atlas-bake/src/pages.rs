@@ -2,17 +2,15 @@
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
+use atlas::{Layout, Lumel, Lumels, Rect, UvOrigin};
+use gather::{LumelFootprint, Plane, Received, Wanted};
 use glam::{Vec2, Vec3};
 use radiosity::{World, luminance};
 
-use crate::atlas::{Layout, Page, Rect, UvOrigin};
-use crate::bake::{BakeOptions, Directional, Layer};
 use crate::dilate::dilate;
-use crate::footprint::LumelFootprint;
-use crate::lumels::{Lumel, Lumels};
 use crate::manifest::ValueKind;
-use crate::planes::{Plane, Wanted};
-use crate::received::Received;
+use crate::options::{BakeOptions, Directional, Layer};
+use crate::page::Page;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
 
 /// What pages are made of.

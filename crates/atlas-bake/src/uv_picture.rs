@@ -1,13 +1,12 @@
 //! Pictures of charts: what lies where on a lightmap, and what is wrong with it.
 
+use atlas::{Bleeding, Layout, MeshAtlas, UvFault, for_each_texel};
 use glam::{Vec2, Vec3};
 use mesh_ingest::{Mesh, Scene, Soup};
 use patch_subdivision::raster::cover_triangle;
 
-use crate::atlas::{Layout, MeshAtlas};
 use crate::error::Result;
 use crate::false_color::encode_png;
-use crate::uv_check::{Bleeding, UvFault, for_each_texel};
 
 /// What the colours of a picture tell.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -55,7 +54,7 @@ struct Piece {
 ///
 /// Charts in colours of their own, darker where lumels reach beyond them, stripes where they are mirrored; red where two triangles overlap, orange
 /// where bilinear lookups read another chart's lumels; cross-hairs at the worst places of `faults`. `wanted` are lumels per metre, and
-/// `metres` what lengths of the mesh become in the world (see [`shape_of`](crate::density::shape_of)).
+/// `metres` what lengths of the mesh become in the world (see [`shape_of`](atlas::shape_of)).
 ///
 /// # Errors
 /// [`Error::Image`](crate::Error::Image) if the PNG cannot be made.

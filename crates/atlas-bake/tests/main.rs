@@ -1,11 +1,3 @@
-//! Tests of charts and pages, in one program: linking is what costs, and each file of its own would be
-//! linked with everything below it once more.
+//! Tests of the files that are written, in one program: linking is what costs.
 
-mod common;
-mod layout;
-mod nasty;
 mod occluders;
-mod scenes;
-mod unlike;
-mod unwrappers;
-mod uv_faults;

@@ -1,9 +1,8 @@
 //! Occluders have no place in the lightmap, and stay as they were in what is written.
 
-use atlas_bake::{
-    Layout, LayoutError, LayoutOptions, LayoutReport, Manifest, ValueKind, VertexLight, layout,
-    write_lightmapped_glb, write_vertex_glb,
-};
+use atlas::{Layout, LayoutError, LayoutOptions, LayoutReport, layout};
+use atlas_bake::{Manifest, ValueKind, write_lightmapped_glb, write_vertex_glb};
+use gather::VertexLight;
 use mesh_ingest::{LoadOptions, Loaded, Soup, load};
 use serde_json::{Value, json};
 

@@ -10,10 +10,9 @@ use std::path::{Path, PathBuf};
 
 use divan::{Bencher, black_box, counter::ItemsCount};
 use glam::{DVec3, Vec3};
-use lumel::atlas_bake::{
-    self, BakeOptions, GatherOptions, Hidden, Interpolation, Layout, LayoutOptions, ValueKind,
-    layout,
-};
+use lumel::atlas::{Layout, LayoutOptions, layout};
+use lumel::atlas_bake::{self, BakeOptions, Hidden, ValueKind};
+use lumel::gather::{GatherOptions, Interpolation};
 use lumel::mesh_ingest::{self, LoadOptions, Soup};
 use lumel::radiosity::{
     DirectOptions, Emitters, Sky, SolveOptions, World, WorldOptions, form_factor_polygon, solve,
@@ -149,6 +148,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
         let count = atlas_bake::bake(world, emitters, &solution, layout, &options, &Silent)
             .expect("nobody cancels")
             .report
+            .light
             .lumels;
         bencher.counter(ItemsCount::new(count)).bench_local(|| {
             atlas_bake::bake(world, emitters, &solution, layout, &options, &Silent)

@@ -14,6 +14,8 @@ pub(crate) fn write() {
         "visibility",
         "patch-subdivision",
         "radiosity",
+        "atlas",
+        "gather",
         "atlas-bake",
     ] {
         collect(&root.join("crates").join(folder).join("src"), &mut files);

@@ -29,9 +29,9 @@ fn main() -> Result<(), lumel::Error> {
     let report = &bake.report;
     println!(
         "{} lumels on {} page(s), estimated error {:.2} % (median)",
-        report.gather.lumels,
+        report.gather.light.lumels,
         report.layout.pages.len(),
-        100.0 * report.gather.median_error
+        100.0 * report.gather.light.median_error
     );
     for warning in &report.warnings {
         println!("warning: {warning}");

@@ -4,8 +4,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use atlas_bake::unwrap::UnwrapperChoice;
-use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, UvMode, ValueKind};
+use atlas::{UnwrapperChoice, UvMode};
+use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, ValueKind};
 
 use crate::cache::Cache;
 use crate::error::Error;

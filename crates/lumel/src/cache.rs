@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::SystemTime;
 
-use atlas_bake::unwrap::KeptCharts;
+use atlas::KeptCharts;
 use serde::Serialize;
 
 use crate::record::PROGRAM;

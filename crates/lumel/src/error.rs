@@ -15,7 +15,7 @@ pub enum Error {
         /// The scene.
         file: PathBuf,
         /// Why.
-        source: atlas_bake::LayoutError,
+        source: atlas::LayoutError,
     },
     /// Results cannot be put into files.
     #[error(transparent)]
@@ -103,8 +103,8 @@ impl Error {
         match self {
             Error::Ingest(e) => e.exit_code(),
             Error::Layout { source, .. } => match source {
-                atlas_bake::LayoutError::Cancelled => 75,
-                atlas_bake::LayoutError::Option { .. } => 1,
+                atlas::LayoutError::Cancelled => 75,
+                atlas::LayoutError::Option { .. } => 1,
                 _ => 3,
             },
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),

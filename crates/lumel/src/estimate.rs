@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::time::Instant;
 
-use atlas_bake::{LayoutReport, gather_cost};
+use atlas::LayoutReport;
+use atlas_bake::gather_cost;
 use glam::Vec3;
 use radiosity::{Emitters, Monitor, World, WorldOptions};
 use rayon::prelude::*;

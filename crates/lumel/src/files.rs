@@ -293,7 +293,7 @@ impl Bake {
         };
         let rays = self.report.solve.link_rays
             + self.report.solve.shadow_rays
-            + self.report.gather.lumel_rays
+            + self.report.gather.light.lumel_rays
             + self.report.gather.vertices.map_or(0, |v| v.rays)
             + self.report.probes.as_ref().map_or(0, |p| p.rays);
         Measured {

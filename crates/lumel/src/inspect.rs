@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-use atlas_bake::{LayoutReport, MeshReport, Paint, Severity, UvOrigin};
+use atlas::{LayoutReport, MeshReport, Severity, UvOrigin};
+use atlas_bake::Paint;
 use mesh_ingest::{IngestReport, LightKind, LoadOptions, Soup};
 use radiosity::Monitor;
 use serde::Serialize;
@@ -77,7 +78,7 @@ pub fn inspect_and_draw(
         },
     )?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
-    atlas_bake::separate_unlike(&mut loaded.scene);
+    atlas::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
     let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;

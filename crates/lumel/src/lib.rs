@@ -8,7 +8,7 @@
 //!
 //! let bake = Baker::new().quality(Quality::Draft).sky([0.25, 0.35, 0.5]).bake("level.glb")?;
 //! bake.write("out")?;
-//! println!("error about {:.2} %", 100.0 * bake.report.gather.median_error);
+//! println!("error about {:.2} %", 100.0 * bake.report.gather.light.median_error);
 //! # Ok::<(), lumel::Error>(())
 //! ```
 //!
@@ -38,7 +38,7 @@
 //! - **Threads** are those of the current rayon pool, or [`Baker::threads`].
 //!
 //! [`Settings`] is the plain struct behind [`Baker`], for programs that read options from elsewhere; [`bake()`] takes it with a [`Monitor`]. The crates
-//! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
+//! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas`], [`gather`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
 
 mod baker;
 mod cache;
@@ -67,14 +67,15 @@ mod sources;
 pub mod view;
 mod watch;
 
+pub use atlas;
 pub use atlas_bake;
+pub use gather;
 pub use mesh_ingest;
 pub use radiosity;
 pub use visibility;
 
-pub use atlas_bake::{
-    Directional, Hidden, Ktx2Format, Layer, Page, Paint, UvMode, ValueKind, unwrap::UnwrapperChoice,
-};
+pub use atlas::{UnwrapperChoice, UvMode};
+pub use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, Page, Paint, ValueKind};
 pub use baker::Baker;
 pub use cache::{Cache, CacheReport};
 pub use depfile::depfile;

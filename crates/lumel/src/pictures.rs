@@ -1,10 +1,7 @@
 //! Pictures of a scene's charts, for `lumel inspect --pictures`.
 
-use atlas_bake::density::shape_of;
-use atlas_bake::{
-    Layout, LayoutReport, MeshReport, Paint, Severity, UvOrigin, mesh_picture, own_uv_picture,
-    page_picture,
-};
+use atlas::{Layout, LayoutReport, MeshReport, Severity, UvOrigin, shape_of};
+use atlas_bake::{Paint, mesh_picture, own_uv_picture, page_picture};
 use mesh_ingest::{Scene, Soup};
 
 use crate::error::Error;

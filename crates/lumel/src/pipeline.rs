@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use atlas_bake::probes::{ProbeFile, ProbeReport, ProbeScene, bake_probes, report_probes};
-use atlas_bake::unwrap::KeptCharts;
+use atlas::{KeptCharts, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport};
+use atlas_bake::ProbeFile;
 use atlas_bake::{
-    BakeOptions, Baked, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport, LitScene,
-    PictureLight, ValueKind, choose_camera, render_preview, scene_camera,
+    BakeOptions, Baked, LitScene, PictureLight, ValueKind, choose_camera, render_preview,
+    scene_camera,
 };
+use gather::probes::{ProbeReport, ProbeScene, bake_probes, report_probes};
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{
@@ -123,7 +124,7 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
         loaded.scene.environment.as_ref(),
     )?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
-    atlas_bake::separate_unlike(&mut loaded.scene);
+    atlas::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
     Ok(Prepared {
         loaded,
@@ -567,7 +568,7 @@ pub(crate) fn plan_layout(
         monitor.progress(Phase::Atlas, p.done as u64, p.total as u64);
         !monitor.cancelled()
     };
-    atlas_bake::layout_kept(scene, soup, &options, kept, &progress).map_err(|source| match source {
+    atlas::layout_kept(scene, soup, &options, kept, &progress).map_err(|source| match source {
         LayoutError::Cancelled => Error::Cancelled,
         source => Error::Layout {
             file: file.to_owned(),
@@ -629,20 +630,20 @@ fn warnings(
             100.0 * solution.report.relaxation.residual
         ));
     }
-    if let (Some(wanted), Some(false)) = (wanted, baked.report.error_reached) {
+    if let (Some(wanted), Some(false)) = (wanted, baked.report.light.error_reached) {
         out.push(format!(
             "the error asked for, {} %, was not reached: the estimate is {:.2} %, and {} of {} lumels have as many samples as a lumel gets; a finer --texels-per-unit helps where things touch",
             100.0 * wanted,
-            100.0 * baked.report.estimated_error,
-            baked.report.exhausted_lumels,
-            baked.report.lumels
+            100.0 * baked.report.light.estimated_error,
+            baked.report.light.exhausted_lumels,
+            baked.report.light.lumels
         ));
     }
-    let hidden = baked.report.hidden_lumels;
-    if hidden * 20 > baked.report.lumels {
+    let hidden = baked.report.light.hidden_lumels;
+    if hidden * 20 > baked.report.light.lumels {
         out.push(format!(
             "{hidden} of {} lumels lie inside or behind single-sided faces",
-            baked.report.lumels
+            baked.report.light.lumels
         ));
     }
     out

@@ -1,6 +1,7 @@
 //! Light probes of a bake: where they are, and their file.
 
-use atlas_bake::probes::{ProbeGrid, ProbeOptions, parse_points};
+use atlas_bake::parse_points;
+use gather::probes::{ProbeGrid, ProbeOptions};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Scene, Soup};
 

@@ -1,7 +1,8 @@
 //! The bake's report.
 
-use atlas_bake::probes::ProbeReport;
-use atlas_bake::{BakeReport, ExrStats, Ktx2Report, LayoutReport};
+use atlas::LayoutReport;
+use atlas_bake::{BakeReport, ExrStats, Ktx2Report};
+use gather::probes::ProbeReport;
 use mesh_ingest::IngestReport;
 use radiosity::{Audit, SolveReport};
 use serde::Serialize;

@@ -2,10 +2,9 @@
 
 use std::path::PathBuf;
 
-use atlas_bake::{
-    Directional, GatherOptions, Hidden, Interpolation, Ktx2Format, Layer, UvMode, ValueKind,
-    unwrap::UnwrapperChoice,
-};
+use atlas::{UnwrapperChoice, UvMode};
+use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, ValueKind};
+use gather::{GatherOptions, Interpolation};
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;

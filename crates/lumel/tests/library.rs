@@ -222,7 +222,7 @@ fn an_estimate_is_near_the_bake() {
     );
     let rays = report.solve.link_rays
         + report.solve.shadow_rays
-        + report.gather.lumel_rays
+        + report.gather.light.lumel_rays
         + report.gather.vertices.expect("vertices were baked").rays;
     // What --dry-run promises. Its time hangs on what else the machine does, its rays do not.
     let ratio = rays as f64 / estimate.rays;

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::{DVec3, Vec3};
-use lumel::atlas_bake::{Footprint, LumelFootprint, Lumels, read_exr};
+use lumel::atlas::Lumels;
+use lumel::atlas_bake::read_exr;
+use lumel::gather::{Footprint, LumelFootprint};
 use lumel::mesh_ingest::Soup;
 use lumel::radiosity::{World, WorldOptions};
 use lumel::{Bake, Settings, Silent};

@@ -79,7 +79,7 @@ fn light_is_linear_over_nine_decades() {
             &closed_form::rectangle_over_floor(radiance, 1.0, 1.0),
             &at(4.0),
         );
-        b.report.gather.mean[0] / f64::from(radiance)
+        b.report.gather.light.mean[0] / f64::from(radiance)
     };
     let one = mean(1.0);
     for radiance in [1e-3, 1e6] {

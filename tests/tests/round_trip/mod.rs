@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use compare::{Diff, Kind, compare};
 use lumel::UnwrapperChoice;
-use lumel::atlas_bake::{
-    LayoutOptions, ValueKind, VertexLight, layout, write_lightmapped_glb, write_vertex_glb,
-};
+use lumel::atlas::{LayoutOptions, layout};
+use lumel::atlas_bake::{ValueKind, write_lightmapped_glb, write_vertex_glb};
+use lumel::gather::VertexLight;
 use lumel::mesh_ingest::{LoadOptions, Loaded, Soup, load};
 
 /// Both outputs of `file` with a plain layout and even light, read back.

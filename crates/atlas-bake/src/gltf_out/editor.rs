@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use mesh_ingest::Document;
 use serde_json::{Map, Value, json};
 
+use super::glb;
 use super::json::{elements_mut, has_array, push};
-use super::{glb, refs};
+use super::refs;
 use crate::error::{Error, Result};
 
 /// `bufferView.target` of vertex attributes.

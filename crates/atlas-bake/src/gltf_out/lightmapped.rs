@@ -2,18 +2,21 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use atlas::{Layout, UvOrigin};
 use mesh_ingest::{Document, Scene};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, index, object_at, push, set_extra};
+use super::moz;
+use super::nodes::{LIGHTMAP_EXTRA, by_node};
 use super::split::{Split, accessor_of, add_gathered};
-use super::{LIGHTMAP_EXTRA, by_node, moz, texcoord};
-use crate::atlas::{Layout, Page, UvOrigin};
+use super::texcoord;
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
+use crate::page::Page;
 
 /// What writing a glTF changed beside the coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -30,7 +33,7 @@ pub struct GltfStats {
     pub sets_replaced: u64,
     /// Materials copied so that only those primitives read the moved set.
     pub materials_copied: u64,
-    /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](crate::separate_unlike)).
+    /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](atlas::separate_unlike)).
     pub meshes_copied: u64,
     /// Meshes copied so that each lit node's coordinates are on its page, for `MOZ_lightmap`.
     pub moz_meshes: u64,

@@ -2,10 +2,10 @@
 
 use std::borrow::Cow;
 
+use gather::SplitPrimitive;
 use mesh_ingest::{DataType, Primitive, RawAccessor, RawPrimitive};
 
 use super::split::Repeated;
-use super::vertex::SplitPrimitive;
 
 /// How the middle of two elements is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -19,11 +19,11 @@ use serde_json::{Map, Value, json};
 use super::editor::Editor;
 use super::json::{element, element_mut, index, object_at, push};
 use super::texcoord::{self, material_slots};
-use crate::atlas::Page;
 use crate::error::{Error, Result};
 use crate::exr_io::HALF_MAX;
 use crate::false_color::encode_png;
 use crate::manifest::UvTransform;
+use crate::page::Page;
 
 /// The extensions' names.
 const LIGHTMAP: &str = "MOZ_lightmap";

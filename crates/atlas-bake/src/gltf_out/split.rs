@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
+use atlas::PrimitiveAtlas;
 use mesh_ingest::{Primitive, RawAccessor, RawPrimitive};
 use serde_json::{Map, Value, json};
 
 use super::editor::Editor;
-use crate::atlas::PrimitiveAtlas;
 use crate::error::{Error, Result};
 
 /// New vertices and triangles of a primitive.

@@ -1,15 +1,18 @@
 //! Whole documents through both writers.
 
+use std::collections::BTreeMap;
 use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 
+use gather::{SplitPrimitive, VertexLight};
 use glam::Vec2;
 use mesh_ingest::{LoadOptions, Loaded, Scene, load};
 use serde_json::{Value, json};
 
+use super::nodes::by_node;
 use super::*;
-use crate::atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
 use crate::manifest::ValueKind;
+use atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
 
 mod moz;
 mod vertex;

@@ -14,6 +14,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::PI;
 
+use gather::{SplitPrimitive, VertexLight};
 use glam::Vec3;
 use mesh_ingest::{Document, Primitive, RawAccessor, Scene};
 use serde::Serialize;
@@ -21,8 +22,9 @@ use serde_json::{Map, Value, json};
 
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, elements_mut, index, object_at, push, set_extra};
+use super::midpoints;
+use super::nodes::{VERTEX_LIGHT_EXTRA, by_node};
 use super::split::{accessor_of, add_gathered};
-use super::{VERTEX_LIGHT_EXTRA, by_node, midpoints};
 use crate::error::{Error, Result};
 use crate::texture;
 
@@ -31,33 +33,6 @@ const HEADROOM: f32 = 16.0;
 
 /// Least reflectance by which emission is divided, so that black texels do not blow it up.
 const LEAST_REFLECTANCE: f32 = 0.05;
-
-/// Irradiance at every vertex, W/m² (or lx).
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct VertexLight {
-    /// By instance of the scene, by primitive of its mesh, by vertex of [`Primitive::positions`]: E, linear Rec.709. What is there for
-    /// instances and primitives that receive no light ([`Scene::receives`]) is not looked at. Vertices that splitting added come after them.
-    pub instances: Vec<Vec<Vec<[f32; 3]>>>,
-    /// By instance, by primitive: how triangles were split. An inner list is empty where an instance is as it was; so is all of it where all are.
-    pub split: Vec<Vec<SplitPrimitive>>,
-}
-
-/// A primitive whose triangles were split, without any vertex on another's edge.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct SplitPrimitive {
-    /// Added vertices: of each, the two earlier ones in whose middle it is. They are numbered on from [`Primitive::positions`].
-    pub parents: Vec<[u32; 2]>,
-    /// The parts of triangles, whole ones among them: index into [`Primitive::triangles`], ascending, and vertices.
-    pub triangles: Vec<(u32, [u32; 3])>,
-}
-
-impl VertexLight {
-    /// How primitive `p` of instance `i` was split, if it was.
-    fn split_of(&self, i: usize, p: usize) -> Option<&SplitPrimitive> {
-        let split = self.split.get(i)?.get(p)?;
-        (!split.parents.is_empty()).then_some(split)
-    }
-}
 
 /// What [`write_vertex_glb`] did.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]

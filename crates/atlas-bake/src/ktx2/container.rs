@@ -6,7 +6,7 @@
 use ktx2::dfd::{Basic, Block};
 use ktx2::{Format, Header, Index, LevelIndex};
 
-use super::Ktx2Format;
+use super::format::Ktx2Format;
 use crate::error::{Error, Result};
 
 /// A KTX2 file with one level.

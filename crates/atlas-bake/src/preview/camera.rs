@@ -5,8 +5,8 @@ use mesh_ingest::{Document, Scene, Soup};
 use rayon::prelude::*;
 use serde_json::Value;
 
+use super::seen::{LitScene, Seen};
 use super::tone::luminance;
-use super::{LitScene, Seen};
 
 /// Vertical field of view of chosen cameras, radians (60°).
 const FIELD: f32 = std::f32::consts::FRAC_PI_3;

@@ -1,9 +1,10 @@
-use glam::{DAffine3, Vec4};
-use mesh_ingest::{Instance, Material, Mesh, Primitive};
-use visibility::BuildOptions;
+use atlas::{Layout, MeshAtlas, Placement, PrimitiveAtlas, Rect};
+use glam::{DAffine3, Vec2, Vec4};
+use mesh_ingest::{AlphaMode, Instance, Material, Mesh, Primitive, Scene, Soup};
+use visibility::{BuildOptions, Bvh};
 
 use super::*;
-use crate::atlas::{MeshAtlas, PrimitiveAtlas, Rect};
+use crate::manifest::ValueKind;
 
 /// A 2 × 2 wall at z = 0 that faces +z, its lightmap left half 1 and right half 3, base colour (1, 0.5, 0).
 fn wall() -> (Scene, Layout, Vec<Page>) {

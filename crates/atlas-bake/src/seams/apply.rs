@@ -3,7 +3,7 @@
 use glam::Vec3;
 use radiosity::luminance;
 
-use crate::atlas::Page;
+use crate::page::Page;
 use crate::seams::solve::{Channel, Stitcher};
 
 /// What values an extra channel can have.

@@ -4,8 +4,7 @@ use glam::{Vec2, Vec3};
 use radiosity::World;
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
-use crate::lumels::Lumels;
+use atlas::{Layout, Lumels};
 
 /// A straight piece of a chart's border.
 #[derive(Debug, Clone, Copy)]

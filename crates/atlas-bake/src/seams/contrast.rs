@@ -7,8 +7,8 @@
 
 use glam::Vec2;
 
-use crate::atlas::Page;
-use crate::seams::Sample;
+use crate::page::Page;
+use crate::seams::pairs::Sample;
 use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 
 /// Misfit, over the light, at which agreement counts a quarter: about a step's, which is 0.125. At a third of this, a demo level's shadows leave

@@ -23,6 +23,6 @@ mod tree;
 
 pub(crate) use apply::{Range, stitch};
 pub use measure::{SeamError, SeamReport};
-pub(crate) use pairs::{Sample, find_samples};
+pub(crate) use pairs::find_samples;
 pub(crate) use rows::{EMPTY, Texels};
 pub(crate) use solve::Stitcher;

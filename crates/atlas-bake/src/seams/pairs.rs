@@ -1,11 +1,10 @@
 //! Places where the same point of a surface lies at two places of the lightmap.
 
+use atlas::{Layout, Lumels};
 use glam::{Vec2, Vec3};
 use radiosity::World;
 use rayon::prelude::*;
 
-use crate::atlas::Layout;
-use crate::lumels::Lumels;
 use crate::seams::border::{Piece, border_pieces};
 use crate::seams::tree::BoxTree;
 

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec4};
 use radiosity::luminance;
 
-use crate::atlas::Page;
+use crate::page::Page;
 
 /// Weight in a lookup that is as good as none.
 const LITTLE: f32 = 1e-3;

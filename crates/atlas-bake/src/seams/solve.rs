@@ -9,13 +9,13 @@
 
 use glam::Vec4;
 
-use crate::atlas::Page;
-use crate::seams::Sample;
+use crate::page::Page;
 use crate::seams::bounds::bounds;
 use crate::seams::contrast::{faith, misfit};
 use crate::seams::least::least;
 use crate::seams::matrix::Matrix;
 use crate::seams::measure::{SeamError, SeamReport, quantiles};
+use crate::seams::pairs::Sample;
 use crate::seams::rows::{
     EMPTY, Row, TexelList, Texels, beside, light_at, lookup, mean_light, narrow,
 };

@@ -195,7 +195,7 @@ fn bake(
     display.say(&format!(
         "  lightmap  {:.4} texels per unit, {} lumels, pages {}",
         layout.texels_per_unit,
-        bake.report.gather.lumels,
+        bake.report.gather.light.lumels,
         pages.join(", ")
     ));
     let seams = &bake.report.gather.seams;
@@ -328,8 +328,8 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
         report.scene,
         m.seconds,
         m.mrays_per_second,
-        100.0 * report.gather.median_error,
-        100.0 * report.gather.estimated_error,
+        100.0 * report.gather.light.median_error,
+        100.0 * report.gather.light.estimated_error,
         a.output.display()
     ));
 }

@@ -1,6 +1,6 @@
 //! Gathered and direct light at one receiver, against closed forms.
 
-use atlas_bake::{Footprint, GatherOptions, Gatherer, Interpolation};
+use gather::{Footprint, GatherOptions, Gatherer, Interpolation};
 use glam::{DVec3, Vec3};
 use mesh_ingest::Soup;
 use patch_subdivision::Options as CutOptions;
@@ -190,13 +190,7 @@ fn gatherer<'w, 'a>(
         open_only: false,
     };
     let direct = DirectLight::new(world, emitters);
-    Gatherer::new(
-        world,
-        solution,
-        direct,
-        options,
-        atlas_bake::Wanted::default(),
-    )
+    Gatherer::new(world, solution, direct, options, gather::Wanted::default())
 }
 
 /// Relative bias and RMS error of the indirect light at receivers on the floor's middle, well inside of the cube.

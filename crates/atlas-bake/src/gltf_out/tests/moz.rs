@@ -1,8 +1,8 @@
 //! `MOZ_lightmap`.
 
 use super::*;
-use crate::atlas::Page;
 use crate::gltf_out::moz::Picture;
+use crate::page::Page;
 
 fn page(width: u32, height: u32) -> Page {
     let n = (width * height) as usize;

@@ -1,0 +1,167 @@
+//! `level.probes.json`.
+
+use gather::probes::{Probe, ProbeGrid};
+use glam::DVec3;
+use serde::Serialize;
+
+/// Probes with all that a program needs to use them. Field order is the order in the file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct ProbeFile {
+    /// Format of this file; raised when a reader of the old one would go wrong.
+    pub version: u32,
+    /// Program and version.
+    pub generator: String,
+    /// Axes and unit of positions and directions.
+    pub axes: &'static str,
+    /// What the coefficients are of.
+    pub value: &'static str,
+    /// Unit of the radiance: photometric or radiometric as the scene's lights are, which a glTF does not say.
+    pub units: &'static str,
+    /// Always `linear Rec.709`.
+    pub color_space: &'static str,
+    /// Order of each probe's nine coefficients.
+    pub basis: [&'static str; 9],
+    /// How the probes are arranged; absent for points of a list.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub grid: Option<FilledGrid>,
+    /// The probes: of a grid, x runs fastest, then y; of a list, in its order.
+    pub probes: Vec<FileProbe>,
+}
+
+/// A [`ProbeGrid`] in a [`ProbeFile`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct FilledGrid {
+    /// Position of the first probe, metres.
+    pub origin: [f64; 3],
+    /// Distance between neighbours along x, y, z, metres.
+    pub spacing: [f64; 3],
+    /// Probes along x, y, z.
+    pub dims: [u32; 3],
+}
+
+/// A [`Probe`] in a [`ProbeFile`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FileProbe {
+    /// Metres, the glTF's world space.
+    pub position: [f64; 3],
+    /// In the open. Of a grid, what is not has the light of what is next to it.
+    pub valid: bool,
+    /// Share of rays that met the backs of single-sided faces.
+    pub backfaces: f32,
+    /// Estimated standard error of the luminance of the first coefficient.
+    pub error: f32,
+    /// Nine coefficients, RGB.
+    pub sh: [[f32; 3]; 9],
+}
+
+impl ProbeFile {
+    /// `probes` at `positions` (the glTF's world space, metres), one each; `grid` where they are one.
+    pub fn new(positions: &[DVec3], probes: &[Probe], grid: Option<&ProbeGrid>) -> ProbeFile {
+        let both = positions.iter().zip(probes);
+        ProbeFile {
+            version: 1,
+            generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
+            axes: "right-handed, +Y up, metres, as in the glTF",
+            value: "radiance by the direction it arrives from",
+            units: "nit or W/(m2 sr)",
+            color_space: "linear Rec.709",
+            basis: [
+                "L0,0", "L1,-1", "L1,0", "L1,1", "L2,-2", "L2,-1", "L2,0", "L2,1", "L2,2",
+            ],
+            grid: grid.map(|g| FilledGrid {
+                origin: g.origin.to_array(),
+                spacing: [g.spacing; 3],
+                dims: g.dims,
+            }),
+            probes: both
+                .map(|(at, p)| FileProbe {
+                    position: at.to_array(),
+                    valid: p.valid,
+                    backfaces: p.backfaces,
+                    error: p.error,
+                    sh: p.sh.0.map(|c| c.to_array()),
+                })
+                .collect(),
+        }
+    }
+
+    /// The file's bytes: JSON with a line for each member and each probe, and a final newline.
+    pub fn to_json(&self) -> Vec<u8> {
+        // Serialising plain structs into memory cannot fail: no map has keys that are not strings.
+        let head = ProbeFile {
+            generator: self.generator.clone(),
+            probes: Vec::new(),
+            ..*self
+        };
+        let mut head = serde_json::to_value(&head).unwrap_or_default();
+        let mut out = Vec::with_capacity(512 + 400 * self.probes.len());
+        out.extend(b"{\n");
+        if let Some(members) = head.as_object_mut() {
+            members.shift_remove("probes");
+            for (key, value) in members {
+                out.extend(format!("  \"{key}\": {value},\n").bytes());
+            }
+        }
+        out.extend(b"  \"probes\": [");
+        for (i, p) in self.probes.iter().enumerate() {
+            out.extend(if i == 0 { &b"\n    "[..] } else { b",\n    " });
+            out.extend(serde_json::to_vec(p).unwrap_or_default());
+        }
+        out.extend(b"\n  ]\n}\n");
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn the_file_holds_what_was_baked() {
+        let grid = ProbeGrid::over(DVec3::ZERO, DVec3::new(2.0, 1.0, 1.0), 1.0).unwrap();
+        let mut probe = Probe {
+            error: 0.1,
+            backfaces: 0.25,
+            valid: false,
+            ..Probe::default()
+        };
+        for (i, c) in probe.sh.0.iter_mut().enumerate() {
+            *c = Vec3::new(0.1, 1e-20, 3e20) * (i as f32 + 1.0);
+        }
+        let probes = [Probe::default(), probe];
+        let at: Vec<DVec3> = (0..2).map(|i| grid.position(i)).collect();
+        let bytes = ProbeFile::new(&at, &probes, Some(&grid)).to_json();
+        assert!(bytes.ends_with(b"}\n"));
+        let json: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        assert_eq!(json["version"], 1);
+        assert_eq!(json["basis"].as_array().unwrap().len(), 9);
+        assert_eq!(
+            json["grid"],
+            serde_json::json!({"origin": [0.5, 0.5, 0.5], "spacing": [1.0, 1.0, 1.0], "dims": [2, 1, 1]})
+        );
+        let p = &json["probes"][1];
+        assert_eq!(p["position"], serde_json::json!([1.5, 0.5, 0.5]));
+        assert_eq!(
+            (&p["valid"], &p["backfaces"]),
+            (&false.into(), &0.25.into())
+        );
+        for (i, c) in probe.sh.0.iter().enumerate() {
+            for k in 0..3 {
+                // Every f32 comes back as it was.
+                let x = p["sh"][i][k].as_f64().unwrap() as f32;
+                assert_eq!(x, c[k]);
+            }
+        }
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.contains("\"error\":0.1,"), "shortest decimals: {text}");
+        let list = ProbeFile::new(&at, &probes, None).to_json();
+        let json: serde_json::Value = serde_json::from_slice(&list).unwrap();
+        assert!(json.get("grid").is_none());
+        let none = ProbeFile::new(&[], &[], None).to_json();
+        assert!(serde_json::from_slice::<serde_json::Value>(&none).is_ok());
+    }
+}

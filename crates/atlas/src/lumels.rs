@@ -1,0 +1,243 @@
+//! Finds the lumels: texels with a surface, and the triangles under each.
+
+use glam::{DVec2, Vec2};
+use mesh_ingest::{Scene, Soup};
+use patch_subdivision::raster::cover_triangle;
+use rayon::prelude::*;
+
+use crate::atlas::{Layout, MeshAtlas};
+
+/// A texel that lies at least in part on a surface.
+#[derive(Debug, Clone, Copy)]
+pub struct Lumel {
+    /// Page.
+    pub page: u32,
+    /// Column and row on the page.
+    pub texel: [u32; 2],
+    /// Instance of the scene.
+    pub instance: u32,
+    /// First of its `count` fragments.
+    pub first: u32,
+    /// How many triangles it touches.
+    pub count: u32,
+    /// Share of the texel that lies on the surface, 0..=1.
+    pub coverage: f32,
+}
+
+/// A soup triangle with its corners on the page, in texels.
+#[derive(Debug, Clone, Copy)]
+pub struct Fragment {
+    /// Index into the [`Soup`].
+    pub triangle: u32,
+    /// Page position of the triangle's world corners 0, 1, 2.
+    pub corners: [Vec2; 3],
+    /// The lumel lies on the triangle's back.
+    pub back: bool,
+    /// The face that the lumel belongs to: `triangle`, or a duplicate in its place (see [`mesh_ingest::Duplicate`]).
+    pub face: u32,
+}
+
+/// All lumels of a layout, in the order of instances, rows, columns.
+#[derive(Debug, Default)]
+pub struct Lumels {
+    /// The lumels.
+    pub lumels: Vec<Lumel>,
+    /// Faces under them, by [`Lumel::first`] and [`Lumel::count`].
+    faces: Vec<u32>,
+    /// Page corners of each face; unused ones are NaN. Those of a duplicate are in the order of the triangle in whose place it is.
+    corners: Vec<[Vec2; 3]>,
+    /// By duplicate: the triangle in whose place it is, and whether it lies on that one's back.
+    duplicates: Vec<(u32, bool)>,
+}
+
+impl Lumels {
+    /// Rasterises every instance's charts. Memory: 24 bytes a face, 32 a lumel, 4 a fragment.
+    pub fn find(scene: &Scene, soup: &Soup, layout: &Layout) -> Self {
+        let parts: Vec<InstanceLumels> = (0..scene.instances.len())
+            .into_par_iter()
+            .map(|i| rasterise_instance(scene, soup, layout, i))
+            .collect();
+        let mut all = Lumels {
+            corners: vec![[Vec2::NAN; 3]; soup.len() + soup.duplicates.len()],
+            duplicates: (soup.duplicates.iter())
+                .map(|d| (d.kept, d.turned))
+                .collect(),
+            ..Lumels::default()
+        };
+        for (i, part) in parts.into_iter().enumerate() {
+            let base = all.faces.len() as u32;
+            all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {
+                first: l.first + base,
+                ..l
+            }));
+            all.faces.extend(part.faces);
+            for (face, corners) in faces_of(soup, i).zip(part.corners) {
+                all.corners[face as usize] = corners;
+            }
+        }
+        all
+    }
+
+    /// The triangles under a lumel.
+    pub fn fragments(&self, lumel: &Lumel) -> impl Iterator<Item = Fragment> + '_ {
+        self.faces[lumel.first as usize..(lumel.first + lumel.count) as usize]
+            .iter()
+            .map(|&face| {
+                let own = self.corners.len() - self.duplicates.len();
+                let duplicate = (face as usize).checked_sub(own);
+                let (triangle, back) = duplicate.map_or((face, false), |d| self.duplicates[d]);
+                Fragment {
+                    triangle,
+                    corners: self.corners[face as usize],
+                    back,
+                    face,
+                }
+            })
+    }
+
+    /// The first face under a lumel.
+    pub fn first_face(&self, lumel: &Lumel) -> u32 {
+        self.faces[lumel.first as usize]
+    }
+
+    /// Page corners of a face, in the order of the world corners of the triangle in whose place it is; NaN where it has none.
+    pub fn page_corners(&self, face: u32) -> [Vec2; 3] {
+        self.corners[face as usize]
+    }
+
+    /// Memory, bytes.
+    pub fn bytes(&self) -> u64 {
+        (self.lumels.len() * size_of::<Lumel>()
+            + self.faces.len() * 4
+            + self.corners.len() * 24
+            + self.duplicates.len() * 8) as u64
+    }
+}
+
+/// Lumel at each texel.
+pub struct TexelIndex {
+    /// By page: width, height, lumel number or `u32::MAX`.
+    pages: Vec<(i64, i64, Vec<u32>)>,
+}
+
+impl TexelIndex {
+    /// The lumels of a layout's pages.
+    pub fn build(lumels: &[Lumel], layout: &Layout) -> Self {
+        let mut pages: Vec<(i64, i64, Vec<u32>)> = layout
+            .pages
+            .iter()
+            .map(|&[w, h]| (w as i64, h as i64, vec![u32::MAX; w as usize * h as usize]))
+            .collect();
+        for (i, l) in lumels.iter().enumerate() {
+            let (w, _, texels) = &mut pages[l.page as usize];
+            texels[l.texel[1] as usize * *w as usize + l.texel[0] as usize] = i as u32;
+        }
+        TexelIndex { pages }
+    }
+
+    /// The lumel at a texel, if there is one; the texel may lie outside of the page.
+    pub fn at(&self, page: u32, x: i64, y: i64) -> Option<usize> {
+        let (w, h, texels) = &self.pages[page as usize];
+        if x < 0 || y < 0 || x >= *w || y >= *h {
+            return None;
+        }
+        let i = texels[(y * w + x) as usize];
+        (i != u32::MAX).then_some(i as usize)
+    }
+}
+
+struct InstanceLumels {
+    lumels: Vec<Lumel>,
+    faces: Vec<u32>,
+    /// By face of the instance, as [`faces_of`] lists them.
+    corners: Vec<[Vec2; 3]>,
+}
+
+/// All faces of an instance: its triangles in the soup, and those that others take the place of.
+pub fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
+    let [start, end] = soup.instance_ranges[instance];
+    let [first, last] = soup.duplicate_ranges[instance];
+    let n = soup.len() as u32;
+    (start..end).chain(n + first..n + last)
+}
+
+/// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and dilation gives it a value.
+const LEAST_COVERAGE: f64 = 1e-4;
+
+fn rasterise_instance(
+    scene: &Scene,
+    soup: &Soup,
+    layout: &Layout,
+    instance: usize,
+) -> InstanceLumels {
+    let placement = layout.placements[instance];
+    let atlas = &layout.meshes[scene.instances[instance].mesh];
+    let size = [placement.rect.w, placement.rect.h];
+    let mut corners = Vec::new();
+    // (texel in the rectangle, face, covered texel area)
+    let mut covered: Vec<(u32, u32, f32)> = Vec::new();
+    for t in faces_of(soup, instance) {
+        if size[0] == 0 || !scene.receives(instance, soup.source(t).primitive as usize) {
+            corners.push([Vec2::NAN; 3]);
+            continue;
+        }
+        let uv = corners_of(soup, atlas, t);
+        let d = uv.map(|p| DVec2::new(p.x as f64, p.y as f64));
+        let area = 0.5 * (d[1] - d[0]).perp_dot(d[2] - d[0]).abs();
+        if size[0] > 0 && size[1] > 0 && d.iter().all(|p| p.is_finite()) {
+            cover_triangle(d, size, |c, r, share| {
+                covered.push((r * size[0] + c, t, (share * area) as f32));
+            });
+        }
+        let offset = Vec2::new(placement.rect.x as f32, placement.rect.y as f32);
+        corners.push(uv.map(|p| p + offset));
+    }
+    covered.sort_by_key(|c| c.0); // stable: triangles stay in order
+    let mut out = InstanceLumels {
+        lumels: Vec::new(),
+        faces: Vec::with_capacity(covered.len()),
+        corners,
+    };
+    for run in covered.chunk_by(|a, b| a.0 == b.0) {
+        let coverage: f64 = run.iter().map(|c| c.2 as f64).sum();
+        if coverage < LEAST_COVERAGE {
+            continue;
+        }
+        let first = out.faces.len() as u32;
+        out.faces.extend(run.iter().map(|c| c.1));
+        out.lumels.push(Lumel {
+            page: placement.page,
+            texel: [
+                placement.rect.x + run[0].0 % size[0],
+                placement.rect.y + run[0].0 / size[0],
+            ],
+            instance: instance as u32,
+            first,
+            count: run.len() as u32,
+            coverage: coverage.min(1.0) as f32,
+        });
+    }
+    out
+}
+
+/// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; of a duplicate, in the order of the triangle in whose place it is.
+fn corners_of(soup: &Soup, atlas: &MeshAtlas, face: u32) -> [Vec2; 3] {
+    let source = soup.source(face);
+    let primitive = &atlas.primitives[source.primitive as usize];
+    let [a, b, c] = primitive.triangles[source.triangle as usize].map(|v| primitive.uv[v as usize]);
+    let own = if source.mirrored {
+        [a, c, b]
+    } else {
+        [a, b, c]
+    };
+    match soup.duplicate(face) {
+        None => own,
+        Some(duplicate) => {
+            let mut out = own;
+            for (place, p) in duplicate.corners.into_iter().zip(own) {
+                out[usize::from(place)] = p;
+            }
+            out
+        }
+    }
+}

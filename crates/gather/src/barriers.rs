@@ -1,0 +1,76 @@
+//! Walls between lumels: light is not taken from neighbours behind one.
+
+use atlas::{Lumels, TexelIndex};
+use radiosity::World;
+use rayon::prelude::*;
+
+use crate::parts::LIFT;
+use crate::received::Received;
+
+/// Between which lumels that touch a wall stands.
+#[derive(Debug, Default)]
+pub(crate) struct Barriers {
+    /// By lumel: bit 0 towards the right, bit 1 downwards. Empty where there is none at all.
+    bits: Vec<u8>,
+    /// There are barriers, or lumels that a wall cuts.
+    matter: bool,
+}
+
+impl Barriers {
+    /// Looks between lumels near which something stands.
+    pub(crate) fn find(
+        world: &World,
+        lumels: &Lumels,
+        index: &TexelIndex,
+        received: &[Received],
+    ) -> Barriers {
+        let bits: Vec<u8> = (0..received.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .map(|i| {
+                let (l, own) = (&lumels.lumels[i], &received[i]);
+                if !own.near || own.open == 0.0 {
+                    return 0;
+                }
+                let [x, y] = l.texel.map(i64::from);
+                let blocked = |x: i64, y: i64| {
+                    let Some(j) = index.at(l.page, x, y) else {
+                        return false;
+                    };
+                    let other = &received[j];
+                    lumels.lumels[j].instance == l.instance
+                        && other.near
+                        && other.open > 0.0
+                        && world.wall_between(
+                            &own.point(world),
+                            &other.point(world),
+                            LIFT * own.size,
+                        )
+                };
+                u8::from(blocked(x + 1, y)) | u8::from(blocked(x, y + 1)) << 1
+            })
+            .collect();
+        let matter = bits.iter().any(|b| *b != 0) || received.iter().any(|r| r.open < 1.0);
+        Barriers { bits, matter }
+    }
+
+    /// Whether light might pass from lumel to lumel through a wall.
+    pub(crate) fn matter(&self) -> bool {
+        self.matter
+    }
+
+    /// Whether one stands between two lumels that share an edge.
+    pub(crate) fn between(&self, lumels: &Lumels, i: usize, j: usize) -> bool {
+        let [a, b] = [i, j].map(|k| lumels.lumels[k].texel);
+        let first = if (a[1], a[0]) < (b[1], b[0]) { i } else { j };
+        self.after(first, a[1] != b[1])
+    }
+
+    /// Whether one stands right of, or below (`down`), lumel `i`.
+    #[inline]
+    pub(crate) fn after(&self, i: usize, down: bool) -> bool {
+        self.bits
+            .get(i)
+            .is_some_and(|b| b >> u8::from(down) & 1 == 1)
+    }
+}

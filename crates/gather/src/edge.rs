@@ -1,0 +1,243 @@
+//! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
+
+use radiosity::{DirectEstimate, DirectOptions, SurfacePoint, hash_u32, luminance};
+
+use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
+use crate::footprint::Footprint;
+use crate::gatherer::{Gatherer, known};
+use crate::parts::Parts;
+use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::points::{OpenPoints, Place, Sampling, spread};
+use crate::received::{Edge, Received};
+
+/// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
+const EDGE_RAYS: u32 = 2;
+
+/// A part of a footprint, its light gathered.
+struct Seen {
+    /// The points that count.
+    mask: Vec<bool>,
+    direct: DirectEstimate,
+    place: Place,
+    indirect: Estimate,
+    planes: Vec<Plane>,
+}
+
+impl Seen {
+    /// How many points count.
+    fn size(&self) -> usize {
+        self.mask.iter().filter(|m| **m).count()
+    }
+
+    /// Luminance of the light.
+    fn light(&self) -> f32 {
+        luminance(self.direct.irradiance + self.indirect.mean)
+    }
+}
+
+/// A footprint of which less than this can be seen counts as hidden: what so little of it says is all noise, and its neighbours know better.
+const LEAST_OPEN: f32 = 1.0 / 32.0;
+
+/// What touches a footprint throws a shadow on a part of it, which so many points do not miss as easily as [`DirectOptions::scouts`].
+const LEAST_SCOUTS: u32 = 32;
+
+/// A footprint's points with what was gathered at them, sorted.
+struct Sorted<'f, F> {
+    footprint: &'f F,
+    points: Vec<SurfacePoint>,
+    sums: Vec<Point>,
+    /// The part of each point; `None` inside a body.
+    part: Vec<Option<usize>>,
+    /// What points of each part bring to planes; then that of points inside bodies.
+    planes: Vec<PlaneSums>,
+    seed: u32,
+    /// Walls were looked for, and there is more than one part.
+    walled: bool,
+}
+
+impl<F> Sorted<'_, F> {
+    /// Parts of the footprint.
+    fn parts(&self) -> usize {
+        self.planes.len() - 1
+    }
+
+    /// The points of part `k`.
+    fn of(&self, k: usize) -> impl Iterator<Item = &Point> {
+        (self.sums.iter().zip(&self.part))
+            .filter(move |x| *x.1 == Some(k))
+            .map(|x| x.0)
+    }
+
+    /// Which points are in part `k`.
+    fn mask(&self, k: usize) -> Vec<bool> {
+        self.part.iter().map(|p| *p == Some(k)).collect()
+    }
+}
+
+impl Gatherer<'_, '_> {
+    /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many points, few rays each, and as many shadow rays as
+    /// a penumbra gets.
+    pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        // Its own random numbers: what made the first points disagree should not decide again.
+        let seed = hash_u32(seed ^ 0x2545_f491);
+        let (mut all, mut rays) = self.sort(footprint, seed);
+        let count = all.points.len();
+        let apart = self.options.open_only;
+        let (mut seen, hidden) = match apart {
+            true => self.seen_parts(&all),
+            false => (Vec::new(), vec![false; all.parts()]),
+        };
+        rays += (seen.iter().map(|s| u64::from(s.direct.rays))).sum::<u64>();
+        let cut = seen.len() > 1;
+        let open = match apart {
+            false => all.sums.iter().filter(|s| !s.inside()).count(),
+            true => (all.part.iter())
+                .filter(|p| p.is_some_and(|p| !hidden[p]))
+                .count(),
+        };
+        let open = open as f32 / count as f32;
+        let Seen {
+            mask,
+            direct,
+            place,
+            indirect,
+            planes,
+        } = seen.pop().unwrap_or_else(|| {
+            // Nothing can be seen, or nothing is to be kept apart: all of it.
+            let mut whole = PlaneSums::new(self.wanted);
+            all.planes.iter_mut().for_each(|p| whole.take(p));
+            let one = self.see(&all, vec![true; count], &whole);
+            rays += u64::from(one.direct.rays);
+            one
+        });
+        let counted = || all.sums.iter().zip(&mask).filter(|x| *x.1).map(|x| x.0);
+        let dark = (self.tracer).is_dark(luminance(direct.irradiance + indirect.mean));
+        Received {
+            edge: Edge::Contact,
+            rays,
+            near: all.sums.iter().any(|s| s.near),
+            behind: (dark && Point::in_the_void(counted()))
+                || Point::dark_shares(counted())[0] >= BEHIND,
+            // What a wall cuts is no whole lumel.
+            open: if apart && open < LEAST_OPEN {
+                0.0
+            } else if cut {
+                open.min(1.0 - 1.0 / count as f32)
+            } else {
+                open
+            },
+            ..Received::of(direct, &indirect, planes, (place, footprint.size()))
+        }
+    }
+
+    /// Gathers at a footprint's points, and says into which parts walls cut it; also how many rays that took.
+    fn sort<'f, F: Footprint>(&self, footprint: &'f F, seed: u32) -> (Sorted<'f, F>, u64) {
+        let world = self.tracer.world;
+        let count = self.options.edge_points.max(self.options.points) as usize;
+        let points = spread(footprint, count);
+        let parts =
+            (self.options.open_only).then(|| Parts::find(world, &points, footprint.reach()));
+        let part: Vec<Option<usize>> = (points.iter())
+            .map(|p| match &parts {
+                None => Some(0),
+                Some(_) if world.inside_a_body(p) => None,
+                Some(parts) => Some(parts.of(world, p)),
+            })
+            .collect();
+        // One more is of slivers, and one of bodies.
+        let number = parts.as_ref().map_or(1, |p| p.count + 1);
+        let mut planes: Vec<PlaneSums> =
+            (0..=number).map(|_| PlaneSums::new(self.wanted)).collect();
+        let sampling = Sampling {
+            rays: EDGE_RAYS,
+            ..self.sampling(footprint, seed)
+        };
+        let sampled = self.sample(&points, sampling, |k, of_point| {
+            planes[part[k].unwrap_or(number)].take(of_point);
+        });
+        let sorted = Sorted {
+            footprint,
+            points,
+            sums: sampled.sums,
+            part,
+            planes,
+            seed,
+            walled: parts.is_some_and(|p| p.count > 1),
+        };
+        (sorted, sampled.rays)
+    }
+
+    /// The parts that can be seen, the largest last, and which of all are hidden.
+    fn seen_parts<F: Footprint>(&self, all: &Sorted<F>) -> (Vec<Seen>, Vec<bool>) {
+        let mut hidden = vec![false; all.parts()];
+        let dark: Vec<[f32; 2]> = (0..all.parts())
+            .map(|k| Point::dark_shares(all.of(k)))
+            .collect();
+        let some_before = dark.iter().any(|d| d[0] < BEHIND && d[1] < MOSTLY_INSIDE);
+        let mut seen: Vec<Seen> = Vec::with_capacity(all.parts());
+        for (k, hidden) in hidden.iter_mut().enumerate() {
+            let mask = all.mask(k);
+            if !mask.contains(&true) {
+                continue;
+            }
+            *hidden = some_before && dark[k][0] >= BEHIND;
+            if *hidden {
+                continue;
+            }
+            let one = self.see(all, mask, &all.planes[k]);
+            let dark = self.tracer.is_dark(one.light());
+            // The end of a wall, say, may reach through the room's shell to where nobody will ever be; without a wall it is shade.
+            let lost = all.walled && dark && Point::in_the_void(all.of(k));
+            *hidden = lost || Point::shut(all.of(k), dark);
+            if !*hidden {
+                seen.push(one);
+            }
+        }
+        seen.sort_by_key(Seen::size);
+        (seen, hidden)
+    }
+
+    /// Light over the points of `mask`.
+    fn see<F: Footprint>(&self, all: &Sorted<F>, mask: Vec<bool>, planes: &PlaneSums) -> Seen {
+        let mut planes = planes.finish();
+        // As many points as there are, at most what a penumbra gets.
+        let count = mask.iter().filter(|m| **m).count() as u32;
+        let own = &self.options.direct;
+        let most = match count as usize == mask.len() {
+            true => own.penumbra.max(count),
+            false => count,
+        };
+        let options = DirectOptions {
+            base: match self.options.contacts {
+                true => most,
+                false => most.min(own.base),
+            },
+            penumbra: most,
+            scouts: own.scouts.max(LEAST_SCOUTS),
+        };
+        let indirect = mean_and_spread(&all.sums, &mask);
+        let known = known(luminance(indirect.mean), 0);
+        let points = OpenPoints::new(all.footprint, &all.points, &mask);
+        let place = points.place();
+        let direct = self.direct_light(points, all.seed, &options, &known, &mut planes);
+        Seen {
+            indirect,
+            direct,
+            place,
+            planes,
+            mask,
+        }
+    }
+
+    /// Whether a ray from any of the points that an edge would get meets anything but black back faces.
+    pub(crate) fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
+        (self.options.points..self.options.edge_points).any(|i| {
+            footprint.candidate(i).is_some_and(|p| {
+                let mut probe = Point::default();
+                let mut planes = PlaneSums::new(Wanted::default());
+                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe, &mut planes);
+                probe.black == 0 && !self.tracer.world.inside_a_body(&p)
+            })
+        })
+    }
+}

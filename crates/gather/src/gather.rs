@@ -1,0 +1,266 @@
+//! Final gather: the light that a footprint receives.
+
+use radiosity::{DirectEstimate, Known, SurfacePoint, luminance};
+
+use crate::between::{Between, DirectBetween};
+use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
+use crate::footprint::Footprint;
+use crate::gatherer::{Gatherer, known};
+use crate::parts::Parts;
+use crate::planes::{Plane, PlaneSums};
+use crate::points::{OpenPoints, Place, Sampling, spread};
+use crate::received::Received;
+
+/// Points at least by which a wall is looked for that parts a footprint.
+const PARTED_POINTS: usize = 16;
+
+/// Most [`GatherOptions::points`].
+const MOST_POINTS: usize = 64;
+
+/// A lamp that would bring less than this share of a lumel's light is not looked for where all
+/// neighbours agree about it.
+const MATTERS: f32 = 0.01;
+
+impl Gatherer<'_, '_> {
+    /// Mean irradiance over the footprint.
+    ///
+    /// First a few points share many rays. Where they disagree (some lie inside a closed thing, or see
+    /// much more light than others) an edge crosses the footprint, and the mean is only as good as the
+    /// share of points on either side: these footprints are gathered anew, with
+    /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points) points of two rays each.
+    ///
+    /// Sub-points inside closed things are those in a body, those from which nearly all rays meet black
+    /// back faces, and, where only what is open counts, unlit backs of double-sided ones. Where all of
+    /// the footprint is inside, the mean is over all of it, whatever [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
+    pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
+        let (world, options) = (self.tracer.world, &self.options);
+        // Openness is there in the dark too.
+        if world.is_dark() && self.wanted.openness.is_none() {
+            return Received {
+                open: 1.0,
+                planes: vec![Plane::default(); self.wanted.planes()].into(),
+                ..Received::default()
+            };
+        }
+        let points = spread(footprint, self.points());
+        let count = points.len();
+        let mut planes = PlaneSums::new(self.wanted);
+        let sampled = self.sample(&points, self.sampling(footprint, seed), |_, of_point| {
+            planes.take(of_point);
+        });
+        let (sums, mut rays) = (sampled.sums, sampled.rays);
+        // Inside of a wall is no place to see light from, whatever its rays find.
+        let covered = options.open_only && sums.iter().any(|s| s.near || s.backs > 0);
+        let buried: Vec<bool> = (points.iter())
+            .map(|p| covered && world.inside_a_body(p))
+            .collect();
+        let mut open: Vec<bool> = (sums.iter().zip(&buried))
+            .map(|(s, buried)| !buried && !s.inside())
+            .collect();
+        let in_the_open = open.iter().filter(|&&o| o).count();
+        if in_the_open == 0 || !options.open_only {
+            open.fill(true);
+        }
+        let near = sums.iter().any(|s| s.near);
+        let estimate = mean_and_spread(&sums, &open);
+        if options.edge_points > 0 {
+            if in_the_open == 0 {
+                rays += u64::from(options.edge_points.saturating_sub(options.points));
+            }
+            if self.is_crossed(footprint, seed, (in_the_open, count), near, &estimate) {
+                let mut out = self.gather_edge(footprint, seed);
+                out.rays += rays;
+                if in_the_open < count {
+                    // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
+                    out.open = out.open.min(1.0 - 1.0 / count as f32);
+                }
+                return out;
+            }
+        }
+        let mut planes = planes.finish();
+        let counted = OpenPoints::new(footprint, &points, &open);
+        let known = known(luminance(estimate.mean), 0);
+        let direct = self.direct_light(counted, seed, &options.direct, &known, &mut planes);
+        let dark = (self.tracer).is_dark(luminance(direct.irradiance + estimate.mean));
+        // As the ends of things that reach through a room's shell; but also what lies in the shade of a lamp without anything to bounce off. Only a
+        // wall between it and its neighbours tells ([`fill_hidden`](crate::hidden::fill_hidden)).
+        let lost = options.open_only && near && dark && Point::in_the_void(sums.iter());
+        // The light is of what is open, the place of all.
+        let place = (Place::of(&points), footprint.size());
+        let mut out = Received::of(direct, &estimate, planes, place);
+        out.rays += rays;
+        out.near = near;
+        out.behind = lost || Point::dark_shares(sums.iter())[0] >= BEHIND;
+        out.open = match in_the_open {
+            0 if !buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,
+            n => n as f32 / count as f32,
+        };
+        out
+    }
+
+    /// Whether the first points of a footprint say that an edge crosses it: `in_the_open` of all are.
+    fn is_crossed(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        (in_the_open, count): (usize, usize),
+        near: bool,
+        estimate: &Estimate,
+    ) -> bool {
+        let options = &self.options;
+        let more = options.contacts && options.edge_points > count as u32;
+        if in_the_open == 0 {
+            // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
+            return self.anything_open(footprint, seed);
+        }
+        if in_the_open < count {
+            return more || options.open_only;
+        }
+        // Few points may all lie on one side of a wall.
+        let parted = || {
+            let points = spread(footprint, count.max(PARTED_POINTS));
+            Parts::find(self.tracer.world, &points, footprint.reach()).count > 1
+        };
+        (options.open_only && near && parted()) || (more && estimate.disagree)
+    }
+
+    /// Points of a footprint at first.
+    fn points(&self) -> usize {
+        (self.options.points as usize).clamp(1, MOST_POINTS)
+    }
+
+    /// Direct light alone; the rest comes from neighbours. The footprint lies in the open, and nothing is near.
+    pub(crate) fn gather_direct(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        indirect: &Between,
+    ) -> Received {
+        let mut planes = vec![Plane::default(); self.wanted.planes()];
+        for (plane, [all, first]) in planes.iter_mut().zip(&indirect.planes) {
+            (plane.indirect, plane.first_half) = (*all, *first);
+        }
+        let estimate = Estimate {
+            mean: indirect.indirect,
+            first_half: indirect.first_half,
+            variance: indirect.variance,
+            disagree: false,
+        };
+        let points = spread(footprint, self.points());
+        let known = known(luminance(indirect.indirect), 0);
+        let direct = self.direct_on_all(footprint, &points, seed, &known, &mut planes);
+        let place = (Place::of(&points), footprint.size());
+        Received::of(direct, &estimate, planes, place)
+    }
+
+    /// All light from neighbours, `direct` too, where shadow rays from the footprint's middle to lamps find what they found. `None` where they do not.
+    pub(crate) fn gather_nothing(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        indirect: &Between,
+        direct: DirectBetween,
+    ) -> Option<Received> {
+        let point = footprint.fallback();
+        let light = luminance(direct.irradiance + indirect.indirect);
+        let (least, expected) = (MATTERS * light, [direct.lit, direct.hidden]);
+        let lights = &self.tracer.direct;
+        let rays = lights.lamps_seen_as(&point, expected, least, seed)?;
+        let planes = (indirect.planes.iter().zip(direct.planes))
+            .map(|([indirect, first_half], direct)| Plane {
+                direct,
+                indirect: *indirect,
+                first_half: *first_half,
+            })
+            .collect();
+        Some(Received {
+            direct: direct.irradiance,
+            indirect: indirect.indirect,
+            first_half: indirect.first_half,
+            direct_variance: direct.variance,
+            indirect_variance: indirect.variance,
+            position: point.position,
+            normal: point.normal,
+            size: footprint.size(),
+            open: 1.0,
+            rays: rays.into(),
+            lit: direct.lit,
+            hidden: direct.hidden,
+            planes,
+            ..Received::default()
+        })
+    }
+
+    /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which `first` has the first `done` times: powers of two.
+    pub(crate) fn gather_more(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        first: &Received,
+        (done, times): (u32, u32),
+    ) -> Received {
+        // On with the sequences, of points and of directions both.
+        let points = spread(footprint, self.points() * times as usize);
+        let before = self.points() * done as usize;
+        let sampling = Sampling {
+            before: before as u32,
+            ..self.sampling(footprint, seed)
+        };
+        let mut planes = PlaneSums::new(self.wanted);
+        let sampled = self.sample(&points[before..], sampling, |_, of_point| {
+            planes.take(of_point);
+        });
+        let more = mean_and_spread(&sampled.sums, &vec![true; sampled.sums.len()]);
+        let a = done as f32 / times as f32;
+        let b = 1.0 - a;
+        let planes = (first.planes.iter().zip(planes.finish()))
+            .map(|(first, more)| Plane {
+                direct: first.direct,
+                indirect: first.indirect * a + more.indirect * b,
+                first_half: first.first_half * a + more.first_half * b,
+            })
+            .collect();
+        Received {
+            planes,
+            indirect: first.indirect * a + more.mean * b,
+            first_half: first.first_half * a + more.first_half * b,
+            indirect_variance: a * a * first.indirect_variance + b * b * more.variance,
+            rays: first.rays + sampled.rays,
+            ..first.clone()
+        }
+    }
+
+    /// Direct light once more, with as many points as a penumbra gets for the lights of `look`: for footprints next to one that the edges of
+    /// their shadows cross, which may cut a corner.
+    pub(crate) fn refine_direct(
+        &self,
+        footprint: &impl Footprint,
+        seed: u32,
+        first: &Received,
+        look: u32,
+    ) -> Received {
+        let points = spread(footprint, self.options.points as usize);
+        let known = known(luminance(first.indirect), look);
+        let mut planes = first.planes.clone();
+        let direct = self.direct_on_all(footprint, &points, seed, &known, &mut planes);
+        Received {
+            looked: first.looked | look,
+            ..first.clone()
+        }
+        .with_direct(direct, planes)
+    }
+
+    /// Direct light on a footprint that lies in the open.
+    fn direct_on_all<F: Footprint>(
+        &self,
+        footprint: &F,
+        points: &[SurfacePoint],
+        seed: u32,
+        known: &Known,
+        planes: &mut [Plane],
+    ) -> DirectEstimate {
+        let open = vec![true; points.len()];
+        let points = OpenPoints::new(footprint, points, &open);
+        self.direct_light(points, seed, &self.options.direct, known, planes)
+    }
+}

@@ -1,0 +1,91 @@
+//! What a gather works with: a scene with its solved light, and how carefully it is to be read.
+
+use std::sync::Arc;
+
+use radiosity::{DirectEstimate, DirectLight, DirectOptions, Known, Solution, World};
+
+use crate::footprint::Footprint;
+use crate::options::GatherOptions;
+use crate::planes::{Plane, Wanted};
+use crate::points::{OpenPoints, Sampling};
+use crate::tracer::Tracer;
+
+/// Gathers light at footprints.
+#[derive(Clone)]
+pub struct Gatherer<'w, 'a> {
+    pub(crate) tracer: Arc<Tracer<'w, 'a>>,
+    /// How carefully.
+    pub options: GatherOptions,
+    /// What to keep beside the irradiance.
+    pub wanted: Wanted,
+}
+
+impl<'w, 'a> Gatherer<'w, 'a> {
+    /// Gathers from `solution`, which is of `world`.
+    pub fn new(
+        world: &'w World<'a>,
+        solution: &'w Solution,
+        direct: DirectLight<'w, 'a>,
+        options: GatherOptions,
+        wanted: Wanted,
+    ) -> Self {
+        Gatherer {
+            tracer: Arc::new(Tracer::new(world, solution, direct, options.lit > 0)),
+            options,
+            wanted,
+        }
+    }
+
+    /// The same scene with other options.
+    pub(crate) fn with(&self, options: GatherOptions) -> Self {
+        Gatherer {
+            options,
+            ..self.clone()
+        }
+    }
+
+    /// Memory of what was made for gathering, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.tracer.lit.bytes()
+    }
+
+    /// The scene.
+    pub fn world(&self) -> &'w World<'a> {
+        self.tracer.world
+    }
+}
+
+impl Gatherer<'_, '_> {
+    /// The gathering rays of a footprint's points.
+    pub(crate) fn sampling(&self, footprint: &impl Footprint, seed: u32) -> Sampling {
+        Sampling {
+            rays: (self.options.rays / self.options.points.max(1)).max(1),
+            before: 0,
+            seed,
+            reach: footprint.reach(),
+        }
+    }
+
+    /// Direct light on the points that are open.
+    pub(crate) fn direct_light<F: Footprint>(
+        &self,
+        mut points: OpenPoints<F>,
+        seed: u32,
+        options: &DirectOptions,
+        known: &Known,
+        planes: &mut [Plane],
+    ) -> DirectEstimate {
+        let mut parts = self.wanted.direct_parts();
+        let (seed, size) = (seed ^ 0x68bc_21eb, points.size());
+        let point = |i: u32| points.get(i);
+        let lights = &self.tracer.direct;
+        let out = lights.irradiance_parts(point, size, seed, options, known, &mut parts);
+        self.wanted.place_direct(&parts, planes);
+        out
+    }
+}
+
+/// What is known before direct light is: luminance of the rest, and lights to look at closely.
+pub(crate) fn known(light: f32, look: u32) -> Known {
+    Known { light, look }
+}

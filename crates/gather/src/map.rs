@@ -1,0 +1,99 @@
+//! The map of lumels that passes of a bake work on.
+
+use atlas::{Layout, Lumel, Lumels, TexelIndex};
+use radiosity::World;
+
+use crate::barriers::Barriers;
+use crate::footprint::LumelFootprint;
+use crate::options::Interpolation;
+use crate::plan::Plan;
+use crate::received::Received;
+
+/// Lumels: their places, how they lie to each other, and their light. Lists are by lumel.
+pub struct LumelMap {
+    pub(crate) lumels: Lumels,
+    /// Which lumel a texel is.
+    pub(crate) index: TexelIndex,
+    /// Which lumels are interpolated, and between which.
+    pub(crate) plan: Plan,
+    /// Walls between lumels; none until they were looked for.
+    pub(crate) barriers: Barriers,
+    /// Light; empty until the first pass.
+    pub(crate) received: Vec<Received>,
+    /// Times as many rays as at first that a lumel has.
+    pub(crate) times: Vec<u32>,
+}
+
+impl LumelMap {
+    /// Finds the lumels of a layout, none of them gathered at.
+    pub fn new(world: &World, layout: &Layout, rule: Interpolation) -> Self {
+        let lumels = Lumels::find(world.scene, world.soup, layout);
+        let index = TexelIndex::build(&lumels.lumels, layout);
+        let count = lumels.lumels.len();
+        let plan = match world.is_dark() {
+            true => Plan::none(count),
+            false => Plan::find(world, &lumels, &index, rule),
+        };
+        LumelMap {
+            lumels,
+            index,
+            plan,
+            barriers: Barriers::default(),
+            received: Vec::new(),
+            times: vec![1; count],
+        }
+    }
+
+    /// How many lumels there are.
+    pub fn len(&self) -> usize {
+        self.lumels.lumels.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The lumels, without their light.
+    pub fn lumels(&self) -> &Lumels {
+        &self.lumels
+    }
+
+    /// The light of each lumel; nothing before the first pass.
+    pub fn received(&self) -> &[Received] {
+        &self.received
+    }
+
+    /// Whether lumel `i` is to be interpolated rather than gathered at.
+    pub fn is_interpolated(&self, i: usize) -> bool {
+        self.plan.is(i)
+    }
+
+    /// Memory of lumels and their planes, bytes.
+    pub fn bytes(&self) -> u64 {
+        let planes = |r: &Received| size_of_val(&*r.planes) as u64;
+        self.lumels.bytes() + self.received.iter().map(planes).sum::<u64>()
+    }
+
+    /// The place of lumel `i`.
+    pub(crate) fn lumel(&self, i: usize) -> &Lumel {
+        &self.lumels.lumels[i]
+    }
+
+    /// The footprint of lumel `i`, and the seed of its random numbers.
+    pub fn footprint<'l, 'w, 'a>(
+        &'l self,
+        world: &'w World<'a>,
+        i: usize,
+    ) -> (LumelFootprint<'l, 'w, 'a>, u32) {
+        LumelFootprint::of(world, &self.lumels, i)
+    }
+
+    /// The lumel so many texels from lumel `i`, if it is of the same instance.
+    pub(crate) fn beside(&self, i: usize, [dx, dy]: [i64; 2]) -> Option<usize> {
+        let l = self.lumel(i);
+        let [x, y] = l.texel.map(i64::from);
+        let j = self.index.at(l.page, x + dx, y + dy)?;
+        (self.lumel(j).instance == l.instance).then_some(j)
+    }
+}

@@ -1,0 +1,147 @@
+//! Second looks at lumels, decided by what was gathered next to them.
+//!
+//! A lumel's own first rays are no judge of how many more it needs: one that missed a small bright window finds itself dark and certain. To stop
+//! there, and to go on only where something was seen, loses light (between plates ten sides apart, three quarters of it). So neighbours decide.
+
+use radiosity::{Cancelled, Monitor, Phase, luminance};
+use rayon::prelude::*;
+
+use crate::blocks::in_blocks;
+use crate::gatherer::Gatherer;
+use crate::map::LumelMap;
+use crate::received::{Edge, Received};
+use crate::window::Window;
+
+/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
+/// of their first points stands for.
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub(crate) fn follow_edges(
+    gatherer: &Gatherer,
+    map: &mut LumelMap,
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
+    // Where edges get no more points than others, a second look would see no more.
+    let options = &gatherer.options;
+    let contacts = options.contacts && options.edge_points > options.points;
+    for round in 0..options.follow {
+        let beside: Vec<(usize, Look)> = (0..map.len())
+            .into_par_iter()
+            .with_min_len(1024)
+            .filter_map(|i| {
+                let look = look_again(map, i);
+                let contact = look.contact && contacts && round == 0;
+                (contact || look.lights != 0).then_some((i, Look { contact, ..look }))
+            })
+            .collect();
+        if beside.is_empty() {
+            break;
+        }
+        let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
+            let (i, look) = beside[k];
+            let (footprint, seed) = map.footprint(gatherer.world(), i);
+            let first = &map.received[i];
+            if !look.contact {
+                return gatherer.refine_direct(&footprint, seed, first, look.lights);
+            }
+            let again = gatherer.gather_edge(&footprint, seed);
+            Received {
+                // What the smoothing goes by, which the many points know better.
+                open: first.open.min(again.open),
+                rays: first.rays + again.rays,
+                ..again
+            }
+        })?;
+        for ((i, _), again) in beside.into_iter().zip(refined) {
+            map.received[i] = again;
+        }
+    }
+    Ok(())
+}
+
+/// Why a lumel is to be looked at again.
+#[derive(Clone, Copy, Default)]
+struct Look {
+    /// Something touches its neighbour.
+    contact: bool,
+    /// Lights whose shadow's edge crosses a neighbour, or runs between it and the lumel.
+    lights: u32,
+}
+
+fn look_again(map: &LumelMap, i: usize) -> Look {
+    let own = &map.received[i];
+    // Buried lumels were searched through, and those at contacts looked at closely.
+    if own.edge == Edge::Contact || own.open == 0.0 {
+        return Look::default();
+    }
+    let mut look = Look::default();
+    for way in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [dx, dy])) {
+        let Some(j) = map.beside(i, way) else {
+            continue;
+        };
+        let other = &map.received[j];
+        look.contact |= other.edge == Edge::Contact;
+        // One light's shadow may end in a lumel that another's was found in.
+        look.lights |= other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit);
+    }
+    look.lights &= !(own.mixed | own.looked);
+    look
+}
+
+/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub(crate) fn add_rays(
+    gatherer: &Gatherer,
+    map: &mut LumelMap,
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
+    let options = &gatherer.options;
+    let most = (options.most_rays / options.rays.max(1)).max(1);
+    if gatherer.world().is_dark() || (most == 1 && map.plan.most_bearing() == 1) {
+        return Ok(());
+    }
+    let window = Window::new(map);
+    let received = &map.received;
+    let short: Vec<(usize, u32)> = (0..map.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .filter_map(|i| {
+            if received[i].edge == Edge::Contact || received[i].open < 1.0 || map.plan.is(i) {
+                return None; // has many already, or none that matter
+            }
+            let (around, n) = window.around(i);
+            let (mut variance, mut total, mut others) = (0f32, 0f32, 0f32);
+            for &(j, ..) in around[..n].iter().filter(|a| a.0 != i) {
+                let r = &received[j];
+                variance += r.indirect_variance;
+                total += luminance(r.light());
+                others += 1.0;
+            }
+            if others == 0.0 {
+                variance = received[i].indirect_variance;
+                total = luminance(received[i].light());
+                others = 1.0;
+            }
+            let wanted = options.error * total / others;
+            let ratio = variance / others / (wanted * wanted).max(1e-30);
+            // Powers of two keep the points of the sequence well distributed.
+            let times = (ratio.clamp(1.0, most as f32).ceil() as u32).next_power_of_two();
+            let times = if times > most { times / 2 } else { times };
+            let times = times.max(map.plan.bearing(i));
+            (times > 1).then_some((i, times))
+        })
+        .collect();
+    let more = in_blocks(short.len(), Phase::Refine, monitor, |k| {
+        let (i, times) = short[k];
+        let (footprint, seed) = map.footprint(gatherer.world(), i);
+        gatherer.gather_more(&footprint, seed, &map.received[i], (1, times))
+    })?;
+    for ((i, times), again) in short.into_iter().zip(more) {
+        map.received[i] = again;
+        map.times[i] = times;
+    }
+    Ok(())
+}

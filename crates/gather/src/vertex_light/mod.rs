@@ -1,0 +1,293 @@
+//! Light at vertices.
+//!
+//! What a vertex's colour stands for is what is interpolated from it. Where the lightmap has enough lumels on a triangle, values are fitted
+//! to these ([`fit`]); smaller triangles are gathered at, as means over the surface about each point. Vertices of one place and one smoothing
+//! group have one value, whatever seams of texture coordinates or materials part them ([`sheet`]).
+
+mod cluster;
+mod difference;
+mod fit;
+mod gathered;
+mod moments;
+mod read;
+mod result;
+mod sheet;
+mod smooth;
+mod split;
+
+use std::cell::Cell;
+
+use glam::Vec3;
+use mesh_ingest::Scene;
+use radiosity::{Cancelled, Monitor, World, hash_u32, luminance};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use atlas::{Layout, TexelIndex};
+pub use difference::VertexDifference;
+pub(crate) use moments::LumelLight;
+pub(crate) use read::LumelPlace;
+pub use result::{SplitPrimitive, VertexLight};
+
+use crate::gatherer::Gatherer;
+use crate::map::LumelMap;
+use gathered::Job;
+use moments::Moments;
+use read::Reader;
+use sheet::Sheet;
+use split::{Round, SplitOptions};
+
+/// Vertices that one instance may get by splitting.
+pub const MOST_ADDED_VERTICES: usize = 200_000;
+
+/// Rounds of splitting: each halves triangles, so that this many take any to a lumel's size (2²⁴ lumels are a page of 4096²).
+const MOST_ROUNDS: usize = 24;
+
+/// What was done for vertices.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct VertexReport {
+    /// Points with a value of their own: vertices, those of one place and one smoothing group counted once.
+    pub points: u64,
+    /// Points of triangles that are smaller than some lumels whose light was read from the lumels around.
+    pub read: u64,
+    /// Points of such triangles about which lumels do not know, which were gathered at.
+    pub gathered: u64,
+    /// Gathering and shadow rays.
+    pub rays: u64,
+    /// Vertices that splitting added, all instances together.
+    pub added: u64,
+    /// Instances that would have got more than 200,000 vertices.
+    pub full: u64,
+    /// Against the lightmap.
+    pub difference: VertexDifference,
+}
+
+/// What light at vertices is made from.
+pub(crate) struct VertexBake<'b, 'w, 'a> {
+    pub world: &'w World<'a>,
+    pub layout: &'b Layout,
+    pub map: &'b LumelMap,
+    /// By lumel.
+    pub light: &'b [LumelLight],
+    /// By lumel; `None` where nothing is to be read.
+    pub places: Option<&'b [LumelPlace]>,
+    /// See [`VertexOptions::error`](crate::VertexOptions::error).
+    pub error: Option<f32>,
+}
+
+impl VertexBake<'_, '_, '_> {
+    /// Irradiance at every vertex that a triangle uses; 0 at the others.
+    pub fn run(
+        &self,
+        gatherer: &Gatherer,
+        monitor: &dyn Monitor,
+    ) -> Result<(VertexLight, VertexReport), Cancelled> {
+        let scene = self.world.scene;
+        let index = &self.map.index;
+        let mut sheets: Vec<Sheet> = (0..scene.instances.len())
+            .into_par_iter()
+            .filter(|&i| scene.has_lightmap(i))
+            .map(|i| {
+                let (soup, layout) = (self.world.soup, self.layout);
+                let mut sheet = Sheet::build(scene, soup, layout, &self.map.lumels, i);
+                self.measure(&mut sheet, index);
+                sheet
+            })
+            .collect();
+        let mut report = VertexReport::default();
+        let floor = 0.01 * self.mean_luminance();
+        let known = self.small_triangles(&sheets, floor, (gatherer, monitor), &mut report)?;
+        let fitted: Vec<Fitted> = sheets
+            .par_iter_mut()
+            .zip(known)
+            .map(|(sheet, known)| self.fit(sheet, known, floor, index))
+            .collect();
+        let mut out = VertexLight {
+            instances: empty(scene),
+            split: vec![Vec::new(); scene.instances.len()],
+        };
+        let mut pairs = Vec::new();
+        for (sheet, fitted) in sheets.iter().zip(fitted) {
+            report.points += sheet.points as u64;
+            report.added += sheet.parents.len() as u64;
+            report.full += u64::from(fitted.full);
+            pairs.extend(fitted.pairs);
+            fill(sheet, &fitted.values, scene, self.world, &mut out);
+        }
+        report.difference = difference::summarise(&pairs);
+        Ok((out, report))
+    }
+
+    fn measure(&self, sheet: &mut Sheet, index: &TexelIndex) {
+        let placement = &self.layout.placements[sheet.instance];
+        for tri in &mut sheet.tris {
+            if !tri.moments.measured() {
+                tri.moments = Moments::of((&tri.page, tri.area), placement, index, self.light);
+            }
+        }
+    }
+
+    /// By sheet and point, the light over the small triangles about it: what the lumels around say ([`read`]), or gathered where they do not know. `None`
+    /// where there are no such triangles.
+    fn small_triangles(
+        &self,
+        sheets: &[Sheet],
+        floor: f64,
+        (gatherer, monitor): (&Gatherer, &dyn Monitor),
+        report: &mut VertexReport,
+    ) -> Result<Vec<Vec<Option<Vec3>>>, Cancelled> {
+        let (direct, index) = (&gatherer.tracer.direct, &self.map.index);
+        let (mut out, rays): (Vec<Vec<Option<Vec3>>>, Vec<u64>) = (sheets.par_iter())
+            .map(|sheet| {
+                let Some(places) = self.places else {
+                    return (vec![None; sheet.points], 0);
+                };
+                let reader = Reader {
+                    world: self.world,
+                    direct,
+                    placement: &self.layout.placements[sheet.instance],
+                    index,
+                    light: self.light,
+                    places,
+                    floor: floor as f32,
+                    rays: Cell::new(0),
+                };
+                (reader.read(sheet), reader.rays.get())
+            })
+            .unzip();
+        report.read = out.iter().flatten().flatten().count() as u64;
+        let mut jobs: Vec<Job> = Vec::new();
+        for (s, (sheet, known)) in sheets.iter().zip(&out).enumerate() {
+            // The first vertex of each point names it.
+            let mut seeds = vec![None; sheet.points];
+            for v in &sheet.vertices {
+                seeds[v.point as usize].get_or_insert_with(|| {
+                    let instance = hash_u32(sheet.instance as u32 ^ 0x51ed_270b);
+                    hash_u32(v.index ^ hash_u32(v.primitive ^ instance))
+                });
+            }
+            let spokes = sheet.spokes(self.world.soup, |point| known[point].is_none());
+            for (point, spokes) in spokes.into_iter().enumerate() {
+                if !spokes.is_empty() {
+                    jobs.push(Job {
+                        sheet: s as u32,
+                        point: point as u32,
+                        spokes,
+                        seed: seeds[point].unwrap_or(0),
+                    });
+                }
+            }
+        }
+        let received = gathered::gather(&jobs, sheets, gatherer, monitor)?;
+        report.gathered = received.len() as u64;
+        report.rays = rays.iter().sum::<u64>() + received.iter().map(|r| r.rays).sum::<u64>();
+        for (job, r) in jobs.iter().zip(&received) {
+            out[job.sheet as usize][job.point as usize] = Some(r.direct + r.indirect);
+        }
+        Ok(out)
+    }
+
+    fn fit(
+        &self,
+        sheet: &mut Sheet,
+        gathered: Vec<Option<Vec3>>,
+        floor: f64,
+        index: &TexelIndex,
+    ) -> Fitted {
+        let known: Vec<Vec3> = gathered.iter().map(|g| g.unwrap_or_default()).collect();
+        let mut values = fit::fit(sheet, &known);
+        let mut full = false;
+        if let Some(error) = self.error {
+            // Parts of triangles may be too small for the lumels, though the whole was not: their corners keep the whole's light.
+            let mut gathered: Vec<Vec3> = (gathered.iter().zip(&values))
+                .map(|(g, v)| g.unwrap_or(*v))
+                .collect();
+            let options = SplitOptions {
+                error: f64::from(error),
+                floor,
+                most: MOST_ADDED_VERTICES,
+            };
+            for _ in 0..MOST_ROUNDS {
+                match split::split(sheet, &mut values, &mut gathered, &options) {
+                    Round::Done => break,
+                    Round::Full => {
+                        full = true;
+                        break;
+                    }
+                    Round::Split => {}
+                }
+                self.measure(sheet, index);
+                values = fit::fit(sheet, &gathered);
+            }
+        }
+        let placement = &self.layout.placements[sheet.instance];
+        let lumels = &self.map.lumels.lumels;
+        let first = lumels.partition_point(|l| (l.instance as usize) < sheet.instance);
+        let end = lumels.partition_point(|l| (l.instance as usize) <= sheet.instance);
+        let pairs = difference::pairs(sheet, &values, placement, index, self.light, first..end);
+        Fitted {
+            values,
+            full,
+            pairs,
+        }
+    }
+
+    /// Of the lightmap, weighted by coverage.
+    fn mean_luminance(&self) -> f64 {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (l, light) in self.map.lumels.lumels.iter().zip(self.light) {
+            sum += f64::from(l.coverage * luminance(light.e));
+            weight += f64::from(l.coverage);
+        }
+        sum / f64::max(weight, f64::MIN_POSITIVE)
+    }
+}
+
+/// One instance's values.
+struct Fitted {
+    /// By point.
+    values: Vec<Vec3>,
+    full: bool,
+    pairs: Vec<difference::Pair>,
+}
+
+fn empty(scene: &Scene) -> Vec<Vec<Vec<[f32; 3]>>> {
+    (scene.instances.iter())
+        .map(|i| {
+            (scene.meshes[i.mesh].primitives.iter())
+                .map(|p| vec![[0.0; 3]; p.positions.len()])
+                .collect()
+        })
+        .collect()
+}
+
+/// Puts a sheet's values, and what was split, where writers look for them.
+fn fill(sheet: &Sheet, values: &[Vec3], scene: &Scene, world: &World, out: &mut VertexLight) {
+    let light = &mut out.instances[sheet.instance];
+    for (list, count) in light.iter_mut().zip(&sheet.counts) {
+        list.resize(*count as usize, [0.0; 3]);
+    }
+    for v in &sheet.vertices {
+        light[v.primitive as usize][v.index as usize] = values[v.point as usize].to_array();
+    }
+    if sheet.parents.is_empty() {
+        return;
+    }
+    let primitives = &scene.meshes[scene.instances[sheet.instance].mesh].primitives;
+    let mut split = vec![SplitPrimitive::default(); primitives.len()];
+    let own = sheet.vertices.len() - sheet.parents.len();
+    for (v, pair) in sheet.vertices[own..].iter().zip(&sheet.parents) {
+        let parents = pair.map(|p| sheet.vertices[p as usize].index);
+        split[v.primitive as usize].parents.push(parents);
+    }
+    for tri in &sheet.tris {
+        let source = world.soup.source(tri.face);
+        let corners = tri.corners.map(|c| sheet.vertices[c as usize].index);
+        (split[source.primitive as usize].triangles).push((source.triangle, corners));
+    }
+    for primitive in &mut split {
+        // Stable: the parts of a triangle stay in order.
+        primitive.triangles.sort_by_key(|t| t.0);
+    }
+    out.split[sheet.instance] = split;
+}

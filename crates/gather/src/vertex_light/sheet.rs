@@ -1,0 +1,234 @@
+//! The triangles of one instance as vertex light sees them, whole or split.
+
+use std::collections::HashMap;
+
+use atlas::{Layout, Lumels, faces_of};
+use glam::{DVec2, Vec3};
+use mesh_ingest::{Primitive, Scene, Soup};
+
+use super::moments::{Moments, texels};
+use crate::vertex_footprint::Spoke;
+
+/// Normals that differ by less are of one smoothing group: cos 5°. Exporters round normals to a degree at worst (8 bits), and hard edges
+/// that anyone sees are above ten.
+const SAME_NORMAL: f32 = 0.9962;
+
+/// A vertex of a primitive.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Vertex {
+    /// Index into the mesh's primitives.
+    pub primitive: u32,
+    /// Index into the primitive's vertices; those that splitting added come after its own.
+    pub index: u32,
+    /// Where it is: the same for all vertices of the instance at one position.
+    pub place: u32,
+    /// Whose light it takes: the same for vertices of one place and one smoothing group.
+    pub point: u32,
+}
+
+/// A triangle, or a part of one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tri {
+    /// The face (see [`mesh_ingest::Duplicate`]).
+    pub face: u32,
+    /// Index into [`Sheet::vertices`], in the primitive's corner order.
+    pub corners: [u32; 3],
+    /// Where the corners are in the instance's rectangle, texels; NaN where it has no chart.
+    pub page: [DVec2; 3],
+    /// m².
+    pub area: f64,
+    /// What the lumels say about it.
+    pub moments: Moments,
+}
+
+impl Tri {
+    /// Area on the page, texels.
+    pub fn texels(&self) -> f64 {
+        texels(&self.page)
+    }
+}
+
+/// All triangles of one instance that receive light.
+pub(super) struct Sheet {
+    /// Index into [`Scene::instances`].
+    pub instance: usize,
+    pub vertices: Vec<Vertex>,
+    /// For vertices that splitting added, in their order: the two in whose middle each is, as indices into `vertices`.
+    pub parents: Vec<[u32; 2]>,
+    pub tris: Vec<Tri>,
+    /// Number of vertices of each primitive.
+    pub counts: Vec<u32>,
+    /// World position of each place.
+    pub places: Vec<Vec3>,
+    /// Number of points.
+    pub points: usize,
+}
+
+impl Sheet {
+    /// The triangles of an instance, unsplit, without moments.
+    pub fn build(
+        scene: &Scene,
+        soup: &Soup,
+        layout: &Layout,
+        lumels: &Lumels,
+        instance: usize,
+    ) -> Sheet {
+        let placed = &scene.instances[instance];
+        let primitives = &scene.meshes[placed.mesh].primitives;
+        let rect = layout.placements[instance].rect;
+        let origin = DVec2::new(f64::from(rect.x), f64::from(rect.y));
+        let mut sheet = Sheet {
+            instance,
+            vertices: Vec::new(),
+            parents: Vec::new(),
+            tris: Vec::new(),
+            counts: (primitives.iter())
+                .map(|p| p.positions.len() as u32)
+                .collect(),
+            places: Vec::new(),
+            points: 0,
+        };
+        let mut number: Vec<Vec<u32>> = (primitives.iter())
+            .map(|p| vec![u32::MAX; p.positions.len()])
+            .collect();
+        let mut place_of: HashMap<[u32; 3], u32> = HashMap::new();
+        for face in faces_of(soup, instance) {
+            let source = soup.source(face);
+            let p = source.primitive as usize;
+            if !scene.receives(instance, p) {
+                continue;
+            }
+            let primitive = &primitives[p];
+            let (triangle, order, _) = corners_of(soup, face);
+            let corners = primitive.triangles[source.triangle as usize].map(|v| {
+                let slot = &mut number[p][v as usize];
+                if *slot == u32::MAX {
+                    *slot = sheet.vertices.len() as u32;
+                    // Adding zero turns −0 into +0, which is the same place.
+                    let position = primitive.positions[v as usize] + Vec3::ZERO;
+                    let next = sheet.places.len() as u32;
+                    let place = *place_of
+                        .entry(position.to_array().map(f32::to_bits))
+                        .or_insert(next);
+                    if place == next {
+                        let world = placed.transform.transform_point3(position.as_dvec3());
+                        sheet.places.push((world - scene.origin).as_vec3());
+                    }
+                    sheet.vertices.push(Vertex {
+                        primitive: source.primitive,
+                        index: v,
+                        place,
+                        point: u32::MAX,
+                    });
+                }
+                *slot
+            });
+            let page = lumels.page_corners(face).map(|c| c.as_dvec2() - origin);
+            sheet.tris.push(Tri {
+                face,
+                corners,
+                page: order.map(|k| page[usize::from(k)]),
+                area: f64::from(soup.areas[triangle as usize]),
+                moments: Moments::default(),
+            });
+        }
+        sheet.find_points(primitives);
+        sheet
+    }
+
+    /// Gives vertices of one place and one smoothing group the same point.
+    fn find_points(&mut self, primitives: &[Primitive]) {
+        let normals = self.normals(primitives);
+        let mut order: Vec<(u32, u32)> = (self.vertices.iter().zip(0u32..))
+            .map(|(v, i)| (v.place, i))
+            .collect();
+        order.sort_unstable();
+        for at_place in order.chunk_by(|a, b| a.0 == b.0) {
+            // The first vertex of each group speaks for it: no chain of small steps joins what differs. On a sphere there is room for some
+            // two thousand of them, so that this is not quadratic however many vertices share a place.
+            let mut groups: Vec<(Vec3, u32)> = Vec::new();
+            for &(_, v) in at_place {
+                let normal = normals[v as usize];
+                let found = groups.iter().find(|(n, _)| n.dot(normal) >= SAME_NORMAL);
+                let point = match found {
+                    Some((_, point)) => *point,
+                    None => {
+                        let point = self.points as u32;
+                        self.points += 1;
+                        groups.push((normal, point));
+                        point
+                    }
+                };
+                self.vertices[v as usize].point = point;
+            }
+        }
+    }
+
+    /// Unit normals of the vertices, local space: their own, or the mean of their faces.
+    fn normals(&self, primitives: &[Primitive]) -> Vec<Vec3> {
+        let mut normals = vec![Vec3::ZERO; self.vertices.len()];
+        for tri in &self.tris {
+            let v = tri.corners.map(|c| self.vertices[c as usize]);
+            let primitive = &primitives[v[0].primitive as usize];
+            if primitive.normals.is_empty() {
+                let [a, b, c] = v.map(|v| primitive.positions[v.index as usize].as_dvec3());
+                let area = (b - a).cross(c - a);
+                // In f64, and scaled, so that neither tiny nor huge triangles leave f32.
+                let weighted = area * (tri.area / area.length().max(f64::MIN_POSITIVE));
+                for c in tri.corners {
+                    normals[c as usize] += weighted.as_vec3();
+                }
+            }
+        }
+        for (n, v) in normals.iter_mut().zip(&self.vertices) {
+            let primitive = &primitives[v.primitive as usize];
+            *n = match primitive.normals.get(v.index as usize) {
+                Some(own) => *own,
+                None => n.normalize_or_zero(),
+            };
+        }
+        normals
+    }
+
+    /// Points of a triangle's corners.
+    pub fn points_of(&self, tri: &Tri) -> [usize; 3] {
+        tri.corners
+            .map(|c| self.vertices[c as usize].point as usize)
+    }
+
+    /// For each point that is `wanted`, the triangles about it that have too few lumels to go by.
+    pub fn spokes(&self, soup: &Soup, wanted: impl Fn(usize) -> bool) -> Vec<Vec<Spoke>> {
+        let mut around: Vec<Vec<Spoke>> = vec![Vec::new(); self.points];
+        for tri in self.tris.iter().filter(|t| !t.moments.measured()) {
+            let (triangle, order, back) = corners_of(soup, tri.face);
+            for (point, corner) in self.points_of(tri).into_iter().zip(order) {
+                if !wanted(point) {
+                    continue;
+                }
+                let list = &mut around[point];
+                let before = list.last().map_or(0.0, |s| s.running);
+                list.push(Spoke {
+                    triangle,
+                    corner,
+                    back,
+                    running: before + soup.areas[triangle as usize],
+                });
+            }
+        }
+        around
+    }
+}
+
+/// The soup's triangle in whose place a face is, which of its world corners each corner of the primitive's triangle is, and whether the
+/// face lies on its back.
+pub(super) fn corners_of(soup: &Soup, face: u32) -> (u32, [u8; 3], bool) {
+    let order = if soup.source(face).mirrored {
+        [0, 2, 1]
+    } else {
+        [0, 1, 2]
+    };
+    match soup.duplicate(face) {
+        None => (face, order, false),
+        Some(d) => (d.kept, order.map(|k| d.corners[usize::from(k)]), d.turned),
+    }
+}
