@@ -5,7 +5,7 @@
 //! equal bytes for any number of threads.
 
 use std::collections::BTreeSet;
-use std::io::{BufReader, Cursor};
+use std::io::{BufReader, Cursor, Seek};
 use std::path::Path;
 
 use exr::meta::MetaData;
@@ -15,6 +15,7 @@ use exr::prelude::{
     attribute::AttributeValue, attribute::Chromaticities, read as exr_read,
 };
 use half::f16;
+use mesh_ingest::open_regular;
 use rayon::prelude::*;
 
 use crate::atlas::Page;
@@ -222,10 +223,11 @@ pub fn read_exr(path: &Path) -> Result<ExrImage> {
         message: e.to_string(),
     };
     // The header is read first, on its own, so that a small file with a huge data window is refused before memory is asked for.
-    let file = BufReader::new(std::fs::File::open(path).map_err(io)?);
-    let meta = MetaData::read_from_buffered(file, false).map_err(bad)?;
+    let file = open_regular(path).map_err(io)?;
+    let stored = file.metadata().map_err(io)?.len();
+    let mut file = BufReader::new(file);
+    let meta = MetaData::read_from_buffered(&mut file, false).map_err(bad)?;
     // Sizes come from the file, and their product need not fit.
-    let stored = std::fs::metadata(path).map_err(io)?.len();
     for header in &meta.headers {
         let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
         let channels = header.channels.list.len() as u64;
@@ -251,7 +253,8 @@ pub fn read_exr(path: &Path) -> Result<ExrImage> {
         .all_channels()
         .first_valid_layer()
         .all_attributes();
-    let image = image.from_file(path).map_err(bad)?;
+    file.rewind().map_err(io)?;
+    let image = image.from_buffered(file).map_err(bad)?;
     let layer = image.layer_data;
     let n = layer.size.0 * layer.size.1;
     let mut channels = Vec::with_capacity(layer.channel_data.list.len());

@@ -1,7 +1,9 @@
 //! Folders that a bake was written to, as `lumel view` and `lumel report` read them.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use mesh_ingest::read_regular;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -9,6 +11,9 @@ use crate::error::Error;
 
 /// End of the name of a bake's manifest.
 const MANIFEST: &str = ".lightmap.json";
+
+/// Longest manifest or report that is read: one of a million instances is half of it.
+pub(crate) const MAX_JSON: u64 = 512 << 20;
 
 /// The newest manifest that this program knows ([`atlas_bake::Manifest::version`]).
 const MANIFEST_VERSION: u64 = 1;
@@ -162,7 +167,10 @@ impl BakeFolder {
     /// Reads a JSON file of the folder.
     pub(crate) fn json(&self, name: &str) -> Result<Value, Error> {
         let path = self.expect_file(name)?;
-        let bytes = std::fs::read(&path).map_err(|e| folder_error(&path, e.to_string(), true))?;
+        let bytes = read_regular(&path, MAX_JSON).map_err(|e| {
+            let io = e.kind() != ErrorKind::FileTooLarge;
+            folder_error(&path, e.to_string(), io)
+        })?;
         serde_json::from_slice(&bytes).map_err(|e| folder_error(&path, e.to_string(), false))
     }
 }

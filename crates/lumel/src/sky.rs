@@ -1,9 +1,10 @@
 //! The sky of the settings, or else of the scene, as radiances.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use glam::Vec3;
-use mesh_ingest::Environment;
+use mesh_ingest::{Environment, read_regular};
 use radiosity::Sky;
 
 use crate::error::Error;
@@ -11,6 +12,9 @@ use crate::settings::{Settings, SkySource};
 
 /// Most pixels of a sky image: 16384 × 8192.
 const MAX_PIXELS: u64 = 1 << 27;
+
+/// Longest file of a sky: four bytes a pixel, and twice that for runs that make it longer.
+const MAX_BYTES: u64 = 8 * MAX_PIXELS;
 
 /// The sky of the settings; where they give none, the scene's own `environment`. The settings' intensity and rotation apply to either.
 ///
@@ -86,7 +90,10 @@ fn read_map(path: &Path) -> Result<Map, Error> {
         let pixels = (0..r.len()).map(|i| Vec3::new(r[i], g[i], b[i])).collect();
         (image.width, image.height, pixels)
     } else {
-        let bytes = std::fs::read(path).map_err(|e| fail(e.to_string(), true))?;
+        let bytes = read_regular(path, MAX_BYTES).map_err(|e| {
+            let io = e.kind() != ErrorKind::FileTooLarge;
+            fail(e.to_string(), io)
+        })?;
         let decoder = image::codecs::hdr::HdrDecoder::new(std::io::Cursor::new(bytes))
             .map_err(|e| fail(format!("not a Radiance HDR or EXR image: {e}"), false))?;
         let meta = decoder.metadata();

@@ -192,3 +192,85 @@ fn names_reach_the_terminal_escaped() {
     assert!(!run.stderr.contains('\u{1b}'), "{:?}", run.stderr);
     assert_eq!(run.stderr.lines().count(), 1, "{:?}", run.stderr);
 }
+
+/// Opening a pipe waits for a writer, and none of these had one; a device may not end.
+#[cfg(unix)]
+#[test]
+fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
+    let folder = temp();
+    let at = |name: &str| folder.path().join(name);
+    let pipe = |name: &str| {
+        let made = std::process::Command::new("mkfifo").arg(at(name)).status();
+        assert!(made.expect("mkfifo is there").success());
+        at(name)
+    };
+    let (scene, out) = (asset("cornell_box.glb"), at("out"));
+    let words = ["expected a regular file", "found a pipe"];
+    bake(&pipe("a.glb"), &out, "-q").fails(2, &words);
+    lumel(["inspect".as_ref(), at("a.glb").as_os_str()]).fails(2, &words);
+    let options = [
+        ("--sky", pipe("a.hdr")),
+        ("--sky", pipe("a.exr")),
+        ("--probes", pipe("a.json")),
+        ("--config", pipe("a.toml")),
+    ];
+    for (option, pipe) in options {
+        bake(&scene, &out, &format!("-q {option} {}", pipe.display())).fails(2, &words);
+    }
+    let exr = at("a.exr");
+    lumel(["diff".as_ref(), exr.as_os_str(), exr.as_os_str()]).fails(2, &words);
+    bake(&scene, &out, "-q --sky /dev/zero.hdr").fails(2, &["/dev/zero.hdr"]);
+    std::os::unix::fs::symlink("/dev/zero", at("zero.hdr")).expect("linked");
+    for (name, found) in [("zero.hdr", "a device"), ("", "a folder")] {
+        let sky = at(name);
+        let run = bake(&scene, &out, &format!("-q --sky {}", sky.display()));
+        run.fails(2, &[found, "expected a regular file"]);
+    }
+    // What a document names: its buffer, and a picture that light needs. One that light does not need is left alone.
+    pipe("b.bin");
+    write(at("c.bin"), triangle());
+    let level = write(at("c.gltf"), document("b.bin", "a.json").to_string());
+    bake(&level, &out, "-q --sky 1").fails(2, &words);
+    write(level.clone(), document("c.bin", "a.json").to_string());
+    let run = bake(&level, &out, "--sky 1").ok();
+    assert!(
+        run.stderr
+            .contains("images[0]: its file cannot be read: found a pipe"),
+        "{run:?}"
+    );
+    let mut textured = document("c.bin", "a.json");
+    textured["textures"] = json!([{"source": 0}]);
+    textured["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    textured["meshes"][0]["primitives"][0]["material"] = json!(0);
+    write(level, textured.to_string());
+    bake(&at("c.gltf"), &out, "-q --sky 1").fails(2, &words);
+    fs::remove_dir_all(&out).expect("written");
+    fs::rename(at("a.toml"), at("c.lumel.toml")).expect("renamed");
+    bake(&at("c.gltf"), &out, "-q").fails(2, &words);
+    // A report where the last one should lie: the bake replaces it.
+    fs::create_dir(&out).expect("created");
+    let report = pipe("out/cornell_box.report.json");
+    bake(&scene, &out, "-q --skip-if-unchanged").ok();
+    assert!(fs::metadata(report).expect("written").is_file());
+}
+
+/// The .glb named a file that was not there, relative to another folder at that.
+#[test]
+fn a_picture_that_is_lost_during_the_bake_is_an_error() {
+    let (folder, scene) = level("c.bin", "p.png");
+    let baker = lumel::Baker::new().quality(lumel::Quality::Draft);
+    let baker = baker.texels_per_unit(4.0).sky([1.0; 3]);
+    let baked = baker.bake(&scene).expect("all is there");
+    let picture = folder.path().join("p.png");
+    fs::remove_file(&picture).expect("removed");
+    let out = folder.path().join("out");
+    let error = baked.write(&out).expect_err("the picture is gone");
+    assert_eq!(error.exit_code(), 2);
+    assert!(error.to_string().contains("p.png"), "{error}");
+    assert!(!out.exists());
+    // One that was never there is left as it is named.
+    let baked = baker.bake(&scene).expect("light does not need it");
+    baked.write(&out).expect("written");
+    let gltf = fs::read(out.join("c.glb")).expect("written");
+    assert!(String::from_utf8_lossy(&gltf).contains(r#""uri":"p.png""#));
+}

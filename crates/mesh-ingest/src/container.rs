@@ -1,7 +1,6 @@
 //! Files: the glTF container (.gltf or .glb), URIs and the bytes behind them.
 
-use std::fs;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use base64::Engine;
@@ -10,6 +9,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use serde_json::Value;
 
 use crate::error::{Fault, Outcome};
+use crate::regular::read_regular;
 
 /// Exporters disagree about padding; nothing is ambiguous without it.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
@@ -27,25 +27,16 @@ pub(crate) struct Container {
     pub chunk: Option<Vec<u8>>,
 }
 
-/// Reads a regular file of at most `limit` bytes. Devices and pipes are refused: they may never end.
+/// Reads a regular file of at most `limit` bytes, named at document path `path`.
 pub(crate) fn read_file(file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
-    let io = |e| Fault::io(path, file, e);
-    let handle = fs::File::open(file).map_err(io)?;
-    let meta = handle.metadata().map_err(io)?;
-    if !meta.is_file() {
-        return Err(io(std::io::Error::other("not a regular file")));
-    }
-    if meta.len() > limit {
-        return Err(Fault::limit(
+    read_regular(file, limit).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => Fault::limit(
             path,
-            format!("{} with {} bytes", file.display(), meta.len()),
-            format!("at most {limit}"),
-        ));
-    }
-    let mut bytes = Vec::with_capacity(meta.len() as usize);
-    // A file that grows while it is read must not escape the limit.
-    handle.take(limit).read_to_end(&mut bytes).map_err(io)?;
-    Ok(bytes)
+            format!("a larger file, {}", file.display()),
+            format!("at most {limit} bytes"),
+        ),
+        _ => Fault::io(path, file, e),
+    })
 }
 
 /// Splits `bytes` into JSON and binary chunk.

@@ -1,7 +1,7 @@
 //! The document as it came: JSON, buffers, and dense access to what they hold.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
@@ -33,6 +33,8 @@ pub struct Document {
     inputs: Vec<Input>,
     /// Image files that only writers asked for, by image.
     written: Mutex<BTreeMap<usize, Input>>,
+    /// Images that could not be read when the document was loaded.
+    pub(crate) missing: BTreeSet<usize>,
     pub(crate) limits: Limits,
 }
 
@@ -90,6 +92,7 @@ impl Document {
             decoded: Vec::new(),
             inputs: vec![input],
             written: Mutex::default(),
+            missing: BTreeSet::new(),
             limits: limits.clone(),
         };
         version::check(&document.root()).map_err(fail)?;
@@ -248,6 +251,11 @@ impl Document {
     /// The image does not exist or names something that cannot be resolved.
     pub fn image_source(&self, i: usize) -> Result<ImageSource<'_>, Error> {
         self.image(i).map_err(|f| f.into_error(&self.file))
+    }
+
+    /// Whether image `i` could not be read when the document was loaded; light does not need it then.
+    pub fn image_is_missing(&self, i: usize) -> bool {
+        self.missing.contains(&i)
     }
 
     /// The bytes of image `i`'s file, undecoded.

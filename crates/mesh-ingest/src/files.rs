@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use crate::container::{self, Target};
 use crate::error::{Fault, Outcome};
+use crate::regular::open_regular;
 
 /// Gives the bytes of a file that a document names.
 type Resolver = dyn Fn(&str) -> io::Result<Vec<u8>> + Send + Sync;
@@ -54,11 +55,11 @@ impl Files {
         Ok(bytes)
     }
 
-    /// Whether there is such a file.
-    pub fn has(&self, file: &Path) -> bool {
+    /// Whether there is such a file, and it can be opened.
+    pub fn check(&self, file: &Path) -> io::Result<()> {
         match self {
-            Files::Folder(_) => file.is_file(),
-            Files::Resolver(resolver) => resolver(&file.to_string_lossy()).is_ok(),
+            Files::Folder(_) => open_regular(file).map(drop),
+            Files::Resolver(resolver) => resolver(&file.to_string_lossy()).map(drop),
         }
     }
 }

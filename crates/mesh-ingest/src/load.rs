@@ -90,7 +90,7 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     check_writable(&document, &scene, &mut faults);
     faults.check(path)?;
     settle_alpha(&mut scene, &used_materials, &mut report);
-    warn_missing_images(&document, &needed, &mut report);
+    note_missing_images(&mut document, &needed, &mut report);
     report.files = document.input_uris();
     report.totals = totals(&scene);
     tracing::debug!(totals = ?report.totals, counts = ?report.counts, "ingested {}", path.display());
@@ -485,18 +485,29 @@ fn used_positions(mesh: &Mesh) -> Vec<Vec3> {
 }
 
 /// Images that light does not need may be missing, but who writes the document back will want to know.
-fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &mut IngestReport) {
+/// Notes images that cannot be read and that light does not need. Writers leave their URIs as they are; any other image that they
+/// cannot read was lost since.
+fn note_missing_images(
+    document: &mut Document,
+    needed: &BTreeSet<usize>,
+    report: &mut IngestReport,
+) {
     let count = document.root().len_of("images").unwrap_or(0);
     for i in (0..count).filter(|i| !needed.contains(i)) {
-        if let Ok(ImageSource::File(file)) = document.image(i)
-            && !document.files.has(&file)
-        {
-            report.count("images.missing", 1);
-            report.warn(
-                format!("images[{i}]"),
-                "its file is missing; no material needs it",
-            );
-        }
+        let why = match document.image(i) {
+            Ok(ImageSource::File(file)) => match document.files.check(&file) {
+                Ok(()) => continue,
+                Err(e) => format!("its file cannot be read: {e}"),
+            },
+            Ok(ImageSource::Embedded(_)) => continue,
+            Err(fault) => fault.problem.to_string(),
+        };
+        document.missing.insert(i);
+        report.count("images.missing", 1);
+        report.warn(
+            format!("images[{i}]"),
+            format!("{why}; no material needs it"),
+        );
     }
 }
 
