@@ -148,6 +148,8 @@ options! {
     ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
     /// Whether the scene with vertex colours is baked too; it is if nothing is said. Without it no light is computed for vertices.
     vertex_colors(yes: bool) => |s| s.vertex_colors = yes;
+    /// Lets `..` and links in documents lead out of their folders.
+    allow_outside(yes: bool) => |s| s.bounds.allow_outside = yes;
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }

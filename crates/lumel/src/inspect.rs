@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use atlas_bake::{LayoutReport, MeshReport, Paint, Severity, UvOrigin};
-use mesh_ingest::{IngestReport, LightKind, LoadOptions, Soup};
+use mesh_ingest::{IngestReport, LightKind, Soup};
 use radiosity::Monitor;
 use serde::Serialize;
 
@@ -15,6 +15,7 @@ use crate::files::NamedFile;
 use crate::pictures::Drawn;
 use crate::pipeline::plan_layout;
 use crate::report::clamped_warning;
+use crate::scene_input::SceneInput;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
 
@@ -69,13 +70,7 @@ pub fn inspect_and_draw(
     monitor: &dyn Monitor,
 ) -> Result<(Inspection, Vec<NamedFile>, usize), Error> {
     check(settings)?;
-    let mut loaded = mesh_ingest::load(
-        file,
-        &LoadOptions {
-            scene: settings.scene,
-            ..LoadOptions::default()
-        },
-    )?;
+    let mut loaded = SceneInput::File(file).load(settings)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas_bake::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;

@@ -97,7 +97,7 @@ pub use results::VertexColors;
 pub use scene_builder::{MaterialId, MeshId, SceneBuilder, Surface};
 pub use scene_input::SceneInput;
 pub use settings::{
-    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+    Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
 };
 pub use sources::{Source, SourceKind};
 pub use watch::{CancelToken, Progress};

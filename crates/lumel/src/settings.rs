@@ -168,6 +168,17 @@ pub struct Settings {
     pub vertex_colors: bool,
     /// Split edges of the vertex-lit scene until its relative error is about this.
     pub vertex_error: Option<f32>,
+    /// What is refused; no result depends on it.
+    #[serde(skip)]
+    pub bounds: Bounds,
+}
+
+/// What a bake refuses to read or to begin: for those who bake what others made. No file of settings can change them, since
+/// whoever made the scene may have made it too.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Bounds {
+    /// Let `..` and links in the document lead out of its folder. Absolute paths are never followed.
+    pub allow_outside: bool,
 }
 
 impl Default for Settings {
@@ -201,6 +212,7 @@ impl Default for Settings {
             stitch: true,
             vertex_colors: true,
             vertex_error: None,
+            bounds: Bounds::default(),
         }
     }
 }

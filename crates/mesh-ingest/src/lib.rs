@@ -43,6 +43,7 @@ mod scene;
 mod settle;
 mod shading;
 mod soup;
+mod uri;
 mod version;
 mod views;
 

@@ -5,6 +5,9 @@
 pub struct LoadOptions {
     /// Which of the document's scenes; `None` for the one that it names, else the first, else all root nodes.
     pub scene: Option<usize>,
+    /// Whether `..` and links may lead to files outside of the document's folder. What is written holds the files that a document
+    /// names, so a document of unknown origin could carry off any file that this process can read. Absolute paths are never followed.
+    pub allow_outside: bool,
     /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of exhausting the machine.
     pub limits: Limits,
 }

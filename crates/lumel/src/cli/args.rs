@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
+    Bounds, Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
     ProbeSource, Quality, Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
 };
 
@@ -50,6 +50,8 @@ pub(crate) struct Bake {
     pub output: PathBuf,
     #[command(flatten)]
     pub plan: Plan,
+    #[command(flatten)]
+    pub bounds: BoundsArgs,
     #[command(flatten)]
     pub config: ConfigArgs,
     /// How much work the bake is worth [default: preview]
@@ -182,6 +184,8 @@ pub(crate) struct Inspect {
     #[command(flatten)]
     pub plan: Plan,
     #[command(flatten)]
+    pub bounds: BoundsArgs,
+    #[command(flatten)]
     pub config: ConfigArgs,
     /// Print JSON
     #[arg(long)]
@@ -192,6 +196,22 @@ pub(crate) struct Inspect {
     /// What the pictures show
     #[arg(long, value_enum, default_value = "charts", requires = "pictures")]
     pub paint: PaintArg,
+}
+
+/// What is refused. Not in the file of settings: whoever made the scene may have made that too.
+#[derive(Debug, Args)]
+pub(crate) struct BoundsArgs {
+    /// Let `..` and links in the document lead to files outside of its folder, which the results then hold; absolute paths never do
+    #[arg(long)]
+    pub allow_outside: bool,
+}
+
+impl From<&BoundsArgs> for Bounds {
+    fn from(a: &BoundsArgs) -> Bounds {
+        Bounds {
+            allow_outside: a.allow_outside,
+        }
+    }
 }
 
 /// What decides the atlas.
@@ -472,6 +492,7 @@ impl Bake {
         let sky = sky.map_err(lumel::Error::Setting)?;
         let mut out = self.config.layered(&self.scene)?;
         self.plan.apply(&mut out);
+        out.settings.bounds = Bounds::from(&self.bounds);
         out.put(Flag, "quality", self.quality, |s, x| s.quality = x.into());
         out.put(Flag, "error", self.error, |s, x| s.error = Some(x));
         out.put(Flag, "sky", sky, |s, x| s.sky = x);
@@ -546,6 +567,7 @@ impl Inspect {
     pub(crate) fn settings(&self) -> Result<Settings, lumel::Error> {
         let mut out = self.config.layered(&self.scene)?;
         self.plan.apply(&mut out);
+        out.settings.bounds = Bounds::from(&self.bounds);
         Ok(out.settings)
     }
 }
