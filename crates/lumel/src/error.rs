@@ -86,6 +86,17 @@ pub enum Error {
         /// Whose it is.
         why: String,
     },
+    /// A light is brighter than anything is.
+    #[error(
+        "{what} is {value:e}, expected at most {:e} (candela, lux or radiance)",
+        crate::brightness::BRIGHTEST
+    )]
+    TooBright {
+        /// Which.
+        what: String,
+        /// Its largest channel, as it was to be baked.
+        value: f32,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -109,7 +120,8 @@ impl Error {
             },
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
-            | Error::Compare { .. } => 3,
+            | Error::Compare { .. }
+            | Error::TooBright { .. } => 3,
             Error::Output(_) | Error::Port { .. } | Error::Overwrite { .. } => 2,
             Error::Sky { io, .. }
             | Error::Probes { io, .. }

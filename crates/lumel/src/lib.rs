@@ -41,6 +41,7 @@
 //! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
 
 mod baker;
+mod brightness;
 mod cache;
 mod check;
 mod depfile;

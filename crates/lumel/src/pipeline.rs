@@ -17,6 +17,7 @@ use radiosity::{
     WorldOptions,
 };
 
+use crate::brightness;
 use crate::cache::{self, Cache, Surfaces};
 use crate::check::check;
 use crate::error::Error;
@@ -123,6 +124,7 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
         chosen.sky_factor,
         loaded.scene.environment.as_ref(),
     )?;
+    brightness::check(&loaded.scene, &sky)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas_bake::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
@@ -661,6 +663,7 @@ fn warnings(
             baked.report.lumels
         ));
     }
+    out.extend(brightness::clamped_warning(&baked.pages));
     let hidden = baked.report.hidden_lumels;
     if hidden * 20 > baked.report.lumels {
         out.push(format!(

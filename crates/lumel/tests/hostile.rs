@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use crate::common::{Run, asset, bake, files, lumel, temp, write};
+use crate::common::{Run, asset, bake, files, lumel, parse, temp, write};
 
 /// (0 0 0), (1 0 0), (0 0 −1): a triangle as bytes.
 fn triangle() -> Vec<u8> {
@@ -273,4 +273,37 @@ fn a_picture_that_is_lost_during_the_bake_is_an_error() {
     baked.write(&out).expect("written");
     let gltf = fs::read(out.join("c.glb")).expect("written");
     assert!(String::from_utf8_lossy(&gltf).contains(r#""uri":"p.png""#));
+}
+
+/// These were baked black, or white all over, with "estimated error 0.00 %" and without a word.
+#[test]
+fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
+    let folder = temp();
+    let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
+    for sky in ["3e38", "1e13", "1,2,1e20"] {
+        bake(&scene, &out, &format!("-q --sky {sky}")).fails(3, &["the sky is", "at most 1e12"]);
+    }
+    let run = bake(&scene, &out, "-q --sky 1e9 --sky-intensity 1e9");
+    run.fails(3, &["the sky is 1e18"]);
+    let words = ["the material \"lamp\" is", "at most 1e12"];
+    bake(&scene, &out, "-q --light *=1e20").fails(3, &words);
+    let sun = bake(&scene, &out, "-q --sun 0,-1,0,1e30");
+    sun.fails(3, &["the light \"sun\" is 1e30"]);
+    assert!(!out.exists());
+    let run = bake(&scene, &out, "--sky 1e9").ok();
+    let told = "lit lumels are brighter than 65504";
+    assert!(run.stderr.contains(told), "{}", run.stderr);
+    // What halves hold is not warned of.
+    let run = bake(&scene, &out, "--sky 1e3").ok();
+    assert!(!run.stderr.contains("warning"), "{}", run.stderr);
+    // Of what has no light, nothing was measured.
+    let run = bake(&scene, &out, "--exclude-light *").ok();
+    assert!(
+        run.stderr.contains("no estimate of the error"),
+        "{}",
+        run.stderr
+    );
+    let report = parse(&files(&out)["cornell_box.report.json"]);
+    assert_eq!(report["gather"]["median_error"], Value::Null);
+    assert_eq!(report["gather"]["estimated_error"], Value::Null);
 }

@@ -335,13 +335,21 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
         .peak_bytes
         .map(|b| format!(", {} MiB", b >> 20))
         .unwrap_or_default();
+    let gather = &report.gather;
+    let error = if gather.estimated_error.is_finite() {
+        format!(
+            "estimated error {:.2} % (median; {:.1} % root mean square)",
+            100.0 * gather.median_error,
+            100.0 * gather.estimated_error
+        )
+    } else {
+        "no estimate of the error: no lumel has light that could be wrong".into()
+    };
     display.say(&format!(
-        "baked {} in {:.2} s ({:.1} M rays/s{peak}), estimated error {:.2} % (median; {:.1} % root mean square): {}",
+        "baked {} in {:.2} s ({:.1} M rays/s{peak}), {error}: {}",
         report.scene,
         m.seconds,
         m.mrays_per_second,
-        100.0 * report.gather.median_error,
-        100.0 * report.gather.estimated_error,
         a.output.display()
     ));
 }
