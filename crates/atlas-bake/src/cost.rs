@@ -42,6 +42,12 @@ pub struct GatherCost {
     pub stitched: usize,
 }
 
+/// Points where lookups on two sides of a seam would be compared: memory is needed for each.
+pub fn seam_samples(world: &World, layout: &Layout) -> usize {
+    let lumels = Lumels::find(world.scene, world.soup, layout);
+    find_samples(world, layout, &lumels).len()
+}
+
 /// Gathers at lumels here and there, and says how long that took.
 ///
 /// `solution` may be a coarse one: it is the ways of rays that count, not the light.

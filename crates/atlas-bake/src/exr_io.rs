@@ -29,7 +29,7 @@ pub const HALF_MAX: f32 = 65504.0;
 const ATTRIBUTE: &str = "lumel";
 
 /// The most that [`read_exr`] unpacks, in bytes of `f32`: 16 channels of 8192².
-const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
+pub const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
 
 /// More samples than a byte of a file can hold. DEFLATE packs even pictures best of EXR's ways: at most 258 bytes into two bits,
 /// which is 516 halves a byte. Twice that leaves room for what has not been thought of.
@@ -214,6 +214,14 @@ impl ExrImage {
 /// [`Error::Io`] where the file cannot be opened, [`Error::Image`] where it is not an OpenEXR image of flat scanlines or
 /// tiles in a compression that is known, would unpack to more than 4 GiB, or to more than a file of its size can hold.
 pub fn read_exr(path: &Path) -> Result<ExrImage> {
+    read_exr_within(path, READ_LIMIT)
+}
+
+/// As [`read_exr`], of an image that unpacks to at most `limit` bytes.
+///
+/// # Errors
+/// As [`read_exr`].
+pub fn read_exr_within(path: &Path, limit: u64) -> Result<ExrImage> {
     let io = |source| Error::Io {
         path: path.to_owned(),
         source,
@@ -233,8 +241,8 @@ pub fn read_exr(path: &Path) -> Result<ExrImage> {
         let channels = header.channels.list.len() as u64;
         let samples = width.saturating_mul(height).saturating_mul(channels);
         let most = stored.saturating_mul(SAMPLES_PER_BYTE);
-        let why = if samples > READ_LIMIT / 4 {
-            format!("at most {} samples", READ_LIMIT / 4)
+        let why = if samples > limit / 4 {
+            format!("at most {} samples", limit / 4)
         } else if samples > most {
             format!("at most the {most} samples that {stored} bytes can hold")
         } else {

@@ -46,9 +46,11 @@ mod walls;
 pub use atlas::*;
 pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake, bake_recalling};
 pub use compare::{Counted, DiffReport, diff, error_png};
-pub use cost::{GatherCost, gather_cost};
+pub use cost::{GatherCost, gather_cost, seam_samples};
 pub use error::{Error, Result};
-pub use exr_io::{ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, write_lightmap_exr};
+pub use exr_io::{
+    ExrImage, ExrOptions, ExrStats, HALF_MAX, read_exr, read_exr_within, write_lightmap_exr,
+};
 pub use footprint::{Footprint, LumelFootprint};
 pub use gather::{Edge, GatherOptions, Gatherer, Interpolation, Received};
 pub use gltf_out::{

@@ -150,6 +150,10 @@ options! {
     vertex_colors(yes: bool) => |s| s.vertex_colors = yes;
     /// Lets `..` and links in documents lead out of their folders.
     allow_outside(yes: bool) => |s| s.bounds.allow_outside = yes;
+    /// Bytes that decoded pictures may take: the scene's together, and the sky's; 1 GiB if nothing is said.
+    max_image(bytes: u64) => |s| s.bounds.max_image = bytes;
+    /// Bytes that a bake may need by its estimate; it ends with [`Error::Memory`] before light is computed where that is more.
+    memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }

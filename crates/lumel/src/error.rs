@@ -97,6 +97,24 @@ pub enum Error {
         /// Its largest channel, as it was to be baked.
         value: f32,
     },
+    /// The bake would need more memory than it may take.
+    #[error("the bake needs about {} MiB, expected at most {} MiB (--memory); {}", needed >> 20, allowed >> 20, what_fits(*fits))]
+    Memory {
+        /// Estimate, bytes.
+        needed: u64,
+        /// Bytes.
+        allowed: u64,
+        /// Lumels per metre that would fit, if any.
+        fits: Option<f64>,
+    },
+    /// The scene is larger than what the bake may take lets it be.
+    #[error("{source} (--memory is {} MiB)", allowed >> 20)]
+    TooLarge {
+        /// What is too large.
+        source: mesh_ingest::Error,
+        /// Bytes.
+        allowed: u64,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -106,6 +124,13 @@ pub enum Error {
     /// An invariant of Lumel's own does not hold.
     #[error("internal error: {0}")]
     Internal(String),
+}
+
+fn what_fits(density: Option<f64>) -> String {
+    match density {
+        Some(x) => format!("--texels-per-unit {:.3} would fit", x),
+        None => "no density would fit".into(),
+    }
 }
 
 impl Error {
@@ -121,7 +146,9 @@ impl Error {
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
             | Error::Compare { .. }
-            | Error::TooBright { .. } => 3,
+            | Error::TooBright { .. }
+            | Error::Memory { .. }
+            | Error::TooLarge { .. } => 3,
             Error::Output(_) | Error::Port { .. } | Error::Overwrite { .. } => 2,
             Error::Sky { io, .. }
             | Error::Probes { io, .. }

@@ -21,6 +21,7 @@ use crate::brightness;
 use crate::cache::{self, Cache, Surfaces};
 use crate::check::check;
 use crate::error::Error;
+use crate::memory::Need;
 use crate::overwrite;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
@@ -248,10 +249,14 @@ pub(crate) fn bake_scene(
         first_picture: beside.first_picture.as_ref(),
     };
     // A cache names what it holds by the charts too. One thread would change to and fro.
-    let in_turn = beside.in_turn || cache.is_some() || rayon::current_num_threads() == 1;
+    let bounded = settings.bounds.memory.is_some();
+    let in_turn = beside.in_turn || bounded || cache.is_some() || rayon::current_num_threads() == 1;
     let ((layout, layout_report), lit, recall) = if in_turn {
         let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
         let planned = level.charts(kept, monitor)?;
+        if bounded {
+            level.check_memory(&planned, &sky)?;
+        }
         clock.lap(Phase::Atlas);
         let recall = cache.map(|cache| {
             let surfaces = Surfaces {
@@ -382,6 +387,16 @@ impl<'l> Level<'l> {
     ) -> Result<(Layout, LayoutReport), Error> {
         let scene = &self.loaded.scene;
         plan_layout(self.file, scene, self.soup, self.settings, kept, monitor)
+    }
+
+    /// Refuses, before light is computed, what would need more memory than the settings allow.
+    fn check_memory(&self, planned: &(Layout, LayoutReport), sky: &Sky) -> Result<(), Error> {
+        let (layout, report) = planned;
+        let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
+            .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        let samples = atlas_bake::seam_samples(&world, layout);
+        let need = Need::of(self.loaded, sky, self.soup, self.settings, report, samples);
+        need.check(self.settings, report)
     }
 
     /// Builds the tree, solves the light, and shows the first picture of it.

@@ -31,11 +31,17 @@ impl<'a> SceneInput<'a> {
         let options = LoadOptions {
             scene: settings.scene,
             allow_outside: settings.bounds.allow_outside,
-            ..LoadOptions::default()
+            limits: settings.bounds.limits(),
         };
-        Ok(match self {
-            SceneInput::File(path) => mesh_ingest::load(path, &options)?,
-            SceneInput::Memory(document) => mesh_ingest::load_memory(document, &options)?,
+        let loaded = match self {
+            SceneInput::File(path) => mesh_ingest::load(path, &options),
+            SceneInput::Memory(document) => mesh_ingest::load_memory(document, &options),
+        };
+        loaded.map_err(|source| match settings.bounds.memory {
+            Some(allowed) if matches!(source, mesh_ingest::Error::Limit { .. }) => {
+                Error::TooLarge { source, allowed }
+            }
+            _ => source.into(),
         })
     }
 }

@@ -1,5 +1,6 @@
 //! Inputs that broke the real binary: one error each, at once, and nothing of the user's is touched.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -306,4 +307,75 @@ fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
     let report = parse(&files(&out)["cornell_box.report.json"]);
     assert_eq!(report["gather"]["median_error"], Value::Null);
     assert_eq!(report["gather"]["estimated_error"], Value::Null);
+}
+
+/// A hundred bytes may claim gigabytes; what a bake would take is known before light is computed.
+#[test]
+fn pictures_and_memory_have_budgets() {
+    let folder = temp();
+    let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
+    // The sky's header claims more than it holds, and more than is allowed.
+    let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16384 +X 16384\n";
+    let sky = write(folder.path().join("a.hdr"), head);
+    let bake_sky = |options: &str| {
+        let options = format!("-q --sky {} {options}", sky.display());
+        bake(&scene, &out, &options)
+    };
+    bake_sky("").fails(3, &["16384 x 16384 pixels", "--max-image"]);
+    bake_sky("--max-image 4G").fails(3, &["a.hdr"]);
+    // 64 × 64 × 12 bytes are 48 KiB.
+    let exr = sky_picture(folder.path());
+    let option = format!("-q --sky {} --max-image 1K", exr.display());
+    bake(&scene, &out, &option).fails(3, &["expected at most 256 samples"]);
+
+    let level = asset("demo_level.glb");
+    let plan = |density: &str| {
+        let words = [
+            "bake",
+            "--dry-run",
+            "-q",
+            "--quality",
+            "draft",
+            "--memory",
+            "100M",
+        ];
+        let mut all: Vec<&OsStr> = words.map(OsStr::new).to_vec();
+        all.extend([scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
+        all.extend(["--texels-per-unit".as_ref(), OsStr::new(density)]);
+        lumel(all)
+    };
+    let run = plan("40");
+    run.fails(
+        3,
+        &["expected at most 30 MiB (--memory)", "--texels-per-unit "],
+    );
+    let fits = run
+        .stderr
+        .split("--texels-per-unit ")
+        .nth(1)
+        .expect("it is said");
+    plan(fits.split(' ').next().expect("a number")).ok();
+    let run = bake(&level, &out, "-q --memory 4M");
+    run.fails(3, &["triangles after instancing", "--memory is 4 MiB"]);
+    let run = bake(&level, &out, "-q --memory 1M");
+    run.fails(3, &["demo_level.glb with", "--memory is 1 MiB"]);
+    bake(&scene, &out, "-q --memory 20M").fails(3, &["no density would fit"]);
+    assert!(!out.exists());
+}
+
+/// 7.7 million triangles from a few hundred bytes were made before they were counted.
+#[test]
+fn instances_are_counted_before_they_are_made() {
+    let folder = temp();
+    let mut document = document("c.bin", "p.png");
+    let copies = 3_000_000;
+    let accessors = document["accessors"].as_array_mut().expect("a list");
+    accessors.push(json!({"componentType": 5126, "count": copies, "type": "VEC3"}));
+    document["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 1}}});
+    document["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+    write(folder.path().join("c.bin"), triangle());
+    let scene = write(folder.path().join("c.gltf"), document.to_string());
+    let run = bake(&scene, &folder.path().join("out"), "-q --sky 1 --memory 1G");
+    run.fails(3, &["3000000 copies", "at most 631612 mesh instances"]);
 }

@@ -1,5 +1,6 @@
 //! The glTF container, .gltf or .glb.
 
+use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -21,7 +22,11 @@ pub(crate) fn read_file(file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>>
     read_regular(file, limit).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => Fault::limit(
             path,
-            format!("a larger file, {}", file.display()),
+            format!(
+                "{} with {} bytes",
+                file.display(),
+                fs::metadata(file).map_or(0, |m| m.len())
+            ),
             format!("at most {limit} bytes"),
         ),
         _ => Fault::io(path, file, e),

@@ -29,8 +29,8 @@ pub struct Limits {
     pub triangles: u64,
     /// Placed meshes.
     pub instances: u64,
-    /// Pixels of all decoded images together.
-    pub image_pixels: u64,
+    /// Bytes of all decoded images together, four a pixel.
+    pub image_bytes: u64,
 }
 
 impl Default for Limits {
@@ -43,7 +43,7 @@ impl Default for Limits {
             geometry_bytes: 6 << 30,
             triangles: 1 << 26,
             instances: 1 << 22,
-            image_pixels: 1 << 29,
+            image_bytes: 1 << 30,
         }
     }
 }

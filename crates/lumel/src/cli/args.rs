@@ -204,12 +204,21 @@ pub(crate) struct BoundsArgs {
     /// Let `..` and links in the document lead to files outside of its folder, which the results then hold; absolute paths never do
     #[arg(long)]
     pub allow_outside: bool,
+    /// Refuse pictures that take more memory than this once decoded, the scene's together or the sky's, e.g. 4G [default: 1G]
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    pub max_image: Option<u64>,
+    /// Refuse, before light is computed, a bake that would need more memory than this by its estimate (within a factor of 1.3), e.g. 4G
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    pub memory: Option<u64>,
 }
 
 impl From<&BoundsArgs> for Bounds {
     fn from(a: &BoundsArgs) -> Bounds {
+        let default = Bounds::default();
         Bounds {
             allow_outside: a.allow_outside,
+            max_image: a.max_image.unwrap_or(default.max_image),
+            memory: a.memory,
         }
     }
 }
