@@ -65,7 +65,7 @@ pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
-pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
+pub use output::{Committed, Leftovers, OutputSet, remove_own_temporaries};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};
 pub use preview::{

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::error::Error;
+use crate::record;
 
 /// End of the name of a bake's manifest.
 const MANIFEST: &str = ".lightmap.json";
@@ -136,6 +137,21 @@ impl BakeFolder {
     /// [`Error::Folder`] where it is not there or no JSON.
     pub fn report(&self, stem: &str) -> Result<Value, Error> {
         self.json(&format!("{stem}.report.json"))
+    }
+
+    /// What does not belong together in a bake, in words for people: files that are not as its report says that they were written. A
+    /// bake that was killed between two of its renames leaves such a folder, and so does whoever edits a result.
+    pub fn disagreement(&self, stem: &str) -> Option<String> {
+        let report = self.file(&format!("{stem}.report.json"))?;
+        let Some(strangers) = record::strangers(&self.dir, &report) else {
+            return Some(format!("{stem}.report.json is not as it was written"));
+        };
+        (!strangers.is_empty()).then(|| {
+            format!(
+                "not of the bake that {stem}.report.json tells of, or changed since: {}; bake again",
+                strangers.join(", ")
+            )
+        })
     }
 
     /// The file called `name` in the folder; `None` where there is no such file, where the name would lead out of the folder, or a

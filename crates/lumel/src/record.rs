@@ -139,6 +139,20 @@ pub(crate) fn outputs_of(path: &Path) -> Vec<String> {
     outputs.into_iter().flatten().map(|o| o.file).collect()
 }
 
+/// Files in `dir` that the report there says were written with it, and that are missing or hold something else now; `None` where
+/// there is no report, or it is not as it was written.
+pub(crate) fn strangers(dir: &Path, report: &Path) -> Option<Vec<String>> {
+    let report = read_regular(report, MAX_JSON).ok()?;
+    let outputs = read_outputs(&crate::report::parse_sealed(&report)?["content"]["outputs"])?;
+    let plain = |o: &RecordedOutput| Path::new(&o.file).file_name() == Some(o.file.as_ref());
+    let changed = |o: &RecordedOutput| hash_file(&dir.join(&o.file)) != Some(o.digest);
+    Some(
+        (outputs.into_iter().filter(plain).filter(changed))
+            .map(|o| o.file)
+            .collect(),
+    )
+}
+
 /// A finished bake that a new one would repeat.
 #[derive(Debug)]
 pub struct Current {

@@ -337,7 +337,7 @@ fn pictures_and_memory_have_budgets() {
             "--quality",
             "draft",
             "--memory",
-            "100M",
+            "30M",
         ];
         let mut all: Vec<&OsStr> = words.map(OsStr::new).to_vec();
         all.extend([scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);

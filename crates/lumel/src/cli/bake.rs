@@ -166,6 +166,14 @@ fn bake(
 ) -> Result<Report, Failure> {
     // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit, it goes again.
     let mut set = OutputSet::create(&a.output)?;
+    let left = set.leftovers();
+    if left.files > 0 {
+        display.say(&format!(
+            "  removed   {} temporary files of bakes that were killed, {:.1} MiB",
+            left.files,
+            left.bytes as f64 / f64::from(1 << 20)
+        ));
+    }
     let cache = a.cache.as_ref().map(|folder| lumel::Cache {
         folder: folder.clone(),
         limit: a.cache_size.unwrap_or(lumel::Cache::LIMIT),

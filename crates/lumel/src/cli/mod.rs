@@ -93,6 +93,15 @@ pub(crate) fn run() -> ExitCode {
     }
 }
 
+/// Warns on stderr of bakes in `folder` whose files do not belong together.
+fn warn_of_strangers(folder: &lumel::BakeFolder) {
+    for stem in folder.bakes() {
+        if let Some(text) = folder.disagreement(&stem) {
+            let _ = writeln!(std::io::stderr(), "warning: {}", lines(&text));
+        }
+    }
+}
+
 /// `text` of several lines without what a terminal obeys: names of documents and files are in it.
 fn lines(text: &str) -> String {
     let lines: Vec<_> = text.split('\n').map(printable).collect();
