@@ -115,6 +115,12 @@ pub enum Error {
         /// Bytes.
         allowed: u64,
     },
+    /// The scene's name cannot be part of other names.
+    #[error("{}: found a file name that is not UTF-8, expected one that results can be named after", file.display())]
+    Name {
+        /// The scene.
+        file: PathBuf,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -147,6 +153,7 @@ impl Error {
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
             | Error::Compare { .. }
             | Error::TooBright { .. }
+            | Error::Name { .. }
             | Error::Memory { .. }
             | Error::TooLarge { .. } => 3,
             Error::Output(_) | Error::Port { .. } | Error::Overwrite { .. } => 2,

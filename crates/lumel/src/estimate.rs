@@ -9,7 +9,7 @@ use radiosity::{Emitters, Monitor, World, WorldOptions};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::check::check;
+use crate::check::{check, check_name};
 use crate::error::Error;
 use crate::files::output_names;
 use crate::memory::Need;
@@ -84,6 +84,7 @@ pub fn estimate(
     monitor: &dyn Monitor,
 ) -> Result<Estimate, Error> {
     check(settings)?;
+    check_name(file)?;
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
     let start = Instant::now();
     let Prepared {

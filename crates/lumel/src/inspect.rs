@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::Path;
 
 use atlas_bake::{LayoutReport, MeshReport, Paint, Severity, UvOrigin};
-use mesh_ingest::{IngestReport, LightKind, Soup};
+use mesh_ingest::{IngestReport, LightKind, Soup, printable_within};
 use radiosity::Monitor;
 use serde::Serialize;
 
@@ -179,16 +179,29 @@ fn describe_sky(sky: &mesh_ingest::Environment) -> String {
     }
 }
 
+/// Text for people, a line a call of `writeln!`, whatever names hold.
+#[derive(Default)]
+struct Lines(String);
+
+impl Lines {
+    fn write_fmt(&mut self, line: std::fmt::Arguments<'_>) -> std::fmt::Result {
+        // `--json` has names in full.
+        let line = line.to_string();
+        let line = printable_within(line.strip_suffix('\n').unwrap_or(&line), 500);
+        writeln!(self.0, "{line}")
+    }
+}
+
 impl Inspection {
     /// For people.
     pub fn to_text(&self) -> String {
-        let mut s = String::new();
+        let mut s = Lines::default();
         // Writing to a String cannot fail.
         let _ = self.write_text(&mut s);
-        s
+        s.0
     }
 
-    fn write_text(&self, s: &mut String) -> std::fmt::Result {
+    fn write_text(&self, s: &mut Lines) -> std::fmt::Result {
         let t = &self.ingest.totals;
         let [x, y, z] = self.extent;
         writeln!(s, "{}", self.scene)?;
@@ -303,7 +316,7 @@ impl Inspection {
 }
 
 /// What is wrong with a mesh's own coordinates.
-fn write_faults(s: &mut String, m: &MeshReport) -> std::fmt::Result {
+fn write_faults(s: &mut Lines, m: &MeshReport) -> std::fmt::Result {
     if m.uv_faults.is_empty() {
         return Ok(());
     }
@@ -325,7 +338,7 @@ fn write_faults(s: &mut String, m: &MeshReport) -> std::fmt::Result {
 }
 
 /// A table of the meshes with most lumels.
-fn write_charts(s: &mut String, meshes: &[MeshReport]) -> std::fmt::Result {
+fn write_charts(s: &mut Lines, meshes: &[MeshReport]) -> std::fmt::Result {
     /// More lines than this nobody reads; `--json` has them all.
     const LINES: usize = 20;
     let lumels = |m: &MeshReport| {

@@ -19,7 +19,7 @@ use radiosity::{
 
 use crate::brightness;
 use crate::cache::{self, Cache, Surfaces};
-use crate::check::check;
+use crate::check::{check, check_name};
 use crate::error::Error;
 use crate::memory::Need;
 use crate::overwrite;
@@ -215,6 +215,7 @@ pub(crate) fn bake_scene(
     let cache = beside.cache;
     let file = scene.path();
     check(settings)?;
+    check_name(file)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;

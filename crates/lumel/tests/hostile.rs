@@ -379,3 +379,56 @@ fn instances_are_counted_before_they_are_made() {
     let run = bake(&scene, &folder.path().join("out"), "-q --sky 1 --memory 1G");
     run.fails(3, &["3000000 copies", "at most 631612 mesh instances"]);
 }
+
+/// Three million characters, and lines of their own that look like the program's.
+#[test]
+fn names_take_a_line_and_end() {
+    let folder = temp();
+    let mut document = document("c.bin", "p.png");
+    let name = format!(
+        "x\nerror: fake\n  problems    none\u{1b}[31m{}",
+        "y".repeat(3_000_000)
+    );
+    document["materials"] = json!([{"name": &name, "emissiveFactor": [1, 1, 1]}]);
+    document["meshes"][0]["primitives"][0]["material"] = json!(0);
+    document["meshes"][0]["name"] = json!(&name);
+    document["nodes"][0]["name"] = json!(&name);
+    write(folder.path().join("c.bin"), triangle());
+    write(folder.path().join("p.png"), b"a picture");
+    let scene = write(folder.path().join("c.gltf"), document.to_string());
+    let out = folder.path().join("out");
+    let run = lumel(["inspect".as_ref(), scene.as_os_str()]).ok();
+    let fails = bake(&scene, &out, "-q --light nope=2");
+    fails.fails(1, &["nope"]);
+    let bakes = bake(&scene, &out, "-v").ok();
+    for text in [&run.stdout, &fails.stderr, &bakes.stderr] {
+        let fake = |l: &str| l.starts_with("error: fake") || l == "  problems    none";
+        let faked = text.lines().filter(|l| fake(l)).count();
+        // The report's own, of this sound scene.
+        assert!(
+            faked <= usize::from(std::ptr::eq(text, &run.stdout)),
+            "{faked}"
+        );
+        assert!(
+            text.len() < 20_000 && !text.contains('\u{1b}'),
+            "{}",
+            text.len()
+        );
+    }
+}
+
+/// Two of them were baked into the files of one.
+#[cfg(unix)]
+#[test]
+fn names_that_are_not_utf8_are_refused_and_line_breaks_in_names_escaped() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = temp();
+    let out = folder.path().join("out");
+    let scene = folder.path().join(OsStr::from_bytes(b"a\xff.glb"));
+    fs::copy(asset("cornell_box.glb"), &scene).expect("copied");
+    bake(&scene, &out, "-q").fails(3, &["not UTF-8"]);
+    assert!(!out.exists());
+    let missing = folder.path().join("b\nerror: fake.glb");
+    let run = bake(&missing, &out, "-q");
+    run.fails(2, &["b\\nerror: fake.glb"]);
+}

@@ -49,7 +49,7 @@ mod views;
 
 pub use accessor::{DataType, Dimensions, RawAccessor};
 pub use document::{Document, ImageSource};
-pub use error::{Error, Problem, printable};
+pub use error::{Error, Problem, printable, printable_within};
 pub use files::MemoryDocument;
 pub use input::{Digest, Input};
 pub use load::{Loaded, load, load_memory};
