@@ -34,8 +34,7 @@ pub(crate) fn check(scene: &Scene, sky: &Sky) -> Result<(), Error> {
     let lights = (scene.lights.iter()).map(|l| (named("light", &l.name), l.intensity));
     let materials = (scene.materials.iter()).map(|m| (named("material", &m.name), m.emissive));
     for (what, light) in lights.chain(materials).chain([("the sky".into(), sky)]) {
-        // Written so that NaN is refused.
-        if !(light.max_element() <= BRIGHTEST) {
+        if !light.is_finite() || light.max_element() > BRIGHTEST {
             return Err(Error::TooBright {
                 what,
                 value: light.max_element(),
@@ -53,7 +52,7 @@ pub(crate) fn clamped_warning(pages: &[Page]) -> Option<String> {
         .flat_map(|page| page.value.iter().zip(&page.coverage));
     for (value, _) in covered.filter(|(_, coverage)| **coverage > 0.0) {
         // NaN counts as too bright, which is where it comes from.
-        let beyond = value.iter().any(|x| !(*x <= HALF));
+        let beyond = value.iter().any(|x| x.is_nan() || *x > HALF);
         let most = value.iter().copied().fold(0.0, f32::max);
         lit += u64::from(beyond || most > 0.0);
         clamped += u64::from(beyond);

@@ -38,10 +38,11 @@ const WORDS: [u32; 10] = [
     0xffff_ffff,
 ];
 
-/// Damages `bytes` in one to eight places; `other` is a seed to splice from.
+/// Damages `bytes` in one to eight places, mostly few; `other` is a seed to splice from.
 pub fn bytes(random: &mut Random, bytes: &[u8], other: &[u8]) -> Vec<u8> {
     let mut out = bytes.to_vec();
-    for _ in 0..=random.below(8) {
+    let most = random.below(8);
+    for _ in 0..=random.below(1 + most) {
         let at = random.below(out.len());
         let to = (at + 1 + random.below(64)).min(out.len());
         match random.below(9) {
@@ -113,10 +114,11 @@ fn nth<'v>(v: &'v mut Value, n: &mut usize) -> Option<&'v mut Value> {
     }
 }
 
-/// Damages a document in one to six places.
+/// Damages a document in one to six places, mostly few.
 pub fn tree(random: &mut Random, document: &Value) -> Value {
     let mut out = document.clone();
-    for _ in 0..=random.below(6) {
+    let most = random.below(6);
+    for _ in 0..=random.below(1 + most) {
         let (at, from) = (random.below(size(&out)), random.below(size(&out)));
         let copy = nth(&mut out, &mut { from }).cloned().unwrap_or_default();
         let Some(value) = nth(&mut out, &mut { at }) else {

@@ -117,7 +117,7 @@ pub fn level() -> Level {
     let light = |k: usize| json!({"KHR_lights_punctual": {"light": k}});
     level.json["nodes"] = json!([
         {"mesh": 0, "name": "floor"},
-        {"children": [5, 6], "rotation": [0.70710678, 0, 0, 0.70710678]},
+        {"children": [5, 6], "rotation": [0.6, 0, 0, 0.8]},
         {"mesh": 1, "scale": [0.2, 0.2, 0.2], "translation": [1, 1.5, -1]},
         {"extensions": light(0), "translation": [1, 1, -1]},
         {"mesh": 2, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": copies}}}},
