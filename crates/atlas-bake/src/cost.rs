@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use atlas::Layout;
+use atlas::{Layout, Lumels};
 use gather::LumelMap;
 use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
@@ -38,6 +38,12 @@ pub struct GatherCost {
     pub seam_samples: usize,
     /// Channels, light and layers, that are stitched.
     pub stitched: usize,
+}
+
+/// Points where lookups on two sides of a seam would be compared: memory is needed for each.
+pub fn seam_samples(world: &World, layout: &Layout) -> usize {
+    let lumels = Lumels::find(world.scene, world.soup, layout);
+    find_samples(world, layout, &lumels).len()
 }
 
 /// Gathers at lumels here and there, and says how long that took.

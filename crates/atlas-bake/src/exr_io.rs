@@ -5,7 +5,7 @@
 //! equal bytes for any number of threads.
 
 use std::collections::BTreeSet;
-use std::io::{BufReader, Cursor};
+use std::io::{BufReader, Cursor, Seek};
 use std::path::Path;
 
 use exr::meta::MetaData;
@@ -15,6 +15,7 @@ use exr::prelude::{
     attribute::AttributeValue, attribute::Chromaticities, read as exr_read,
 };
 use half::f16;
+use mesh_ingest::open_regular;
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
@@ -28,7 +29,7 @@ pub const HALF_MAX: f32 = 65504.0;
 const ATTRIBUTE: &str = "lumel";
 
 /// The most that [`read_exr`] unpacks, in bytes of `f32`: 16 channels of 8192².
-const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
+pub const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
 
 /// More samples than a byte of a file can hold. DEFLATE packs even pictures best of EXR's ways: at most 258 bytes into two bits,
 /// which is 516 halves a byte. Twice that leaves room for what has not been thought of.
@@ -213,6 +214,14 @@ impl ExrImage {
 /// [`Error::Io`] where the file cannot be opened, [`Error::Image`] where it is not an OpenEXR image of flat scanlines or
 /// tiles in a compression that is known, would unpack to more than 4 GiB, or to more than a file of its size can hold.
 pub fn read_exr(path: &Path) -> Result<ExrImage> {
+    read_exr_within(path, READ_LIMIT)
+}
+
+/// As [`read_exr`], of an image that unpacks to at most `limit` bytes.
+///
+/// # Errors
+/// As [`read_exr`].
+pub fn read_exr_within(path: &Path, limit: u64) -> Result<ExrImage> {
     let io = |source| Error::Io {
         path: path.to_owned(),
         source,
@@ -222,17 +231,18 @@ pub fn read_exr(path: &Path) -> Result<ExrImage> {
         message: e.to_string(),
     };
     // The header is read first, on its own, so that a small file with a huge data window is refused before memory is asked for.
-    let file = BufReader::new(std::fs::File::open(path).map_err(io)?);
-    let meta = MetaData::read_from_buffered(file, false).map_err(bad)?;
+    let file = open_regular(path).map_err(io)?;
+    let stored = file.metadata().map_err(io)?.len();
+    let mut file = BufReader::new(file);
+    let meta = MetaData::read_from_buffered(&mut file, false).map_err(bad)?;
     // Sizes come from the file, and their product need not fit.
-    let stored = std::fs::metadata(path).map_err(io)?.len();
     for header in &meta.headers {
         let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
         let channels = header.channels.list.len() as u64;
         let samples = width.saturating_mul(height).saturating_mul(channels);
         let most = stored.saturating_mul(SAMPLES_PER_BYTE);
-        let why = if samples > READ_LIMIT / 4 {
-            format!("at most {} samples", READ_LIMIT / 4)
+        let why = if samples > limit / 4 {
+            format!("at most {} samples", limit / 4)
         } else if samples > most {
             format!("at most the {most} samples that {stored} bytes can hold")
         } else {
@@ -251,7 +261,8 @@ pub fn read_exr(path: &Path) -> Result<ExrImage> {
         .all_channels()
         .first_valid_layer()
         .all_attributes();
-    let image = image.from_file(path).map_err(bad)?;
+    file.rewind().map_err(io)?;
+    let image = image.from_buffered(file).map_err(bad)?;
     let layer = image.layer_data;
     let n = layer.size.0 * layer.size.1;
     let mut channels = Vec::with_capacity(layer.channel_data.list.len());

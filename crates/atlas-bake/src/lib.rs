@@ -46,9 +46,9 @@ mod uv_picture;
 
 pub use bake::{BakeReport, Baked, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
-pub use cost::{GatherCost, gather_cost};
+pub use cost::{GatherCost, gather_cost, seam_samples};
 pub use error::{Error, Result};
-pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, write_lightmap_exr};
+pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, read_exr_within, write_lightmap_exr};
 pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,
     write_lightmapped_glb_with, write_vertex_glb,
@@ -58,7 +58,7 @@ pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
 pub use options::{BakeOptions, Directional, Hidden, Layer};
-pub use output::{Committed, OutputSet, TEMPORARY_PREFIX};
+pub use output::{Committed, Leftovers, OutputSet, remove_own_temporaries};
 pub use page::Page;
 pub use preview::{
     Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,

@@ -8,13 +8,95 @@ use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
 use std::io::{BufRead, Write};
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
 
 /// How the name of every temporary begins.
-pub const TEMPORARY_PREFIX: &str = ".lumel-tmp-";
+const TEMPORARY_PREFIX: &str = ".lumel-tmp-";
+
+/// How often a temporary is made anew that another process took for a stale one, which takes microseconds to go wrong once.
+const TRIES: usize = 100;
+
+/// Temporaries of this process. Another one's in the same folder are its own affair.
+static OWN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Removes all temporaries of this process: for one that is about to end without dropping its sets.
+pub fn remove_own_temporaries() {
+    let own = std::mem::take(&mut *OWN.lock().unwrap_or_else(PoisonError::into_inner));
+    for path in own {
+        let _ = fs::remove_file(path);
+    }
+}
+
+/// A temporary that is known to be this process's for as long as it lives.
+#[derive(Debug)]
+struct Temporary(Option<NamedTempFile>);
+
+impl Temporary {
+    /// A new one in `dir`, locked. The system drops the lock when the process dies, however it dies: an unlocked temporary is a stale
+    /// one. Where the file system knows no locks, nothing is ever seen as stale.
+    fn create(dir: &Path) -> std::io::Result<Temporary> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(TEMPORARY_PREFIX);
+        #[cfg(unix)]
+        {
+            // The default of temporaries is 0600; outputs are ordinary files, subject to the user's umask.
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o666));
+        }
+        for _ in 0..TRIES {
+            let file = builder.tempfile_in(dir)?;
+            // Before the lock, somebody who tidies up may take it for a stale one: that lock, or its absence, says so.
+            let taken = matches!(
+                file.as_file().try_lock_shared(),
+                Err(TryLockError::WouldBlock)
+            );
+            if !taken && file.path().exists() {
+                own(|all| all.insert(file.path().to_owned()));
+                return Ok(Temporary(Some(file)));
+            }
+        }
+        Err(std::io::Error::other(
+            "others remove temporaries as they are made",
+        ))
+    }
+
+    fn file(&mut self) -> &mut NamedTempFile {
+        self.0.as_mut().expect("taken only when it is consumed")
+    }
+
+    fn persist(mut self, path: &Path) -> std::io::Result<()> {
+        let Some(file) = self.0.take() else {
+            return Ok(());
+        };
+        own(|all| all.remove(file.path()));
+        file.persist(path).map(drop).map_err(|e| e.error)
+    }
+}
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        if let Some(file) = self.0.take() {
+            own(|all| all.remove(file.path()));
+        }
+    }
+}
+
+fn own(change: impl FnOnce(&mut BTreeSet<PathBuf>) -> bool) {
+    change(&mut OWN.lock().unwrap_or_else(PoisonError::into_inner));
+}
+
+/// What killed runs left behind.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Leftovers {
+    /// Temporaries that were removed.
+    pub files: u64,
+    /// Their size.
+    pub bytes: u64,
+}
 
 /// A set of files being written; nothing shows under the final names before [`OutputSet::commit`].
 #[derive(Debug)]
@@ -23,7 +105,8 @@ pub struct OutputSet {
     /// Folders that this set created, outermost first: removed again (where empty) if the set is not committed.
     created: Vec<PathBuf>,
     cleaned: BTreeSet<PathBuf>,
-    files: Vec<(NamedTempFile, PathBuf)>,
+    files: Vec<(Temporary, PathBuf)>,
+    leftovers: Leftovers,
     obsolete: Vec<PathBuf>,
 }
 
@@ -63,6 +146,7 @@ impl OutputSet {
             created: Vec::new(),
             cleaned: BTreeSet::new(),
             files: Vec::new(),
+            leftovers: Leftovers::default(),
             obsolete: Vec::new(),
         };
         set.prepare(dir)?;
@@ -103,6 +187,11 @@ impl OutputSet {
         self.write(path.to_owned(), bytes)
     }
 
+    /// What killed runs had left in the folders of this set.
+    pub fn leftovers(&self) -> Leftovers {
+        self.leftovers
+    }
+
     /// The set's folder.
     pub fn dir(&self) -> &Path {
         &self.dir
@@ -131,25 +220,32 @@ impl OutputSet {
     /// earlier ones of the set have been made.
     pub fn commit(mut self) -> Result<Committed> {
         let mut committed = Committed::default();
-        let equal: Vec<bool> = (self.files.iter())
-            .map(|(file, path)| same_content(file.path(), path))
+        let equal: Vec<bool> = (self.files.iter_mut())
+            .map(|(file, path)| same_content(file.file().path(), path))
             .collect();
-        for ((file, path), _) in self.files.iter().zip(&equal).filter(|(_, same)| !**same) {
+        let files = self.files.iter_mut().zip(&equal);
+        for ((file, path), _) in files.filter(|(_, same)| !**same) {
             refuse_folder(path)?;
-            file.as_file().sync_all().map_err(|source| Error::Io {
-                path: path.clone(),
-                source,
-            })?;
+            file.file()
+                .as_file()
+                .sync_all()
+                .map_err(|source| Error::Io {
+                    path: path.clone(),
+                    source,
+                })?;
         }
         self.created.clear();
+        // One set at a time in a folder, so that two bakes of a name do not mix. Where folders cannot be locked, reports tell.
+        let folder = File::open(&self.dir).ok();
+        let _lock = folder.as_ref().map(File::lock);
         for ((file, path), same) in std::mem::take(&mut self.files).into_iter().zip(equal) {
             if same {
                 committed.unchanged.push(path);
                 continue;
             }
-            file.persist(&path).map_err(|e| Error::Io {
+            file.persist(&path).map_err(|source| Error::Io {
                 path: path.clone(),
-                source: e.error,
+                source,
             })?;
             committed.written.push(path);
         }
@@ -171,19 +267,8 @@ impl OutputSet {
             path: path.clone(),
             source,
         };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(TEMPORARY_PREFIX);
-        #[cfg(unix)]
-        {
-            // The default of temporaries is 0600; outputs are ordinary files, subject to the user's umask.
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(fs::Permissions::from_mode(0o666));
-        }
-        let mut file = builder.tempfile_in(parent_of(&path)).map_err(io)?;
-        // The system drops the lock when the process dies, however it dies: an unlocked temporary is a stale one. Where
-        // the file system knows no locks, nothing is ever seen as stale.
-        let _ = file.as_file().try_lock_shared();
-        file.write_all(bytes).map_err(io)?;
+        let mut file = Temporary::create(&parent_of(&path)).map_err(io)?;
+        file.file().write_all(bytes).map_err(io)?;
         self.files.retain(|(_, p)| *p != path);
         self.files.push((file, path));
         Ok(())
@@ -206,7 +291,9 @@ impl OutputSet {
                 Err(source) => return Err(Error::Io { path: p, source }),
             }
         }
-        remove_stale(dir)?;
+        let found = remove_stale(dir)?;
+        self.leftovers.files += found.files;
+        self.leftovers.bytes += found.bytes;
         self.cleaned.insert(dir.to_owned());
         Ok(())
     }
@@ -268,7 +355,8 @@ fn refuse_folder(path: &Path) -> Result<()> {
 }
 
 /// Removes temporaries in `dir` that no living process holds a lock on.
-fn remove_stale(dir: &Path) -> Result<()> {
+fn remove_stale(dir: &Path) -> Result<Leftovers> {
+    let mut found = Leftovers::default();
     let io = |source| Error::Io {
         path: dir.to_owned(),
         source,
@@ -288,12 +376,16 @@ fn remove_stale(dir: &Path) -> Result<()> {
         };
         match file.try_lock() {
             Ok(()) => {
-                let _ = fs::remove_file(entry.path());
+                let bytes = file.metadata().map_or(0, |m| m.len());
+                if fs::remove_file(entry.path()).is_ok() {
+                    found.files += 1;
+                    found.bytes += bytes;
+                }
             }
             Err(TryLockError::WouldBlock | TryLockError::Error(_)) => {}
         }
     }
-    Ok(())
+    Ok(found)
 }
 
 #[cfg(test)]
@@ -452,5 +544,77 @@ mod tests {
             .unwrap();
         set.commit().unwrap();
         assert_eq!(names(&dir.path().join("reports")), ["r.json"]);
+    }
+
+    /// A temporary as a killed process leaves it: nobody holds its lock.
+    fn leave(dir: &Path, name: &str, bytes: &[u8]) {
+        fs::write(dir.join(format!("{TEMPORARY_PREFIX}{name}")), bytes).unwrap();
+    }
+
+    #[test]
+    fn leftovers_are_removed_and_counted_and_those_of_the_living_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut alive = OutputSet::create(dir.path()).unwrap();
+        assert_eq!(alive.leftovers(), Leftovers::default());
+        alive.add("a.exr", b"new").unwrap();
+        leave(dir.path(), "1", b"12345");
+        leave(dir.path(), "2", b"123");
+        let other = OutputSet::create(dir.path()).unwrap();
+        let found = Leftovers { files: 2, bytes: 8 };
+        assert_eq!(other.leftovers(), found);
+        drop(other);
+        alive.commit().unwrap();
+        assert_eq!(names(dir.path()), ["a.exr"]);
+    }
+
+    #[test]
+    fn temporaries_are_known_as_long_as_they_live() {
+        let dir = tempfile::tempdir().unwrap();
+        let ours = || {
+            let all = OWN.lock().unwrap();
+            all.iter().filter(|p| p.starts_with(dir.path())).count()
+        };
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("a", b"1").unwrap();
+        set.add("a", b"2").unwrap();
+        set.add("b", b"3").unwrap();
+        assert_eq!(ours(), 2);
+        set.commit().unwrap();
+        assert_eq!(ours(), 0);
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("c", b"1").unwrap();
+        drop(set);
+        assert_eq!(ours(), 0);
+        assert_eq!(names(dir.path()), ["a", "b"]);
+    }
+
+    /// A bake that had to end by force took the temporaries of another one in its folder along.
+    #[test]
+    fn a_process_removes_its_own_temporaries_alone() {
+        const CHILD: &str = "LUMEL_TEST_OWN_TEMPORARIES";
+        const NAME: &str = "output::tests::a_process_removes_its_own_temporaries_alone";
+        if let Some(dir) = std::env::var_os(CHILD) {
+            let mut set = OutputSet::create(Path::new(&dir)).unwrap();
+            set.add("b", b"2").unwrap();
+            assert_eq!(names(Path::new(&dir)).len(), 2);
+            remove_own_temporaries();
+            assert_eq!(names(Path::new(&dir)).len(), 1);
+            return;
+        }
+        let dir = tempfile::tempdir().unwrap();
+        let mut set = OutputSet::create(dir.path()).unwrap();
+        set.add("a", b"1").unwrap();
+        let child = std::process::Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", NAME])
+            .env(CHILD, dir.path())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&child.stdout);
+        assert!(
+            child.status.success() && said.contains("1 passed"),
+            "{said}"
+        );
+        set.commit().unwrap();
+        assert_eq!(names(dir.path()), ["a"]);
     }
 }

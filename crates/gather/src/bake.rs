@@ -34,9 +34,10 @@ pub struct LightReport {
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean). Within a factor 1.5 of the true one
-    /// on the scenes of docs/error.md.
+    /// on the scenes of docs/error.md. NaN (in JSON null) where no lumel is lit: nothing was measured.
     pub estimated_error: f64,
-    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners.
+    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners. NaN as
+    /// [`estimated_error`](Self::estimated_error) is.
     pub median_error: f64,
     /// Whether that is as small as [`LightOptions::error`] asked for; `None` where nothing was asked.
     pub error_reached: Option<bool>,
@@ -84,7 +85,8 @@ pub fn bake_light(
     finish(&mut map);
     summarise(&map, &mut report);
     let reached = |x| report.estimated_error <= f64::from(x);
-    report.error_reached = options.error.map(reached);
+    let estimated = report.estimated_error.is_finite();
+    report.error_reached = options.error.filter(|_| estimated).map(reached);
     Ok((map, report))
 }
 
@@ -139,9 +141,11 @@ fn summarise(map: &LumelMap, report: &mut LightReport) {
     }
     report.mean = sum.map(|s| s / weight.max(1e-300));
     let mut errors = relative_errors(lumels, received);
+    if errors.is_empty() {
+        (report.estimated_error, report.median_error) = (f64::NAN, f64::NAN);
+        return;
+    }
     report.estimated_error = mean_square(&errors).sqrt();
     let middle = errors.len() / 2;
-    if !errors.is_empty() {
-        report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
-    }
+    report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
 }

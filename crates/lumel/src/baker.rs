@@ -148,6 +148,12 @@ options! {
     ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
     /// Whether the scene with vertex colours is baked too; it is if nothing is said. Without it no light is computed for vertices.
     vertex_colors(yes: bool) => |s| s.vertex_colors = yes;
+    /// Lets `..` and links in documents lead out of their folders.
+    allow_outside(yes: bool) => |s| s.bounds.allow_outside = yes;
+    /// Bytes that decoded pictures may take: the scene's together, and the sky's; 1 GiB if nothing is said.
+    max_image(bytes: u64) => |s| s.bounds.max_image = bytes;
+    /// Bytes that a bake may need by its estimate; it ends with [`Error::Memory`] before light is computed where that is more.
+    memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }

@@ -1,5 +1,8 @@
 //! Whether settings make sense.
 
+use std::ffi::OsStr;
+use std::path::Path;
+
 use atlas_bake::ValueKind;
 use glam::Vec3;
 
@@ -9,6 +12,19 @@ use crate::sources;
 
 /// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky says it better.
 const MAX_SUN: f32 = 90.0;
+
+/// Refuses scenes whose names results cannot have: two names that are not UTF-8 would become one, and JSON cannot name the files.
+///
+/// # Errors
+/// [`Error::Name`].
+pub(crate) fn check_name(scene: &Path) -> Result<(), Error> {
+    match scene.file_name().map(OsStr::to_str) {
+        Some(None) => Err(Error::Name {
+            file: scene.to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
 
 /// Refuses settings that no bake can follow, before any work.
 ///

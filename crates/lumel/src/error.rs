@@ -86,6 +86,41 @@ pub enum Error {
         /// Whose it is.
         why: String,
     },
+    /// A light is brighter than anything is.
+    #[error(
+        "{what} is {value:e}, expected at most {:e} (candela, lux or radiance)",
+        crate::brightness::BRIGHTEST
+    )]
+    TooBright {
+        /// Which.
+        what: String,
+        /// Its largest channel, as it was to be baked.
+        value: f32,
+    },
+    /// The bake would need more memory than it may take.
+    #[error("the bake needs about {} MiB, expected at most {} MiB (--memory); {}", needed >> 20, allowed >> 20, what_fits(*fits))]
+    Memory {
+        /// Estimate, bytes.
+        needed: u64,
+        /// Bytes.
+        allowed: u64,
+        /// Lumels per metre that would fit, if any.
+        fits: Option<f64>,
+    },
+    /// The scene is larger than what the bake may take lets it be.
+    #[error("{source} (--memory is {} MiB)", allowed >> 20)]
+    TooLarge {
+        /// What is too large.
+        source: mesh_ingest::Error,
+        /// Bytes.
+        allowed: u64,
+    },
+    /// The scene's name cannot be part of other names.
+    #[error("{}: found a file name that is not UTF-8, expected one that results can be named after", file.display())]
+    Name {
+        /// The scene.
+        file: PathBuf,
+    },
     /// A setting is out of its range.
     #[error("{0}")]
     Setting(String),
@@ -95,6 +130,13 @@ pub enum Error {
     /// An invariant of Lumel's own does not hold.
     #[error("internal error: {0}")]
     Internal(String),
+}
+
+fn what_fits(density: Option<f64>) -> String {
+    match density {
+        Some(x) => format!("--texels-per-unit {:.3} would fit", x),
+        None => "no density would fit".into(),
+    }
 }
 
 impl Error {
@@ -109,7 +151,11 @@ impl Error {
             },
             Error::Output(atlas_bake::Error::Document(e)) => e.exit_code(),
             Error::Output(atlas_bake::Error::Limit { .. } | atlas_bake::Error::Image { .. })
-            | Error::Compare { .. } => 3,
+            | Error::Compare { .. }
+            | Error::TooBright { .. }
+            | Error::Name { .. }
+            | Error::Memory { .. }
+            | Error::TooLarge { .. } => 3,
             Error::Output(_) | Error::Port { .. } | Error::Overwrite { .. } => 2,
             Error::Sky { io, .. }
             | Error::Probes { io, .. }

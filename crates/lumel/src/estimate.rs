@@ -10,9 +10,10 @@ use radiosity::{Emitters, Monitor, World, WorldOptions};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::check::check;
+use crate::check::{check, check_name};
 use crate::error::Error;
 use crate::files::output_names;
+use crate::memory::Need;
 use crate::pipeline::{Prepared, bake_options, plan_layout, prepare};
 use crate::probes;
 use crate::scene_input::SceneInput;
@@ -68,10 +69,6 @@ const TRIAL: [u32; 2] = [2_000, 16];
 /// takes the same number of steps whatever the equations are. By slow_dive_level's 175,000 points: 0.65 s of one thread at 1.6 million rays a second.
 const SEAM: [f64; 2] = [4.0, 8.0];
 
-/// Peak memory in bytes: at rest, per triangle, per lumel, per ray between patches and per point of a seam. By nine bakes at draft, one of them of
-/// 2.9 million lumels and one of borders alone, which lie within -19 and +26 % of it (docs/pipeline.md).
-const BYTES: [f64; 5] = [20.0e6, 1700.0, 520.0, 13.2, 350.0];
-
 /// Rays of the measurement.
 const PROBES: usize = 1 << 16;
 
@@ -88,6 +85,7 @@ pub fn estimate(
     monitor: &dyn Monitor,
 ) -> Result<Estimate, Error> {
     check(settings)?;
+    check_name(file)?;
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
     let start = Instant::now();
     let Prepared {
@@ -127,6 +125,15 @@ pub fn estimate(
     let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
     let rays = solving + gathered * gather.rays * over + probe_rays;
     let samples = gather.seam_samples as f64;
+    let need = Need::of(
+        &loaded,
+        &world.sky,
+        &soup,
+        settings,
+        &layout,
+        gather.seam_samples,
+    );
+    need.check(settings, &layout)?;
     let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
     let seconds =
         planning + (solving + probe_rays + stitching) / rate + gathered * gather.seconds * over;
@@ -146,11 +153,7 @@ pub fn estimate(
         rays,
         mrays_per_second: 1e-6 * rate,
         seconds,
-        bytes: BYTES[0]
-            + BYTES[1] * soup.triangles.len() as f64
-            + BYTES[2] * layout.lumels
-            + BYTES[3] * links
-            + BYTES[4] * samples,
+        bytes: need.bytes(),
         layout,
     })
 }

@@ -237,7 +237,7 @@ impl Bake {
     /// its light.
     pub fn retire_pages(&self, set: &mut OutputSet) {
         // Others make such files too, KTX2 from EXRs for one: only what the last report lists is Lumel's to remove.
-        let report = std::fs::read(set.dir().join(self.report_name())).unwrap_or_default();
+        let report = set.dir().join(self.report_name());
         let vertex = format!("{}.{VERTEX}", self.stem);
         for name in record::outputs_of(&report) {
             let ours = name.ends_with(".ktx2") || name == vertex;

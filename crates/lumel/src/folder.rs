@@ -1,14 +1,20 @@
 //! Folders that a bake was written to, as `lumel view` and `lumel report` read them.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use mesh_ingest::read_regular;
 use serde::Deserialize;
 use serde_json::Value;
 
 use crate::error::Error;
+use crate::record;
 
 /// End of the name of a bake's manifest.
 const MANIFEST: &str = ".lightmap.json";
+
+/// Longest manifest or report that is read: one of a million instances is half of it.
+pub(crate) const MAX_JSON: u64 = 512 << 20;
 
 /// The newest manifest that this program knows ([`atlas_bake::Manifest::version`]).
 const MANIFEST_VERSION: u64 = 1;
@@ -133,6 +139,21 @@ impl BakeFolder {
         self.json(&format!("{stem}.report.json"))
     }
 
+    /// What does not belong together in a bake, in words for people: files that are not as its report says that they were written. A
+    /// bake that was killed between two of its renames leaves such a folder, and so does whoever edits a result.
+    pub fn disagreement(&self, stem: &str) -> Option<String> {
+        let report = self.file(&format!("{stem}.report.json"))?;
+        let Some(strangers) = record::strangers(&self.dir, &report) else {
+            return Some(format!("{stem}.report.json is not as it was written"));
+        };
+        (!strangers.is_empty()).then(|| {
+            format!(
+                "not of the bake that {stem}.report.json tells of, or changed since: {}; bake again",
+                strangers.join(", ")
+            )
+        })
+    }
+
     /// The file called `name` in the folder; `None` where there is no such file, where the name would lead out of the folder, or a
     /// link does.
     pub fn file(&self, name: &str) -> Option<PathBuf> {
@@ -162,7 +183,10 @@ impl BakeFolder {
     /// Reads a JSON file of the folder.
     pub(crate) fn json(&self, name: &str) -> Result<Value, Error> {
         let path = self.expect_file(name)?;
-        let bytes = std::fs::read(&path).map_err(|e| folder_error(&path, e.to_string(), true))?;
+        let bytes = read_regular(&path, MAX_JSON).map_err(|e| {
+            let io = e.kind() != ErrorKind::FileTooLarge;
+            folder_error(&path, e.to_string(), io)
+        })?;
         serde_json::from_slice(&bytes).map_err(|e| folder_error(&path, e.to_string(), false))
     }
 }

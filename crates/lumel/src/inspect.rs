@@ -6,7 +6,7 @@ use std::path::Path;
 
 use atlas::{LayoutReport, MeshReport, Severity, UvOrigin};
 use atlas_bake::Paint;
-use mesh_ingest::{IngestReport, LightKind, LoadOptions, Soup};
+use mesh_ingest::{IngestReport, LightKind, Soup, printable_within};
 use radiosity::Monitor;
 use serde::Serialize;
 
@@ -16,6 +16,7 @@ use crate::files::NamedFile;
 use crate::pictures::Drawn;
 use crate::pipeline::plan_layout;
 use crate::report::clamped_warning;
+use crate::scene_input::SceneInput;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
 
@@ -70,13 +71,7 @@ pub fn inspect_and_draw(
     monitor: &dyn Monitor,
 ) -> Result<(Inspection, Vec<NamedFile>, usize), Error> {
     check(settings)?;
-    let mut loaded = mesh_ingest::load(
-        file,
-        &LoadOptions {
-            scene: settings.scene,
-            ..LoadOptions::default()
-        },
-    )?;
+    let mut loaded = SceneInput::File(file).load(settings)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
@@ -185,16 +180,29 @@ fn describe_sky(sky: &mesh_ingest::Environment) -> String {
     }
 }
 
+/// Text for people, a line a call of `writeln!`, whatever names hold.
+#[derive(Default)]
+struct Lines(String);
+
+impl Lines {
+    fn write_fmt(&mut self, line: std::fmt::Arguments<'_>) -> std::fmt::Result {
+        // `--json` has names in full.
+        let line = line.to_string();
+        let line = printable_within(line.strip_suffix('\n').unwrap_or(&line), 500);
+        writeln!(self.0, "{line}")
+    }
+}
+
 impl Inspection {
     /// For people.
     pub fn to_text(&self) -> String {
-        let mut s = String::new();
+        let mut s = Lines::default();
         // Writing to a String cannot fail.
         let _ = self.write_text(&mut s);
-        s
+        s.0
     }
 
-    fn write_text(&self, s: &mut String) -> std::fmt::Result {
+    fn write_text(&self, s: &mut Lines) -> std::fmt::Result {
         let t = &self.ingest.totals;
         let [x, y, z] = self.extent;
         writeln!(s, "{}", self.scene)?;
@@ -309,7 +317,7 @@ impl Inspection {
 }
 
 /// What is wrong with a mesh's own coordinates.
-fn write_faults(s: &mut String, m: &MeshReport) -> std::fmt::Result {
+fn write_faults(s: &mut Lines, m: &MeshReport) -> std::fmt::Result {
     if m.uv_faults.is_empty() {
         return Ok(());
     }
@@ -331,7 +339,7 @@ fn write_faults(s: &mut String, m: &MeshReport) -> std::fmt::Result {
 }
 
 /// A table of the meshes with most lumels.
-fn write_charts(s: &mut String, meshes: &[MeshReport]) -> std::fmt::Result {
+fn write_charts(s: &mut Lines, meshes: &[MeshReport]) -> std::fmt::Result {
     /// More lines than this nobody reads; `--json` has them all.
     const LINES: usize = 20;
     let lumels = |m: &MeshReport| {

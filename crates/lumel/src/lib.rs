@@ -41,6 +41,7 @@
 //! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas`], [`gather`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
 
 mod baker;
+mod brightness;
 mod cache;
 mod check;
 mod depfile;
@@ -98,7 +99,7 @@ pub use results::VertexColors;
 pub use scene_builder::{MaterialId, MeshId, SceneBuilder, Surface};
 pub use scene_input::SceneInput;
 pub use settings::{
-    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+    Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
 };
 pub use sources::{Source, SourceKind};
 pub use watch::{CancelToken, Progress};

@@ -1,4 +1,117 @@
-//! Peak memory of this process.
+//! Memory: what a bake will need, and what it took.
+
+use atlas::LayoutReport;
+use mesh_ingest::{Document, ImageSource, Loaded, Soup};
+use radiosity::Sky;
+
+use crate::error::Error;
+use crate::settings::Settings;
+
+/// Peak memory in bytes: at rest, per triangle, per lumel, per ray between patches and per point of a seam. By nine bakes at draft, one of them of
+/// 2.9 million lumels and one of borders alone, which lie within -19 and +26 % of it (docs/pipeline.md).
+const BYTES: [f64; 5] = [20.0e6, TRIANGLE as f64, 520.0, 13.2, 350.0];
+
+/// Bytes that a triangle takes until it is baked.
+pub(crate) const TRIANGLE: u64 = 1700;
+
+/// Bytes of a decoded texel with its pyramid (`mesh_ingest::Pyramids`), and of a pixel of a sky.
+const TEXEL: f64 = 4.0 + 8.0 / 3.0;
+const SKY: f64 = 12.0;
+
+/// How often a document's own bytes are held: as they came, and in two results that are written together.
+pub(crate) const COPIES: u64 = 3;
+
+/// Of what is left for lumels, what would fit is offered with this much to spare: the estimate may be a quarter too low.
+const SPARE: f64 = 0.8;
+
+/// Peak memory that a bake will need, bytes.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Need {
+    /// Whatever the density.
+    fixed: f64,
+    /// In proportion to the density's square.
+    lumels: f64,
+    /// In proportion to the density.
+    seams: f64,
+}
+
+impl Need {
+    /// Of a level whose charts are planned; `seam_samples` are [`atlas_bake::seam_samples`].
+    pub(crate) fn of(
+        loaded: &Loaded,
+        sky: &Sky,
+        soup: &Soup,
+        settings: &Settings,
+        layout: &LayoutReport,
+        seam_samples: usize,
+    ) -> Need {
+        let texels: usize = (loaded.scene.images.iter().flatten())
+            .map(|image| image.pixels.len())
+            .sum();
+        let sky = match sky {
+            Sky::Map { pixels, .. } => pixels.len(),
+            _ => 0,
+        };
+        let solve = settings.solve_options();
+        let links = solve.cut.patches as f64 * f64::from(solve.rays);
+        Need {
+            fixed: BYTES[0]
+                + BYTES[1] * soup.triangles.len() as f64
+                + BYTES[3] * links
+                + TEXEL * texels as f64
+                + SKY * sky as f64
+                + (COPIES * stored(&loaded.document)) as f64,
+            lumels: BYTES[2] * layout.lumels,
+            seams: BYTES[4] * seam_samples as f64,
+        }
+    }
+
+    /// In all.
+    pub(crate) fn bytes(&self) -> f64 {
+        self.fixed + self.lumels + self.seams
+    }
+
+    /// Refuses what needs more than the settings allow.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(crate) fn check(&self, settings: &Settings, layout: &LayoutReport) -> Result<(), Error> {
+        let Some(allowed) = settings.bounds.memory else {
+            return Ok(());
+        };
+        if self.bytes() <= allowed as f64 {
+            return Ok(());
+        }
+        let fits = self.share_that_fits(self.fixed + SPARE * (allowed as f64 - self.fixed));
+        Err(Error::Memory {
+            needed: self.bytes() as u64,
+            allowed,
+            fits: fits.map(|share| share * f64::from(layout.texels_per_unit)),
+        })
+    }
+
+    /// Which share of the density needs so many bytes; `None` where none does.
+    fn share_that_fits(&self, bytes: f64) -> Option<f64> {
+        // lumels x² + seams x = left
+        let left = bytes - self.fixed;
+        if left <= 0.0 || self.lumels <= 0.0 {
+            return None;
+        }
+        let half = 0.5 * self.seams / self.lumels;
+        Some((half * half + left / self.lumels).sqrt() - half)
+    }
+}
+
+/// Bytes of the document's buffers and pictures, as they are stored.
+fn stored(document: &Document) -> u64 {
+    let buffers = (0..document.buffer_count()).map(|i| document.buffer(i).len() as u64);
+    let images = document.json()["images"].as_array().map_or(0, Vec::len);
+    let linked = (0..images).filter_map(|i| match document.image_source(i) {
+        Ok(ImageSource::File(file)) => Some(std::fs::metadata(file).ok()?.len()),
+        _ => None,
+    });
+    buffers.chain(linked).sum()
+}
 
 /// Peak resident set in bytes, where the system tells (Linux); `None` elsewhere.
 pub(crate) fn peak_bytes() -> Option<u64> {
@@ -6,4 +119,24 @@ pub(crate) fn peak_bytes() -> Option<u64> {
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;
     let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
     Some(kib * 1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_would_fit_needs_as_much_as_is_there() {
+        let need = Need {
+            fixed: 20.0,
+            lumels: 500.0,
+            seams: 30.0,
+        };
+        for bytes in [21.0, 100.0, 550.0, 5000.0] {
+            let x = need.share_that_fits(bytes).expect("more than is fixed");
+            let then = need.fixed + need.lumels * x * x + need.seams * x;
+            assert!((then / bytes - 1.0).abs() < 1e-12, "{then} for {bytes}");
+        }
+        assert_eq!(need.share_that_fits(20.0), None);
+    }
 }

@@ -98,7 +98,7 @@ pub fn outputs_in(dir: &Path, scene: &Path, names: &[String]) -> Result<Vec<Path
     };
     let beside = Identity::of(dir).is_some_and(|d| Identity::of(folder) == Some(d));
     if beside && let Some(report) = names.last() {
-        let made = record::outputs_of(&std::fs::read(dir.join(report)).unwrap_or_default());
+        let made = record::outputs_of(&dir.join(report));
         let foreign = |name: &&String| {
             name.ends_with(".glb") && !made.contains(name) && dir.join(name).exists()
         };

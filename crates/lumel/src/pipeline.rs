@@ -17,9 +17,11 @@ use radiosity::{
     DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, World, WorldOptions,
 };
 
+use crate::brightness;
 use crate::cache::{Cache, Charts};
-use crate::check::check;
+use crate::check::{check, check_name};
 use crate::error::Error;
+use crate::memory::Need;
 use crate::overwrite;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
@@ -110,7 +112,7 @@ pub(crate) struct Prepared {
 /// # Errors
 /// [`Error`], by fault.
 pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
-    let mut loaded = scene.load(settings.scene)?;
+    let mut loaded = scene.load(settings)?;
     add_suns(&mut loaded.scene, settings);
     let sources = Sources::find(
         &loaded.scene,
@@ -123,6 +125,7 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
         chosen.sky_factor,
         loaded.scene.environment.as_ref(),
     )?;
+    brightness::check(&loaded.scene, &sky)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
@@ -212,6 +215,7 @@ pub(crate) fn bake_scene(
     let cache = beside.cache;
     let file = scene.path();
     check(settings)?;
+    check_name(file)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
@@ -247,9 +251,13 @@ pub(crate) fn bake_scene(
         first_picture: beside.first_picture.as_ref(),
     };
     // One thread would change to and fro.
-    let in_turn = beside.in_turn || rayon::current_num_threads() == 1;
+    let bounded = settings.bounds.memory.is_some();
+    let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
     let ((layout, layout_report), lit) = if in_turn {
         let planned = level.charts(kept, monitor)?;
+        if bounded {
+            level.check_memory(&planned, &sky)?;
+        }
         clock.lap(Phase::Atlas);
         (planned, level.light(sky, groups, monitor, &mut clock)?)
     } else {
@@ -358,6 +366,16 @@ impl<'l> Level<'l> {
     ) -> Result<(Layout, LayoutReport), Error> {
         let scene = &self.loaded.scene;
         plan_layout(self.file, scene, self.soup, self.settings, kept, monitor)
+    }
+
+    /// Refuses, before light is computed, what would need more memory than the settings allow.
+    fn check_memory(&self, planned: &(Layout, LayoutReport), sky: &Sky) -> Result<(), Error> {
+        let (layout, report) = planned;
+        let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
+            .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        let samples = atlas_bake::seam_samples(&world, layout);
+        let need = Need::of(self.loaded, sky, self.soup, self.settings, report, samples);
+        need.check(self.settings, report)
     }
 
     /// Builds the tree, solves the light, and shows the first picture of it.
@@ -639,6 +657,7 @@ fn warnings(
             baked.report.light.lumels
         ));
     }
+    out.extend(brightness::clamped_warning(&baked.pages));
     let hidden = baked.report.light.hidden_lumels;
     if hidden * 20 > baked.report.light.lumels {
         out.push(format!(

@@ -1,12 +1,17 @@
 //! Light probes of a bake: where they are, and their file.
 
+use std::io::ErrorKind;
+
 use atlas_bake::parse_points;
-use gather::probes::{ProbeGrid, ProbeOptions};
+use gather::probes::{MAX_PROBES, ProbeGrid, ProbeOptions};
 use glam::{DVec3, Vec3};
-use mesh_ingest::{Scene, Soup};
+use mesh_ingest::{Scene, Soup, read_regular};
 
 use crate::error::Error;
 use crate::settings::{ProbeSource, Quality};
+
+/// Longest list that is read: three numbers in full and blanks for each of the most probes that there can be.
+const MAX_BYTES: u64 = 256 * MAX_PROBES as u64;
 
 /// Where a bake's probes are.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,7 +38,10 @@ pub(crate) fn read(source: &ProbeSource) -> Result<Vec<DVec3>, Error> {
                 message,
                 io,
             };
-            let bytes = std::fs::read(path).map_err(|e| fail(e.to_string(), true))?;
+            let bytes = read_regular(path, MAX_BYTES).map_err(|e| {
+                let io = e.kind() != ErrorKind::FileTooLarge;
+                fail(e.to_string(), io)
+            })?;
             parse_points(&bytes).map_err(|e| fail(e.to_string(), false))
         }
     }

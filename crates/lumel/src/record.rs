@@ -4,13 +4,13 @@
 //! outputs by their file names.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use mesh_ingest::{Digest, Input};
+use mesh_ingest::{Digest, Input, open_regular, read_regular};
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::folder::MAX_JSON;
 use crate::origin::Origin;
 use crate::settings::{ProbeSource, Settings, SkySource};
 
@@ -79,10 +79,7 @@ pub struct Provenance {
 
 /// Hash of a file's present content; `None` where it cannot be read.
 pub(crate) fn hash_file(path: &Path) -> Option<Digest> {
-    let file = File::open(path).ok()?;
-    // A folder opens on Unix, a pipe may never end.
-    let regular = file.metadata().is_ok_and(|m| m.is_file());
-    regular.then(|| Digest::of_reader(file).ok()).flatten()
+    Digest::of_reader(open_regular(path).ok()?).ok()
 }
 
 /// Files that settings name, hashed as they are now.
@@ -134,11 +131,26 @@ pub(crate) fn key(
     Digest::of(parts.to_string().as_bytes()).to_string()
 }
 
-/// Names of the files that a report lists as written; none where it is no report, or not as it was written.
-pub(crate) fn outputs_of(report: &[u8]) -> Vec<String> {
-    let v = crate::report::parse_sealed(report);
+/// Names of the files that the report at `path` lists as written; none where it is no report, or not as it was written.
+pub(crate) fn outputs_of(path: &Path) -> Vec<String> {
+    let report = read_regular(path, MAX_JSON).unwrap_or_default();
+    let v = crate::report::parse_sealed(&report);
     let outputs = v.and_then(|v| read_outputs(&v["content"]["outputs"]));
     outputs.into_iter().flatten().map(|o| o.file).collect()
+}
+
+/// Files in `dir` that the report there says were written with it, and that are missing or hold something else now; `None` where
+/// there is no report, or it is not as it was written.
+pub(crate) fn strangers(dir: &Path, report: &Path) -> Option<Vec<String>> {
+    let report = read_regular(report, MAX_JSON).ok()?;
+    let outputs = read_outputs(&crate::report::parse_sealed(&report)?["content"]["outputs"])?;
+    let plain = |o: &RecordedOutput| Path::new(&o.file).file_name() == Some(o.file.as_ref());
+    let changed = |o: &RecordedOutput| hash_file(&dir.join(&o.file)) != Some(o.digest);
+    Some(
+        (outputs.into_iter().filter(plain).filter(changed))
+            .map(|o| o.file)
+            .collect(),
+    )
 }
 
 /// A finished bake that a new one would repeat.
@@ -170,7 +182,8 @@ pub fn find_current(
 ) -> Result<Current, String> {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     let report_path = dir.join(format!("{stem}.report.json"));
-    let report = std::fs::read(&report_path).map_err(|_| "there is no report yet".to_owned())?;
+    let report = read_regular(&report_path, MAX_JSON)
+        .map_err(|_| "there is no report that can be read".to_owned())?;
     let broken = || format!("{} is not as it was written", report_path.display());
     let v = crate::report::parse_sealed(&report).ok_or_else(broken)?;
     let recorded = read_inputs(&v["content"]["inputs"]).ok_or_else(broken)?;

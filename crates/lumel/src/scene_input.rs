@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
 
 use crate::error::Error;
+use crate::settings::Settings;
 
 /// A glTF scene to bake: a file's path, or a document in memory. What takes one takes a `&str`, a `&Path` or a `&MemoryDocument`.
 #[derive(Debug, Clone, Copy)]
@@ -25,15 +26,22 @@ impl<'a> SceneInput<'a> {
         }
     }
 
-    /// Reads scene number `scene` of the document; `None` for its default.
-    pub(crate) fn load(self, scene: Option<usize>) -> Result<Loaded, Error> {
+    /// Reads the scene that the settings choose.
+    pub(crate) fn load(self, settings: &Settings) -> Result<Loaded, Error> {
         let options = LoadOptions {
-            scene,
-            ..LoadOptions::default()
+            scene: settings.scene,
+            allow_outside: settings.bounds.allow_outside,
+            limits: settings.bounds.limits(),
         };
-        Ok(match self {
-            SceneInput::File(path) => mesh_ingest::load(path, &options)?,
-            SceneInput::Memory(document) => mesh_ingest::load_memory(document, &options)?,
+        let loaded = match self {
+            SceneInput::File(path) => mesh_ingest::load(path, &options),
+            SceneInput::Memory(document) => mesh_ingest::load_memory(document, &options),
+        };
+        loaded.map_err(|source| match settings.bounds.memory {
+            Some(allowed) if matches!(source, mesh_ingest::Error::Limit { .. }) => {
+                Error::TooLarge { source, allowed }
+            }
+            _ => source.into(),
         })
     }
 }

@@ -5,9 +5,12 @@ use std::path::PathBuf;
 use atlas::{UnwrapperChoice, UvMode};
 use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, ValueKind};
 use gather::{GatherOptions, Interpolation};
+use mesh_ingest::Limits;
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
+
+use crate::memory::{COPIES, TRIANGLE};
 
 /// How much work a bake is worth.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -167,6 +170,50 @@ pub struct Settings {
     pub vertex_colors: bool,
     /// Split edges of the vertex-lit scene until its relative error is about this.
     pub vertex_error: Option<f32>,
+    /// What is refused; no result depends on it.
+    #[serde(skip)]
+    pub bounds: Bounds,
+}
+
+/// What a bake refuses to read or to begin: for those who bake what others made. No file of settings can change them, since
+/// whoever made the scene may have made it too.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bounds {
+    /// Let `..` and links in the document lead out of its folder. Absolute paths are never followed.
+    pub allow_outside: bool,
+    /// Bytes of decoded pictures: of all the scene's that light needs together, and of the sky's. By their headers, before any is
+    /// decoded.
+    pub max_image: u64,
+    /// Bytes that the bake may need, by the estimate that [`estimate`](crate::estimate) makes.
+    pub memory: Option<u64>,
+}
+
+impl Default for Bounds {
+    fn default() -> Self {
+        Bounds {
+            allow_outside: false,
+            max_image: 1 << 30,
+            memory: None,
+        }
+    }
+}
+
+impl Bounds {
+    /// Ceilings for reading a scene. With a bound on memory, what is larger than it before anything is computed is not read at all.
+    pub(crate) fn limits(&self) -> Limits {
+        let all = Limits::default();
+        let memory = self.memory.unwrap_or(u64::MAX);
+        Limits {
+            file_bytes: all.file_bytes.min(memory / COPIES),
+            decoded_bytes: all.decoded_bytes.min(memory),
+            geometry_bytes: all.geometry_bytes.min(memory),
+            triangles: all.triangles.min(memory / TRIANGLE),
+            instances: all.instances.min(memory / TRIANGLE),
+            // A texel's pyramid comes on top of its four bytes.
+            image_bytes: self.max_image.min(memory / 2),
+            ..all
+        }
+    }
 }
 
 impl Default for Settings {
@@ -200,6 +247,7 @@ impl Default for Settings {
             stitch: true,
             vertex_colors: true,
             vertex_error: None,
+            bounds: Bounds::default(),
         }
     }
 }

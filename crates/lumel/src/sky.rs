@@ -1,16 +1,17 @@
 //! The sky of the settings, or else of the scene, as radiances.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use glam::Vec3;
-use mesh_ingest::Environment;
+use mesh_ingest::{Environment, read_regular};
 use radiosity::Sky;
 
 use crate::error::Error;
 use crate::settings::{Settings, SkySource};
 
-/// Most pixels of a sky image: 16384 × 8192.
-const MAX_PIXELS: u64 = 1 << 27;
+/// Bytes of a pixel once it is read: three floats.
+const PIXEL: u64 = 12;
 
 /// The sky of the settings; where they give none, the scene's own `environment`. The settings' intensity and rotation apply to either.
 ///
@@ -24,7 +25,7 @@ pub(crate) fn load(
     let mut intensity = settings.sky_intensity * factor;
     let map = match &settings.sky {
         SkySource::Color(c) => return Ok(Sky::Constant(Vec3::from_array(*c) * intensity)),
-        SkySource::File(path) => read_map(path)?,
+        SkySource::File(path) => read_map(path, settings.bounds.max_image)?,
         SkySource::None => match environment {
             None => return Ok(Sky::Black),
             Some(e) => {
@@ -64,8 +65,8 @@ fn place_map((width, height, mut pixels): Map, intensity: f32, degrees: f32) -> 
 /// Width, height, and row-major radiances.
 type Map = (u32, u32, Vec<Vec3>);
 
-/// Reads a latitude-longitude picture of radiances.
-fn read_map(path: &Path) -> Result<Map, Error> {
+/// Reads a latitude-longitude picture of radiances that takes at most `limit` bytes.
+fn read_map(path: &Path, limit: u64) -> Result<Map, Error> {
     let fail = |message: String, io: bool| Error::Sky {
         file: path.to_owned(),
         message,
@@ -75,7 +76,7 @@ fn read_map(path: &Path) -> Result<Map, Error> {
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("exr"));
     let (width, height, pixels) = if is_exr {
-        let image = atlas_bake::read_exr(path)?;
+        let image = atlas_bake::read_exr_within(path, limit)?;
         let channel = |name: &str| image.channel(name).or_else(|| image.channel("Y"));
         let (Some(r), Some(g), Some(b)) = (channel("R"), channel("G"), channel("B")) else {
             return Err(fail(
@@ -86,15 +87,18 @@ fn read_map(path: &Path) -> Result<Map, Error> {
         let pixels = (0..r.len()).map(|i| Vec3::new(r[i], g[i], b[i])).collect();
         (image.width, image.height, pixels)
     } else {
-        let bytes = std::fs::read(path).map_err(|e| fail(e.to_string(), true))?;
+        let bytes = read_regular(path, limit).map_err(|e| {
+            let io = e.kind() != ErrorKind::FileTooLarge;
+            fail(e.to_string(), io)
+        })?;
         let decoder = image::codecs::hdr::HdrDecoder::new(std::io::Cursor::new(bytes))
             .map_err(|e| fail(format!("not a Radiance HDR or EXR image: {e}"), false))?;
         let meta = decoder.metadata();
-        if meta.width as u64 * meta.height as u64 > MAX_PIXELS {
+        let (width, height) = (meta.width as u64, meta.height as u64);
+        if width.saturating_mul(height) > limit / PIXEL {
             return Err(fail(
                 format!(
-                    "found {} x {} pixels, expected at most {MAX_PIXELS}",
-                    meta.width, meta.height
+                    "found {width} x {height} pixels, expected at most {limit} bytes, {PIXEL} a pixel (--max-image)"
                 ),
                 false,
             ));

@@ -1,12 +1,13 @@
 //! Inputs that broke the real binary: one error each, at once, and nothing of the user's is touched.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use crate::common::{Run, asset, bake, files, lumel, temp, write};
+use crate::common::{Run, asset, bake, files, lumel, parse, temp, write};
 
 /// (0 0 0), (1 0 0), (0 0 −1): a triangle as bytes.
 fn triangle() -> Vec<u8> {
@@ -191,4 +192,243 @@ fn names_reach_the_terminal_escaped() {
     run.fails(3, &["EVIL"]);
     assert!(!run.stderr.contains('\u{1b}'), "{:?}", run.stderr);
     assert_eq!(run.stderr.lines().count(), 1, "{:?}", run.stderr);
+}
+
+/// Opening a pipe waits for a writer, and none of these had one; a device may not end.
+#[cfg(unix)]
+#[test]
+fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
+    let folder = temp();
+    let at = |name: &str| folder.path().join(name);
+    let pipe = |name: &str| {
+        let made = std::process::Command::new("mkfifo").arg(at(name)).status();
+        assert!(made.expect("mkfifo is there").success());
+        at(name)
+    };
+    let (scene, out) = (asset("cornell_box.glb"), at("out"));
+    let words = ["expected a regular file", "found a pipe"];
+    bake(&pipe("a.glb"), &out, "-q").fails(2, &words);
+    lumel(["inspect".as_ref(), at("a.glb").as_os_str()]).fails(2, &words);
+    let options = [
+        ("--sky", pipe("a.hdr")),
+        ("--sky", pipe("a.exr")),
+        ("--probes", pipe("a.json")),
+        ("--config", pipe("a.toml")),
+    ];
+    for (option, pipe) in options {
+        bake(&scene, &out, &format!("-q {option} {}", pipe.display())).fails(2, &words);
+    }
+    let exr = at("a.exr");
+    lumel(["diff".as_ref(), exr.as_os_str(), exr.as_os_str()]).fails(2, &words);
+    bake(&scene, &out, "-q --sky /dev/zero.hdr").fails(2, &["/dev/zero.hdr"]);
+    std::os::unix::fs::symlink("/dev/zero", at("zero.hdr")).expect("linked");
+    for (name, found) in [("zero.hdr", "a device"), ("", "a folder")] {
+        let sky = at(name);
+        let run = bake(&scene, &out, &format!("-q --sky {}", sky.display()));
+        run.fails(2, &[found, "expected a regular file"]);
+    }
+    // What a document names: its buffer, and a picture that light needs. One that light does not need is left alone.
+    pipe("b.bin");
+    write(at("c.bin"), triangle());
+    let level = write(at("c.gltf"), document("b.bin", "a.json").to_string());
+    bake(&level, &out, "-q --sky 1").fails(2, &words);
+    write(level.clone(), document("c.bin", "a.json").to_string());
+    let run = bake(&level, &out, "--sky 1").ok();
+    assert!(
+        run.stderr
+            .contains("images[0]: its file cannot be read: found a pipe"),
+        "{run:?}"
+    );
+    let mut textured = document("c.bin", "a.json");
+    textured["textures"] = json!([{"source": 0}]);
+    textured["materials"] = json!([{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    textured["meshes"][0]["primitives"][0]["material"] = json!(0);
+    write(level, textured.to_string());
+    bake(&at("c.gltf"), &out, "-q --sky 1").fails(2, &words);
+    fs::remove_dir_all(&out).expect("written");
+    fs::rename(at("a.toml"), at("c.lumel.toml")).expect("renamed");
+    bake(&at("c.gltf"), &out, "-q").fails(2, &words);
+    // A report where the last one should lie: the bake replaces it.
+    fs::create_dir(&out).expect("created");
+    let report = pipe("out/cornell_box.report.json");
+    bake(&scene, &out, "-q --skip-if-unchanged").ok();
+    assert!(fs::metadata(report).expect("written").is_file());
+}
+
+/// The .glb named a file that was not there, relative to another folder at that.
+#[test]
+fn a_picture_that_is_lost_during_the_bake_is_an_error() {
+    let (folder, scene) = level("c.bin", "p.png");
+    let baker = lumel::Baker::new().quality(lumel::Quality::Draft);
+    let baker = baker.texels_per_unit(4.0).sky([1.0; 3]);
+    let baked = baker.bake(&scene).expect("all is there");
+    let picture = folder.path().join("p.png");
+    fs::remove_file(&picture).expect("removed");
+    let out = folder.path().join("out");
+    let error = baked.write(&out).expect_err("the picture is gone");
+    assert_eq!(error.exit_code(), 2);
+    assert!(error.to_string().contains("p.png"), "{error}");
+    assert!(!out.exists());
+    // One that was never there is left as it is named.
+    let baked = baker.bake(&scene).expect("light does not need it");
+    baked.write(&out).expect("written");
+    let gltf = fs::read(out.join("c.glb")).expect("written");
+    assert!(String::from_utf8_lossy(&gltf).contains(r#""uri":"p.png""#));
+}
+
+/// These were baked black, or white all over, with "estimated error 0.00 %" and without a word.
+#[test]
+fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
+    let folder = temp();
+    let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
+    for sky in ["3e38", "1e13", "1,2,1e20"] {
+        bake(&scene, &out, &format!("-q --sky {sky}")).fails(3, &["the sky is", "at most 1e12"]);
+    }
+    let run = bake(&scene, &out, "-q --sky 1e9 --sky-intensity 1e9");
+    run.fails(3, &["the sky is 1e18"]);
+    let words = ["the material \"lamp\" is", "at most 1e12"];
+    bake(&scene, &out, "-q --light *=1e20").fails(3, &words);
+    let sun = bake(&scene, &out, "-q --sun 0,-1,0,1e30");
+    sun.fails(3, &["the light \"sun\" is 1e30"]);
+    assert!(!out.exists());
+    let run = bake(&scene, &out, "--sky 1e9").ok();
+    let told = "lit lumels are brighter than 65504";
+    assert!(run.stderr.contains(told), "{}", run.stderr);
+    // What halves hold is not warned of.
+    let run = bake(&scene, &out, "--sky 1e3").ok();
+    assert!(!run.stderr.contains("warning"), "{}", run.stderr);
+    // Of what has no light, nothing was measured.
+    let run = bake(&scene, &out, "--exclude-light *").ok();
+    assert!(
+        run.stderr.contains("no estimate of the error"),
+        "{}",
+        run.stderr
+    );
+    let report = parse(&files(&out)["cornell_box.report.json"]);
+    assert_eq!(report["gather"]["median_error"], Value::Null);
+    assert_eq!(report["gather"]["estimated_error"], Value::Null);
+}
+
+/// A hundred bytes may claim gigabytes; what a bake would take is known before light is computed.
+#[test]
+fn pictures_and_memory_have_budgets() {
+    let folder = temp();
+    let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
+    // The sky's header claims more than it holds, and more than is allowed.
+    let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16384 +X 16384\n";
+    let sky = write(folder.path().join("a.hdr"), head);
+    let bake_sky = |options: &str| {
+        let options = format!("-q --sky {} {options}", sky.display());
+        bake(&scene, &out, &options)
+    };
+    bake_sky("").fails(3, &["16384 x 16384 pixels", "--max-image"]);
+    bake_sky("--max-image 4G").fails(3, &["a.hdr"]);
+    // 64 × 64 × 12 bytes are 48 KiB.
+    let exr = sky_picture(folder.path());
+    let option = format!("-q --sky {} --max-image 1K", exr.display());
+    bake(&scene, &out, &option).fails(3, &["expected at most 256 samples"]);
+
+    let level = asset("demo_level.glb");
+    let plan = |density: &str| {
+        let words = [
+            "bake",
+            "--dry-run",
+            "-q",
+            "--quality",
+            "draft",
+            "--memory",
+            "30M",
+        ];
+        let mut all: Vec<&OsStr> = words.map(OsStr::new).to_vec();
+        all.extend([scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
+        all.extend(["--texels-per-unit".as_ref(), OsStr::new(density)]);
+        lumel(all)
+    };
+    let run = plan("40");
+    run.fails(
+        3,
+        &["expected at most 30 MiB (--memory)", "--texels-per-unit "],
+    );
+    let fits = run
+        .stderr
+        .split("--texels-per-unit ")
+        .nth(1)
+        .expect("it is said");
+    plan(fits.split(' ').next().expect("a number")).ok();
+    let run = bake(&level, &out, "-q --memory 4M");
+    run.fails(3, &["triangles after instancing", "--memory is 4 MiB"]);
+    let run = bake(&level, &out, "-q --memory 1M");
+    run.fails(3, &["demo_level.glb with", "--memory is 1 MiB"]);
+    bake(&scene, &out, "-q --memory 20M").fails(3, &["no density would fit"]);
+    assert!(!out.exists());
+}
+
+/// 7.7 million triangles from a few hundred bytes were made before they were counted.
+#[test]
+fn instances_are_counted_before_they_are_made() {
+    let folder = temp();
+    let mut document = document("c.bin", "p.png");
+    let copies = 3_000_000;
+    let accessors = document["accessors"].as_array_mut().expect("a list");
+    accessors.push(json!({"componentType": 5126, "count": copies, "type": "VEC3"}));
+    document["nodes"][0]["extensions"] =
+        json!({"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 1}}});
+    document["extensionsUsed"] = json!(["EXT_mesh_gpu_instancing"]);
+    write(folder.path().join("c.bin"), triangle());
+    let scene = write(folder.path().join("c.gltf"), document.to_string());
+    let run = bake(&scene, &folder.path().join("out"), "-q --sky 1 --memory 1G");
+    run.fails(3, &["3000000 copies", "at most 631612 mesh instances"]);
+}
+
+/// Three million characters, and lines of their own that look like the program's.
+#[test]
+fn names_take_a_line_and_end() {
+    let folder = temp();
+    let mut document = document("c.bin", "p.png");
+    let name = format!(
+        "x\nerror: fake\n  problems    none\u{1b}[31m{}",
+        "y".repeat(3_000_000)
+    );
+    document["materials"] = json!([{"name": &name, "emissiveFactor": [1, 1, 1]}]);
+    document["meshes"][0]["primitives"][0]["material"] = json!(0);
+    document["meshes"][0]["name"] = json!(&name);
+    document["nodes"][0]["name"] = json!(&name);
+    write(folder.path().join("c.bin"), triangle());
+    write(folder.path().join("p.png"), b"a picture");
+    let scene = write(folder.path().join("c.gltf"), document.to_string());
+    let out = folder.path().join("out");
+    let run = lumel(["inspect".as_ref(), scene.as_os_str()]).ok();
+    let fails = bake(&scene, &out, "-q --light nope=2");
+    fails.fails(1, &["nope"]);
+    let bakes = bake(&scene, &out, "-v").ok();
+    for text in [&run.stdout, &fails.stderr, &bakes.stderr] {
+        let fake = |l: &str| l.starts_with("error: fake") || l == "  problems    none";
+        let faked = text.lines().filter(|l| fake(l)).count();
+        // The report's own, of this sound scene.
+        assert!(
+            faked <= usize::from(std::ptr::eq(text, &run.stdout)),
+            "{faked}"
+        );
+        assert!(
+            text.len() < 20_000 && !text.contains('\u{1b}'),
+            "{}",
+            text.len()
+        );
+    }
+}
+
+/// Two of them were baked into the files of one.
+#[cfg(unix)]
+#[test]
+fn names_that_are_not_utf8_are_refused_and_line_breaks_in_names_escaped() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = temp();
+    let out = folder.path().join("out");
+    let scene = folder.path().join(OsStr::from_bytes(b"a\xff.glb"));
+    fs::copy(asset("cornell_box.glb"), &scene).expect("copied");
+    bake(&scene, &out, "-q").fails(3, &["not UTF-8"]);
+    assert!(!out.exists());
+    let missing = folder.path().join("b\nerror: fake.glb");
+    let run = bake(&missing, &out, "-q");
+    run.fails(2, &["b\\nerror: fake.glb"]);
 }

@@ -237,3 +237,34 @@ fn comparable_if_report(bytes: &[u8]) -> Value {
     }
     v
 }
+
+/// As a kill between two renames leaves it.
+#[test]
+fn files_of_two_bakes_in_a_folder_are_told_apart() {
+    let folder = temp();
+    let out = folder.path().join("out");
+    bake(&asset("cornell_box.glb"), &out, "").ok();
+    let old = files(&out);
+    let report = || crate::common::lumel(["report".as_ref(), out.as_os_str()]).ok();
+    assert!(!report().stderr.contains("warning"));
+    bake(&asset("cornell_box.glb"), &out, "--sky 1").ok();
+    let (exr, json) = ("cornell_box.lightmap.exr", "cornell_box.report.json");
+    assert!(!report().stderr.contains("warning"));
+    write(out.join(json), &old[json]);
+    let told = report().stderr;
+    assert!(
+        told.contains("warning: not of the bake that") && told.contains(exr),
+        "{told}"
+    );
+    let page = fs::read_to_string(out.join("cornell_box.report.html")).expect("written");
+    assert!(page.contains("not of the bake that"));
+    // A report that was touched tells nothing any more.
+    let mut bytes = old[json].clone();
+    bytes.push(b' ');
+    write(out.join(json), bytes);
+    let told = report().stderr;
+    assert!(
+        told.contains("cornell_box.report.json is not as it was written"),
+        "{told}"
+    );
+}

@@ -7,6 +7,7 @@ mod cli;
 mod common;
 mod engines;
 mod examples;
+mod fuzz;
 mod hostile;
 mod inspect;
 #[cfg(unix)]

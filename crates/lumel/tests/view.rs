@@ -93,10 +93,10 @@ fn view_prints_its_address_and_serves_the_bake() {
         assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{head}");
     }
     // Browsers open connections ahead: however many say nothing, or half of something, others are answered.
-    let mut idle: Vec<TcpStream> = (0..40)
+    let mut idle: Vec<TcpStream> = (0..100)
         .map(|_| TcpStream::connect(&address).expect("the server listens"))
         .collect();
-    for stream in &mut idle[..20] {
+    for stream in &mut idle[..50] {
         stream.write_all(b"GET / HTTP/1.1\r\nHo").expect("it reads");
     }
     let start = std::time::Instant::now();

@@ -1,23 +1,13 @@
-//! Files: the glTF container (.gltf or .glb), URIs and the bytes behind them.
+//! The glTF container, .gltf or .glb.
 
 use std::fs;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::io::ErrorKind;
+use std::path::Path;
 
-use base64::Engine;
-use base64::alphabet::STANDARD;
-use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use serde_json::Value;
 
 use crate::error::{Fault, Outcome};
-
-/// Exporters disagree about padding; nothing is ambiguous without it.
-const BASE64: GeneralPurpose = GeneralPurpose::new(
-    &STANDARD,
-    GeneralPurposeConfig::new()
-        .with_decode_padding_mode(DecodePaddingMode::Indifferent)
-        .with_decode_allow_trailing_bits(true),
-);
+use crate::regular::read_regular;
 
 /// The JSON of a document and, for .glb, its binary chunk.
 #[derive(Debug)]
@@ -27,25 +17,20 @@ pub(crate) struct Container {
     pub chunk: Option<Vec<u8>>,
 }
 
-/// Reads a regular file of at most `limit` bytes. Devices and pipes are refused: they may never end.
+/// Reads a regular file of at most `limit` bytes, named at document path `path`.
 pub(crate) fn read_file(file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
-    let io = |e| Fault::io(path, file, e);
-    let handle = fs::File::open(file).map_err(io)?;
-    let meta = handle.metadata().map_err(io)?;
-    if !meta.is_file() {
-        return Err(io(std::io::Error::other("not a regular file")));
-    }
-    if meta.len() > limit {
-        return Err(Fault::limit(
+    read_regular(file, limit).map_err(|e| match e.kind() {
+        ErrorKind::FileTooLarge => Fault::limit(
             path,
-            format!("{} with {} bytes", file.display(), meta.len()),
-            format!("at most {limit}"),
-        ));
-    }
-    let mut bytes = Vec::with_capacity(meta.len() as usize);
-    // A file that grows while it is read must not escape the limit.
-    handle.take(limit).read_to_end(&mut bytes).map_err(io)?;
-    Ok(bytes)
+            format!(
+                "{} with {} bytes",
+                file.display(),
+                fs::metadata(file).map_or(0, |m| m.len())
+            ),
+            format!("at most {limit} bytes"),
+        ),
+        _ => Fault::io(path, file, e),
+    })
 }
 
 /// Splits `bytes` into JSON and binary chunk.
@@ -265,78 +250,3 @@ fn parse_glb(bytes: &[u8]) -> Outcome<Container> {
 /// The way out of glTF 1.0. gltf-pipeline is Cesium's converter (npm).
 pub(crate) const UPGRADE: &str =
     "glTF 2.0; `npx gltf-pipeline -i old.gltf -o new.glb` upgrades a 1.0 document";
-
-/// What a URI leads to.
-#[derive(Debug)]
-pub(crate) enum Target {
-    /// Bytes in the URI itself.
-    Data(Vec<u8>),
-    /// A file.
-    File(PathBuf),
-}
-
-/// Resolves `uri` (found at document path `path`) against the document's folder; without one, files are mere names.
-pub(crate) fn resolve(uri: &str, base: Option<&Path>, path: &str) -> Outcome<Target> {
-    if let Some(rest) = strip_prefix_ignore_case(uri, "data:") {
-        let Some((head, body)) = rest.split_once(',') else {
-            return Err(Fault::invalid(
-                path,
-                "a data URI without a comma",
-                "data:<type>;base64,<data>",
-            ));
-        };
-        let body: Vec<u8> = percent_encoding::percent_decode_str(body).collect();
-        if !head
-            .split(';')
-            .any(|part| part.eq_ignore_ascii_case("base64"))
-        {
-            return Ok(Target::Data(body));
-        }
-        let body: Vec<u8> = body
-            .into_iter()
-            .filter(|b| !b.is_ascii_whitespace())
-            .collect();
-        return match BASE64.decode(&body) {
-            Ok(bytes) => Ok(Target::Data(bytes)),
-            Err(e) => Err(Fault::invalid(
-                path,
-                format!("broken base64 ({e})"),
-                "base64 data",
-            )),
-        };
-    }
-    if uri.contains("://") {
-        let shown: String = uri.chars().take(80).collect();
-        return Err(Fault::unsupported(
-            path,
-            format!("\"{shown}\""),
-            "a relative path or a data URI; download the file beside the document and name it there",
-        ));
-    }
-    // Some exporters do not encode at all: a file with a literal percent sign wins over the decoded name.
-    if let Some(base) = base
-        && uri.contains('%')
-    {
-        let literal = base.join(uri);
-        if literal.is_file() {
-            return Ok(Target::File(literal));
-        }
-    }
-    match percent_encoding::percent_decode_str(uri).decode_utf8() {
-        Ok(name) if !name.is_empty() && !name.contains('\0') => Ok(Target::File(base.map_or_else(
-            || PathBuf::from(name.as_ref()),
-            |base| base.join(name.as_ref()),
-        ))),
-        _ => Err(Fault::invalid(
-            path,
-            "a URI that is no file name",
-            "a relative path in UTF-8",
-        )),
-    }
-}
-
-fn strip_prefix_ignore_case<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
-    let head = text.get(..prefix.len())?;
-    head.eq_ignore_ascii_case(prefix)
-        .then(|| &text[prefix.len()..])
-}

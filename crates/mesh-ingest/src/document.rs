@@ -1,19 +1,20 @@
 //! The document as it came: JSON, buffers, and dense access to what they hold.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use serde_json::Value;
 
 use crate::accessor::RawAccessor;
-use crate::container::{self, Target};
+use crate::container;
 use crate::error::{Error, Fault, Faults, Outcome};
 use crate::files::{Files, MemoryDocument};
 use crate::input::{Digest, Input};
 use crate::json::Item;
-use crate::options::Limits;
+use crate::options::{Limits, LoadOptions};
+use crate::uri::Target;
 use crate::version;
 
 /// A glTF document with its buffers, for those who write it back.
@@ -33,6 +34,8 @@ pub struct Document {
     inputs: Vec<Input>,
     /// Image files that only writers asked for, by image.
     written: Mutex<BTreeMap<usize, Input>>,
+    /// Images that could not be read when the document was loaded.
+    pub(crate) missing: BTreeSet<usize>,
     pub(crate) limits: Limits,
 }
 
@@ -47,22 +50,25 @@ pub enum ImageSource<'a> {
 
 impl Document {
     /// Reads the document and its buffers; images are left for [`Document::image_source`].
-    pub(crate) fn open(file: &Path, limits: &Limits) -> Result<Document, Error> {
-        let bytes = container::read_file(file, "", limits.file_bytes)
+    pub(crate) fn open(file: &Path, options: &LoadOptions) -> Result<Document, Error> {
+        let bytes = container::read_file(file, "", options.limits.file_bytes)
             .map_err(|fault| fault.into_error(file))?;
         let base = file.parent().map(Path::to_path_buf).unwrap_or_default();
-        Self::new(file, &bytes, Files::Folder(base), true, limits)
+        Self::new(file, &bytes, Files::in_folder(base), true, options)
     }
 
     /// As [`Document::open`], of what is in memory.
-    pub(crate) fn in_memory(from: &MemoryDocument, limits: &Limits) -> Result<Document, Error> {
-        let bytes = &from.bytes;
+    pub(crate) fn in_memory(
+        from: &MemoryDocument,
+        options: &LoadOptions,
+    ) -> Result<Document, Error> {
+        let (bytes, limits) = (&from.bytes, &options.limits);
         if bytes.len() as u64 > limits.file_bytes {
             let found = format!("{} bytes", bytes.len());
             let allowed = format!("at most {}", limits.file_bytes);
             return Err(Fault::limit("", found, allowed).into_error(&from.name));
         }
-        Self::new(&from.name, bytes, from.files.clone(), false, limits)
+        Self::new(&from.name, bytes, from.files.clone(), false, options)
     }
 
     fn new(
@@ -70,19 +76,16 @@ impl Document {
         bytes: &[u8],
         files: Files,
         on_disk: bool,
-        limits: &Limits,
+        options: &LoadOptions,
     ) -> Result<Document, Error> {
         let fail = |fault: Fault| fault.into_error(file);
         let input = Input::new(file.to_path_buf(), String::new(), bytes);
         let container = container::parse(bytes).map_err(fail)?;
-        let base = match &files {
-            Files::Folder(folder) => folder.clone(),
-            Files::Resolver(_) => PathBuf::new(),
-        };
+        let base = files.folder().map(Path::to_path_buf).unwrap_or_default();
         let mut document = Document {
             file: file.to_path_buf(),
             base,
-            files,
+            files: files.allow_outside(options.allow_outside),
             on_disk,
             json: container.json,
             binary: container.binary,
@@ -90,7 +93,8 @@ impl Document {
             decoded: Vec::new(),
             inputs: vec![input],
             written: Mutex::default(),
-            limits: limits.clone(),
+            missing: BTreeSet::new(),
+            limits: options.limits.clone(),
         };
         version::check(&document.root()).map_err(fail)?;
         let views = document.root().len_of("bufferViews").map_err(fail)?;
@@ -200,7 +204,7 @@ impl Document {
 
     /// Where the [`inputs`](Document::inputs) that are there lie on disk; what the caller gave from memory is not among them.
     pub fn inputs_on_disk(&self) -> Vec<PathBuf> {
-        let linked = matches!(self.files, Files::Folder(_));
+        let linked = self.files.folder().is_some();
         let inputs = self.inputs().into_iter().enumerate();
         inputs
             .filter(|(i, input)| {
@@ -248,6 +252,11 @@ impl Document {
     /// The image does not exist or names something that cannot be resolved.
     pub fn image_source(&self, i: usize) -> Result<ImageSource<'_>, Error> {
         self.image(i).map_err(|f| f.into_error(&self.file))
+    }
+
+    /// Whether image `i` could not be read when the document was loaded; light does not need it then.
+    pub fn image_is_missing(&self, i: usize) -> bool {
+        self.missing.contains(&i)
     }
 
     /// The bytes of image `i`'s file, undecoded.

@@ -47,14 +47,18 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// As [`printable`], cut where it would fill a screen.
-fn short(text: &str) -> Cow<'_, str> {
-    /// Longer than any message of the project's own.
-    const MOST: usize = 400;
-    match text.char_indices().nth(MOST) {
+/// As [`printable`], cut after `most` characters.
+pub fn printable_within(text: &str, most: usize) -> Cow<'_, str> {
+    match text.char_indices().nth(most) {
         Some((cut, _)) => Cow::Owned(format!("{}…", printable(&text[..cut]))),
         None => printable(text),
     }
+}
+
+/// A part of a message, cut where it would fill a screen.
+fn short(text: &str) -> Cow<'_, str> {
+    // Longer than any of the project's own.
+    printable_within(text, 400)
 }
 
 /// Why an asset cannot be loaded.

@@ -5,42 +5,82 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::container::{self, Target};
+use crate::container;
 use crate::error::{Fault, Outcome};
+use crate::regular::open_regular;
+use crate::uri::{self, Bounds, Target};
 
 /// Gives the bytes of a file that a document names.
 type Resolver = dyn Fn(&str) -> io::Result<Vec<u8>> + Send + Sync;
 
-/// Where the files that a document names lie.
+/// The files that a document names.
+#[derive(Debug, Clone)]
+pub(crate) struct Files {
+    place: Place,
+    /// `..` and links may lead out of the document's folder.
+    outside: bool,
+}
+
+/// Where they lie.
 #[derive(Clone)]
-pub(crate) enum Files {
+enum Place {
     /// In this folder, by relative path.
     Folder(PathBuf),
     /// With the caller, by name.
     Resolver(Arc<Resolver>),
 }
 
-impl fmt::Debug for Files {
+impl fmt::Debug for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Files::Folder(folder) => f.debug_tuple("Folder").field(folder).finish(),
-            Files::Resolver(_) => f.write_str("Resolver"),
+            Place::Folder(folder) => f.debug_tuple("Folder").field(folder).finish(),
+            Place::Resolver(_) => f.write_str("Resolver"),
         }
     }
 }
 
 impl Files {
+    /// In `folder`, and in it only until [`allow_outside`](Files::allow_outside) is asked for.
+    pub fn in_folder(folder: PathBuf) -> Files {
+        Files {
+            place: Place::Folder(folder),
+            outside: false,
+        }
+    }
+
+    fn with(resolver: Arc<Resolver>) -> Files {
+        Files {
+            place: Place::Resolver(resolver),
+            outside: false,
+        }
+    }
+
+    /// Whether `..` and links may lead out of the document's folder.
+    pub fn allow_outside(mut self, yes: bool) -> Files {
+        self.outside = yes;
+        self
+    }
+
+    /// The folder; `None` where the caller gives files by name.
+    pub fn folder(&self) -> Option<&Path> {
+        match &self.place {
+            Place::Folder(folder) => Some(folder),
+            Place::Resolver(_) => None,
+        }
+    }
+
     /// What `uri`, found at document path `path`, means; a file's path for [`Files::read`].
     pub fn resolve(&self, uri: &str, path: &str) -> Outcome<Target> {
-        match self {
-            Files::Folder(folder) => container::resolve(uri, Some(folder), path),
-            Files::Resolver(_) => container::resolve(uri, None, path),
-        }
+        let bounds = Bounds {
+            base: self.folder(),
+            outside: self.outside,
+        };
+        uri::resolve(uri, bounds, path)
     }
 
     /// The bytes of a file, at most `limit` of them; `path` is the place in the document that names it.
     pub fn read(&self, file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
-        let Files::Resolver(resolver) = self else {
+        let Place::Resolver(resolver) = &self.place else {
             return container::read_file(file, path, limit);
         };
         let bytes = resolver(&file.to_string_lossy()).map_err(|e| Fault::io(path, file, e))?;
@@ -54,11 +94,11 @@ impl Files {
         Ok(bytes)
     }
 
-    /// Whether there is such a file.
-    pub fn has(&self, file: &Path) -> bool {
-        match self {
-            Files::Folder(_) => file.is_file(),
-            Files::Resolver(resolver) => resolver(&file.to_string_lossy()).is_ok(),
+    /// Whether there is such a file, and it can be opened.
+    pub fn check(&self, file: &Path) -> io::Result<()> {
+        match &self.place {
+            Place::Folder(_) => open_regular(file).map(drop),
+            Place::Resolver(resolver) => resolver(&file.to_string_lossy()).map(drop),
         }
     }
 }
@@ -88,7 +128,7 @@ impl MemoryDocument {
         MemoryDocument {
             name: name.into(),
             bytes: bytes.into(),
-            files: Files::Resolver(Arc::new(|_| {
+            files: Files::with(Arc::new(|_| {
                 Err(io::Error::new(
                     io::ErrorKind::NotFound,
                     "the document is in memory, and no folder or resolver was given for the files that it names",
@@ -100,7 +140,7 @@ impl MemoryDocument {
     /// Its files lie in `folder`, by the relative paths that it names.
     #[must_use]
     pub fn beside(mut self, folder: impl Into<PathBuf>) -> MemoryDocument {
-        self.files = Files::Folder(folder.into());
+        self.files = Files::in_folder(folder.into());
         self
     }
 
@@ -111,7 +151,7 @@ impl MemoryDocument {
         mut self,
         resolver: impl Fn(&str) -> io::Result<Vec<u8>> + Send + Sync + 'static,
     ) -> MemoryDocument {
-        self.files = Files::Resolver(Arc::new(resolver));
+        self.files = Files::with(Arc::new(resolver));
         self
     }
 

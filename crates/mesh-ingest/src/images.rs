@@ -12,9 +12,52 @@ use crate::input::Input;
 use crate::material::{AVIF_WAY_OUT, KTX2_WAY_OUT};
 use crate::scene::Image;
 
+/// Most pixels of one image, 16384².
+const MOST_PIXELS: u64 = 1 << 28;
+
 /// More pixels than a byte of a JPEG can hold: a block of 64 takes a bit at the least, that of its mean in a progressive file. Twice
 /// that leaves room for what has not been thought of.
 const JPEG_PIXELS_PER_BYTE: u64 = 1024;
+
+/// More bytes than a byte of DEFLATE, which PNG is packed with, can hold: at most 258 into two bits.
+const PNG_BYTES_PER_BYTE: u64 = 1032;
+
+/// What images have claimed of the limit so far. Sizes are claimed before anything is decoded, so that a hundred small files of
+/// 10,000² pixels each are refused before any is.
+struct Budget {
+    spent: u64,
+    allowed: u64,
+}
+
+impl Budget {
+    /// After `pixels` that were decoded already.
+    fn new(document: &Document, pixels: u64) -> Budget {
+        Budget {
+            spent: pixels.saturating_mul(4),
+            allowed: document.limits().image_bytes,
+        }
+    }
+
+    fn claim(&mut self, i: usize, [width, height]: [u32; 2]) -> Outcome<()> {
+        let pixels = u64::from(width) * u64::from(height);
+        self.spent = self.spent.saturating_add(4 * pixels);
+        let expected = if pixels > MOST_PIXELS {
+            format!("at most {MOST_PIXELS}, 16384²")
+        } else if self.spent > self.allowed {
+            format!(
+                "at most {} bytes in all images, four a pixel (--max-image)",
+                self.allowed
+            )
+        } else {
+            return Ok(());
+        };
+        Err(Fault::limit(
+            format!("images[{i}]"),
+            format!("{width} × {height} pixels"),
+            expected,
+        ))
+    }
+}
 
 /// Decodes images `needed` of the document; the others stay `None`.
 pub(crate) fn decode(
@@ -24,28 +67,17 @@ pub(crate) fn decode(
 ) -> Vec<Option<Image>> {
     let count = faults.take(document.root().len_of("images")).unwrap_or(0);
     let mut images = vec![None; count];
-    // Sizes first, so that a hundred small files that each claim 10,000² pixels are refused before any is decoded.
-    let mut sources = Vec::new();
-    let (mut pixels, mut files) = (0u64, Vec::new());
+    let (mut sources, mut files) = (Vec::new(), Vec::new());
+    let mut budget = Budget::new(document, 0);
     for &i in needed {
-        let source = open(document, i).and_then(|(bytes, file)| {
-            let size = dimensions(i, &bytes)?;
-            Ok((bytes, file, size))
-        });
-        if let Some((bytes, file, size)) = faults.take(source) {
-            pixels += u64::from(size[0]) * u64::from(size[1]);
-            if pixels > document.limits().image_pixels {
-                let allowed = format!("at most {} pixels in all", document.limits().image_pixels);
-                faults.push(Fault::limit(
-                    format!("images[{i}]"),
-                    format!("{} × {} pixels", size[0], size[1]),
-                    allowed,
-                ));
-                return images;
-            }
-            files.extend(file);
-            sources.push((i, bytes));
+        let Some((bytes, file, size)) = faults.take(measure(document, i)) else {
+            continue;
+        };
+        if faults.take(budget.claim(i, size)).is_none() {
+            return images;
         }
+        files.extend(file);
+        sources.push((i, bytes));
     }
     let decoded: Vec<_> = sources
         .par_iter()
@@ -67,19 +99,11 @@ pub(crate) fn decode_all(
     needed: &BTreeSet<usize>,
     spent: u64,
 ) -> Outcome<BTreeMap<usize, Image>> {
-    let allowed = document.limits().image_pixels;
-    let (mut pixels, mut sources, mut files) = (spent, Vec::new(), Vec::new());
+    let (mut sources, mut files) = (Vec::new(), Vec::new());
+    let mut budget = Budget::new(document, spent);
     for &i in needed {
-        let (bytes, file) = open(document, i)?;
-        let [width, height] = dimensions(i, &bytes)?;
-        pixels += u64::from(width) * u64::from(height);
-        if pixels > allowed {
-            return Err(Fault::limit(
-                format!("images[{i}]"),
-                format!("{width} × {height} pixels"),
-                format!("at most {allowed} pixels in all"),
-            ));
-        }
+        let (bytes, file, size) = measure(document, i)?;
+        budget.claim(i, size)?;
         files.extend(file);
         sources.push((i, bytes));
     }
@@ -91,6 +115,13 @@ pub(crate) fn decode_all(
     let images = images.into_iter().collect::<Outcome<_>>()?;
     files.into_iter().for_each(|f| document.note_input(f));
     Ok(images)
+}
+
+/// An image's bytes, its file, and its size by its header.
+fn measure(document: &Document, i: usize) -> Outcome<(Vec<u8>, Option<Input>, [u32; 2])> {
+    let (bytes, file) = open(document, i)?;
+    let size = dimensions(i, &bytes)?;
+    Ok((bytes, file, size))
 }
 
 type Opened = (Vec<u8>, Option<Input>);
@@ -178,16 +209,34 @@ fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
             "at least one pixel",
         ));
     }
-    // Decoders fill up what is missing of a JPEG, which may be nearly all of it.
-    let most = (bytes.len() as u64).saturating_mul(JPEG_PIXELS_PER_BYTE);
-    if u64::from(width) * u64::from(height) > most && format_of(i, bytes)? == ImageFormat::Jpeg {
+    // Decoders fill up what is missing of a JPEG, which may be nearly all of it, and take memory for a PNG before they look.
+    // A WebP of any size may be a few bytes long.
+    let stored = bytes.len() as u64;
+    let most = match format_of(i, bytes)? {
+        ImageFormat::Jpeg => stored.saturating_mul(JPEG_PIXELS_PER_BYTE),
+        ImageFormat::Png => stored.saturating_mul(8 * PNG_BYTES_PER_BYTE) / png_bits(bytes),
+        _ => u64::MAX,
+    };
+    if u64::from(width) * u64::from(height) > most {
         return Err(Fault::invalid(
             format!("images[{i}]"),
-            format!("{width} × {height} pixels in {} bytes", bytes.len()),
+            format!("{width} × {height} pixels in {stored} bytes"),
             "an image that is not cut short",
         ));
     }
     Ok([width, height])
+}
+
+/// Bits of a pixel of a PNG by its header, whose place is fixed.
+fn png_bits(bytes: &[u8]) -> u64 {
+    let depth = bytes.get(24).map_or(1, |d| u64::from(*d).clamp(1, 16));
+    let channels = match bytes.get(25) {
+        Some(2) => 3,
+        Some(4) => 2,
+        Some(6) => 4,
+        _ => 1,
+    };
+    depth * channels
 }
 
 fn decode_one(i: usize, bytes: &[u8]) -> Outcome<Image> {

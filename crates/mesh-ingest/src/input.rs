@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use serde::{Serialize, Serializer};
 
-use crate::container::{self, Target};
+use crate::uri::{self, Bounds, Target};
 
 /// BLAKE3 hash of a file's content; the program `b3sum` prints the same.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -83,7 +83,11 @@ impl Input {
 
     /// The file that a document in folder `base` means by `uri`; `None` where it means none (a data URI, a network address).
     pub fn locate(base: &Path, uri: &str) -> Option<PathBuf> {
-        match container::resolve(uri, Some(base), "") {
+        let bounds = Bounds {
+            base: Some(base),
+            outside: true,
+        };
+        match uri::resolve(uri, bounds, "") {
             Ok(Target::File(file)) => Some(file),
             _ => None,
         }

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::document::{Document, ImageSource};
-use crate::error::{Error, Fault, Faults, Outcome};
+use crate::error::{Error, Fault, Faults, Kind, Outcome};
 use crate::extras::SurfaceExtras;
 use crate::files::MemoryDocument;
 use crate::geometry;
@@ -37,7 +37,7 @@ pub struct Loaded {
 /// See [`Error`]; all problems found are reported together. A document whose chosen scene has no sound triangle is
 /// [`Error::NoTriangles`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
-    read(Document::open(path, &options.limits)?, options)
+    read(Document::open(path, options)?, options)
 }
 
 /// As [`load`], of a document in memory. Nothing is read from disk unless it was given a folder.
@@ -45,7 +45,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
 /// # Errors
 /// As [`load`]; what its resolver could not give is [`Error::Io`].
 pub fn load_memory(document: &MemoryDocument, options: &LoadOptions) -> Result<Loaded, Error> {
-    read(Document::in_memory(document, &options.limits)?, options)
+    read(Document::in_memory(document, options)?, options)
 }
 
 fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> {
@@ -88,9 +88,9 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
         });
     }
     check_writable(&document, &scene, &mut faults);
+    note_missing_images(&mut document, &needed, &mut faults, &mut report);
     faults.check(path)?;
     settle_alpha(&mut scene, &used_materials, &mut report);
-    warn_missing_images(&document, &needed, &mut report);
     report.files = document.input_uris();
     report.totals = totals(&scene);
     tracing::debug!(totals = ?report.totals, counts = ?report.counts, "ingested {}", path.display());
@@ -485,18 +485,35 @@ fn used_positions(mesh: &Mesh) -> Vec<Vec3> {
 }
 
 /// Images that light does not need may be missing, but who writes the document back will want to know.
-fn warn_missing_images(document: &Document, needed: &BTreeSet<usize>, report: &mut IngestReport) {
+/// Notes images that cannot be read and that light does not need. Writers leave their URIs as they are; any other image that they
+/// cannot read was lost since.
+fn note_missing_images(
+    document: &mut Document,
+    needed: &BTreeSet<usize>,
+    faults: &mut Faults,
+    report: &mut IngestReport,
+) {
     let count = document.root().len_of("images").unwrap_or(0);
     for i in (0..count).filter(|i| !needed.contains(i)) {
-        if let Ok(ImageSource::File(file)) = document.image(i)
-            && !document.files.has(&file)
-        {
-            report.count("images.missing", 1);
-            report.warn(
-                format!("images[{i}]"),
-                "its file is missing; no material needs it",
-            );
-        }
+        let why = match document.image(i) {
+            Ok(ImageSource::File(file)) => match document.files.check(&file) {
+                Ok(()) => continue,
+                Err(e) => format!("its file cannot be read: {e}"),
+            },
+            Ok(ImageSource::Embedded(_)) => continue,
+            // What names nothing that is read may stay, what leads out of the folder not: it would be lost in silence.
+            Err(fault) if matches!(fault.kind, Kind::Unsupported) => fault.problem.to_string(),
+            Err(fault) => {
+                faults.push(fault);
+                continue;
+            }
+        };
+        document.missing.insert(i);
+        report.count("images.missing", 1);
+        report.warn(
+            format!("images[{i}]"),
+            format!("{why}; no material needs it"),
+        );
     }
 }
 

@@ -5,6 +5,9 @@
 pub struct LoadOptions {
     /// Which of the document's scenes; `None` for the one that it names, else the first, else all root nodes.
     pub scene: Option<usize>,
+    /// Whether `..` and links may lead to files outside of the document's folder. What is written holds the files that a document
+    /// names, so a document of unknown origin could carry off any file that this process can read. Absolute paths are never followed.
+    pub allow_outside: bool,
     /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of exhausting the machine.
     pub limits: Limits,
 }
@@ -26,8 +29,8 @@ pub struct Limits {
     pub triangles: u64,
     /// Placed meshes.
     pub instances: u64,
-    /// Pixels of all decoded images together.
-    pub image_pixels: u64,
+    /// Bytes of all decoded images together, four a pixel.
+    pub image_bytes: u64,
 }
 
 impl Default for Limits {
@@ -40,7 +43,7 @@ impl Default for Limits {
             geometry_bytes: 6 << 30,
             triangles: 1 << 26,
             instances: 1 << 22,
-            image_pixels: 1 << 29,
+            image_bytes: 1 << 30,
         }
     }
 }

@@ -158,7 +158,7 @@ impl<'a> Editor<'a> {
 
     /// Embeds images, writes compressed views plain, drops what nothing refers to, and assembles the file.
     pub fn finish(mut self) -> Result<(Vec<u8>, Finished)> {
-        let done = self.embed_images();
+        let done = self.embed_images()?;
         for view in elements_mut(&mut self.json, "bufferViews") {
             remove_extensions(
                 view,
@@ -188,8 +188,9 @@ impl<'a> Editor<'a> {
         Ok((glb::assemble(&self.json, &bin)?, done))
     }
 
-    /// Turns files and data URIs into buffer views. An image that cannot be read or is of no known kind keeps its URI.
-    fn embed_images(&mut self) -> Finished {
+    /// Turns files and data URIs into buffer views. An image that could not be read when the document was, or is of no known kind,
+    /// keeps its URI; one that is gone since then is an error.
+    fn embed_images(&mut self) -> Result<Finished> {
         let mut done = Finished::default();
         let count = self
             .json
@@ -203,7 +204,11 @@ impl<'a> Editor<'a> {
             {
                 continue;
             }
-            let read = self.document.image_bytes(i).ok().map(|b| b.into_owned());
+            let read = match self.document.image_bytes(i) {
+                Ok(bytes) => Some(bytes.into_owned()),
+                Err(_) if self.document.image_is_missing(i) => None,
+                Err(e) => return Err(e.into()),
+            };
             let declared = self.json["images"][i]
                 .get("mimeType")
                 .and_then(Value::as_str)
@@ -225,7 +230,7 @@ impl<'a> Editor<'a> {
             }
             done.images_embedded += 1;
         }
-        done
+        Ok(done)
     }
 
     /// Takes extensions that the document used and the output does not (compression written plain, copies expanded) from the

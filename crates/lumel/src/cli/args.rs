@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
+    Bounds, Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
     ProbeSource, Quality, Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
 };
 
@@ -50,6 +50,8 @@ pub(crate) struct Bake {
     pub output: PathBuf,
     #[command(flatten)]
     pub plan: Plan,
+    #[command(flatten)]
+    pub bounds: BoundsArgs,
     #[command(flatten)]
     pub config: ConfigArgs,
     /// How much work the bake is worth [default: preview]
@@ -181,6 +183,8 @@ pub(crate) struct Inspect {
     #[command(flatten)]
     pub plan: Plan,
     #[command(flatten)]
+    pub bounds: BoundsArgs,
+    #[command(flatten)]
     pub config: ConfigArgs,
     /// Print JSON
     #[arg(long)]
@@ -191,6 +195,31 @@ pub(crate) struct Inspect {
     /// What the pictures show
     #[arg(long, value_enum, default_value = "charts", requires = "pictures")]
     pub paint: PaintArg,
+}
+
+/// What is refused. Not in the file of settings: whoever made the scene may have made that too.
+#[derive(Debug, Args)]
+pub(crate) struct BoundsArgs {
+    /// Let `..` and links in the document lead to files outside of its folder, which the results then hold; absolute paths never do
+    #[arg(long)]
+    pub allow_outside: bool,
+    /// Refuse pictures that take more memory than this once decoded, the scene's together or the sky's, e.g. 4G [default: 1G]
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    pub max_image: Option<u64>,
+    /// Refuse, before light is computed, a bake that would need more memory than this by its estimate (within a factor of 1.3), e.g. 4G
+    #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
+    pub memory: Option<u64>,
+}
+
+impl From<&BoundsArgs> for Bounds {
+    fn from(a: &BoundsArgs) -> Bounds {
+        let default = Bounds::default();
+        Bounds {
+            allow_outside: a.allow_outside,
+            max_image: a.max_image.unwrap_or(default.max_image),
+            memory: a.memory,
+        }
+    }
 }
 
 /// What decides the atlas.
@@ -471,6 +500,7 @@ impl Bake {
         let sky = sky.map_err(lumel::Error::Setting)?;
         let mut out = self.config.layered(&self.scene)?;
         self.plan.apply(&mut out);
+        out.settings.bounds = Bounds::from(&self.bounds);
         out.put(Flag, "quality", self.quality, |s, x| s.quality = x.into());
         out.put(Flag, "error", self.error, |s, x| s.error = Some(x));
         out.put(Flag, "sky", sky, |s, x| s.sky = x);
@@ -545,6 +575,7 @@ impl Inspect {
     pub(crate) fn settings(&self) -> Result<Settings, lumel::Error> {
         let mut out = self.config.layered(&self.scene)?;
         self.plan.apply(&mut out);
+        out.settings.bounds = Bounds::from(&self.bounds);
         Ok(out.settings)
     }
 }

@@ -166,6 +166,14 @@ fn bake(
 ) -> Result<Report, Failure> {
     // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit, it goes again.
     let mut set = OutputSet::create(&a.output)?;
+    let left = set.leftovers();
+    if left.files > 0 {
+        display.say(&format!(
+            "  removed   {} temporary files of bakes that were killed, {:.1} MiB",
+            left.files,
+            left.bytes as f64 / f64::from(1 << 20)
+        ));
+    }
     let cache = a.cache.as_ref().map(|folder| lumel::Cache {
         folder: folder.clone(),
         limit: a.cache_size.unwrap_or(lumel::Cache::LIMIT),
@@ -323,13 +331,21 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
         .peak_bytes
         .map(|b| format!(", {} MiB", b >> 20))
         .unwrap_or_default();
+    let gather = &report.gather;
+    let error = if gather.light.estimated_error.is_finite() {
+        format!(
+            "estimated error {:.2} % (median; {:.1} % root mean square)",
+            100.0 * gather.light.median_error,
+            100.0 * gather.light.estimated_error
+        )
+    } else {
+        "no estimate of the error: no lumel has light that could be wrong".into()
+    };
     display.say(&format!(
-        "baked {} in {:.2} s ({:.1} M rays/s{peak}), estimated error {:.2} % (median; {:.1} % root mean square): {}",
+        "baked {} in {:.2} s ({:.1} M rays/s{peak}), {error}: {}",
         report.scene,
         m.seconds,
         m.mrays_per_second,
-        100.0 * report.gather.light.median_error,
-        100.0 * report.gather.light.estimated_error,
         a.output.display()
     ));
 }

@@ -4,12 +4,12 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::io::Read;
+use std::io::ErrorKind;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
-use lumel::mesh_ingest::Digest;
+use lumel::mesh_ingest::{Digest, read_regular};
 use lumel::{
     GltfExt, LightGroup, LightScale, Origin, ProbeSource, Provenance, Settings, SkySource, Sun,
 };
@@ -97,15 +97,10 @@ impl ConfigFile {
             message,
             io,
         };
-        let mut bytes = Vec::new();
-        let file = std::fs::File::open(&path).map_err(|e| fail(format!(": {e}"), true))?;
-        file.take(MAX_BYTES + 1)
-            .read_to_end(&mut bytes)
-            .map_err(|e| fail(format!(": {e}"), true))?;
-        if bytes.len() as u64 > MAX_BYTES {
-            let message = format!(": found more than {MAX_BYTES} bytes, expected settings");
-            return Err(fail(message, false));
-        }
+        let bytes = read_regular(&path, MAX_BYTES).map_err(|e| {
+            let io = e.kind() != ErrorKind::FileTooLarge;
+            fail(format!(": {e}"), io)
+        })?;
         let text = String::from_utf8(bytes).map_err(|e| {
             let at = e.utf8_error().valid_up_to();
             fail(

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use lumel::Monitor;
-use lumel::atlas_bake::TEMPORARY_PREFIX;
+use lumel::atlas_bake::remove_own_temporaries;
 
 static CANCELLED: AtomicBool = AtomicBool::new(false);
 /// Files are being renamed: milliseconds that should not be cut in two.
@@ -28,7 +28,8 @@ impl Monitor for Cancel {
     }
 }
 
-/// Runs `work` with Ctrl-C (and SIGTERM) under control. Temporaries in `output` are removed should the process have to end by force.
+/// Runs `work` with Ctrl-C (and SIGTERM) under control. This process's temporaries, and `output` where it is empty, are removed should
+/// it have to end by force.
 pub(crate) fn under_control<T>(output: Option<PathBuf>, work: impl FnOnce() -> T) -> T {
     if let Ok(mut slot) = OUTPUT.lock() {
         *slot = output;
@@ -68,21 +69,9 @@ pub(crate) fn committing<T>(work: impl FnOnce() -> T) -> T {
 }
 
 fn remove_temporaries() {
-    let Some(dir) = OUTPUT.lock().ok().and_then(|slot| slot.clone()) else {
-        return;
-    };
-    let Ok(entries) = std::fs::read_dir(&dir) else {
-        return;
-    };
-    for entry in entries.flatten() {
-        if entry
-            .file_name()
-            .to_string_lossy()
-            .starts_with(TEMPORARY_PREFIX)
-        {
-            let _ = std::fs::remove_file(entry.path());
-        }
+    remove_own_temporaries();
+    if let Some(dir) = OUTPUT.lock().ok().and_then(|slot| slot.clone()) {
+        // Only an empty folder goes.
+        let _ = std::fs::remove_dir(&dir);
     }
-    // Only an empty folder goes.
-    let _ = std::fs::remove_dir(&dir);
 }

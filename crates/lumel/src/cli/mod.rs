@@ -12,13 +12,14 @@ mod report;
 mod unchanged;
 mod view;
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
 use lumel::atlas_bake::OutputSet;
-use lumel::mesh_ingest::printable;
+use lumel::mesh_ingest::printable_within;
 
 use args::{Arguments, Command};
 
@@ -93,10 +94,28 @@ pub(crate) fn run() -> ExitCode {
     }
 }
 
-/// `text` of several lines without what a terminal obeys: names of documents and files are in it.
+/// Warns on stderr of bakes in `folder` whose files do not belong together.
+fn warn_of_strangers(folder: &lumel::BakeFolder) {
+    for stem in folder.bakes() {
+        if let Some(text) = folder.disagreement(&stem) {
+            let _ = writeln!(std::io::stderr(), "warning: {}", line(&text));
+        }
+    }
+}
+
+/// Longest line that is said: a path of the longest that systems allow fits.
+const LINE: usize = 5000;
+
+/// One line for people, without what a terminal obeys: names of documents and files are in it.
+fn line(text: &str) -> Cow<'_, str> {
+    printable_within(text, LINE)
+}
+
+/// An error's message. Its further lines are indented; any other line break is a name's.
 fn lines(text: &str) -> String {
-    let lines: Vec<_> = text.split('\n').map(printable).collect();
-    lines.join("\n")
+    let mut parts = text.split("\n  ").map(line);
+    let first = parts.next().unwrap_or_default().into_owned();
+    parts.fold(first, |all, part| all + "\n  " + &part)
 }
 
 /// Writes all or nothing.
@@ -133,7 +152,7 @@ fn inspect(a: &args::Inspect) -> Result<(), Failure> {
         let text = serde_json::to_string_pretty(&report).unwrap_or_default();
         writeln!(out, "{text}")?;
     } else {
-        out.write_all(lines(&report.to_text()).as_bytes())?;
+        out.write_all(report.to_text().as_bytes())?;
     }
     Ok(())
 }

@@ -5,7 +5,6 @@ use std::sync::Mutex;
 use std::time::Instant;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use lumel::mesh_ingest::printable;
 use lumel::{Monitor, Phase};
 
 use super::interrupt;
@@ -47,7 +46,7 @@ impl Display {
         if self.quiet {
             return;
         }
-        let line = printable(line);
+        let line = super::line(line);
         match &self.bar {
             Some(bar) => bar.suspend(|| {
                 let _ = writeln!(std::io::stderr(), "{line}");

@@ -35,6 +35,7 @@ pub(crate) fn run(a: &Report) -> Result<(), Failure> {
     let pages = (bakes.iter())
         .map(|stem| Ok((stem, report_page(&folder, stem)?)))
         .collect::<Result<Vec<_>, lumel::Error>>()?;
+    super::warn_of_strangers(&folder);
     match &a.output {
         Some(path) if path == Path::new("-") => {
             for (_, page) in &pages {

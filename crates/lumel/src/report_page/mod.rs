@@ -38,9 +38,16 @@ pub fn report_page(folder: &BakeFolder, stem: &str) -> Result<String, Error> {
         report: &report,
     };
     let maps = pictures::maps(&source)?;
+    let strangers = (folder.disagreement(stem))
+        .map(|d| format!("<p class=\"mark\">{}</p>\n", escape(&d)))
+        .unwrap_or_default();
     let sections = [
         ("summary", "Summary", sections::summary(&source)),
-        ("problems", "Problems", problems::section(&report)),
+        (
+            "problems",
+            "Problems",
+            strangers + &problems::section(&report),
+        ),
         ("lightmaps", "Lightmaps", maps.lightmaps),
         ("error", "Estimated error", maps.error),
         ("solve", "Solve and energy", sections::solve(&report)),

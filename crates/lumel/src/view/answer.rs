@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
+use mesh_ingest::open_regular;
 use percent_encoding::percent_decode_str;
 use serde_json::{Value, json};
 
@@ -116,9 +117,7 @@ impl Answers {
             "/api/manifest" => self.about(&query, |f, bake| {
                 // Read as a manifest first: the page need not check what the server does.
                 f.manifest(bake)?;
-                let path = f.expect_file(&format!("{bake}.lightmap.json"))?;
-                let bytes = std::fs::read(path).unwrap_or_default();
-                Ok(serde_json::from_slice(&bytes).unwrap_or_default())
+                f.json(&format!("{bake}.lightmap.json"))
             }),
             "/api/plane" => self.plane(&query),
             path => {
@@ -240,7 +239,7 @@ fn own(name: &str, gzip: bool) -> Reply {
 }
 
 fn send(path: &Path, name: &str, range: Option<&str>) -> std::io::Result<Reply> {
-    let mut file = File::open(path)?;
+    let mut file = open_regular(path)?;
     let size = file.metadata()?.len();
     let reply = |status, file, length| {
         Reply::new(status, media_type(name), Body::File(file, length))

@@ -3,15 +3,16 @@
 //! Browsers open connections ahead and leave them idle. Each has a thread of its own here, so none waits for another, and nothing is
 //! kept alive, so a page never queues behind a connection that the browser holds open.
 
+use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::answer::{Answers, Ask, Reply};
 
-/// Connections at once; further ones wait in the system's queue. Browsers open six to a host, and some ahead.
+/// Connections at once; for a further one, the one that was silent for longest ends. Browsers open six to a host, and some ahead.
 const CONNECTIONS: usize = 64;
 /// Bytes of request line and headers. Browsers send about one KiB, and up to eight with cookies of other servers on this host.
 const HEAD: usize = 16 << 10;
@@ -25,31 +26,70 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(60);
 /// system drop the answer too.
 const LINGER: (Duration, usize) = (Duration::from_secs(1), 1 << 20);
 
-/// Counts connections.
+/// Counts connections, and knows which of them have not asked for anything yet.
 #[derive(Default)]
 struct Gate {
-    open: Mutex<usize>,
+    state: Mutex<State>,
     freed: Condvar,
 }
 
+#[derive(Default)]
+struct State {
+    open: usize,
+    /// Oldest first.
+    silent: VecDeque<(u64, TcpStream)>,
+    next: u64,
+}
+
 /// One connection's place, given back when dropped.
-struct Pass(Arc<Gate>);
+struct Pass {
+    gate: Arc<Gate>,
+    number: u64,
+}
 
 impl Gate {
-    fn enter(self: &Arc<Gate>) -> Pass {
-        let open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut open = (self.freed)
-            .wait_while(open, |n| *n >= CONNECTIONS)
+    /// Waits for a place. Where all are taken, the connection that has been silent for longest ends: whoever opens many and says nothing
+    /// must not keep others out.
+    fn enter(self: &Arc<Gate>, stream: &TcpStream) -> Pass {
+        let mut state = self.lock();
+        if state.open >= CONNECTIONS
+            && let Some((_, oldest)) = state.silent.pop_front()
+        {
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        let mut state = (self.freed)
+            .wait_while(state, |s| s.open >= CONNECTIONS)
             .unwrap_or_else(PoisonError::into_inner);
-        *open += 1;
-        Pass(self.clone())
+        state.open += 1;
+        state.next += 1;
+        let number = state.next;
+        // Without descriptors left it cannot be ended early, and ends by itself.
+        state
+            .silent
+            .extend(stream.try_clone().ok().map(|s| (number, s)));
+        Pass {
+            gate: self.clone(),
+            number,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Pass {
+    /// The connection has said what it wants.
+    fn asked(&self) {
+        self.gate.lock().silent.retain(|(n, _)| *n != self.number);
     }
 }
 
 impl Drop for Pass {
     fn drop(&mut self) {
-        *(self.0.open).lock().unwrap_or_else(PoisonError::into_inner) -= 1;
-        self.0.freed.notify_one();
+        self.asked();
+        self.gate.lock().open -= 1;
+        self.gate.freed.notify_one();
     }
 }
 
@@ -57,7 +97,6 @@ impl Drop for Pass {
 pub(super) fn serve(listener: &TcpListener, answers: &Arc<Answers>, stopping: &AtomicBool) {
     let gate = Arc::new(Gate::default());
     loop {
-        let pass = gate.enter();
         let accepted = listener.accept();
         if stopping.load(Ordering::SeqCst) {
             return;
@@ -67,24 +106,25 @@ pub(super) fn serve(listener: &TcpListener, answers: &Arc<Answers>, stopping: &A
             std::thread::sleep(Duration::from_millis(20));
             continue;
         };
+        let pass = gate.enter(&stream);
         let answers = answers.clone();
         // Where no thread can be had the connection is dropped, and the browser tries again.
         let _ = std::thread::Builder::new().spawn(move || {
             // A client that went away is no failure of ours.
-            let _ = connection(&stream, &answers);
+            let _ = connection(&stream, &answers, &pass);
             drop(pass);
         });
     }
 }
 
 /// One request.
-fn connection(stream: &TcpStream, answers: &Answers) -> io::Result<()> {
+fn connection(stream: &TcpStream, answers: &Answers, pass: &Pass) -> io::Result<()> {
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(WRITE_PATIENCE))?;
     let deadline = Instant::now() + PATIENCE;
     let mut reader = Until { stream, deadline };
     let mut writer = stream;
-    exchange(&mut reader, &mut writer, answers)?;
+    exchange(&mut reader, &mut writer, answers, pass)?;
     stream.shutdown(Shutdown::Write)?;
     reader.deadline = Instant::now() + LINGER.0;
     io::copy(&mut reader.take(LINGER.1 as u64), &mut io::sink())?;
@@ -110,7 +150,12 @@ impl Read for Until<'_> {
 }
 
 /// Reads a request's head and writes its answer.
-fn exchange(reader: &mut impl Read, writer: &mut impl Write, answers: &Answers) -> io::Result<()> {
+fn exchange(
+    reader: &mut impl Read,
+    writer: &mut impl Write,
+    answers: &Answers,
+    pass: &Pass,
+) -> io::Result<()> {
     let mut head = vec![0; HEAD];
     let mut filled = 0;
     loop {
@@ -124,6 +169,7 @@ fn exchange(reader: &mut impl Read, writer: &mut impl Write, answers: &Answers) 
         let mut request = httparse::Request::new(&mut headers);
         match request.parse(&head[..filled]) {
             Ok(httparse::Status::Complete(_)) => {
+                pass.asked();
                 let method = request.method.unwrap_or_default();
                 return send(writer, method != "HEAD", answer(&request, method, answers));
             }

@@ -56,6 +56,11 @@ impl Viewer {
         format!("http://{}/", self.address)
     }
 
+    /// The folder that is shown.
+    pub fn folder(&self) -> &BakeFolder {
+        &self.answers.folder
+    }
+
     /// Names of the bakes in the folder.
     pub fn bakes(&self) -> Vec<String> {
         self.answers.folder.bakes()

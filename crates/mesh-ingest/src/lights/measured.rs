@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-use crate::container::Target;
 use crate::document::Document;
 use crate::error::{Fault, Outcome};
 use crate::ies;
@@ -14,6 +13,7 @@ use crate::nodes::Placed;
 use crate::options::MAX_COORDINATE;
 use crate::report::IngestReport;
 use crate::scene::{Light, LightKind, PlacedProfile, Profile};
+use crate::uri::Target;
 
 /// The profiles read so far, each file once.
 #[derive(Debug, Default)]

@@ -176,3 +176,93 @@ fn compressed_views_without_data_name_their_buffer() {
     doc.json["bufferViews"][0] = json!({"buffer": placeholder, "byteLength": 36});
     assert_eq!(paths(doc.load()), [format!("buffers[{placeholder}]")]);
 }
+
+/// A document could carry off any file that the process can read: its bytes are in what is written.
+#[test]
+fn uris_stay_in_the_documents_folder_unless_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let inner = folder.path().join("level");
+    std::fs::create_dir_all(inner.join("sub")).unwrap();
+    let doc = Doc::with_triangles(&UNIT);
+    let secret = folder.path().join("secret.bin");
+    for file in [&secret, &inner.join("a.bin"), &inner.join("..b")] {
+        std::fs::write(file, &doc.bin).unwrap();
+    }
+    let file = inner.join("scene.gltf");
+    let load_uri = |uri: &str, allow_outside| {
+        let mut json = doc.json.clone();
+        json["buffers"][0] = json!({"byteLength": doc.bin.len(), "uri": uri});
+        std::fs::write(&file, json.to_string()).unwrap();
+        let options = LoadOptions {
+            allow_outside,
+            ..LoadOptions::default()
+        };
+        load(&file, &options).map(drop).map_err(|e| e.to_string())
+    };
+    for uri in ["a.bin", "./a.bin", "sub/../a.bin", "..b", "sub/.././a.bin"] {
+        assert_eq!(load_uri(uri, false), Ok(()), "{uri}");
+    }
+    let absolute = secret.to_str().unwrap();
+    let encoded = absolute.replacen('/', "%2F", 1);
+    let mut out = vec!["../secret.bin", "sub/../../secret.bin", "%2e%2e/secret.bin"];
+    if cfg!(unix) {
+        std::os::unix::fs::symlink("../secret.bin", inner.join("link.bin")).unwrap();
+        std::os::unix::fs::symlink("..", inner.join("up")).unwrap();
+        out.extend(["link.bin", "up/secret.bin"]);
+        std::os::unix::fs::symlink("a.bin", inner.join("near.bin")).unwrap();
+        assert_eq!(load_uri("near.bin", false), Ok(()));
+    }
+    for uri in &out {
+        let error = load_uri(uri, false).expect_err(uri);
+        assert!(error.contains("--allow-outside"), "{uri}: {error}");
+        assert_eq!(load_uri(uri, true), Ok(()), "{uri}");
+    }
+    // Whether the file exists is not told either.
+    assert!(
+        load_uri("../none.bin", false)
+            .unwrap_err()
+            .contains("--allow-outside")
+    );
+    for uri in [absolute, &encoded] {
+        for allowed in [false, true] {
+            let error = load_uri(uri, allowed).expect_err(uri);
+            assert!(error.contains("absolute"), "{uri}: {error}");
+        }
+    }
+    for uri in [
+        "file:a.bin",
+        "FILE:///a.bin",
+        "c:a.bin",
+        "x-y+z.1:a.bin",
+        "http:a.bin",
+    ] {
+        let error = load_uri(uri, true).expect_err(uri);
+        assert!(
+            error.contains("relative path or a data URI"),
+            "{uri}: {error}"
+        );
+    }
+}
+
+/// Nothing reads them but those who write the document again.
+#[test]
+fn pictures_that_light_does_not_need_stay_in_the_folder_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scene.glb");
+    for (uri, place) in [
+        ("../p.png", true),
+        ("/p.png", true),
+        ("https://a.invalid/p.png", false),
+    ] {
+        let mut doc = Doc::with_triangles(&UNIT);
+        doc.json["images"] = json!([{"uri": uri}]);
+        std::fs::write(&file, doc.glb()).unwrap();
+        let loaded = load(&file, &options());
+        if place {
+            assert_eq!(paths(loaded), ["images[0].uri"], "{uri}");
+        } else {
+            let loaded = loaded.expect("it is left as it is");
+            assert_eq!(loaded.report.warnings.len(), 1);
+        }
+    }
+}

@@ -369,9 +369,9 @@ fn the_pixel_limit_counts_a_skys_faces() {
         &black(8),
         json!({"irradianceCoefficients": coefficients(SOFT_SKY)}),
     );
-    let with = |image_pixels| LoadOptions {
+    let with = |pixels: u64| LoadOptions {
         limits: Limits {
-            image_pixels,
+            image_bytes: 4 * pixels,
             ..Limits::default()
         },
         ..LoadOptions::default()

@@ -81,10 +81,31 @@ fn loops_and_second_parents_are_refused() {
     doc.json["nodes"][a]["children"] = json!([b]);
     assert_eq!(paths(doc.load()), ["nodes[1]"]);
     doc.json["nodes"][a]["children"] = json!([]);
-    doc.json["nodes"][0]["children"] = json!([a]);
+    doc.json["nodes"][0]["children"] = json!([a, b]);
     assert_eq!(paths(doc.load()), ["nodes[2].children[0]"]);
     doc.json["nodes"][b]["children"] = json!([b + 1]);
     assert_eq!(paths(doc.load()), ["nodes[2].children[0]"]);
+    // A root of the scene below another.
+    doc.json["nodes"][b]["children"] = json!([]);
+    doc.json["scenes"][0]["nodes"] = json!([0, b]);
+    assert_eq!(paths(doc.load()), ["scenes[0].nodes[1]"]);
+}
+
+/// An engine's own examples leave such parents behind; the validator calls it an error.
+#[test]
+fn parents_outside_of_the_scene_are_not_parents() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let leaf = doc.node(json!({"mesh": 0}));
+    let unused = doc.node(json!({"children": [0, leaf], "translation": [9, 9, 9]}));
+    doc.json["nodes"][0]["children"] = json!([leaf]);
+    let loaded = doc.load().expect("unused nodes do no harm");
+    assert_eq!(loaded.scene.instances.len(), 2);
+    let warned: Vec<_> = loaded.report.warnings.iter().map(|w| &w.path).collect();
+    let places = [0, 1].map(|k| format!("nodes[{unused}].children[{k}]"));
+    assert_eq!(warned, places.iter().collect::<Vec<_>>());
+    let other = doc.node(json!({"children": [unused]}));
+    doc.json["nodes"][unused]["children"] = json!([other]);
+    assert_eq!(paths(doc.load()), [format!("nodes[{unused}]")]);
 }
 
 /// Each of these made the walk run for ever, or until memory ended.

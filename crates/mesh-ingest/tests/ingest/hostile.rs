@@ -255,3 +255,75 @@ fn jpegs_that_cannot_hold_their_pixels_are_refused_undecoded() {
         "{error}"
     );
 }
+
+/// Their decoders take memory for all pixels first.
+#[test]
+fn pngs_that_cannot_hold_their_pixels_are_refused_undecoded() {
+    let load = |side: [u32; 2]| {
+        let picture = image::GrayImage::from_pixel(64, 64, image::Luma([9]));
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let png = image::ImageFormat::Png;
+        picture.write_to(&mut bytes, png).expect("memory takes all");
+        let mut bytes = bytes.into_inner();
+        for (k, side) in side.iter().enumerate() {
+            bytes[16 + 4 * k..][..4].copy_from_slice(&side.to_be_bytes());
+        }
+        let sum = crc32(&bytes[12..29]);
+        bytes[29..33].copy_from_slice(&sum.to_be_bytes());
+        let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
+        let mut doc = textured(material, None);
+        let view = doc.view(&bytes);
+        doc.push("images", json!({"bufferView": view}));
+        doc.push("textures", json!({"source": 0}));
+        doc.load()
+    };
+    load([64, 64]).expect("it holds 64 × 64");
+    for (side, words) in [
+        ([8192, 8192], "8192 × 8192 pixels in"),
+        ([65535, 65535], "65535 × 65535 pixels"),
+    ] {
+        let error = load(side).expect_err("it does not hold that");
+        assert_eq!(error.exit_code(), 3);
+        assert!(error.to_string().contains(words), "{error}");
+    }
+}
+
+/// The checksum of PNG's chunks, bit by bit (PNG specification, annex D).
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0u32, |sum, byte| {
+        (0..8).fold(sum ^ u32::from(*byte), |s, _| {
+            (s >> 1) ^ (0xedb8_8320 & (s & 1).wrapping_neg())
+        })
+    })
+}
+
+#[test]
+fn images_share_one_budget_by_their_headers() {
+    let picture = image::GrayImage::from_pixel(64, 64, image::Luma([9]));
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture
+        .write_to(&mut bytes, image::ImageFormat::Png)
+        .expect("memory takes all");
+    let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+        "emissiveTexture": {"index": 1}, "emissiveFactor": [1, 1, 1]});
+    let mut doc = textured(material, None);
+    for _ in 0..2 {
+        let view = doc.view(bytes.get_ref());
+        let image = doc.push("images", json!({"bufferView": view}));
+        doc.push("textures", json!({"source": image}));
+    }
+    let with = |image_bytes| {
+        let limits = Limits {
+            image_bytes,
+            ..Limits::default()
+        };
+        let options = LoadOptions {
+            limits,
+            ..LoadOptions::default()
+        };
+        load_bytes(&doc.glb(), &options).map(drop)
+    };
+    with(2 * 4 * 64 * 64).expect("as much as they take");
+    let error = with(2 * 4 * 64 * 64 - 1).expect_err("a byte less");
+    assert!(error.to_string().contains("--max-image"), "{error}");
+}

@@ -1,0 +1,286 @@
+//! Damaged inputs by the thousand: whatever is read, the end is a result that holds what is promised, or one error.
+//!
+//! In brief with the other tests; `tools/fuzz.sh MINUTES` runs the same for as long as it is told, from another seed each time, and
+//! says what it did. What it finds lies beside the program under `fuzz/`, and is to become a test where its cause is.
+
+mod mutate;
+mod seeds;
+mod targets;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use image::ImageFormat;
+use lumel::view::Viewer;
+use serde_json::Value;
+
+use mutate::Random;
+use seeds::Level;
+use targets::{Outcome, Place};
+
+/// What any one input may take. The slowest seed takes 50 ms; the rest is for machines that do other things too.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// How long and from where.
+struct Plan {
+    /// Executions of a target when nothing is said.
+    brief: usize,
+    /// Time for each target, from `LUMEL_FUZZ_SECONDS`.
+    seconds: Option<f64>,
+    seed: u64,
+}
+
+impl Plan {
+    fn of(brief: usize) -> Plan {
+        let variable = |name: &str| std::env::var(name).ok()?.parse::<f64>().ok();
+        Plan {
+            brief,
+            seconds: variable("LUMEL_FUZZ_SECONDS"),
+            seed: variable("LUMEL_FUZZ_SEED").unwrap_or(1.0) as u64,
+        }
+    }
+}
+
+thread_local! {
+    /// Inputs are small: handing parts of them to other threads takes longer than reading them.
+    static ALONE: rayon::ThreadPool = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .use_current_thread()
+        .build()
+        .expect("a pool of this thread");
+}
+
+fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    ALONE.with(|pool| pool.install(work))
+}
+
+/// Runs `target` on what `damage` makes, and fails at the end with all that went wrong.
+fn run(
+    name: &str,
+    brief: usize,
+    mut damage: impl FnMut(&mut Random) -> Vec<u8>,
+    target: impl Fn(&[u8]) -> Outcome + Sync,
+) {
+    let plan = Plan::of(brief);
+    let found = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("fuzz");
+    std::fs::create_dir_all(&found).expect("Cargo's own folder");
+    let mut random = Random(plan.seed);
+    let (start, mut done, mut read, mut worst) = (Instant::now(), 0usize, 0usize, Duration::ZERO);
+    let mut wrong = Vec::new();
+    loop {
+        let more = match plan.seconds {
+            None => done < plan.brief,
+            Some(seconds) => start.elapsed().as_secs_f64() < seconds,
+        };
+        if !more || wrong.len() >= 10 {
+            break;
+        }
+        let input = damage(&mut random);
+        if plan.seconds.is_some() {
+            // For what ends the process or never comes back.
+            std::fs::write(found.join(format!("{name}.last")), &input).expect("written");
+        }
+        let began = Instant::now();
+        let outcome = catch_unwind(AssertUnwindSafe(|| alone(|| target(&input))));
+        let took = began.elapsed();
+        worst = worst.max(took);
+        done += 1;
+        read += usize::from(matches!(outcome, Ok(Ok(()))));
+        if outcome.is_err() || took > PATIENCE {
+            let path = found.join(format!("{name}.{}.{done}", plan.seed));
+            std::fs::write(&path, &input).expect("written");
+            wrong.push(format!("{} after {took:?}", path.display()));
+        }
+    }
+    if plan.seconds.is_some() {
+        let peak = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+        let peak = peak.lines().find(|l| l.starts_with("VmHWM")).unwrap_or("");
+        say(&format!(
+            "{name:<10} {done:>9} executions, {read:>9} read, {:>7.0}/s, longest {worst:?}, {} wrong, {peak}",
+            done as f64 / start.elapsed().as_secs_f64(),
+            wrong.len()
+        ));
+    }
+    assert!(wrong.is_empty(), "{name}: {wrong:#?}");
+    // A target that refuses everything looks at nothing; one that refuses nothing is given no damage.
+    assert!(
+        read > 0 && read < done,
+        "{name}: {read} of {done} were read"
+    );
+}
+
+#[allow(
+    clippy::print_stderr,
+    reason = "tells whoever runs the campaign what was done"
+)]
+fn say(line: &str) {
+    eprintln!("{line}");
+}
+
+fn place() -> (tempfile::TempDir, Place) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let place = Place(folder.path().to_owned());
+    (folder, place)
+}
+
+/// Small documents of the folder that `LUMEL_FUZZ_SEEDS` names: compressed ones, for instance, which nothing here can make.
+fn further() -> Vec<Vec<u8>> {
+    let folder = std::env::var_os("LUMEL_FUZZ_SEEDS").map(PathBuf::from);
+    let entries = folder.and_then(|f| std::fs::read_dir(f).ok());
+    let mut paths: Vec<_> = entries
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|e| e.path())
+        .collect();
+    paths.retain(|p| p.extension().is_some_and(|e| e == "glb"));
+    // The seed decides what is done, not the order on disk.
+    paths.sort();
+    let read = paths.iter().filter_map(|p| std::fs::read(p).ok());
+    read.filter(|bytes| bytes.len() < 100_000).collect()
+}
+
+/// Damages the bytes of one of `seeds`.
+fn of_bytes(seeds: Vec<Vec<u8>>) -> impl FnMut(&mut Random) -> Vec<u8> {
+    move |random| {
+        let (seed, other) = (random.pick(&seeds), random.pick(&seeds));
+        mutate::bytes(random, &seed, &other)
+    }
+}
+
+/// Damages the tree of a document.
+fn of_tree(level: Level) -> impl FnMut(&mut Random) -> Vec<u8> {
+    move |random| {
+        let json = mutate::tree(random, &level.json);
+        let bin = level.bin.clone();
+        Level { json, bin }.glb()
+    }
+}
+
+/// Damages the tree of some JSON, or its text.
+fn of_json(text: &[u8]) -> impl FnMut(&mut Random) -> Vec<u8> + use<> {
+    let value: Value = serde_json::from_slice(text).expect("a sound seed");
+    let text = text.to_vec();
+    move |random| match random.below(3) {
+        0 => mutate::bytes(random, &text, &text),
+        _ => mutate::tree(random, &value).to_string().into_bytes(),
+    }
+}
+
+#[test]
+fn containers() {
+    let (_folder, place) = place();
+    let mut seeds = vec![
+        seeds::level().glb(),
+        seeds::with_files(&[], &seeds::ies()).glb(),
+    ];
+    seeds.extend(further());
+    run("containers", 3000, of_bytes(seeds), |b| {
+        targets::load(&place, b)
+    });
+}
+
+#[test]
+fn documents() {
+    let (_folder, place) = place();
+    run("documents", 6000, of_tree(seeds::level()), |b| {
+        targets::load(&place, b)
+    });
+}
+
+#[test]
+fn pictures() {
+    let (_folder, place) = place();
+    let seeds = [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP].map(seeds::picture);
+    run("pictures", 3000, of_bytes(seeds.to_vec()), |b| {
+        targets::picture(&place, b)
+    });
+}
+
+#[test]
+fn lamps() {
+    let (_folder, place) = place();
+    run("lamps", 3000, of_bytes(vec![seeds::ies()]), |b| {
+        targets::ies(&place, b)
+    });
+}
+
+#[test]
+fn maps() {
+    let (_folder, place) = place();
+    let files = targets::finished(&place);
+    let exr = |(name, bytes): (String, Vec<u8>)| name.ends_with(".exr").then_some(bytes);
+    let seeds: Vec<_> = files.into_iter().filter_map(exr).collect();
+    run("maps", 1000, of_bytes(seeds), |b| targets::exr(&place, b));
+}
+
+#[test]
+fn skies() {
+    let (_folder, place) = place();
+    run("skies", 60, of_bytes(vec![seeds::hdr()]), |b| {
+        targets::hdr(&place, b)
+    });
+}
+
+#[test]
+fn lists_of_points() {
+    let (_folder, place) = place();
+    run("points", 20_000, of_json(&seeds::points()), |b| {
+        targets::points(&place, b)
+    });
+}
+
+#[test]
+fn files_of_settings() {
+    let (_folder, place) = place();
+    run("settings", 60, of_bytes(vec![seeds::settings()]), |b| {
+        targets::settings(&place, b)
+    });
+}
+
+#[test]
+fn manifests_and_reports() {
+    let (_folder, place) = place();
+    let files = targets::finished(&place);
+    let of = |end: &str| {
+        let file = files.iter().find(|(name, _)| name.ends_with(end));
+        file.expect("it is written").1.clone()
+    };
+    let (manifest, report) = (of("lightmap.json"), of("report.json"));
+    run("manifests", 200, of_json(&manifest), |b| {
+        targets::manifest(&place, b)
+    });
+    std::fs::write(place.0.join("level.lightmap.json"), manifest).expect("written");
+    run("reports", 200, of_json(&report), |b| {
+        targets::report(&place, b)
+    });
+}
+
+#[test]
+fn requests() {
+    let (_folder, place) = place();
+    targets::finished(&place);
+    let viewer = Arc::new(Viewer::bind(&place.0, 0).expect("a bake is there"));
+    let url = viewer.url();
+    let address = url
+        .trim_start_matches("http://")
+        .trim_end_matches('/')
+        .to_owned();
+    let server = viewer.clone();
+    let thread = std::thread::spawn(move || server.serve());
+    run("requests", 1000, of_bytes(seeds::requests()), |b| {
+        targets::request(&address, b)
+    });
+    viewer.stop();
+    thread.join().expect("the server ends without a panic");
+}
+
+#[test]
+fn bakes() {
+    let (_folder, place) = place();
+    run("bakes", 60, of_tree(seeds::level()), |b| {
+        targets::bake(&place, b)
+    });
+}

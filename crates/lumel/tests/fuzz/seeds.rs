@@ -1,0 +1,199 @@
+//! What is damaged: small sound inputs of every kind, made here.
+
+use std::fmt::Write;
+use std::io::Cursor;
+
+use image::{ImageFormat, RgbImage};
+use serde_json::{Value, json};
+
+/// A document and the bytes that its views lie in.
+#[derive(Clone)]
+pub struct Level {
+    pub json: Value,
+    pub bin: Vec<u8>,
+}
+
+impl Level {
+    pub fn glb(&self) -> Vec<u8> {
+        let mut text = self.json.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let mut bin = self.bin.clone();
+        bin.resize(bin.len().next_multiple_of(4), 0);
+        let mut out = b"glTF\x02\0\0\0".to_vec();
+        out.extend((28 + text.len() as u32 + bin.len() as u32).to_le_bytes());
+        for (kind, part) in [(b"JSON", &text), (b"BIN\0", &bin)] {
+            out.extend((part.len() as u32).to_le_bytes());
+            out.extend(kind);
+            out.extend(part);
+        }
+        out
+    }
+
+    fn view(&mut self, bytes: &[u8]) -> usize {
+        let at = self.bin.len();
+        self.bin.extend(bytes);
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        self.json["buffers"][0]["byteLength"] = json!(self.bin.len());
+        self.push(
+            "bufferViews",
+            json!({"buffer": 0, "byteOffset": at, "byteLength": bytes.len()}),
+        )
+    }
+
+    fn push(&mut self, key: &str, value: Value) -> usize {
+        if self.json[key].is_null() {
+            self.json[key] = json!([]);
+        }
+        let list = self.json[key].as_array_mut().expect("a list");
+        list.push(value);
+        list.len() - 1
+    }
+
+    fn floats<const N: usize>(&mut self, rows: &[[f32; N]]) -> usize {
+        let bytes: Vec<u8> = rows
+            .iter()
+            .flatten()
+            .flat_map(|x| x.to_le_bytes())
+            .collect();
+        let view = self.view(&bytes);
+        let kind = ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N];
+        self.push(
+            "accessors",
+            json!({"bufferView": view, "componentType": 5126, "count": rows.len(), "type": kind}),
+        )
+    }
+}
+
+/// A floor, a wall above it, a lamp and a glowing square: textured, masked, instanced, animated and morphed in places.
+pub fn level() -> Level {
+    let mut level = Level {
+        json: json!({
+            "asset": {"version": "2.0"}, "scene": 0, "buffers": [{}],
+            "extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_texture_transform"],
+            "extensions": {"KHR_lights_punctual": {"lights": [
+                {"type": "point", "intensity": 5, "name": "lamp"},
+                {"type": "spot", "intensity": 5, "spot": {"outerConeAngle": 1}},
+                {"type": "directional", "intensity": 2, "extras": {"lumel": {"angle": 1}}}]}},
+            "scenes": [{"nodes": [0, 1, 2, 3, 4], "extras": {"lumel": {"density": 1}}}],
+        }),
+        bin: Vec::new(),
+    };
+    let square = [[0f32, 0., 0.], [2., 0., 0.], [2., 0., -2.], [0., 0., -2.]];
+    let position = level.floats(&square);
+    let normal = level.floats(&[[0f32, 1., 0.]; 4]);
+    let uv = level.floats(&[[0f32, 0.], [1., 0.], [1., 1.], [0., 1.]]);
+    let color = level.floats(&[[1f32, 0.5, 0.2, 1.0]; 4]);
+    let moved = level.floats(&[[0f32, 0.1, 0.]; 4]);
+    let copies = level.floats(&[[0f32, 0.5, 0.], [0.5, 1.0, 0.2]]);
+    let corners: Vec<u8> = [0u16, 1, 2, 0, 2, 3]
+        .iter()
+        .flat_map(|x| x.to_le_bytes())
+        .collect();
+    let view = level.view(&corners);
+    let indices = level.push(
+        "accessors",
+        json!({"bufferView": view, "componentType": 5123, "count": 6, "type": "SCALAR"}),
+    );
+    let picture = level.view(&picture(ImageFormat::Png));
+    level.push(
+        "images",
+        json!({"bufferView": picture, "mimeType": "image/png"}),
+    );
+    level.push("samplers", json!({"wrapS": 33071, "magFilter": 9728}));
+    level.push("textures", json!({"source": 0, "sampler": 0}));
+    level.json["materials"] = json!([
+        {"name": "floor", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0,
+            "extensions": {"KHR_texture_transform": {"scale": [2, 2], "offset": [0.1, 0]}}}}},
+        {"name": "glow", "emissiveFactor": [1, 0.5, 0.2], "doubleSided": true},
+        {"name": "leaf", "alphaMode": "MASK", "alphaCutoff": 0.5,
+            "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]);
+    let whole = json!({"POSITION": position, "NORMAL": normal, "TEXCOORD_0": uv, "COLOR_0": color});
+    level.json["meshes"] = json!([
+        {"primitives": [{"attributes": whole, "indices": indices, "material": 0,
+            "targets": [{"POSITION": moved}]}], "weights": [0], "name": "square"},
+        {"primitives": [{"attributes": {"POSITION": position}, "indices": indices, "material": 1}]},
+        {"primitives": [{"attributes": {"POSITION": position, "TEXCOORD_0": uv},
+            "indices": indices, "material": 2}]}]);
+    let light = |k: usize| json!({"KHR_lights_punctual": {"light": k}});
+    level.json["nodes"] = json!([
+        {"mesh": 0, "name": "floor"},
+        {"children": [5, 6], "rotation": [0.6, 0, 0, 0.8]},
+        {"mesh": 1, "scale": [0.2, 0.2, 0.2], "translation": [1, 1.5, -1]},
+        {"extensions": light(0), "translation": [1, 1, -1]},
+        {"mesh": 2, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": copies}}}},
+        {"mesh": 0, "extras": {"lumel": {"density": 0.5}}},
+        {"extensions": light(2), "children": [7]},
+        {"extensions": light(1), "translation": [1, 1.2, -0.5]}]);
+    let times = level.floats(&[[0f32], [1.0]]);
+    let places = level.floats(&[[0f32, 0., 0.], [0., 1., 0.]]);
+    level.json["animations"] = json!([{"samplers": [{"input": times, "output": places}],
+        "channels": [{"sampler": 0, "target": {"node": 7, "path": "translation"}}]}]);
+    level
+}
+
+/// A square whose texture has these bytes, and a lamp that is measured by these.
+pub fn with_files(picture: &[u8], ies: &[u8]) -> Level {
+    let mut level = level();
+    let view = level.view(picture);
+    level.json["images"][0] = json!({"bufferView": view});
+    let view = level.view(ies);
+    level.json["extensions"]["EXT_lights_ies"]["lights"] = json!([{"bufferView": view}]);
+    level.json["nodes"][6]["extensions"] = json!({"EXT_lights_ies": {"light": 0}});
+    level
+}
+
+/// A picture of four by four.
+pub fn picture(format: ImageFormat) -> Vec<u8> {
+    let picture = RgbImage::from_fn(4, 4, |x, y| image::Rgb([60 * x as u8, 60 * y as u8, 128]));
+    let mut out = Cursor::new(Vec::new());
+    picture
+        .write_to(&mut out, format)
+        .expect("memory takes all");
+    out.into_inner()
+}
+
+/// A measured lamp, LM-63.
+pub fn ies() -> Vec<u8> {
+    let mut s = String::from(
+        "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n1 1000 2.0 5 3 1 2 0.1 0.1 0\n1.0 1.0 50\n",
+    );
+    s.push_str("0 22.5 45 67.5 90\n0 45 90\n");
+    for _ in 0..3 {
+        // Writing to a String cannot fail.
+        let _ = writeln!(s, "100 90 70 40 0");
+    }
+    s.into_bytes()
+}
+
+/// A sky of four by two pixels, Radiance HDR without runs.
+pub fn hdr() -> Vec<u8> {
+    let mut out = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y 2 +X 4\n".to_vec();
+    out.extend((0..8u8).flat_map(|k| [100 + k, 90, 80, 128]));
+    out
+}
+
+/// Points for probes.
+pub fn points() -> Vec<u8> {
+    br#"{"points": [[0, 1, 0], [1.5e0, -2, 3], [1, 1, 1]], "name": "p"}"#.to_vec()
+}
+
+/// A file of settings.
+pub fn settings() -> Vec<u8> {
+    b"quality = \"draft\"\ntexels-per-unit = 2.0\nsky = [0.1, 0.2, 0.3]\nlayers = [\"ao\", \"direct\"]\n\
+      light = [{ name = \"lamp*\", factor = 0.5 }]\nsun = [{ direction = [0, -1, 0], lux = 10 }]\n\
+      group = [{ name = \"g\", sources = [\"a\", \"b*\"] }]\nprobes = 1.0\nstrict = false\n"
+        .to_vec()
+}
+
+/// Requests to the viewer.
+pub fn requests() -> Vec<Vec<u8>> {
+    [
+        "GET / HTTP/1.1\r\nHost: localhost\r\nAccept-Encoding: gzip\r\n\r\n",
+        "GET /files/level.glb HTTP/1.1\r\nHost: 127.0.0.1:1\r\nRange: bytes=2-90\r\n\r\n",
+        "GET /api/plane?bake=level&page=0&layer=direct HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        "HEAD /api/report?bake=level HTTP/1.1\r\nHost: localhost\r\n\r\n",
+        "GET /files/..%2flevel.glb HTTP/1.1\r\nHost: localhost\r\nCookie: a=b\r\n\r\n",
+    ]
+    .map(|text| text.as_bytes().to_vec())
+    .to_vec()
+}

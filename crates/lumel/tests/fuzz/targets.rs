@@ -1,0 +1,252 @@
+//! What damaged inputs are given to, and what must hold afterwards.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use lumel::atlas_bake::{parse_points, read_exr};
+use lumel::mesh_ingest::{Limits, LoadOptions, Loaded, MemoryDocument, Soup, load_memory};
+use lumel::{Bake, BakeFolder, Baker, Error, Quality, report_page};
+
+use super::seeds::{self, Level};
+use crate::common;
+
+/// Sound: it was read. Else the exit code of the one error that it led to.
+pub type Outcome = Result<(), i32>;
+
+/// Where targets put files.
+pub struct Place(pub PathBuf);
+
+impl Place {
+    fn write(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.join(name);
+        fs::write(&path, bytes).expect("a folder of our own");
+        path
+    }
+}
+
+/// Small: what a few kilobytes can honestly ask for.
+fn options() -> LoadOptions {
+    LoadOptions {
+        limits: Limits {
+            unbacked_bytes: 1 << 22,
+            decoded_bytes: 1 << 22,
+            geometry_bytes: 1 << 24,
+            triangles: 1 << 14,
+            instances: 1 << 10,
+            image_bytes: 1 << 22,
+            ..Limits::default()
+        },
+        ..LoadOptions::default()
+    }
+}
+
+/// Reads a document and holds it against what [`lumel::mesh_ingest::Scene`] promises.
+pub fn load(_: &Place, glb: &[u8]) -> Outcome {
+    let document = MemoryDocument::new("level.glb", glb);
+    let loaded =
+        load_memory(&document, &options()).map_err(|e| told(&e.to_string(), e.exit_code()))?;
+    sound(&loaded);
+    Ok(())
+}
+
+/// What every error owes: some lines that end, and a code that is documented.
+fn told(message: &str, code: i32) -> i32 {
+    assert!(
+        !message.is_empty() && message.len() < 40_000,
+        "{} bytes",
+        message.len()
+    );
+    assert!((1..=5).contains(&code), "exit code {code}: {message}");
+    code
+}
+
+fn fails(e: &Error) -> i32 {
+    told(&e.to_string(), e.exit_code())
+}
+
+fn sound(loaded: &Loaded) {
+    let scene = &loaded.scene;
+    for p in scene.meshes.iter().flat_map(|m| &m.primitives) {
+        let vertices = p.positions.len();
+        assert!(
+            p.triangles
+                .iter()
+                .flatten()
+                .all(|&i| (i as usize) < vertices)
+        );
+        assert!(p.positions.iter().all(|x| x.is_finite()));
+        assert!(p.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-4));
+        assert!(p.material < scene.materials.len());
+    }
+    let soup = Soup::build(scene);
+    assert!(soup.areas.iter().all(|a| *a > 0.0 && a.is_finite()));
+    for t in 0..soup.len() as u32 {
+        let color = scene.base_color(&soup, t, 0.3, 0.3);
+        assert!(
+            color.min_element() >= 0.0 && color.max_element() <= 1.0,
+            "{color}"
+        );
+        assert!(scene.emission(&soup, t, 0.3, 0.3).min_element() >= 0.0);
+    }
+}
+
+/// As [`load`], of a picture.
+pub fn picture(place: &Place, bytes: &[u8]) -> Outcome {
+    load(place, &seeds::with_files(bytes, &seeds::ies()).glb())
+}
+
+/// As [`load`], of a measured lamp.
+pub fn ies(place: &Place, bytes: &[u8]) -> Outcome {
+    let picture = seeds::picture(image::ImageFormat::Png);
+    load(place, &seeds::with_files(&picture, bytes).glb())
+}
+
+pub fn exr(place: &Place, bytes: &[u8]) -> Outcome {
+    let image = read_exr(&place.write("a.exr", bytes)).map_err(|e| told(&e.to_string(), 3))?;
+    let n = image.width as usize * image.height as usize;
+    assert!(image.channels.iter().all(|(_, values)| values.len() == n));
+    Ok(())
+}
+
+pub fn points(_: &Place, bytes: &[u8]) -> Outcome {
+    let points = parse_points(bytes).map_err(|e| told(&e.to_string(), 3))?;
+    assert!(points.iter().all(|p| p.is_finite()));
+    Ok(())
+}
+
+/// The cheapest baker.
+fn baker<'a>() -> Baker<'a> {
+    let baker = Baker::new().quality(Quality::Draft).texels_per_unit(1.5);
+    baker.threads(1).memory(256 << 20).max_image(1 << 22)
+}
+
+/// A sky for a level of few triangles.
+pub fn hdr(place: &Place, bytes: &[u8]) -> Outcome {
+    let sky = place.write("a.hdr", bytes);
+    let level = MemoryDocument::new("level.glb", bare().glb());
+    let baker = baker().sky_file(sky).vertex_colors(false);
+    checked(&baker.bake(&level).map_err(|e| fails(&e))?)
+}
+
+/// A square alone.
+fn bare() -> Level {
+    let mut level = seeds::level();
+    level.json["scenes"][0]["nodes"] = serde_json::json!([0]);
+    level
+}
+
+/// A whole bake of about a hundred lumels.
+pub fn bake(_: &Place, glb: &[u8]) -> Outcome {
+    let level = MemoryDocument::new("level.glb", glb);
+    let bake = baker().sky([0.5; 3]).bake(&level).map_err(|e| fails(&e))?;
+    checked(&bake)
+}
+
+/// Light is finite and not negative, energy balances or the report says that it does not, and what is written can be read.
+fn checked(bake: &Bake) -> Outcome {
+    for page in bake.pages() {
+        let values = page.value.iter().flatten();
+        assert!(values.clone().all(|x| x.is_finite() && *x >= 0.0));
+    }
+    let audit = &bake.report.solve.audit;
+    assert!(audit.imbalance.is_finite(), "{audit:?}");
+    let warned = bake.report.warnings.iter().any(|w| w.contains("energy"));
+    assert!(audit.within_bound || warned, "{audit:?}");
+    let (files, _) = bake
+        .files()
+        .unwrap_or_else(|e| panic!("after the bake: {e}"));
+    for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".glb")) {
+        let written = MemoryDocument::new(name.as_str(), bytes.clone());
+        if let Err(e) = load_memory(&written, &LoadOptions::default()) {
+            // Its only image may be one that light never needed.
+            assert_eq!(e.exit_code(), 2, "{name}: {e}");
+        }
+    }
+    Ok(())
+}
+
+/// A finished bake of [`bare`] in the place's folder, for targets that damage one of its files.
+pub fn finished(place: &Place) -> Vec<(String, Vec<u8>)> {
+    let level = MemoryDocument::new("level.glb", bare().glb());
+    let baker = baker().sky([0.5; 3]).layers([lumel::Layer::Direct]);
+    let bake = baker.bake(&level).expect("it is sound");
+    let (files, _) = bake.files().expect("it is sound");
+    for (name, bytes) in &files {
+        place.write(name, bytes);
+    }
+    files
+}
+
+/// Damaged manifest.
+pub fn manifest(place: &Place, bytes: &[u8]) -> Outcome {
+    folder(&place.write("level.lightmap.json", bytes))
+}
+
+/// Damaged report.
+pub fn report(place: &Place, bytes: &[u8]) -> Outcome {
+    place.write("level.report.json", bytes);
+    folder(&place.0.join("level.lightmap.json"))
+}
+
+fn folder(manifest: &Path) -> Outcome {
+    let folder = BakeFolder::open(manifest).map_err(|e| fails(&e))?;
+    let _ = folder.disagreement("level");
+    let page = report_page(&folder, "level").map_err(|e| fails(&e))?;
+    // Whatever names hold, the page has no script and no tag of theirs.
+    assert!(!page.contains("<script") && page.ends_with("</html>\n"));
+    Ok(())
+}
+
+/// A request to a viewer that runs at `address`; it must answer, or end the connection.
+pub fn request(address: &str, bytes: &[u8]) -> Outcome {
+    let mut stream = TcpStream::connect(address).expect("the server listens");
+    let patience = Some(Duration::from_secs(5));
+    stream.set_read_timeout(patience).expect("supported");
+    // The server may have answered and gone before all is written.
+    let _ = stream.write_all(bytes);
+    let _ = stream.shutdown(std::net::Shutdown::Write);
+    let mut answer = Vec::new();
+    let read = stream.take(1 << 24).read_to_end(&mut answer);
+    if read.is_err_and(|e| e.kind() == std::io::ErrorKind::WouldBlock) {
+        panic!("no answer and no end");
+    }
+    let status = answer.get(9..12).and_then(|s| std::str::from_utf8(s).ok());
+    match status {
+        Some("200" | "206") => Ok(()),
+        Some(other) => Err(other.parse().expect("a status")),
+        None => Err(0),
+    }
+}
+
+/// The real binary with a damaged file of settings.
+pub fn settings(place: &Place, bytes: &[u8]) -> Outcome {
+    let file = place.write("a.toml", bytes);
+    let scene = place.0.join("bare.glb");
+    if !scene.exists() {
+        place.write("bare.glb", &bare().glb());
+    }
+    let arguments = [
+        "inspect".as_ref(),
+        scene.as_os_str(),
+        "--config".as_ref(),
+        file.as_os_str(),
+    ];
+    let run = common::lumel(arguments);
+    match run.code {
+        Some(0) => Ok(()),
+        Some(code) => {
+            assert_eq!(
+                run.stderr
+                    .lines()
+                    .filter(|l| l.starts_with("error: "))
+                    .count(),
+                1
+            );
+            Err(told(&run.stderr, code))
+        }
+        None => panic!("{}", run.stderr),
+    }
+}

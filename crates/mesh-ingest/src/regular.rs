@@ -1,0 +1,64 @@
+//! Opening files that somebody else names.
+
+use std::fs::{self, File, Metadata};
+use std::io::{self, ErrorKind, Read};
+use std::path::Path;
+
+/// Opens a regular file for reading. Pipes, devices and folders are refused, and never opened: opening a pipe waits for whoever
+/// writes to it, and a device may not end. Links are followed.
+///
+/// A file that is replaced by a pipe between the look and the opening is not guarded against.
+///
+/// # Errors
+/// The system's, and `Other` for what is no regular file.
+pub fn open_regular(path: &Path) -> io::Result<File> {
+    let refuse = |meta: &Metadata| match meta.is_file() {
+        true => Ok(()),
+        false => Err(io::Error::other(format!(
+            "found {}, expected a regular file",
+            kind(meta)
+        ))),
+    };
+    refuse(&fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    refuse(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// Reads a regular file of at most `most` bytes.
+///
+/// # Errors
+/// As [`open_regular`]; `FileTooLarge` where it is longer, before it is read.
+pub fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let file = open_regular(path)?;
+    let length = file.metadata()?.len();
+    if length > most {
+        let message = format!("found {length} bytes, expected at most {most}");
+        return Err(io::Error::new(ErrorKind::FileTooLarge, message));
+    }
+    let mut bytes = Vec::with_capacity(length as usize);
+    // A file that grows while it is read must not escape the limit.
+    file.take(most).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+fn kind(meta: &Metadata) -> &'static str {
+    if meta.is_dir() {
+        return "a folder";
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        let kind = meta.file_type();
+        if kind.is_fifo() {
+            return "a pipe";
+        }
+        if kind.is_char_device() || kind.is_block_device() {
+            return "a device";
+        }
+        if kind.is_socket() {
+            return "a socket";
+        }
+    }
+    "something else"
+}
