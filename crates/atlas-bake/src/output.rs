@@ -9,6 +9,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{BufRead, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use tempfile::NamedTempFile;
 
@@ -19,6 +20,9 @@ const TEMPORARY_PREFIX: &str = ".lumel-tmp-";
 
 /// How often a temporary is made anew that another process took for a stale one, which takes microseconds to go wrong once.
 const TRIES: usize = 100;
+
+/// How long a set waits for another's renames, which take milliseconds.
+const TURN: Duration = Duration::from_secs(5);
 
 /// Temporaries of this process. Another one's in the same folder are its own affair.
 static OWN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -236,8 +240,7 @@ impl OutputSet {
         }
         self.created.clear();
         // One set at a time in a folder, so that two bakes of a name do not mix. Where folders cannot be locked, reports tell.
-        let folder = File::open(&self.dir).ok();
-        let _lock = folder.as_ref().map(File::lock);
+        let _turn = take_turn(&self.dir);
         for ((file, path), same) in std::mem::take(&mut self.files).into_iter().zip(equal) {
             if same {
                 committed.unchanged.push(path);
@@ -307,6 +310,19 @@ impl Drop for OutputSet {
             let _ = fs::remove_dir(dir);
         }
     }
+}
+
+/// Waits until no other set is being renamed in `dir`, but not for ever: whoever holds the turn may have been stopped.
+fn take_turn(dir: &Path) -> Option<File> {
+    let folder = File::open(dir).ok()?;
+    let start = Instant::now();
+    while let Err(TryLockError::WouldBlock) = folder.try_lock() {
+        if start.elapsed() > TURN {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Some(folder)
 }
 
 fn parent_of(path: &Path) -> PathBuf {

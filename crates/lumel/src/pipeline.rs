@@ -216,6 +216,8 @@ pub(crate) fn bake_scene(
     let file = scene.path();
     check(settings)?;
     check_name(file)?;
+    sky::check_file(settings)?;
+    probes::check_file(settings)?;
     // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;

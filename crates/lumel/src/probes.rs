@@ -5,10 +5,10 @@ use std::io::ErrorKind;
 use atlas_bake::parse_points;
 use gather::probes::{MAX_PROBES, ProbeGrid, ProbeOptions};
 use glam::{DVec3, Vec3};
-use mesh_ingest::{Scene, Soup, read_regular};
+use mesh_ingest::{Scene, Soup, check_regular, read_regular};
 
 use crate::error::Error;
-use crate::settings::{ProbeSource, Quality};
+use crate::settings::{ProbeSource, Quality, Settings};
 
 /// Longest list that is read: three numbers in full and blanks for each of the most probes that there can be.
 const MAX_BYTES: u64 = 256 * MAX_PROBES as u64;
@@ -20,6 +20,21 @@ pub(crate) struct ProbePlan {
     pub positions: Vec<DVec3>,
     /// How they are arranged, if they are.
     pub grid: Option<ProbeGrid>,
+}
+
+/// As [`sky::check_file`](crate::sky::check_file), of a list of points.
+///
+/// # Errors
+/// [`Error::Probes`].
+pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
+    let Some(ProbeSource::File(path)) = &settings.probes else {
+        return Ok(());
+    };
+    check_regular(path, MAX_BYTES).map_err(|e| Error::Probes {
+        file: path.clone(),
+        message: e.to_string(),
+        io: e.kind() != ErrorKind::FileTooLarge,
+    })
 }
 
 /// Reads the list of points, where the source is one: before any work, which a bad file should not cost.

@@ -4,11 +4,30 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use glam::Vec3;
-use mesh_ingest::{Environment, read_regular};
+use mesh_ingest::{Environment, check_regular, read_regular};
 use radiosity::Sky;
 
 use crate::error::Error;
 use crate::settings::{Settings, SkySource};
+
+/// Refuses a sky's file that is none or too long: it is hashed before it is read.
+///
+/// # Errors
+/// [`Error::Sky`].
+pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
+    let SkySource::File(path) = &settings.sky else {
+        return Ok(());
+    };
+    check_regular(path, settings.bounds.max_image).map_err(|e| {
+        let io = e.kind() != ErrorKind::FileTooLarge;
+        let option = if io { "" } else { " (--max-image)" };
+        Error::Sky {
+            file: path.clone(),
+            message: format!("{e}{option}"),
+            io,
+        }
+    })
+}
 
 /// Bytes of a pixel once it is read: three floats.
 const PIXEL: u64 = 12;

@@ -323,10 +323,17 @@ fn pictures_and_memory_have_budgets() {
     };
     bake_sky("").fails(3, &["16384 x 16384 pixels", "--max-image"]);
     bake_sky("--max-image 4G").fails(3, &["a.hdr"]);
-    // 64 × 64 × 12 bytes are 48 KiB.
+    // Neither read nor hashed: a terabyte of nothing.
+    let sparse = fs::File::create(folder.path().join("b.hdr")).expect("created");
+    if sparse.set_len(1 << 40).is_ok() {
+        let option = format!("-q --sky {}/b.hdr", folder.path().display());
+        bake(&scene, &out, &option).fails(3, &["found 1099511627776 bytes", "(--max-image)"]);
+        let option = format!("-q --probes {}/b.hdr", folder.path().display());
+        bake(&scene, &out, &option).fails(3, &["found 1099511627776 bytes"]);
+    }
     let exr = sky_picture(folder.path());
-    let option = format!("-q --sky {} --max-image 1K", exr.display());
-    bake(&scene, &out, &option).fails(3, &["expected at most 256 samples"]);
+    let option = format!("-q --sky {} --max-image 20K", exr.display());
+    bake(&scene, &out, &option).fails(3, &["expected at most 5120 samples"]);
 
     let level = asset("demo_level.glb");
     let plan = |density: &str| {

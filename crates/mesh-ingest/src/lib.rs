@@ -56,7 +56,7 @@ pub use load::{Loaded, load, load_memory};
 pub use mips::Pyramids;
 pub use options::{Limits, LoadOptions};
 pub use primitive::{Mode, RawPrimitive};
-pub use regular::{open_regular, read_regular};
+pub use regular::{check_regular, open_regular, read_regular};
 pub use report::{IngestReport, LeftOut, LeftOutReason, Totals, Warning};
 pub use scene::*;
 pub use soup::{Duplicate, Soup, TriangleSource};

@@ -25,21 +25,35 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
+/// Whether there is a regular file of at most `most` bytes.
+///
+/// # Errors
+/// As [`open_regular`]; `FileTooLarge` where it is longer.
+pub fn check_regular(path: &Path, most: u64) -> io::Result<()> {
+    open_within(path, most).map(drop)
+}
+
 /// Reads a regular file of at most `most` bytes.
 ///
 /// # Errors
-/// As [`open_regular`]; `FileTooLarge` where it is longer, before it is read.
+/// As [`check_regular`], before anything is read.
 pub fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let (file, length) = open_within(path, most)?;
+    let mut bytes = Vec::with_capacity(length as usize);
+    // A file that grows while it is read must not escape the limit.
+    file.take(most).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// An open file and its length.
+fn open_within(path: &Path, most: u64) -> io::Result<(File, u64)> {
     let file = open_regular(path)?;
     let length = file.metadata()?.len();
     if length > most {
         let message = format!("found {length} bytes, expected at most {most}");
         return Err(io::Error::new(ErrorKind::FileTooLarge, message));
     }
-    let mut bytes = Vec::with_capacity(length as usize);
-    // A file that grows while it is read must not escape the limit.
-    file.take(most).read_to_end(&mut bytes)?;
-    Ok(bytes)
+    Ok((file, length))
 }
 
 fn kind(meta: &Metadata) -> &'static str {
