@@ -297,6 +297,7 @@ fn key(
         profiles: _,
         environment: _,
         origin,
+        firsts,
     } = scene;
     let mut h = Hashed(blake3::Hasher::new());
     h.debug(&(
@@ -306,10 +307,11 @@ fn key(
         meshes.len(),
         images.len(),
         exact,
+        firsts,
     ));
     meshes.iter().for_each(|m| h.mesh(m));
     for i in instances {
-        h.debug(&(i.mesh, i.transform, i.occluder, i.density));
+        h.debug(&(i.mesh, i.transform, i.occluder, i.density, i.stands_in));
     }
     for m in materials {
         // Names and places in the document do not matter, nor does a node more or less.

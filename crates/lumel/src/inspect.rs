@@ -5,16 +5,18 @@ use std::fmt::Write;
 use std::path::Path;
 
 use atlas_bake::{LayoutReport, MeshReport, Paint, Severity, UvOrigin};
-use mesh_ingest::{IngestReport, LightKind, LoadOptions, Soup};
+use mesh_ingest::{IngestReport, LightKind, LodGroup, Soup};
 use radiosity::Monitor;
 use serde::Serialize;
 
 use crate::check::check;
 use crate::error::Error;
 use crate::files::NamedFile;
+use crate::named::some_of;
 use crate::pictures::Drawn;
 use crate::pipeline::plan_layout;
 use crate::report::clamped_warning;
+use crate::scene_input::SceneInput;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
 
@@ -69,13 +71,7 @@ pub fn inspect_and_draw(
     monitor: &dyn Monitor,
 ) -> Result<(Inspection, Vec<NamedFile>, usize), Error> {
     check(settings)?;
-    let mut loaded = mesh_ingest::load(
-        file,
-        &LoadOptions {
-            scene: settings.scene,
-            ..LoadOptions::default()
-        },
-    )?;
+    let mut loaded = SceneInput::File(file).load(settings)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas_bake::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
@@ -120,6 +116,18 @@ pub fn inspect_and_draw(
         layout,
     };
     Ok((inspection, pictures, left))
+}
+
+/// Levels of detail and variants in a line; `None` where there are none.
+pub fn describe_lods(groups: &[LodGroup]) -> Option<String> {
+    let plural = if groups.len() == 1 { "" } else { "s" };
+    (!groups.is_empty()).then(|| {
+        format!(
+            "{} group{plural} of levels of detail or variants: {}; the first of each casts and receives, the others take its light",
+            groups.len(),
+            some_of(groups.iter().map(LodGroup::describe))
+        )
+    })
 }
 
 fn describe(light: &mesh_ingest::Light) -> String {
@@ -230,6 +238,9 @@ impl Inspection {
                 "  extensions  {}",
                 self.ingest.extensions_used.join(", ")
             )?;
+        }
+        if let Some(lods) = describe_lods(&self.ingest.lods) {
+            writeln!(s, "  lods        {lods}")?;
         }
         let pages: Vec<String> = self
             .layout

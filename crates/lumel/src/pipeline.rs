@@ -110,7 +110,7 @@ pub(crate) struct Prepared {
 /// # Errors
 /// [`Error`], by fault.
 pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
-    let mut loaded = scene.load(settings.scene)?;
+    let mut loaded = scene.load(settings)?;
     add_suns(&mut loaded.scene, settings);
     let sources = Sources::find(
         &loaded.scene,

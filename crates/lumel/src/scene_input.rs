@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
 
 use crate::error::Error;
+use crate::settings::Settings;
 
 /// A glTF scene to bake: a file's path, or a document in memory. What takes one takes a `&str`, a `&Path` or a `&MemoryDocument`.
 #[derive(Debug, Clone, Copy)]
@@ -25,10 +26,11 @@ impl<'a> SceneInput<'a> {
         }
     }
 
-    /// Reads scene number `scene` of the document; `None` for its default.
-    pub(crate) fn load(self, scene: Option<usize>) -> Result<Loaded, Error> {
+    /// Reads the scene of the document that settings name.
+    pub(crate) fn load(self, settings: &Settings) -> Result<Loaded, Error> {
         let options = LoadOptions {
-            scene,
+            scene: settings.scene,
+            ignore_lod_names: !settings.lods,
             ..LoadOptions::default()
         };
         Ok(match self {

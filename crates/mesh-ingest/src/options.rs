@@ -5,6 +5,8 @@
 pub struct LoadOptions {
     /// Which of the document's scenes; `None` for the one that it names, else the first, else all root nodes.
     pub scene: Option<usize>,
+    /// Names of nodes tell no levels of detail; extras and `MSFT_lod` do all the same.
+    pub ignore_lod_names: bool,
     /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of exhausting the machine.
     pub limits: Limits,
 }

@@ -186,6 +186,9 @@ fn bake(
     if let Some(cache) = &bake.report.measured.cache {
         say_cache(cache, display);
     }
+    if let Some(lods) = lumel::describe_lods(&bake.report.ingest.lods) {
+        display.say(&format!("  lods      {lods}"));
+    }
     let layout = &bake.report.layout;
     let pages: Vec<String> = layout
         .pages
