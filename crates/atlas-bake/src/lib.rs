@@ -44,7 +44,9 @@ mod vertex_light;
 mod walls;
 
 pub use atlas::*;
-pub use bake::{BakeOptions, BakeReport, Baked, Directional, Hidden, Layer, bake, bake_recalling};
+pub use bake::{
+    BakeOptions, BakeReport, Baked, Directional, Hidden, HiddenIn, Layer, bake, bake_recalling,
+};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost};
 pub use error::{Error, Result};

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use atlas_bake::{LayoutReport, MeshReport, Paint, Severity, UvOrigin};
 use mesh_ingest::{IngestReport, LightKind, LodGroup, Soup};
-use radiosity::Monitor;
+use radiosity::{Monitor, Sky, World, WorldOptions};
 use serde::Serialize;
 
 use crate::check::check;
@@ -19,6 +19,7 @@ use crate::report::clamped_warning;
 use crate::scene_input::SceneInput;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
+use crate::warnings;
 
 /// What is known of a scene before it is baked.
 #[derive(Debug, Clone, Serialize)]
@@ -45,6 +46,8 @@ pub struct Inspection {
     pub environment: Option<String>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
+    /// What a bake would warn about: nodes that lie in each other, and light that is missing.
+    pub warnings: Vec<String>,
 }
 
 /// Reads the scene and plans its lightmap; writes nothing.
@@ -98,7 +101,14 @@ pub fn inspect_and_draw(
         }
         None => (Vec::new(), 0),
     };
+    let world = World::build(scene, &soup, WorldOptions::default())
+        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+    let mut warnings = warnings::of_geometry(&world, settings);
+    if scene.environment.is_none() {
+        warnings.extend(warnings::dark(scene, &soup, &Sky::Black));
+    }
     let inspection = Inspection {
+        warnings,
         scene: file
             .file_name()
             .unwrap_or_default()
@@ -281,16 +291,11 @@ impl Inspection {
         for (what, n) in &self.ingest.counts {
             problems.push(format!("{what}: {n}"));
         }
-        for (what, n) in [
-            "world triangles of zero area",
-            "world triangles that duplicate others",
-        ]
-        .iter()
-        .zip(self.dropped_triangles)
-        {
-            if n > 0 {
-                problems.push(format!("{what}: {n}"));
-            }
+        if self.dropped_triangles[0] > 0 {
+            problems.push(format!(
+                "world triangles of zero area: {}",
+                self.dropped_triangles[0]
+            ));
         }
         for w in &self.ingest.warnings {
             problems.push(format!("{}: {}", w.path, w.message));
@@ -303,9 +308,7 @@ impl Inspection {
         }
         problems.extend(clamped_warning(self.clamped_materials));
         problems.extend(self.layout.warnings.iter().cloned());
-        if self.emissive_triangles == 0 && self.lights.is_empty() && self.environment.is_none() {
-            problems.push("no light: a bake needs --sky or --sun".into());
-        }
+        problems.extend(self.warnings.iter().cloned());
         if problems.is_empty() {
             writeln!(s, "  problems    none")?;
         } else {

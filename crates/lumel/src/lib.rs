@@ -49,6 +49,7 @@ mod estimate;
 mod files;
 mod folder;
 mod inspect;
+mod likeness;
 mod memory;
 mod named;
 mod origin;
@@ -66,6 +67,7 @@ mod settings;
 mod sky;
 mod sources;
 pub mod view;
+mod warnings;
 mod watch;
 
 pub use atlas_bake;

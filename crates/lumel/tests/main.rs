@@ -17,3 +17,4 @@ mod probes;
 mod sources;
 mod vertex_colors;
 mod view;
+mod warnings;

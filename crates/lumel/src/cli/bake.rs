@@ -56,7 +56,7 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     display.finish();
     let report = outcome?;
     for w in &report.warnings {
-        display.say(&format!("warning: {w}"));
+        display.warn(w);
     }
     summary(a, &report, &display);
     if a.json {
