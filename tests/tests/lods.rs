@@ -4,6 +4,7 @@ use glam::{DVec3, Quat, Vec3};
 use lumel::{Bake, Quality, Settings};
 use lumel_tests::geometry::{Geometry, cuboid, grid, icosphere};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
+use lumel_tests::levels::{Family, Size, level as generated};
 use serde_json::json;
 
 use crate::common::{Seen, at, bake, lumels_of, mean};
@@ -185,4 +186,35 @@ fn reflected_light_is_that_of_the_first_level_and_the_floor_has_no_other() {
         (with / without - 1.0).abs() < claimed.min(0.01),
         "{with} {without}"
     );
+}
+
+/// Rocks and pedestals in lit rooms, coarser levels inside, outside or across the finest.
+#[test]
+fn generated_levels_of_detail_are_lit_alike() {
+    let settings = Settings {
+        quality: Quality::Draft,
+        ..at(12.0)
+    };
+    for seed in [1, 2, 3] {
+        let made = generated(Family::Lods, seed, Size::Small);
+        let out = bake(&made.glb, &settings);
+        assert!(!out.report.ingest.lods.is_empty(), "seed {seed}");
+        for group in &out.report.ingest.lods {
+            let of = |k: u32| mean(&lumels_of(&out, &format!("{}_LOD{k}", group.name)));
+            let first = of(0);
+            for k in [1, 2] {
+                let level = of(k);
+                println!(
+                    "{seed} {} {k}: {first} {level} {}",
+                    group.name,
+                    level / first - 1.0
+                );
+                assert!(
+                    (level / first - 1.0).abs() < 0.1,
+                    "{seed} {} {k}: {level}, {first}",
+                    group.name
+                );
+            }
+        }
+    }
 }
