@@ -61,8 +61,8 @@ fn xatlas_refuses_what_it_would_choke_on_and_another_takes_over() {
     }
 }
 
-/// A terrain in one chart took time with the square of its triangles; in pieces it does not, and the
-/// pieces are still large charts.
+/// A terrain in one chart took time with the square of its triangles; in pieces it does not, and
+/// the pieces are still large charts.
 #[test]
 fn xatlas_gets_large_charts_in_pieces() {
     let sheet = plane_of(90);

@@ -4,13 +4,15 @@ use glam::Vec3;
 use mesh_ingest::{Scene, Soup, level_by_name};
 use visibility::{BuildOptions, Bvh, closest_point};
 
-/// Extents along an axis that are alike: a ball of 20 triangles is 15 % smaller than its own fine one, and exporters' levels shrink or grow a little.
+/// Extents along an axis that are alike: a ball of 20 triangles is 15 % smaller than its own fine
+/// one, and exporters' levels shrink or grow a little.
 const ALIKE: f32 = 0.75;
 
 /// Middles of bounds no further apart than this share of the extent along each axis.
 const CONCENTRIC: f32 = 0.1;
 
-/// Thinner than this share of its size is a panel; those that lie in each other coincide or cross, which is told otherwise.
+/// Thinner than this share of its size is a panel; those that lie in each other coincide or cross,
+/// which is told otherwise.
 const THIN: f32 = 0.05;
 
 /// Surface areas of two levels: a frame and what stands in it have others.
@@ -40,8 +42,8 @@ impl Thing {
     }
 }
 
-/// Groups of such instances. `named` says that names tell levels; what they tell is then known, and else not wanted, so that it is not
-/// looked at in either case.
+/// Groups of such instances. `named` says that names tell levels; what they tell is then known, and
+/// else not wanted, so that it is not looked at in either case.
 pub(crate) fn unmarked_levels(scene: &Scene, soup: &Soup, named: bool) -> Vec<Likeness> {
     let mut things = things(scene, soup, named);
     things.sort_by(|a, b| a.low.x.total_cmp(&b.low.x));

@@ -113,7 +113,8 @@ pub struct Settings {
     pub quality: Quality,
     /// Which scene of the document; `None` for its default.
     pub scene: Option<usize>,
-    /// Whether names of nodes that end in `_LOD0`, `_LOD1`, … tell levels of detail; extras and `MSFT_lod` always do.
+    /// Whether names of nodes that end in `_LOD0`, `_LOD1`, … tell levels of detail; extras and
+    /// `MSFT_lod` always do.
     pub lods: bool,
     /// Lumels per metre; `None` chooses by the scene's size.
     pub texels_per_unit: Option<f32>,

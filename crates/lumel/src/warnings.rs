@@ -83,7 +83,8 @@ fn coincident(scene: &Scene, soup: &Soup) -> Option<String> {
     })
 }
 
-/// Instances that lie wholly inside closed bodies, other than those that look like levels of detail.
+/// Instances that lie wholly inside closed bodies, other than those that look like levels of
+/// detail.
 fn inside(world: &World, like: &[Likeness]) -> Option<String> {
     let mut known = vec![false; world.scene.instances.len()];
     like.iter().flatten().for_each(|i| known[*i] = true);

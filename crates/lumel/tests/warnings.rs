@@ -61,7 +61,8 @@ fn boxes(folder: &Path, boxes: &[Named], lit: bool) -> PathBuf {
     path
 }
 
-/// The warnings of a bake, after it has gone well; `inspect` finds those that geometry tells, word for word.
+/// The warnings of a bake, after it has gone well; `inspect` finds those that geometry tells, word
+/// for word.
 fn warnings(parts: &[Named], lit: bool, options: &str) -> (Run, Vec<String>) {
     let t = temp();
     let scene = boxes(t.path(), parts, lit);
@@ -119,7 +120,8 @@ fn levels_that_nobody_told_are_named() {
         !list.iter().any(|w| w.contains("wholly inside")),
         "{list:?}"
     );
-    // Told by name they are as they should be, and where names do not count, the artist has said that they are no levels.
+    // Told by name they are as they should be, and where names do not count, the artist has said
+    // that they are no levels.
     let told = [
         ("a_LOD0", [1.0; 3]),
         ("a_LOD1", [0.97; 3]),

@@ -115,7 +115,8 @@ fn place(lumel: &Item<'_>, key: &str, number: &str, report: &mut IngestReport) -
     value(lumel, key, &expected, report, |v| {
         Some(Place {
             group: v.get("group")?.as_str()?.to_string(),
-            // Blender writes whole numbers of custom properties as they are, and some exporters as 1.0.
+            // Blender writes whole numbers of custom properties as they are, and some exporters as
+            // 1.0.
             number: v
                 .get(number)?
                 .as_f64()

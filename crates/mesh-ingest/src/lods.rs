@@ -1,10 +1,14 @@
-//! Levels of detail and variants: nodes that show one thing in several ways, of which a level shows one at a time.
+//! Levels of detail and variants: nodes that show one thing in several ways, of which a level shows
+//! one at a time.
 //!
-//! The first of a group is in the way of light; the others stand in for it ([`Instance::stands_in`](crate::Instance::stands_in)): if all of them cast
-//! shadows, each would lie in the dark inside of another. Groups are told by, in this order of trust,
+//! The first of a group is in the way of light; the others stand in for it
+//! ([`Instance::stands_in`](crate::Instance::stands_in)): if all of them cast shadows, each would
+//! lie in the dark inside of another. Groups are told by, in this order of trust,
 //! - `extras.lumel.lod` and `extras.lumel.variant`,
-//! - `MSFT_lod` (node levels; material levels change nothing here), whose lower levels need not be in the scene graph,
-//! - node names that end in `_LOD0`, `_LOD1`, …, among siblings or wherever each level is there once, if the levels lie in one place.
+//! - `MSFT_lod` (node levels; material levels change nothing here), whose lower levels need not be
+//!   in the scene graph,
+//! - node names that end in `_LOD0`, `_LOD1`, …, among siblings or wherever each level is there
+//!   once, if the levels lie in one place.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,8 +21,9 @@ use crate::json::Item;
 use crate::report::{IngestReport, LodGroup, LodSource};
 use crate::scene::Scene;
 
-/// Levels told by name lie in one place if the middles of their bounds are no further apart than this share of the larger diagonal: far enough for a
-/// tree that loses its lower branches, and too near for levels that stand side by side in a showcase.
+/// Levels told by name lie in one place if the middles of their bounds are no further apart than
+/// this share of the larger diagonal: far enough for a tree that loses its lower branches, and too
+/// near for levels that stand side by side in a showcase.
 const ONE_PLACE: f64 = 0.25;
 
 /// What makes nodes a group.
@@ -89,7 +94,8 @@ impl Lods {
         Ok(lods)
     }
 
-    /// Lower levels of `node` that the scene graph has no place for: they stand where it does. Each is some node's once.
+    /// Lower levels of `node` that the scene graph has no place for: they stand where it does. Each
+    /// is some node's once.
     pub fn unplaced<'l>(&'l self, node: usize, roots: &'l [usize]) -> impl Iterator<Item = usize> {
         let lower = self.lower_of.get(&node).into_iter().flatten().copied();
         lower.filter(|id| self.parent[*id].is_none() && !roots.contains(id))
@@ -159,7 +165,8 @@ fn ids(node: &Item<'_>) -> Outcome<Vec<usize>> {
     }
 }
 
-/// `tree_LOD1` and `tree_lod1.002` (as Blender numbers copies) are levels 1 of `tree` and of `tree.002`.
+/// `tree_LOD1` and `tree_lod1.002` (as Blender numbers copies) are levels 1 of `tree` and of
+/// `tree.002`.
 pub fn level_by_name(name: &str) -> Option<(String, u32)> {
     let digits = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
     let (body, copy) = match name.rsplit_once('.') {
@@ -184,7 +191,8 @@ pub(crate) fn settle(scene: &mut Scene, lods: &Lods, report: &mut IngestReport) 
         return;
     }
     let groups = groups(scene, lods, report);
-    // By instance: the groups that it is not the first of. A group of variants has its word before one of levels.
+    // By instance: the groups that it is not the first of. A group of variants has its word before
+    // one of levels.
     let mut behind: Vec<Vec<usize>> = vec![Vec::new(); scene.instances.len()];
     for (g, (_, levels)) in groups.iter().enumerate() {
         for i in levels.values().skip(1).flatten() {

@@ -60,7 +60,8 @@ struct Animated {
     morphs: bool,
 }
 
-/// Walks the scene that is asked for (or the document's own choice) depth first, without recursion: hierarchies may be deep.
+/// Walks the scene that is asked for (or the document's own choice) depth first, without recursion:
+/// hierarchies may be deep.
 pub(crate) fn walk(
     document: &Document,
     options: &LoadOptions,

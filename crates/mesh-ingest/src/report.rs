@@ -34,7 +34,8 @@ pub struct Warning {
     pub message: String,
 }
 
-/// Levels of detail or variants of one thing: the first is in the way of light, the others take its light.
+/// Levels of detail or variants of one thing: the first is in the way of light, the others take its
+/// light.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LodGroup {
     /// What people call it.

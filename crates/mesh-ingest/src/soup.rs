@@ -13,8 +13,9 @@ use crate::scene::Scene;
 /// counted; the latter are listed in [`duplicates`](Soup::duplicates), since they receive light all the same. Winding is already flipped for
 /// mirroring transforms, so the front is always the counter-clockwise side.
 ///
-/// Triangles of instances that stand in for others ([`Instance::stands_in`](crate::Instance::stands_in)) come last, in the same order: rays see those
-/// before them, and none of these coincides with anything.
+/// Triangles of instances that stand in for others
+/// ([`Instance::stands_in`](crate::Instance::stands_in)) come last, in the same order: rays see
+/// those before them, and none of these coincides with anything.
 #[derive(Debug, Clone, Default)]
 pub struct Soup {
     /// Corners, metres, recentred.

@@ -1,18 +1,21 @@
 //! Where the light of stand-ins is taken: at the nearest surface of what they stand in for.
 //!
-//! A coarser level of detail lies some centimetres inside or outside of the finest one. Inside it would be dark, outside it would miss the shadows of the
-//! finest one's own parts. What is to be seen in both is the same light, so a point of a stand-in becomes the nearest point of the finest level
-//! that faces the same way.
+//! A coarser level of detail lies some centimetres inside or outside of the finest one. Inside it
+//! would be dark, outside it would miss the shadows of the finest one's own parts. What is to be
+//! seen in both is the same light, so a point of a stand-in becomes the nearest point of the finest
+//! level that faces the same way.
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, closest_point};
 
-/// Cosine of the angle up to which a surface faces the same way, 60°: a box and the ball in it differ by 55° at the box's corners.
+/// Cosine of the angle up to which a surface faces the same way, 60°: a box and the ball in it
+/// differ by 55° at the box's corners.
 const SAME_WAY: f32 = 0.5;
 
-/// A surface that is turned by a right angle or more counts as so many times as far away: the underside of a table top is not taken for its top
-/// by a point that lies a tenth of the thickness above it. Bounded, so that the search is.
+/// A surface that is turned by a right angle or more counts as so many times as far away: the
+/// underside of a table top is not taken for its top by a point that lies a tenth of the thickness
+/// above it. Bounded, so that the search is.
 const TURNED: f32 = 16.0;
 
 /// What instances stand in for, by group.
@@ -69,7 +72,8 @@ impl StandIns {
         })
     }
 
-    /// The surface of `group` that a point which faces `normal` stands in for; `None` where the group has none.
+    /// The surface of `group` that a point which faces `normal` stands in for; `None` where the
+    /// group has none.
     pub(crate) fn place(
         &self,
         group: usize,

@@ -177,8 +177,9 @@ impl<'a> World<'a> {
 
     /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if `back`. `smooth` uses
     /// interpolated normals for the hemisphere's axis, and where these describe a curved surface, takes the point to lie on that (after
-    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the way there is free. A point of a
-    /// triangle that rays do not see is that of the surface which it stands in for.
+    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the
+    /// way there is free. A point of a triangle that rays do not see is that of the surface which
+    /// it stands in for.
     pub fn surface_point(
         &self,
         triangle: u32,

@@ -2,7 +2,8 @@
 
 use glam::Vec3;
 
-/// The point of a triangle nearest to `p`, and its barycentrics (after Ericson, *Real-Time Collision Detection*, 2005, §5.1.5).
+/// The point of a triangle nearest to `p`, and its barycentrics (after Ericson, *Real-Time
+/// Collision Detection*, 2005, §5.1.5).
 pub fn closest_point([a, b, c]: [Vec3; 3], p: Vec3) -> (Vec3, f32, f32) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));

@@ -1,5 +1,5 @@
-//! An unwrapper works in a thread of its own: a panic there is a failure like another, and a bake that
-//! is cancelled leaves it behind at once, also where it cannot be asked to stop.
+//! An unwrapper works in a thread of its own: a panic there is a failure like another, and a bake
+//! that is cancelled leaves it behind at once, also where it cannot be asked to stop.
 //!
 //! No clock decides: how long an unwrapper may take is bounded by what it refuses to begin.
 

@@ -144,8 +144,8 @@ impl UnwrapperChoice {
 
 /// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each earlier one failed.
 ///
-/// All but the last run under a guard: one that panics is left behind. Each refuses what is too much
-/// for it, by counting, so that the result does not depend on the machine.
+/// All but the last run under a guard: one that panics is left behind. Each refuses what is too
+/// much for it, by counting, so that the result does not depend on the machine.
 ///
 /// # Errors
 /// The last one's error when none succeeds; [`UnwrapError::Cancelled`] at once.

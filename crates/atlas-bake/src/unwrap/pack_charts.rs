@@ -100,8 +100,8 @@ pub(super) fn pack_charts(
         charts: charts.count,
         max_size: options.max_size,
     };
-    // Each failed try lowers the density by 3 % to a half, after eight by a fifth at least; the last
-    // ones leave every chart a few texels.
+    // Each failed try lowers the density by 3 % to a half, after eight by a fifth at least; the
+    // last ones leave every chart a few texels.
     let mut before = f64::INFINITY;
     for tried in 0..TRIES {
         if cancel() {
@@ -111,7 +111,8 @@ pub(super) fn pack_charts(
             .par_iter()
             .map(|shape| Stamp::new(shape, density, &rule))
             .collect();
-        // What is larger than the page need not be tried, and what no density makes smaller never fits.
+        // What is larger than the page need not be tried, and what no density makes smaller never
+        // fits.
         let needed: f64 = stamps.iter().map(|s| s.mask.count() as f64).sum();
         if needed > room {
             if needed > 0.999 * before {

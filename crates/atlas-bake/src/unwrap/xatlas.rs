@@ -6,9 +6,9 @@
 //! xatlas cannot be cancelled. It therefore works in a thread of its own; when it is not wanted any
 //! more, its progress callback puts that thread to sleep for good and its memory is lost. Its time
 //! grows with the square of a chart's triangles and of their number, so that it gets at most
-//! [`PIECES`] pieces of at most [`PIECE`] triangles: counts alone decide, never a clock. Its scheduler loses the
-//! wake-up of a worker that is just going to sleep: destroying an atlas hung once in about a thousand
-//! runs, so the result is handed over before that.
+//! [`PIECES`] pieces of at most [`PIECE`] triangles: counts alone decide, never a clock. Its
+//! scheduler loses the wake-up of a worker that is just going to sleep: destroying an atlas hung
+//! once in about a thousand runs, so the result is handed over before that.
 //!
 //! It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so the mesh is scaled up),
 //! may mirror charts and does not scale conformal charts to their true area: packing its charts anew cures the last two,
@@ -31,12 +31,12 @@ use super::{Cancel, UnwrapError, UnwrapInput, UnwrapOptions, UnwrappedMesh, Unwr
 /// limits that follow, 0.7 ms a triangle (`examples/unwrap_cost.rs`).
 pub const MAX_TRIANGLES: usize = 60_000;
 
-/// Most triangles that xatlas gets in one piece. Its time grows with the square of a flat chart's: a
-/// terrain takes 0.3 ms a triangle with 2,000 triangles, 0.8 with 4,000 and 4 with 16,000.
+/// Most triangles that xatlas gets in one piece. Its time grows with the square of a flat chart's:
+/// a terrain takes 0.3 ms a triangle with 2,000 triangles, 0.8 with 4,000 and 4 with 16,000.
 const PIECE: usize = 2_000;
 
-/// Most pieces. So does that of its packing: loose triangles take 0.6 ms each where there are 16,000,
-/// and 1 ms where there are 32,000.
+/// Most pieces. So does that of its packing: loose triangles take 0.6 ms each where there are
+/// 16,000, and 1 ms where there are 32,000.
 const PIECES: usize = 16_000;
 
 /// How often the waiting thread looks whether it is to stop.
@@ -125,8 +125,8 @@ fn split_regions(mesh: &UnwrapInput) -> Vec<Region> {
     regions
 }
 
-/// Cuts triangles at the middle one along the longest side of their box, until no piece has more than
-/// [`PIECE`].
+/// Cuts triangles at the middle one along the longest side of their box, until no piece has more
+/// than [`PIECE`].
 fn halve(mesh: &UnwrapInput, source: Vec<u32>) -> Vec<Vec<u32>> {
     let (mut done, mut todo) = (Vec::new(), vec![source]);
     while let Some(mut piece) = todo.pop() {

@@ -200,7 +200,8 @@ pub(crate) struct Plan {
     /// Which scene of the document [default: its own default]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
     pub scene: Option<usize>,
-    /// Nodes named ..._LOD0, ..._LOD1 and so on are things of their own, not levels of detail of one
+    /// Nodes named ..._LOD0, ..._LOD1 and so on are things of their own, not levels of detail of
+    /// one
     #[arg(long)]
     pub no_lods: bool,
     /// They are levels of detail, whatever the file of settings says

@@ -115,7 +115,8 @@ fn extras_tell_levels_and_variants_wherever_they_are() {
     let first: Option<&[usize]> = Some(&[0]);
     let loaded = check(&nodes(&[lod(1), lod(2), lod(2)]), &[None, first, first]);
     assert_eq!(loaded.report.lods[0].by, LodSource::Extras);
-    // A level of a variant that is not the first takes the light of the first variant's finest level.
+    // A level of a variant that is not the first takes the light of the first variant's finest
+    // level.
     let both = [
         variant(0, "a_LOD0"),
         variant(0, "a_LOD1"),
