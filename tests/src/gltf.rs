@@ -514,6 +514,11 @@ impl GltfBuilder {
         self.nodes.len() - 1
     }
 
+    /// A node's JSON, for what [`Node`] has no field for.
+    pub fn node_json(&mut self, node: usize) -> &mut Value {
+        &mut self.nodes[node]
+    }
+
     /// The document as GLB bytes.
     pub fn finish(mut self) -> Vec<u8> {
         while !self.bin.len().is_multiple_of(4) {

@@ -10,6 +10,7 @@ mod error;
 mod hard_cases;
 mod leaks;
 mod levels;
+mod lods;
 mod outputs;
 mod round_trip;
 mod seams;

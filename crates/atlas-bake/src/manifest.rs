@@ -298,6 +298,7 @@ mod tests {
             transform: glam::DAffine3::IDENTITY,
             occluder: false,
             density: 1.0,
+            stands_in: None,
             extras: None,
         };
         let scene = Scene {

@@ -117,7 +117,7 @@ impl BakeOptions {
 /// Of the box about the scene, metres.
 fn diagonal(world: &World) -> f32 {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for p in world.soup.triangles.iter().flatten() {
+    for p in world.soup.seen_triangles().iter().flatten() {
         (low, high) = (low.min(*p), high.max(*p));
     }
     if world.soup.is_empty() {

@@ -179,6 +179,7 @@ fn hard_scenes() -> Vec<(String, Scene)> {
                     transform: DAffine3::IDENTITY,
                     occluder: false,
                     density: 1.0,
+                    stands_in: None,
                     extras: None,
                 }],
                 materials: vec![Material::default()],

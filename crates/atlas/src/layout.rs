@@ -455,7 +455,7 @@ fn flatten(
     }
     let result = unwrap_with_fallback(unwrappers, input, options, cancel)?;
     let (flat, unwrapper, failures) = &result;
-    // What another unwrapper failed at may have failed by its time.
+    // Kept charts come without the warning that another unwrapper failed.
     if let Some((store, key)) = store
         && failures.is_empty()
         && let Some(by) = unwrappers.iter().position(|u| u.name() == *unwrapper)

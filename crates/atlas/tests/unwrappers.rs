@@ -45,18 +45,52 @@ fn every_unwrapper_keeps_what_the_trait_promises() {
 
 #[test]
 fn xatlas_refuses_what_it_would_choke_on_and_another_takes_over() {
-    let case = lone(sphere(130, 1.0));
+    for (mesh, what) in [
+        (sphere(130, 1.0), "more than 60000 triangles"),
+        (loose_triangles(16_001), "more than 16000 pieces"),
+    ] {
+        let case = lone(mesh);
+        let options = LayoutOptions {
+            unwrapper: UnwrapperChoice::Xatlas,
+            ..LayoutOptions::default()
+        };
+        let (_, report) = layout(&case.0, &case.1, &options, &|_| true).expect("a layout");
+        assert_eq!(report.meshes[0].unwrapper, Some("uvunwrap"));
+        let said = format!("xatlas: {what}; uvunwrap used");
+        assert!(report.warnings[0].contains(&said), "{:?}", report.warnings);
+    }
+}
+
+/// A terrain in one chart took time with the square of its triangles; in pieces it does not, and
+/// the pieces are still large charts.
+#[test]
+fn xatlas_gets_large_charts_in_pieces() {
+    let sheet = plane_of(90);
+    let case = lone(sheet);
     let options = LayoutOptions {
         unwrapper: UnwrapperChoice::Xatlas,
         ..LayoutOptions::default()
     };
-    let (_, report) = layout(&case.0, &case.1, &options, &|_| true).expect("a layout");
-    assert_eq!(report.meshes[0].unwrapper, Some("uvunwrap"));
+    let (result, report) = layout(&case.0, &case.1, &options, &|_| true).expect("a layout");
+    assert_eq!(report.meshes[0].unwrapper, Some("xatlas"));
+    check_generated(&result.meshes[0], 2);
+    // 16,200 triangles are halved four times to come below 2,000; xatlas may cut
+    // a piece once more.
     assert!(
-        report.warnings[0].contains("xatlas: more than"),
-        "{:?}",
-        report.warnings
+        (2..=32).contains(&report.meshes[0].charts),
+        "{}",
+        report.meshes[0].charts
     );
+}
+
+/// A wavy sheet of n × n cells.
+fn plane_of(n: u32) -> mesh_ingest::Mesh {
+    let at = |i: u32| Vec3::new((i % (n + 1)) as f32, 0.0, (i / (n + 1)) as f32);
+    let positions = (0..(n + 1) * (n + 1)).map(at);
+    let wavy = positions.map(|p| p + Vec3::Y * (p.x * 0.1).sin() * (p.z * 0.07).cos() * 3.0);
+    let cells = (0..n).flat_map(|i| (0..n).map(move |j| i * (n + 1) + j));
+    let triangles = cells.flat_map(|a| [[a, a + n + 1, a + n + 2], [a, a + n + 2, a + 1]]);
+    mesh(wavy.collect(), triangles.collect())
 }
 
 #[test]

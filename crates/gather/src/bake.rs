@@ -1,6 +1,6 @@
 //! Light at all lumels and vertices of a scene: the passes of a bake, in their order.
 
-use atlas::Layout;
+use atlas::{Layout, Lumels};
 use radiosity::{Cancelled, Monitor};
 use serde::Serialize;
 
@@ -12,7 +12,7 @@ use crate::map::LumelMap;
 use crate::options::{LightOptions, VertexOptions};
 use crate::planes::Wanted;
 use crate::reach::{mean_square, reach, relative_errors, settle};
-use crate::received::Edge;
+use crate::received::{Edge, Received};
 use crate::refine::{add_rays, follow_edges};
 use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexLight, VertexReport};
 
@@ -23,6 +23,8 @@ pub struct LightReport {
     pub lumels: u64,
     /// Lumels that lie wholly inside or right behind something single-sided: nearly all rays from there meet back faces.
     pub hidden_lumels: u64,
+    /// The nodes that most of them are of.
+    pub hidden: Vec<HiddenIn>,
     /// Lumels of which a part does; their value is the mean over all of it.
     pub partly_hidden_lumels: u64,
     /// Lumels at a contact, which were gathered at many points.
@@ -139,6 +141,7 @@ fn summarise(map: &LumelMap, report: &mut LightReport) {
         }
         weight += w;
     }
+    report.hidden = hidden_in(lumels, received);
     report.mean = sum.map(|s| s / weight.max(1e-300));
     let mut errors = relative_errors(lumels, received);
     if errors.is_empty() {
@@ -148,4 +151,41 @@ fn summarise(map: &LumelMap, report: &mut LightReport) {
     report.estimated_error = mean_square(&errors).sqrt();
     let middle = errors.len() / 2;
     report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
+}
+
+/// Hidden lumels of an instance.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct HiddenIn {
+    /// Index into [`Scene::instances`](mesh_ingest::Scene::instances).
+    pub instance: usize,
+    /// Its lumels.
+    pub lumels: u64,
+    /// Those of them that lie wholly inside or right behind something.
+    pub hidden: u64,
+}
+
+/// So many instances are named that have hidden lumels, those with most first.
+const NAMED: usize = 100;
+
+fn hidden_in(lumels: &Lumels, received: &[Received]) -> Vec<HiddenIn> {
+    let mut all: Vec<HiddenIn> = Vec::new();
+    // Lumels are sorted by instance.
+    for (l, r) in lumels.lumels.iter().zip(received) {
+        let instance = l.instance as usize;
+        if all.last().is_none_or(|h| h.instance != instance) {
+            all.push(HiddenIn {
+                instance,
+                lumels: 0,
+                hidden: 0,
+            });
+        }
+        if let Some(h) = all.last_mut() {
+            h.lumels += 1;
+            h.hidden += u64::from(r.open == 0.0);
+        }
+    }
+    all.retain(|h| h.hidden > 0);
+    all.sort_by_key(|h| std::cmp::Reverse(h.hidden));
+    all.truncate(NAMED);
+    all
 }

@@ -76,7 +76,7 @@ mod vertex_footprint;
 mod vertex_light;
 mod window;
 
-pub use bake::{LightReport, bake_light, bake_vertices};
+pub use bake::{HiddenIn, LightReport, bake_light, bake_vertices};
 pub use footprint::{Footprint, LumelFootprint};
 pub use gatherer::Gatherer;
 pub use map::LumelMap;

@@ -97,6 +97,9 @@ options! {
     texels_per_unit(density: f32) => |s| s.texels_per_unit = Some(density);
     /// Longest side of a page, texels, 8 to 16384; 2048 if nothing is said.
     max_page(texels: u32) => |s| s.max_page = texels;
+    /// Whether names of nodes that end in `_LOD0`, `_LOD1`, … tell levels of detail; they do if
+    /// nothing is said.
+    lods(yes: bool) => |s| s.lods = yes;
     /// Texels between charts, at most 64; 2 if nothing is said.
     padding(texels: u32) => |s| s.padding = texels;
     /// Pages and instances' rectangles keep to blocks of so many texels, 1 to 64; 4 if nothing is said, as BC formats want it.

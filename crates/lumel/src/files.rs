@@ -262,7 +262,7 @@ impl Bake {
         // Built anew: a bake does not hold its tree, which a large level would pay for while files are written.
         let soup = Soup::build(scene);
         let bvh = Bvh::build(
-            &soup.triangles,
+            soup.seen_triangles(),
             |t| scene.needs_alpha(soup.materials[t as usize]),
             &BuildOptions::default(),
         )

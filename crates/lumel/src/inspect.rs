@@ -6,19 +6,21 @@ use std::path::Path;
 
 use atlas::{LayoutReport, MeshReport, Severity, UvOrigin};
 use atlas_bake::Paint;
-use mesh_ingest::{IngestReport, LightKind, Soup, printable_within};
-use radiosity::Monitor;
+use mesh_ingest::{IngestReport, LightKind, LodGroup, Soup, printable_within};
+use radiosity::{Monitor, Sky, World, WorldOptions};
 use serde::Serialize;
 
 use crate::check::check;
 use crate::error::Error;
 use crate::files::NamedFile;
+use crate::named::some_of;
 use crate::pictures::Drawn;
 use crate::pipeline::plan_layout;
 use crate::report::clamped_warning;
 use crate::scene_input::SceneInput;
 use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
+use crate::warnings;
 
 /// What is known of a scene before it is baked.
 #[derive(Debug, Clone, Serialize)]
@@ -45,6 +47,8 @@ pub struct Inspection {
     pub environment: Option<String>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
+    /// What a bake would warn about: nodes that lie in each other, and light that is missing.
+    pub warnings: Vec<String>,
 }
 
 /// Reads the scene and plans its lightmap; writes nothing.
@@ -98,7 +102,14 @@ pub fn inspect_and_draw(
         }
         None => (Vec::new(), 0),
     };
+    let world = World::build(scene, &soup, WorldOptions::default())
+        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+    let mut warnings = warnings::of_geometry(&world, settings);
+    if scene.environment.is_none() {
+        warnings.extend(warnings::dark(scene, &soup, &Sky::Black));
+    }
     let inspection = Inspection {
+        warnings,
         scene: file
             .file_name()
             .unwrap_or_default()
@@ -116,6 +127,18 @@ pub fn inspect_and_draw(
         layout,
     };
     Ok((inspection, pictures, left))
+}
+
+/// Levels of detail and variants in a line; `None` where there are none.
+pub fn describe_lods(groups: &[LodGroup]) -> Option<String> {
+    let plural = if groups.len() == 1 { "" } else { "s" };
+    (!groups.is_empty()).then(|| {
+        format!(
+            "{} group{plural} of levels of detail or variants: {}; the first of each casts and receives, the others take its light",
+            groups.len(),
+            some_of(groups.iter().map(LodGroup::describe))
+        )
+    })
 }
 
 fn describe(light: &mesh_ingest::Light) -> String {
@@ -240,6 +263,9 @@ impl Inspection {
                 self.ingest.extensions_used.join(", ")
             )?;
         }
+        if let Some(lods) = describe_lods(&self.ingest.lods) {
+            writeln!(s, "  lods        {lods}")?;
+        }
         let pages: Vec<String> = self
             .layout
             .pages
@@ -279,16 +305,11 @@ impl Inspection {
         for (what, n) in &self.ingest.counts {
             problems.push(format!("{what}: {n}"));
         }
-        for (what, n) in [
-            "world triangles of zero area",
-            "world triangles that duplicate others",
-        ]
-        .iter()
-        .zip(self.dropped_triangles)
-        {
-            if n > 0 {
-                problems.push(format!("{what}: {n}"));
-            }
+        if self.dropped_triangles[0] > 0 {
+            problems.push(format!(
+                "world triangles of zero area: {}",
+                self.dropped_triangles[0]
+            ));
         }
         for w in &self.ingest.warnings {
             problems.push(format!("{}: {}", w.path, w.message));
@@ -301,9 +322,7 @@ impl Inspection {
         }
         problems.extend(clamped_warning(self.clamped_materials));
         problems.extend(self.layout.warnings.iter().cloned());
-        if self.emissive_triangles == 0 && self.lights.is_empty() && self.environment.is_none() {
-            problems.push("no light: a bake needs --sky or --sun".into());
-        }
+        problems.extend(self.warnings.iter().cloned());
         if problems.is_empty() {
             writeln!(s, "  problems    none")?;
         } else {

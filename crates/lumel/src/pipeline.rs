@@ -25,11 +25,12 @@ use crate::memory::Need;
 use crate::overwrite;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
-use crate::report::{Measured, PhaseTime, Report, audit_warnings, clamped_warning};
+use crate::report::{Measured, PhaseTime, Report};
 use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{Chosen, Sources};
+use crate::warnings::{self, Warned};
 
 /// A finished bake, in memory.
 pub struct Bake {
@@ -234,6 +235,10 @@ pub(crate) fn bake_scene(
         let inputs = overwrite::all_inputs(&loaded.document, &option_inputs, settings, provenance);
         overwrite::refuse_inputs(beside.outputs, &inputs)?;
     }
+    let dark = warnings::dark(&loaded.scene, &soup, &sky);
+    if let Some(dark) = &dark {
+        monitor.warning(dark);
+    }
     let (groups, group_names) = chosen.groups.unzip();
     let plan = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
@@ -287,15 +292,17 @@ pub(crate) fn bake_scene(
         }
         None => (None, None),
     };
-    let warnings = warnings(
-        &loaded,
-        clamped_warning(clamped_materials),
-        soup.dropped_duplicate,
-        &layout_report,
-        &solution,
-        &baked,
-        settings.error,
-    );
+    let warnings = Warned {
+        loaded: &loaded,
+        world: &world,
+        clamped_materials,
+        layout: &layout_report,
+        solution: &solution,
+        baked: &baked,
+        settings,
+        dark,
+    }
+    .list();
     drop(world);
 
     let name = file
@@ -610,62 +617,4 @@ fn add_suns(scene: &mut Scene, settings: &Settings) {
             profile: None,
         });
     }
-}
-
-fn warnings(
-    loaded: &Loaded,
-    clamped: Option<String>,
-    duplicates: u64,
-    layout: &LayoutReport,
-    solution: &Solution,
-    baked: &Baked,
-    wanted: Option<f32>,
-) -> Vec<String> {
-    let mut out: Vec<String> = loaded
-        .report
-        .warnings
-        .iter()
-        .map(|w| format!("{}: {}", w.path, w.message))
-        .collect();
-    for (reason, n) in loaded.report.left_out_by_reason() {
-        out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
-    }
-    out.extend(clamped);
-    out.extend(layout.warnings.iter().cloned());
-    if duplicates > 0 {
-        out.push(format!(
-            "{duplicates} triangles coincide with others of another mesh or node; they get the same light, but what lies in one place twice flickers when it is drawn"
-        ));
-    }
-    if solution.report.audit.flux_in.iter().all(|f| *f == 0.0) {
-        out.push(
-            "no light reaches any surface: no lamp or emissive material shines on one, and no --sky or --sun was given; the lightmap is black"
-                .into(),
-        );
-    }
-    out.extend(audit_warnings(&solution.report.audit));
-    if !solution.report.relaxation.converged {
-        out.push(format!(
-            "the solve did not converge: up to {:.2} % of the light is not distributed",
-            100.0 * solution.report.relaxation.residual
-        ));
-    }
-    if let (Some(wanted), Some(false)) = (wanted, baked.report.light.error_reached) {
-        out.push(format!(
-            "the error asked for, {} %, was not reached: the estimate is {:.2} %, and {} of {} lumels have as many samples as a lumel gets; a finer --texels-per-unit helps where things touch",
-            100.0 * wanted,
-            100.0 * baked.report.light.estimated_error,
-            baked.report.light.exhausted_lumels,
-            baked.report.light.lumels
-        ));
-    }
-    out.extend(brightness::clamped_warning(&baked.pages));
-    let hidden = baked.report.light.hidden_lumels;
-    if hidden * 20 > baked.report.light.lumels {
-        out.push(format!(
-            "{hidden} of {} lumels lie inside or behind single-sided faces",
-            baked.report.light.lumels
-        ));
-    }
-    out
 }

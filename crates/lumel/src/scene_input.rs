@@ -30,6 +30,7 @@ impl<'a> SceneInput<'a> {
     pub(crate) fn load(self, settings: &Settings) -> Result<Loaded, Error> {
         let options = LoadOptions {
             scene: settings.scene,
+            ignore_lod_names: !settings.lods,
             allow_outside: settings.bounds.allow_outside,
             limits: settings.bounds.limits(),
         };

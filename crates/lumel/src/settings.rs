@@ -115,6 +115,9 @@ pub struct Settings {
     pub quality: Quality,
     /// Which scene of the document; `None` for its default.
     pub scene: Option<usize>,
+    /// Whether names of nodes that end in `_LOD0`, `_LOD1`, … tell levels of detail; extras and
+    /// `MSFT_lod` always do.
+    pub lods: bool,
     /// Lumels per metre; `None` chooses by the scene's size.
     pub texels_per_unit: Option<f32>,
     /// Longest side of a page, texels.
@@ -221,6 +224,7 @@ impl Default for Settings {
         Settings {
             quality: Quality::default(),
             scene: None,
+            lods: true,
             texels_per_unit: None,
             max_page: 2048,
             padding: 2,

@@ -18,3 +18,4 @@ mod probes;
 mod sources;
 mod vertex_colors;
 mod view;
+mod warnings;

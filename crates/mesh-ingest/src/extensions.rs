@@ -21,6 +21,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_meshopt_compression",
     "KHR_node_visibility",
     "KHR_texture_transform",
+    "MSFT_lod",
 ];
 
 /// Change neither where surfaces lie nor their diffuse light, or are judged where they are used (image formats).
@@ -40,7 +41,6 @@ const HARMLESS: &[&str] = &[
     "KHR_texture_basisu",
     "KHR_xmp",
     "KHR_xmp_json_ld",
-    "MSFT_lod",
     "MSFT_packing_normalRoughnessMetallic",
     "MSFT_packing_occlusionRoughnessMetallic",
     "MSFT_texture_dds",

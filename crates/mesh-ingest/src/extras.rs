@@ -10,7 +10,9 @@ use crate::json::{Item, show};
 use crate::report::IngestReport;
 
 /// Keys of nodes; `radius`, `angle` are the node's light's.
-const NODE_KEYS: &[&str] = &["angle", "bake", "density", "exclude", "occluder", "radius"];
+const NODE_KEYS: &[&str] = &[
+    "angle", "bake", "density", "exclude", "lod", "occluder", "radius", "variant",
+];
 
 /// Keys of materials.
 const MATERIAL_KEYS: &[&str] = &["emitScale", "exclude", "maxReflectance", "occluder"];
@@ -100,8 +102,32 @@ fn density(lumel: &Item<'_>, report: &mut IngestReport) -> Option<f64> {
     number(lumel, "density", MOST_DENSITY, expected, report)
 }
 
+/// Which of a group of levels of detail or variants a node is.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Place {
+    pub group: String,
+    pub number: u32,
+}
+
+/// `{"group": …, number: …}`.
+fn place(lumel: &Item<'_>, key: &str, number: &str, report: &mut IngestReport) -> Option<Place> {
+    let expected = format!("{{\"group\": a name, \"{number}\": a whole number from 0 to 999}}");
+    value(lumel, key, &expected, report, |v| {
+        Some(Place {
+            group: v.get("group")?.as_str()?.to_string(),
+            // Blender writes whole numbers of custom properties as they are, and some exporters as
+            // 1.0.
+            number: v
+                .get(number)?
+                .as_f64()
+                .filter(|n| (0.0..1000.0).contains(n) && n.fract() == 0.0)?
+                as u32,
+        })
+    })
+}
+
 /// What a node's extras say; `None` where they say nothing.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct NodeExtras {
     /// Bake although it is animated, skinned or morphed.
     pub bake: Option<bool>,
@@ -111,6 +137,10 @@ pub(crate) struct NodeExtras {
     pub occluder: Option<bool>,
     /// Lumels per metre over the scene's, of it and its children, ≥ 0.
     pub density: Option<f64>,
+    /// Which level of detail it and its children are.
+    pub lod: Option<Place>,
+    /// Which variant they are.
+    pub variant: Option<Place>,
 }
 
 impl NodeExtras {
@@ -124,6 +154,8 @@ impl NodeExtras {
             exclude: flag(&lumel, "exclude", report),
             occluder: flag(&lumel, "occluder", report),
             density: density(&lumel, report),
+            lod: place(&lumel, "lod", "level", report),
+            variant: place(&lumel, "variant", "index", report),
         }
     }
 }

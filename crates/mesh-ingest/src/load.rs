@@ -18,7 +18,7 @@ use crate::primitive::{Want, attribute_list, primitive_mode};
 use crate::report::{IngestReport, Totals};
 use crate::scene::{Instance, Mesh, Primitive, Scene};
 use crate::settle::{needed_images, settle_alpha};
-use crate::{environment, extensions, extras, images, lights};
+use crate::{environment, extensions, extras, images, lights, lods};
 
 /// A document in normal form, the document itself, and what became of it.
 #[derive(Debug)]
@@ -56,7 +56,7 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     check_layout(&document, &mut faults);
     faults.check(path)?;
 
-    let graph = nodes::walk(&document, options.scene, &mut faults, &mut report);
+    let graph = nodes::walk(&document, options, &mut faults, &mut report);
     let materials = read_materials(&document, options.scene, &mut faults, &mut report);
     extras::warn_misplaced(&document, &mut report);
     let used: BTreeSet<usize> = graph.meshes.iter().map(|placed| placed.index).collect();
@@ -74,6 +74,7 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
         });
     }
     scene.origin = recentre(&mut scene, &mut report);
+    lods::settle(&mut scene, &graph.lods, &mut report);
     lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
     let needed = needed_images(&scene.materials, &used_materials);
     scene.images = images::decode(&mut document, &needed, &mut faults);
@@ -384,6 +385,7 @@ fn instance(
         transform: placed.transform,
         occluder: placed.occluder,
         density: placed.density as f32,
+        stands_in: None,
         extras: lumel.map(|lumel| serde_json::json!({ "lumel": lumel })),
     })
 }

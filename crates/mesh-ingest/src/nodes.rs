@@ -7,6 +7,8 @@ use crate::document::Document;
 use crate::error::{Fault, Faults, Outcome};
 use crate::extras::{NodeExtras, density_of_all};
 use crate::json::Item;
+use crate::lods::{Lods, Marked};
+use crate::options::LoadOptions;
 use crate::report::{IngestReport, LeftOut, LeftOutReason};
 
 /// A mesh or light at a place in the (not recentred) world.
@@ -30,6 +32,8 @@ pub(crate) struct Graph {
     pub lights: Vec<Placed>,
     /// Lights of `EXT_lights_ies`; `index` counts its own list.
     pub measured_lights: Vec<Placed>,
+    /// Levels of detail and variants.
+    pub lods: Lods,
 }
 
 /// What a node hands down to its children.
@@ -45,6 +49,8 @@ struct Inherited {
     occluder: bool,
     /// Nearest `extras.lumel.density`.
     density: f64,
+    /// Which level of detail and which variant.
+    marked: Marked,
 }
 
 /// What animations do to each node.
@@ -54,14 +60,16 @@ struct Animated {
     morphs: bool,
 }
 
-/// Walks the scene `scene` (or the document's own choice) depth first, without recursion: hierarchies may be deep.
+/// Walks the scene that is asked for (or the document's own choice) depth first, without recursion:
+/// hierarchies may be deep.
 pub(crate) fn walk(
     document: &Document,
-    scene: Option<usize>,
+    options: &LoadOptions,
     faults: &mut Faults,
     report: &mut IngestReport,
 ) -> Graph {
     let root = document.root();
+    let scene = options.scene;
     let mut graph = Graph::default();
     let Some(count) = faults.take(root.len_of("nodes")) else {
         return graph;
@@ -69,6 +77,11 @@ pub(crate) fn walk(
     let Some((roots, children)) = hierarchy(&root, count, scene, faults, report) else {
         return graph;
     };
+    let lods = Lods::read(&root, &children, !options.ignore_lod_names);
+    let Some(lods) = faults.take(lods) else {
+        return graph;
+    };
+    graph.lods = lods;
     let animated = faults
         .take(animated_nodes(&root, count))
         .unwrap_or_else(|| vec![Animated::default(); count]);
@@ -81,8 +94,9 @@ pub(crate) fn walk(
         occluder: false,
         density: density_of_all(&root, chosen_scene(&root, scene).unwrap_or(None), report)
             .unwrap_or(1.0),
+        marked: [None; 2],
     };
-    let mut stack: Vec<(usize, Inherited)> = roots.into_iter().rev().map(|r| (r, top)).collect();
+    let mut stack: Vec<(usize, Inherited)> = roots.iter().rev().map(|&r| (r, top)).collect();
     while let Some((index, from_parent)) = stack.pop() {
         let visit = visit(
             document,
@@ -95,6 +109,8 @@ pub(crate) fn walk(
         let Some(own) = faults.take(visit) else {
             continue;
         };
+        let levels = graph.lods.unplaced(index, &roots);
+        stack.extend(levels.map(|level| (level, from_parent)));
         stack.extend(children[index].iter().rev().map(|&child| (child, own)));
     }
     graph
@@ -338,6 +354,12 @@ fn visit(
         excluded: from.excluded || extras.exclude == Some(true),
         occluder: extras.occluder.unwrap_or(from.occluder),
         density: extras.density.unwrap_or(from.density),
+        marked: (graph.lods).mark(
+            index,
+            &node,
+            [extras.lod.as_ref(), extras.variant.as_ref()],
+            from.marked,
+        )?,
     };
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
     let light = light_of(&root, &node, "KHR_lights_punctual")?;

@@ -8,6 +8,8 @@ pub struct LoadOptions {
     /// Whether `..` and links may lead to files outside of the document's folder. What is written holds the files that a document
     /// names, so a document of unknown origin could carry off any file that this process can read. Absolute paths are never followed.
     pub allow_outside: bool,
+    /// Names of nodes tell no levels of detail; extras and `MSFT_lod` do all the same.
+    pub ignore_lod_names: bool,
     /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of exhausting the machine.
     pub limits: Limits,
 }

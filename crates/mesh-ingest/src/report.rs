@@ -15,6 +15,8 @@ pub struct IngestReport {
     pub warnings: Vec<Warning>,
     /// Nodes with geometry or light that take no part in the bake.
     pub left_out: Vec<LeftOut>,
+    /// Groups of levels of detail and of variants.
+    pub lods: Vec<LodGroup>,
     /// Files read besides the document, as the document names them.
     pub files: Vec<String>,
     /// `extensionsUsed`, sorted.
@@ -30,6 +32,47 @@ pub struct Warning {
     pub path: String,
     /// What was seen and what was done about it.
     pub message: String,
+}
+
+/// Levels of detail or variants of one thing: the first is in the way of light, the others take its
+/// light.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LodGroup {
+    /// What people call it.
+    pub name: String,
+    /// How it was told.
+    pub by: LodSource,
+    /// Numbers of its levels or variants, ascending, two at least.
+    pub levels: Vec<u32>,
+    /// Nodes with meshes of all but the first.
+    pub stand_ins: Vec<usize>,
+}
+
+impl LodGroup {
+    /// Its name and its levels.
+    pub fn describe(&self) -> String {
+        let word = match self.by {
+            LodSource::Variant => "variants",
+            _ => "levels",
+        };
+        let levels: Vec<String> = self.levels.iter().map(u32::to_string).collect();
+        format!("{:?} ({word} {})", self.name, levels.join(", "))
+    }
+}
+
+/// How a group of levels of detail or variants was told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum LodSource {
+    /// `extras.lumel.lod`.
+    Extras,
+    /// `extras.lumel.variant`.
+    Variant,
+    /// `MSFT_lod`.
+    MsftLod,
+    /// Names of nodes.
+    Name,
 }
 
 /// A node that neither receives nor casts light.

@@ -37,6 +37,9 @@ pub struct Scene {
     pub environment: Option<Environment>,
     /// World position (metres, glTF axes) of the recentred origin.
     pub origin: DVec3,
+    /// By group of levels of detail or variants: its instances that rays see, ascending; see
+    /// [`Instance::stands_in`].
+    pub firsts: Vec<Vec<usize>>,
 }
 
 impl Scene {
@@ -119,6 +122,10 @@ pub struct Instance {
     /// Lumels per metre over the scene's, 0..=1000; with 0 it gets no lightmap but else takes part in the light
     /// (`extras.lumel.density` of the node or the nearest ancestor that says something, 1 if none does).
     pub density: f32,
+    /// A coarser level of detail or another variant of what some other instances show: index into
+    /// [`Scene::firsts`]. It neither shadows, reflects nor emits, and receives the light of the
+    /// nearest surface of those.
+    pub stands_in: Option<usize>,
     /// `{"lumel": …}` from the node's `extras`, where it is there; nothing else of them.
     pub extras: Option<serde_json::Value>,
 }

@@ -12,6 +12,10 @@ use crate::scene::Scene;
 /// rotation, and no side that the earlier ones leave free: a double-sided triangle takes both; occluders count as last), are left out and
 /// counted; the latter are listed in [`duplicates`](Soup::duplicates), since they receive light all the same. Winding is already flipped for
 /// mirroring transforms, so the front is always the counter-clockwise side.
+///
+/// Triangles of instances that stand in for others
+/// ([`Instance::stands_in`](crate::Instance::stands_in)) come last, in the same order: rays see
+/// those before them, and none of these coincides with anything.
 #[derive(Debug, Clone, Default)]
 pub struct Soup {
     /// Corners, metres, recentred.
@@ -34,6 +38,8 @@ pub struct Soup {
     pub duplicate_ranges: Vec<[u32; 2]>,
     /// Number of `duplicates`.
     pub dropped_duplicate: u64,
+    /// How many triangles, the last ones, rays do not see.
+    pub unseen: usize,
 }
 
 /// A triangle that rays never meet, because one in its place does.
@@ -80,12 +86,13 @@ impl Soup {
     /// Flattens `scene`, in parallel; the result does not depend on the number of threads. O(n log n) in triangles, whatever
     /// number of them coincide.
     pub fn build(scene: &Scene) -> Soup {
-        let jobs: Vec<(u32, u32)> = scene
-            .instances
-            .iter()
-            .enumerate()
-            .flat_map(|(i, instance)| {
-                (0..scene.meshes[instance.mesh].primitives.len()).map(move |p| (i as u32, p as u32))
+        let stands_in = |i: &usize| scene.instances[*i].stands_in.is_some();
+        let mut order: Vec<usize> = (0..scene.instances.len()).collect();
+        order.sort_by_key(stands_in);
+        let jobs: Vec<(u32, u32)> = (order.iter())
+            .flat_map(|&i| {
+                let mesh = &scene.meshes[scene.instances[i].mesh];
+                (0..mesh.primitives.len()).map(move |p| (i as u32, p as u32))
             })
             .collect();
         let parts: Vec<Part> = jobs
@@ -101,6 +108,7 @@ impl Soup {
             materials: Vec::with_capacity(total),
             ..Soup::default()
         };
+        let mut seen = 0;
         for (part, &(instance, primitive)) in parts.into_iter().zip(&jobs) {
             let mesh = &scene.meshes[scene.instances[instance as usize].mesh];
             let material = mesh.primitives[primitive as usize].material as u32;
@@ -111,13 +119,27 @@ impl Soup {
             soup.areas.extend(part.areas);
             soup.sources.extend(part.sources);
             soup.dropped_zero_area += part.dropped;
+            if stands_in(&(instance as usize)) {
+                soup.unseen = soup.len() - seen;
+            } else {
+                seen = soup.len();
+            }
         }
         soup.drop_duplicates(scene);
-        soup.instance_ranges = ranges(&soup.sources, scene.instances.len(), |s| s.instance);
-        soup.duplicate_ranges = ranges(&soup.duplicates, scene.instances.len(), |d| {
-            d.source.instance
-        });
+        soup.instance_ranges = ranges(&soup.sources, &order, |s| s.instance);
+        order.sort_unstable();
+        soup.duplicate_ranges = ranges(&soup.duplicates, &order, |d| d.source.instance);
         soup
+    }
+
+    /// Number of triangles that rays see: those before it.
+    pub fn seen(&self) -> usize {
+        self.len() - self.unseen
+    }
+
+    /// The triangles that rays see.
+    pub fn seen_triangles(&self) -> &[[Vec3; 3]] {
+        &self.triangles[..self.seen()]
     }
 
     /// Number of triangles.
@@ -160,8 +182,7 @@ impl Soup {
     fn drop_duplicates(&mut self, scene: &Scene) {
         // Equal triangles have equal hashes, so sorting by hash brings them together at 16 bytes a triangle; the full key
         // is compared only within a run.
-        let mut order: Vec<(u64, u32)> = self
-            .triangles
+        let mut order: Vec<(u64, u32)> = self.triangles[..self.seen()]
             .par_iter()
             .enumerate()
             .map(|(i, corners)| (hash(&Key::of(corners)), i as u32))
@@ -244,16 +265,18 @@ impl Soup {
     }
 }
 
-/// `[first, end)` of each instance in a list that is sorted by instance.
-fn ranges<T>(list: &[T], instances: usize, instance_of: impl Fn(&T) -> u32) -> Vec<[u32; 2]> {
+/// `[first, end)` of each instance in a list that is sorted as `order` has the instances.
+fn ranges<T>(list: &[T], order: &[usize], instance_of: impl Fn(&T) -> u32) -> Vec<[u32; 2]> {
+    let mut out = vec![[0; 2]; order.len()];
     let mut at = 0;
-    (0..instances)
-        .map(|i| {
-            let first = at;
-            at += list[first..].partition_point(|x| instance_of(x) as usize <= i);
-            [first as u32, at as u32]
-        })
-        .collect()
+    for &i in order {
+        let first = at;
+        while at < list.len() && instance_of(&list[at]) as usize == i {
+            at += 1;
+        }
+        out[i] = [first as u32, at as u32];
+    }
+    out
 }
 
 fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {

@@ -58,8 +58,8 @@ pub(crate) fn gather_regions(
     size: f32,
     options: &RegionOptions,
 ) -> Regions {
-    let n = soup.triangles.len();
-    let adjacency = Adjacency::build(&soup.triangles, |t| {
+    let n = soup.seen();
+    let adjacency = Adjacency::build(soup.seen_triangles(), |t| {
         2 * soup.sources[t].instance + two_sided(t) as u32
     });
     let centroid =

@@ -432,7 +432,10 @@ impl Subdivision {
 
 /// Edge of a patch so that about `options.patches` cover the scene, when no triangle counts for more than its share.
 fn nominal_size(soup: &Soup, options: &Options) -> f32 {
-    let mut areas: Vec<f64> = soup.areas.iter().map(|&a| a as f64).collect();
+    let mut areas: Vec<f64> = soup.areas[..soup.seen()]
+        .iter()
+        .map(|&a| a as f64)
+        .collect();
     areas.sort_unstable_by(f64::total_cmp);
     let mut total: f64 = areas.iter().sum();
     // Walk down from the largest while it exceeds its share of what it would then be counted in.

@@ -34,6 +34,7 @@ pub(crate) fn add_triangles(
         transform: DAffine3::IDENTITY,
         occluder: false,
         density: 1.0,
+        stands_in: None,
         extras: None,
     });
     scene.meshes.push(Mesh {

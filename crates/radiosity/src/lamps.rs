@@ -244,7 +244,7 @@ struct Bounds {
 impl Bounds {
     fn of(world: &World) -> Self {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        for p in world.soup.triangles.iter().flatten() {
+        for p in world.soup.seen_triangles().iter().flatten() {
             low = low.min(*p);
             high = high.max(*p);
         }

@@ -26,6 +26,7 @@ mod sky;
 mod solids;
 mod solution;
 mod solve;
+mod stand_in;
 mod world;
 
 pub use audit::{Audit, AuditBounds, RowsOfNode};

@@ -211,7 +211,8 @@ impl HitFilter for Crossings<'_> {
 fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece> {
     let mut out = Vec::new();
     let own = soup.len() as u32;
-    for instance in 0..soup.instance_ranges.len() {
+    let seen = |i: &usize| scene.instances[*i].stands_in.is_none();
+    for instance in (0..soup.instance_ranges.len()).filter(seen) {
         let [start, end] = soup.instance_ranges[instance];
         let [first, last] = soup.duplicate_ranges[instance];
         let faces: Vec<u32> = (start..end).chain(own + first..own + last).collect();

@@ -12,6 +12,7 @@ use crate::glass::{Coin, Glass};
 use crate::groups::LightGroups;
 use crate::sky::{BrightSky, Sky};
 use crate::solids::Solids;
+use crate::stand_in::{Place, StandIns};
 
 /// Rec.709 luminance of a linear colour.
 #[inline]
@@ -91,6 +92,7 @@ pub struct World<'a> {
     emission: Vec<Emission>,
     curved: Curved,
     solids: Solids,
+    stand_ins: StandIns,
 }
 
 impl<'a> World<'a> {
@@ -109,12 +111,12 @@ impl<'a> World<'a> {
             .map(|m| m.lets_light_through())
             .collect();
         let bvh = Bvh::build(
-            &soup.triangles,
+            soup.seen_triangles(),
             |t| filtered[soup.materials[t as usize] as usize],
             &options.tree,
         )?;
         let radius = soup
-            .triangles
+            .seen_triangles()
             .iter()
             .flatten()
             .map(|p| p.abs().max_element())
@@ -123,6 +125,7 @@ impl<'a> World<'a> {
         let off = |p| offset(p, radius);
         Ok(World {
             solids: Solids::find(scene, soup, &options.tree, off)?,
+            stand_ins: StandIns::find(scene, soup, &options.tree)?,
             emission: classify_emission(scene, soup),
             curved: Curved::find(scene, soup),
             two_sided: scene.materials.iter().map(|m| m.double_sided).collect(),
@@ -174,7 +177,9 @@ impl<'a> World<'a> {
 
     /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if `back`. `smooth` uses
     /// interpolated normals for the hemisphere's axis, and where these describe a curved surface, takes the point to lie on that (after
-    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the way there is free.
+    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the
+    /// way there is free. A point of a triangle that rays do not see is that of the surface which
+    /// it stands in for.
     pub fn surface_point(
         &self,
         triangle: u32,
@@ -183,6 +188,9 @@ impl<'a> World<'a> {
         back: bool,
         smooth: bool,
     ) -> SurfacePoint {
+        if let Some(p) = self.shown(triangle, u, v, back) {
+            return self.surface_point(p.triangle, p.u, p.v, p.back, smooth);
+        }
         let [a, b, c] = self.soup.triangles[triangle as usize];
         let position = a + (b - a) * u + (c - a) * v;
         let side = if back { -1.0 } else { 1.0 };
@@ -233,6 +241,22 @@ impl<'a> World<'a> {
         }
     }
 
+    /// What a point stands in for, if rays do not see its triangle.
+    fn shown(&self, triangle: u32, u: f32, v: f32, back: bool) -> Option<Place> {
+        if (triangle as usize) < self.soup.seen() {
+            return None;
+        }
+        let instance = self.soup.sources[triangle as usize].instance as usize;
+        let group = self.scene.instances[instance].stands_in?;
+        let [a, b, c] = self.soup.triangles[triangle as usize];
+        let position = a + (b - a) * u + (c - a) * v;
+        let side = if back { -1.0 } else { 1.0 };
+        let normal = self.soup.normals[triangle as usize] * side;
+        let two_sided = |t| self.two_sided(t);
+        self.stand_ins
+            .place(group, self.soup, two_sided, position, normal)
+    }
+
     /// [`surface_point`](Self::surface_point), drawn in from the triangle's edges just enough that, moved off the surface, it stays on
     /// its own side of a neighbouring face: a point in a corner would see behind the wall. By four times the offset, or to the
     /// middle of triangles that are smaller than that.
@@ -244,6 +268,9 @@ impl<'a> World<'a> {
         back: bool,
         smooth: bool,
     ) -> SurfacePoint {
+        if let Some(p) = self.shown(triangle, u, v, back) {
+            return self.inset_point(p.triangle, p.u, p.v, p.back, smooth);
+        }
         let corners = self.soup.triangles[triangle as usize];
         let position = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
         let margin = 4.0 * self.offset(position);
@@ -583,11 +610,11 @@ fn classify_emission(scene: &Scene, soup: &Soup) -> Vec<Emission> {
     if !glows.iter().any(|&g| g) {
         return Vec::new();
     }
-    let glowing: Vec<u32> = (0..soup.triangles.len() as u32)
+    let glowing: Vec<u32> = (0..soup.seen() as u32)
         .filter(|&t| glows[soup.materials[t as usize] as usize])
         .collect();
     let brightness = brightness(scene, soup, &glowing);
-    let area: f64 = soup.areas.iter().map(|a| *a as f64).sum();
+    let area: f64 = soup.areas[..soup.seen()].iter().map(|a| *a as f64).sum();
     let flux: f64 = (glowing.iter().zip(&brightness))
         .map(|(&t, b)| b.mean as f64 * soup.areas[t as usize] as f64)
         .sum();

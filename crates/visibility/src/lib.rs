@@ -30,6 +30,7 @@
 
 mod binary;
 mod bvh;
+mod closest;
 mod collapse;
 mod error;
 mod groups;
@@ -41,5 +42,6 @@ mod validate;
 mod within;
 
 pub use bvh::{BuildOptions, Bvh, BvhStats, Quality};
+pub use closest::closest_point;
 pub use error::{BuildError, ValidateError};
 pub use ray::{AcceptAll, Hit, HitFilter, Ray};

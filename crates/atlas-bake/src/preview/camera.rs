@@ -191,11 +191,11 @@ pub fn choose_camera(lit: &LitScene<'_>) -> Camera {
 /// not count.
 fn bulk(soup: &Soup) -> Option<(Vec3, Vec3)> {
     const AT_MOST: usize = 100_000;
-    let step = soup.triangles.len().div_ceil(AT_MOST).max(1);
+    let step = soup.seen().div_ceil(AT_MOST).max(1);
     let mut bounds = [Vec3::ZERO; 2];
     for axis in 0..3 {
         let mut x: Vec<f32> = soup
-            .triangles
+            .seen_triangles()
             .iter()
             .step_by(step)
             .flatten()

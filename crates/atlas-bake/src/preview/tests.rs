@@ -42,6 +42,7 @@ fn wall() -> (Scene, Layout, Vec<Page>) {
             transform: DAffine3::IDENTITY,
             occluder: false,
             density: 1.0,
+            stands_in: None,
             extras: None,
         }],
         materials: vec![material],

@@ -1,12 +1,12 @@
-//! The last defence against an unwrapper that never ends: it works in a thread of its own, which is left behind if it must be.
+//! An unwrapper works in a thread of its own: a panic there is a failure like another, and a bake
+//! that is cancelled leaves it behind at once, also where it cannot be asked to stop.
 //!
-//! This alone depends on the clock, and nothing that ends is near it: [`patience`] is thirty times what meshes took. Which unwrapper gets a
-//! mesh is otherwise decided by counting triangles (each refuses what is too much for it).
+//! No clock decides: how long an unwrapper may take is bounded by what it refuses to begin.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
@@ -17,14 +17,7 @@ const POLL: Duration = Duration::from_millis(20);
 /// Meshes of fewer triangles are unwrapped by one thread; there are others to keep the rest of the machine busy with.
 const LARGE: usize = 20_000;
 
-/// When to give up on a mesh of so many triangles. Half a millisecond each is thirty times what uvunwrap takes (16 µs), and a minute more than
-/// anything small needs on a machine that does ten other things.
-pub(super) fn patience(triangles: usize) -> Duration {
-    Duration::from_secs(60)
-        + Duration::from_micros(500) * u32::try_from(triangles).unwrap_or(u32::MAX)
-}
-
-/// Runs `unwrapper` until it is done, `cancel` says so, or `patience` ends. A panic inside counts as a failure.
+/// Runs `unwrapper` until it is done or `cancel` says so. A panic inside counts as a failure.
 ///
 /// The work gets threads of its own as well: callers wait inside a pool's threads, and work that shares the pool
 /// would wait for them.
@@ -33,7 +26,6 @@ pub(super) fn run(
     mesh: &Arc<UnwrapInput>,
     options: &UnwrapOptions,
     cancel: Cancel<'_>,
-    patience: Duration,
 ) -> Result<UnwrappedMesh, UnwrapError> {
     if cancel() {
         return Err(UnwrapError::Cancelled);
@@ -54,7 +46,7 @@ pub(super) fn run(
                 Ok(pool) => pool.install(|| unwrapper.unwrap(&mesh, &options, &polled)),
                 Err(error) => Err(UnwrapError::Failed(format!("no threads: {error}"))),
             };
-            // The receiver is gone if the wait was given up; nobody misses the result then.
+            // The receiver is gone if the bake was cancelled; nobody misses the result then.
             let _ = sender.send(result);
         }
     };
@@ -62,7 +54,6 @@ pub(super) fn run(
         .name(unwrapper.name().into())
         .spawn(work)
         .map_err(|e| UnwrapError::Failed(format!("no thread: {e}")))?;
-    let start = Instant::now();
     loop {
         match receiver.recv_timeout(POLL) {
             Ok(result) => return result,
@@ -71,24 +62,18 @@ pub(super) fn run(
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
-        let late = start.elapsed() > patience;
-        if late || cancel() {
+        if cancel() {
             stop.store(true, Ordering::Relaxed);
-            return Err(if late {
-                UnwrapError::Failed(format!(
-                    "no result after {} s, given up (this depends on the machine's speed)",
-                    patience.as_secs()
-                ))
-            } else {
-                UnwrapError::Cancelled
-            });
+            return Err(UnwrapError::Cancelled);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{BoxProjection, unwrap_within};
+    use std::time::Instant;
+
+    use super::super::{BoxProjection, unwrap_with_fallback};
     use super::*;
     use glam::{DMat3, Vec3};
     use mesh_ingest::{Mesh, Primitive};
@@ -137,23 +122,13 @@ mod tests {
     };
 
     #[test]
-    fn a_hang_and_a_panic_both_give_way_to_the_fallback() {
-        static HANGS: Bad = Bad { panics: false };
+    fn a_panic_gives_way_to_the_fallback() {
         static BREAKS: Bad = Bad { panics: true };
-        // A panic is known at once, however long its backtrace takes to print.
-        for (bad, why, patience) in [(&HANGS, "no result", 200), (&BREAKS, "broke down", 600_000)] {
-            let patience = |_: usize| Duration::from_millis(patience);
-            let (result, by, failures) = unwrap_within(
-                &[bad, &BoxProjection],
-                &Arc::new(triangle()),
-                &OPTIONS,
-                &|| false,
-                patience,
-            )
-            .expect("charts");
-            assert_eq!((by, result.charts), ("box", 1));
-            assert!(failures[0].contains(why), "{failures:?}");
-        }
+        let all: [&'static dyn Unwrapper; 2] = [&BREAKS, &BoxProjection];
+        let (result, by, failures) =
+            unwrap_with_fallback(&all, &Arc::new(triangle()), &OPTIONS, &|| false).expect("charts");
+        assert_eq!((by, result.charts), ("box", 1));
+        assert!(failures[0].contains("broke down"), "{failures:?}");
     }
 
     #[test]
@@ -161,15 +136,9 @@ mod tests {
         static HANGS: Bad = Bad { panics: false };
         let start = Instant::now();
         let cancel = || start.elapsed() > Duration::from_millis(100);
-        let result = run(
-            &HANGS,
-            &Arc::new(triangle()),
-            &OPTIONS,
-            &cancel,
-            Duration::from_secs(600),
-        );
+        let result = run(&HANGS, &Arc::new(triangle()), &OPTIONS, &cancel);
         assert_eq!(result.err(), Some(UnwrapError::Cancelled));
-        // A poll and what a busy machine adds; a minute would be patience running out.
+        // A poll and what a busy machine adds; it would never end by itself.
         assert!(start.elapsed() < Duration::from_secs(30));
     }
 }

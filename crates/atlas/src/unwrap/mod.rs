@@ -22,7 +22,6 @@ mod weld;
 mod xatlas;
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use serde::Serialize;
 
@@ -64,7 +63,8 @@ impl UnwrapperChoice {
 
 /// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each earlier one failed.
 ///
-/// All but the last run under a guard: one that hangs or panics is left behind. The last is trusted to end.
+/// All but the last run under a guard: one that panics is left behind. Each refuses what is too
+/// much for it, by counting, so that the result does not depend on the machine.
 ///
 /// # Errors
 /// The last one's error when none succeeds; [`UnwrapError::Cancelled`] at once.
@@ -74,25 +74,13 @@ pub fn unwrap_with_fallback(
     options: &UnwrapOptions,
     cancel: Cancel<'_>,
 ) -> Result<(UnwrappedMesh, &'static str, Vec<String>), UnwrapError> {
-    unwrap_within(unwrappers, mesh, options, cancel, guard::patience)
-}
-
-/// [`unwrap_with_fallback`] with a patience of one's own, by number of triangles.
-fn unwrap_within(
-    unwrappers: &[&'static dyn Unwrapper],
-    mesh: &Arc<UnwrapInput>,
-    options: &UnwrapOptions,
-    cancel: Cancel<'_>,
-    patience: impl Fn(usize) -> Duration,
-) -> Result<(UnwrappedMesh, &'static str, Vec<String>), UnwrapError> {
     let mut failures = Vec::new();
     let mut last = UnwrapError::Failed("no unwrapper".into());
     for (number, &unwrapper) in unwrappers.iter().enumerate() {
         let result = if number + 1 == unwrappers.len() {
             unwrapper.unwrap(mesh, options, cancel)
         } else {
-            let patience = patience(mesh.triangles.len());
-            guard::run(unwrapper, mesh, options, cancel, patience)
+            guard::run(unwrapper, mesh, options, cancel)
         };
         match result.and_then(|result| check(mesh, options, result)) {
             Ok(result) => return Ok((result, unwrapper.name(), failures)),

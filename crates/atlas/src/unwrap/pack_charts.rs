@@ -24,6 +24,9 @@ const PHASE_WORK: f64 = 20_000.0;
 /// easier to pack. Five equal sides in 2 × 3 waste a fifth, which a strip across the page would waste as well.
 const STRIP_COST: f64 = 1.25;
 
+/// How often charts are packed at a lower density before they count as too many.
+const TRIES: usize = 24;
+
 /// How masks keep apart.
 #[derive(Debug, Clone, Copy)]
 struct Rule {
@@ -97,8 +100,10 @@ pub(super) fn pack_charts(
         charts: charts.count,
         max_size: options.max_size,
     };
-    // Each failed try lowers the density by 3 % to a half; the last ones leave every chart a few texels.
-    for _ in 0..40 {
+    // Each failed try lowers the density by 3 % to a half, after eight by a fifth at least; the
+    // last ones leave every chart a few texels.
+    let mut before = f64::INFINITY;
+    for tried in 0..TRIES {
         if cancel() {
             return Err(UnwrapError::Cancelled);
         }
@@ -106,11 +111,21 @@ pub(super) fn pack_charts(
             .par_iter()
             .map(|shape| Stamp::new(shape, density, &rule))
             .collect();
-        if let Some(result) = arrange(&shapes, &stamps, density, charts, options, &rule, cancel)? {
+        // What is larger than the page need not be tried, and what no density makes smaller never
+        // fits.
+        let needed: f64 = stamps.iter().map(|s| s.mask.count() as f64).sum();
+        if needed > room {
+            if needed > 0.999 * before {
+                return Err(too_many());
+            }
+            before = needed;
+        } else if let Some(result) =
+            arrange(&shapes, &stamps, density, charts, options, &rule, cancel)?
+        {
             return Ok(result);
         }
-        let needed: f64 = stamps.iter().map(|s| s.mask.count() as f64).sum();
-        density *= (0.97 * room / needed.max(1.0)).sqrt().clamp(0.5, 0.97);
+        let most = if tried < 8 { 0.97 } else { 0.8 };
+        density *= (0.97 * room / needed.max(1.0)).sqrt().clamp(0.5, most);
     }
     Err(too_many())
 }

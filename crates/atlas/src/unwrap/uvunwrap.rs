@@ -10,8 +10,14 @@ use super::finish::finish;
 use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 
-/// Largest mesh given to uvunwrap: at 10 to 16 µs a triangle, a minute. Larger ones go to the box projection.
+/// Largest mesh given to uvunwrap: at 10 to 16 µs a triangle, a minute; of crumpled paper, the
+/// worst case measured (50 µs), three. Larger ones go to the box projection.
 pub const MAX_TRIANGLES: usize = 4_000_000;
+
+/// Most pieces with borders of their own. Its time grows faster than their number: loose triangles
+/// take 50 µs each where there are 128,000, and 90 where there are 256,000
+/// (`examples/unwrap_cost.rs`).
+const PIECES: u32 = 250_000;
 
 /// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps. Packed here.
 #[derive(Debug, Clone, Copy, Default)]
@@ -32,6 +38,9 @@ impl Unwrapper for UvUnwrap {
             return Err(UnwrapError::Failed(format!(
                 "more than {MAX_TRIANGLES} triangles"
             )));
+        }
+        if mesh.regions > PIECES {
+            return Err(UnwrapError::Failed(format!("more than {PIECES} pieces")));
         }
         finish(mesh, flatten(mesh, None, cancel)?, options, cancel)
     }

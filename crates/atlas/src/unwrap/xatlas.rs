@@ -3,11 +3,12 @@
 //! The crate's own bindings carry names as MSVC mangles them and do not link elsewhere, so the few functions needed are
 //! declared here. All `unsafe` code of atlas-bake is in this file.
 //!
-//! xatlas cannot be cancelled and may run for minutes or hang. It therefore works in a thread of its own; when it is not
-//! wanted any more, its progress callback puts that thread to sleep for good and its memory is lost. A mesh of more than
-//! [`MAX_TRIANGLES`] triangles is refused beforehand, so that in practice the outcome depends on the input and not on
-//! the clock. Its scheduler loses the wake-up of a worker that is just going to sleep: destroying an atlas hung once in
-//! about a thousand runs, so the result is handed over before that.
+//! xatlas cannot be cancelled. It therefore works in a thread of its own; when it is not wanted any
+//! more, its progress callback puts that thread to sleep for good and its memory is lost. Its time
+//! grows with the square of a chart's triangles and of their number, so that it gets at most
+//! [`PIECES`] pieces of at most [`PIECE`] triangles: counts alone decide, never a clock. Its
+//! scheduler loses the wake-up of a worker that is just going to sleep: destroying an atlas hung
+//! once in about a thousand runs, so the result is handed over before that.
 //!
 //! It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so the mesh is scaled up),
 //! may mirror charts and does not scale conformal charts to their true area: packing its charts anew cures the last two,
@@ -17,7 +18,7 @@ use std::ffi::{c_int, c_void};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use glam::{Vec2, Vec3};
 // Nothing of the crate's Rust side is called: this links the C++ library that it builds.
@@ -28,12 +29,17 @@ use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 use super::uvunwrap::flatten;
 
-/// Largest mesh given to xatlas. 82,000 triangles of a sphere took it 80 s (FACTS.md §6), and its time grows faster than the
-/// number of triangles.
+/// Largest mesh given to xatlas: within a minute at the most that it was seen to take below the two
+/// limits that follow, 0.7 ms a triangle (`examples/unwrap_cost.rs`).
 pub const MAX_TRIANGLES: usize = 60_000;
 
-/// When to give up. Ten times what the largest admitted mesh took: only a hang gets here.
-const PATIENCE: Duration = Duration::from_secs(300);
+/// Most triangles that xatlas gets in one piece. Its time grows with the square of a flat chart's:
+/// a terrain takes 0.3 ms a triangle with 2,000 triangles, 0.8 with 4,000 and 4 with 16,000.
+const PIECE: usize = 2_000;
+
+/// Most pieces. So does that of its packing: loose triangles take 0.6 ms each where there are
+/// 16,000, and 1 ms where there are 32,000.
+const PIECES: usize = 16_000;
 
 /// How often the waiting thread looks whether it is to stop.
 const POLL: Duration = Duration::from_millis(50);
@@ -59,6 +65,9 @@ impl Unwrapper for Xatlas {
             )));
         }
         let regions = split_regions(mesh);
+        if regions.len() > PIECES {
+            return Err(UnwrapError::Failed(format!("more than {PIECES} pieces")));
+        }
         let charts = run_guarded(regions, cancel)?;
         let mut uv = vec![[Vec2::ZERO; 3]; mesh.triangles.len()];
         for (t, corners) in charts {
@@ -82,16 +91,18 @@ fn split_regions(mesh: &UnwrapInput) -> Vec<Region> {
     let area: f64 = mesh.areas().iter().sum();
     let mean = area / mesh.triangles.len().max(1) as f64;
     let scale = if mean > 0.0 { mean.sqrt().recip() } else { 1.0 };
-    let mut regions: Vec<Region> = (0..count)
-        .map(|_| Region {
-            source: Vec::new(),
+    let mut sources: Vec<Vec<u32>> = vec![Vec::new(); count as usize];
+    for (t, &r) in region.iter().enumerate() {
+        sources[r as usize].push(t as u32);
+    }
+    let pieces = sources.into_iter().flat_map(|s| halve(mesh, s));
+    let mut regions: Vec<Region> = pieces
+        .map(|source| Region {
+            source,
             positions: Vec::new(),
             indices: Vec::new(),
         })
         .collect();
-    for (t, &r) in region.iter().enumerate() {
-        regions[r as usize].source.push(t as u32);
-    }
     for r in &mut regions {
         let mut used: Vec<u32> = r
             .source
@@ -116,10 +127,40 @@ fn split_regions(mesh: &UnwrapInput) -> Vec<Region> {
     regions
 }
 
+/// Cuts triangles at the middle one along the longest side of their box, until no piece has more
+/// than [`PIECE`].
+fn halve(mesh: &UnwrapInput, source: Vec<u32>) -> Vec<Vec<u32>> {
+    let (mut done, mut todo) = (Vec::new(), vec![source]);
+    while let Some(mut piece) = todo.pop() {
+        if piece.len() <= PIECE {
+            // In their own order, whatever the cuts were.
+            piece.sort_unstable();
+            done.push(piece);
+            continue;
+        }
+        let sum = |t: u32| -> Vec3 {
+            let corners = mesh.triangles[t as usize].map(|i| mesh.positions[i as usize]);
+            corners.into_iter().sum()
+        };
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for p in piece.iter().map(|&t| sum(t)) {
+            (low, high) = (low.min(p), high.max(p));
+        }
+        let axis = (high - low).max_position();
+        piece.sort_unstable_by(|&a, &b| {
+            let [x, y] = [a, b].map(|t| sum(t)[axis]);
+            x.total_cmp(&y).then(a.cmp(&b))
+        });
+        let right = piece.split_off(piece.len() / 2);
+        todo.extend([right, piece]);
+    }
+    done
+}
+
 /// Texture coordinates of one triangle's corners, in xatlas's texels, by number of the triangle.
 type Charted = Vec<(u32, [Vec2; 3])>;
 
-/// Runs xatlas in its own thread, and leaves that thread behind when `cancel` says so or patience ends.
+/// Runs xatlas in its own thread, and leaves that thread behind when `cancel` says so.
 fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, UnwrapError> {
     if regions.is_empty() || cancel() {
         return Err(UnwrapError::Cancelled);
@@ -141,7 +182,6 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
             let _ = sender.send(result);
         })
         .map_err(|e| UnwrapError::Failed(format!("no thread for xatlas: {e}")))?;
-    let start = Instant::now();
     loop {
         match receiver.recv_timeout(POLL) {
             Ok(result) => return result.map_err(UnwrapError::Failed),
@@ -150,14 +190,9 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
-        let late = start.elapsed() > PATIENCE;
-        if late || cancel() {
+        if cancel() {
             abandoned.store(true, Ordering::Relaxed);
-            return Err(if late {
-                UnwrapError::Failed(format!("xatlas hung for {} s", PATIENCE.as_secs()))
-            } else {
-                UnwrapError::Cancelled
-            });
+            return Err(UnwrapError::Cancelled);
         }
     }
 }

@@ -30,6 +30,7 @@ pub fn scene(meshes: Vec<Mesh>, instances: Vec<(usize, DAffine3)>) -> (Scene, So
             transform,
             occluder: false,
             density: 1.0,
+            stands_in: None,
             extras: None,
         })
         .collect();

@@ -228,6 +228,13 @@ pub(crate) struct Plan {
     /// Which scene of the document [default: its own default]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
     pub scene: Option<usize>,
+    /// Nodes named ..._LOD0, ..._LOD1 and so on are things of their own, not levels of detail of
+    /// one
+    #[arg(long)]
+    pub no_lods: bool,
+    /// They are levels of detail, whatever the file of settings says
+    #[arg(long, conflicts_with = "no_lods")]
+    pub lods: bool,
     /// Lumels per metre [default: by the scene's size]
     #[arg(long, value_name = "X")]
     pub texels_per_unit: Option<f32>,
@@ -474,6 +481,8 @@ impl Plan {
     fn apply(&self, out: &mut Layered) {
         use Origin::Flag;
         out.put(Flag, "scene", self.scene, |s, x| s.scene = Some(x));
+        let lods = either(self.lods, self.no_lods);
+        out.put(Flag, "lods", lods, |s, x| s.lods = x);
         out.put(Flag, "texels-per-unit", self.texels_per_unit, |s, x| {
             s.texels_per_unit = Some(x)
         });

@@ -56,7 +56,7 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     display.finish();
     let report = outcome?;
     for w in &report.warnings {
-        display.say(&format!("warning: {w}"));
+        display.warn(w);
     }
     summary(a, &report, &display);
     if a.json {
@@ -193,6 +193,9 @@ fn bake(
     let bake = lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?;
     if let Some(cache) = &bake.report.measured.cache {
         say_cache(cache, display);
+    }
+    if let Some(lods) = lumel::describe_lods(&bake.report.ingest.lods) {
+        display.say(&format!("  lods      {lods}"));
     }
     let layout = &bake.report.layout;
     let pages: Vec<String> = layout

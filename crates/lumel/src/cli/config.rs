@@ -180,6 +180,7 @@ fn plain(message: &str) -> String {
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct FileOptions {
     scene: Option<usize>,
+    lods: Option<bool>,
     #[serde(deserialize_with = "positive")]
     texels_per_unit: Option<f32>,
     max_page: Option<u32>,
@@ -222,6 +223,7 @@ impl FileOptions {
     fn apply(self, base: &Path, out: &mut Layered) {
         use Origin::File;
         out.put(File, "scene", self.scene, |s, x| s.scene = Some(x));
+        out.put(File, "lods", self.lods, |s, x| s.lods = x);
         out.put(File, "texels-per-unit", self.texels_per_unit, |s, x| {
             s.texels_per_unit = Some(x)
         });

@@ -20,6 +20,8 @@ struct State {
     phase: Option<Phase>,
     since: Instant,
     residual: Option<f64>,
+    /// Warnings that were told before the end.
+    warned: Vec<String>,
 }
 
 impl Display {
@@ -37,6 +39,7 @@ impl Display {
                 phase: None,
                 since: Instant::now(),
                 residual: None,
+                warned: Vec::new(),
             }),
         }
     }
@@ -55,6 +58,17 @@ impl Display {
                 let _ = writeln!(std::io::stderr(), "{line}");
             }
         }
+    }
+
+    /// Says a warning, once.
+    pub(crate) fn warn(&self, text: &str) {
+        let Ok(mut s) = self.state.lock() else { return };
+        if s.warned.iter().any(|w| w == text) {
+            return;
+        }
+        s.warned.push(text.into());
+        drop(s);
+        self.say(&format!("warning: {text}"));
     }
 
     /// Ends the last phase.
@@ -129,6 +143,10 @@ impl Monitor for Display {
         if let Some(bar) = &self.bar {
             bar.set_message(format!("solve, residual {residual:.1e}"));
         }
+    }
+
+    fn warning(&self, text: &str) {
+        self.warn(text);
     }
 
     fn cancelled(&self) -> bool {

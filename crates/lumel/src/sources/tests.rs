@@ -45,6 +45,7 @@ fn scene() -> (Scene, Value) {
             mesh: 0,
             occluder: false,
             density: 1.0,
+            stands_in: None,
             transform: Default::default(),
             extras: None,
         }],

@@ -10,6 +10,7 @@ mod graph;
 mod hostile;
 mod ies;
 mod lights;
+mod lods;
 mod materials;
 mod mips;
 mod soups;

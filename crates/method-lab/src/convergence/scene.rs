@@ -24,6 +24,7 @@ fn add_quad(scene: &mut Scene, reflectance: f32, radiance: f32, [corner, x, y]: 
         transform: DAffine3::IDENTITY,
         occluder: false,
         density: 1.0,
+        stands_in: None,
         extras: None,
     });
     scene.meshes.push(Mesh {

@@ -26,6 +26,7 @@ fn add_mesh(scene: &mut Scene, material: Material, positions: Vec<Vec3>, triangl
         mesh: scene.meshes.len(),
         occluder: false,
         density: 1.0,
+        stands_in: None,
         transform: DAffine3::IDENTITY,
         extras: None,
     });

@@ -1,0 +1,200 @@
+//! What a bake warns about: what is wrong, which nodes it is about, and what to do.
+
+use std::collections::BTreeMap;
+
+use atlas::LayoutReport;
+use atlas_bake::Baked;
+use gather::HiddenIn;
+use glam::Vec3;
+use mesh_ingest::{Loaded, Scene, Soup};
+use radiosity::{Sky, Solution, SurfacePoint, World};
+
+use crate::brightness;
+use crate::likeness::{Likeness, unmarked_levels};
+use crate::named::{node_of, some_of};
+use crate::report::{audit_warnings, clamped_warning};
+use crate::settings::Settings;
+
+/// Hidden lumels are warned about from this share of all on: less is what stands in floors.
+const MANY_HIDDEN: f64 = 0.05;
+
+/// Points of an instance that are looked at to tell whether all of it lies inside something.
+const LOOKED_AT: usize = 24;
+
+/// That nothing at all shines, where that is known from the scene; the bake is black then.
+pub(crate) fn dark(scene: &Scene, soup: &Soup, sky: &Sky) -> Option<String> {
+    let glows = |m: &u32| {
+        let material = &scene.materials[*m as usize];
+        material.emissive != Vec3::ZERO && !material.occluder_only
+    };
+    let dark = scene.lights.iter().all(|l| l.intensity == Vec3::ZERO)
+        && sky.is_black()
+        && !soup.materials[..soup.seen()].iter().any(glows);
+    dark.then(|| {
+        "nothing shines: there is no lamp and no emissive material, and no --sky or --sun was given; the lightmap will be black".into()
+    })
+}
+
+/// What geometry alone tells: known before a bake.
+pub(crate) fn of_geometry(world: &World, settings: &Settings) -> Vec<String> {
+    let (scene, soup) = (world.scene, world.soup);
+    let like = unmarked_levels(scene, soup, settings.lods);
+    let mut out = Vec::new();
+    out.extend(like_levels(scene, &like));
+    out.extend(coincident(scene, soup));
+    out.extend(inside(world, &like));
+    out
+}
+
+fn like_levels(scene: &Scene, like: &[Likeness]) -> Option<String> {
+    let names = |group: &Likeness| {
+        let names: Vec<String> = group.iter().map(|i| node_of(scene, *i)).collect();
+        names.join(" / ")
+    };
+    (!like.is_empty()).then(|| {
+        format!(
+            "things that lie in each other with nearly the same size, like levels of detail or variants of one thing: {}; all of them cast shadows, so that the inner ones bake black: \
+             name them ..._LOD0, ..._LOD1, or give them extras.lumel.lod or variant (docs/extras.md)",
+            some_of(like.iter().map(names))
+        )
+    })
+}
+
+fn coincident(scene: &Scene, soup: &Soup) -> Option<String> {
+    let mut pairs: BTreeMap<[u32; 2], u64> = BTreeMap::new();
+    for d in &soup.duplicates {
+        let on = soup.sources[d.kept as usize].instance;
+        *pairs.entry([d.source.instance, on]).or_default() += 1;
+    }
+    let mut pairs: Vec<([u32; 2], u64)> = pairs.into_iter().collect();
+    pairs.sort_by_key(|(_, n)| std::cmp::Reverse(*n));
+    let names = pairs.iter().map(|([a, b], n)| {
+        let [a, b] = [a, b].map(|i| node_of(scene, *i as usize));
+        if a == b {
+            format!("within {a} ({n})")
+        } else {
+            format!("{a} on {b} ({n})")
+        }
+    });
+    (!pairs.is_empty()).then(|| {
+        format!(
+            "{} triangles coincide with others: {}; they get the same light, but what lies in one place twice flickers when it is drawn: delete one of the two, or tell them as variants \
+             (extras.lumel.variant) if only one is shown at a time",
+            soup.duplicates.len(),
+            some_of(names)
+        )
+    })
+}
+
+/// Instances that lie wholly inside closed bodies, other than those that look like levels of
+/// detail.
+fn inside(world: &World, like: &[Likeness]) -> Option<String> {
+    let mut known = vec![false; world.scene.instances.len()];
+    like.iter().flatten().for_each(|i| known[*i] = true);
+    let found: Vec<String> = (0..known.len())
+        .filter(|i| !known[*i] && world.scene.has_lumels(*i) && is_inside(world, *i))
+        .map(|i| node_of(world.scene, i))
+        .collect();
+    (!found.is_empty()).then(|| {
+        let count = found.len();
+        let (node, lie) = if count == 1 { ("node", "lies") } else { ("nodes", "lie") };
+        format!(
+            "{count} {node} {lie} wholly inside closed bodies, where no light comes: {}; delete what nobody sees, or leave it without lumels (extras.lumel.density 0)",
+            some_of(found)
+        )
+    })
+}
+
+/// Whether all of an instance lies inside a body, by some of its triangles.
+fn is_inside(world: &World, instance: usize) -> bool {
+    let [first, end] = world.soup.instance_ranges[instance];
+    let end = end.min(world.soup.seen() as u32);
+    let step = (end.saturating_sub(first) as usize)
+        .div_ceil(LOOKED_AT)
+        .max(1);
+    let third = 1.0 / 3.0;
+    let point = |t| -> SurfacePoint { world.surface_point(t, third, third, false, false) };
+    first < end
+        && (first..end)
+            .step_by(step)
+            .all(|t| world.inside_a_body(&point(t)))
+}
+
+/// What a finished bake has to warn about.
+pub(crate) struct Warned<'w> {
+    pub loaded: &'w Loaded,
+    pub world: &'w World<'w>,
+    pub clamped_materials: u64,
+    pub layout: &'w LayoutReport,
+    pub solution: &'w Solution,
+    pub baked: &'w Baked,
+    pub settings: &'w Settings,
+    /// What [`dark`] said.
+    pub dark: Option<String>,
+}
+
+impl Warned<'_> {
+    pub fn list(self) -> Vec<String> {
+        let ingest = &self.loaded.report;
+        let mut out: Vec<String> = (ingest.warnings.iter())
+            .map(|w| format!("{}: {}", w.path, w.message))
+            .collect();
+        for (reason, n) in ingest.left_out_by_reason() {
+            out.push(format!("{n} nodes left out: {reason:?}").to_lowercase());
+        }
+        out.extend(clamped_warning(self.clamped_materials));
+        out.extend(self.layout.warnings.iter().cloned());
+        out.extend(of_geometry(self.world, self.settings));
+        let audit = &self.solution.report.audit;
+        let unlit = audit.flux_in.iter().all(|f| *f == 0.0).then(|| {
+            "no light reaches any surface: no lamp or emissive material shines on one, and no --sky or --sun was given; the lightmap is black".into()
+        });
+        out.extend(self.dark.clone().or(unlit));
+        out.extend(audit_warnings(audit));
+        out.extend(self.not_reached());
+        out.extend(brightness::clamped_warning(&self.baked.pages));
+        out.extend(self.hidden());
+        out
+    }
+
+    /// What was asked for and not reached.
+    fn not_reached(&self) -> Vec<String> {
+        let mut out = Vec::new();
+        let relaxation = &self.solution.report.relaxation;
+        if !relaxation.converged {
+            out.push(format!(
+                "the solve did not converge: up to {:.2} % of the light is not distributed",
+                100.0 * relaxation.residual
+            ));
+        }
+        let gather = &self.baked.report.light;
+        if let (Some(wanted), Some(false)) = (self.settings.error, gather.error_reached) {
+            out.push(format!(
+                "the error asked for, {} %, was not reached: the estimate is {:.2} %, and {} of {} lumels have as many samples as a lumel gets; a finer --texels-per-unit helps where things touch",
+                100.0 * wanted,
+                100.0 * gather.estimated_error,
+                gather.exhausted_lumels,
+                gather.lumels
+            ));
+        }
+        out
+    }
+
+    fn hidden(&self) -> Option<String> {
+        let gather = &self.baked.report.light;
+        let many = gather.hidden_lumels as f64 > MANY_HIDDEN * gather.lumels as f64;
+        let one = |h: &HiddenIn| {
+            let name = node_of(&self.loaded.scene, h.instance);
+            let share = 100.0 * h.hidden as f64 / h.lumels.max(1) as f64;
+            format!("{name} ({share:.0} % of {})", h.lumels)
+        };
+        many.then(|| {
+            format!(
+                "{} of {} lumels lie inside or behind single-sided faces, most of them of {}; nothing to do where props stand in floors, else look for faces turned inside out",
+                gather.hidden_lumels,
+                gather.lumels,
+                some_of(gather.hidden.iter().map(one))
+            )
+        })
+    }
+}
