@@ -168,7 +168,8 @@ fn reflected_light_is_that_of_the_first_level_and_the_floor_has_no_other() {
     };
     let all = bake(&level(&balls, Told::Name, 0.6), &settings);
     let alone = bake(&level(&balls[..1], Told::Name, 0.6), &settings);
-    let claimed = all.report.gather.light.estimated_error + alone.report.gather.light.estimated_error;
+    let claimed =
+        all.report.gather.light.estimated_error + alone.report.gather.light.estimated_error;
     let first = mean(&lumels_of(&all, "Thing_LOD0"));
     let below = |k: usize| {
         let mut seen = lumels_of(&all, &name(Told::Name, k));

@@ -443,7 +443,7 @@ mod tests {
         other[99_999] = 8;
         for (name, bytes) in [("same", &long[..]), ("other", &other), ("short", b"7")] {
             fs::write(path(name), bytes).unwrap();
-            let past = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(1000);
+            let past = std::time::SystemTime::UNIX_EPOCH + Duration::from_secs(1000);
             let file = File::options().write(true).open(path(name)).unwrap();
             file.set_modified(past).unwrap();
         }

@@ -42,5 +42,7 @@ pub use lumels::{Fragment, Lumel, Lumels, TexelIndex, faces_of};
 pub use overlap::{Bleeding, for_each_texel, overlap_share};
 pub use pack::{PackedPages, pack_pages};
 pub use unlike::separate_unlike;
-pub use unwrap::{ChartMeasure, KeptCharts, UnwrapError, UnwrapOptions, UnwrapperChoice};
+pub use unwrap::{
+    ChartMeasure, KeptCharts, UnwrapError, UnwrapInput, UnwrapOptions, UnwrapperChoice,
+};
 pub use uv_check::{Severity, UvFault, UvFaultKind, UvMode, UvPlace};
