@@ -436,7 +436,7 @@ fn blender_imports_without_loss_and_looks_up_right() {
         return;
     }
     let (_t, out) = squares("");
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/engines/blender");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/blender/tests");
     let points: Vec<Value> = (points().into_iter())
         .map(|(at, albedo, r)| json!({"at": at, "radiance": albedo.map(|a| a * r)}))
         .collect();

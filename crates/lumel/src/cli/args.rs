@@ -167,12 +167,24 @@ pub(crate) struct Bake {
     /// Do not, whatever the file of settings says
     #[arg(long, conflicts_with = "strict")]
     pub no_strict: bool,
+    /// How progress is shown on standard error
+    #[arg(long, value_enum, default_value = "auto")]
+    pub progress: ProgressArg,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
     /// Say more
     #[arg(short, long, conflicts_with = "quiet")]
     pub verbose: bool,
+}
+
+/// How progress is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProgressArg {
+    /// One bar on a terminal, a line for each finished phase elsewhere
+    Auto,
+    /// Four lines a second for programs: progress 42.0 % gather, 12 s left
+    Lines,
 }
 
 #[derive(Debug, Args)]

@@ -29,7 +29,7 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
         strict,
     } = a.settings()?;
     check_outputs(a, &settings, &provenance)?;
-    let display = Display::new(a.quiet);
+    let display = Display::new(a.quiet, a.progress, &settings);
     if a.skip_if_unchanged
         && !a.dry_run
         && unchanged::skip(a, &settings, &provenance, strict, &display)?

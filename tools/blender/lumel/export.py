@@ -1,0 +1,43 @@
+"""Writes the scene as the .glb that `lumel bake` reads, with all that the exporter leaves out."""
+
+import os
+
+import bpy
+
+from . import lamps, world
+from .glb import Glb
+
+
+def export_level(context, path):
+    """Exports the scene to `path`. Returns options for `lumel bake` and warnings."""
+    scene = context.scene
+    # The exporter multiplies lamps' colours by their temperature, in the lamps themselves.
+    colors = {lamp: tuple(lamp.color) for lamp in bpy.data.lights}
+    try:
+        bpy.ops.export_scene.gltf(
+            filepath=path,
+            export_format="GLB",
+            use_active_scene=True,
+            use_renderable=True,
+            export_apply=True,
+            export_lights=True,
+            export_extras=True,
+            export_cameras=False,
+            # W/sr and W/m², as glowing materials are. The default, Standard, takes lamps times 683.
+            export_import_convert_lighting_mode="COMPAT",
+            # Lumel leaves out what moves, and says so.
+            export_animation_mode="ACTIVE_ACTIONS",
+            export_force_sampling=False,
+        )
+    finally:
+        for lamp, color in colors.items():
+            lamp.color = color
+    glb = Glb(path)
+    warnings = lamps.complete(glb, rendered_objects(context))
+    glb.write(path)
+    return world.sky_options(scene, os.path.dirname(path)), warnings
+
+
+def rendered_objects(context):
+    """Objects of the scene that are not switched off for renders."""
+    return [o for o in context.view_layer.objects if not o.hide_render]
