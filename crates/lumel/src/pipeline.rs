@@ -19,6 +19,7 @@ use radiosity::{
 
 use crate::cache::{self, Cache, Surfaces};
 use crate::check::check;
+use crate::early;
 use crate::error::Error;
 use crate::overwrite;
 use crate::probes::{self, ProbePlan};
@@ -28,6 +29,7 @@ use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{Chosen, Sources};
+use crate::units;
 
 /// A finished bake, in memory.
 pub struct Bake {
@@ -103,6 +105,16 @@ pub(crate) struct Prepared {
     pub chosen: Chosen,
     pub sky: Sky,
     pub clamped_materials: u64,
+    pub early: Early,
+}
+
+/// What can be said before a bake begins.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Early {
+    pub notes: Vec<String>,
+    pub warnings: Vec<String>,
+    /// One of the warnings is that nothing shines.
+    pub dark: bool,
 }
 
 /// Reads a scene, adds the settings' suns and sky, and switches and dims its lights.
@@ -111,6 +123,9 @@ pub(crate) struct Prepared {
 /// [`Error`], by fault.
 pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
     let mut loaded = scene.load(settings.scene)?;
+    let mut early = Early::default();
+    let document = loaded.document.json();
+    (early.notes).extend(units::settle(&mut loaded.scene, document, settings.units));
     add_suns(&mut loaded.scene, settings);
     let sources = Sources::find(
         &loaded.scene,
@@ -126,12 +141,19 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas_bake::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
+    early::density(&soup, settings)?;
+    let (scene, document) = (&loaded.scene, loaded.document.json());
+    let dark = early::no_light(scene, &soup, &sky, document);
+    early.dark = dark.is_some();
+    (early.warnings).extend(dark.or_else(|| early::no_lamps(document)));
+    (early.warnings).extend(early::too_dense(scene, &soup, settings));
     Ok(Prepared {
         loaded,
         soup,
         chosen,
         sky,
         clamped_materials,
+        early,
     })
 }
 
@@ -170,6 +192,17 @@ pub struct Beside<'a> {
     /// Files that will be written or removed ([`output_names`](crate::output_names), [`outputs_in`](crate::outputs_in)): a bake that
     /// reads one of them ends with [`Error::Overwrite`] before anything is planned.
     pub outputs: &'a [PathBuf],
+    /// Gets what can be said before the work begins. The report has it too.
+    pub tell: Option<&'a (dyn Fn(Remark<'_>) + Sync)>,
+}
+
+/// Something that is known before a bake begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Remark<'a> {
+    /// What was decided for the user: one of [`Report::notes`].
+    Note(&'a str),
+    /// What a user should look at: one of [`Report::warnings`].
+    Warning(&'a str),
 }
 
 /// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and contacts, and there in a small part of a bake's time.
@@ -223,7 +256,13 @@ pub(crate) fn bake_scene(
         chosen,
         sky,
         clamped_materials,
+        early,
     } = prepare(scene, settings)?;
+    if let Some(tell) = beside.tell {
+        let warnings = early.warnings.iter().map(|w| Remark::Warning(w));
+        let notes = early.notes.iter().map(|n| Remark::Note(n));
+        notes.chain(warnings).for_each(tell);
+    }
     if !beside.outputs.is_empty() {
         let inputs = overwrite::all_inputs(&loaded.document, &option_inputs, settings, provenance);
         overwrite::refuse_inputs(beside.outputs, &inputs)?;
@@ -299,7 +338,19 @@ pub(crate) fn bake_scene(
         }
         None => (None, None),
     };
-    let warnings = warnings(
+    let Early {
+        notes,
+        warnings: mut all,
+        dark: foretold,
+    } = early;
+    let dark = solution.report.audit.flux_in.iter().all(|f| *f == 0.0);
+    if dark && !foretold {
+        all.push(
+            "no light reaches any surface: no lamp or emissive material shines on one; the lightmap is black"
+                .into(),
+        );
+    }
+    all.extend(warnings(
         &loaded,
         clamped_warning(clamped_materials),
         soup.dropped_duplicate,
@@ -307,7 +358,7 @@ pub(crate) fn bake_scene(
         &solution,
         &baked,
         settings.error,
-    );
+    ));
     drop(world);
 
     let name = file
@@ -336,7 +387,8 @@ pub(crate) fn bake_scene(
         probes: probe_report,
         clamped: Vec::new(),
         ktx2: Vec::new(),
-        warnings,
+        notes,
+        warnings: all,
         measured: Measured {
             cache: cached,
             ..Measured::default()
@@ -638,12 +690,6 @@ fn warnings(
         out.push(format!(
             "{duplicates} triangles coincide with others of another mesh or node; they get the same light, but what lies in one place twice flickers when it is drawn"
         ));
-    }
-    if solution.report.audit.flux_in.iter().all(|f| *f == 0.0) {
-        out.push(
-            "no light reaches any surface: no lamp or emissive material shines on one, and no --sky or --sun was given; the lightmap is black"
-                .into(),
-        );
     }
     out.extend(audit_warnings(&solution.report.audit));
     if !solution.report.relaxation.converged {

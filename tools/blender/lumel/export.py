@@ -33,6 +33,9 @@ def export_level(context, path):
         for lamp, color in colors.items():
             lamp.color = color
     glb = Glb(path)
+    # So that `lumel bake` knows that units are right and no lamps were left out by mistake.
+    asset = glb.json["asset"]
+    asset["generator"] = f"{asset.get('generator', '')}, Lumel add-on"
     warnings = lamps.complete(glb, rendered_objects(context))
     glb.write(path)
     return world.sky_options(scene, os.path.dirname(path)), warnings

@@ -17,6 +17,8 @@ AREA_PREFIX = "lumel area light "
 # Corners of the polygon in place of a disc: its area is 0.2 % too small, which the radiance
 # makes up for.
 DISC_CORNERS = 64
+# Share that the polygon takes of others' light, and shows of its own: what is clear gives none.
+CLEAR_ALPHA = 0.01
 
 
 def complete(glb, objects):
@@ -101,7 +103,7 @@ def polygon_area(points):
 
 
 def add_area(glb, o):
-    """An area light becomes a glowing, black polygon without a lightmap."""
+    """An area light becomes a glowing, clear polygon without a lightmap."""
     lamp, warnings = o.data, []
     points = [o.matrix_world @ Vector(p) for p in area_shape(lamp)]
     if o.matrix_world.determinant() < 0:
@@ -111,9 +113,9 @@ def add_area(glb, o):
         return [f"area light {o.name}: no area or no power; it gives no light"]
     if getattr(lamp, "spread", math.pi) < math.pi * 0.999:
         warnings.append(f"area light {o.name}: its spread is taken as 180 degrees")
-    # Cycles: power / (4 area), whatever the shape. Without *Normalize* the power is per area.
+    # A Lambertian surface that sends out the power. Without *Normalize* the power is per area.
     power = lamp.energy * 2 ** getattr(lamp, "exposure", 0.0)
-    radiance = 0.25 * power / (area if getattr(lamp, "normalize", True) else 1.0)
+    radiance = power / math.pi / (area if getattr(lamp, "normalize", True) else 1.0)
     emitted = color(lamp) * radiance
     strength = max(emitted)
     if strength <= 0:
@@ -123,9 +125,11 @@ def add_area(glb, o):
         "materials",
         {
             "name": AREA_PREFIX + o.name,
-            "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]},
+            # Light of others passes: Cycles' lamps block none.
+            "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, CLEAR_ALPHA]},
+            "alphaMode": "BLEND",
             "emissiveFactor": [c / strength for c in emitted],
-            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": strength}},
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": strength / CLEAR_ALPHA}},
         },
     )
     # Blender's Z is up, glTF's Y.

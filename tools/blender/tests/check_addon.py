@@ -60,7 +60,7 @@ def check(case, folder):
     lumel.register()
     try:
         scene.lumel.output = os.path.join(folder, case)
-        scene.lumel.quality = "quick"
+        scene.lumel.quality = "preview"
         assert bpy.ops.lumel.bake() == {"FINISHED"}, "the bake failed"
         baked = bpy.context.window.scene
         assert baked.name == "level (baked)" and baked != scene

@@ -58,6 +58,8 @@ def build(case):
     array.constant_offset_displace = (1.2 / 0.3, 0, 0)
     box("crate", (0.6, -0.9, 0), (1.3, -0.2, 0.7), red).rotation_euler = (0, 0, 0.4)
     LIGHTS[case](scene)
+    # Not a part of any mesh: what the baker is told about an object.
+    bpy.data.objects["crate"]["lumel"] = {"density": 2.0}
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.lens = 18
     camera.location, camera.rotation_euler = (2.6, -1.7, 1.9), (math.radians(74), 0, math.radians(58))
@@ -114,6 +116,13 @@ def sun(scene):
          angle=math.radians(2))
 
 
+def mixed(scene):
+    """Lamps of all kinds beside what glows: what the exporter's lighting modes tear apart."""
+    emission(scene)
+    lamps(scene)
+    sun(scene)
+
+
 def new_world(scene):
     scene.world = bpy.data.worlds.new("world")
     if bpy.app.version < (5, 0):
@@ -152,4 +161,4 @@ def hdri(scene):
     tree.links.new(environment.outputs["Color"], background.inputs["Color"])
 
 
-LIGHTS = {f.__name__: f for f in (emission, lamps, spot, area, sun, world, hdri)}
+LIGHTS = {f.__name__: f for f in (emission, lamps, spot, area, sun, world, hdri, mixed)}

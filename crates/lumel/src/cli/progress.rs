@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use lumel::mesh_ingest::printable;
 use lumel::{Monitor, Phase, Settings};
 
-use super::args::ProgressArg;
+use super::args::{Bake, ProgressArg};
 use super::course::Course;
 use super::interrupt;
 
@@ -24,6 +24,8 @@ const BAR: u64 = 1000;
 /// Shows where a bake is.
 pub(crate) struct Display {
     quiet: bool,
+    /// Residuals of the solve too.
+    verbose: bool,
     bar: Option<ProgressBar>,
     /// Lines for a program that shows progress itself.
     lines: bool,
@@ -59,11 +61,13 @@ impl State {
 
 impl Display {
     /// `quiet` shows nothing.
-    pub(crate) fn new(quiet: bool, progress: ProgressArg, settings: &Settings) -> Self {
+    pub(crate) fn new(a: &Bake, settings: &Settings) -> Self {
+        let (quiet, progress) = (a.quiet, a.progress);
         let lines = !quiet && progress == ProgressArg::Lines;
         let terminal = !quiet && !lines && std::io::stderr().is_terminal();
         Display {
             quiet,
+            verbose: a.verbose,
             bar: terminal.then(|| {
                 let bar = ProgressBar::new(BAR);
                 bar.set_style(style());
@@ -183,6 +187,9 @@ impl Monitor for Display {
     }
 
     fn residual(&self, residual: f64) {
+        if !self.verbose {
+            return;
+        }
         if let Ok(mut s) = self.state.lock() {
             s.residual = Some(residual);
         }
