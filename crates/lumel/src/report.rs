@@ -157,7 +157,7 @@ pub(crate) fn clamped_warning(materials: u64) -> Option<String> {
             n => format!("{n} materials reflect"),
         };
         format!(
-            "{reflect} more than --max-reflectance or their own maxReflectance allows; what is above counts as the limit"
+            "{reflect} more than --max-reflectance or extras.lumel.maxReflectance allows; what is above counts as the limit"
         )
     })
 }

@@ -1,5 +1,6 @@
 """Writes the scene as the .glb that `lumel bake` reads, with all that the exporter leaves out."""
 
+import contextlib
 import os
 
 import bpy
@@ -11,9 +12,7 @@ from .glb import Glb
 def export_level(context, path):
     """Exports the scene to `path`. Returns options for `lumel bake` and warnings."""
     scene = context.scene
-    # The exporter multiplies lamps' colours by their temperature, in the lamps themselves.
-    colors = {lamp: tuple(lamp.color) for lamp in bpy.data.lights}
-    try:
+    with plain_colors():
         bpy.ops.export_scene.gltf(
             filepath=path,
             export_format="GLB",
@@ -29,9 +28,6 @@ def export_level(context, path):
             export_animation_mode="ACTIVE_ACTIONS",
             export_force_sampling=False,
         )
-    finally:
-        for lamp, color in colors.items():
-            lamp.color = color
     glb = Glb(path)
     # So that `lumel bake` knows that units are right and no lamps were left out by mistake.
     asset = glb.json["asset"]
@@ -39,6 +35,25 @@ def export_level(context, path):
     warnings = lamps.complete(glb, rendered_objects(context))
     glb.write(path)
     return world.sky_options(scene, os.path.dirname(path)), warnings
+
+
+@contextlib.contextmanager
+def plain_colors():
+    """Lamps' temperatures as colours for a while: the exporter of Blender 5.0 fails on them."""
+    warm = [
+        (lamp, tuple(lamp.color))
+        for lamp in bpy.data.lights
+        if getattr(lamp, "use_temperature", False)
+    ]
+    try:
+        for lamp, _ in warm:
+            lamp.color = lamps.color(lamp)
+            lamp.use_temperature = False
+        yield
+    finally:
+        for lamp, before in warm:
+            lamp.color = before
+            lamp.use_temperature = True
 
 
 def rendered_objects(context):

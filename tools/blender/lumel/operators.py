@@ -119,7 +119,7 @@ class LUMEL_OT_bake(bpy.types.Operator):
                 self.report({"ERROR"}, bake.error())
             return {"CANCELLED"}
         count = show.show_bake(context, self.result)
-        self.report({"INFO"}, f"{bake.said[-1] if bake.said else 'baked'}; {count} objects lit")
+        self.report({"INFO"}, f"{bake.summary()}; {count} objects lit")
         return {"FINISHED"}
 
 

@@ -7,6 +7,9 @@ An object's settings live in its custom property `lumel`, which the glTF exporte
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
 
+# Blender 5 wants to be told that `//` may stand in a path; earlier ones do not know the word.
+RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0) else set()
+
 QUALITIES = [
     ("draft", "Draft", "For a look: grain in corners, jagged shadows"),
     ("quick", "Quick", "For changing lights"),
@@ -30,6 +33,7 @@ class LumelSettings(bpy.types.PropertyGroup):
         name="Output",
         default="//lumel",
         subtype="DIR_PATH",
+        options={"ANIMATABLE"} | RELATIVE,
         description="Folder for the level and its lightmaps",
     )
     options: StringProperty(

@@ -75,6 +75,9 @@ class Bake:
     def warnings(self):
         return [line[9:] for line in self.said if line.startswith("warning: ")]
 
+    def summary(self):
+        return next((line for line in self.said if line.startswith("baked ")), "baked")
+
     def error(self):
         errors = [line[7:] for line in self.said if line.startswith("error: ")]
         return errors[-1] if errors else "\n".join(self.said[-3:])
