@@ -4,7 +4,8 @@ import math
 
 import bpy
 
-CASES = ("emission", "lamps", "spot", "area", "sun", "world", "hdri")
+# `hdri` is there too, but not within 1 % at `preview` (docs/from_blender.md): name it to see.
+CASES = ("emission", "lamps", "spot", "area", "sun", "world")
 
 
 def material(name, color, emission=0.0):
