@@ -103,7 +103,7 @@ fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage
 
 /// Whether the browser reads BC6H; says so where it does not.
 fn has_bc6h(b: &mut Browser, site: &Site, test: &str) -> bool {
-    b.open(&format!("{}/web/lumel-ktx2.js", site.url));
+    b.open(&format!("{}/three/lumel-ktx2.js", site.url));
     b.wait("document.body");
     let extension = "document.createElement('canvas').getContext('webgl2')?.getExtension('EXT_texture_compression_bptc')";
     let has = b.eval(&format!("Boolean({extension})"));
