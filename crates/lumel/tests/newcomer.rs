@@ -2,7 +2,7 @@
 //! the work, units of Blender's exporter.
 
 use std::ffi::OsStr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::common::{asset, bake, files, lumel, parse, temp, write};
 use lumel::atlas_bake::read_exr;
@@ -53,7 +53,7 @@ fn square(t: &TempDir, generator: &str, lamp: Option<f64>) -> PathBuf {
 const BLENDER: &str = "Khronos glTF Blender I/O v5.0.21";
 
 /// The largest value of the lightmap, and what the bake said.
-fn brightest(t: &TempDir, scene: &PathBuf, options: &str) -> (f32, String) {
+fn brightest(t: &TempDir, scene: &Path, options: &str) -> (f32, String) {
     let out = t.path().join("out");
     let run = bake(scene, &out, options).ok();
     let image = read_exr(&out.join("level.lightmap.exr")).expect("a page");
@@ -168,7 +168,7 @@ fn the_file_of_settings_and_the_manual_are_whole() {
 /// `lumel view` is built on the loader that tools/engines/three offers; a published crate needs a copy of its own.
 #[test]
 fn the_viewer_has_the_loader_of_three() {
-    let own = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(own.join(path)).expect("a loader");
     let theirs = read("../../tools/engines/three/lumel-lightmap.js");
     assert!(
