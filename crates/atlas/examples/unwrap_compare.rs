@@ -1,8 +1,8 @@
 //! Measures the unwrappers on glTF scenes and on hard meshes made here, and prints a table.
 //!
 //! ```sh
-//! cargo run --release -p atlas --example unwrap_compare -- ../shared/scenes          # every .glb and .gltf below
-//! cargo run --release -p atlas --example unwrap_compare -- --hard                    # the meshes of tests/nasty.rs
+//! cargo run --release -p lumel-atlas --example unwrap_compare -- ../shared/scenes    # every .glb and .gltf below
+//! cargo run --release -p lumel-atlas --example unwrap_compare -- --hard              # the meshes of tests/nasty.rs
 //! ```
 //! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default). Columns: charts, area over page area (rectangles of all
 //! instances), L² stretch (area-weighted mean over meshes), texels under two charts, triangles turned over, slits (length of smooth edges

@@ -1,7 +1,7 @@
 //! Measures how the time of unwrappers grows with a mesh: bad cases, made here, of ever more triangles.
 //!
 //! ```sh
-//! cargo run --release -p atlas --example unwrap_cost -- xatlas 1000 60000     # from, to: doubled at each step
+//! cargo run --release -p lumel-atlas --example unwrap_cost -- xatlas 1000 60000     # from, to: doubled at each step
 //! ```
 #![allow(clippy::print_stdout, reason = "an example's output is its purpose")]
 

@@ -19,10 +19,8 @@ const FILES: &[(&str, &str)] = &[
     ("controls.js", "web/controls.js"),
     ("panel.js", "web/panel.js"),
     ("pick.js", "web/pick.js"),
-    (
-        "lumel-lightmap.js",
-        "../../tools/engines/three/lumel-lightmap.js",
-    ),
+    // A copy of the loader in tools/engines/three: a published crate has its own folder only.
+    ("lumel-lightmap.js", "web/lumel-lightmap.js"),
     ("three.core.js", "vendor/three/build/three.core.js"),
     ("three.module.js", "vendor/three/build/three.module.js"),
     ("GLTFLoader.js", "vendor/three/addons/loaders/GLTFLoader.js"),

@@ -15,7 +15,7 @@ use crate::pipeline::{Bake, Beside, FirstPicture, bake_scene};
 use crate::record::{Current, Provenance, find_current};
 use crate::scene_input::SceneInput;
 use crate::settings::{
-    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun, Units,
 };
 use crate::watch::{CancelToken, Progress, Watch, Watcher};
 
@@ -114,6 +114,8 @@ options! {
     sky(radiance: [f32; 3]) => |s| s.sky = SkySource::Color(radiance);
     /// A sky from a latitude-longitude picture, Radiance HDR or EXR.
     sky_file(file: impl Into<PathBuf>) => |s| s.sky = SkySource::File(file.into());
+    /// Units of the file's lamps.
+    units(units: Units) => |s| s.units = units;
     /// Multiplies the sky, the scene's own too; at least 0.
     sky_intensity(factor: f32) => |s| s.sky_intensity = factor;
     /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
@@ -258,6 +260,7 @@ impl<'a> Baker<'a> {
                 }),
             in_turn: false,
             outputs: &[],
+            tell: None,
         };
         self.work(|watch| bake_scene(scene, &self.settings, &provenance, &beside, watch))
     }

@@ -11,6 +11,7 @@ use radiosity::{Monitor, Sky, World, WorldOptions};
 use serde::Serialize;
 
 use crate::check::check;
+use crate::early;
 use crate::error::Error;
 use crate::files::NamedFile;
 use crate::named::some_of;
@@ -106,7 +107,8 @@ pub fn inspect_and_draw(
         .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
     let mut warnings = warnings::of_geometry(&world, settings);
     if scene.environment.is_none() {
-        warnings.extend(warnings::dark(scene, &soup, &Sky::Black));
+        let document = loaded.document.json();
+        warnings.extend(early::no_light(scene, &soup, &Sky::Black, document));
     }
     let inspection = Inspection {
         warnings,

@@ -45,6 +45,7 @@ mod brightness;
 mod cache;
 mod check;
 mod depfile;
+mod early;
 mod error;
 mod estimate;
 mod files;
@@ -67,6 +68,7 @@ mod scene_input;
 mod settings;
 mod sky;
 mod sources;
+mod units;
 pub mod view;
 mod warnings;
 mod watch;
@@ -91,7 +93,7 @@ pub use inspect::{Inspection, describe_lods, inspect, inspect_and_draw};
 pub use mesh_ingest::MemoryDocument;
 pub use origin::Origin;
 pub use overwrite::outputs_in;
-pub use pipeline::{Bake, Beside, FirstPicture, bake, bake_beside, bake_from};
+pub use pipeline::{Bake, Beside, FirstPicture, Remark, bake, bake_beside, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
     Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,
@@ -102,7 +104,7 @@ pub use results::VertexColors;
 pub use scene_builder::{MaterialId, MeshId, SceneBuilder, Surface};
 pub use scene_input::SceneInput;
 pub use settings::{
-    Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+    Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun, Units,
 };
 pub use sources::{Source, SourceKind};
 pub use watch::{CancelToken, Progress};

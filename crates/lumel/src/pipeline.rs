@@ -20,6 +20,7 @@ use radiosity::{
 use crate::brightness;
 use crate::cache::{Cache, Charts};
 use crate::check::{check, check_name};
+use crate::early;
 use crate::error::Error;
 use crate::memory::Need;
 use crate::overwrite;
@@ -30,7 +31,8 @@ use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{Chosen, Sources};
-use crate::warnings::{self, Warned};
+use crate::units;
+use crate::warnings::Warned;
 
 /// A finished bake, in memory.
 pub struct Bake {
@@ -106,6 +108,16 @@ pub(crate) struct Prepared {
     pub chosen: Chosen,
     pub sky: Sky,
     pub clamped_materials: u64,
+    pub early: Early,
+}
+
+/// What can be said before a bake begins.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Early {
+    pub notes: Vec<String>,
+    pub warnings: Vec<String>,
+    /// One of the warnings is that nothing shines.
+    pub dark: bool,
 }
 
 /// Reads a scene, adds the settings' suns and sky, and switches and dims its lights.
@@ -114,6 +126,9 @@ pub(crate) struct Prepared {
 /// [`Error`], by fault.
 pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
     let mut loaded = scene.load(settings)?;
+    let mut early = Early::default();
+    let document = loaded.document.json();
+    (early.notes).extend(units::settle(&mut loaded.scene, document, settings.units));
     add_suns(&mut loaded.scene, settings);
     let sources = Sources::find(
         &loaded.scene,
@@ -130,12 +145,19 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     atlas::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
+    early::density(&soup, settings)?;
+    let (scene, document) = (&loaded.scene, loaded.document.json());
+    let dark = early::no_light(scene, &soup, &sky, document);
+    early.dark = dark.is_some();
+    (early.warnings).extend(dark.or_else(|| early::no_lamps(document)));
+    (early.warnings).extend(early::too_dense(scene, &soup, settings));
     Ok(Prepared {
         loaded,
         soup,
         chosen,
         sky,
         clamped_materials,
+        early,
     })
 }
 
@@ -174,6 +196,17 @@ pub struct Beside<'a> {
     /// Files that will be written or removed ([`output_names`](crate::output_names), [`outputs_in`](crate::outputs_in)): a bake that
     /// reads one of them ends with [`Error::Overwrite`] before anything is planned.
     pub outputs: &'a [PathBuf],
+    /// Gets what can be said before the work begins. The report has it too.
+    pub tell: Option<&'a (dyn Fn(Remark<'_>) + Sync)>,
+}
+
+/// Something that is known before a bake begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Remark<'a> {
+    /// What was decided for the user: one of [`Report::notes`].
+    Note(&'a str),
+    /// What a user should look at: one of [`Report::warnings`].
+    Warning(&'a str),
 }
 
 /// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and contacts, and there in a small part of a bake's time.
@@ -230,14 +263,16 @@ pub(crate) fn bake_scene(
         chosen,
         sky,
         clamped_materials,
+        early,
     } = prepare(scene, settings)?;
+    if let Some(tell) = beside.tell {
+        let warnings = early.warnings.iter().map(|w| Remark::Warning(w));
+        let notes = early.notes.iter().map(|n| Remark::Note(n));
+        notes.chain(warnings).for_each(tell);
+    }
     if !beside.outputs.is_empty() {
         let inputs = overwrite::all_inputs(&loaded.document, &option_inputs, settings, provenance);
         overwrite::refuse_inputs(beside.outputs, &inputs)?;
-    }
-    let dark = warnings::dark(&loaded.scene, &soup, &sky);
-    if let Some(dark) = &dark {
-        monitor.warning(dark);
     }
     let (groups, group_names) = chosen.groups.unzip();
     let plan = match (&settings.probes, points) {
@@ -292,7 +327,12 @@ pub(crate) fn bake_scene(
         }
         None => (None, None),
     };
-    let warnings = Warned {
+    let Early {
+        notes,
+        warnings: mut all,
+        dark: foretold,
+    } = early;
+    let warned = Warned {
         loaded: &loaded,
         world: &world,
         clamped_materials,
@@ -300,9 +340,9 @@ pub(crate) fn bake_scene(
         solution: &solution,
         baked: &baked,
         settings,
-        dark,
-    }
-    .list();
+        foretold,
+    };
+    all.extend(warned.list());
     drop(world);
 
     let name = file
@@ -331,7 +371,8 @@ pub(crate) fn bake_scene(
         probes: probe_report,
         clamped: Vec::new(),
         ktx2: Vec::new(),
-        warnings,
+        notes,
+        warnings: all,
         measured: Measured {
             cache: cached,
             ..Measured::default()

@@ -54,6 +54,9 @@ pub struct Report {
     /// Pages stored as KTX2, groups' too, and what that cost; empty without `--ktx2`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ktx2: Vec<StoredPage>,
+    /// What was decided for the user, who need not do anything about it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// What a user should look at; `--strict` makes a bake with any of these fail.
     pub warnings: Vec<String>,
     /// What differs from run to run.
@@ -150,8 +153,12 @@ pub(crate) fn parse_sealed(report: &[u8]) -> Option<Value> {
 /// That `materials` reflect more than they may; nothing where there is none.
 pub(crate) fn clamped_warning(materials: u64) -> Option<String> {
     (materials > 0).then(|| {
+        let reflect = match materials {
+            1 => "1 material reflects".into(),
+            n => format!("{n} materials reflect"),
+        };
         format!(
-            "{materials} materials reflect more than --max-reflectance or their own maxReflectance allows; what is above counts as the limit"
+            "{reflect} more than --max-reflectance or extras.lumel.maxReflectance allows; what is above counts as the limit"
         )
     })
 }

@@ -89,6 +89,20 @@ pub struct LightScale {
     pub factor: f32,
 }
 
+/// Which units lamps of the file are in. Glowing materials and skies are radiances in W/(m² sr), or
+/// whatever unit the level's author chose.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Units {
+    /// Those of the materials, but for what Blender's exporter is known to do.
+    #[default]
+    Auto,
+    /// Those of the materials.
+    Watt,
+    /// Candela and lux beside materials in W/(m² sr): lamps are divided by 683 lm/W.
+    Lumen,
+}
+
 /// A convention of some engine for where a glTF names its lightmap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -134,6 +148,8 @@ pub struct Settings {
     pub unwrapper: UnwrapperChoice,
     /// The sky.
     pub sky: SkySource,
+    /// Units of the file's lamps.
+    pub units: Units,
     /// Multiplies the sky.
     pub sky_intensity: f32,
     /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
@@ -233,6 +249,7 @@ impl Default for Settings {
             uv: UvMode::Auto,
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,
+            units: Units::Auto,
             sky_intensity: 1.0,
             sky_rotation: 0.0,
             suns: Vec::new(),

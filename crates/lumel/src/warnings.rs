@@ -5,9 +5,8 @@ use std::collections::BTreeMap;
 use atlas::LayoutReport;
 use atlas_bake::Baked;
 use gather::HiddenIn;
-use glam::Vec3;
 use mesh_ingest::{Loaded, Scene, Soup};
-use radiosity::{Sky, Solution, SurfacePoint, World};
+use radiosity::{Solution, SurfacePoint, World};
 
 use crate::brightness;
 use crate::likeness::{Likeness, unmarked_levels};
@@ -20,20 +19,6 @@ const MANY_HIDDEN: f64 = 0.05;
 
 /// Points of an instance that are looked at to tell whether all of it lies inside something.
 const LOOKED_AT: usize = 24;
-
-/// That nothing at all shines, where that is known from the scene; the bake is black then.
-pub(crate) fn dark(scene: &Scene, soup: &Soup, sky: &Sky) -> Option<String> {
-    let glows = |m: &u32| {
-        let material = &scene.materials[*m as usize];
-        material.emissive != Vec3::ZERO && !material.occluder_only
-    };
-    let dark = scene.lights.iter().all(|l| l.intensity == Vec3::ZERO)
-        && sky.is_black()
-        && !soup.materials[..soup.seen()].iter().any(glows);
-    dark.then(|| {
-        "nothing shines: there is no lamp and no emissive material, and no --sky or --sun was given; the lightmap will be black".into()
-    })
-}
 
 /// What geometry alone tells: known before a bake.
 pub(crate) fn of_geometry(world: &World, settings: &Settings) -> Vec<String> {
@@ -129,8 +114,8 @@ pub(crate) struct Warned<'w> {
     pub solution: &'w Solution,
     pub baked: &'w Baked,
     pub settings: &'w Settings,
-    /// What [`dark`] said.
-    pub dark: Option<String>,
+    /// That the bake would be black was said before.
+    pub foretold: bool,
 }
 
 impl Warned<'_> {
@@ -146,10 +131,12 @@ impl Warned<'_> {
         out.extend(self.layout.warnings.iter().cloned());
         out.extend(of_geometry(self.world, self.settings));
         let audit = &self.solution.report.audit;
-        let unlit = audit.flux_in.iter().all(|f| *f == 0.0).then(|| {
-            "no light reaches any surface: no lamp or emissive material shines on one, and no --sky or --sun was given; the lightmap is black".into()
-        });
-        out.extend(self.dark.clone().or(unlit));
+        if !self.foretold && audit.flux_in.iter().all(|f| *f == 0.0) {
+            out.push(
+                "no light reaches any surface: no lamp or emissive material shines on one; the lightmap is black"
+                    .into(),
+            );
+        }
         out.extend(audit_warnings(audit));
         out.extend(self.not_reached());
         out.extend(brightness::clamped_warning(&self.baked.pages));

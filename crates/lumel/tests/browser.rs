@@ -324,7 +324,7 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
     let (_t, out) = squares("");
     let site = Site::start(&out);
     // Lambertian materials are exact. The file's own, MeshStandardMaterial, give part of the light to a gloss: tools/engines/three/README.md.
-    for options in ["diffuse=1", "diffuse=1&manifest=1"] {
+    for options in ["diffuse=1", "diffuse=1&manifest=1", "diffuse=1&plugin=1"] {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");
             b.open(&format!(

@@ -520,7 +520,7 @@ fn the_grammar_speaks_for_itself() {
     lumel(["completions", "cmd"]).fails(1, &["bash"]);
     let page = lumel(["man"]).ok().stdout;
     assert!(
-        page.contains(".TH lumel") && page.contains("bake"),
+        page.contains(".TH LUMEL 1") && page.contains("bake"),
         "{page}"
     );
     let page = lumel(["man", "bake"]).ok().stdout;

@@ -103,7 +103,7 @@ fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage
 
 /// Whether the browser reads BC6H; says so where it does not.
 fn has_bc6h(b: &mut Browser, site: &Site, test: &str) -> bool {
-    b.open(&format!("{}/web/lumel-ktx2.js", site.url));
+    b.open(&format!("{}/three/lumel-ktx2.js", site.url));
     b.wait("document.body");
     let extension = "document.createElement('canvas').getContext('webgl2')?.getExtension('EXT_texture_compression_bptc')";
     let has = b.eval(&format!("Boolean({extension})"));
@@ -436,7 +436,7 @@ fn blender_imports_without_loss_and_looks_up_right() {
         return;
     }
     let (_t, out) = squares("");
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/engines/blender");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/blender/tests");
     let points: Vec<Value> = (points().into_iter())
         .map(|(at, albedo, r)| json!({"at": at, "radiance": albedo.map(|a| a * r)}))
         .collect();

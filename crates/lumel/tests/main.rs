@@ -13,6 +13,7 @@ mod inspect;
 #[cfg(unix)]
 mod interrupt;
 mod library;
+mod newcomer;
 mod pipeline;
 mod probes;
 mod sources;

@@ -177,15 +177,15 @@ fn what_coincides_and_what_lies_inside_is_named() {
 #[test]
 fn a_black_bake_is_told_before_it_and_once() {
     let (run, list) = warnings(&[("a", [1.0; 3])], false, "");
-    one(&list, "nothing shines", &["--sky", "--sun"]);
+    one(&list, "the lightmap will be black", &["--sky", "--sun"]);
     let lines: Vec<&str> = run.stderr.lines().collect();
     let at = |words: &str| lines.iter().position(|l| l.contains(words));
-    let told = at("warning: nothing shines").expect("it is said");
+    let told = at("warning: the lightmap will be black").expect("it is said");
     assert!(told < at("  lightmap ").expect("a summary"), "{lines:?}");
     assert!(told < at("gather").expect("the gather's time"), "{lines:?}");
     let count = lines
         .iter()
-        .filter(|l| l.contains("nothing shines"))
+        .filter(|l| l.contains("the lightmap will be black"))
         .count();
     assert_eq!(count, 1, "{lines:?}");
     assert!(

@@ -1,6 +1,6 @@
 //! What mean reflectances cost: for each glTF named, texels, memory and time of the pyramids, and time of a lookup.
 //!
-//! cargo run --release -p mesh-ingest --example mips_cost -- level.glb …
+//! cargo run --release -p lumel-mesh-ingest --example mips_cost -- level.glb …
 
 #![allow(clippy::print_stdout, reason = "printing is what it does")]
 

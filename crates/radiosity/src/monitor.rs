@@ -58,8 +58,6 @@ pub trait Monitor: Sync {
     fn progress(&self, _phase: Phase, _done: u64, _total: u64) {}
     /// The solve's residual: an upper bound on the share of the light that is still to be distributed.
     fn residual(&self, _residual: f64) {}
-    /// Something that whoever waits should know before the end.
-    fn warning(&self, _text: &str) {}
     /// True once the work should stop; asked at least ten times a second.
     fn cancelled(&self) -> bool {
         false

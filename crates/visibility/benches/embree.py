@@ -1,7 +1,7 @@
 """Times Embree's single rays, on the triangles and rays that `examples/compare.rs` writes.
 
     pip install embreex numpy
-    cargo run --release -p visibility --example compare - 1 DIR
+    cargo run --release -p lumel-visibility --example compare - 1 DIR
     python embree.py DIR
 
 Processor time of one thread, the best of five, M rays/s.

@@ -1,6 +1,6 @@
 //! Rays and builds on a generated interior of 260,000 triangles, against obvhs's own eight-wide tree.
 //!
-//!     cargo bench -p visibility
+//!     cargo bench -p lumel-visibility
 //!
 //! `examples/compare.rs` does the same in alternating rounds and on any mesh; quote that one.
 #![allow(missing_docs, reason = "benches are not an interface")]

@@ -1,6 +1,6 @@
 //! Times this crate's rays against obvhs's own eight-wide tree, in alternating rounds.
 //!
-//!     cargo run --release -p visibility --example compare [TRIANGLES.f32] [ROUNDS] [DUMP_DIR]
+//!     cargo run --release -p lumel-visibility --example compare [TRIANGLES.f32] [ROUNDS] [DUMP_DIR]
 //!
 //! `TRIANGLES.f32` holds nine little-endian floats a triangle; without it (or `-`) the generated interior is used. With
 //! `DUMP_DIR` triangles and rays are written there for other casters to use.

@@ -1,6 +1,6 @@
 //! Casts millions of rays from inside closed meshes and counts those that get out.
 //!
-//!     cargo run --release -p visibility --example leaks [RAYS_PER_KIND]
+//!     cargo run --release -p lumel-visibility --example leaks [RAYS_PER_KIND]
 #![allow(clippy::print_stdout, reason = "a program that prints its results")]
 
 #[path = "../tests/common/mod.rs"]

@@ -123,7 +123,7 @@ fn a_reflectance_of_one_is_lowered_and_counted() {
     // A closed scene with ρ = 1 has no answer. The baker's is that of 0.98, and the report says so.
     let b = bake(&furnace(1.0, 0.01, FurnaceShape::Cube), &at(3.0));
     assert_eq!(b.report.clamped_materials, 1);
-    let warned = |w: &String| w.contains("1 materials reflect more than");
+    let warned = |w: &String| w.contains("1 material reflects more than");
     assert!(b.report.warnings.iter().any(warned));
     let exact = 0.01 * PI / (1.0 - 0.98);
     let w = worst(&lumels_of(&b, &names(&b)[0]), 0.0, |_| exact);

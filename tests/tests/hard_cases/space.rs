@@ -107,7 +107,10 @@ fn a_scene_without_light_is_black_and_says_so() {
             .all(|p| p.value.iter().all(|v| *v == [0.0; 3]))
     );
     assert!(
-        b.report.warnings.iter().any(|w| w.contains("no light")),
+        b.report
+            .warnings
+            .iter()
+            .any(|w| w.contains("lightmap will be black")),
         "{:?}",
         b.report.warnings
     );

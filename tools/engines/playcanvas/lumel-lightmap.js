@@ -10,7 +10,7 @@
  * What PlayCanvas does with a texel v of `lightMap`: it adds v to the diffuse light, and shows albedo × that. A Lumel lightmap holds R = E/π,
  * the radiance of a white surface, so there is no factor. It reads no EXR: bake with `--ktx2 rgb9e5` (or bc6h, where the card has it).
  */
-import { fetchKtx2 } from '../web/lumel-ktx2.js';
+import { fetchKtx2 } from '../three/lumel-ktx2.js';
 
 /** Tags survive the copy that PlayCanvas makes of a loaded hierarchy; other properties do not. */
 const TAG = 'lumel:';

@@ -71,7 +71,7 @@ function fromManifest(manifest, index, name) {
  * @param {object} [options]
  * @param {string} [options.path] Folder of the pages; where the glTF came from unless given.
  * @param {object} [options.manifest] As in `findPlacements`.
- * @param {boolean} [options.ktx2] Load pages as KTX2 (`lumel bake --ktx2`); needs `../web/lumel-ktx2.js`.
+ * @param {boolean} [options.ktx2] Load pages as KTX2 (`lumel bake --ktx2`); needs `./lumel-ktx2.js`.
  * @param {function(string): Promise<Texture>} [options.loadPage] Makes a texture from a page's address; EXRLoader unless given.
  * @param {boolean} [options.topDown] Textures of `loadPage` have row 0 at the top (KTX2, raw data), unlike EXRLoader's.
  * @param {number} [options.exposure] Multiplies the light. Levels with lamps in candela want some 1e-3.
@@ -119,6 +119,26 @@ export async function attachLightmaps(gltf, options = {}) {
   }
   if (!keepLights) removeLights(root);
   return { meshes: placements.length, materials: materials.size, pages: [...pages.values()] };
+}
+
+/**
+ * A plug-in of GLTFLoader: what it loads has its lightmaps.
+ *
+ *     loader.register((parser) => new LumelLightmaps(parser, options));
+ *
+ * Options are those of `attachLightmaps`, whose result is in `gltf.userData.lumel`.
+ */
+export class LumelLightmaps {
+  constructor(parser, options = {}) {
+    this.name = 'LUMEL_lightmaps';
+    this.parser = parser;
+    this.options = options;
+  }
+
+  async afterRoot(gltf) {
+    const path = this.parser.options.path;
+    gltf.userData.lumel = await attachLightmaps(gltf, { path, ...this.options });
+  }
 }
 
 /**
@@ -177,7 +197,7 @@ async function exrPages() {
 
 /** three's own KTX2Loader (r187) knows rgb9e5 but not BC6H. */
 async function ktx2Pages() {
-  const { fetchKtx2 } = await import('../web/lumel-ktx2.js');
+  const { fetchKtx2 } = await import('./lumel-ktx2.js');
   return async (url) => {
     const { width, height, format, data } = await fetchKtx2(url);
     const texture =

@@ -1,11 +1,11 @@
 //! The command line's grammar.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
     Bounds, Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
-    ProbeSource, Quality, Settings, SkySource, Sun, UnwrapperChoice, UvMode, ValueKind,
+    ProbeSource, Quality, Settings, SkySource, Sun, Units, UnwrapperChoice, UvMode, ValueKind,
 };
 
 use super::config::{self, ConfigArgs, Layered};
@@ -63,6 +63,9 @@ pub(crate) struct Bake {
     /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr
     #[arg(long, value_name = "COLOR|FILE")]
     pub sky: Option<String>,
+    /// Units of the file's lamps, beside glowing materials in W/(m² sr) [default: auto]
+    #[arg(long, value_enum)]
+    pub units: Option<UnitsArg>,
     /// Multiplies the sky [default: 1]
     #[arg(long, value_name = "X")]
     pub sky_intensity: Option<f32>,
@@ -168,12 +171,24 @@ pub(crate) struct Bake {
     /// Do not, whatever the file of settings says
     #[arg(long, conflicts_with = "strict")]
     pub no_strict: bool,
+    /// How progress is shown on standard error
+    #[arg(long, value_enum, default_value = "auto")]
+    pub progress: ProgressArg,
     /// Say nothing but errors
     #[arg(short, long)]
     pub quiet: bool,
     /// Say more
     #[arg(short, long, conflicts_with = "quiet")]
     pub verbose: bool,
+}
+
+/// How progress is shown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProgressArg {
+    /// One bar on a terminal, a line for each finished phase elsewhere
+    Auto,
+    /// Four lines a second for programs: progress 42.0 % gather, 12 s left
+    Lines,
 }
 
 #[derive(Debug, Args)]
@@ -343,6 +358,11 @@ mirror!(LayerArg => Layer {
     #[value(name = "sun_mask")]
     SunMask => Layer::SunMask, "sun_mask.Y: share of directional lights' light that gets through";
 });
+mirror!(UnitsArg => Units {
+    Auto => Units::Auto, "Those of the materials; what Blender's exporter did to lamps is recognised and put right";
+    Watt => Units::Watt, "Those of the materials: W/sr and W/m², or all in candela, lux and nit";
+    Lumen => Units::Lumen, "Candela and lux: lamps are divided by 683 lm/W";
+});
 mirror!(PaintArg => Paint {
     Charts => Paint::Charts, "Charts, and where they overlap, are mirrored or too near to each other";
     Density => Paint::Density, "Lumels per metre: blue too few, orange too many";
@@ -463,6 +483,10 @@ pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
         Some(_) => Err(format!(
             "--sky {text}: expected one number, R,G,B (each at least 0), #rrggbb or a file"
         )),
+        // A name without an ending is a colour's, or a slip: no file of either kind is called so.
+        None if Path::new(text).extension().is_none() => Err(format!(
+            "--sky {text}: expected one number, R,G,B (0.25,0.35,0.5), #rrggbb (#88aaff), or a .hdr or .exr file"
+        )),
         None => Ok(SkySource::File(text.into())),
     }
 }
@@ -513,6 +537,7 @@ impl Bake {
         out.put(Flag, "quality", self.quality, |s, x| s.quality = x.into());
         out.put(Flag, "error", self.error, |s, x| s.error = Some(x));
         out.put(Flag, "sky", sky, |s, x| s.sky = x);
+        out.put(Flag, "units", self.units, |s, x| s.units = x.into());
         out.put(Flag, "sky-intensity", self.sky_intensity, |s, x| {
             s.sky_intensity = x
         });
@@ -606,6 +631,8 @@ mod tests {
         assert_eq!(parse_sky("#ff0000"), Ok(SkySource::Color([1., 0., 0.])));
         assert_eq!(parse_sky("a.hdr"), Ok(SkySource::File("a.hdr".into())));
         assert!(parse_sky("-1").is_err() && parse_sky("1,2").is_err());
+        let blue = parse_sky("blue").expect_err("no colour");
+        assert!(blue.contains("#rrggbb"), "{blue}");
         assert_eq!(
             parse_sun("0,-1,0,10"),
             Ok(Sun {

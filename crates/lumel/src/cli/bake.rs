@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use lumel::atlas_bake::OutputSet;
-use lumel::{Monitor, Phase, Provenance, Report, Settings};
+use lumel::{Monitor, Phase, Provenance, Remark, Report, Settings};
 
 use super::Failure;
 use super::args::Bake;
@@ -29,7 +29,7 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
         strict,
     } = a.settings()?;
     check_outputs(a, &settings, &provenance)?;
-    let display = Display::new(a.quiet);
+    let display = Display::new(a, &settings);
     if a.skip_if_unchanged
         && !a.dry_run
         && unchanged::skip(a, &settings, &provenance, strict, &display)?
@@ -158,6 +158,7 @@ fn show_first(a: &Bake, png: &[u8], start: Instant, display: &Display) -> Result
     Ok(())
 }
 
+/// Bakes and writes.
 fn bake(
     a: &Bake,
     settings: &Settings,
@@ -181,6 +182,10 @@ fn bake(
     let start = Instant::now();
     let outputs = all_outputs(a, settings)?;
     let show = |png: Vec<u8>| show_first(a, &png, start, display);
+    let tell = |remark: Remark<'_>| match remark {
+        Remark::Note(note) => display.say(&format!("note: {note}")),
+        Remark::Warning(warning) => display.warn(warning),
+    };
     let beside = lumel::Beside {
         cache: cache.as_ref(),
         first_picture: a.first_picture.as_ref().map(|_| lumel::FirstPicture {
@@ -189,6 +194,7 @@ fn bake(
         }),
         in_turn: a.in_turn,
         outputs: &outputs,
+        tell: Some(&tell),
     };
     let bake = lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?;
     if let Some(cache) = &bake.report.measured.cache {
@@ -210,7 +216,7 @@ fn bake(
         pages.join(", ")
     ));
     let seams = &bake.report.gather.seams;
-    if seams.samples > 0 {
+    if a.verbose && seams.samples > 0 {
         display.say(&format!(
             "  seams     {:.1} m, 99 % of it differ by less than {:.2} % (before stitching {:.2} %)",
             seams.metres,
@@ -294,61 +300,65 @@ fn say_cache(cache: &lumel::CacheReport, display: &Display) {
 }
 
 fn summary(a: &Bake, report: &Report, display: &Display) {
+    if a.verbose {
+        details(report, display);
+    }
+    let out = a.output.display();
+    let light = &report.gather.light;
+    let error = if light.estimated_error.is_finite() {
+        format!(
+            "estimated error {:.2} % (median; {:.1} % root mean square)",
+            100.0 * light.median_error,
+            100.0 * light.estimated_error
+        )
+    } else {
+        "no estimate of the error: no lumel has light that could be wrong".into()
+    };
+    display.say(&format!(
+        "baked {} in {:.2} s, {error}: {out}",
+        report.scene, report.measured.seconds
+    ));
+    display.say(&format!("to look at it: lumel view {out}"));
+}
+
+/// What tells someone who knows how Lumel works whether it did.
+fn details(report: &Report, display: &Display) {
     let m = &report.measured;
     let audit = &report.solve.audit;
-    if a.verbose {
-        display.say(&format!(
-            "  solve     {} patches, {} elements, {} rays a patch, {} shots, {} iterations, rows {:.4} mean, {:.4} least",
-            report.solve.subdivision.patches,
-            report.solve.subdivision.elements,
-            report.solve.rays_per_patch,
-            report.solve.relaxation.shots,
-            report.solve.relaxation.iterations,
-            audit.row_sum_mean,
-            audit.row_sum_min,
-        ));
-        display.say(&format!(
-            "  energy    emitted {:.4}, absorbed {:.4}, lost behind {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} % of at most {:.3} %",
-            audit.flux_emitted.iter().sum::<f64>(),
-            audit.flux_absorbed.iter().sum::<f64>(),
-            audit.flux_behind.iter().sum::<f64>(),
-            audit.flux_escaped.iter().sum::<f64>(),
-            100.0 * audit.imbalance,
-            100.0 * audit.bound
-        ));
-    }
+    display.say(&format!(
+        "  solve     {} patches, {} elements, {} rays a patch, {} shots, {} iterations, rows {:.4} mean, {:.4} least",
+        report.solve.subdivision.patches,
+        report.solve.subdivision.elements,
+        report.solve.rays_per_patch,
+        report.solve.relaxation.shots,
+        report.solve.relaxation.iterations,
+        audit.row_sum_mean,
+        audit.row_sum_min,
+    ));
+    display.say(&format!(
+        "  energy    emitted {:.4}, absorbed {:.4}, lost behind {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} % of at most {:.3} %",
+        audit.flux_emitted.iter().sum::<f64>(),
+        audit.flux_absorbed.iter().sum::<f64>(),
+        audit.flux_behind.iter().sum::<f64>(),
+        audit.flux_escaped.iter().sum::<f64>(),
+        100.0 * audit.imbalance,
+        100.0 * audit.bound
+    ));
     if let Some(v) = report.gather.vertices.filter(|v| v.points > 0) {
         let added = match v.added {
             0 => String::new(),
             n => format!(", {n} added by splitting"),
         };
+        // Large percentiles, where one triangle spans light and dark, are in the report alone.
         display.say(&format!(
-            "  vertices  {} with a colour of their own{added}; {:.1} % root mean square from the lightmap (median {:.1} %, 99th percentile {:.0} %)",
+            "  vertices  {} with a colour of their own{added}; half of them within {:.1} % of the lightmap",
             v.points,
-            100.0 * v.difference.relative_rms,
             100.0 * v.difference.median,
-            100.0 * v.difference.p99,
         ));
     }
     let peak = m
         .peak_bytes
         .map(|b| format!(", {} MiB", b >> 20))
         .unwrap_or_default();
-    let gather = &report.gather;
-    let error = if gather.light.estimated_error.is_finite() {
-        format!(
-            "estimated error {:.2} % (median; {:.1} % root mean square)",
-            100.0 * gather.light.median_error,
-            100.0 * gather.light.estimated_error
-        )
-    } else {
-        "no estimate of the error: no lumel has light that could be wrong".into()
-    };
-    display.say(&format!(
-        "baked {} in {:.2} s ({:.1} M rays/s{peak}), {error}: {}",
-        report.scene,
-        m.seconds,
-        m.mrays_per_second,
-        a.output.display()
-    ));
+    display.say(&format!("  rays      {:.1} M/s{peak}", m.mrays_per_second));
 }

@@ -17,8 +17,8 @@ use serde::de::{Deserializer, Error as _, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, de};
 
 use super::args::{
-    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, QualityArg, UnwrapperArg, UvArg,
-    ValueArg, parse_sky,
+    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, QualityArg, UnitsArg, UnwrapperArg,
+    UvArg, ValueArg, parse_sky,
 };
 
 /// All keys, as comments, with their defaults: what `lumel config` prints.
@@ -211,6 +211,7 @@ struct FileOptions {
     #[serde(deserialize_with = "positive")]
     max_reflectance: Option<f32>,
     hidden: Option<Choice<HiddenArg>>,
+    units: Option<Choice<UnitsArg>>,
     stitch: Option<bool>,
     vertex_colors: Option<bool>,
     #[serde(deserialize_with = "positive")]
@@ -298,6 +299,7 @@ impl FileOptions {
         out.put(File, "max-reflectance", self.max_reflectance, |s, x| {
             s.max_reflectance = x
         });
+        out.put(File, "units", self.units, |s, x| s.units = x.0.into());
         out.put(File, "hidden", self.hidden, |s, x| s.hidden = x.0.into());
         out.put(File, "stitch", self.stitch, |s, x| s.stitch = x);
         out.put(File, "vertex-colors", self.vertex_colors, |s, x| {

@@ -5,6 +5,7 @@ use std::io::Write;
 use lumel::{Provenance, Settings};
 
 use super::args::Bake;
+use super::progress::duration;
 use super::{Failure, config, interrupt};
 
 /// Prints the plan; writes nothing.
@@ -59,14 +60,4 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
         writeln!(out, "warning   {w}")?;
     }
     Ok(())
-}
-
-/// Two digits of a time, for people.
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 10.0 => format!("{s:.1} s"),
-        s if s < 100.0 => format!("{s:.0} s"),
-        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }

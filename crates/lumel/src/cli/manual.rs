@@ -9,6 +9,9 @@ use lumel::atlas_bake::OutputSet;
 use super::args::{Arguments, Completions, Man};
 use super::{Failure, config, interrupt};
 
+/// Month of the release, on manual pages: that of CHANGELOG.md.
+const RELEASED: &str = "2026-11";
+
 /// `lumel config`.
 pub(crate) fn config() -> Result<(), Failure> {
     Ok(std::io::stdout()
@@ -61,7 +64,13 @@ fn pages() -> Result<Vec<(String, Vec<u8>)>, Failure> {
     let mut add = |name: String, command: clap::Command| -> Result<(), Failure> {
         let mut page = Vec::new();
         // Built commands are shown as `lumel-bake`.
-        Page::new(command).render(&mut page)?;
+        // The heading names the page and where it belongs; without these, clap_mangen leaves blanks.
+        Page::new(command)
+            .title(name.to_uppercase())
+            .date(RELEASED)
+            .source(concat!("lumel ", env!("CARGO_PKG_VERSION")))
+            .manual("Lumel Manual")
+            .render(&mut page)?;
         out.push((name, page));
         Ok(())
     };

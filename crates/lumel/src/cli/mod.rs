@@ -3,6 +3,7 @@
 mod args;
 mod bake;
 mod config;
+mod course;
 mod diff;
 mod dry_run;
 mod interrupt;

@@ -1,18 +1,33 @@
-//! Progress: a bar on a terminal, a line per step elsewhere.
+//! Progress: one bar for the whole bake on a terminal, a line per step elsewhere.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
-use lumel::{Monitor, Phase};
+use lumel::{Monitor, Phase, Settings};
 
+use super::args::{Bake, ProgressArg};
+use super::course::Course;
 use super::interrupt;
+
+/// Share of a bake before which the time to go is a guess, and is not told.
+pub(super) const TELL_FROM: f64 = 0.05;
+
+/// Time between lines of progress.
+const LINES_EVERY: Duration = Duration::from_millis(250);
+
+/// The bar's length: tenths of a percent.
+const BAR: u64 = 1000;
 
 /// Shows where a bake is.
 pub(crate) struct Display {
     quiet: bool,
+    /// Residuals of the solve too.
+    verbose: bool,
     bar: Option<ProgressBar>,
+    /// Lines for a program that shows progress itself.
+    lines: bool,
     state: Mutex<State>,
 }
 
@@ -22,24 +37,52 @@ struct State {
     residual: Option<f64>,
     /// Warnings that were told before the end.
     warned: Vec<String>,
+    start: Instant,
+    course: Course,
+    last_line: Option<Instant>,
+}
+
+impl State {
+    /// Share that is done, and the time to go in words, once it can be told.
+    fn see(&mut self, phase: Phase, done: u64, total: u64) -> (f64, Option<String>) {
+        let share = self.course.see(phase, done, total);
+        let left = self.start.elapsed().as_secs_f64() * (1.0 - share) / share;
+        let told = share >= TELL_FROM && left.is_finite();
+        (share, told.then(|| duration(left)))
+    }
+
+    fn line_due(&mut self) -> bool {
+        let due = self.last_line.is_none_or(|t| t.elapsed() >= LINES_EVERY);
+        if due {
+            self.last_line = Some(Instant::now());
+        }
+        due
+    }
 }
 
 impl Display {
     /// `quiet` shows nothing.
-    pub(crate) fn new(quiet: bool) -> Self {
-        let terminal = !quiet && std::io::stderr().is_terminal();
+    pub(crate) fn new(a: &Bake, settings: &Settings) -> Self {
+        let (quiet, progress) = (a.quiet, a.progress);
+        let lines = !quiet && progress == ProgressArg::Lines;
+        let terminal = !quiet && !lines && std::io::stderr().is_terminal();
         Display {
             quiet,
+            verbose: a.verbose,
             bar: terminal.then(|| {
-                let bar = ProgressBar::new(0);
+                let bar = ProgressBar::new(BAR);
                 bar.set_style(style());
                 bar
             }),
+            lines,
             state: Mutex::new(State {
                 phase: None,
                 since: Instant::now(),
                 residual: None,
                 warned: Vec::new(),
+                start: Instant::now(),
+                course: Course::new(settings),
+                last_line: None,
             }),
         }
     }
@@ -103,17 +146,22 @@ impl Display {
         if let Some(line) = line {
             self.say(&line);
         }
-        if let (Some(bar), Some(phase)) = (&self.bar, phase) {
-            bar.reset();
-            bar.set_length(0);
-            bar.set_message(phase.name());
-        }
     }
 }
 
-/// Phase, bar, share done, time to go, and the residual while solving.
+/// Two digits of a time, for people.
+pub(super) fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 10.0 => format!("{s:.1} s"),
+        s if s < 100.0 => format!("{s:.0} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+/// The whole bake's bar and share, the phase, and the time to go.
 fn style() -> ProgressStyle {
-    ProgressStyle::with_template("  {msg:<24} [{bar:32}] {percent:>3} %  eta {eta}")
+    ProgressStyle::with_template("  [{bar:32}] {percent:>3} %  {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
         .progress_chars("=> ")
 }
@@ -127,26 +175,37 @@ impl Monitor for Display {
         if current != Some(phase) {
             self.enter(Some(phase));
         }
+        let Ok(mut s) = self.state.lock() else { return };
+        let (share, left) = s.see(phase, done, total);
+        let residual = s.residual.map(|r| format!(", residual {r:.1e}"));
+        let left = left.map(|l| format!(", {l} left"));
+        let due = self.lines && s.line_due();
+        drop(s);
+        let left = left.unwrap_or_default();
+        if due {
+            self.say(&format!(
+                "progress {:.1} % {}{left}",
+                100.0 * share,
+                phase.name()
+            ));
+        }
         if let Some(bar) = &self.bar {
-            bar.set_length(total);
-            bar.set_position(done);
+            bar.set_position((BAR as f64 * share) as u64);
+            bar.set_message(format!(
+                "{}{left}{}",
+                phase.name(),
+                residual.unwrap_or_default()
+            ));
         }
     }
 
     fn residual(&self, residual: f64) {
-        if self.quiet {
+        if !self.verbose {
             return;
         }
         if let Ok(mut s) = self.state.lock() {
             s.residual = Some(residual);
         }
-        if let Some(bar) = &self.bar {
-            bar.set_message(format!("solve, residual {residual:.1e}"));
-        }
-    }
-
-    fn warning(&self, text: &str) {
-        self.warn(text);
     }
 
     fn cancelled(&self) -> bool {

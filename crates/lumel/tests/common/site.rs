@@ -29,7 +29,7 @@ impl Site {
                 own.join("vendor/three/addons"),
             ),
             ("/engines/".into(), own.join("../../tools/engines/three")),
-            ("/web/".into(), own.join("../../tools/engines/web")),
+            ("/three/".into(), own.join("../../tools/engines/three")),
             ("/playcanvas/node_modules/".into(), modules.clone()),
             ("/babylon/node_modules/".into(), modules),
             (

@@ -1,10 +1,11 @@
-"""Imports a bake of Lumel into Blender, lit by its lightmap.
+"""Loads a bake of Lumel into Blender, lit by its lightmap.
 
-    blender --python import_lumel.py -- out/level.glb
-    python import_lumel.py out/level.glb [level.blend]        (with the module bpy)
+    blender --python load.py -- out/level.glb
+    python load.py out/level.glb [level.blend]        (with the module bpy)
 
-Each surface becomes an emission of base colour x lightmap (R = E/pi, the radiance of a white surface) plus what it emits itself, so that what is seen is
-what was baked, in Eevee and Cycles, without another light. Lamps of the file are hidden: their light is in the lightmap.
+Each surface becomes an emission of base colour x lightmap (R = E/pi, the radiance of a white
+surface) plus what it emits itself. So Eevee and Cycles show what was baked, without another light.
+Lamps of the file are hidden: their light is in the lightmap.
 """
 
 import os
@@ -14,7 +15,7 @@ import bpy
 
 
 def import_level(path):
-    """Imports the .glb and attaches its pages; returns how many objects have a lightmap."""
+    """Imports the .glb into the current scene, lit; returns the new objects and how many are lit."""
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=path)
     new = [o for o in bpy.data.objects if o not in before]
@@ -30,10 +31,7 @@ def import_level(path):
             continue
         uri, offset, scale = place["uri"], list(place["offset"]), list(place["scale"])
         if uri not in pages:
-            image = bpy.data.images.load(os.path.join(folder, uri), check_existing=True)
-            # Linear Rec.709 is Blender's own working space: nothing is to be converted.
-            image.colorspace_settings.name = "Linear Rec.709"
-            pages[uri] = image
+            pages[uri] = load_page(os.path.join(folder, uri))
         uv = o.data.uv_layers[int(place["texCoord"])].name
         for slot in o.material_slots:
             key = (slot.material.name if slot.material else None, uri, uv, *offset, *scale)
@@ -43,7 +41,16 @@ def import_level(path):
             slot.link = "OBJECT"
             slot.material = materials[key]
         count += 1
-    return count
+    return new, count
+
+
+def load_page(path):
+    image = bpy.data.images.load(path, check_existing=True)
+    # A page of an earlier bake with this name may be loaded already.
+    image.reload()
+    # Linear Rec.709 is Blender's own working space: nothing is to be converted.
+    image.colorspace_settings.name = "Linear Rec.709"
+    return image
 
 
 def lit_material(material, image, uv, offset, scale):
@@ -58,7 +65,8 @@ def lit_material(material, image, uv, offset, scale):
     coordinates = node("ShaderNodeUVMap")
     coordinates.uv_map = uv
     mapping = node("ShaderNodeMapping")
-    # The importer turns v about (v' = 1 - v), and pictures have v' = 1 at the top: 1 - (offset + scale (1 - v')) = (1 - offset - scale) + scale v'.
+    # The importer turns v about (v' = 1 - v), and pictures have v' = 1 at the top:
+    # 1 - (offset + scale (1 - v')) = (1 - offset - scale) + scale v'.
     mapping.inputs["Location"].default_value = (offset[0], 1 - offset[1] - scale[1], 0)
     mapping.inputs["Scale"].default_value = (scale[0], scale[1], 1)
     page = node("ShaderNodeTexImage")
@@ -107,9 +115,9 @@ def connect(tree, source, target):
 if __name__ == "__main__":
     arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     if not arguments:
-        sys.exit("usage: import_lumel.py LEVEL.glb [OUT.blend]")
+        sys.exit("usage: load.py LEVEL.glb [OUT.blend]")
     if "bpy" in sys.modules and not bpy.app.binary_path:
         bpy.ops.wm.read_factory_settings(use_empty=True)
-    print(f"{import_level(arguments[0])} objects with a lightmap")
+    print(f"{import_level(arguments[0])[1]} objects with a lightmap")
     if len(arguments) > 1:
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(arguments[1]))

@@ -19,8 +19,8 @@ except ImportError as e:
     print(f"no module bpy: {e}")
     sys.exit(77)
 
-sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from import_lumel import import_level  # noqa: E402
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "lumel"))
+from load import import_level  # noqa: E402
 
 # A half has 11 significant bits, so the EXR is within 2^-11; Cycles works and the picture is written in floats.
 RELATIVE = 2.0**-11 + 1e-5
@@ -133,7 +133,7 @@ def set_up():
 def main():
     path, points = sys.argv[1], json.loads(sys.argv[2])
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    count = import_level(path)
+    _, count = import_level(path)
     problems = check_document(path)
     set_up()
     with tempfile.TemporaryDirectory() as folder:

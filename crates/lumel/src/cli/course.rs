@@ -1,0 +1,205 @@
+//! How far a whole bake is, over all of its phases.
+
+use lumel::{Phase, Quality, Settings};
+
+/// Parts of a bake that are weighed against each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
+enum Stage {
+    Plan,
+    Light,
+    Gather,
+    Refine,
+    Finish,
+}
+
+const STAGES: usize = 5;
+
+/// Share of the gather that its first pass takes; the second fills in what is interpolated.
+const FIRST_PASS: f64 = 0.75;
+
+/// Lumels that are refined, of those gathered. A bake that refines more makes the stage longer.
+const REFINED: f64 = 0.4;
+
+impl Stage {
+    fn of(phase: Phase) -> Stage {
+        match phase {
+            Phase::Ingest | Phase::Atlas | Phase::Tree => Stage::Plan,
+            Phase::Direct | Phase::Links | Phase::Solve | Phase::Picture => Stage::Light,
+            Phase::Lumels | Phase::Gather => Stage::Gather,
+            Phase::Refine => Stage::Refine,
+            _ => Stage::Finish,
+        }
+    }
+}
+
+/// Turns the progress of phases into one share of the bake that never falls.
+#[derive(Debug)]
+pub(super) struct Course {
+    /// What each stage takes, in percent of the gather.
+    weights: [f64; STAGES],
+    stage: Stage,
+    /// Of the stage, 0..=1.
+    within: f64,
+    /// Units of the stage's finished passes, and of the one that runs: done, total.
+    finished: f64,
+    pass: (f64, f64),
+    passes: u32,
+    /// Units of the gather.
+    gathered: f64,
+    share: f64,
+}
+
+impl Course {
+    /// Weights are what bakes of the Cornell box, the demo level and godot_room took at draft and
+    /// preview (November 2026); they need not fit, since each stage is measured as it runs.
+    pub(super) fn new(settings: &Settings) -> Course {
+        let mut weights = match settings.quality {
+            Quality::Draft => [5.0, 25.0, 100.0, 0.0, 50.0],
+            Quality::Quick => [3.0, 15.0, 100.0, 50.0, 30.0],
+            _ => [2.0, 12.0, 100.0, 90.0, 12.0],
+        };
+        if settings.error.is_some() {
+            weights[Stage::Refine as usize] = 200.0;
+        }
+        if settings.probes.is_some() {
+            weights[Stage::Finish as usize] += 20.0;
+        }
+        Course {
+            weights,
+            stage: Stage::Plan,
+            within: 0.0,
+            finished: 0.0,
+            pass: (0.0, 0.0),
+            passes: 0,
+            gathered: 0.0,
+            share: 0.0,
+        }
+    }
+
+    /// Share of the bake that is done, 0..=1, after `done` of `total` units of a phase.
+    pub(super) fn see(&mut self, phase: Phase, done: u64, total: u64) -> f64 {
+        let stage = Stage::of(phase);
+        if stage < self.stage {
+            // Work of several threads may report an old phase once more.
+            return self.share;
+        }
+        if stage > self.stage {
+            self.enter(stage);
+        }
+        if total > 0 {
+            self.count(done as f64, total as f64);
+        }
+        let before: f64 = self.weights[..stage as usize].iter().sum();
+        let now = before + self.within * self.weights[stage as usize];
+        self.share = self.share.max(now / self.weights.iter().sum::<f64>());
+        self.share
+    }
+
+    fn enter(&mut self, stage: Stage) {
+        if self.stage == Stage::Gather {
+            self.gathered = self.finished + self.pass.1;
+        }
+        self.stage = stage;
+        self.within = 0.0;
+        self.finished = 0.0;
+        self.pass = (0.0, 0.0);
+        self.passes = 0;
+    }
+
+    fn count(&mut self, done: f64, total: f64) {
+        if total != self.pass.1 || done < self.pass.0 {
+            self.finished += self.pass.1;
+            self.passes += 1;
+        }
+        self.pass = (done, total);
+        let share = done / total;
+        let within = match self.stage {
+            Stage::Gather if self.passes == 1 => FIRST_PASS * share,
+            Stage::Gather => FIRST_PASS + (1.0 - FIRST_PASS) * share,
+            Stage::Refine => {
+                let known = self.finished + total;
+                (self.finished + done) / known.max(REFINED * self.gathered)
+            }
+            // How many passes there will be is not known: each gets half of what is left.
+            _ => 1.0 - 0.5_f64.powi(self.passes as i32 - 1) * (1.0 - 0.5 * share),
+        };
+        self.within = self.within.max(within.min(1.0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Phases as a preview of the Cornell box reported them, with the seconds at which they began
+    /// and ended.
+    const CORNELL: &[(Phase, u64, f64, f64)] = &[
+        (Phase::Direct, 20_000, 0.2, 1.6),
+        (Phase::Links, 248_288, 1.7, 2.39),
+        (Phase::Links, 744_864, 2.42, 2.79),
+        (Phase::Gather, 67_180, 3.34, 10.68),
+        (Phase::Gather, 125_826, 10.73, 14.04),
+        (Phase::Refine, 4_030, 14.07, 14.92),
+        (Phase::Refine, 1_181, 14.94, 15.13),
+        (Phase::Refine, 50_286, 15.27, 19.30),
+        (Phase::Vertices, 900, 20.0, 20.4),
+    ];
+
+    /// As [`CORNELL`], of godot_room, whose second pass of the gather is short.
+    const ROOM: &[(Phase, u64, f64, f64)] = &[
+        (Phase::Links, 1_009_872, 1.6, 2.3),
+        (Phase::Gather, 192_254, 2.86, 30.03),
+        (Phase::Gather, 30_303, 30.06, 30.14),
+        (Phase::Refine, 960, 30.2, 31.6),
+        (Phase::Refine, 172_836, 31.8, 59.92),
+        (Phase::Vertices, 2_571, 64.78, 65.44),
+    ];
+
+    /// Share after each tenth of each phase, with its time.
+    fn follow(events: &[(Phase, u64, f64, f64)]) -> Vec<(f64, f64)> {
+        let mut course = Course::new(&Settings::default());
+        let mut out = Vec::new();
+        for &(phase, total, from, to) in events {
+            course.see(phase, 0, 0);
+            for step in 1..=10 {
+                let time = from + (to - from) * step as f64 / 10.0;
+                out.push((time, course.see(phase, total * step / 10, total)));
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn it_never_falls_and_ends_near_the_end() {
+        for events in [CORNELL, ROOM] {
+            let course = follow(events);
+            assert!(course.windows(2).all(|w| w[0].1 <= w[1].1), "{course:?}");
+            let last = course.last().map_or(0.0, |c| c.1);
+            assert!((0.9..=1.0).contains(&last), "{last}");
+        }
+    }
+
+    /// Issue 26: the time to go does not jump back by more than a fifth.
+    #[test]
+    fn time_to_go_does_not_jump_back_by_more_than_a_fifth() {
+        for events in [CORNELL, ROOM] {
+            let course = follow(events);
+            let left = course.iter().map(|(t, s)| (t, t * (1.0 - s) / s));
+            // Before a twentieth of the bake nothing is shown.
+            let shown: Vec<(f64, f64)> = (left.zip(&course))
+                .filter(|(_, (_, share))| *share >= super::super::progress::TELL_FROM)
+                .map(|((t, left), _)| (*t, left))
+                .collect();
+            for w in shown.windows(2) {
+                assert!(w[1].1 <= 1.2 * w[0].1 + 0.5, "{w:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_late_report_of_an_old_phase_changes_nothing() {
+        let mut course = Course::new(&Settings::default());
+        let half = course.see(Phase::Gather, 50, 100);
+        assert_eq!(course.see(Phase::Links, 1, 100), half);
+    }
+}

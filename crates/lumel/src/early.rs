@@ -1,0 +1,142 @@
+//! What can be said about a bake before it begins.
+
+use mesh_ingest::{Scene, Soup};
+use radiosity::Sky;
+use serde_json::Value;
+
+use crate::error::Error;
+use crate::settings::Settings;
+use crate::units::plain_blender;
+
+/// Most lumels that may be asked for: their pages alone, three halves a texel, are 6 GiB, and a bake
+/// needs some hundred bytes for each.
+const MOST_LUMELS: f64 = (1_u64 << 30) as f64;
+
+/// Nothing shines: no lamp, no glowing material that a surface has, no sky.
+pub(crate) fn no_light(scene: &Scene, soup: &Soup, sky: &Sky, document: &Value) -> Option<String> {
+    let lamp = scene.lights.iter().any(|l| l.intensity.max_element() > 0.0);
+    let glows = |m: &u32| {
+        let material = &scene.materials[*m as usize];
+        material.emissive.max_element() > 0.0 && !material.occluder_only
+    };
+    if lamp || !sky.is_black() || soup.materials[..soup.seen()].iter().any(glows) {
+        return None;
+    }
+    let how = if plain_blender(document) {
+        "tick Include > Data > Punctual Lights in Blender's exporter, which leaves lamps out, or"
+    } else {
+        "export lamps or"
+    };
+    Some(format!(
+        "the lightmap will be black: no lamp, glowing material or sky shines; {how} give --sky 0.5 or --sun"
+    ))
+}
+
+/// Blender's exporter leaves lamps out unless told otherwise.
+pub(crate) fn no_lamps(document: &Value) -> Option<String> {
+    let used = document["extensionsUsed"].as_array();
+    let lamps = used.is_some_and(|all| all.iter().any(|e| e == "KHR_lights_punctual"));
+    (plain_blender(document) && !lamps).then(|| {
+        "the file has no lamps: if the level in Blender has some, tick Include > Data > Punctual Lights in its exporter"
+            .into()
+    })
+}
+
+/// A density that no bake can follow, before it is tried.
+///
+/// # Errors
+/// [`Error::Setting`] with the largest density that can.
+pub(crate) fn density(soup: &Soup, settings: &Settings) -> Result<(), Error> {
+    let Some(wanted) = settings.texels_per_unit else {
+        return Ok(());
+    };
+    let area: f64 = soup.areas.iter().map(|a| f64::from(*a)).sum();
+    let lumels = area * f64::from(wanted).powi(2);
+    if lumels <= MOST_LUMELS {
+        return Ok(());
+    }
+    let most = (MOST_LUMELS / area).sqrt();
+    Err(Error::Setting(format!(
+        "--texels-per-unit {wanted}: found {lumels:.1e} lumels on the level's {area:.1} m², expected at most {MOST_LUMELS:.1e}: {most:.0} texels per unit"
+    )))
+}
+
+/// The instance that a page cannot hold at the density asked for.
+pub(crate) fn too_dense(scene: &Scene, soup: &Soup, settings: &Settings) -> Option<String> {
+    let wanted = f64::from(settings.texels_per_unit?);
+    let page = f64::from(settings.max_page).powi(2);
+    let areas = soup.instance_ranges.iter().map(|[first, end]| {
+        let areas = &soup.areas[*first as usize..*end as usize];
+        areas.iter().map(|a| f64::from(*a)).sum::<f64>()
+    });
+    let (largest, area) = areas.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    if area * wanted * wanted <= page {
+        return None;
+    }
+    Some(format!(
+        "{:?} has {area:.1} m²: at {wanted} texels per unit it does not fit a page of {} texels; its density will be lowered to less than {:.1}; --max-page allows larger pages",
+        scene.instances[largest].name,
+        settings.max_page,
+        (page / area).sqrt(),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use serde_json::json;
+
+    fn level() -> (Scene, Soup) {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/cornell_box.glb");
+        let loaded = mesh_ingest::load(file.as_ref(), &Default::default()).expect("an asset");
+        let soup = Soup::build(&loaded.scene);
+        (loaded.scene, soup)
+    }
+
+    fn blender() -> Value {
+        json!({"asset": {"generator": "Khronos glTF Blender I/O v5.0.21"}})
+    }
+
+    #[test]
+    fn darkness_is_foretold_and_names_the_switch() {
+        let (mut scene, soup) = level();
+        let foretold = |scene: &Scene, sky: &Sky, doc: &Value| no_light(scene, &soup, sky, doc);
+        assert_eq!(foretold(&scene, &Sky::Black, &Value::Null), None);
+        for m in &mut scene.materials {
+            m.emissive = Vec3::ZERO;
+        }
+        assert_eq!(
+            foretold(&scene, &Sky::Constant(Vec3::ONE), &blender()),
+            None
+        );
+        let said = foretold(&scene, &Sky::Black, &blender()).expect("black");
+        assert!(said.contains("Punctual Lights"), "{said}");
+        assert!(
+            foretold(&scene, &Sky::Black, &Value::Null).is_some_and(|s| !s.contains("Blender"))
+        );
+    }
+
+    #[test]
+    fn a_level_from_blender_without_lamps_is_told() {
+        assert!(no_lamps(&blender()).is_some());
+        let mut with = blender();
+        with["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+        assert_eq!(no_lamps(&with), None);
+        assert_eq!(no_lamps(&Value::Null), None);
+    }
+
+    #[test]
+    fn densities_that_cannot_be_had_are_told_before() {
+        let (scene, soup) = level();
+        let at = |x| Settings {
+            texels_per_unit: Some(x),
+            ..Settings::default()
+        };
+        assert!(density(&soup, &Settings::default()).is_ok() && density(&soup, &at(30.0)).is_ok());
+        let error = density(&soup, &at(1e9)).expect_err("absurd").to_string();
+        assert!(error.contains("expected at most"), "{error}");
+        assert_eq!(too_dense(&scene, &soup, &at(30.0)), None);
+        assert!(too_dense(&scene, &soup, &at(3000.0)).is_some());
+    }
+}

@@ -1,0 +1,55 @@
+import type { Material, MeshLambertMaterial, Mesh, Object3D, Texture } from 'three';
+import type { GLTF, GLTFLoaderPlugin, GLTFParser } from 'three/addons/loaders/GLTFLoader.js';
+
+/** Where a node's light is: `extras.lightmap` of the .glb, or a node of the manifest. */
+export interface Place {
+  uri: string;
+  page: number;
+  texCoord: number;
+  offset: [number, number];
+  scale: [number, number];
+  scaleToIrradiance?: number;
+  ktx2?: { uri: string; format: 'bc6h' | 'rgb9e5' };
+}
+
+export interface LightmapOptions {
+  /** Folder of the pages; where the glTF came from unless given. */
+  path?: string;
+  /** `level.lightmap.json`, for files that lost their extras. */
+  manifest?: object;
+  /** Load pages as KTX2 (`lumel bake --ktx2`). */
+  ktx2?: boolean;
+  /** Makes a texture from a page's address; EXRLoader unless given. */
+  loadPage?: (url: string) => Promise<Texture>;
+  /** Textures of `loadPage` have row 0 at the top. */
+  topDown?: boolean;
+  /** Multiplies the light. */
+  exposure?: number;
+  /** Materials become Lambertian: albedo x R exactly. */
+  diffuse?: boolean;
+  /** Leave the file's lamps on. */
+  keepLights?: boolean;
+}
+
+export interface Attached {
+  meshes: number;
+  materials: number;
+  pages: Texture[];
+}
+
+export function attachLightmaps(gltf: GLTF, options?: LightmapOptions): Promise<Attached>;
+
+/** `loader.register((parser) => new LumelLightmaps(parser, options))`; the result is in `gltf.userData.lumel`. */
+export class LumelLightmaps implements GLTFLoaderPlugin {
+  constructor(parser: GLTFParser, options?: LightmapOptions);
+  readonly name: string;
+  afterRoot(gltf: GLTF): Promise<void>;
+}
+
+export function findPlacements(
+  gltf: GLTF,
+  manifest?: object,
+): { mesh: Mesh; node: Object3D; place: Place }[];
+export function placeTexture(page: Texture, place: Place, topDown?: boolean): Texture;
+export function diffuseMaterial(from: Material): MeshLambertMaterial;
+export function removeLights(root: Object3D): void;
