@@ -34,6 +34,7 @@ mod refine;
 mod seams;
 mod smooth;
 mod sparse;
+mod temporary;
 mod texture;
 mod unlike;
 pub mod unwrap;
@@ -65,7 +66,7 @@ pub use lumels::{Fragment, Lumel, Lumels};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
-pub use output::{Committed, Leftovers, OutputSet, remove_own_temporaries};
+pub use output::{Committed, OutputSet};
 pub use pack::{PackedPages, pack_pages};
 pub use planes::{Plane, Wanted};
 pub use preview::{
@@ -74,6 +75,7 @@ pub use preview::{
 };
 pub use recall::{Recall, RecallReport};
 pub use seams::{SeamError, SeamReport};
+pub use temporary::{Leftovers, remove_own_temporaries};
 pub use unlike::separate_unlike;
 pub use uv_check::{
     OwnUvs, Severity, UvFault, UvFaultKind, UvMode, UvPlace, check_uvs, overlap_share,
