@@ -41,6 +41,7 @@ mod preview;
 mod probe_file;
 mod probe_points;
 mod seams;
+mod temporary;
 mod texture;
 mod uv_picture;
 
@@ -58,7 +59,7 @@ pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
 };
 pub use options::{BakeOptions, Directional, Hidden, Layer};
-pub use output::{Committed, Leftovers, OutputSet, remove_own_temporaries};
+pub use output::{Committed, OutputSet};
 pub use page::Page;
 pub use preview::{
     Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,
@@ -67,4 +68,5 @@ pub use preview::{
 pub use probe_file::{FilledGrid, ProbeFile};
 pub use probe_points::{PointsError, parse_points};
 pub use seams::{SeamError, SeamReport};
+pub use temporary::{Leftovers, remove_own_temporaries};
 pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};

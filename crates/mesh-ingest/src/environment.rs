@@ -12,9 +12,9 @@ use crate::document::Document;
 use crate::error::{Fault, Kind, Outcome};
 use crate::images;
 use crate::json::{Item, show};
-use crate::nodes;
 use crate::report::IngestReport;
 use crate::scene::{Environment, Image};
+use crate::{hierarchy, nodes};
 
 const NAME: &str = "EXT_lights_image_based";
 
@@ -30,7 +30,7 @@ pub(crate) fn read(
     report: &mut IngestReport,
 ) -> Outcome<Option<Environment>> {
     let root = document.root();
-    let Some(chosen) = nodes::chosen_scene(&root, scene)? else {
+    let Some(chosen) = hierarchy::chosen_scene(&root, scene)? else {
         return Ok(None);
     };
     let Some(reference) = root.element("scenes", chosen)?.extension(NAME)? else {

@@ -25,6 +25,7 @@ mod extensions;
 mod extras;
 mod files;
 mod geometry;
+mod hierarchy;
 mod ies;
 mod images;
 mod input;

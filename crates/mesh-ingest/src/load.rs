@@ -11,6 +11,7 @@ use crate::error::{Error, Fault, Faults, Kind, Outcome};
 use crate::extras::SurfaceExtras;
 use crate::files::MemoryDocument;
 use crate::geometry;
+use crate::hierarchy;
 use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
 use crate::options::{LoadOptions, MAX_COORDINATE};
@@ -245,7 +246,7 @@ fn read_materials(
     let root = document.root();
     let count = faults.take(root.len_of("materials")).unwrap_or(0);
     // A wrong choice of scene is a fault already.
-    let scene = nodes::chosen_scene(&root, scene).ok().flatten();
+    let scene = hierarchy::chosen_scene(&root, scene).ok().flatten();
     let all = SurfaceExtras::of_document(document, scene, report);
     let mut materials: Vec<MaterialRead> = (0..count)
         .map(|i| {
