@@ -30,7 +30,7 @@ pub struct UnwrapInput {
     pub primitive: Vec<u32>,
     /// `[t][k]`: the edge from corner k to corner k+1 of triangle t must be a chart border.
     pub seams: Vec<[bool; 3]>,
-    /// `[t][k]`: the triangle across the edge from corner k to k+1, or [`NONE`]. Of the triangles at a non-manifold edge those
+    /// `[t][k]`: the triangle across the edge from corner k to k+1, or `u32::MAX`. Of the triangles at a non-manifold edge those
     /// that continue each other most smoothly are paired.
     pub neighbors: Vec<[u32; 3]>,
     /// Layer of each triangle. Regions that meet at an edge of more than two triangles (a sheet and its modelled
