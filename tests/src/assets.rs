@@ -57,7 +57,8 @@ pub const ASSETS: &[Asset] = &[
     },
 ];
 
-/// The closed-form scenes with parameters that suit a look or a measurement; not committed, `make-assets --closed-form DIR` writes them.
+/// The closed-form scenes with parameters that suit a look or a measurement; not committed,
+/// `make-assets --closed-form DIR` writes them.
 pub const CLOSED_FORM: &[Asset] = &[
     Asset {
         name: "point_over_floor.glb",
@@ -109,7 +110,8 @@ pub const CLOSED_FORM: &[Asset] = &[
     },
 ];
 
-/// Scenes of many triangles, for measuring; not committed for their size, `make-assets --dense DIR` writes them.
+/// Scenes of many triangles, for measuring; not committed for their size, `make-assets --dense DIR`
+/// writes them.
 pub const DENSE: &[Asset] = &[Asset {
     name: "dense_room.glb",
     make: scenes::dense_room,

@@ -1,8 +1,9 @@
 //! Architecture carved out of solid boxes.
 //!
-//! Boxes of rock are filled and rooms are carved out of them; what remains is cut along every box's planes into cells, and
-//! one quadrilateral is made wherever a solid cell meets an empty one. So walls have two faces and a thickness, no two
-//! faces overlap, and every edge is shared by whole edges (no T-junctions), however the boxes were put together.
+//! Boxes of rock are filled and rooms are carved out of them; what remains is cut along every box's
+//! planes into cells, and one quadrilateral is made wherever a solid cell meets an empty one. So
+//! walls have two faces and a thickness, no two faces overlap, and every edge is shared by whole
+//! edges (no T-junctions), however the boxes were put together.
 
 use std::collections::BTreeMap;
 
@@ -57,8 +58,8 @@ impl Carver {
 
     /// All faces, grouped by the key that `paint` gives them; `None` leaves a face out.
     ///
-    /// Corners are shared inside a group's plane; normals are flat and uv are world metres (x, z on floors; along the
-    /// wall and down on walls).
+    /// Corners are shared inside a group's plane; normals are flat and uv are world metres (x, z on
+    /// floors; along the wall and down on walls).
     pub fn faces<K: Ord>(&self, paint: impl Fn(&Face) -> Option<K>) -> BTreeMap<K, Geometry> {
         let lines = self.sorted_lines();
         let count = [0, 1, 2].map(|k: usize| lines[k].len().saturating_sub(1));

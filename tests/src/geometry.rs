@@ -2,7 +2,8 @@
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
-/// Indexed triangles with optional attributes (an empty vector means absent); metres, counter-clockwise fronts.
+/// Indexed triangles with optional attributes (an empty vector means absent); metres,
+/// counter-clockwise fronts.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Geometry {
     /// Vertex positions.
@@ -87,9 +88,11 @@ impl Geometry {
     }
 }
 
-/// A planar quadrilateral a, b, c, d, front on the side from which the corners run counter-clockwise.
+/// A planar quadrilateral a, b, c, d, front on the side from which the corners run
+/// counter-clockwise.
 ///
-/// Texture coordinates are metres along a→b and a→d, so that a tile of one metre repeats without distortion.
+/// Texture coordinates are metres along a→b and a→d, so that a tile of one metre repeats without
+/// distortion.
 pub fn quad(corners: [Vec3; 4]) -> Geometry {
     let [a, b, c, d] = corners;
     let normal = (b - a).cross(c - a).normalize();
@@ -107,7 +110,8 @@ pub fn quad(corners: [Vec3; 4]) -> Geometry {
     }
 }
 
-/// A parallelogram `origin + s·u + t·v`, s and t in 0..=1, in `n[0] × n[1]` cells; front along u × v. Uv in metres.
+/// A parallelogram `origin + s·u + t·v`, s and t in 0..=1, in `n[0] × n[1]` cells; front along u ×
+/// v. Uv in metres.
 ///
 /// Cell borders are shared vertices, so there is no T-junction inside. Zero cells count as one.
 pub fn grid(origin: Vec3, u: Vec3, v: Vec3, n: [u32; 2]) -> Geometry {
@@ -133,7 +137,8 @@ pub fn grid(origin: Vec3, u: Vec3, v: Vec3, n: [u32; 2]) -> Geometry {
     out
 }
 
-/// The six faces of an axis-parallel box, in the order −X, +X, −Y, +Y, −Z, +Z, fronts outside, `n` cells an edge.
+/// The six faces of an axis-parallel box, in the order −X, +X, −Y, +Y, −Z, +Z, fronts outside, `n`
+/// cells an edge.
 pub fn box_faces(min: Vec3, max: Vec3, n: u32) -> [Geometry; 6] {
     let d = max - min;
     let (x, y, z) = (Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);
@@ -158,7 +163,8 @@ pub fn room(min: Vec3, max: Vec3, n: u32) -> Geometry {
     cuboid(min, max, n).flipped()
 }
 
-/// A sphere as a subdivided icosahedron, fronts outside, flat-shaded: `20·4^level` triangles whose vertices lie on it.
+/// A sphere as a subdivided icosahedron, fronts outside, flat-shaded: `20·4^level` triangles whose
+/// vertices lie on it.
 pub fn icosphere(centre: Vec3, radius: f32, level: u32) -> Geometry {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let mut points: Vec<glam::DVec3> = [
@@ -224,7 +230,8 @@ pub fn icosphere(centre: Vec3, radius: f32, level: u32) -> Geometry {
     }
 }
 
-/// A prism over the polygon `outline` (x, z; counter-clockwise seen from above) between two heights; fronts outside.
+/// A prism over the polygon `outline` (x, z; counter-clockwise seen from above) between two
+/// heights; fronts outside.
 ///
 /// The outline must be convex (its caps are fans). Uv in metres.
 pub fn prism(outline: &[Vec2], bottom: f32, top: f32) -> Geometry {

@@ -1,8 +1,9 @@
 //! A small writer of glTF 2.0 binary files for test scenes.
 //!
-//! It writes what Lumel's scenes need and nothing more: indexed triangles, embedded PNG textures, nodes, punctual
-//! lights, cameras and extras. The same calls give the same bytes, and the files pass the Khronos validator without errors.
-//! Source: Khronos, *glTF 2.0 Specification*, §3 (concepts) and §4 (GLB container).
+//! It writes what Lumel's scenes need and nothing more: indexed triangles, embedded PNG textures,
+//! nodes, punctual lights, cameras and extras. The same calls give the same bytes, and the files
+//! pass the Khronos validator without errors. Source: Khronos, *glTF 2.0 Specification*, §3
+//! (concepts) and §4 (GLB container).
 
 use std::collections::BTreeSet;
 
@@ -18,7 +19,8 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 
-/// What a surface looks like; [`Material::default`] is white, opaque, single-sided and does not emit.
+/// What a surface looks like; [`Material::default`] is white, opaque, single-sided and does not
+/// emit.
 #[derive(Debug, Clone)]
 pub struct Material {
     /// Name in the document.
@@ -27,7 +29,8 @@ pub struct Material {
     pub reflectance: [f32; 3],
     /// Index from [`GltfBuilder::texture`], multiplied with `reflectance`; needs uv.
     pub texture: Option<usize>,
-    /// Radiance of the front in W/(m² sr), any size ≥ 0; above 1 `KHR_materials_emissive_strength` is used.
+    /// Radiance of the front in W/(m² sr), any size ≥ 0; above 1 `KHR_materials_emissive_strength`
+    /// is used.
     pub emission: [f32; 3],
     /// Index from [`GltfBuilder::texture`], multiplied with `emission`; needs uv.
     pub emission_texture: Option<usize>,
@@ -84,7 +87,8 @@ impl Material {
 pub enum Light {
     /// Candela (W/sr) per colour channel.
     Point([f32; 3]),
-    /// Candela per colour channel, then the half-angles in radians of full intensity and of its end.
+    /// Candela per colour channel, then the half-angles in radians of full intensity and of its
+    /// end.
     Spot([f32; 3], f32, f32),
     /// Lux (W/m²) on a plane facing it, per colour channel.
     Directional([f32; 3]),
@@ -252,7 +256,8 @@ impl GltfBuilder {
         self.accessors.len() - 1
     }
 
-    /// Embeds `picture` (sRGB, row 0 at the top) as PNG; returns the texture's index. `nearest` turns filtering off.
+    /// Embeds `picture` (sRGB, row 0 at the top) as PNG; returns the texture's index. `nearest`
+    /// turns filtering off.
     ///
     /// # Panics
     /// If the encoder refuses the picture (zero size).
@@ -273,7 +278,8 @@ impl GltfBuilder {
         self.textures.len() - 1
     }
 
-    /// Embeds `picture` (row 0 at the top) as PNG for other uses than textures; returns the image's index.
+    /// Embeds `picture` (row 0 at the top) as PNG for other uses than textures; returns the image's
+    /// index.
     ///
     /// # Panics
     /// If the encoder refuses the picture (zero size).
@@ -436,7 +442,8 @@ impl GltfBuilder {
         self.lights.len() - 1
     }
 
-    /// A light definition as it will be written, for what [`Light`] does not have: `range`, `extras`.
+    /// A light definition as it will be written, for what [`Light`] does not have: `range`,
+    /// `extras`.
     ///
     /// # Panics
     /// If there is no such light.

@@ -2,7 +2,8 @@
 
 use image::{Rgba, RgbaImage};
 
-/// Hash of a cell to 0..=255: an integer mix (the finaliser of MurmurHash3), so that no random state is kept.
+/// Hash of a cell to 0..=255: an integer mix (the finaliser of MurmurHash3), so that no random
+/// state is kept.
 fn hash(x: u32, y: u32) -> u32 {
     let mut h = x.wrapping_mul(0x9E37_79B1) ^ y.wrapping_mul(0x85EB_CA6B);
     h ^= h >> 16;
@@ -99,7 +100,8 @@ pub fn ground(size: u32, colour: [u8; 3]) -> RgbaImage {
     })
 }
 
-/// A checker of opaque and transparent squares, `cells` by `cells` (even), for shadows that can be computed.
+/// A checker of opaque and transparent squares, `cells` by `cells` (even), for shadows that can be
+/// computed.
 pub fn masked_checker(size: u32, cells: u32) -> RgbaImage {
     let cell = size / cells;
     RgbaImage::from_fn(size, size, |x, y| {

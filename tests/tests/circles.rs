@@ -1,4 +1,5 @@
-//! Files of a crate import each other in one direction only, so that each can be read after those below it.
+//! Files of a crate import each other in one direction only, so that each can be read after those
+//! below it.
 //!
 //! Calls of methods need no import: an `impl` block for a type of another file is not seen here.
 
@@ -35,8 +36,8 @@ fn read(folder: &Path, at: &Module, out: &mut BTreeMap<Module, String>) {
     }
 }
 
-/// The modules that a text names: by `crate::`, by `super::`, and those that it declares. Tests, which
-/// come last in a file, and comments do not count.
+/// The modules that a text names: by `crate::`, by `super::`, and those that it declares. Tests,
+/// which come last in a file, and comments do not count.
 fn named(module: &Module, text: &str, all: &BTreeMap<Module, String>) -> BTreeSet<Module> {
     let text = text.split("mod tests {").next().unwrap_or_default();
     let mut out = BTreeSet::new();

@@ -1,4 +1,5 @@
-//! The demo level holds what a user expects of one, within the size that keeps the repository light.
+//! The demo level holds what a user expects of one, within the size that keeps the repository
+//! light.
 
 use serde_json::Value;
 

@@ -1,4 +1,5 @@
-//! `--error`: the gather goes on until the estimate is what was asked for, or says that it cannot be.
+//! `--error`: the gather goes on until the estimate is what was asked for, or says that it cannot
+//! be.
 
 use std::path::Path;
 

@@ -1,10 +1,12 @@
 //! The leak suite's dark sides are dark, up to the lumels that they share with lit ones.
 //!
-//! A lumel that a wall cuts holds one of its two sides, and a lumel in a wall is read from both, so light is seen in the dark up to a
-//! lumel and a half from a wall that is thinner than that. What lies deeper is exactly 0. `docs/leaks.md` says why no more is asked.
+//! A lumel that a wall cuts holds one of its two sides, and a lumel in a wall is read from both, so
+//! light is seen in the dark up to a lumel and a half from a wall that is thinner than that. What
+//! lies deeper is exactly 0. `docs/leaks.md` says why no more is asked.
 //!
-//! Which texel stands for which surface is read from the written .glb by the path tracer's reader, which shares nothing with the baker. Distances from
-//! walls, dim scenes and black spots need a path-traced truth: `tools/leaks.py`, `docs/leaks.md`.
+//! Which texel stands for which surface is read from the written .glb by the path tracer's reader,
+//! which shares nothing with the baker. Distances from walls, dim scenes and black spots need a
+//! path-traced truth: `tools/leaks.py`, `docs/leaks.md`.
 
 #![allow(
     clippy::print_stderr,
@@ -24,11 +26,13 @@ use lumel_tests::path_tracer::{Footprint, Scene, footprints, luminance};
 use lumel_tests::scenes::leaks::{Kind, LEAKS, LeakScene, Region};
 use lumel_tests::scenes::smooth::lit;
 
-/// Share of a texel below which surface is rounding of texture coordinates, as in the reader of footprints.
+/// Share of a texel below which surface is rounding of texture coordinates, as in the reader of
+/// footprints.
 const SHARE: f64 = 2e-4;
 
-/// What may be seen on average in dark rooms, in shares of the lit side's mean: twice the most that was found, in a cupboard of boards of a quarter of a
-/// lumel (`stairs`, 1.7 %). Beside walls of more than a lumel and a half a wall's inner lumels may be read a little from both sides.
+/// What may be seen on average in dark rooms, in shares of the lit side's mean: twice the most that
+/// was found, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %). Beside walls of
+/// more than a lumel and a half a wall's inner lumels may be read a little from both sides.
 const LEAKED: [f64; 2] = [0.034, 1e-6];
 
 /// A page: width, height, luminance of E.
@@ -296,7 +300,8 @@ fn a_furnace_shows_no_black_spots_beside_what_sticks_in_it() {
     let found = look(&scene, Quality::Draft);
     let w = &found.uneven;
     assert!(w.count > 1000, "{} points", w.count);
-    // Rays bring the same from everywhere. What is left is the solve's residual and half floats, as in `tests/closed_forms/enclosures.rs`.
+    // Rays bring the same from everywhere. What is left is the solve's residual and half floats, as
+    // in `tests/closed_forms/enclosures.rs`.
     assert!(
         w.value <= 5e-3,
         "off by {:.2} %: {}",
@@ -312,7 +317,8 @@ fn a_white_room_loses_no_light_in_what_is_hidden() {
     let exact = scene.received.expect("a scene whose light is known");
     let off = found.yard * found.area / exact - 1.0;
     eprintln!("white_room: {:+.2} % of the light", 100.0 * off);
-    // One in a hundred: what the preview's rays and residual may cost (`tests/closed_forms/enclosures.rs` allows it for furnaces).
+    // One in a hundred: what the preview's rays and residual may cost
+    // (`tests/closed_forms/enclosures.rs` allows it for furnaces).
     assert!(off.abs() <= 0.01, "{:+.2} % of the light", 100.0 * off);
 }
 
@@ -326,7 +332,8 @@ fn every_scene_with_darkness_is_tested() {
 
 #[test]
 fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
-    // A plate seen from behind, the sun straight above, no sky: its shade looks like the inside of something, and is none.
+    // A plate seen from behind, the sun straight above, no sky: its shade looks like the inside of
+    // something, and is none.
     let floor = quad([
         Vec3::new(-1.0, 0.0, -1.0),
         Vec3::new(-1.0, 0.0, 1.0),
@@ -361,7 +368,8 @@ fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
 
 #[test]
 fn the_inside_of_a_post_blackens_nothing_around_it() {
-    // A hollow post of 0.3 m without a bottom, walls of 5 mm: dark inside, and too small for anyone to look into.
+    // A hollow post of 0.3 m without a bottom, walls of 5 mm: dark inside, and too small for anyone
+    // to look into.
     let floor = quad([
         Vec3::new(-1.0, 0.0, -1.0),
         Vec3::new(-1.0, 0.0, 1.0),
@@ -402,7 +410,8 @@ fn the_inside_of_a_post_blackens_nothing_around_it() {
                 (low.x..=high.x).contains(&p.x) && (low.z..=high.z).contains(&p.z)
             };
             if !l.points.iter().any(inside) {
-                // Beside a post a floor sees half of the sky or more; at a tenth of that something is wrong.
+                // Beside a post a floor sees half of the sky or more; at a tenth of that something
+                // is wrong.
                 assert!(
                     l.red() > 0.05 * PI,
                     "{shift}: {} at {}",

@@ -1,7 +1,8 @@
 //! Generated levels, small, at `draft`: what the cameras see is held against the path tracer.
 //!
-//! A pixel counts as dark where the bake shows less than half of the true light, and as bright where it shows more than twice as much: a few
-//! such pixels in a row are a line that people see. `tools/judge` does the same with whole pictures of whole levels.
+//! A pixel counts as dark where the bake shows less than half of the true light, and as bright
+//! where it shows more than twice as much: a few such pixels in a row are a line that people see.
+//! `tools/judge` does the same with whole pictures of whole levels.
 
 use crate::common::bake;
 use glam::{DQuat, DVec2, DVec3};
@@ -17,15 +18,16 @@ const PIXELS: [u32; 2] = [30, 20];
 /// Paths a pixel.
 const PATHS: u32 = 256;
 
-/// Standard errors that the path tracer may be off by before a pixel counts: one in forty is further off, on one side, and the bake would have to be off
-/// by nearly a factor of two besides.
+/// Standard errors that the path tracer may be off by before a pixel counts: one in forty is
+/// further off, on one side, and the bake would have to be off by nearly a factor of two besides.
 const SIGMAS: f64 = 2.0;
 
 /// The share of a view's mean light below which a pixel is black on screen either way.
 const BLACK: f64 = 0.02;
 
-/// Shares of pixels that may be dark, and that may be bright: none was dark, and of greybox 1 the most were bright, 0.6 %, in corners where lumels of
-/// 10 cm are wider than the shade. Twice that, and so many dark ones that the truth's noise cannot make them.
+/// Shares of pixels that may be dark, and that may be bright: none was dark, and of greybox 1 the
+/// most were bright, 0.6 %, in corners where lumels of 10 cm are wider than the shade. Twice that,
+/// and so many dark ones that the truth's noise cannot make them.
 const MOST: [f64; 2] = [0.002, 0.012];
 
 struct View {
@@ -73,7 +75,8 @@ fn sky(settings: &str) -> [f32; 3] {
     [0; 3].map(|_| numbers.next().expect("three numbers").expect("a number"))
 }
 
-/// A bilinear lookup, as engines read pages: v runs down, texels' values are at their middles, borders are clamped.
+/// A bilinear lookup, as engines read pages: v runs down, texels' values are at their middles,
+/// borders are clamped.
 fn lookup(page: &ExrImage, uv: DVec2) -> DVec3 {
     let size = [page.width, page.height];
     let at: [f64; 2] = [0, 1].map(|k| uv[k] * f64::from(size[k]) - 0.5);

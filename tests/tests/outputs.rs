@@ -1,4 +1,5 @@
-//! The written glTF files, read as an engine reads them: JSON, accessors, extras; nothing of Lumel's own types.
+//! The written glTF files, read as an engine reads them: JSON, accessors, extras; nothing of
+//! Lumel's own types.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -104,7 +105,8 @@ fn sample(page: &ExrImage, uv: DVec2) -> f64 {
     row(0) * (1.0 - f.y) + row(1) * f.y
 }
 
-/// Three instances of one floor, one of them turned, each with a lamp off its middle: no symmetry hides a flip or a swap.
+/// Three instances of one floor, one of them turned, each with a lamp off its middle: no symmetry
+/// hides a flip or a swap.
 fn three_floors() -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -184,8 +186,9 @@ fn an_engine_that_follows_extras_and_texcoord_1_sees_the_right_light() {
                     let got = sample(&page, uv * scale + offset) * to_irradiance;
                     let exact =
                         closed_form::point_irradiance(4.0, 1.0, (p.x - 0.6).hypot(p.z - 0.2));
-                    // Bilinear over texels of h = 4 cm of a function that bends at 1 m: h²/8·E'' = 2e-4·3 E at most; means over
-                    // lumels as much again; 16 points a lumel 3e-3 (closed_forms.rs); half 5e-4. The far floors are dim, not less exact.
+                    // Bilinear over texels of h = 4 cm of a function that bends at 1 m: h²/8·E'' =
+                    // 2e-4·3 E at most; means over lumels as much again; 16 points a lumel 3e-3
+                    // (closed_forms.rs); half 5e-4. The far floors are dim, not less exact.
                     assert!((got / exact - 1.0).abs() < 6e-3, "{p}: {got} {exact}");
                     compared += 1;
                 }
@@ -326,7 +329,8 @@ fn vertex_colours_are_normalised_and_irradiance_is_there() {
     for (c, e) in glb.read(color).iter().zip(&irradiance) {
         for k in 0..3 {
             assert!((e[k] - 1.0).abs() < 1e-5, "{e:?}"); // no sampling in it: f32
-            // COLOR_0 × base colour × scale is the radiance ρE/π; a step of u16 is 1.5e-5 of the scale.
+            // COLOR_0 × base colour × scale is the radiance ρE/π; a step of u16 is 1.5e-5 of the
+            // scale.
             assert!(
                 (c[k] * scale - 1.0 / PI).abs() < 2e-5 * scale,
                 "{c:?} × {scale}"
@@ -433,7 +437,8 @@ fn a_mirrored_instance_is_lit_as_its_original_is() {
             largest = largest.max(weight * p);
         }
     }
-    // Other random points on either side: preview's noise is about 1 % of lumels in the open, more where a shadow's edge passes.
+    // Other random points on either side: preview's noise is about 1 % of lumels in the open, more
+    // where a shadow's edge passes.
     assert!(difference < 0.01 * sum, "{}", difference / sum);
     assert!(largest > 0.5, "it is lit: {largest}");
 }

@@ -1,7 +1,9 @@
-//! Lookups on both sides of chart borders agree, within a mesh, between meshes and between instances.
+//! Lookups on both sides of chart borders agree, within a mesh, between meshes and between
+//! instances.
 //!
-//! Errors are those of [`SeamReport`]: differences over the light there + 1 % of the mean. 1 % for 99 % of all seams is what the project
-//! promises; that stitching does it is seen from the error before, which is several times that in every scene here.
+//! Errors are those of [`SeamReport`]: differences over the light there + 1 % of the mean. 1 % for
+//! 99 % of all seams is what the project promises; that stitching does it is seen from the error
+//! before, which is several times that in every scene here.
 
 #![allow(
     clippy::print_stderr,
@@ -63,7 +65,8 @@ fn agrees(name: &str, glb: &[u8], settings: &Settings) -> SeamReport {
     found
 }
 
-/// A rectangle and a slanting piece beside it, whose charts lie at angles to each other, under a low lamp.
+/// A rectangle and a slanting piece beside it, whose charts lie at angles to each other, under a
+/// low lamp.
 fn two_meshes() -> Vec<u8> {
     let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
     let right = floor([[0.0, -1.0], [0.0, 1.0], [1.1, 1.9], [1.6, 0.3]]);
@@ -100,7 +103,8 @@ fn curved_surfaces_agree() {
 
 #[test]
 fn sharp_folds_are_none_whatever_their_normals() {
-    // What exporters do to hard edges. Each face has a horizon of its own: the light jumps, and so may lookups.
+    // What exporters do to hard edges. Each face has a horizon of its own: the light jumps, and so
+    // may lookups.
     let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
     let glb = lit(&[("cube", &cube)], 0.5, &[lamp(1.0, 1.5, 1.0)]);
     assert_eq!(seams("cube", &glb, &at(8.0)).samples, 0);
@@ -154,7 +158,8 @@ fn instances_of_a_kit_agree_and_long_edges_meet_short_ones() {
     assert!((found.metres - 5.0).abs() < 0.05, "{found:?}");
 }
 
-/// Two floor tiles that meet at x = 0, a lamp over the left one, and a wall without thickness on the joint.
+/// Two floor tiles that meet at x = 0, a lamp over the left one, and a wall without thickness on
+/// the joint.
 fn tiles(wall: bool) -> Vec<u8> {
     let left = floor([[-1.0, -1.0], [-1.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
     let right = floor([[0.0, -1.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]]);
@@ -203,7 +208,8 @@ fn a_wall_on_the_joint_keeps_the_dark_side_dark() {
 
 #[test]
 fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
-    // A plate over the left floor, the sun straight above: E is 0 left of the seam and 1 right of it.
+    // A plate over the left floor, the sun straight above: E is 0 left of the seam and 1 right of
+    // it.
     let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
     let right = floor([[0.0, -1.0], [0.0, 1.0], [2.0, 1.0], [2.0, -1.0]]);
     let mut plate = floor([[-3.0, -3.0], [-3.0, 3.0], [0.0, 3.0], [0.0, -3.0]]);
@@ -237,7 +243,8 @@ fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
 
 #[test]
 fn surfaces_that_coincide_by_the_hundred_are_not_stitched_each_to_each() {
-    // 200 tiles on the left and 200 on the right, 0.04 mm above each other: as seams go in one place.
+    // 200 tiles on the left and 200 on the right, 0.04 mm above each other: as seams go in one
+    // place.
     const LAYERS: usize = 200;
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
@@ -254,7 +261,8 @@ fn surfaces_that_coincide_by_the_hundred_are_not_stitched_each_to_each() {
     std::fs::write(&path, b.finish()).expect("written");
     let found = lumel::estimate(&path, &at(4.0), &lumel::Silent).expect("an estimate");
     eprintln!("layers: {}", found.seam_samples);
-    // Tiles of 4 texels, 8 samples to a texel. Each of 400 meets four others at most; all pairs would have 1.3 million.
+    // Tiles of 4 texels, 8 samples to a texel. Each of 400 meets four others at most; all pairs
+    // would have 1.3 million.
     let most = 2 * LAYERS * 4 * 4 * 8;
     assert!(
         (1..=most).contains(&found.seam_samples),
@@ -317,7 +325,8 @@ fn parts_go_on_summing_to_the_light() {
         for (c, &value) in value.iter().enumerate() {
             let layers = page.layers[c].1[i] + page.layers[3 + c].1[i];
             let groups: f32 = baked.groups.iter().map(|g| g[0].value[i][c]).sum();
-            // A few roundings. Groups where nothing was stitched are sums of other roundings, of light that is in part larger.
+            // A few roundings. Groups where nothing was stitched are sums of other roundings, of
+            // light that is in part larger.
             for sum in [layers, groups] {
                 let apart = (sum - value).abs();
                 assert!(apart <= 1e-6 * (value + mean), "{i} {c}: {sum} {value}");

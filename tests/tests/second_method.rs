@@ -1,7 +1,9 @@
-//! The bake against a path tracer that shares nothing with it, on scenes whose light has no closed form.
+//! The bake against a path tracer that shares nothing with it, on scenes whose light has no closed
+//! form.
 //!
-//! The bake's own files are read back: geometry, lightmap coordinates and node extras from the glTF, values and claimed errors from the EXR. Some lumels
-//! are drawn by a fixed seed, their footprints are traced, and [`Comparison::objections`] says what does not fit. All random numbers
+//! The bake's own files are read back: geometry, lightmap coordinates and node extras from the
+//! glTF, values and claimed errors from the EXR. Some lumels are drawn by a fixed seed, their
+//! footprints are traced, and [`Comparison::objections`] says what does not fit. All random numbers
 //! are fixed, so the tests are deterministic; that they can fail is tested too.
 
 use std::sync::LazyLock;
@@ -18,8 +20,9 @@ use lumel_tests::scenes::{cornell_box, second_method as scenes};
 /// Bias that `production` may have: the project's own claim for it (issue 3, "bias ≤ 0.1 %").
 const BIAS: f64 = 0.001;
 
-/// Lumels with less surface than this are not drawn: a chart's edge cuts through them, and the bake's sixteen points come from a stream of 128
-/// over the whole texel, of which fewer than eight would be left.
+/// Lumels with less surface than this are not drawn: a chart's edge cuts through them, and the
+/// bake's sixteen points come from a stream of 128 over the whole texel, of which fewer than eight
+/// would be left.
 const LEAST_COVERAGE: f64 = 1.0 / 16.0;
 
 /// Root mean square rounding error of half floats, relative: at most 2⁻¹¹, evenly spread.
@@ -33,8 +36,9 @@ fn production(texels_per_unit: f32, sky: SkySource) -> Settings {
         sky,
         // The path tracer takes the mean over all of a lumel, hidden parts too.
         hidden: Hidden::Mean,
-        // Stitching buys agreement at charts' borders with truth: in the doorway of the two rooms, whose sides differ by a tenth over a lumel, it moves a
-        // lumel by 6 %. Its own tests bound that.
+        // Stitching buys agreement at charts' borders with truth: in the doorway of the two rooms,
+        // whose sides differ by a tenth over a lumel, it moves a lumel by 6 %. Its own tests bound
+        // that.
         stitch: false,
         ..Settings::default()
     }
@@ -198,10 +202,12 @@ fn a_door_to_a_second_room_and_a_sealed_one() {
     }
 }
 
-/// Lumels of the floor that lie partly under a block, where a lumel's sixteen points know its open share to 1/16 or so.
+/// Lumels of the floor that lie partly under a block, where a lumel's sixteen points know its open
+/// share to 1/16 or so.
 ///
-/// What they hold may differ from the truth by twice that share of what the open part receives (and 4 s.e. of the path tracer). The errors that the bake
-/// claims for them are not looked at: where all points are buried it claims none, which is wrong (docs/second_method.md).
+/// What they hold may differ from the truth by twice that share of what the open part receives (and
+/// 4 s.e. of the path tracer). The errors that the bake claims for them are not looked at: where
+/// all points are buried it claims none, which is wrong (docs/second_method.md).
 #[test]
 fn lumels_at_the_foot_of_a_block() {
     let written = &*CORNELL;

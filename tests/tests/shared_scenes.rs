@@ -1,4 +1,5 @@
-//! Real levels, where this checkout has the folder of them beside it; they are too large and too mixed in licence to commit.
+//! Real levels, where this checkout has the folder of them beside it; they are too large and too
+//! mixed in licence to commit.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +18,8 @@ fn shared(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Bakes the scene in draft under a sky of radiance 1; everything is finite, nothing negative, and at least half of it lit.
+/// Bakes the scene in draft under a sky of radiance 1; everything is finite, nothing negative, and
+/// at least half of it lit.
 fn bakes(name: &str, texels_per_unit: f32) {
     let Some(path) = shared(name) else { return };
     let settings = Settings {

@@ -19,13 +19,15 @@ use lumel_tests::scenes::smooth::{averaged, glowing, lit, tube, uv_sphere};
 /// Meridians and bands.
 const TESSELLATIONS: [[u32; 2]; 3] = [[8, 6], [16, 12], [32, 24]];
 
-/// Holds lumels against `exact`, a function of the point on the ideal surface; `scale` is its greatest value. Says greatest and root mean
-/// square difference over `scale`.
+/// Holds lumels against `exact`, a function of the point on the ideal surface; `scale` is its
+/// greatest value. Says greatest and root mean square difference over `scale`.
 ///
-/// Nothing but the mean over a lumel is sampled, with sixteen points (`DirectOptions::base` of the preview) of which it has some by chance
-/// where little of it lies on the surface. Values that spread evenly over a range have a deviation of 1/√12 of it, the mean of sixteen
-/// independent ones a quarter of that, the reference's sixty-four an eighth: four deviations of the difference are 0.32 of the range. Half floats round
-/// by 2⁻¹¹. RMS: one deviation where the range is what a lumel of 1/8 m spans on a unit sphere, 1/8 of `scale` or, near a lamp, more.
+/// Nothing but the mean over a lumel is sampled, with sixteen points (`DirectOptions::base` of the
+/// preview) of which it has some by chance where little of it lies on the surface. Values that
+/// spread evenly over a range have a deviation of 1/√12 of it, the mean of sixteen independent ones
+/// a quarter of that, the reference's sixty-four an eighth: four deviations of the difference are
+/// 0.32 of the range. Half floats round by 2⁻¹¹. RMS: one deviation where the range is what a lumel
+/// of 1/8 m spans on a unit sphere, 1/8 of `scale` or, near a lamp, more.
 fn holds(name: &str, lumels: &[Seen], scale: f64, exact: impl Fn(DVec3) -> f64) {
     let (mut most, mut squares, mut n) = (0f64, 0.0, 0.0);
     for l in lumels.iter().filter(|l| l.points.len() >= 32) {
@@ -54,8 +56,8 @@ fn all_dark(lumels: &[Seen]) {
     }
 }
 
-/// A density, and lumels as they were gathered: means over what they cover. Stitching makes border lumels what lookups need, which
-/// [`error_of_lookups`] holds against the truth.
+/// A density, and lumels as they were gathered: means over what they cover. Stitching makes border
+/// lumels what lookups need, which [`error_of_lookups`] holds against the truth.
 fn means(texels_per_unit: f32) -> Settings {
     Settings {
         stitch: false,
@@ -116,8 +118,9 @@ fn lookups_on_a_sphere_are_as_near_to_the_truth_as_lumels_allow() {
             let settings = Settings { stitch, ..at(8.0) };
             let off = error_of_lookups(&glb, &settings, exact);
             eprintln!("lookups {n:?}, stitched {stitch}: RMS {off:.5}");
-            // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it reads, where E changes by 1/16 at most; borders are an
-            // eighth of the surface or less: 1/16 · √(1/8)/√3 = 0.013.
+            // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it
+            // reads, where E changes by 1/16 at most; borders are an eighth of the surface or less:
+            // 1/16 · √(1/8)/√3 = 0.013.
             assert!(off < 0.013, "{n:?}, stitched {stitch}: {off}");
         }
     }
@@ -194,8 +197,8 @@ fn a_tube_is_round_outside() {
 
 #[test]
 fn a_hollow_furnace_loses_no_light_between_the_horizons() {
-    // B = πL/(1 − ρ) all over the walls of any closed shape, and E is the same about whatever axis. Cut off at the facets' horizons, corners of
-    // the coarsest would lack (1 − cos 27°)/2 = 5 %.
+    // B = πL/(1 − ρ) all over the walls of any closed shape, and E is the same about whatever axis.
+    // Cut off at the facets' horizons, corners of the coarsest would lack (1 − cos 27°)/2 = 5 %.
     let (rho, radiance) = (0.5, 1.0);
     for n in &TESSELLATIONS[..2] {
         let hollow = uv_sphere(1.0, *n).flipped();
@@ -210,7 +213,8 @@ fn a_hollow_furnace_loses_no_light_between_the_horizons() {
 
 #[test]
 fn a_bright_ball_does_not_light_itself() {
-    // In a black hall so large that the ball counts as a lamp, of closed forms and shadow rays: its own facets lie below its horizons.
+    // In a black hall so large that the ball counts as a lamp, of closed forms and shadow rays: its
+    // own facets lie below its horizons.
     let hall = room(Vec3::splat(-2.0), Vec3::splat(2.0), 1).bare();
     for n in &TESSELLATIONS[..2] {
         let ball = uv_sphere(1.0, *n);
@@ -278,7 +282,8 @@ fn a_sphere_that_rests_in_a_closed_box_is_lit_as_in_the_open_and_lets_nothing_in
 
 #[test]
 fn a_cube_with_averaged_normals_keeps_its_horizons() {
-    // Low light from one side: normals of the top's rim lean towards it, but its faces do not see it.
+    // Low light from one side: normals of the top's rim lean towards it, but its faces do not see
+    // it.
     let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
     let low = Vec3::new(0.96, -0.28, 0.0);
     let glb = lit(&[("cube", &cube)], 0.0, &[sun(low)]);

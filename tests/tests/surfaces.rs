@@ -1,4 +1,5 @@
-//! Surfaces that modelling tools and exporters leave behind: slivers, doubles, overlaps, flipped faces, near contact.
+//! Surfaces that modelling tools and exporters leave behind: slivers, doubles, overlaps, flipped
+//! faces, near contact.
 
 use std::f64::consts::PI;
 
@@ -20,7 +21,8 @@ fn floor() -> Geometry {
     .bare()
 }
 
-/// Bakes `parts` (a node each) of reflectance 0 under a sun of 2 lux straight down, 8 lumels a metre.
+/// Bakes `parts` (a node each) of reflectance 0 under a sun of 2 lux straight down, 8 lumels a
+/// metre.
 fn under_the_sun(parts: &[(&str, &Geometry)]) -> Bake {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -35,7 +37,8 @@ fn under_the_sun(parts: &[(&str, &Geometry)]) -> Bake {
         light: Some(sun),
         ..Node::default()
     });
-    // Some of these lumels see backs of single-sided faces only: what they hold by themselves is asked for, not what they would be filled with.
+    // Some of these lumels see backs of single-sided faces only: what they hold by themselves is
+    // asked for, not what they would be filled with.
     let settings = Settings {
         hidden: Hidden::Mean,
         ..at(8.0)
@@ -101,7 +104,8 @@ fn a_flipped_face_in_the_same_place_takes_no_light_from_the_right_one() {
 
 #[test]
 fn crossing_faces_shade_each_other_where_they_should() {
-    // A plate tilted through the floor: over it where x > 0. It is single-sided and faces up; its shadow falls on x > 0.
+    // A plate tilted through the floor: over it where x > 0. It is single-sided and faces up; its
+    // shadow falls on x > 0.
     let s = 0.5;
     let plate = quad([
         Vec3::new(-s, -0.3, s),
@@ -136,7 +140,8 @@ fn crossing_faces_shade_each_other_where_they_should() {
 
 #[test]
 fn slivers_of_aspect_a_million_harm_nobody() {
-    // A fan whose last corner lies 1e-6 off an edge of 2 m, T-junctions on both sides, and a lone needle over the floor.
+    // A fan whose last corner lies 1e-6 off an edge of 2 m, T-junctions on both sides, and a lone
+    // needle over the floor.
     let mut g = Geometry {
         positions: vec![
             Vec3::new(-1.0, 0.0, 1.0),
@@ -167,13 +172,15 @@ fn slivers_of_aspect_a_million_harm_nobody() {
         .into_iter()
         .filter(|l| l.points[0].y < 0.1)
         .collect();
-    // The needle's shadow is 2 µm wide: of 16 points in a lumel of 12.5 cm it may catch one by chance in ten thousand.
+    // The needle's shadow is 2 µm wide: of 16 points in a lumel of 12.5 cm it may catch one by
+    // chance in ten thousand.
     all_hold(&floor, 2.0);
 }
 
 #[test]
 fn plates_a_tenth_of_a_millimetre_apart_exchange_light_as_infinite_ones_do() {
-    // A lamp (M_e = πL, ρ₁) over a plate (ρ₂): on the plate E₂ = B₁ = πL/(1 − ρ₁ρ₂), on the lamp E₁ = ρ₂ E₂.
+    // A lamp (M_e = πL, ρ₁) over a plate (ρ₂): on the plate E₂ = B₁ = πL/(1 − ρ₁ρ₂), on the lamp E₁
+    // = ρ₂ E₂.
     let (r1, r2, gap) = (0.6, 0.5, 1e-4);
     let mut b = GltfBuilder::new();
     let lamp = b.material(&Material::emitter("lamp", [1.0; 3], [r1; 3]));
@@ -188,8 +195,9 @@ fn plates_a_tenth_of_a_millimetre_apart_exchange_light_as_infinite_ones_do() {
     for (name, exact) in [("plate", e2), ("lamp", e2 * f64::from(r2))] {
         for l in lumels_of(&bake, name) {
             if l.all(|p| p.x.abs() < 0.9 && p.z.abs() < 0.9) {
-                // A thousand gaps from the edge nothing escapes, but light comes back from patches of 0.1 m, whose outermost lose up
-                // to half of their outermost gap's width: below 1e-3. Rays that graze: 2 %.
+                // A thousand gaps from the edge nothing escapes, but light comes back from patches
+                // of 0.1 m, whose outermost lose up to half of their outermost gap's width: below
+                // 1e-3. Rays that graze: 2 %.
                 assert!(
                     (l.red() / exact - 1.0).abs() < 0.02,
                     "{name}: {} {exact}",
@@ -213,8 +221,8 @@ fn brighter_lamps_scale_every_lumel_alike() {
     let one = page(1.0);
     for radiance in [1e-3f32, 1e6] {
         for (x, y) in one.iter().zip(page(radiance)) {
-            // Draft takes the same samples; f32 sums of some 500 terms, smoothing weights that see rounding: 1e-3 is ample
-            // for both and small against any noise.
+            // Draft takes the same samples; f32 sums of some 500 terms, smoothing weights that see
+            // rounding: 1e-3 is ample for both and small against any noise.
             let d = (y[0] / radiance - x[0]).abs();
             assert!(d <= 1e-3 * x[0], "{radiance}: {} {}", x[0], y[0] / radiance);
         }
@@ -232,8 +240,9 @@ fn a_face_that_coincides_with_another_is_no_blacker_than_that() {
 
 #[test]
 fn a_duplicate_turned_over_gets_the_light_of_its_own_side() {
-    // A two-sided floor takes both sides in the rays' list; its copy, single-sided and facing down, is lit from below where the sun
-    // shines up, and the floor is not: its lightmap is of the front.
+    // A two-sided floor takes both sides in the rays' list; its copy, single-sided and facing down,
+    // is lit from below where the sun shines up, and the floor is not: its lightmap is of the
+    // front.
     for (up, expected) in [(true, [0.0, 2.0]), (false, [2.0, 0.0])] {
         let mut b = GltfBuilder::new();
         let two_sided = b.material(&Material {
@@ -276,8 +285,9 @@ fn a_duplicate_turned_over_gets_the_light_of_its_own_side() {
 
 #[test]
 fn a_decal_in_the_plane_of_a_floor_and_another_tessellation_are_lit_like_it() {
-    // Tilted and off the origin, so that rounding puts each now above and now below the others: by up to 2e-7 m in the file's f32
-    // coordinates of 2 to 4 m. Rays start 1.2e-6 m above a surface there.
+    // Tilted and off the origin, so that rounding puts each now above and now below the others: by
+    // up to 2e-7 m in the file's f32 coordinates of 2 to 4 m. Rays start 1.2e-6 m above a surface
+    // there.
     let place = |g: Geometry| {
         g.transformed(glam::Affine3A::from_rotation_translation(
             glam::Quat::from_rotation_z(0.3) * glam::Quat::from_rotation_x(0.2),

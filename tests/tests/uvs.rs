@@ -1,4 +1,5 @@
-//! Density of nodes and stable coordinates, through the whole pipeline: what stands in the written files.
+//! Density of nodes and stable coordinates, through the whole pipeline: what stands in the written
+//! files.
 
 use std::path::Path;
 
@@ -125,7 +126,8 @@ fn density_is_a_factor_that_children_inherit_until_one_says_otherwise() {
         assert_eq!(rect.w, rect.h, "{name}");
         rect.w
     };
-    // Two metres at 8 a metre times the factor, and a texel on both sides; rectangles are whole blocks of 4 texels.
+    // Two metres at 8 a metre times the factor, and a texel on both sides; rectangles are whole
+    // blocks of 4 texels.
     let widths = ["plain", "parent", "heir", "own", "none"].map(width);
     assert_eq!(
         widths,

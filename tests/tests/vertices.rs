@@ -1,4 +1,5 @@
-//! Light at vertices: what it is the best value of, who shares it, and where triangles are split for it.
+//! Light at vertices: what it is the best value of, who shares it, and where triangles are split
+//! for it.
 
 use std::collections::BTreeMap;
 
@@ -58,8 +59,8 @@ fn torn(g: &Geometry) -> Geometry {
 
 #[test]
 fn vertices_of_one_place_and_normal_have_one_light_and_hard_edges_have_two() {
-    // A floor in two primitives, every triangle by itself, and a wall that stands at its edge. At 8 lumels a metre its triangles have some
-    // lumels each, at 1 less than one: fitted and gathered.
+    // A floor in two primitives, every triangle by itself, and a wall that stands at its edge. At 8
+    // lumels a metre its triangles have some lumels each, at 1 less than one: fitted and gathered.
     for density in [8.0, 1.0] {
         let whole = torn(&floor(4));
         let half = |part: usize| {
@@ -101,7 +102,8 @@ fn vertices_of_one_place_and_normal_have_one_light_and_hard_edges_have_two() {
             shared += usize::from(lights.len() > 1);
         }
         assert!(shared >= 40, "{shared}");
-        // At the common edge floor and wall differ: the lamp is nearer to one, and shines at another angle.
+        // At the common edge floor and wall differ: the lamp is nearer to one, and shines at
+        // another angle.
         let mut edges = 0;
         for ((place, of_wall), lights) in &by_place {
             if !of_wall && let Some(other) = by_place.get(&(*place, true)) {
@@ -113,7 +115,8 @@ fn vertices_of_one_place_and_normal_have_one_light_and_hard_edges_have_two() {
     }
 }
 
-/// ∫ over the floor's triangles of `f(position, φ of the corners)`, by the midpoints of `n`² parts of each.
+/// ∫ over the floor's triangles of `f(position, φ of the corners)`, by the midpoints of `n`² parts
+/// of each.
 fn integrate(g: &Geometry, n: u32, mut f: impl FnMut(&[u32; 3], DVec3, [f64; 3], f64)) {
     for t in &g.triangles {
         let [a, b, c] = t.map(|v| g.positions[v as usize].as_dvec3());
@@ -136,7 +139,8 @@ fn integrate(g: &Geometry, n: u32, mut f: impl FnMut(&[u32; 3], DVec3, [f64; 3],
 
 #[test]
 fn fitted_light_is_nearer_to_the_truth_than_means_are() {
-    // A lamp 0.5 m over cells of as much: what is interpolated from means of the light about each vertex is too flat.
+    // A lamp 0.5 m over cells of as much: what is interpolated from means of the light about each
+    // vertex is too flat.
     let (g, lamp) = (floor(4), DVec3::new(0.1, 0.5, 0.2));
     let truth = |p: DVec3| point_irradiance(4.0, lamp.y, (p.x - lamp.x).hypot(p.z - lamp.z));
     let b = bake(&lit(&[&g], lamp.as_vec3()), &at(32.0));
@@ -167,8 +171,9 @@ fn fitted_light_is_nearer_to_the_truth_than_means_are() {
     };
     let (means, fitted) = (error(&means), error(&fitted));
     assert!(fitted < 0.65 * means, "{fitted} {means}");
-    // What the report says is that error, but for lumels' means being a little flatter than the truth: h²/24 E'' of 3 cm under 0.5 m is
-    // some 1e-3 of the light, which is a tenth of the error.
+    // What the report says is that error, but for lumels' means being a little flatter than the
+    // truth: h²/24 E'' of 3 cm under 0.5 m is some 1e-3 of the light, which is a tenth of the
+    // error.
     let reported = b
         .report
         .gather
@@ -195,7 +200,8 @@ fn fitted_light_is_nearer_to_the_truth_than_means_are() {
     );
 }
 
-/// A room of 2 m whose faces are primitives by themselves, no vertex shared, and a lamp off its middle.
+/// A room of 2 m whose faces are primitives by themselves, no vertex shared, and a lamp off its
+/// middle.
 fn room() -> Vec<u8> {
     let faces = box_faces(Vec3::ZERO, Vec3::splat(2.0), 1).map(Geometry::flipped);
     let refs: Vec<&Geometry> = faces.iter().collect();
@@ -233,7 +239,8 @@ fn split_triangles_fit_together_and_come_close_to_the_lightmap() {
         assert!(last < f64::from(error), "{last}");
         let back = vertex_scene(&b, dir.path());
         let mesh = &back.scene.meshes[0];
-        // A closed surface: in places, every edge has a triangle on either side. A corner on another's edge would leave one with one.
+        // A closed surface: in places, every edge has a triangle on either side. A corner on
+        // another's edge would leave one with one.
         let mut edges: BTreeMap<[[u32; 3]; 2], [u32; 2]> = BTreeMap::new();
         let (mut area, mut vertices) = (0.0, 0);
         for p in &mesh.primitives {
@@ -258,7 +265,8 @@ fn split_triangles_fit_together_and_come_close_to_the_lightmap() {
             for (v, n) in p.normals.iter().enumerate() {
                 assert!(n.dot(normal) > 0.99999);
                 assert!((p0[v] - p0[0]).dot(normal).abs() < 1e-5);
-                // Metres along both edges (see `grid`): distances on the texture are those in space.
+                // Metres along both edges (see `grid`): distances on the texture are those in
+                // space.
                 let (a, b) = (p0[v].distance(p0[0]), uv[v].distance(uv[0]));
                 assert!((a - b).abs() < 1e-5, "{a} {b}");
             }
@@ -304,20 +312,24 @@ fn light_of(b: &Bake, primitive: usize) -> Vec<f64> {
 
 #[test]
 fn vertices_closer_than_lumels_read_them() {
-    // Four cells a lumel. At 8 lumels a metre light would change by 3/2h · √2 d = 53 % from tap to tap where it falls fastest, more than is trusted; here by 27 %.
+    // Four cells a lumel. At 8 lumels a metre light would change by 3/2h · √2 d = 53 % from tap to
+    // tap where it falls fastest, more than is trusted; here by 27 %.
     let (g, lamp) = (floor(64), DVec3::new(0.1, 0.5, 0.2));
     let b = bake(&lit(&[&g], lamp.as_vec3()), &at(16.0));
     let report = b.report.gather.vertices.expect("vertices were baked");
     assert_eq!(report.points, 65 * 65);
-    // Lumels that the border cuts are not read, nor lookups half a lumel beyond the last whole one: four rings of vertices at most.
+    // Lumels that the border cuts are not read, nor lookups half a lumel beyond the last whole one:
+    // four rings of vertices at most.
     assert_eq!(report.read + report.gathered, report.points);
     assert!(report.read >= 57 * 57, "{report:?}");
     let truth = |p: Vec3| {
         let p = p.as_dvec3();
         point_irradiance(4.0, lamp.y, (p.x - lamp.x).hypot(p.z - lamp.z))
     };
-    // Right under the lamp E'' is 3 E/h² along either axis; a lumel of d = 0.0625 m has the mean, d²/24 of both together too low, and lines between
-    // lumels are d²/8 of both too low at worst: (1/24 + 1/8) · 6 d²/h² = 1.6 % of the light there. Lumels' own samples of a lamp have no noise to speak of.
+    // Right under the lamp E'' is 3 E/h² along either axis; a lumel of d = 0.0625 m has the mean,
+    // d²/24 of both together too low, and lines between lumels are d²/8 of both too low at worst:
+    // (1/24 + 1/8) · 6 d²/h² = 1.6 % of the light there. Lumels' own samples of a lamp have no
+    // noise to speak of.
     let most = truth(Vec3::new(0.1, 0.0, 0.2));
     for (v, e) in light_of(&b, 0).into_iter().enumerate() {
         let expected = truth(g.positions[v]);
@@ -331,7 +343,8 @@ fn vertices_closer_than_lumels_read_them() {
 
 #[test]
 fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
-    // A dense floor under a wall of 2 cm, where lumels are of 12.5 cm, and a sheet 1 mm below it that looks down.
+    // A dense floor under a wall of 2 cm, where lumels are of 12.5 cm, and a sheet 1 mm below it
+    // that looks down.
     let ground = floor(64);
     let below = {
         let mut g = floor(64).flipped();
@@ -358,7 +371,8 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
             assert!(*e < 1e-6 * most, "{p} {e} of {most}");
             dark += 1;
         }
-        // The floor right beside the wall is as bright as it is without one, but for lumels that the wall takes a part of.
+        // The floor right beside the wall is as bright as it is without one, but for lumels that
+        // the wall takes a part of.
         if p.x > 0.02 && p.x < 0.1 {
             let r = f64::from(p.x - lamp.x).hypot(f64::from(p.z - lamp.z));
             let expected = point_irradiance(4.0, 0.5, r);
@@ -372,7 +386,8 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
 
 #[test]
 fn gathered_light_is_smoothed_but_not_through_a_wall() {
-    // One dense floor through two closed white rooms, of which one has a lamp. With the mean over hidden parts nothing is read from lumels.
+    // One dense floor through two closed white rooms, of which one has a lamp. With the mean over
+    // hidden parts nothing is read from lumels.
     let (low, high) = (Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, 1.0, 1.0));
     let mut room = box_faces(low, high, 1).map(Geometry::flipped);
     room[2] = floor(32);
@@ -399,7 +414,8 @@ fn gathered_light_is_smoothed_but_not_through_a_wall() {
         }
     }
     assert_eq!(dark, 16 * 33);
-    // What changes from vertex to vertex is noise: of fourth differences smooth light leaves some (h/0.6 m)⁴, noise √70 of its standard deviation.
+    // What changes from vertex to vertex is noise: of fourth differences smooth light leaves some
+    // (h/0.6 m)⁴, noise √70 of its standard deviation.
     let at = |x: usize, z: usize| light[z * 33 + x];
     let (mut squares, mut count) = (0.0, 0.0);
     for (x, z) in (18..31).flat_map(|x| (4..29).map(move |z| (x, z))) {

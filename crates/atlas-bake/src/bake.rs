@@ -29,9 +29,11 @@ pub struct BakeReport {
 pub struct Baked {
     /// Lightmap pages.
     pub pages: Vec<Page>,
-    /// Pages of each group of light, without extra channels; they sum to `pages`. Empty where groups are not kept apart.
+    /// Pages of each group of light, without extra channels; they sum to `pages`. Empty where
+    /// groups are not kept apart.
     pub groups: Vec<Vec<Page>>,
-    /// Irradiance per instance, primitive and vertex of the primitive; empty where [`BakeOptions::vertices`] leaves it out.
+    /// Irradiance per instance, primitive and vertex of the primitive; empty where
+    /// [`BakeOptions::vertices`] leaves it out.
     pub vertices: VertexLight,
     /// What was done.
     pub report: BakeReport,

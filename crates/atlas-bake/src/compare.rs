@@ -1,8 +1,8 @@
 //! How far one lightmap is from another: the figures of `lumel diff`.
 //!
-//! The measures are those that `tools/compare.py` uses against a path-traced reference, so that figures from either can be set
-//! side by side. All are taken on luminance and none depends on the scale of the stored value, as long as both images
-//! have the same.
+//! The measures are those that `tools/compare.py` uses against a path-traced reference, so that
+//! figures from either can be set side by side. All are taken on luminance and none depends on the
+//! scale of the stored value, as long as both images have the same.
 
 use serde::Serialize;
 
@@ -13,8 +13,8 @@ use crate::false_color::{encode_png, heat};
 /// Rec. 709 luminance weights.
 pub(crate) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Share of the reference's mean that is added to each reference value before dividing by it, so that black texels do not
-/// decide a relative error. `tools/compare.py` uses the same.
+/// Share of the reference's mean that is added to each reference value before dividing by it, so
+/// that black texels do not decide a relative error. `tools/compare.py` uses the same.
 const FLOOR: f64 = 0.01;
 
 /// Relative error shown as black, and as white, by [`error_png`] (logarithmic between).
@@ -24,16 +24,18 @@ const SHOWN: [f64; 2] = [1e-3, 1.0];
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Counted {
-    /// Those with a positive `coverage.Y` in the reference, or in the map where the reference has none.
+    /// Those with a positive `coverage.Y` in the reference, or in the map where the reference has
+    /// none.
     Coverage,
     /// Those that are not black in either image: there was no coverage channel.
     NonZero,
 }
 
-/// Error of a map against a reference. With x and y the luminances of map and reference, m the mean of y, and
-/// d = (x − y) / (y + 0.01 m), all over the counted lumels.
+/// Error of a map against a reference. With x and y the luminances of map and reference, m the mean
+/// of y, and d = (x − y) / (y + 0.01 m), all over the counted lumels.
 ///
-/// A relative figure is infinite (null in JSON) where the reference is black throughout and the map is not.
+/// A relative figure is infinite (null in JSON) where the reference is black throughout and the map
+/// is not.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DiffReport {
     /// √mean(d²).
@@ -68,7 +70,8 @@ pub struct DiffReport {
 /// Compares `map` with `reference`.
 ///
 /// # Errors
-/// [`Error::SizeMismatch`] where the images differ in size; [`Error::Image`] where one has neither `R`, `G`, `B` nor `Y`.
+/// [`Error::SizeMismatch`] where the images differ in size; [`Error::Image`] where one has neither
+/// `R`, `G`, `B` nor `Y`.
 pub fn diff(reference: &ExrImage, map: &ExrImage) -> Result<DiffReport> {
     let p = Pairs::collect(reference, map)?;
     let n = p.x.len() as f64;
@@ -121,8 +124,8 @@ pub fn diff(reference: &ExrImage, map: &ExrImage) -> Result<DiffReport> {
     })
 }
 
-/// A PNG of |d| at every counted lumel: black at 0.1 % and below, through blue, green and yellow to red and, at 100 % and
-/// above, white; grey where nothing was counted. d as in [`DiffReport`].
+/// A PNG of |d| at every counted lumel: black at 0.1 % and below, through blue, green and yellow to
+/// red and, at 100 % and above, white; grey where nothing was counted. d as in [`DiffReport`].
 ///
 /// # Errors
 /// As [`diff`].
@@ -218,7 +221,8 @@ fn luminance(image: &ExrImage, what: &str) -> Result<Vec<f64>> {
     }
 }
 
-/// Percentile `q` (0..=1) of ascending `sorted` by linear interpolation between ranks; 0 of nothing.
+/// Percentile `q` (0..=1) of ascending `sorted` by linear interpolation between ranks; 0 of
+/// nothing.
 pub(crate) fn percentile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return 0.0;
@@ -249,7 +253,8 @@ mod tests {
         }
     }
 
-    /// The weights add up to 1 in f64 to within a few ulp, so figures computed by hand hold to 1e-12.
+    /// The weights add up to 1 in f64 to within a few ulp, so figures computed by hand hold to
+    /// 1e-12.
     fn close(a: f64, b: f64) {
         assert!((a - b).abs() <= 1e-12 * b.abs().max(1.0), "{a} is not {b}");
     }
@@ -281,7 +286,8 @@ mod tests {
 
     #[test]
     fn coverage_decides_what_is_counted_and_dark_lumels_do_not_enter_the_lit_figure() {
-        // Covered: y = 0 (x = 0.1) and y = 2 (x = 2); mean 1, floor 0.01, so d = 10 and 0. The third is padding.
+        // Covered: y = 0 (x = 0.1) and y = 2 (x = 2); mean 1, floor 0.01, so d = 10 and 0. The
+        // third is padding.
         let a = grey(&[0.0, 2.0, 9.0], Some(&[1.0, 0.5, 0.0]));
         let b = grey(&[0.1, 2.0, 1.0], None);
         let r = diff(&a, &b).unwrap();

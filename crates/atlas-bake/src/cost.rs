@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use crate::options::BakeOptions;
 use crate::seams::find_samples;
 
-/// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is likely to be left alone by what else runs on
-/// the machine. Rounds go on until [`ENOUGH`].
+/// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is
+/// likely to be left alone by what else runs on the machine. Rounds go on until [`ENOUGH`].
 const ROUND: usize = 48;
 
 /// How often a round is done; the shortest time counts.
@@ -30,7 +30,8 @@ pub struct GatherCost {
     pub gathered: usize,
     /// Lumels on flat open surfaces, whose indirect light is interpolated where it is steady.
     pub interpolated: usize,
-    /// Seconds that one of `gathered` takes, with the threads of the current rayon pool at work together; as measured just now.
+    /// Seconds that one of `gathered` takes, with the threads of the current rayon pool at work
+    /// together; as measured just now.
     pub seconds: f64,
     /// Rays, gathering and shadow rays together, that one of them casts in the mean.
     pub rays: f64,

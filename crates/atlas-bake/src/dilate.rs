@@ -1,19 +1,21 @@
-//! Dilation: texels without a value of their own take their neighbours', so that bilinear lookups at chart borders read light
-//! and not the void.
+//! Dilation: texels without a value of their own take their neighbours', so that bilinear lookups
+//! at chart borders read light and not the void.
 
 use atlas::Rect;
 
 use crate::page::Page;
 use crate::seams::EMPTY;
 
-/// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which piece of surface a texel has its value
-/// from, [`EMPTY`] where it has none, and is updated; `readers`, which piece's lookups read a texel that has none. Reads and writes nothing
-/// outside `rect`.
+/// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which
+/// piece of surface a texel has its value from, [`EMPTY`] where it has none, and is updated;
+/// `readers`, which piece's lookups read a texel that has none. Reads and writes nothing outside
+/// `rect`.
 ///
-/// A new texel is the mean of the filled ones beside, above and below it; only where there is none, of those at its corners. A corner is
-/// farther away, and what lies there may be another surface's.
+/// A new texel is the mean of the filled ones beside, above and below it; only where there is none,
+/// of those at its corners. A corner is farther away, and what lies there may be another surface's.
 ///
-/// A texel that lookups on one piece of surface read takes nothing of another, whose lumels may lie right beside it.
+/// A texel that lookups on one piece of surface read takes nothing of another, whose lumels may lie
+/// right beside it.
 pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], readers: &[u32], rect: Rect, rings: u32) {
     let width = page.width as usize;
     let index = |x: u32, y: u32| y as usize * width + x as usize;
@@ -53,7 +55,8 @@ pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], readers: &[u32], rect:
     }
 }
 
-/// Value and layers for one texel, and the piece of surface that the first of its neighbours belongs to.
+/// Value and layers for one texel, and the piece of surface that the first of its neighbours
+/// belongs to.
 struct Fill {
     value: [f32; 3],
     layers: Vec<f32>,

@@ -51,7 +51,8 @@ pub enum Error {
     /// The scene's document cannot be read (again).
     #[error(transparent)]
     Document(#[from] mesh_ingest::Error),
-    /// The parts handed in do not belong together (a vertex out of range, a list of the wrong length).
+    /// The parts handed in do not belong together (a vertex out of range, a list of the wrong
+    /// length).
     #[error("{at}: {message}")]
     Inconsistent {
         /// Document path or the name of the part.

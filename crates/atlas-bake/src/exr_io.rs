@@ -1,8 +1,8 @@
 //! Lightmap pages as OpenEXR, and OpenEXR images back as numbers.
 //!
-//! The files are what every reader that Lumel was tried with accepts: half floats, scanlines, ZIP in blocks of 16 rows, one
-//! part, row 0 at the top (FACTS.md §1). Nothing in the header depends on time, place or machine, so equal pages give
-//! equal bytes for any number of threads.
+//! The files are what every reader that Lumel was tried with accepts: half floats, scanlines, ZIP
+//! in blocks of 16 rows, one part, row 0 at the top (FACTS.md §1). Nothing in the header depends on
+//! time, place or machine, so equal pages give equal bytes for any number of threads.
 
 use std::collections::BTreeSet;
 use std::io::{BufReader, Cursor, Seek};
@@ -24,15 +24,16 @@ use crate::page::Page;
 /// Largest finite half: 2^16 − 2^5.
 pub const HALF_MAX: f32 = 65504.0;
 
-/// Name of the one custom attribute that Lumel writes (the crate keeps custom attributes in a hash map, so that two would
-/// come out in a random order).
+/// Name of the one custom attribute that Lumel writes (the crate keeps custom attributes in a hash
+/// map, so that two would come out in a random order).
 const ATTRIBUTE: &str = "lumel";
 
 /// The most that [`read_exr`] unpacks, in bytes of `f32`: 16 channels of 8192².
 pub const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
 
-/// More samples than a byte of a file can hold. DEFLATE packs even pictures best of EXR's ways: at most 258 bytes into two bits,
-/// which is 516 halves a byte. Twice that leaves room for what has not been thought of.
+/// More samples than a byte of a file can hold. DEFLATE packs even pictures best of EXR's ways: at
+/// most 258 bytes into two bits, which is 516 halves a byte. Twice that leaves room for what has
+/// not been thought of.
 const SAMPLES_PER_BYTE: u64 = 1032;
 
 /// What [`write_lightmap_exr`] had to change to store a page as halves.
@@ -42,7 +43,8 @@ pub struct ExrStats {
     pub clamped: u64,
     /// Samples that were NaN or infinite, stored as 0.
     pub non_finite: u64,
-    /// Samples of R, G or B below zero, stored as 0. Light is never negative; extra layers keep their sign.
+    /// Samples of R, G or B below zero, stored as 0. Light is never negative; extra layers keep
+    /// their sign.
     pub negative: u64,
 }
 
@@ -57,17 +59,19 @@ impl std::ops::AddAssign for ExrStats {
 /// What goes into the file beside the page's value.
 #[derive(Debug, Clone, Default)]
 pub struct ExrOptions {
-    /// Text of the one custom attribute `lumel`, by custom JSON; none is written where this is `None`.
+    /// Text of the one custom attribute `lumel`, by custom JSON; none is written where this is
+    /// `None`.
     pub metadata: Option<String>,
     /// Write [`Page::coverage`] as channel `coverage.Y`.
     pub coverage: bool,
 }
 
-/// Encodes `page` as an OpenEXR file: `R`, `G`, `B`, then [`Page::layers`] as extra channels (all halves; channels in
-/// the file are sorted by name, as the format demands).
+/// Encodes `page` as an OpenEXR file: `R`, `G`, `B`, then [`Page::layers`] as extra channels (all
+/// halves; channels in the file are sorted by name, as the format demands).
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where a channel's length is not `width × height`, the page is empty, or two channels share a name.
+/// [`Error::Inconsistent`] where a channel's length is not `width × height`, the page is empty, or
+/// two channels share a name.
 pub fn write_lightmap_exr(page: &Page, options: &ExrOptions) -> Result<(Vec<u8>, ExrStats)> {
     let texels = page.width as usize * page.height as usize;
     let expect = |name: &str, got: usize| {
@@ -174,7 +178,8 @@ fn to_half(n: usize, signed: bool, sample: impl Fn(usize) -> f32 + Sync) -> (Vec
                 f16::ZERO
             } else {
                 s.clamped = u64::from(x.abs() > HALF_MAX);
-                // −0 and tiny negatives that round to −0 would make equal pages differ in their bytes.
+                // −0 and tiny negatives that round to −0 would make equal pages differ in their
+                // bytes.
                 let h = f16::from_f32(x.clamp(-HALF_MAX, HALF_MAX));
                 if h == f16::ZERO { f16::ZERO } else { h }
             };
@@ -211,8 +216,9 @@ impl ExrImage {
 /// Reads the first part of an OpenEXR file, every channel as `f32`.
 ///
 /// # Errors
-/// [`Error::Io`] where the file cannot be opened, [`Error::Image`] where it is not an OpenEXR image of flat scanlines or
-/// tiles in a compression that is known, would unpack to more than 4 GiB, or to more than a file of its size can hold.
+/// [`Error::Io`] where the file cannot be opened, [`Error::Image`] where it is not an OpenEXR image
+/// of flat scanlines or tiles in a compression that is known, would unpack to more than 4 GiB, or
+/// to more than a file of its size can hold.
 pub fn read_exr(path: &Path) -> Result<ExrImage> {
     read_exr_within(path, READ_LIMIT)
 }
@@ -230,7 +236,8 @@ pub fn read_exr_within(path: &Path, limit: u64) -> Result<ExrImage> {
         what: path.display().to_string(),
         message: e.to_string(),
     };
-    // The header is read first, on its own, so that a small file with a huge data window is refused before memory is asked for.
+    // The header is read first, on its own, so that a small file with a huge data window is refused
+    // before memory is asked for.
     let file = open_regular(path).map_err(io)?;
     let stored = file.metadata().map_err(io)?.len();
     let mut file = BufReader::new(file);
@@ -289,7 +296,8 @@ mod tests {
 
     fn page(width: u32, height: u32) -> Page {
         let n = (width * height) as usize;
-        // A cheap integer hash: values over the whole half range, nothing regular for the compressor.
+        // A cheap integer hash: values over the whole half range, nothing regular for the
+        // compressor.
         let x =
             |i: usize| (((i as u32).wrapping_mul(2_654_435_761) >> 8) as f32 / 1e4).min(60000.0);
         Page {
@@ -328,7 +336,8 @@ mod tests {
         assert_eq!(names, ["B", "G", "R", "coverage.Y", "direct.R", "error.Y"]);
         for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
             for (got, want) in back.channel(name).unwrap().iter().zip(&p.value) {
-                // Half has 11 significant bits: rounding to nearest errs by at most 2^-11 of the value (2^-25 below 2^-14).
+                // Half has 11 significant bits: rounding to nearest errs by at most 2^-11 of the
+                // value (2^-25 below 2^-14).
                 assert!(
                     (got - want[c]).abs() <= want[c] * 2f32.powi(-11) + 2f32.powi(-25),
                     "{name}: {got} for {}",
@@ -430,7 +439,8 @@ mod tests {
         ));
     }
 
-    /// Sizes whose product wraps to 0 aborted the process; one that a short file only claims took gigabytes.
+    /// Sizes whose product wraps to 0 aborted the process; one that a short file only claims took
+    /// gigabytes.
     #[test]
     fn sizes_that_the_file_cannot_hold_are_refused_unallocated() {
         let dir = tempfile::tempdir().unwrap();

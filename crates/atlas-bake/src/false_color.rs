@@ -6,7 +6,8 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use crate::error::{Error, Result};
 
-/// Stops of the heat scale, evenly spaced: each is brighter than the one before, so that it survives in grey.
+/// Stops of the heat scale, evenly spaced: each is brighter than the one before, so that it
+/// survives in grey.
 const STOPS: [[f32; 3]; 6] = [
     [0.0, 0.0, 0.0],
     [40.0, 40.0, 180.0],

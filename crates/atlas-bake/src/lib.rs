@@ -1,7 +1,9 @@
-//! Pages of a lightmap: seams, dilation, and the files they are written to (EXR, KTX2, glTF, JSON, PNG).
+//! Pages of a lightmap: seams, dilation, and the files they are written to (EXR, KTX2, glTF, JSON,
+//! PNG).
 //!
-//! [`bake()`] reads like the method's table of contents: light is gathered at lumels (crate `gather`),
-//! lumels become [`Page`]s, their seams are stitched, and vertices get light from the same lumels.
+//! [`bake()`] reads like the method's table of contents: light is gathered at lumels (crate
+//! `gather`), lumels become [`Page`]s, their seams are stitched, and vertices get light from the
+//! same lumels.
 //!
 //! ```
 //! use atlas_bake::{ExrOptions, Page, diff, read_exr, write_lightmap_exr};

@@ -23,7 +23,8 @@ pub enum ValueKind {
 }
 
 impl ValueKind {
-    /// What a stored value is multiplied with to give irradiance; `None` where no factor does (radiosity).
+    /// What a stored value is multiplied with to give irradiance; `None` where no factor does
+    /// (radiosity).
     pub fn scale_to_irradiance(self) -> Option<f64> {
         match self {
             ValueKind::Radiance => Some(std::f64::consts::PI),
@@ -72,7 +73,8 @@ pub struct Manifest {
     pub scene: String,
     /// What the pages hold.
     pub value: ValueKind,
-    /// Unit of the stored value: photometric or radiometric as the scene's lights are, which a glTF does not say.
+    /// Unit of the stored value: photometric or radiometric as the scene's lights are, which a glTF
+    /// does not say.
     pub units: &'static str,
     /// Stored value × this = irradiance; null where there is no such factor.
     pub scale_to_irradiance: Option<f64>,
@@ -154,7 +156,8 @@ pub struct ManifestNode {
 }
 
 impl Manifest {
-    /// Describes a finished bake; `page_uris` are the page files' names in order, `scene_uri` the glTF's.
+    /// Describes a finished bake; `page_uris` are the page files' names in order, `scene_uri` the
+    /// glTF's.
     ///
     /// # Errors
     /// [`Error::Inconsistent`] where `layout` and `page_uris` do not fit `scene`.
@@ -221,7 +224,8 @@ impl Manifest {
         }
     }
 
-    /// Says that the glTF's coordinates are on the page already, as `MOZ_lightmap` has them (but for instanced copies).
+    /// Says that the glTF's coordinates are on the page already, as `MOZ_lightmap` has them (but
+    /// for instanced copies).
     pub fn set_coordinates_on_page(&mut self) {
         for node in self.nodes.iter_mut().filter(|n| n.copy.is_none()) {
             node.uv = UvTransform::PAGE;
@@ -242,7 +246,8 @@ pub(crate) fn ktx2_json(format: Ktx2Format, uri: &str) -> Value {
     json!({"uri": uri, "format": format})
 }
 
-/// Checks that the plan fits the scene: a mesh atlas per mesh, a placement per instance, a name per page.
+/// Checks that the plan fits the scene: a mesh atlas per mesh, a placement per instance, a name per
+/// page.
 pub(crate) fn check(scene: &Scene, layout: &Layout, page_uris: &[String]) -> Result<()> {
     let lengths = [
         ("meshes", scene.meshes.len(), layout.meshes.len()),

@@ -21,22 +21,24 @@ pub enum Layer {
     Error,
     /// `coverage.Y`: share of the texel that lies on the surface.
     Coverage,
-    /// `ao.Y`: ambient occlusion, as openness: the cosine-weighted share of rays that meet nothing within [`BakeOptions::ao_distance`].
+    /// `ao.Y`: ambient occlusion, as openness: the cosine-weighted share of rays that meet nothing
+    /// within [`BakeOptions::ao_distance`].
     Ao,
-    /// `sun_mask.Y`: share of the light of directional lights that gets through, 0..=1; 0 on faces turned away.
+    /// `sun_mask.Y`: share of the light of directional lights that gets through, 0..=1; 0 on faces
+    /// turned away.
     SunMask,
 }
 
-/// What a lightmap keeps of the directions that light comes from, so that engines can light normal maps. Directions are in the axes of
-/// the glTF's world.
+/// What a lightmap keeps of the directions that light comes from, so that engines can light normal
+/// maps. Directions are in the axes of the glTF's world.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Directional {
-    /// Spherical harmonics of first order: `L0.R/G/B`, `L1x.…`, `L1y.…`, `L1z.…`, scaled so that a surface with normal n gets
-    /// L0 + L1x nx + L1y ny + L1z nz, in the unit of R, G, B.
+    /// Spherical harmonics of first order: `L0.R/G/B`, `L1x.…`, `L1y.…`, `L1z.…`, scaled so that a
+    /// surface with normal n gets L0 + L1x nx + L1y ny + L1z nz, in the unit of R, G, B.
     Sh1,
-    /// `dominant.X/Y/Z`: the mean direction of light, weighted by luminance. Its length is 1 where all light comes from one side and
-    /// less where it does not.
+    /// `dominant.X/Y/Z`: the mean direction of light, weighted by luminance. Its length is 1 where
+    /// all light comes from one side and less where it does not.
     Dominant,
 }
 
@@ -45,7 +47,8 @@ pub enum Directional {
 pub struct BakeOptions {
     /// Light at lumels.
     pub lumels: GatherOptions,
-    /// Light at vertices; `None` leaves it out: no ray is cast for it, and [`Baked::vertices`](crate::Baked::vertices) is empty.
+    /// Light at vertices; `None` leaves it out: no ray is cast for it, and
+    /// [`Baked::vertices`](crate::Baked::vertices) is empty.
     pub vertices: Option<GatherOptions>,
     /// Extra channels, in the order in which they are to be written.
     pub layers: Vec<Layer>,
@@ -61,9 +64,11 @@ pub struct BakeOptions {
     pub hidden: Hidden,
     /// Make bilinear lookups on both sides of chart borders agree.
     pub stitch: bool,
-    /// Gather on until [`LightReport::estimated_error`](gather::LightReport::estimated_error) is at most this; `None` stops where [`lumels`](Self::lumels) says.
+    /// Gather on until [`LightReport::estimated_error`](gather::LightReport::estimated_error) is at
+    /// most this; `None` stops where [`lumels`](Self::lumels) says.
     pub error: Option<f32>,
-    /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh as it is.
+    /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh
+    /// as it is.
     pub vertex_error: Option<f32>,
 }
 
@@ -71,10 +76,12 @@ pub struct BakeOptions {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hidden {
-    /// The light of the part that can be seen; lumels of which nothing can be seen take their neighbours'.
+    /// The light of the part that can be seen; lumels of which nothing can be seen take their
+    /// neighbours'.
     #[default]
     Fill,
-    /// The mean over all of it, hidden parts being dark: what an area average over the texel says, for measuring.
+    /// The mean over all of it, hidden parts being dark: what an area average over the texel says,
+    /// for measuring.
     Mean,
 }
 

@@ -1,8 +1,9 @@
 //! Output files that appear all together or not at all.
 //!
-//! Every file is written whole to a hidden temporary beside its target; [`OutputSet::commit`] renames them all at the end. A
-//! bake that fails or is cancelled drops the set and its temporaries; one that is killed leaves the old files whole, and
-//! temporaries that the next run in the same folder removes.
+//! Every file is written whole to a hidden temporary beside its target; [`OutputSet::commit`]
+//! renames them all at the end. A bake that fails or is cancelled drops the set and its
+//! temporaries; one that is killed leaves the old files whole, and temporaries that the next run in
+//! the same folder removes.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -20,7 +21,8 @@ const TURN: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub struct OutputSet {
     dir: PathBuf,
-    /// Folders that this set created, outermost first: removed again (where empty) if the set is not committed.
+    /// Folders that this set created, outermost first: removed again (where empty) if the set is
+    /// not committed.
     created: Vec<PathBuf>,
     cleaned: BTreeSet<PathBuf>,
     files: Vec<(Temporary, PathBuf)>,
@@ -47,8 +49,9 @@ impl Committed {
 }
 
 impl OutputSet {
-    /// Begins a set in folder `dir`, which is created (with its parents) where it does not exist. Temporaries that a killed run
-    /// left there are removed; those of a run that is still alive are told by their lock and kept.
+    /// Begins a set in folder `dir`, which is created (with its parents) where it does not exist.
+    /// Temporaries that a killed run left there are removed; those of a run that is still alive are
+    /// told by their lock and kept.
     ///
     /// # Errors
     /// [`Error::Io`] where the folder cannot be made or read.
@@ -71,10 +74,12 @@ impl OutputSet {
         Ok(set)
     }
 
-    /// Writes `bytes` to a temporary that will become `name` in the set's folder. A later file of the same name wins.
+    /// Writes `bytes` to a temporary that will become `name` in the set's folder. A later file of
+    /// the same name wins.
     ///
     /// # Errors
-    /// [`Error::OutputName`] where `name` is not a plain file name or names a folder; [`Error::Io`] where writing fails.
+    /// [`Error::OutputName`] where `name` is not a plain file name or names a folder; [`Error::Io`]
+    /// where writing fails.
     pub fn add(&mut self, name: &str, bytes: &[u8]) -> Result<()> {
         let mut parts = Path::new(name).components();
         if !matches!(
@@ -89,7 +94,8 @@ impl OutputSet {
         self.write(self.dir.join(name), bytes)
     }
 
-    /// As [`add`](Self::add), for a file anywhere (a report or depfile that the user asked for by path).
+    /// As [`add`](Self::add), for a file anywhere (a report or depfile that the user asked for by
+    /// path).
     ///
     /// # Errors
     /// As [`add`](Self::add).
@@ -115,8 +121,8 @@ impl OutputSet {
         &self.dir
     }
 
-    /// Has `name` in the set's folder removed at commit, if it is there and not written by this set: a page of an earlier bake
-    /// that had more of them.
+    /// Has `name` in the set's folder removed at commit, if it is there and not written by this
+    /// set: a page of an earlier bake that had more of them.
     pub fn remove_obsolete(&mut self, name: &str) {
         self.obsolete.push(self.dir.join(name));
     }
@@ -126,16 +132,16 @@ impl OutputSet {
         self.files.iter().map(|(_, path)| path.as_path())
     }
 
-    /// Flushes every temporary to the disk, then renames them all in the order in which they were added, replacing what was
-    /// there. A file that holds the same bytes already is left alone, its time of change included, so that what is built from it
-    /// need not be built again.
+    /// Flushes every temporary to the disk, then renames them all in the order in which they were
+    /// added, replacing what was there. A file that holds the same bytes already is left alone, its
+    /// time of change included, so that what is built from it need not be built again.
     ///
-    /// Each rename is atomic; the set is as nearly so as a file system allows: all that can be known to fail is tried
-    /// before the first rename.
+    /// Each rename is atomic; the set is as nearly so as a file system allows: all that can be
+    /// known to fail is tried before the first rename.
     ///
     /// # Errors
-    /// [`Error::Io`] where a file cannot be flushed or renamed. If a flush fails nothing has changed; if a rename fails,
-    /// earlier ones of the set have been made.
+    /// [`Error::Io`] where a file cannot be flushed or renamed. If a flush fails nothing has
+    /// changed; if a rename fails, earlier ones of the set have been made.
     pub fn commit(mut self) -> Result<Committed> {
         let mut committed = Committed::default();
         let equal: Vec<bool> = (self.files.iter_mut())
@@ -153,7 +159,8 @@ impl OutputSet {
                 })?;
         }
         self.created.clear();
-        // One set at a time in a folder, so that two bakes of a name do not mix. Where folders cannot be locked, reports tell.
+        // One set at a time in a folder, so that two bakes of a name do not mix. Where folders
+        // cannot be locked, reports tell.
         let _turn = take_turn(&self.dir);
         for ((file, path), same) in std::mem::take(&mut self.files).into_iter().zip(equal) {
             if same {
@@ -220,13 +227,15 @@ impl Drop for OutputSet {
     fn drop(&mut self) {
         self.files.clear();
         for dir in self.created.iter().rev() {
-            // Fails where another program has put something there meanwhile, which is as it should be.
+            // Fails where another program has put something there meanwhile, which is as it should
+            // be.
             let _ = fs::remove_dir(dir);
         }
     }
 }
 
-/// Waits until no other set is being renamed in `dir`, but not for ever: whoever holds the turn may have been stopped.
+/// Waits until no other set is being renamed in `dir`, but not for ever: whoever holds the turn may
+/// have been stopped.
 fn take_turn(dir: &Path) -> Option<File> {
     let folder = File::open(dir).ok()?;
     let start = Instant::now();
@@ -246,7 +255,8 @@ fn parent_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Whether `old` is an ordinary file with the content of `new`; `false` also where either cannot be read.
+/// Whether `old` is an ordinary file with the content of `new`; `false` also where either cannot be
+/// read.
 fn same_content(new: &Path, old: &Path) -> bool {
     let compare = || -> std::io::Result<bool> {
         // A link is replaced by a file, as it always was.

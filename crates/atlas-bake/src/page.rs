@@ -11,12 +11,14 @@ pub struct Page {
     pub value: Vec<[f32; 3]>,
     /// Share of each texel that lies on a surface, 0..=1; 0 for padding and dilated texels.
     pub coverage: Vec<f32>,
-    /// Extra channels in the order in which they are written: full channel name (`"direct.R"`) and one value per texel.
+    /// Extra channels in the order in which they are written: full channel name (`"direct.R"`) and
+    /// one value per texel.
     pub layers: Vec<(String, Vec<f32>)>,
 }
 
 impl Page {
-    /// The extra channel called `name`, e.g. `"direct.R"` or `"error.Y"`: one value per texel. `None` where it was not asked for.
+    /// The extra channel called `name`, e.g. `"direct.R"` or `"error.Y"`: one value per texel.
+    /// `None` where it was not asked for.
     pub fn channel(&self, name: &str) -> Option<&[f32]> {
         let layer = self.layers.iter().find(|(n, _)| n == name)?;
         Some(&layer.1)

@@ -27,7 +27,8 @@ pub(crate) struct Pages<'p, 'w, 'a> {
 struct Channel {
     name: String,
     range: Range,
-    /// Colour channel of the surface's reflectance that it is multiplied with in the end: reflectance jumps where light does not.
+    /// Colour channel of the surface's reflectance that it is multiplied with in the end:
+    /// reflectance jumps where light does not.
     tint: Option<usize>,
     /// It holds light in the unit that was asked for.
     in_unit: bool,
@@ -87,7 +88,8 @@ impl Pages<'_, '_, '_> {
         .0
     }
 
-    /// Multiplies what holds light that surfaces send on with their reflectance, and takes that away from the channels.
+    /// Multiplies what holds light that surfaces send on with their reflectance, and takes that
+    /// away from the channels.
     fn apply_tint(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
         if !self.tinted() {
             return;
@@ -118,7 +120,8 @@ impl Pages<'_, '_, '_> {
             || self.options.layers.contains(&Layer::Radiosity)
     }
 
-    /// Takes light, which is E/π until here, to the pages' unit. Last of all, so that nothing before it hangs on the unit.
+    /// Takes light, which is E/π until here, to the pages' unit. Last of all, so that nothing
+    /// before it hangs on the unit.
     fn apply_unit(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
         if self.options.value == ValueKind::Radiance {
             return;
@@ -206,7 +209,8 @@ impl Pages<'_, '_, '_> {
         named.chain(tint).collect()
     }
 
-    /// Pages with these extra channels, to which `put` gives each lumel's values, dilated beyond the charts' borders.
+    /// Pages with these extra channels, to which `put` gives each lumel's values, dilated beyond
+    /// the charts' borders.
     fn fill(
         &self,
         channels: &[Channel],
@@ -259,9 +263,11 @@ impl Pages<'_, '_, '_> {
         (pages, texels)
     }
 
-    /// By page and texel, which piece of surface's bilinear lookups read it; told only of texels beside lumels that have no value of their own.
+    /// By page and texel, which piece of surface's bilinear lookups read it; told only of texels
+    /// beside lumels that have no value of their own.
     ///
-    /// The packing sees to it that there is one such piece at most. Its lumels need not be the only ones beside the texel.
+    /// The packing sees to it that there is one such piece at most. Its lumels need not be the only
+    /// ones beside the texel.
     fn readers(&self, charts: &[Vec<u32>]) -> Vec<Vec<u32>> {
         let mut readers: Vec<Vec<u32>> = charts.iter().map(|c| vec![EMPTY; c.len()]).collect();
         for l in &self.lumels.lumels {
@@ -286,8 +292,8 @@ impl Pages<'_, '_, '_> {
         readers
     }
 
-    /// The texels that are an instance's alone. An asset's own charts may touch their rectangle's border, and the layout leaves half of the
-    /// padding around it.
+    /// The texels that are an instance's alone. An asset's own charts may touch their rectangle's
+    /// border, and the layout leaves half of the padding around it.
     fn own_rect(&self, instance: usize) -> Rect {
         let placement = &self.layout.placements[instance];
         let rect = placement.rect;
@@ -325,11 +331,12 @@ impl Pages<'_, '_, '_> {
     }
 }
 
-/// A bilinear lookup less than this from a texel's middle, along both axes, reads it: one texel, less what rounding of coordinates may be (twice
-/// that is what the packing allows for).
+/// A bilinear lookup less than this from a texel's middle, along both axes, reads it: one texel,
+/// less what rounding of coordinates may be (twice that is what the packing allows for).
 const READ: f32 = 1.0 - 1e-3;
 
-/// Whether a triangle comes within `reach` of `middle` along both axes: no line parallel to a side of either parts it from that square.
+/// Whether a triangle comes within `reach` of `middle` along both axes: no line parallel to a side
+/// of either parts it from that square.
 fn within(corners: &[Vec2; 3], middle: Vec2, reach: f32) -> bool {
     let p = corners.map(|c| c - middle);
     let parted = |axis: Vec2| {
@@ -345,8 +352,9 @@ fn within(corners: &[Vec2; 3], middle: Vec2, reach: f32) -> bool {
 
 /// Directional channels from ∫ L dω and ∫ L ω dω; `scale` takes irradiance to the pages' unit.
 ///
-/// Truncated after the first order, radiance gives E(n) = ¼ ∫ L dω + ½ n · ∫ L ω dω (Ramamoorthi & Hanrahan, *An efficient
-/// representation for irradiance environment maps*, 2001, with A0 = π and A1 = 2π/3).
+/// Truncated after the first order, radiance gives E(n) = ¼ ∫ L dω + ½ n · ∫ L ω dω (Ramamoorthi &
+/// Hanrahan, *An efficient representation for irradiance environment maps*, 2001, with A0 = π and
+/// A1 = 2π/3).
 fn directions(kind: Directional, moments: &[Plane], scale: f32, out: &mut Vec<f32>) {
     match kind {
         Directional::Sh1 => {

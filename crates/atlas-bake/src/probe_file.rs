@@ -16,7 +16,8 @@ pub struct ProbeFile {
     pub axes: &'static str,
     /// What the coefficients are of.
     pub value: &'static str,
-    /// Unit of the radiance: photometric or radiometric as the scene's lights are, which a glTF does not say.
+    /// Unit of the radiance: photometric or radiometric as the scene's lights are, which a glTF
+    /// does not say.
     pub units: &'static str,
     /// Always `linear Rec.709`.
     pub color_space: &'static str,
@@ -57,7 +58,8 @@ pub struct FileProbe {
 }
 
 impl ProbeFile {
-    /// `probes` at `positions` (the glTF's world space, metres), one each; `grid` where they are one.
+    /// `probes` at `positions` (the glTF's world space, metres), one each; `grid` where they are
+    /// one.
     pub fn new(positions: &[DVec3], probes: &[Probe], grid: Option<&ProbeGrid>) -> ProbeFile {
         let both = positions.iter().zip(probes);
         ProbeFile {

@@ -22,8 +22,8 @@ const MAX_COORDINATE: f64 = 1e12;
 /// Longest text that a message quotes, characters.
 const QUOTED: usize = 40;
 
-/// Reads `{"points": [[x, y, z], …]}`, or the list alone: positions in the glTF's world space, metres. Other members of the object are
-/// not looked at.
+/// Reads `{"points": [[x, y, z], …]}`, or the list alone: positions in the glTF's world space,
+/// metres. Other members of the object are not looked at.
 ///
 /// # Errors
 /// [`PointsError`] at the first thing that is wrong.

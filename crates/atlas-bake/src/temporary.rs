@@ -12,7 +12,8 @@ use crate::error::{Error, Result};
 /// How the name of every temporary begins.
 pub(crate) const TEMPORARY_PREFIX: &str = ".lumel-tmp-";
 
-/// How often a temporary is made anew that another process took for a stale one, which takes microseconds to go wrong once.
+/// How often a temporary is made anew that another process took for a stale one, which takes
+/// microseconds to go wrong once.
 const TRIES: usize = 100;
 
 /// Temporaries of this process. Another one's in the same folder are its own affair.
@@ -31,20 +32,23 @@ pub fn remove_own_temporaries() {
 pub(crate) struct Temporary(Option<NamedTempFile>);
 
 impl Temporary {
-    /// A new one in `dir`, locked. The system drops the lock when the process dies, however it dies: an unlocked temporary is a stale
-    /// one. Where the file system knows no locks, nothing is ever seen as stale.
+    /// A new one in `dir`, locked. The system drops the lock when the process dies, however it
+    /// dies: an unlocked temporary is a stale one. Where the file system knows no locks, nothing is
+    /// ever seen as stale.
     pub fn create(dir: &Path) -> std::io::Result<Temporary> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(TEMPORARY_PREFIX);
         #[cfg(unix)]
         {
-            // The default of temporaries is 0600; outputs are ordinary files, subject to the user's umask.
+            // The default of temporaries is 0600; outputs are ordinary files, subject to the user's
+            // umask.
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
         for _ in 0..TRIES {
             let file = builder.tempfile_in(dir)?;
-            // Before the lock, somebody who tidies up may take it for a stale one: that lock, or its absence, says so.
+            // Before the lock, somebody who tidies up may take it for a stale one: that lock, or
+            // its absence, says so.
             let taken = matches!(
                 file.as_file().try_lock_shared(),
                 Err(TryLockError::WouldBlock)

@@ -14,7 +14,8 @@ pub enum Paint {
     /// Charts, each in a colour of its own.
     #[default]
     Charts,
-    /// Lumels per metre against those wanted: blue a quarter or less, grey as wanted, orange four times or more.
+    /// Lumels per metre against those wanted: blue a quarter or less, grey as wanted, orange four
+    /// times or more.
     Density,
 }
 
@@ -52,9 +53,10 @@ struct Piece {
 
 /// The lightmap rectangle of one mesh.
 ///
-/// Charts in colours of their own, darker where lumels reach beyond them, stripes where they are mirrored; red where two triangles overlap, orange
-/// where bilinear lookups read another chart's lumels; cross-hairs at the worst places of `faults`. `wanted` are lumels per metre, and
-/// `metres` what lengths of the mesh become in the world (see [`shape_of`](atlas::shape_of)).
+/// Charts in colours of their own, darker where lumels reach beyond them, stripes where they are
+/// mirrored; red where two triangles overlap, orange where bilinear lookups read another chart's
+/// lumels; cross-hairs at the worst places of `faults`. `wanted` are lumels per metre, and `metres`
+/// what lengths of the mesh become in the world (see [`shape_of`](atlas::shape_of)).
 ///
 /// # Errors
 /// [`Error::Image`](crate::Error::Image) if the PNG cannot be made.
@@ -100,7 +102,8 @@ pub fn mesh_picture(
 
 /// An asset's own `TEXCOORD_1` of a mesh as it stands in the file, whatever is wrong with it.
 ///
-/// The light frame is the unit square; triangles beyond it are magenta, overlaps red. Up to one unit around it is shown.
+/// The light frame is the unit square; triangles beyond it are magenta, overlaps red. Up to one
+/// unit around it is shown.
 ///
 /// # Errors
 /// As [`mesh_picture`].
@@ -489,7 +492,8 @@ fn dim(color: [u8; 3]) -> [u8; 3] {
 
 fn color_of(piece: &Piece, paint: Paint) -> [u8; 3] {
     let color = match paint {
-        // About a golden angle from one to the next: neighbours in number are far in hue. Red is kept for what is wrong.
+        // About a golden angle from one to the next: neighbours in number are far in hue. Red is
+        // kept for what is wrong.
         Paint::Charts => hue((30 + piece.island.wrapping_mul(137) % 300) as f32),
         Paint::Density => {
             let t = (piece.density.log2() / 2.0).clamp(-1.0, 1.0);

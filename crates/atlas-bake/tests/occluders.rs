@@ -6,7 +6,8 @@ use gather::VertexLight;
 use mesh_ingest::{LoadOptions, Loaded, Soup, load};
 use serde_json::{Value, json};
 
-/// Nodes: `both` (mesh 0: a wall and an occluder), `blocker` (mesh 0, occluder by node), `screen` (mesh 1, all occluder).
+/// Nodes: `both` (mesh 0: a wall and an occluder), `blocker` (mesh 0, occluder by node), `screen`
+/// (mesh 1, all occluder).
 fn level() -> Value {
     // 0,0,0 1,0,0 0,1,0 as floats.
     let corners: Vec<u8> = [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]

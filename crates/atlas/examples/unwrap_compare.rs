@@ -4,10 +4,11 @@
 //! cargo run --release -p lumel-atlas --example unwrap_compare -- ../shared/scenes    # every .glb and .gltf below
 //! cargo run --release -p lumel-atlas --example unwrap_compare -- --hard              # the meshes of tests/nasty.rs
 //! ```
-//! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default). Columns: charts, area over page area (rectangles of all
-//! instances), L² stretch (area-weighted mean over meshes), texels under two charts, triangles turned over, slits (length of smooth edges
-//! whose two sides are in one chart and less than two lumels apart, over that of all smooth borders of charts), page
-//! size, seconds (all meshes, all threads), what fell back to another unwrapper.
+//! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default).
+//! Columns: charts, area over page area (rectangles of all instances), L² stretch (area-weighted
+//! mean over meshes), texels under two charts, triangles turned over, slits (length of smooth edges
+//! whose two sides are in one chart and less than two lumels apart, over that of all smooth borders
+//! of charts), page size, seconds (all meshes, all threads), what fell back to another unwrapper.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,

@@ -1,4 +1,5 @@
-//! Measures how the time of unwrappers grows with a mesh: bad cases, made here, of ever more triangles.
+//! Measures how the time of unwrappers grows with a mesh: bad cases, made here, of ever more
+//! triangles.
 //!
 //! ```sh
 //! cargo run --release -p lumel-atlas --example unwrap_cost -- xatlas 1000 60000     # from, to: doubled at each step

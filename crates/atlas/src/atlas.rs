@@ -1,15 +1,17 @@
-//! Where every instance's surface lies in the lightmap: charts per mesh, rectangles per instance, pages.
+//! Where every instance's surface lies in the lightmap: charts per mesh, rectangles per instance,
+//! pages.
 
 use glam::Vec2;
 use serde::Serialize;
 
 /// Lightmap charts of one mesh, shared by all its instances.
 ///
-/// Coordinates are texels of the mesh's own rectangle: x to the right, y down, (0, 0) the top left corner of the top
-/// left texel. Texel (c, r) covers `[c, c+1) × [r, r+1)`.
+/// Coordinates are texels of the mesh's own rectangle: x to the right, y down, (0, 0) the top left
+/// corner of the top left texel. Texel (c, r) covers `[c, c+1) × [r, r+1)`.
 #[derive(Debug, Clone, Default)]
 pub struct MeshAtlas {
-    /// Width and height of the rectangle in texels, padding included; zero where no instance receives light.
+    /// Width and height of the rectangle in texels, padding included; zero where no instance
+    /// receives light.
     pub size: [u32; 2],
     /// One per [`mesh_ingest::Mesh::primitives`], in order.
     pub primitives: Vec<PrimitiveAtlas>,
@@ -22,11 +24,13 @@ pub struct MeshAtlas {
 /// Lightmap coordinates of one primitive; nothing at all where it only occludes.
 #[derive(Debug, Clone, Default)]
 pub struct PrimitiveAtlas {
-    /// For each new vertex, the vertex of the primitive that it copies. The identity where nothing was split.
+    /// For each new vertex, the vertex of the primitive that it copies. The identity where nothing
+    /// was split.
     pub xref: Vec<u32>,
     /// Position of each new vertex in texels of the mesh's rectangle.
     pub uv: Vec<Vec2>,
-    /// New-vertex indices of each of the primitive's triangles, in their order and with the same corner order.
+    /// New-vertex indices of each of the primitive's triangles, in their order and with the same
+    /// corner order.
     pub triangles: Vec<[u32; 3]>,
     /// Chart of each triangle, 0..[`MeshAtlas::charts`].
     pub chart: Vec<u32>,
@@ -66,7 +70,8 @@ pub struct Rect {
 pub struct Placement {
     /// Page number.
     pub page: u32,
-    /// Its rectangle there; the same size as the mesh's [`MeshAtlas::size`], but zero for an instance that receives no light.
+    /// Its rectangle there; the same size as the mesh's [`MeshAtlas::size`], but zero for an
+    /// instance that receives no light.
     pub rect: Rect,
 }
 

@@ -4,11 +4,13 @@ use glam::{DAffine3, DMat3, DVec3};
 use mesh_ingest::{Mesh, Scene, Soup};
 use rayon::prelude::*;
 
-/// Largest share of the lumel budget that one huge instance may take in a scene of more than [`HUGE_FROM`] instances.
+/// Largest share of the lumel budget that one huge instance may take in a scene of more than
+/// [`HUGE_FROM`] instances.
 const HUGE_SHARE: f64 = 0.25;
 /// Share that all huge instances may take together.
 const HUGE_TOTAL: f64 = 0.5;
-/// An instance is huge if it exceeds its share and is this many times as large as all smaller instances together.
+/// An instance is huge if it exceeds its share and is this many times as large as all smaller
+/// instances together.
 const HUGE_RATIO: f64 = 2.0;
 /// Scenes of so few instances are rooms made of few meshes, not levels on a ground plane.
 const HUGE_FROM: usize = 4;
@@ -18,13 +20,15 @@ const HUGE_CONTRAST: f64 = 32.0;
 const FLOOR_LUMELS: f64 = 16.0;
 /// Share of the budget that the floor may take, when there are very many small instances.
 const FLOOR_SHARE: f64 = 0.25;
-/// A mesh whose instances differ in size is given lumels for at most this many times their mean area.
+/// A mesh whose instances differ in size is given lumels for at most this many times their mean
+/// area.
 const UNEVEN: f64 = 4.0;
 
 /// Density of one mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshDensity {
-    /// Shape of the representative instance, the one that wants most lumels: lengths after this map are metres ([`shape_of`]).
+    /// Shape of the representative instance, the one that wants most lumels: lengths after this map
+    /// are metres ([`shape_of`]).
     pub linear: DMat3,
     /// World area of that instance, m².
     pub area: f64,
@@ -44,7 +48,8 @@ pub struct MeshDensity {
 pub enum Adjusted {
     /// Lowered: the instance is far larger than the rest of the scene.
     Huge,
-    /// Lowered: its largest instance is far larger than its others, and all share one size of rectangle.
+    /// Lowered: its largest instance is far larger than its others, and all share one size of
+    /// rectangle.
     Uneven,
     /// Raised, so that it gets a handful of lumels at all.
     Small,
@@ -59,11 +64,13 @@ pub struct DensityPlan {
     pub meshes: Vec<MeshDensity>,
 }
 
-/// Densities for all meshes; `wanted` is honoured for all, else they follow from the budget of `lumels`.
+/// Densities for all meshes; `wanted` is honoured for all, else they follow from the budget of
+/// `lumels`.
 ///
-/// The default density is the one with which all instances together get about `lumels` lumels (within 12 %).
-/// It is a [preferred number](preferred), so that charts stay as they are while a level grows. Huge instances count only with
-/// their share, and nodes' own factors not at all: a factor on one node does not change the others.
+/// The default density is the one with which all instances together get about `lumels` lumels
+/// (within 12 %). It is a [preferred number](preferred), so that charts stay as they are while a
+/// level grows. Huge instances count only with their share, and nodes' own factors not at all: a
+/// factor on one node does not change the others.
 pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> DensityPlan {
     let mut meshes = survey(scene, soup);
     if let Some(texels_per_unit) = wanted {
@@ -140,7 +147,8 @@ fn huge_meshes(meshes: &[Surveyed], charged: &[f64], count: usize) -> Vec<usize>
     for i in order {
         smaller -= charged[i] * meshes[i].instances as f64;
         let alone = meshes[i].instances == 1;
-        // What is left of the scene after taking away those found is what the share is measured against.
+        // What is left of the scene after taking away those found is what the share is measured
+        // against.
         if !(alone && smaller > 0.0 && charged[i] > HUGE_RATIO * smaller) {
             break;
         }
@@ -253,10 +261,12 @@ fn world_area(scene: &Scene, mesh: &Mesh, linear: DMat3) -> f64 {
         .sum()
 }
 
-/// What a transform does to lengths and angles, without its rotation and mirroring: the upper triangular R of M = Q R with
-/// a positive diagonal. A mesh mapped by R has the world's shape, and its UVs do not depend on how it is turned.
+/// What a transform does to lengths and angles, without its rotation and mirroring: the upper
+/// triangular R of M = Q R with a positive diagonal. A mesh mapped by R has the world's shape, and
+/// its UVs do not depend on how it is turned.
 ///
-/// Entries are rounded to 1e-5 of the largest, so that a rotated copy of a mesh gets exactly the same.
+/// Entries are rounded to 1e-5 of the largest, so that a rotated copy of a mesh gets exactly the
+/// same.
 pub fn shape_of(transform: &DAffine3) -> DMat3 {
     let m = transform.matrix3;
     let (a, b, c) = (m.x_axis, m.y_axis, m.z_axis);
@@ -274,13 +284,14 @@ pub fn shape_of(transform: &DAffine3) -> DMat3 {
     ]))
 }
 
-/// A shape in lumels: what it makes of metres, times lumels per metre. Rounded again, as densities have the rounding of `f32`: 9 a metre
-/// and 0.009 a millimetre are the same.
+/// A shape in lumels: what it makes of metres, times lumels per metre. Rounded again, as densities
+/// have the rounding of `f32`: 9 a metre and 0.009 a millimetre are the same.
 pub(crate) fn shape_in_lumels(shape: DMat3, texels_per_unit: f32) -> DMat3 {
     rounded(shape * f64::from(texels_per_unit))
 }
 
-/// Rounds an upper triangular matrix to 1e-5 of its largest entry's decade; its diagonal stays positive.
+/// Rounds an upper triangular matrix to 1e-5 of its largest entry's decade; its diagonal stays
+/// positive.
 fn rounded(m: DMat3) -> DMat3 {
     let [x, y, z] = [m.x_axis.x, m.y_axis.y, m.z_axis.z];
     let largest = x.max(y).max(z);
@@ -298,8 +309,8 @@ fn rounded(m: DMat3) -> DMat3 {
 
 /// The preferred number of the series R20 (ISO 3:1973) nearest to `x` > 0, by ratio: steps of 12 %.
 ///
-/// With steps a level's density, and with it all its charts, stays the same until its surface has grown by a quarter. Three digits
-/// would change them with every crate that is added.
+/// With steps a level's density, and with it all its charts, stays the same until its surface has
+/// grown by a quarter. Three digits would change them with every crate that is added.
 pub fn preferred(x: f64) -> f32 {
     const R20: [f64; 21] = [
         1.0, 1.12, 1.25, 1.4, 1.6, 1.8, 2.0, 2.24, 2.5, 2.8, 3.15, 3.55, 4.0, 4.5, 5.0, 5.6, 6.3,

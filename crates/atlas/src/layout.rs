@@ -18,8 +18,8 @@ use crate::unwrap::{
 };
 use crate::uv_check::{OwnUvs, Severity, UvFault, UvMode, check_uvs};
 
-/// A lightmap with more lumels than this is warned about where a density was asked for: it bakes for minutes. The default
-/// budget is a twentieth.
+/// A lightmap with more lumels than this is warned about where a density was asked for: it bakes
+/// for minutes. The default budget is a twentieth.
 const MANY_LUMELS: f64 = 4e6;
 
 /// How to lay a scene out.
@@ -116,7 +116,8 @@ pub struct LayoutReport {
     pub charts: u64,
     /// Mean of the meshes' L² stretch by area of their instances, 1 = none.
     pub stretch: f64,
-    /// Smallest, median and largest lumels per metre of all surfaces, by area; from a histogram with bins of 1 %.
+    /// Smallest, median and largest lumels per metre of all surfaces, by area; from a histogram
+    /// with bins of 1 %.
     pub density: [f64; 3],
     /// What a user should know.
     pub warnings: Vec<String>,
@@ -152,7 +153,8 @@ pub struct MeshReport {
     pub density: [f64; 3],
     /// That instance's own factor (`extras.lumel.density`).
     pub factor: f32,
-    /// Length of smooth edges in lumels, see [`ChartMeasure::slits`](crate::unwrap::ChartMeasure::slits).
+    /// Length of smooth edges in lumels, see
+    /// [`ChartMeasure::slits`](crate::unwrap::ChartMeasure::slits).
     pub slits: [f64; 4],
     /// Triangles whose chart triangle is turned over (0 unless kept from the asset).
     pub flipped: u64,
@@ -178,10 +180,11 @@ impl MeshReport {
 
 /// Plans the lightmap of `scene`.
 ///
-/// `progress` is called from several threads and now and then even when nothing has moved; `false` stops the work within about a second.
-/// The result depends on the scene and the options only, and a mesh's coordinates only on the mesh, its density, and the scale and
-/// density factor of the instance that wants most. Instances that are too unlike to share charts should have been given meshes
-/// of their own ([`separate_unlike`](crate::separate_unlike)).
+/// `progress` is called from several threads and now and then even when nothing has moved; `false`
+/// stops the work within about a second. The result depends on the scene and the options only, and
+/// a mesh's coordinates only on the mesh, its density, and the scale and density factor of the
+/// instance that wants most. Instances that are too unlike to share charts should have been given
+/// meshes of their own ([`separate_unlike`](crate::separate_unlike)).
 ///
 /// # Errors
 /// [`LayoutError`].
@@ -194,7 +197,8 @@ pub fn layout(
     layout_kept(scene, soup, options, None, progress)
 }
 
-/// As [`layout`], with charts that an earlier layout kept, or keeping them for a later one. The result is the same.
+/// As [`layout`], with charts that an earlier layout kept, or keeping them for a later one. The
+/// result is the same.
 ///
 /// # Errors
 /// [`LayoutError`].
@@ -318,7 +322,8 @@ struct Task<'a> {
     node: Option<&'a Instance>,
 }
 
-/// Lays out the primitives of a mesh that receive light; `None` if there are none, or no instance does.
+/// Lays out the primitives of a mesh that receive light; `None` if there are none, or no instance
+/// does.
 fn lay_out_receiving(
     scene: &Scene,
     task: Task<'_>,
@@ -364,7 +369,8 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
         return Err(LayoutError::Cancelled);
     }
     let wanted = density.texels_per_unit;
-    // In lumels: the same mesh in other units, with the density to match, then has the same numbers.
+    // In lumels: the same mesh in other units, with the density to match, then has the same
+    // numbers.
     let input = Arc::new(UnwrapInput::from_mesh(
         mesh,
         shape_in_lumels(density.linear, wanted),
@@ -434,7 +440,8 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
     Ok((assemble(mesh, &flat, origin), report, warnings))
 }
 
-/// The charts of `input`, which unwrapper made them, and why others did not: kept ones, if there are any.
+/// The charts of `input`, which unwrapper made them, and why others did not: kept ones, if there
+/// are any.
 fn flatten(
     unwrappers: &[&'static dyn Unwrapper],
     input: &Arc<UnwrapInput>,
@@ -529,7 +536,8 @@ fn flat_view(atlas: &MeshAtlas) -> UnwrappedMesh {
     flat
 }
 
-/// Splits each primitive's vertices where charts part: one new vertex per (vertex, chart, position), in that order.
+/// Splits each primitive's vertices where charts part: one new vertex per (vertex, chart,
+/// position), in that order.
 fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
     let mut first = 0;
     let primitives = mesh
@@ -579,7 +587,8 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
         .filter(|&i| scene.has_lumels(i))
         .collect();
     let lone = receiving.len() == 1;
-    // Charts made here keep their distance from the rectangle's border; an asset's own may touch it.
+    // Charts made here keep their distance from the rectangle's border; an asset's own may touch
+    // it.
     let border = |mesh: usize| match layout.meshes[mesh].origin {
         UvOrigin::Kept if !lone => options.padding.div_ceil(2),
         _ => 0,

@@ -1,7 +1,7 @@
 //! Lightmap charts, their layout on pages, and the lumels under it. No light is known here.
 //!
-//! [`layout()`] gives every mesh charts, or keeps an asset's own coordinates where they can serve, and
-//! every instance a place on a page. [`Lumels`] lists the texels that have a surface, with the
+//! [`layout()`] gives every mesh charts, or keeps an asset's own coordinates where they can serve,
+//! and every instance a place on a page. [`Lumels`] lists the texels that have a surface, with the
 //! triangles under each.
 //!
 //! ```

@@ -33,7 +33,8 @@ pub struct Fragment {
     pub corners: [Vec2; 3],
     /// The lumel lies on the triangle's back.
     pub back: bool,
-    /// The face that the lumel belongs to: `triangle`, or a duplicate in its place (see [`mesh_ingest::Duplicate`]).
+    /// The face that the lumel belongs to: `triangle`, or a duplicate in its place (see
+    /// [`mesh_ingest::Duplicate`]).
     pub face: u32,
 }
 
@@ -44,7 +45,8 @@ pub struct Lumels {
     pub lumels: Vec<Lumel>,
     /// Faces under them, by [`Lumel::first`] and [`Lumel::count`].
     faces: Vec<u32>,
-    /// Page corners of each face; unused ones are NaN. Those of a duplicate are in the order of the triangle in whose place it is.
+    /// Page corners of each face; unused ones are NaN. Those of a duplicate are in the order of the
+    /// triangle in whose place it is.
     corners: Vec<[Vec2; 3]>,
     /// By duplicate: the triangle in whose place it is, and whether it lies on that one's back.
     duplicates: Vec<(u32, bool)>,
@@ -100,7 +102,8 @@ impl Lumels {
         self.faces[lumel.first as usize]
     }
 
-    /// Page corners of a face, in the order of the world corners of the triangle in whose place it is; NaN where it has none.
+    /// Page corners of a face, in the order of the world corners of the triangle in whose place it
+    /// is; NaN where it has none.
     pub fn page_corners(&self, face: u32) -> [Vec2; 3] {
         self.corners[face as usize]
     }
@@ -161,7 +164,8 @@ pub fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use
     (start..end).chain(n + first..n + last)
 }
 
-/// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and dilation gives it a value.
+/// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and
+/// dilation gives it a value.
 const LEAST_COVERAGE: f64 = 1e-4;
 
 fn rasterise_instance(
@@ -220,7 +224,8 @@ fn rasterise_instance(
     out
 }
 
-/// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; of a duplicate, in the order of the triangle in whose place it is.
+/// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; of a duplicate, in the
+/// order of the triangle in whose place it is.
 fn corners_of(soup: &Soup, atlas: &MeshAtlas, face: u32) -> [Vec2; 3] {
     let source = soup.source(face);
     let primitive = &atlas.primitives[source.primitive as usize];

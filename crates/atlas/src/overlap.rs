@@ -14,8 +14,8 @@ const LEAST_AREA: f64 = 1e-6;
 
 /// Share of the covered texel centres that lie inside two triangles or more, 0..=1.
 ///
-/// `corners` in texels of a `size` grid. A centre within 1e-3 texel of an edge counts for neither side. The work is the
-/// triangles' height plus their area in texels.
+/// `corners` in texels of a `size` grid. A centre within 1e-3 texel of an edge counts for neither
+/// side. The work is the triangles' height plus their area in texels.
 pub fn overlap_share(corners: &[[Vec2; 3]], size: [u32; 2]) -> f64 {
     Overlaps::find(corners, size).share()
 }
@@ -72,7 +72,8 @@ impl Overlaps {
     }
 }
 
-/// Calls `f(column, row)` for each texel of the grid whose centre lies more than 1e-3 texel inside the triangle.
+/// Calls `f(column, row)` for each texel of the grid whose centre lies more than 1e-3 texel inside
+/// the triangle.
 pub fn for_each_texel(corners: &[Vec2; 3], size: [u32; 2], mut f: impl FnMut(u32, u32)) {
     const INSET: f64 = 1e-3;
     let p = corners.map(|c| c.as_dvec2());
@@ -116,9 +117,10 @@ pub struct Bleeding {
 impl Bleeding {
     /// `corners` in texels of a `size` grid; `chart` of each triangle.
     ///
-    /// A lookup reads the four texels whose centres are around it, so which they are hangs on the quarter of the texel that it falls
-    /// into: charts are rasterised as areas of quarters. Texels count as a chart's if any of it lies there. `mark` is called with the
-    /// column and row, in half texels, of each quarter that has such lookups.
+    /// A lookup reads the four texels whose centres are around it, so which they are hangs on the
+    /// quarter of the texel that it falls into: charts are rasterised as areas of quarters. Texels
+    /// count as a chart's if any of it lies there. `mark` is called with the column and row, in
+    /// half texels, of each quarter that has such lookups.
     pub fn find(
         corners: &[[Vec2; 3]],
         chart: &[u32],
@@ -161,7 +163,8 @@ impl Bleeding {
                 if part < LEAST_AREA {
                     return;
                 }
-                // Column or row of the texel, and of the other one that is read on this side of its middle.
+                // Column or row of the texel, and of the other one that is read on this side of its
+                // middle.
                 let pair = |q: u32| {
                     let own = i64::from(q / 2);
                     [own, own + if q.is_multiple_of(2) { -1 } else { 1 }]
@@ -210,7 +213,8 @@ mod tests {
         assert_eq!(bleeding(0.0), 1.0 / 8.0);
         assert_eq!(bleeding(1.0), 0.0);
         assert_eq!(bleeding(2.0), 0.0);
-        // Off the borders a gap of one texel is too little: the second begins in the texel that the first reads.
+        // Off the borders a gap of one texel is too little: the second begins in the texel that the
+        // first reads.
         assert!(bleeding(0.5) > 0.0);
     }
 

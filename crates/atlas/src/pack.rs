@@ -2,8 +2,9 @@
 
 use guillotiere::{AllocatorOptions, SimpleAtlasAllocator, size2};
 
-/// From how many rectangles on to pack in rows. A guillotine packing searches its free list for every rectangle, which
-/// grows quadratic (10 ms for 6000); from thousands on rows of falling height fill the page as well (both 97 %).
+/// From how many rectangles on to pack in rows. A guillotine packing searches its free list for
+/// every rectangle, which grows quadratic (10 ms for 6000); from thousands on rows of falling
+/// height fill the page as well (both 97 %).
 const ROWS_FROM: usize = 8000;
 
 /// Rectangles on as many pages as they need.
@@ -11,15 +12,17 @@ const ROWS_FROM: usize = 8000;
 pub struct PackedPages {
     /// Page and top left corner of each rectangle, in the order given.
     pub places: Vec<(u32, [u32; 2])>,
-    /// Width and height of each page: multiples of the block, except for a lone rectangle, whose page is exactly as large as it is.
+    /// Width and height of each page: multiples of the block, except for a lone rectangle, whose
+    /// page is exactly as large as it is.
     pub pages: Vec<[u32; 2]>,
 }
 
-/// Packs `sizes` (width, height ≥ 1) without rotation into pages of at most `max_page` × `max_page`. Rectangles begin on blocks of `block` texels
-/// (0 or 1: anywhere), and none shares a block with another.
+/// Packs `sizes` (width, height ≥ 1) without rotation into pages of at most `max_page` ×
+/// `max_page`. Rectangles begin on blocks of `block` texels (0 or 1: anywhere), and none shares a
+/// block with another.
 ///
-/// One page, nearly square and as tight as found, if that is enough; otherwise full pages and a tight last one. The same input gives the
-/// same output. `None` if a rectangle exceeds the page.
+/// One page, nearly square and as tight as found, if that is enough; otherwise full pages and a
+/// tight last one. The same input gives the same output. `None` if a rectangle exceeds the page.
 pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32, block: u32) -> Option<PackedPages> {
     if sizes.iter().flatten().any(|&s| s > max_page) {
         return None;
@@ -34,7 +37,8 @@ pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32, block: u32) -> Option<Packe
         }
         _ => {}
     }
-    // In whole blocks. One that does not fit a page of whole blocks (its size is limited by a page that is none) goes without.
+    // In whole blocks. One that does not fit a page of whole blocks (its size is limited by a page
+    // that is none) goes without.
     let block = block.max(1);
     let blocks: Vec<[u32; 2]> = sizes.iter().map(|s| s.map(|x| x.div_ceil(block))).collect();
     if blocks.iter().flatten().any(|&s| s > max_page / block) {
@@ -94,8 +98,8 @@ fn tight_page(
     order: &[usize],
     max_page: u32,
 ) -> Option<([u32; 2], Vec<[u32; 2]>)> {
-    /// Width over the side of the square of equal area: a little wide or tall may fit better, more than 4 : 3 is no
-    /// longer "roughly square".
+    /// Width over the side of the square of equal area: a little wide or tall may fit better, more
+    /// than 4 : 3 is no longer "roughly square".
     const WIDTHS: [f64; 5] = [1.0, 0.93, 1.07, 0.87, 1.15];
     let area: f64 = order
         .iter()
@@ -142,7 +146,8 @@ fn page_area(page: [u32; 2]) -> u64 {
     u64::from(page[0]) * u64::from(page[1])
 }
 
-/// Places what fits of `order` on one page. With `all`, stops at the first that does not fit (a shorter list returns).
+/// Places what fits of `order` on one page. With `all`, stops at the first that does not fit (a
+/// shorter list returns).
 fn fill(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2], all: bool) -> Vec<Option<[u32; 2]>> {
     if order.len() >= ROWS_FROM {
         return rows(sizes, order, page);
@@ -178,7 +183,8 @@ fn rows(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2]) -> Vec<Option<[u32;
                 return None;
             }
             if x + w > page[0] {
-                // Saturates: once a page is full, every later (lower) rectangle is checked against this row.
+                // Saturates: once a page is full, every later (lower) rectangle is checked against
+                // this row.
                 y = y.saturating_add(height);
                 (x, height) = (0, 0);
             }

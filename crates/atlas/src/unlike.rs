@@ -1,28 +1,33 @@
 //! Instances of one mesh that are too unlike to share lumels.
 //!
-//! All instances of a mesh share its charts and the size of its rectangle. That is right for copies, and for rocks somewhat larger
-//! or smaller; but where a level is built of one cube, the floor's charts have sides a texel wide, and a crate with these has no
-//! lumels on its sides. Such instances get a copy of the mesh, with charts of its own.
+//! All instances of a mesh share its charts and the size of its rectangle. That is right for
+//! copies, and for rocks somewhat larger or smaller; but where a level is built of one cube, the
+//! floor's charts have sides a texel wide, and a crate with these has no lumels on its sides. Such
+//! instances get a copy of the mesh, with charts of its own.
 
 use glam::{DMat3, DVec3};
 use mesh_ingest::{Mesh, Scene};
 
 use crate::density::shape_of;
 
-/// In no direction of its surface has an instance less than this share of the lumels per metre that it asks for …
+/// In no direction of its surface has an instance less than this share of the lumels per metre that
+/// it asks for …
 const LEAST: f64 = 0.5;
 
-/// … nor, while there are copies to be had, more than this many times as many. Too many are no fault of the picture, only waste, which is
-/// weighed against a mesh more in the written file.
+/// … nor, while there are copies to be had, more than this many times as many. Too many are no
+/// fault of the picture, only waste, which is weighed against a mesh more in the written file.
 const MOST: f64 = 8.0;
 
-/// Copies of one mesh for one density factor, the first included. A mesh whose instances all differ is shared by those that are least unlike.
+/// Copies of one mesh for one density factor, the first included. A mesh whose instances all differ
+/// is shared by those that are least unlike.
 const COPIES: usize = 8;
 
-/// Triangles of a mesh that are looked at, evenly spread over its list: its edges give the directions of its surface.
+/// Triangles of a mesh that are looked at, evenly spread over its list: its edges give the
+/// directions of its surface.
 const SAMPLES: usize = 64;
 
-/// Instances that must share whatever they are like: one, or the copies of one node (`EXT_mesh_gpu_instancing`).
+/// Instances that must share whatever they are like: one, or the copies of one node
+/// (`EXT_mesh_gpu_instancing`).
 struct Group {
     instances: Vec<usize>,
     /// Shape and density factor of the one that wants most.
@@ -38,10 +43,12 @@ struct Class {
     mesh: usize,
 }
 
-/// Appends copies of meshes to `scene`, so that instances which share one are alike: see the constants of this module. Returns how many.
+/// Appends copies of meshes to `scene`, so that instances which share one are alike: see the
+/// constants of this module. Returns how many.
 ///
-/// Who asks for another density always gets it: instances share a mesh only if their factors are equal. Depends on the instances' shapes and
-/// density factors only. What has no lumels stays with the mesh that it had.
+/// Who asks for another density always gets it: instances share a mesh only if their factors are
+/// equal. Depends on the instances' shapes and density factors only. What has no lumels stays with
+/// the mesh that it had.
 pub fn separate_unlike(scene: &mut Scene) -> usize {
     let mut by_mesh: Vec<Vec<usize>> = vec![Vec::new(); scene.meshes.len()];
     for i in (0..scene.instances.len()).filter(|&i| scene.has_lumels(i)) {
@@ -131,7 +138,8 @@ fn groups(scene: &Scene, instances: &[usize], edges: &[DVec3]) -> Vec<Group> {
     groups
 }
 
-/// Edges of triangles that receive light, each as long as the root of its triangle's area in the mesh.
+/// Edges of triangles that receive light, each as long as the root of its triangle's area in the
+/// mesh.
 fn edges(scene: &Scene, mesh: &Mesh) -> Vec<DVec3> {
     let receiving = || {
         let primitives = mesh.primitives.iter();

@@ -27,8 +27,9 @@ fn lay_out_lone(mesh: Mesh, options: &LayoutOptions) -> (Layout, LayoutReport) {
 
 #[test]
 fn a_rectangle_is_one_chart_on_whole_texels() {
-    // 3.05 x 4 m at 10 lumels per metre: 30.5 x 40 texels, and a texel all round: 32.5 x 42, in whole blocks of 4.
-    // At 22 lumels per metre both sides are above 64 texels, and borders lie on texel borders.
+    // 3.05 x 4 m at 10 lumels per metre: 30.5 x 40 texels, and a texel all round: 32.5 x 42, in
+    // whole blocks of 4. At 22 lumels per metre both sides are above 64 texels, and borders lie on
+    // texel borders.
     let (small, _) = lay_out_lone(plane(3.05, 4.0), &at_density(10.0));
     let mut size = small.meshes[0].size;
     size.sort_unstable();
@@ -76,7 +77,8 @@ fn a_smooth_sphere_is_flattened_without_overlap_and_with_little_stretch() {
 
 #[test]
 fn a_sheet_and_its_modelled_back_are_one_chart_each() {
-    // Two coincident grids of opposite winding that share all vertices: every inner edge has four triangles.
+    // Two coincident grids of opposite winding that share all vertices: every inner edge has four
+    // triangles.
     let n = 8u32;
     let positions: Vec<Vec3> = (0..=n)
         .flat_map(|y| (0..=n).map(move |x| Vec3::new(x as f32, y as f32, 0.0)))
@@ -183,7 +185,8 @@ fn blocks_are_kept_by_rectangles_pages_and_charts() {
 
 #[test]
 fn coplanar_pieces_that_share_parts_of_edges_become_one_chart() {
-    // A floor of one large and three small slabs that share no vertex but the outer ones; 0.4 m is two lumels.
+    // A floor of one large and three small slabs that share no vertex but the outer ones; 0.4 m is
+    // two lumels.
     let mut positions = Vec::new();
     let mut triangles = Vec::new();
     for [x, z, w, d] in [
@@ -290,7 +293,8 @@ fn a_huge_plane_is_capped_and_small_things_get_their_lumels() {
     // A quarter of 200,000, and the border and rounding of a square of 224 texels.
     assert!(texels(0) < 50_000.0 * 1.05, "{}", texels(0));
     assert!(texels(0) > 40_000.0);
-    // At the plane's own density a crate would have 10 m2 * 0.012 = 0.1 lumels; contrast is limited to 32.
+    // At the plane's own density a crate would have 10 m2 * 0.012 = 0.1 lumels; contrast is limited
+    // to 32.
     assert!(report.meshes[1].density[1] > 30.0 * report.meshes[0].density[1]);
     assert!(result.meshes[2].size.iter().all(|&s| s >= 4));
     assert!(

@@ -1,4 +1,5 @@
-//! Every mesh of the shared scenes, where they are beside this checkout (or where `LUMEL_SCENES` says).
+//! Every mesh of the shared scenes, where they are beside this checkout (or where `LUMEL_SCENES`
+//! says).
 
 use std::path::{Path, PathBuf};
 
@@ -68,7 +69,8 @@ fn every_mesh_of_the_shared_scenes_gets_sound_charts() {
         assert_eq!(gave_up, None, "{}", file.display());
         let name = file.file_stem().unwrap_or_default();
         if name == "sponza" {
-            // 70.4 % when this was written; what it was before charts were joined and packed here: 45.6 %.
+            // 70.4 % when this was written; what it was before charts were joined and packed here:
+            // 45.6 %.
             assert!(report.coverage > 0.69, "{}", report.coverage);
         }
     }

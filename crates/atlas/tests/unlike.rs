@@ -126,7 +126,8 @@ fn a_factor_is_relative_to_the_scenes_density_and_changes_nobody_else() {
         let (same, widths) = plan(&[1.0, 0.6, 4.0]);
         assert_eq!(base, same, "factors do not move the scene's density");
         assert_eq!(widths[0], plain[0]);
-        // A border of a texel on both sides, and the rounding of the chart to whole ones; without blocks.
+        // A border of a texel on both sides, and the rounding of the chart to whole ones; without
+        // blocks.
         for (width, factor) in [(widths[1], 0.6), (widths[2], 4.0)] {
             let wanted = 4.0 * base * factor;
             assert!(
@@ -170,7 +171,8 @@ fn coordinates_depend_on_neither_company_order_nor_unit() {
             let same = print(&mut many, 1.0, i) == alone;
             assert!(same, "mesh {i} in order {order:?}");
         }
-        // Millimetres and kilometres, by the node's scale. (By the vertices themselves rounding differs: docs/uvs.md.)
+        // Millimetres and kilometres, by the node's scale. (By the vertices themselves rounding
+        // differs: docs/uvs.md.)
         for unit in [1e-3, 1e3] {
             let node = vec![(0, DAffine3::from_scale(DVec3::splat(unit)))];
             let mut by_node = scene(vec![shapes().remove(i)], node).0;

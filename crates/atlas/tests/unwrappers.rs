@@ -31,7 +31,8 @@ fn every_unwrapper_keeps_what_the_trait_promises() {
             let (result, report) = run();
             check_generated(&result.meshes[0], 2);
             assert_eq!(result.meshes[0].origin, UvOrigin::Generated);
-            // A chart whose density is off by more than a third would show as blur; single slivers may be.
+            // A chart whose density is off by more than a third would show as blur; single slivers
+            // may be.
             let m = &report.meshes[0];
             assert!(m.stretch < 1.3, "{unwrapper:?} {m:?}");
             assert_eq!(

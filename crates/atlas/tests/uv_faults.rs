@@ -1,11 +1,13 @@
-//! Faults of an asset's own TEXCOORD_1: each with a mesh that has it, the place where it is, and what follows.
+//! Faults of an asset's own TEXCOORD_1: each with a mesh that has it, the place where it is, and
+//! what follows.
 
 use crate::common::*;
 use atlas::{LayoutOptions, MeshReport, Severity, UvFault, UvFaultKind, UvMode, UvOrigin, layout};
 use glam::{Vec2, Vec3};
 use mesh_ingest::Mesh;
 
-/// Quads of one metre in the plane z = 0, a metre apart, each with coordinates of its own, in one primitive.
+/// Quads of one metre in the plane z = 0, a metre apart, each with coordinates of its own, in one
+/// primitive.
 fn quads(uv: &[[Vec2; 4]]) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for i in 0..uv.len() as u32 {
@@ -159,7 +161,8 @@ fn surface_without_area_in_the_atlas_is_told_with_its_share() {
 
 #[test]
 fn charts_too_near_for_the_size_are_warned_about_at_that_size_only() {
-    // A hundredth of the atlas apart. Quads are 0.49 of it wide, so at 100 lumels a metre the gap is two texels, at 10 a fifth.
+    // A hundredth of the atlas apart. Quads are 0.49 of it wide, so at 100 lumels a metre the gap
+    // is two texels, at 10 a fifth.
     let mesh = || quads(&[square(0.0, 0.0, 0.49), square(0.5, 0.0, 0.49)]);
     let (report, _) = report_of(mesh(), 100.0, UvMode::Auto);
     assert_eq!(report.uv_faults, []);

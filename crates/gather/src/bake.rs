@@ -21,7 +21,8 @@ use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexLight, Verte
 pub struct LightReport {
     /// Texels with a surface.
     pub lumels: u64,
-    /// Lumels that lie wholly inside or right behind something single-sided: nearly all rays from there meet back faces.
+    /// Lumels that lie wholly inside or right behind something single-sided: nearly all rays from
+    /// there meet back faces.
     pub hidden_lumels: u64,
     /// The nodes that most of them are of.
     pub hidden: Vec<HiddenIn>,
@@ -35,13 +36,15 @@ pub struct LightReport {
     pub lumel_rays: u64,
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
-    /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 % of the mean). Within a factor 1.5 of the true one
-    /// on the scenes of docs/error.md. NaN (in JSON null) where no lumel is lit: nothing was measured.
+    /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 %
+    /// of the mean). Within a factor 1.5 of the true one on the scenes of docs/error.md. NaN (in
+    /// JSON null) where no lumel is lit: nothing was measured.
     pub estimated_error: f64,
-    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled by the worst corners. NaN as
-    /// [`estimated_error`](Self::estimated_error) is.
+    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled
+    /// by the worst corners. NaN as [`estimated_error`](Self::estimated_error) is.
     pub median_error: f64,
-    /// Whether that is as small as [`LightOptions::error`] asked for; `None` where nothing was asked.
+    /// Whether that is as small as [`LightOptions::error`] asked for; `None` where nothing was
+    /// asked.
     pub error_reached: Option<bool>,
     /// Times that lumels were looked at again for it.
     pub rounds: u32,
@@ -51,7 +54,8 @@ pub struct LightReport {
 
 /// Gathers light at all lumels of a layout: the passes of a bake, in their order.
 ///
-/// Deterministic for any number of threads: every footprint is computed by itself, with random numbers that hang on its place.
+/// Deterministic for any number of threads: every footprint is computed by itself, with random
+/// numbers that hang on its place.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
@@ -92,8 +96,8 @@ pub fn bake_light(
     Ok((map, report))
 }
 
-/// Light at vertices, from the lumels of `map` and from footprints of their own where lumels are too
-/// wide. `gatherer` is the one that lumels were gathered with.
+/// Light at vertices, from the lumels of `map` and from footprints of their own where lumels are
+/// too wide. `gatherer` is the one that lumels were gathered with.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.

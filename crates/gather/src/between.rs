@@ -7,7 +7,8 @@ use rayon::prelude::*;
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 
-/// Direct light is interpolated where a straight line between two neighbours and a cubic through four differ by no more than this share of the light.
+/// Direct light is interpolated where a straight line between two neighbours and a cubic through
+/// four differ by no more than this share of the light.
 const STRAIGHT: f32 = 0.01;
 
 /// Indirect light between neighbours.
@@ -95,9 +96,10 @@ pub(crate) fn between(map: &LumelMap, i: usize) -> Between {
     mean_of(map.plan.of(i).map(|j| &map.received[j]))
 }
 
-/// What an interpolated lumel's light is made of: its neighbours on both sides and, where surface goes on undisturbed, the next ones in the same
-/// lines, with weights that sum to 1. A cubic through four, a parabola through three, else a straight line. Empty where neighbours are on
-/// one side alone.
+/// What an interpolated lumel's light is made of: its neighbours on both sides and, where surface
+/// goes on undisturbed, the next ones in the same lines, with weights that sum to 1. A cubic
+/// through four, a parabola through three, else a straight line. Empty where neighbours are on one
+/// side alone.
 pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
     let (l, received) = (map.lumel(i), &map.received);
     let [x, y] = l.texel.map(i64::from);
@@ -118,7 +120,8 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
             });
         goes_on.then_some(far)
     };
-    // Opposite ones: the first and the second of two, the first and the last, the second and the third of four.
+    // Opposite ones: the first and the second of two, the first and the last, the second and the
+    // third of four.
     let [a, b, c, d] = map.plan.beside[i];
     let pairs = if c.or(d).is_some() || (x & y & 1 == 1) {
         [[a, d], [b, c]]
@@ -141,7 +144,8 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
     taps
 }
 
-/// Direct light of lumel `i` by its taps, where all agree about lamps, no shadow's edge crosses any and it does not bend; `None` elsewhere.
+/// Direct light of lumel `i` by its taps, where all agree about lamps, no shadow's edge crosses any
+/// and it does not bend; `None` elsewhere.
 pub(crate) fn direct_between(map: &LumelMap, i: usize) -> Option<DirectBetween> {
     let (taps, received) = (taps(map, i), &map.received);
     if !taps.bent {

@@ -1,15 +1,18 @@
 //! How sure lumels are: what their samples say of their error, with what stratification brings.
 //!
-//! Samples at a lumel are points of scrambled Sobol sequences. Their mean's variance falls faster than with one over their number, which the
-//! spread between them does not show: it would claim 1.7 % for the Cornell box at `preview` where the error is 1.0 %. How much faster hangs on the
-//! scene (edges of shadows, small bright windows, smooth walls), and can be seen in the bake itself, by holding parts of the samples
-//! against each other.
+//! Samples at a lumel are points of scrambled Sobol sequences. Their mean's variance falls faster
+//! than with one over their number, which the spread between them does not show: it would claim 1.7
+//! % for the Cornell box at `preview` where the error is 1.0 %. How much faster hangs on the scene
+//! (edges of shadows, small bright windows, smooth walls), and can be seen in the bake itself, by
+//! holding parts of the samples against each other.
 //!
-//! Let V(n) be the variance of the mean of n samples, and r = V(n)/V(n/2): ½ for independent samples, 2^(−3/2) for the area on one side of an
-//! edge, less for smooth functions. Two halves A and B of a sequence whose mean has V(n) have E(A − B)² = 4 V(n/2) − 4 V(n), since
-//! Var(A + B) + Var(A − B) = 2 Var A + 2 Var B; the two halves of the first half have 4 V(n/4) − 4 V(n/2), which is 1/r as much.
-//! G groups of samples, taken for independent, claim (V(n/G) − V(n))/(G − 1). From two of these over all lumels of a kind, r and V(n) follow,
-//! and with them one factor for what the lumels of that kind claim. Sums are of relative squares, as the error that is reported.
+//! Let V(n) be the variance of the mean of n samples, and r = V(n)/V(n/2): ½ for independent
+//! samples, 2^(−3/2) for the area on one side of an edge, less for smooth functions. Two halves A
+//! and B of a sequence whose mean has V(n) have E(A − B)² = 4 V(n/2) − 4 V(n), since Var(A + B) +
+//! Var(A − B) = 2 Var A + 2 Var B; the two halves of the first half have 4 V(n/4) − 4 V(n/2), which
+//! is 1/r as much. G groups of samples, taken for independent, claim (V(n/G) − V(n))/(G − 1). From
+//! two of these over all lumels of a kind, r and V(n) follow, and with them one factor for what the
+//! lumels of that kind claim. Sums are of relative squares, as the error that is reported.
 
 use radiosity::luminance;
 
@@ -19,21 +22,24 @@ use crate::received::{Edge, Received};
 /// A lumel is lit above this share of the mean light.
 const LIT: f32 = 1e-3;
 
-/// Share of the mean light that is added to a lumel's before errors are divided by it: in the dark a small error is not seen.
+/// Share of the mean light that is added to a lumel's before errors are divided by it: in the dark
+/// a small error is not seen.
 const FLOOR: f32 = 0.01;
 
-/// Fewer lumels of a kind than this say nothing, and are taken at their word, which is on the safe side: a variance from so many
-/// differences is known to √(2/64) = 18 %.
+/// Fewer lumels of a kind than this say nothing, and are taken at their word, which is on the safe
+/// side: a variance from so many differences is known to √(2/64) = 18 %.
 const ENOUGH: u32 = 64;
 
-/// r of independent samples, and of what is smooth in the two dimensions that matter (Owen's n⁻³ is not reached with so few points as sixteen).
+/// r of independent samples, and of what is smooth in the two dimensions that matter (Owen's n⁻³ is
+/// not reached with so few points as sixteen).
 const SLOWEST: f64 = 0.5;
 const FASTEST: f64 = 0.125;
 
 /// Light to divide a lumel's error by, or `None` where it is unlit. `mean` is of all lumels.
 ///
-/// Where smoothing lightened a lumel, what its own samples say decides both: a black corner that a fit filled would else count as lit, with an error of many
-/// times its light, which a measurement against the truth leaves out (webxr_garage at `preview`: an eighth of the estimate).
+/// Where smoothing lightened a lumel, what its own samples say decides both: a black corner that a
+/// fit filled would else count as lit, with an error of many times its light, which a measurement
+/// against the truth leaves out (webxr_garage at `preview`: an eighth of the estimate).
 pub(crate) fn scale(r: &Received, mean: f32) -> Option<f32> {
     let light = (r.least).unwrap_or_else(|| luminance(r.light()));
     (light > LIT * mean).then_some(light + FLOOR * mean)
@@ -50,7 +56,8 @@ pub(crate) struct Certainty {
     pub unseen: f32,
 }
 
-/// What is in none of n samples makes less than 3/n of all, in 95 of 100 cases: 0.95 = 1 − (1 − p)ⁿ (the rule of three).
+/// What is in none of n samples makes less than 3/n of all, in 95 of 100 cases: 0.95 = 1 − (1 − p)ⁿ
+/// (the rule of three).
 const RULE_OF_THREE: f32 = 3.0;
 
 /// Sums over lumels of a kind.
@@ -63,8 +70,8 @@ struct Sums {
 }
 
 impl Certainty {
-    /// From lumels as they were gathered, before smoothing. `counts` says which have rays of their own, `rays` is how many at least, `mean` is the mean
-    /// light of all.
+    /// From lumels as they were gathered, before smoothing. `counts` says which have rays of their
+    /// own, `rays` is how many at least, `mean` is the mean light of all.
     pub(crate) fn measure(
         received: &[Received],
         counts: impl Fn(usize) -> bool,
@@ -160,7 +167,8 @@ fn bisect(value: f64, grows: impl Fn(f64) -> f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// What parts of samples are expected to say where V(n) falls by `r` with each doubling, and V(n) = 1.
+    /// What parts of samples are expected to say where V(n) falls by `r` with each doubling, and
+    /// V(n) = 1.
     fn sums(r: f64) -> Sums {
         let doublings = GROUPS.ilog2() as i32;
         Sums {

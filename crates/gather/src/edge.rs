@@ -1,4 +1,5 @@
-//! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts off.
+//! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts
+//! off.
 
 use radiosity::{DirectEstimate, DirectOptions, SurfacePoint, hash_u32, luminance};
 
@@ -10,7 +11,8 @@ use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::points::{OpenPoints, Place, Sampling, spread};
 use crate::received::{Edge, Received};
 
-/// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there than what one point sees.
+/// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there
+/// than what one point sees.
 const EDGE_RAYS: u32 = 2;
 
 /// A part of a footprint, its light gathered.
@@ -35,10 +37,12 @@ impl Seen {
     }
 }
 
-/// A footprint of which less than this can be seen counts as hidden: what so little of it says is all noise, and its neighbours know better.
+/// A footprint of which less than this can be seen counts as hidden: what so little of it says is
+/// all noise, and its neighbours know better.
 const LEAST_OPEN: f32 = 1.0 / 32.0;
 
-/// What touches a footprint throws a shadow on a part of it, which so many points do not miss as easily as [`DirectOptions::scouts`].
+/// What touches a footprint throws a shadow on a part of it, which so many points do not miss as
+/// easily as [`DirectOptions::scouts`].
 const LEAST_SCOUTS: u32 = 32;
 
 /// A footprint's points with what was gathered at them, sorted.
@@ -75,8 +79,8 @@ impl<F> Sorted<'_, F> {
 }
 
 impl Gatherer<'_, '_> {
-    /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many points, few rays each, and as many shadow rays as
-    /// a penumbra gets.
+    /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many
+    /// points, few rays each, and as many shadow rays as a penumbra gets.
     pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
         // Its own random numbers: what made the first points disagree should not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
@@ -130,7 +134,8 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Gathers at a footprint's points, and says into which parts walls cut it; also how many rays that took.
+    /// Gathers at a footprint's points, and says into which parts walls cut it; also how many rays
+    /// that took.
     fn sort<'f, F: Footprint>(&self, footprint: &'f F, seed: u32) -> (Sorted<'f, F>, u64) {
         let world = self.tracer.world;
         let count = self.options.edge_points.max(self.options.points) as usize;
@@ -186,7 +191,8 @@ impl Gatherer<'_, '_> {
             }
             let one = self.see(all, mask, &all.planes[k]);
             let dark = self.tracer.is_dark(one.light());
-            // The end of a wall, say, may reach through the room's shell to where nobody will ever be; without a wall it is shade.
+            // The end of a wall, say, may reach through the room's shell to where nobody will ever
+            // be; without a wall it is shade.
             let lost = all.walled && dark && Point::in_the_void(all.of(k));
             *hidden = lost || Point::shut(all.of(k), dark);
             if !*hidden {
@@ -229,7 +235,8 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Whether a ray from any of the points that an edge would get meets anything but black back faces.
+    /// Whether a ray from any of the points that an edge would get meets anything but black back
+    /// faces.
     pub(crate) fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
         (self.options.points..self.options.edge_points).any(|i| {
             footprint.candidate(i).is_some_and(|p| {

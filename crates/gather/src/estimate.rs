@@ -3,36 +3,44 @@
 use glam::Vec3;
 use radiosity::luminance;
 
-/// A sub-point is inside something when this share of its rays meets black back faces. Not all: a ray may slip out through a seam of
-/// what it is in. A sub-point that is merely near the back of things sees them in half of its hemisphere at most.
+/// A sub-point is inside something when this share of its rays meets black back faces. Not all: a
+/// ray may slip out through a seam of what it is in. A sub-point that is merely near the back of
+/// things sees them in half of its hemisphere at most.
 const INSIDE: f32 = 0.9;
 
-/// The same for a part of a footprint that walls close off, which all of its points decide: inside of things that are in each other a ray may
-/// meet a front. Half-way between what an open part sees of backs at most and what is seen inside of one thing.
+/// The same for a part of a footprint that walls close off, which all of its points decide: inside
+/// of things that are in each other a ray may meet a front. Half-way between what an open part sees
+/// of backs at most and what is seen inside of one thing.
 pub(crate) const MOSTLY_INSIDE: f32 = 0.75;
 
-/// Beside a part that sees less of black backs than this, one that sees more is none: it lies behind what the other lies before, as the foot of a
-/// wall does that goes on into the ground. Half-way between nothing and what is seen from right behind a plane.
+/// Beside a part that sees less of black backs than this, one that sees more is none: it lies
+/// behind what the other lies before, as the foot of a wall does that goes on into the ground.
+/// Half-way between nothing and what is seen from right behind a plane.
 pub(crate) const BEHIND: f32 = 0.25;
 
-/// Points disagree where what they see spreads wider than by this many times what the number of their rays explains (an F-test). One of sixteen points that looks out of
-/// a slit with eight rays, and finds light with three of them, is at 4.2. Noise alone, were it Gaussian, is past 2.5 in three of a thousand lumels with sixteen points of
-/// eight rays; past 2 in twenty, some of which stood out as dots.
+/// Points disagree where what they see spreads wider than by this many times what the number of
+/// their rays explains (an F-test). One of sixteen points that looks out of a slit with eight rays,
+/// and finds light with three of them, is at 4.2. Noise alone, were it Gaussian, is past 2.5 in
+/// three of a thousand lumels with sixteen points of eight rays; past 2 in twenty, some of which
+/// stood out as dots.
 const DISAGREE: f32 = 2.5;
 
-/// The same of points with fewer rays than [`FEW`], which know less of their noise: with two each, noise is past 4 in five of a thousand lumels.
+/// The same of points with fewer rays than [`FEW`], which know less of their noise: with two each,
+/// noise is past 4 in five of a thousand lumels.
 const FEW_DISAGREE: f32 = 4.0;
 
 /// See [`FEW_DISAGREE`].
 const FEW: u32 = 8;
 
-/// What spreads by less than this share of the light, squared, is even: an open sky, but for rounding, which the variances of few rays have none of.
+/// What spreads by less than this share of the light, squared, is even: an open sky, but for
+/// rounding, which the variances of few rays have none of.
 const EVEN: f32 = 1e-6;
 
 /// Running sums of one sub-point.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Point {
-    /// What a ray hits nearer than this is near, metres; what it hits nearer than a quarter of this is about to touch.
+    /// What a ray hits nearer than this is near, metres; what it hits nearer than a quarter of this
+    /// is about to touch.
     pub reach: f32,
     /// What of a far hit's direct light lit elements bring; see [`radiosity::of_lit`].
     pub share: f32,
@@ -74,7 +82,8 @@ impl Point {
         (self.black + self.unlit) as f32 >= INSIDE * self.rays as f32
     }
 
-    /// What share of these points' rays met black backs, and what share these, unlit ones, or something right above; 1 for no points.
+    /// What share of these points' rays met black backs, and what share these, unlit ones, or
+    /// something right above; 1 for no points.
     pub(crate) fn dark_shares<'p>(points: impl Iterator<Item = &'p Point>) -> [f32; 2] {
         let (mut black, mut unlit, mut rays) = (0, 0, 0);
         for p in points {
@@ -88,15 +97,17 @@ impl Point {
         [black, black + unlit].map(|n| n as f32 / rays as f32)
     }
 
-    /// Whether nobody sees these points: nearly all rays from there end right above, or on unlit backs. On black backs too, where it is `dark`: under the back
-    /// of a vault they are all around, but light comes in at its ends.
+    /// Whether nobody sees these points: nearly all rays from there end right above, or on unlit
+    /// backs. On black backs too, where it is `dark`: under the back of a vault they are all
+    /// around, but light comes in at its ends.
     pub(crate) fn shut<'p>(points: impl Iterator<Item = &'p Point>, dark: bool) -> bool {
         let [black, all] = Point::dark_shares(points);
         let share = if dark { all } else { all - black };
         share >= MOSTLY_INSIDE
     }
 
-    /// Whether nearly all rays of these points went where nothing is: out of the scene into the dark, or to black backs.
+    /// Whether nearly all rays of these points went where nothing is: out of the scene into the
+    /// dark, or to black backs.
     pub(crate) fn in_the_void<'p>(points: impl Iterator<Item = &'p Point>) -> bool {
         let (mut void, mut rays) = (0, 0);
         for p in points {
@@ -119,14 +130,16 @@ pub(crate) struct Estimate {
     pub mean: Vec3,
     /// The same from the first half of the points.
     pub first_half: Vec3,
-    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a Sobol sequence are stratified against
-    /// each other, and so are the groups, which this does not see: it is on the safe side.
+    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a
+    /// Sobol sequence are stratified against each other, and so are the groups, which this does not
+    /// see: it is on the safe side.
     pub variance: f32,
     /// The points differ by more than their rays' noise.
     pub disagree: bool,
 }
 
-/// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see less of the stratification.
+/// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see
+/// less of the stratification.
 pub(crate) const GROUPS: usize = 8;
 
 /// Mean irradiance over open points, and how far they spread.
@@ -214,7 +227,8 @@ mod tests {
 
     #[test]
     fn a_point_that_looks_out_of_a_slit_is_seen() {
-        // Two of one point's rays and half of a third, F = 3.7; an eighth of everybody's rays, which is noise.
+        // Two of one point's rays and half of a third, F = 3.7; an eighth of everybody's rays,
+        // which is noise.
         let slit = |k: usize, i: u32| match (k, i) {
             (5, 0 | 1) => 1.0,
             (5, 2) => 0.5,

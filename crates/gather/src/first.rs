@@ -9,8 +9,8 @@ use crate::map::LumelMap;
 use crate::options::Interpolation;
 use crate::received::Received;
 
-/// Gathers at all lumels, of which interpolated ones have direct light of their own at most. Neighbours that differ too much are not
-/// interpolated between after all.
+/// Gathers at all lumels, of which interpolated ones have direct light of their own at most.
+/// Neighbours that differ too much are not interpolated between after all.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.

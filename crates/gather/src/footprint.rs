@@ -7,7 +7,8 @@ use atlas::{Fragment, Lumel, Lumels};
 
 /// A piece of surface, as a stream of points spread evenly over it.
 pub trait Footprint: Sync {
-    /// Candidate `i`, or `None` where the stream left the surface. Any prefix of the stream covers the piece evenly.
+    /// Candidate `i`, or `None` where the stream left the surface. Any prefix of the stream covers
+    /// the piece evenly.
     fn candidate(&self, i: u32) -> Option<SurfacePoint>;
     /// A point that is on the surface for certain.
     fn fallback(&self) -> SurfacePoint;
@@ -47,7 +48,8 @@ impl<'l, 'w, 'a> LumelFootprint<'l, 'w, 'a> {
         }
     }
 
-    /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on the page.
+    /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on
+    /// the page.
     pub(crate) fn of(world: &'w World<'a>, lumels: &'l Lumels, i: usize) -> (Self, u32) {
         let lumel = lumels.lumels[i];
         let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
@@ -140,7 +142,8 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
     }
 
     fn fallback(&self) -> SurfacePoint {
-        // The nearest surface to the texel's middle: of each triangle, the point of it closest in barycentric terms.
+        // The nearest surface to the texel's middle: of each triangle, the point of it closest in
+        // barycentric terms.
         let middle = Vec2::new(
             self.lumel.texel[0] as f32 + 0.5,
             self.lumel.texel[1] as f32 + 0.5,

@@ -24,14 +24,15 @@ const MATTERS: f32 = 0.01;
 impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
     ///
-    /// First a few points share many rays. Where they disagree (some lie inside a closed thing, or see
-    /// much more light than others) an edge crosses the footprint, and the mean is only as good as the
-    /// share of points on either side: these footprints are gathered anew, with
+    /// First a few points share many rays. Where they disagree (some lie inside a closed thing, or
+    /// see much more light than others) an edge crosses the footprint, and the mean is only as good
+    /// as the share of points on either side: these footprints are gathered anew, with
     /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points) points of two rays each.
     ///
-    /// Sub-points inside closed things are those in a body, those from which nearly all rays meet black
-    /// back faces, and, where only what is open counts, unlit backs of double-sided ones. Where all of
-    /// the footprint is inside, the mean is over all of it, whatever [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
+    /// Sub-points inside closed things are those in a body, those from which nearly all rays meet
+    /// black back faces, and, where only what is open counts, unlit backs of double-sided ones.
+    /// Where all of the footprint is inside, the mean is over all of it, whatever
+    /// [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let (world, options) = (self.tracer.world, &self.options);
         // Openness is there in the dark too.
@@ -71,7 +72,8 @@ impl Gatherer<'_, '_> {
                 let mut out = self.gather_edge(footprint, seed);
                 out.rays += rays;
                 if in_the_open < count {
-                    // What the smoothing goes by: it must not take a lumel for whole because a sliver was missed.
+                    // What the smoothing goes by: it must not take a lumel for whole because a
+                    // sliver was missed.
                     out.open = out.open.min(1.0 - 1.0 / count as f32);
                 }
                 return out;
@@ -82,8 +84,9 @@ impl Gatherer<'_, '_> {
         let known = known(luminance(estimate.mean), 0);
         let direct = self.direct_light(counted, seed, &options.direct, &known, &mut planes);
         let dark = (self.tracer).is_dark(luminance(direct.irradiance + estimate.mean));
-        // As the ends of things that reach through a room's shell; but also what lies in the shade of a lamp without anything to bounce off. Only a
-        // wall between it and its neighbours tells ([`fill_hidden`](crate::hidden::fill_hidden)).
+        // As the ends of things that reach through a room's shell; but also what lies in the shade
+        // of a lamp without anything to bounce off. Only a wall between it and its neighbours tells
+        // ([`fill_hidden`](crate::hidden::fill_hidden)).
         let lost = options.open_only && near && dark && Point::in_the_void(sums.iter());
         // The light is of what is open, the place of all.
         let place = (Place::of(&points), footprint.size());
@@ -98,7 +101,8 @@ impl Gatherer<'_, '_> {
         out
     }
 
-    /// Whether the first points of a footprint say that an edge crosses it: `in_the_open` of all are.
+    /// Whether the first points of a footprint say that an edge crosses it: `in_the_open` of all
+    /// are.
     fn is_crossed(
         &self,
         footprint: &impl Footprint,
@@ -110,7 +114,8 @@ impl Gatherer<'_, '_> {
         let options = &self.options;
         let more = options.contacts && options.edge_points > count as u32;
         if in_the_open == 0 {
-            // A sliver of light beside a wall counts for little on screen, and for a lot in relative terms.
+            // A sliver of light beside a wall counts for little on screen, and for a lot in
+            // relative terms.
             return self.anything_open(footprint, seed);
         }
         if in_the_open < count {
@@ -129,7 +134,8 @@ impl Gatherer<'_, '_> {
         (self.options.points as usize).clamp(1, MOST_POINTS)
     }
 
-    /// Direct light alone; the rest comes from neighbours. The footprint lies in the open, and nothing is near.
+    /// Direct light alone; the rest comes from neighbours. The footprint lies in the open, and
+    /// nothing is near.
     pub(crate) fn gather_direct(
         &self,
         footprint: &impl Footprint,
@@ -153,7 +159,8 @@ impl Gatherer<'_, '_> {
         Received::of(direct, &estimate, planes, place)
     }
 
-    /// All light from neighbours, `direct` too, where shadow rays from the footprint's middle to lamps find what they found. `None` where they do not.
+    /// All light from neighbours, `direct` too, where shadow rays from the footprint's middle to
+    /// lamps find what they found. `None` where they do not.
     pub(crate) fn gather_nothing(
         &self,
         footprint: &impl Footprint,
@@ -191,7 +198,8 @@ impl Gatherer<'_, '_> {
         })
     }
 
-    /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which `first` has the first `done` times: powers of two.
+    /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which
+    /// `first` has the first `done` times: powers of two.
     pub(crate) fn gather_more(
         &self,
         footprint: &impl Footprint,
@@ -230,8 +238,8 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Direct light once more, with as many points as a penumbra gets for the lights of `look`: for footprints next to one that the edges of
-    /// their shadows cross, which may cut a corner.
+    /// Direct light once more, with as many points as a penumbra gets for the lights of `look`: for
+    /// footprints next to one that the edges of their shadows cross, which may cut a corner.
     pub(crate) fn refine_direct(
         &self,
         footprint: &impl Footprint,

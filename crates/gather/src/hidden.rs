@@ -9,10 +9,12 @@ use crate::parts::LIFT;
 use crate::planes::Plane;
 use crate::received::Received;
 
-/// Gives lumels of which nothing can be seen the light of their neighbours, `rings` deep, since bilinear lookups beside them read it.
+/// Gives lumels of which nothing can be seen the light of their neighbours, `rings` deep, since
+/// bilinear lookups beside them read it.
 ///
-/// So do lumels behind a single-sided surface that their neighbours lie before: the first row of a wall that goes on into the ground,
-/// where it may see the sky from below. Such a surface shows the neighbour its front and the lumel its back.
+/// So do lumels behind a single-sided surface that their neighbours lie before: the first row of a
+/// wall that goes on into the ground, where it may see the sky from below. Such a surface shows the
+/// neighbour its front and the lumel its back.
 pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
     let mut filled: Vec<bool> = map.received.iter().map(|r| r.open > 0.0).collect();
     let received = &map.received;
@@ -85,10 +87,12 @@ fn beside(
 
 /// Lumel `i` with the light of some neighbours; `None` of none.
 ///
-/// It lies in a wall, and a neighbour that can be seen up to a share of it ends where the wall begins: lookups in front of the wall read the lumel where
-/// that is more than half. A wall of little more than a lumel is read from on both sides, and may have a bright room on one of them and a dark one
-/// on the other. The mean of these would be seen as light in the dark room, the darker one as a dark line in the bright room. The square of the
-/// mean root lies between the two where eyes have it, which see about the root of light.
+/// It lies in a wall, and a neighbour that can be seen up to a share of it ends where the wall
+/// begins: lookups in front of the wall read the lumel where that is more than half. A wall of
+/// little more than a lumel is read from on both sides, and may have a bright room on one of them
+/// and a dark one on the other. The mean of these would be seen as light in the dark room, the
+/// darker one as a dark line in the bright room. The square of the mean root lies between the two
+/// where eyes have it, which see about the root of light.
 fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> {
     // Of neighbours that were hidden themselves all count the same.
     let read = |j: usize| (received[j].open - 0.5).max(1e-3);

@@ -1,7 +1,8 @@
-//! Final gather: the light at lumels, vertices and probes of a solved scene. No files are touched here.
+//! Final gather: the light at lumels, vertices and probes of a solved scene. No files are touched
+//! here.
 //!
-//! [`bake_light`] runs the passes over a [`LumelMap`], [`bake_vertices`] takes vertices from it, and
-//! [`probes`] are gathered by themselves. A [`Gatherer`] gathers at any [`Footprint`].
+//! [`bake_light`] runs the passes over a [`LumelMap`], [`bake_vertices`] takes vertices from it,
+//! and [`probes`] are gathered by themselves. A [`Gatherer`] gathers at any [`Footprint`].
 //!
 //! ```
 //! use gather::{GatherOptions, Gatherer, Interpolation, LightOptions, Wanted, bake_light};

@@ -1,15 +1,19 @@
 //! Walls that cut a lumel: its points are sorted by which of them see each other.
 //!
-//! A floor that runs on under a wall has lumels on both sides, and some that the wall cuts. The mean of a lit room and a dark one is wrong in
-//! both. So the points of such a lumel are sorted by which of them see each other just above the surface ([`Parts`]), it holds the light of
-//! its largest part that can be seen, and lumels do not take light from neighbours behind a wall ([`Barriers`]).
+//! A floor that runs on under a wall has lumels on both sides, and some that the wall cuts. The
+//! mean of a lit room and a dark one is wrong in both. So the points of such a lumel are sorted by
+//! which of them see each other just above the surface ([`Parts`]), it holds the light of its
+//! largest part that can be seen, and lumels do not take light from neighbours behind a wall
+//! ([`Barriers`]).
 
 use radiosity::{SurfacePoint, World};
 
-/// Height above the surface at which walls are looked for, in lumels: above thresholds, mats and what else lies flat on a floor.
+/// Height above the surface at which walls are looked for, in lumels: above thresholds, mats and
+/// what else lies flat on a floor.
 pub(crate) const LIFT: f32 = 0.15;
 
-/// Points of a lumel that say into which parts it falls. A part that holds none of them is less than about a sixteenth of it.
+/// Points of a lumel that say into which parts it falls. A part that holds none of them is less
+/// than about a sixteenth of it.
 const SCOUTS: usize = 16;
 
 /// Parts of a footprint that walls keep from each other.
@@ -70,8 +74,8 @@ impl Parts {
         }
     }
 
-    /// The part of a further point of the footprint; the one after the last where it sees none of those that it was sorted by: a sliver
-    /// beyond a wall.
+    /// The part of a further point of the footprint; the one after the last where it sees none of
+    /// those that it was sorted by: a sliver beyond a wall.
     pub(crate) fn of(&self, world: &World, p: &SurfacePoint) -> usize {
         let far = |s: &(SurfacePoint, u8)| s.0.position.distance_squared(p.position);
         let nearest = (self.scouts.iter()).min_by(|a, b| far(a).total_cmp(&far(b)));

@@ -1,15 +1,20 @@
 //! Lumels whose indirect light is interpolated between their neighbours'.
 //!
-//! Light that surfaces reflect changes slowly over a flat piece of surface that nothing stands on or near. There every second lumel in either
-//! direction is gathered at. The three between them take the mean of those beside them at first, and then what the smoothing's quadratic says
-//! of their place: half of the gathering rays, since each of the few has twice as many. What is near, and throws light or shadow that changes from lumel to lumel, is found by geometry, not by rays, which miss what is thin. Direct light is
-//! computed at every lumel.
+//! Light that surfaces reflect changes slowly over a flat piece of surface that nothing stands on
+//! or near. There every second lumel in either direction is gathered at. The three between them
+//! take the mean of those beside them at first, and then what the smoothing's quadratic says of
+//! their place: half of the gathering rays, since each of the few has twice as many. What is near,
+//! and throws light or shadow that changes from lumel to lumel, is found by geometry, not by rays,
+//! which miss what is thin. Direct light is computed at every lumel.
 //!
-//! [`Interpolation::Wide`], a draft's rule, does so wherever nothing rises within a lumel: also on curves and along chart borders. There direct light is interpolated too
-//! where neighbours agree about it, and what smoothing makes of the gathered lumels is carried to those between by a cubic.
+//! [`Interpolation::Wide`], a draft's rule, does so wherever nothing rises within a lumel: also on
+//! curves and along chart borders. There direct light is interpolated too where neighbours agree
+//! about it, and what smoothing makes of the gathered lumels is carried to those between by a
+//! cubic.
 //!
-//! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (what is near decides how far a sample
-//! counts), on the lightmap's own grid and with a look at the neighbours' differences.
+//! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (what
+//! is near decides how far a sample counts), on the lightmap's own grid and with a look at the
+//! neighbours' differences.
 
 use atlas::{Lumels, TexelIndex};
 use radiosity::{SurfacePoint, World, luminance};
@@ -19,12 +24,13 @@ use crate::footprint::{Footprint, LumelFootprint};
 use crate::options::Interpolation;
 use crate::received::{Edge, Received};
 
-/// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light from what is R away changes over R, and
-/// the window that the quadratic is fitted in reaches seven lumels at most.
+/// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light
+/// from what is R away changes over R, and the window that the quadratic is fitted in reaches seven
+/// lumels at most.
 const CLEAR: f32 = 4.0;
 
-/// Neighbours may differ by this share of their light, beside noise. A straight line through light that changes so much misses an eighth of it
-/// where the change itself changes as much again.
+/// Neighbours may differ by this share of their light, beside noise. A straight line through light
+/// that changes so much misses an eighth of it where the change itself changes as much again.
 const STEADY: f32 = 0.1;
 
 /// Standard errors that noise may add to that.
@@ -34,7 +40,8 @@ const SIGMAS: f32 = 3.0;
 const FLAT: f32 = 0.9995;
 
 /// [`Interpolation::Wide`]: the same three, and the least that a neighbour is covered. Nothing rises within a lumel, since what touches one has light of its own;
-/// normals differ by 30° at most, as in the smoothing's window, which is what gives these lumels their light in the end.
+/// normals differ by 30° at most, as in the smoothing's window, which is what gives these lumels
+/// their light in the end.
 const WIDE_CLEAR: f32 = 1.0;
 const WIDE_STEADY: f32 = 0.3;
 const WIDE_FACING: f32 = 0.85;
@@ -111,8 +118,9 @@ impl Plan {
         self.beside[i].iter().flatten().map(|&j| j as usize)
     }
 
-    /// Times that a lumel has as many rays as others, where others are interpolated between it and its like: what it is wrong by is seen in four. With
-    /// [`Interpolation::Wide`] most are such lumels.
+    /// Times that a lumel has as many rays as others, where others are interpolated between it and
+    /// its like: what it is wrong by is seen in four. With [`Interpolation::Wide`] most are such
+    /// lumels.
     pub(crate) fn bearing(&self, i: usize) -> u32 {
         if self.bears[i] {
             self.most_bearing()
@@ -129,8 +137,8 @@ impl Plan {
         }
     }
 
-    /// Neighbours that differ too much are not interpolated between after all: which lumels that makes
-    /// gathered ones, by lumel.
+    /// Neighbours that differ too much are not interpolated between after all: which lumels that
+    /// makes gathered ones, by lumel.
     pub(crate) fn drop_unsteady(&mut self, received: &[Received]) -> Vec<bool> {
         let unsteady: Vec<bool> = (0..received.len())
             .into_par_iter()

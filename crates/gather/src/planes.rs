@@ -1,7 +1,9 @@
-//! What lumels keep of light beside their irradiance: by group, by direction, openness, the sun's visibility.
+//! What lumels keep of light beside their irradiance: by group, by direction, openness, the sun's
+//! visibility.
 //!
-//! All of it comes from the same rays as the irradiance, with the same weights, and is smoothed with the same weights, so that it costs
-//! little and adds up: the groups of a lumel sum to its irradiance up to rounding.
+//! All of it comes from the same rays as the irradiance, with the same weights, and is smoothed
+//! with the same weights, so that it costs little and adds up: the groups of a lumel sum to its
+//! irradiance up to rounding.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -45,7 +47,8 @@ impl Plane {
 }
 
 impl Wanted {
-    /// How many planes a lumel has: the groups, four moments, openness (x), the sun (x: arrives, y: would).
+    /// How many planes a lumel has: the groups, four moments, openness (x), the sun (x: arrives, y:
+    /// would).
     pub fn planes(&self) -> usize {
         self.sun_plane() + usize::from(self.sun)
     }
@@ -147,8 +150,9 @@ impl PlaneSums {
         self.sums.is_empty()
     }
 
-    /// Takes one ray: the radiance that it found (`of_ray` holds the groups' parts, and is emptied), the unit direction, its cosine with the
-    /// axis of the hemisphere, and how far it went.
+    /// Takes one ray: the radiance that it found (`of_ray` holds the groups' parts, and is
+    /// emptied), the unit direction, its cosine with the axis of the hemisphere, and how far it
+    /// went.
     pub(crate) fn add(&mut self, radiance: Vec3, direction: Vec3, cos: f32, distance: f32) {
         self.rays[0] += 1;
         self.rays[1] += u32::from(self.first_half);
@@ -182,7 +186,8 @@ impl PlaneSums {
         self.points[1] += u32::from(self.first_half);
     }
 
-    /// Adds what a lit element brings to it: irradiance (`of_ray` holds the groups' parts, and is emptied), its unit direction, and the cosine of that.
+    /// Adds what a lit element brings to it: irradiance (`of_ray` holds the groups' parts, and is
+    /// emptied), its unit direction, and the cosine of that.
     pub(crate) fn add_lit(&mut self, irradiance: Vec3, direction: Vec3, cos: f32) {
         let (wanted, first) = (self.wanted, if self.first_half { 1.0 } else { 0.0 });
         let sums = &mut self.from_lit;

@@ -38,8 +38,8 @@ impl Place {
     }
 }
 
-/// The first `count` points of the footprint's stream that lie on the surface, repeated where it has
-/// fewer.
+/// The first `count` points of the footprint's stream that lie on the surface, repeated where it
+/// has fewer.
 pub(crate) fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
     let mut points = Vec::with_capacity(count);
     for i in 0..8 * count as u32 {

@@ -5,7 +5,8 @@ use crate::window::{Neighbour, SIDE};
 /// Unknowns of a quadratic in two variables.
 pub(crate) const TERMS: usize = 6;
 
-/// What share each neighbour has in the value at the lumel of the quadratic fitted with these weights; they sum to 1.
+/// What share each neighbour has in the value at the lumel of the quadratic fitted with these
+/// weights; they sum to 1.
 pub(crate) fn shares_of_fit(
     around: &[Neighbour],
     weigh: impl Fn(usize) -> f32,
@@ -23,7 +24,8 @@ pub(crate) fn shares_of_fit(
         }
         rows[k] = (row, w);
     }
-    // The value at the lumel is the first unknown: its weights are the first row of the inverse times the rows.
+    // The value at the lumel is the first unknown: its weights are the first row of the inverse
+    // times the rows.
     let first = first_of_inverse(matrix)?;
     let mut shares = [0f32; SIDE * SIDE];
     for (share, (row, w)) in shares.iter_mut().zip(&rows[..around.len()]) {
@@ -33,8 +35,9 @@ pub(crate) fn shares_of_fit(
     Some(shares)
 }
 
-/// First row of the inverse of a symmetric positive definite matrix, of which the lower triangle is given; `None` where it is near singular
-/// (too few neighbours, or all in a line). By Cholesky's factorisation.
+/// First row of the inverse of a symmetric positive definite matrix, of which the lower triangle is
+/// given; `None` where it is near singular (too few neighbours, or all in a line). By Cholesky's
+/// factorisation.
 fn first_of_inverse(mut m: [[f64; TERMS]; TERMS]) -> Option<[f64; TERMS]> {
     let dot = |a: &[f64; TERMS], b: &[f64; TERMS], n: usize| -> f64 {
         a[..n].iter().zip(&b[..n]).map(|(x, y)| x * y).sum()

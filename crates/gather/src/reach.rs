@@ -1,8 +1,10 @@
 //! Gathers on until the estimated error is what was asked for.
 //!
-//! Rounds: the whole map is smoothed on trial and its error estimated; lumels that make most of it get four times their samples, of the kind
-//! that they lack (gathering rays; points at a contact; points of a penumbra), as few lumels as must for the sum to come down to what is asked. The first
-//! samples decide nothing but where to go on, so a lumel that is sure by chance is looked at with its neighbours: what it claims is pooled with theirs.
+//! Rounds: the whole map is smoothed on trial and its error estimated; lumels that make most of it
+//! get four times their samples, of the kind that they lack (gathering rays; points at a contact;
+//! points of a penumbra), as few lumels as must for the sum to come down to what is asked. The
+//! first samples decide nothing but where to go on, so a lumel that is sure by chance is looked at
+//! with its neighbours: what it claims is pooled with theirs.
 
 use std::collections::BTreeMap;
 
@@ -22,11 +24,13 @@ use crate::smooth::{Trust, smooth_indirect};
 /// Samples are multiplied by this in a round.
 const TIMES: u32 = 4;
 
-/// Rays of a lumel, and points of a penumbra, at most; a contact has half as many points, of two rays each. The sequences have 2¹⁶
-/// points, of which a lumel that lies by an eighth on the surface uses all.
+/// Rays of a lumel, and points of a penumbra, at most; a contact has half as many points, of two
+/// rays each. The sequences have 2¹⁶ points, of which a lumel that lies by an eighth on the surface
+/// uses all.
 const MOST: u32 = 8192;
 
-/// Rounds at most: from the least of samples to the most are eight doublings; the rest is for what earlier rounds judged wrongly.
+/// Rounds at most: from the least of samples to the most are eight doublings; the rest is for what
+/// earlier rounds judged wrongly.
 const ROUNDS: u32 = 10;
 
 /// What a round leaves of a picked lumel's squared error, at most.
@@ -41,7 +45,8 @@ pub(crate) struct Reached {
     pub exhausted: u64,
 }
 
-/// Rays that a lumel can be judged by alone: what a sixteenth of them do not see is a thousandth of the light.
+/// Rays that a lumel can be judged by alone: what a sixteenth of them do not see is a thousandth of
+/// the light.
 const SURE: u32 = 512;
 
 /// What a lumel is to get more of.
@@ -52,8 +57,9 @@ enum More {
     Penumbra,
 }
 
-/// Gathers on at lumels until the root mean square of their relative errors is at most `wanted`, or nothing more can be done. `finish` gives light, and
-/// errors, to lumels that have none of their own, once the map is smoothed.
+/// Gathers on at lumels until the root mean square of their relative errors is at most `wanted`, or
+/// nothing more can be done. `finish` gives light, and errors, to lumels that have none of their
+/// own, once the map is smoothed.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
@@ -104,7 +110,8 @@ impl Relative {
 /// What a map is given after smoothing.
 type Finish<'f> = dyn Fn(&mut LumelMap) + 'f;
 
-/// The errors of lumels' own samples if the map were finished now, and the mean square of all its errors, as the report will have it.
+/// The errors of lumels' own samples if the map were finished now, and the mean square of all its
+/// errors, as the report will have it.
 fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f64) {
     let gathered = map.received.clone();
     let mean = settle(map, rays, 0, true);
@@ -126,8 +133,9 @@ fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f
     (errors, finished)
 }
 
-/// Interpolates and smooths lumels that have `rays` gathering rays at least. The first `groups` planes are shares of the light. Where an error is `asked`
-/// for, lumels with many rays are trusted. Gives the mean light before smoothing.
+/// Interpolates and smooths lumels that have `rays` gathering rays at least. The first `groups`
+/// planes are shares of the light. Where an error is `asked` for, lumels with many rays are
+/// trusted. Gives the mean light before smoothing.
 pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) -> f32 {
     interpolate(map);
     let mean = mean_light(&map.lumels, &map.received);
@@ -143,7 +151,8 @@ pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) 
     mean
 }
 
-/// Standard errors of lit lumels over their light. Those of which nothing can be seen hold light of others, and are left out.
+/// Standard errors of lit lumels over their light. Those of which nothing can be seen hold light of
+/// others, and are left out.
 pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64> {
     let mean = mean_light(lumels, received);
     (received.iter())
@@ -169,7 +178,8 @@ pub(crate) fn mean_light(lumels: &Lumels, received: &[Received]) -> f32 {
     (sum / f64::max(weight, 1e-300)) as f32
 }
 
-/// The lumels with the largest errors, as few as bring the sum down by `excess`, with what each lacks; and how many of the largest have no more to get.
+/// The lumels with the largest errors, as few as bring the sum down by `excess`, with what each
+/// lacks; and how many of the largest have no more to get.
 fn choose(
     errors: &[Relative],
     map: &LumelMap,

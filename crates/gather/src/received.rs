@@ -14,15 +14,15 @@ pub struct Received {
     pub direct: Vec3,
     /// Irradiance reflected from surfaces, from the sky, and from wide dim emitters.
     pub indirect: Vec3,
-    /// `indirect` from the first half of the points alone; the other half has 2 × `indirect` − this.
-    /// The two are independent estimates.
+    /// `indirect` from the first half of the points alone; the other half has 2 × `indirect` −
+    /// this. The two are independent estimates.
     pub(crate) first_half: Vec3,
     /// Estimated variance of the luminance of `direct`.
     pub(crate) direct_variance: f32,
     /// Estimated variance of the luminance of `indirect`.
     pub(crate) indirect_variance: f32,
-    /// Set where smoothing brightened the footprint: its luminance before, or the most that its rays
-    /// may have missed. Relative errors are taken against this. `None` elsewhere.
+    /// Set where smoothing brightened the footprint: its luminance before, or the most that its
+    /// rays may have missed. Relative errors are taken against this. `None` elsewhere.
     pub(crate) least: Option<f32>,
     /// [`DirectEstimate::doubt`] of `direct`.
     pub(crate) direct_doubt: [f32; 2],
@@ -32,7 +32,8 @@ pub struct Received {
     pub(crate) normal: Vec3,
     /// Size of the footprint, metres.
     pub(crate) size: f32,
-    /// Share of the footprint that lies in the open, 0..=1; 0 if all of it is inside or behind something.
+    /// Share of the footprint that lies in the open, 0..=1; 0 if all of it is inside or behind
+    /// something.
     pub open: f32,
     /// Gathering and shadow rays cast.
     pub rays: u64,
@@ -62,8 +63,9 @@ pub(crate) enum Edge {
     None,
     /// Of a shadow: a light is seen from a part of the footprint, or partly.
     Shadow,
-    /// Of a thing that touches the surface or stands close to it: what is seen from the points of the
-    /// footprint differs. It got [`GatherOptions::edge_points`](crate::GatherOptions::edge_points).
+    /// Of a thing that touches the surface or stands close to it: what is seen from the points of
+    /// the footprint differs. It got
+    /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points).
     Contact,
 }
 

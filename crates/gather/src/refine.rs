@@ -1,7 +1,8 @@
 //! Second looks at lumels, decided by what was gathered next to them.
 //!
-//! A lumel's own first rays are no judge of how many more it needs: one that missed a small bright window finds itself dark and certain. To stop
-//! there, and to go on only where something was seen, loses light (between plates ten sides apart, three quarters of it). So neighbours decide.
+//! A lumel's own first rays are no judge of how many more it needs: one that missed a small bright
+//! window finds itself dark and certain. To stop there, and to go on only where something was seen,
+//! loses light (between plates ten sides apart, three quarters of it). So neighbours decide.
 
 use radiosity::{Cancelled, Monitor, Phase, luminance};
 use rayon::prelude::*;
@@ -12,8 +13,8 @@ use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 use crate::window::Window;
 
-/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge goes on, and may cut off less of them than one
-/// of their first points stands for.
+/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge
+/// goes on, and may cut off less of them than one of their first points stands for.
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.
@@ -89,7 +90,8 @@ fn look_again(map: &LumelMap, i: usize) -> Look {
     look
 }
 
-/// Casts more gathering rays where neighbours say that the first were too few for [`GatherOptions::error`](crate::GatherOptions::error).
+/// Casts more gathering rays where neighbours say that the first were too few for
+/// [`GatherOptions::error`](crate::GatherOptions::error).
 ///
 /// # Errors
 /// [`Cancelled`] when the monitor says so.

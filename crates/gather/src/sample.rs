@@ -1,4 +1,5 @@
-//! The one loop over a footprint's points: gathering rays from each, and shadow rays to lit elements.
+//! The one loop over a footprint's points: gathering rays from each, and shadow rays to lit
+//! elements.
 
 use glam::Vec3;
 use radiosity::{SurfacePoint, cosine_hemisphere, sample_4d};
@@ -62,7 +63,8 @@ impl Gatherer<'_, '_> {
             out.rays += 1;
             let s = sample_4d(sample, 0, seed);
             let toward = cosine_hemisphere(point.normal, s[0], s[1]);
-            // An interpolated normal's hemisphere dips below the face itself: nothing arrives from there.
+            // An interpolated normal's hemisphere dips below the face itself: nothing arrives from
+            // there.
             let found = if point.geometric.dot(toward) <= 0.0 {
                 Found::default()
             } else {

@@ -1,21 +1,26 @@
 //! Takes sampling noise out of indirect light, and nothing else.
 //!
-//! Neighbouring lumels of one piece of surface gathered the same smooth function with independent random numbers. A quadratic is
-//! fitted through their values by weighted least squares, in which a neighbour counts only as far as its difference can be
-//! noise, by the estimated variances. Where light truly changes, differences exceed the noise and the lumel keeps its
-//! value; along a gradient or over a rounded maximum the fit has no bias. (A plane cut 1.2 % off the light between two facing plates.)
+//! Neighbouring lumels of one piece of surface gathered the same smooth function with independent
+//! random numbers. A quadratic is fitted through their values by weighted least squares, in which a
+//! neighbour counts only as far as its difference can be noise, by the estimated variances. Where
+//! light truly changes, differences exceed the noise and the lumel keeps its value; along a
+//! gradient or over a rounded maximum the fit has no bias. (A plane cut 1.2 % off the light between
+//! two facing plates.)
 //!
-//! Each lumel's rays make two independent estimates, and the weights for one come from the other. Weights from the values themselves would
-//! favour the likely ones, and where light comes from little (a sunlit strip seen from a dark hall), few lumels have more than their share and most
+//! Each lumel's rays make two independent estimates, and the weights for one come from the other.
+//! Weights from the values themselves would favour the likely ones, and where light comes from
+//! little (a sunlit strip seen from a dark hall), few lumels have more than their share and most
 //! have less: the demo level's hall lost 6 % of its light that way.
 //!
-//! Where bright and dark lumels lie side by side, the bright ones' noise hides the difference, and the dark ones would be lightened. There a second fit goes
-//! by the first one's values, which have a third of the noise, and by the variance of the lumels that are about as bright.
+//! Where bright and dark lumels lie side by side, the bright ones' noise hides the difference, and
+//! the dark ones would be lightened. There a second fit goes by the first one's values, which have
+//! a third of the noise, and by the variance of the lumels that are about as bright.
 //!
-//! Based on: Rousselle, Knaus, Zwicker, *Adaptive rendering with non-local means filtering*, 2012 (weights from estimated variances, and
-//! from the other half of the samples; a first result that guides a second filter is theirs too);
-//! Moon, Carr, Yoon, *Adaptive rendering based on weighted local regression*, 2014 (local fit). Direct light is not
-//! touched: it has no noise but in penumbrae, where a filter could not tell a shadow's edge from it.
+//! Based on: Rousselle, Knaus, Zwicker, *Adaptive rendering with non-local means filtering*, 2012
+//! (weights from estimated variances, and from the other half of the samples; a first result that
+//! guides a second filter is theirs too); Moon, Carr, Yoon, *Adaptive rendering based on weighted
+//! local regression*, 2014 (local fit). Direct light is not touched: it has no noise but in
+//! penumbrae, where a filter could not tell a shadow's edge from it.
 
 use glam::Vec3;
 use radiosity::luminance;
@@ -28,13 +33,15 @@ use crate::quadratic::{TERMS, shares_of_fit};
 use crate::received::{Edge, Received};
 use crate::window::{REACH, Window};
 
-/// A difference of this many standard errors halves a neighbour's weight and more: exp(−d²/2K²) = 0.61 at K.
+/// A difference of this many standard errors halves a neighbour's weight and more: exp(−d²/2K²) =
+/// 0.61 at K.
 const SIGMAS: f32 = 2.0;
 
 /// Lumels of less light than this times each other's are about as bright.
 const ALIKE: f32 = 2.0;
 
-/// Where lumels that are about as bright have less than this share of all neighbours' variance, the second fit takes place.
+/// Where lumels that are about as bright have less than this share of all neighbours' variance, the
+/// second fit takes place.
 const UNLIKE: f32 = 0.7;
 
 /// Who keeps what it gathered.
@@ -51,11 +58,14 @@ pub(crate) struct Trust<'t> {
 /// Smooths the map's light in place; only `indirect` and the variances change.
 ///
 /// Fits go by variances as they were gathered; what is left afterwards is by [`Trust::certainty`].
-/// Lumels at contacts, which have many points, and those that are [sure](Trust::sure) of themselves keep what they gathered where the fit departs from it by more than
-/// its noise: next to a bright lumel a dark one would be lightened (demo level, 57 cm a lumel, `preview`: 18.9 % of error from 3,000 contacts, 4.1 % without). The
-/// others do not: of few samples, most may have missed what all of the light comes from. What they depart by goes into their error. A lumel that a wall cuts is
-/// fitted to its whole neighbours on the same side, and is no surer of itself than they are: its part had fewer rays. Left as they were gathered, such lumels
-/// drew speckles along the foot of walls.
+/// Lumels at contacts, which have many points, and those that are [sure](Trust::sure) of themselves
+/// keep what they gathered where the fit departs from it by more than its noise: next to a bright
+/// lumel a dark one would be lightened (demo level, 57 cm a lumel, `preview`: 18.9 % of error from
+/// 3,000 contacts, 4.1 % without). The others do not: of few samples, most may have missed what all
+/// of the light comes from. What they depart by goes into their error. A lumel that a wall cuts is
+/// fitted to its whole neighbours on the same side, and is no surer of itself than they are: its
+/// part had fewer rays. Left as they were gathered, such lumels drew speckles along the foot of
+/// walls.
 pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     // Lumels between smoothed ones need no fit of their own.
     let taps: Vec<Option<Taps>> = (0..map.len())
@@ -125,7 +135,8 @@ fn accept(map: &LumelMap, i: usize, mut smoothed: Smoothed, trust: Trust) -> Smo
     smoothed
 }
 
-/// A fit for each lumel that `taps` has none for: all by what was gathered, and once more where that misleads.
+/// A fit for each lumel that `taps` has none for: all by what was gathered, and once more where
+/// that misleads.
 fn fit_all(map: &LumelMap, taps: &[Option<Taps>]) -> Vec<Smoothed> {
     let (window, received) = (Window::new(map), &map.received);
     let of_own = |what: &(dyn Fn(usize) -> f32 + Sync)| -> Vec<f32> {
@@ -176,8 +187,9 @@ fn fit_all(map: &LumelMap, taps: &[Option<Taps>]) -> Vec<Smoothed> {
     fits
 }
 
-/// Takes away what is below zero from groups that sum to `whole`, and from the others in proportion what that adds: a fit may dip below
-/// zero for a group that brings next to nothing, though not for their sum.
+/// Takes away what is below zero from groups that sum to `whole`, and from the others in proportion
+/// what that adds: a fit may dip below zero for a group that brings next to nothing, though not for
+/// their sum.
 fn share_out(whole: Vec3, groups: &mut [Vec3]) {
     if groups.iter().all(|g| g.min_element() >= 0.0) {
         return;
@@ -258,10 +270,12 @@ impl Smoothed {
     }
 }
 
-/// What a fit may differ by from what was gathered, in standard errors of that, before the difference is the fit's fault.
+/// What a fit may differ by from what was gathered, in standard errors of that, before the
+/// difference is the fit's fault.
 const DEPARTS: f32 = 3.0;
 
-/// Square of what the fit is off, as far as the lumel's own samples tell: the squared difference less what noise has of it.
+/// Square of what the fit is off, as far as the lumel's own samples tell: the squared difference
+/// less what noise has of it.
 fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
     let difference = luminance(fitted - r.indirect);
     let square = difference * difference;
@@ -272,7 +286,8 @@ fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
     }
 }
 
-/// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance. `variance` is that of what was gathered.
+/// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance. `variance` is that
+/// of what was gathered.
 fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     let (own, received) = (&map.received[i], &map.received);
     let keep = |variance: f32| Smoothed::none(own, variance);
@@ -321,7 +336,8 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     }
 }
 
-/// How much a neighbour counts whose half of the samples differs by `d`, where the variances of both wholes sum to `noise`.
+/// How much a neighbour counts whose half of the samples differs by `d`, where the variances of
+/// both wholes sum to `noise`.
 pub(crate) fn likely(d: f32, noise: f32) -> f32 {
     // A half has twice the variance of the whole.
     let noise = (2.0 * noise).max(f32::MIN_POSITIVE);
@@ -347,7 +363,8 @@ pub(crate) mod tests {
         move || (0..12).map(|_| uniform()).sum::<f32>() - 6.0
     }
 
-    /// Rows of luminance after smoothing, on a floor with `light(x)` at column x, which was gathered with standard errors `noise(x)`.
+    /// Rows of luminance after smoothing, on a floor with `light(x)` at column x, which was
+    /// gathered with standard errors `noise(x)`.
     fn smoothed(light: impl Fn(u32) -> f32, noise: impl Fn(u32) -> f32) -> Vec<Vec<f32>> {
         const SIZE: u32 = 48;
         let mut normal = normal_numbers();
@@ -401,12 +418,14 @@ pub(crate) mod tests {
 
     #[test]
     fn dark_lumels_beside_noisy_bright_ones_stay_dark() {
-        // A floor by the rim of a shaft, with what 128 rays leave of noise: three tenths of the light.
+        // A floor by the rim of a shaft, with what 128 rays leave of noise: three tenths of the
+        // light.
         let light = |x: u32| if x < 24 { 1.0 } else { 0.03 };
         let rows = smoothed(light, |x| 0.3 * light(x));
         for x in 24..36 {
             let mean = rows.iter().map(|row| row[x]).sum::<f32>() / rows.len() as f32;
-            // The window's other dark lumels leave an error of a third of a lumel's light; over the rows a quarter of that. One fit makes 0.26 of the first column.
+            // The window's other dark lumels leave an error of a third of a lumel's light; over the
+            // rows a quarter of that. One fit makes 0.26 of the first column.
             assert!((mean - 0.03).abs() < 0.01, "{x}: {mean}");
         }
     }

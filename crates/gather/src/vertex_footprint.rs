@@ -4,8 +4,8 @@ use radiosity::{SurfacePoint, World};
 
 use crate::footprint::Footprint;
 
-/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted is what the
-/// vertex's colour stands for where light hardly changes over a triangle.
+/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted
+/// is what the vertex's colour stands for where light hardly changes over a triangle.
 pub(crate) struct VertexFootprint<'b, 'w, 'a> {
     /// The world.
     pub world: &'w World<'a>,
@@ -42,7 +42,8 @@ impl Footprint for VertexFootprint<'_, '_, '_> {
             back,
             ..
         } = self.around[k];
-        // Density ∝ b over the triangle: b has density 6b(1−b), whose distribution 3b² − 2b³ inverts in closed form.
+        // Density ∝ b over the triangle: b has density 6b(1−b), whose distribution 3b² − 2b³
+        // inverts in closed form.
         let b = 0.5 - ((1.0 - 2.0 * s[1]).clamp(-1.0, 1.0).asin() / 3.0).sin();
         let mut w = [0.0; 3];
         w[corner as usize] = b;

@@ -2,12 +2,12 @@
 
 use crate::map::LumelMap;
 
-/// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which leaves about a tenth of the
-/// variance, a third of the noise.
+/// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which
+/// leaves about a tenth of the variance, a third of the noise.
 pub(crate) const REACH: i64 = 3;
 
-/// Cosine between normals below which two lumels see too different hemispheres. About 30°: along a curve light changes steadily, which
-/// the plane follows, and pillars are a few lumels around.
+/// Cosine between normals below which two lumels see too different hemispheres. About 30°: along a
+/// curve light changes steadily, which the plane follows, and pillars are a few lumels around.
 pub(crate) const SAME_FACING: f32 = 0.85;
 
 /// Lumels of a window.
@@ -27,8 +27,9 @@ impl<'m> Window<'m> {
         Window { map }
     }
 
-    /// Lumels that were gathered at about `i`, itself among them if it was, on the same piece of surface and wholly in the open. Where light is
-    /// interpolated, every second lumel of a window twice as wide: as many as elsewhere.
+    /// Lumels that were gathered at about `i`, itself among them if it was, on the same piece of
+    /// surface and wholly in the open. Where light is interpolated, every second lumel of a window
+    /// twice as wide: as many as elsewhere.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
         let mut found = [(0, 0, 0); SIDE * SIDE];
         if self.map.plan.bears(i) || self.map.plan.is(i) {
@@ -45,8 +46,9 @@ impl<'m> Window<'m> {
         (found, n)
     }
 
-    /// Lumels in the window about `i` whose column and row are multiples of `stride`, or any if that is 1. With more than one, what is near
-    /// something is left out: between such, barriers are not looked for.
+    /// Lumels in the window about `i` whose column and row are multiples of `stride`, or any if
+    /// that is 1. With more than one, what is near something is left out: between such, barriers
+    /// are not looked for.
     fn on_grid(&self, i: usize, stride: i64, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
         let (l, own) = (self.map.lumel(i), &self.map.received[i]);
         let [cx, cy] = l.texel.map(i64::from);
@@ -82,8 +84,9 @@ impl<'m> Window<'m> {
         n
     }
 
-    /// Keeps those of the first `n` lumels, which lie on every second column and row, that one comes to from the middle by steps over lumels near
-    /// which nothing stands: a floor that a wall passes through lies within or beside one of them.
+    /// Keeps those of the first `n` lumels, which lie on every second column and row, that one
+    /// comes to from the middle by steps over lumels near which nothing stands: a floor that a wall
+    /// passes through lies within or beside one of them.
     fn over_clear_ground(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
         const WIDE: i64 = 2 * REACH;
         const ACROSS: usize = (2 * WIDE + 1) as usize;
@@ -126,7 +129,8 @@ impl<'m> Window<'m> {
         keep(found, n, |dx, dy| reached[place(dx, dy)])
     }
 
-    /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier, in their order, and says how many.
+    /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier,
+    /// in their order, and says how many.
     fn on_this_side(&self, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
         // What a wall cuts is not among the neighbours, what it runs between has something near.
         if !found[..n].iter().any(|f| self.map.received[f.0].near) {
@@ -162,8 +166,9 @@ impl<'m> Window<'m> {
         keep(found, n, |dx, dy| reached[place(dx, dy)])
     }
 
-    /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes from little (a cave's mouth), one that
-    /// chanced to miss it finds itself dark and certain, and would stay a dark dot.
+    /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes
+    /// from little (a cave's mouth), one that chanced to miss it finds itself dark and certain, and
+    /// would stay a dark dot.
     pub(crate) fn pooled_variance(&self, i: usize) -> f32 {
         let (around, n) = self.around(i);
         let sum: f32 = around[..n]
@@ -181,7 +186,8 @@ impl<'m> Window<'m> {
         }
     }
 
-    /// [`pooled_variance`](Self::pooled_variance) of those lumels about `i` that have about its light.
+    /// [`pooled_variance`](Self::pooled_variance) of those lumels about `i` that have about its
+    /// light.
     pub(crate) fn variance_of_alike(&self, i: usize, light: &[f32], alike: f32) -> f32 {
         let (around, n) = self.around(i);
         let (mut sum, mut count) = (0.0, 0.0);

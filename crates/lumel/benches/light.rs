@@ -1,9 +1,11 @@
-//! The parts of a bake, each by itself on inputs made once: form factors, solve, gather, and a bake from file to files in memory.
+//! The parts of a bake, each by itself on inputs made once: form factors, solve, gather, and a bake
+//! from file to files in memory.
 //!
 //!     cargo bench --bench light                    all of them
 //!     cargo bench --bench light -- solve           one
 //!
-//! Rays alone: `cargo bench --bench traversal`. Scenes are the project's own in `assets/`, at densities that keep a run within seconds.
+//! Rays alone: `cargo bench --bench traversal`. Scenes are the project's own in `assets/`, at
+//! densities that keep a run within seconds.
 #![allow(missing_docs, reason = "benches are not an interface")]
 
 use std::path::{Path, PathBuf};

@@ -7,7 +7,8 @@ use std::{env, fs};
 
 use flate2::{Compression, write::GzEncoder};
 
-/// Name under `/static/`, and the file. All lie in one place there, whatever folders they come from.
+/// Name under `/static/`, and the file. All lie in one place there, whatever folders they come
+/// from.
 const FILES: &[(&str, &str)] = &[
     ("index.html", "web/index.html"),
     ("style.css", "web/style.css"),
@@ -39,8 +40,8 @@ const FILES: &[(&str, &str)] = &[
     ("THREE-LICENSE.txt", "vendor/three/LICENSE"),
 ];
 
-/// Module names of npm packages, and what a browser without an import map needs in their place. An import map would have to be an
-/// inline script, which the page's content policy forbids.
+/// Module names of npm packages, and what a browser without an import map needs in their place. An
+/// import map would have to be an inline script, which the page's content policy forbids.
 const IMPORTS: &[(&str, &str)] = &[
     ("from 'three'", "from './three.module.js'"),
     ("from '../utils/", "from './"),

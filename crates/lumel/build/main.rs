@@ -1,4 +1,5 @@
-//! What the binary needs of the tree that it is built from: a hash of its sources, and the viewer's files.
+//! What the binary needs of the tree that it is built from: a hash of its sources, and the viewer's
+//! files.
 
 #![allow(
     clippy::print_stdout,

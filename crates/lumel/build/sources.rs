@@ -1,7 +1,7 @@
 //! Puts a hash of the workspace's sources into `LUMEL_SOURCES`.
 //!
-//! A development build has the version of the last release. Records and caches of bakes must not take one's results for another's, so
-//! their keys hold this hash beside the version.
+//! A development build has the version of the last release. Records and caches of bakes must not
+//! take one's results for another's, so their keys hold this hash beside the version.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,8 @@ pub(crate) fn write() {
     for file in &files {
         println!("cargo::rerun-if-changed={}", file.display());
         if let Ok(bytes) = std::fs::read(file) {
-            // Line ends differ between checkouts on Windows and elsewhere; what is compiled does not.
+            // Line ends differ between checkouts on Windows and elsewhere; what is compiled does
+            // not.
             hash.add(bytes.iter().copied().filter(|b| *b != b'\r'));
             hash.add([0]);
         }

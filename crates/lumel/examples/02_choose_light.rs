@@ -2,8 +2,9 @@
 //!
 //!     cargo run --release -p lumel --example 02_choose_light
 //!
-//! The box's own lamp is dimmed to a half, and a bluish sky shines in through its open front. Light adds up, so the pages of the
-//! two groups sum to the whole lightmap. Next: `03_progress_and_cancel`.
+//! The box's own lamp is dimmed to a half, and a bluish sky shines in through its open front. Light
+//! adds up, so the pages of the two groups sum to the whole lightmap. Next:
+//! `03_progress_and_cancel`.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use lumel::{Baker, Page, Quality};

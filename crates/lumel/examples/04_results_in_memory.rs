@@ -2,8 +2,8 @@
 //!
 //!     cargo run --release -p lumel --example 04_results_in_memory [PICTURE.png]
 //!
-//! The scene is a furnace: every wall emits L = 1 and reflects ρ = 0.5, so its light is L/(1 − ρ) = 2 at every place, whatever its shape.
-//! Next: `05_scene_in_code`.
+//! The scene is a furnace: every wall emits L = 1 and reflects ρ = 0.5, so its light is L/(1 − ρ) =
+//! 2 at every place, whatever its shape. Next: `05_scene_in_code`.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::error::Error;
@@ -11,8 +11,8 @@ use std::error::Error;
 use lumel::{Baker, MemoryDocument, Page, Quality};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // From an archive, a network, another program: here from a file. A .gltf whose buffers and images are elsewhere would get them by
-    // `beside(folder)` or `resolve_with(|name| …)`.
+    // From an archive, a network, another program: here from a file. A .gltf whose buffers and
+    // images are elsewhere would get them by `beside(folder)` or `resolve_with(|name| …)`.
     let file = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../assets/furnace_cube_50.glb"

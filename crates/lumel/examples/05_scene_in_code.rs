@@ -2,7 +2,8 @@
 //!
 //!     cargo run --release -p lumel --example 05_scene_in_code
 //!
-//! A lamp of I = 10 cd hangs over a black floor at three heights h. The foot of the lamp gets E = I/h², so its lumel R = E/π.
+//! A lamp of I = 10 cd hangs over a black floor at three heights h. The foot of the lamp gets E =
+//! I/h², so its lumel R = E/π.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::f32::consts::PI;

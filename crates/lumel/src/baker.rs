@@ -24,8 +24,8 @@ const MAX_THREADS: usize = 1024;
 
 /// Bakes scenes: options, who watches, and how many threads may work.
 ///
-/// One baker bakes any number of scenes. Options have the names that the command line gives them and mean the same; they are checked
-/// when a bake starts.
+/// One baker bakes any number of scenes. Options have the names that the command line gives them
+/// and mean the same; they are checked when a bake starts.
 ///
 /// ```
 /// use lumel::{Baker, Quality};
@@ -102,7 +102,8 @@ options! {
     lods(yes: bool) => |s| s.lods = yes;
     /// Texels between charts, at most 64; 2 if nothing is said.
     padding(texels: u32) => |s| s.padding = texels;
-    /// Pages and instances' rectangles keep to blocks of so many texels, 1 to 64; 4 if nothing is said, as BC formats want it.
+    /// Pages and instances' rectangles keep to blocks of so many texels, 1 to 64; 4 if nothing is
+    /// said, as BC formats want it.
     block_align(texels: u32) => |s| s.block = texels;
     /// Whether charts keep to blocks too.
     block_charts(yes: bool) => |s| s.block_charts = yes;
@@ -110,7 +111,8 @@ options! {
     uv(mode: UvMode) => |s| s.uv = mode;
     /// What makes new charts.
     unwrapper(choice: UnwrapperChoice) => |s| s.unwrapper = choice;
-    /// A sky that sends the same radiance from everywhere: linear Rec.709, in the unit of the scene's lights (nit, or W/(m² sr)).
+    /// A sky that sends the same radiance from everywhere: linear Rec.709, in the unit of the
+    /// scene's lights (nit, or W/(m² sr)).
     sky(radiance: [f32; 3]) => |s| s.sky = SkySource::Color(radiance);
     /// A sky from a latitude-longitude picture, Radiance HDR or EXR.
     sky_file(file: impl Into<PathBuf>) => |s| s.sky = SkySource::File(file.into());
@@ -122,8 +124,9 @@ options! {
     sky_rotation(degrees: f32) => |s| s.sky_rotation = degrees;
     /// Adds a sun beside the scene's own lights.
     sun(sun: Sun) => |s| s.suns.push(sun);
-    /// Multiplies what the sources called `name` (`*` and `?` are wild) give by `factor` ≥ 0; of several that name one source the last
-    /// counts. See [`LightScale::name`] for what sources are called.
+    /// Multiplies what the sources called `name` (`*` and `?` are wild) give by `factor` ≥ 0; of
+    /// several that name one source the last counts. See [`LightScale::name`] for what sources are
+    /// called.
     light(name: impl Into<String>, factor: f32) => |s| s.lights.push(LightScale { name: name.into(), factor });
     /// Leaves the sources called `name` out.
     exclude_light(name: impl Into<String>) => |s| s.lights.push(LightScale { name: name.into(), factor: 0.0 });
@@ -145,19 +148,23 @@ options! {
     max_reflectance(limit: f32) => |s| s.max_reflectance = limit;
     /// What lumels hold of which a part lies inside or behind something.
     hidden(kind: Hidden) => |s| s.hidden = kind;
-    /// Whether lookups on both sides of charts' borders are made to agree; they are if nothing is said.
+    /// Whether lookups on both sides of charts' borders are made to agree; they are if nothing is
+    /// said.
     stitch(yes: bool) => |s| s.stitch = yes;
     /// Also writes every page as KTX2, in this format.
     ktx2(format: Ktx2Format) => |s| s.ktx2 = Some(format);
     /// Further conventions for the lightmap's place in the glTF.
     ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
-    /// Whether the scene with vertex colours is baked too; it is if nothing is said. Without it no light is computed for vertices.
+    /// Whether the scene with vertex colours is baked too; it is if nothing is said. Without it no
+    /// light is computed for vertices.
     vertex_colors(yes: bool) => |s| s.vertex_colors = yes;
     /// Lets `..` and links in documents lead out of their folders.
     allow_outside(yes: bool) => |s| s.bounds.allow_outside = yes;
-    /// Bytes that decoded pictures may take: the scene's together, and the sky's; 1 GiB if nothing is said.
+    /// Bytes that decoded pictures may take: the scene's together, and the sky's; 1 GiB if nothing
+    /// is said.
     max_image(bytes: u64) => |s| s.bounds.max_image = bytes;
-    /// Bytes that a bake may need by its estimate; it ends with [`Error::Memory`] before light is computed where that is more.
+    /// Bytes that a bake may need by its estimate; it ends with [`Error::Memory`] before light is
+    /// computed where that is more.
     memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
@@ -169,8 +176,8 @@ impl<'a> Baker<'a> {
         Baker::default()
     }
 
-    /// Keeps the sources called so apart from the others, in pages of their own ([`Bake::groups`]); what no group names is in a last one,
-    /// `rest`. Names are as in [`light`](Self::light).
+    /// Keeps the sources called so apart from the others, in pages of their own ([`Bake::groups`]);
+    /// what no group names is in a last one, `rest`. Names are as in [`light`](Self::light).
     #[must_use]
     pub fn group<S: Into<String>>(
         mut self,
@@ -184,10 +191,11 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// Calls `watcher` with where the bake is: at the start of every phase, and up to some hundred times a second.
+    /// Calls `watcher` with where the bake is: at the start of every phase, and up to some hundred
+    /// times a second.
     ///
-    /// The calls come from worker threads, one at a time; work waits while one runs, so it should be short. It must not bake with this
-    /// baker itself.
+    /// The calls come from worker threads, one at a time; work waits while one runs, so it should
+    /// be short. It must not bake with this baker itself.
     #[must_use]
     pub fn on_progress(mut self, watcher: impl FnMut(Progress) + Send + 'a) -> Self {
         self.watcher = Some(Mutex::new(Box::new(watcher)));
@@ -201,7 +209,8 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// Works with so many threads, 1 to 1024, instead of those of the current rayon pool. The result is the same, byte for byte.
+    /// Works with so many threads, 1 to 1024, instead of those of the current rayon pool. The
+    /// result is the same, byte for byte.
     #[must_use]
     pub fn threads(mut self, threads: usize) -> Self {
         self.threads = Some(threads);
@@ -215,8 +224,9 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// Gives `show` a picture of the level as PNG, `size` pixels wide and high, as soon as its light is solved: coarse, and there long before the bake. The bake
-    /// waits while `show` runs, and ends with its error.
+    /// Gives `show` a picture of the level as PNG, `size` pixels wide and high, as soon as its
+    /// light is solved: coarse, and there long before the bake. The bake waits while `show` runs,
+    /// and ends with its error.
     #[must_use]
     pub fn on_first_picture(
         mut self,
@@ -232,10 +242,12 @@ impl<'a> Baker<'a> {
         &self.settings
     }
 
-    /// Bakes a scene: a path, or a [`MemoryDocument`](crate::MemoryDocument). Nothing is written; the result is in memory.
+    /// Bakes a scene: a path, or a [`MemoryDocument`](crate::MemoryDocument). Nothing is written;
+    /// the result is in memory.
     ///
     /// # Errors
-    /// [`Error`] by fault, with the exit code that the command line would return ([`Error::exit_code`]):
+    /// [`Error`] by fault, with the exit code that the command line would return
+    /// ([`Error::exit_code`]):
     ///
     /// ```
     /// use lumel::{Baker, Error};
@@ -283,7 +295,8 @@ impl<'a> Baker<'a> {
         self.work(|watch| inspect(file, &self.settings, watch))
     }
 
-    /// Whether `dir` holds what baking `file` would write there, by content of inputs, settings and program; only reads.
+    /// Whether `dir` holds what baking `file` would write there, by content of inputs, settings and
+    /// program; only reads.
     ///
     /// # Errors
     /// Why not, in a few words for people.

@@ -7,14 +7,16 @@ use radiosity::Sky;
 
 use crate::error::Error;
 
-/// The brightest light that is baked: candela, lux or radiance, in any channel. The sun's disc has 1.6e9 nit and searchlights 1e9
-/// candela; squares of a thousand times that, which estimates of errors need, are far within 32-bit numbers.
+/// The brightest light that is baked: candela, lux or radiance, in any channel. The sun's disc has
+/// 1.6e9 nit and searchlights 1e9 candela; squares of a thousand times that, which estimates of
+/// errors need, are far within 32-bit numbers.
 pub(crate) const BRIGHTEST: f32 = 1e12;
 
 /// The largest half float: what an EXR of halves holds.
 const HALF: f32 = 65504.0;
 
-/// Clamped lumels beyond this share are worth a warning. A lamp at a wall makes a few, which show nothing but white either way.
+/// Clamped lumels beyond this share are worth a warning. A lamp at a wall makes a few, which show
+/// nothing but white either way.
 const WORTH_TELLING: f64 = 0.01;
 
 /// Refuses sources that are brighter than [`BRIGHTEST`].

@@ -1,7 +1,7 @@
 //! `--cache`: charts of large meshes, kept for the next bake.
 //!
-//! A file is named by a hash of the mesh, of how it is to be cut, and of the program: another program
-//! may cut otherwise.
+//! A file is named by a hash of the mesh, of how it is to be cut, and of the program: another
+//! program may cut otherwise.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};

@@ -10,10 +10,12 @@ use crate::error::Error;
 use crate::settings::{GltfExt, Settings};
 use crate::sources;
 
-/// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky says it better.
+/// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky
+/// says it better.
 const MAX_SUN: f32 = 90.0;
 
-/// Refuses scenes whose names results cannot have: two names that are not UTF-8 would become one, and JSON cannot name the files.
+/// Refuses scenes whose names results cannot have: two names that are not UTF-8 would become one,
+/// and JSON cannot name the files.
 ///
 /// # Errors
 /// [`Error::Name`].

@@ -1,7 +1,8 @@
 //! Dependency files for make and ninja.
 //!
-//! One rule with all targets, and an empty rule for each input, so that one that is deleted or renamed is no error but a reason to
-//! build. That is what compilers write with `-MP`; ninja's `deps = gcc` and make's `-include` read it.
+//! One rule with all targets, and an empty rule for each input, so that one that is deleted or
+//! renamed is no error but a reason to build. That is what compilers write with `-MP`; ninja's
+//! `deps = gcc` and make's `-include` read it.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -10,10 +11,12 @@ use crate::error::Error;
 
 /// The text of a dependency file: `targets` are made from `inputs`.
 ///
-/// Paths are written as they are given. Each appears once, in the given order; an input that is a target too is left out.
+/// Paths are written as they are given. Each appears once, in the given order; an input that is a
+/// target too is left out.
 ///
 /// # Errors
-/// [`Error::Setting`] for a path that is not UTF-8 or holds a line break, which neither program can read.
+/// [`Error::Setting`] for a path that is not UTF-8 or holds a line break, which neither program can
+/// read.
 pub fn depfile(targets: &[PathBuf], inputs: &[PathBuf]) -> Result<String, Error> {
     let mut seen = BTreeSet::new();
     let mut names = |paths: &[PathBuf]| -> Result<Vec<String>, Error> {
@@ -36,7 +39,8 @@ pub fn depfile(targets: &[PathBuf], inputs: &[PathBuf]) -> Result<String, Error>
     Ok(text)
 }
 
-/// A name as GCC escapes it: blanks and `#` get a backslash, and backslashes right before them are doubled; `$` is doubled.
+/// A name as GCC escapes it: blanks and `#` get a backslash, and backslashes right before them are
+/// doubled; `$` is doubled.
 fn escape(path: &Path) -> Result<String, Error> {
     let fail = |what: &str| {
         Error::Setting(format!(

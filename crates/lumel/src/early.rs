@@ -8,8 +8,8 @@ use crate::error::Error;
 use crate::settings::Settings;
 use crate::units::plain_blender;
 
-/// Most lumels that may be asked for: their pages alone, three halves a texel, are 6 GiB, and a bake
-/// needs some hundred bytes for each.
+/// Most lumels that may be asked for: their pages alone, three halves a texel, are 6 GiB, and a
+/// bake needs some hundred bytes for each.
 const MOST_LUMELS: f64 = (1_u64 << 30) as f64;
 
 /// Nothing shines: no lamp, no glowing material that a surface has, no sky.

@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-/// Failure of a bake, by fault; [`exit_code`](Error::exit_code) is what the command line returns for it.
+/// Failure of a bake, by fault; [`exit_code`](Error::exit_code) is what the command line returns
+/// for it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -140,7 +141,8 @@ fn what_fits(density: Option<f64>) -> String {
 }
 
 impl Error {
-    /// Exit code by DESIGN.md §1.1: 1 usage, 2 input/output, 3 invalid input, 4 unsupported feature, 75 stopped and worth retrying.
+    /// Exit code by DESIGN.md §1.1: 1 usage, 2 input/output, 3 invalid input, 4 unsupported
+    /// feature, 75 stopped and worth retrying.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Ingest(e) => e.exit_code(),

@@ -22,7 +22,8 @@ use crate::settings::{Quality, Settings};
 
 /// A bake's plan and cost.
 ///
-/// Pages and lumels are what the bake will have. Rays, time and memory are estimates, see [`seconds`](Estimate::seconds).
+/// Pages and lumels are what the bake will have. Rays, time and memory are estimates, see
+/// [`seconds`](Estimate::seconds).
 #[derive(Debug, Clone, Serialize)]
 pub struct Estimate {
     /// File name of the scene.
@@ -39,18 +40,22 @@ pub struct Estimate {
     pub probes: usize,
     /// Rays, all kinds.
     pub rays: f64,
-    /// Million rays per second that this machine casts in this scene, with the threads of the current pool, as measured just now.
+    /// Million rays per second that this machine casts in this scene, with the threads of the
+    /// current pool, as measured just now.
     pub mrays_per_second: f64,
-    /// Seconds from reading to the last written file, within [`ESTIMATE_FACTOR`]: light was gathered at some lumels to find out.
+    /// Seconds from reading to the last written file, within [`ESTIMATE_FACTOR`]: light was
+    /// gathered at some lumels to find out.
     pub seconds: f64,
     /// Peak memory, bytes.
     pub bytes: f64,
 }
 
-/// Rays, and time, of all that is done at lumels and vertices over those of gathering alone at lumels that are not interpolated:
-/// more rays where edges and noise are, direct light of interpolated lumels, vertices (also where they are left out, which saves
-/// what the scene's triangles make of it). The geometric mean over the
-/// scenes of docs/pipeline.md (17 at draft, of which each is within a factor of 1.55; 12 at quick, 11 of them within 1.5; 7 at preview, within 1.5).
+/// Rays, and time, of all that is done at lumels and vertices over those of gathering alone at
+/// lumels that are not interpolated: more rays where edges and noise are, direct light of
+/// interpolated lumels, vertices (also where they are left out, which saves what the scene's
+/// triangles make of it). The geometric mean over the scenes of docs/pipeline.md (17 at draft, of
+/// which each is within a factor of 1.55; 12 at quick, 11 of them within 1.5; 7 at preview, within
+/// 1.5).
 fn over_gather(quality: Quality) -> f64 {
     match quality {
         Quality::Draft => 1.5,
@@ -60,14 +65,17 @@ fn over_gather(quality: Quality) -> f64 {
     }
 }
 
-/// The time of a bake that has the machine for itself is within this factor of the estimate, either way: that of rays, and what each takes.
+/// The time of a bake that has the machine for itself is within this factor of the estimate, either
+/// way: that of rays, and what each takes.
 pub const ESTIMATE_FACTOR: f64 = 2.0;
 
 /// Patches and rays of the solve that the gather is tried in: its light is not looked at.
 const TRIAL: [u32; 2] = [2_000, 16];
 
-/// Time of a point of a seam over that of a ray: of finding it and setting its equation up, and of stitching it in up to four channels. Stitching
-/// takes the same number of steps whatever the equations are. By slow_dive_level's 175,000 points: 0.65 s of one thread at 1.6 million rays a second.
+/// Time of a point of a seam over that of a ray: of finding it and setting its equation up, and of
+/// stitching it in up to four channels. Stitching takes the same number of steps whatever the
+/// equations are. By slow_dive_level's 175,000 points: 0.65 s of one thread at 1.6 million rays a
+/// second.
 const SEAM: [f64; 2] = [4.0, 8.0];
 
 /// Seconds that short trials are repeated for.
@@ -79,7 +87,8 @@ const PROBES: usize = 1 << 16;
 /// Parts that they are cast in.
 const PARTS: usize = 8;
 
-/// Reads the scene, plans its lightmap, and casts some rays to tell how long a bake would take; writes nothing.
+/// Reads the scene, plans its lightmap, and casts some rays to tell how long a bake would take;
+/// writes nothing.
 ///
 /// # Errors
 /// As [`bake`](crate::bake).
@@ -203,7 +212,8 @@ fn rate(world: &World) -> f64 {
         return f64::INFINITY;
     }
     let cast = |i: usize| {
-        // Additive recurrences of the plastic number's powers (Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018).
+        // Additive recurrences of the plastic number's powers (Roberts, *The Unreasonable
+        // Effectiveness of Quasirandom Sequences*, 2018).
         let r = |k: i32| (0.5 + i as f64 * 1.134_724_138_401_519_5f64.powi(-k)).fract();
         let t = ends
             .partition_point(|e| *e < r(1) * sum)
@@ -222,7 +232,8 @@ fn rate(world: &World) -> f64 {
         let d: Vec3 = x * (side * c as f32) + y * (side * s as f32) + p.geometric * z;
         std::hint::black_box(world.incoming(p.origin, d));
     };
-    // The fastest of several parts, whose points all lie over the whole scene: what else the machine does slows some of them.
+    // The fastest of several parts, whose points all lie over the whole scene: what else the
+    // machine does slows some of them.
     let part = PROBES / PARTS;
     let rates = (0..PARTS).map(|k| {
         let start = Instant::now();

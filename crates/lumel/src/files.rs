@@ -82,7 +82,8 @@ impl Bake {
         self.files_beside(None)
     }
 
-    /// As [`files`](Bake::files), for a bake of which a picture is written too: the report records its content.
+    /// As [`files`](Bake::files), for a bake of which a picture is written too: the report records
+    /// its content.
     ///
     /// # Errors
     /// [`Error::Output`].
@@ -207,10 +208,12 @@ impl Bake {
             .collect();
     }
 
-    /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay as they are.
+    /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay
+    /// as they are.
     ///
     /// # Errors
-    /// [`Error::Output`]; [`Error::Overwrite`] where one of them is a file that the scene was read from.
+    /// [`Error::Output`]; [`Error::Overwrite`] where one of them is a file that the scene was read
+    /// from.
     pub fn write(&self, dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
         let (files, _) = self.files()?;
         let dir = dir.as_ref();
@@ -224,7 +227,8 @@ impl Bake {
         Ok(set.commit()?.files().map(Path::to_owned).collect())
     }
 
-    /// Every file that was read from disk and is there, where it was read: for a dependency file. Complete once files were made.
+    /// Every file that was read from disk and is there, where it was read: for a dependency file.
+    /// Complete once files were made.
     pub fn input_paths(&self, settings: &Settings, provenance: &Provenance) -> Vec<PathBuf> {
         let mut all = self.loaded.document.inputs_on_disk();
         let scene = self.loaded.document.file();
@@ -233,10 +237,11 @@ impl Bake {
         all
     }
 
-    /// Pages of an earlier bake that had more of them would be left over; KTX2 files and vertex colours of one that wrote them would show
-    /// its light.
+    /// Pages of an earlier bake that had more of them would be left over; KTX2 files and vertex
+    /// colours of one that wrote them would show its light.
     pub fn retire_pages(&self, set: &mut OutputSet) {
-        // Others make such files too, KTX2 from EXRs for one: only what the last report lists is Lumel's to remove.
+        // Others make such files too, KTX2 from EXRs for one: only what the last report lists is
+        // Lumel's to remove.
         let report = set.dir().join(self.report_name());
         let vertex = format!("{}.{VERTEX}", self.stem);
         for name in record::outputs_of(&report) {
@@ -253,13 +258,15 @@ impl Bake {
         }
     }
 
-    /// A picture of the lit level, PNG: from the document's first camera, or a place that sees much of it.
+    /// A picture of the lit level, PNG: from the document's first camera, or a place that sees much
+    /// of it.
     ///
     /// # Errors
     /// [`Error::Output`].
     pub fn preview(&self, size: [u32; 2]) -> Result<Vec<u8>, Error> {
         let scene = &self.loaded.scene;
-        // Built anew: a bake does not hold its tree, which a large level would pay for while files are written.
+        // Built anew: a bake does not hold its tree, which a large level would pay for while files
+        // are written.
         let soup = Soup::build(scene);
         let bvh = Bvh::build(
             soup.seen_triangles(),

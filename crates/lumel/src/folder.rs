@@ -131,7 +131,8 @@ impl BakeFolder {
         FinishedManifest::deserialize(&value).map_err(|e| bad(e.to_string()))
     }
 
-    /// Reads a bake's report, as JSON: its fields grow from version to version, and readers show what is there.
+    /// Reads a bake's report, as JSON: its fields grow from version to version, and readers show
+    /// what is there.
     ///
     /// # Errors
     /// [`Error::Folder`] where it is not there or no JSON.
@@ -139,8 +140,9 @@ impl BakeFolder {
         self.json(&format!("{stem}.report.json"))
     }
 
-    /// What does not belong together in a bake, in words for people: files that are not as its report says that they were written. A
-    /// bake that was killed between two of its renames leaves such a folder, and so does whoever edits a result.
+    /// What does not belong together in a bake, in words for people: files that are not as its
+    /// report says that they were written. A bake that was killed between two of its renames leaves
+    /// such a folder, and so does whoever edits a result.
     pub fn disagreement(&self, stem: &str) -> Option<String> {
         let report = self.file(&format!("{stem}.report.json"))?;
         let Some(strangers) = record::strangers(&self.dir, &report) else {
@@ -154,8 +156,8 @@ impl BakeFolder {
         })
     }
 
-    /// The file called `name` in the folder; `None` where there is no such file, where the name would lead out of the folder, or a
-    /// link does.
+    /// The file called `name` in the folder; `None` where there is no such file, where the name
+    /// would lead out of the folder, or a link does.
     pub fn file(&self, name: &str) -> Option<PathBuf> {
         if !is_plain(name) {
             return None;

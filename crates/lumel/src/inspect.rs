@@ -64,8 +64,8 @@ pub fn inspect(
     inspect_and_draw(file, settings, None, monitor).map(|(inspection, ..)| inspection)
 }
 
-/// The same, with pictures of the charts where `paint` says what they are to show: PNG files, and how many pages and meshes have none because
-/// there are too many.
+/// The same, with pictures of the charts where `paint` says what they are to show: PNG files, and
+/// how many pages and meshes have none because there are too many.
 ///
 /// # Errors
 /// As [`bake`](crate::bake).

@@ -1,5 +1,6 @@
-//! Lumel bakes diffuse global illumination into glTF levels: light that arrives at every small square of every surface, straight from lamps
-//! and by way of all other surfaces, as pictures that an engine multiplies with the surfaces' colours.
+//! Lumel bakes diffuse global illumination into glTF levels: light that arrives at every small
+//! square of every surface, straight from lamps and by way of all other surfaces, as pictures that
+//! an engine multiplies with the surfaces' colours.
 //!
 //! # A first bake
 //!
@@ -12,8 +13,9 @@
 //! # Ok::<(), lumel::Error>(())
 //! ```
 //!
-//! `out` then holds the lightmap (EXR), the level with lightmap coordinates, the level with vertex colours, a manifest and a report: the files
-//! of `lumel bake`, byte for byte. `docs/guide.md` of the project says what they are for, and how to look at them.
+//! `out` then holds the lightmap (EXR), the level with lightmap coordinates, the level with vertex
+//! colours, a manifest and a report: the files of `lumel bake`, byte for byte. `docs/guide.md` of
+//! the project says what they are for, and how to look at them.
 //!
 //! # In this order
 //!
@@ -29,16 +31,19 @@
 //!
 //! # What holds
 //!
-//! - **Units.** Pages hold R = E/π, linear Rec.709: the radiance of a white diffuse surface, in nit where lamps are in candela and lux,
-//!   else in W/(m² sr). Lengths are metres, row 0 of a page is the top one.
-//! - **Determinism.** The same scene, settings and version give the same bytes for any number of threads. [`Report::measured`] alone
-//!   differs.
-//! - **Errors** have a type and say file, place, what was found and what was expected. The library neither prints nor exits, and input does not
-//!   make it panic.
+//! - **Units.** Pages hold R = E/π, linear Rec.709: the radiance of a white diffuse surface, in nit
+//!   where lamps are in candela and lux, else in W/(m² sr). Lengths are metres, row 0 of a page is
+//!   the top one.
+//! - **Determinism.** The same scene, settings and version give the same bytes for any number of
+//!   threads. [`Report::measured`] alone differs.
+//! - **Errors** have a type and say file, place, what was found and what was expected. The library
+//!   neither prints nor exits, and input does not make it panic.
 //! - **Threads** are those of the current rayon pool, or [`Baker::threads`].
 //!
-//! [`Settings`] is the plain struct behind [`Baker`], for programs that read options from elsewhere; [`bake()`] takes it with a [`Monitor`]. The crates
-//! underneath ([`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas`], [`gather`], [`atlas_bake`]) are the joints of the pipeline, for programs that want only a part.
+//! [`Settings`] is the plain struct behind [`Baker`], for programs that read options from
+//! elsewhere; [`bake()`] takes it with a [`Monitor`]. The crates underneath ([`mesh_ingest`],
+//! [`visibility`], [`radiosity`], [`atlas`], [`gather`], [`atlas_bake`]) are the joints of the
+//! pipeline, for programs that want only a part.
 
 mod baker;
 mod brightness;

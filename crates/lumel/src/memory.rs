@@ -7,8 +7,9 @@ use radiosity::Sky;
 use crate::error::Error;
 use crate::settings::Settings;
 
-/// Peak memory in bytes: at rest, per triangle, per lumel, per ray between patches and per point of a seam. By nine bakes at draft, one of them of
-/// 2.9 million lumels and one of borders alone, which lie within -19 and +26 % of it (docs/pipeline.md).
+/// Peak memory in bytes: at rest, per triangle, per lumel, per ray between patches and per point of
+/// a seam. By nine bakes at draft, one of them of 2.9 million lumels and one of borders alone,
+/// which lie within -19 and +26 % of it (docs/pipeline.md).
 const BYTES: [f64; 5] = [20.0e6, TRIANGLE as f64, 520.0, 13.2, 350.0];
 
 /// Bytes that a triangle takes until it is baked.
@@ -18,10 +19,12 @@ pub(crate) const TRIANGLE: u64 = 1700;
 const TEXEL: f64 = 4.0 + 8.0 / 3.0;
 const SKY: f64 = 12.0;
 
-/// How often a document's own bytes are held: as they came, and in two results that are written together.
+/// How often a document's own bytes are held: as they came, and in two results that are written
+/// together.
 pub(crate) const COPIES: u64 = 3;
 
-/// Of what is left for lumels, what would fit is offered with this much to spare: the estimate may be a quarter too low.
+/// Of what is left for lumels, what would fit is offered with this much to spare: the estimate may
+/// be a quarter too low.
 const SPARE: f64 = 0.8;
 
 /// Peak memory that a bake will need, bytes.

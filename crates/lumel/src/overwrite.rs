@@ -64,8 +64,8 @@ pub(crate) fn refuse_inputs(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<(
     Ok(())
 }
 
-/// Every file on disk that the document names or that settings do, whether it was read yet or not: writers copy images that light
-/// does not need.
+/// Every file on disk that the document names or that settings do, whether it was read yet or not:
+/// writers copy images that light does not need.
 pub(crate) fn all_inputs(
     document: &Document,
     options: &[RecordedInput],
@@ -85,11 +85,12 @@ pub(crate) fn all_inputs(
     all
 }
 
-/// Files in `dir` that a bake of `scene` may replace or remove: `names`, and further pages of those that are there.
+/// Files in `dir` that a bake of `scene` may replace or remove: `names`, and further pages of those
+/// that are there.
 ///
 /// # Errors
-/// [`Error::Overwrite`] where the scene lies in `dir` itself, and a .glb there has the name of a result, but the report of no
-/// earlier bake says that it is one: an asset of the user's then.
+/// [`Error::Overwrite`] where the scene lies in `dir` itself, and a .glb there has the name of a
+/// result, but the report of no earlier bake says that it is one: an asset of the user's then.
 pub fn outputs_in(dir: &Path, scene: &Path, names: &[String]) -> Result<Vec<PathBuf>, Error> {
     let mut all: Vec<PathBuf> = names.iter().map(|name| dir.join(name)).collect();
     let folder = match scene.parent() {

@@ -10,8 +10,8 @@ use crate::files::NamedFile;
 /// Pages that are drawn: the first.
 const PAGES: usize = 8;
 
-/// Meshes that are drawn: those with something wrong, then those with most lumels. A level of a thousand meshes would fill a disk, and nobody
-/// looks at them all.
+/// Meshes that are drawn: those with something wrong, then those with most lumels. A level of a
+/// thousand meshes would fill a disk, and nobody looks at them all.
 const MESHES: usize = 32;
 
 /// What is drawn from.
@@ -50,7 +50,8 @@ impl Drawn<'_> {
         Ok((files, left))
     }
 
-    /// Meshes with lumels: index in the scene, name of the picture, report; those to look at first come first.
+    /// Meshes with lumels: index in the scene, name of the picture, report; those to look at first
+    /// come first.
     fn meshes(&self) -> Vec<(usize, String, &MeshReport)> {
         let atlases = self.layout.meshes.iter().enumerate();
         let charted = atlases.filter(|(_, atlas)| atlas.size != [0, 0]);

@@ -163,7 +163,8 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
 
 /// Bakes the scene in `file`.
 ///
-/// The result is the same for any number of threads of the current rayon pool. `monitor` sees phases and may cancel.
+/// The result is the same for any number of threads of the current rayon pool. `monitor` sees
+/// phases and may cancel.
 ///
 /// # Errors
 /// [`Error`], by fault.
@@ -193,8 +194,9 @@ pub struct Beside<'a> {
     pub first_picture: Option<FirstPicture<'a>>,
     /// Make charts and solve the light one after the other: each phase's time is then its own.
     pub in_turn: bool,
-    /// Files that will be written or removed ([`output_names`](crate::output_names), [`outputs_in`](crate::outputs_in)): a bake that
-    /// reads one of them ends with [`Error::Overwrite`] before anything is planned.
+    /// Files that will be written or removed ([`output_names`](crate::output_names),
+    /// [`outputs_in`](crate::outputs_in)): a bake that reads one of them ends with
+    /// [`Error::Overwrite`] before anything is planned.
     pub outputs: &'a [PathBuf],
     /// Gets what can be said before the work begins. The report has it too.
     pub tell: Option<&'a (dyn Fn(Remark<'_>) + Sync)>,
@@ -209,7 +211,8 @@ pub enum Remark<'a> {
     Warning(&'a str),
 }
 
-/// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and contacts, and there in a small part of a bake's time.
+/// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and
+/// contacts, and there in a small part of a bake's time.
 #[derive(Clone, Copy)]
 pub struct FirstPicture<'a> {
     /// Width and height, pixels.
@@ -221,7 +224,8 @@ pub struct FirstPicture<'a> {
 /// As [`bake_from`], with a cache or a first picture.
 ///
 /// # Errors
-/// [`Error`], by fault; a cache that cannot be read or written is none, [`Measured::cache`] says so.
+/// [`Error`], by fault; a cache that cannot be read or written is none, [`Measured::cache`] says
+/// so.
 pub fn bake_beside(
     file: &Path,
     settings: &Settings,
@@ -252,7 +256,8 @@ pub(crate) fn bake_scene(
     check_name(file)?;
     sky::check_file(settings)?;
     probes::check_file(settings)?;
-    // Hashed before they are read: of a file that changes in between, the next run sees another content than is recorded here.
+    // Hashed before they are read: of a file that changes in between, the next run sees another
+    // content than is recorded here.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
     let mut clock = Clock::new();
@@ -466,8 +471,8 @@ impl<'l> Level<'l> {
         })
     }
 
-    /// Both at once: neither needs anything of the other, and charts of few large meshes keep one core busy. Of two errors the charts' is told, as if they
-    /// came first.
+    /// Both at once: neither needs anything of the other, and charts of few large meshes keep one
+    /// core busy. Of two errors the charts' is told, as if they came first.
     fn charts_and_light(
         &self,
         kept: Option<&dyn KeptCharts>,

@@ -10,7 +10,8 @@ use mesh_ingest::{Scene, Soup, check_regular, read_regular};
 use crate::error::Error;
 use crate::settings::{ProbeSource, Quality, Settings};
 
-/// Longest list that is read: three numbers in full and blanks for each of the most probes that there can be.
+/// Longest list that is read: three numbers in full and blanks for each of the most probes that
+/// there can be.
 const MAX_BYTES: u64 = 256 * MAX_PROBES as u64;
 
 /// Where a bake's probes are.
@@ -37,10 +38,12 @@ pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
     })
 }
 
-/// Reads the list of points, where the source is one: before any work, which a bad file should not cost.
+/// Reads the list of points, where the source is one: before any work, which a bad file should not
+/// cost.
 ///
 /// # Errors
-/// [`Error::Probes`] where the file cannot be read or is no list of points; [`Error::Setting`] for a distance that is none.
+/// [`Error::Probes`] where the file cannot be read or is no list of points; [`Error::Setting`] for
+/// a distance that is none.
 pub(crate) fn read(source: &ProbeSource) -> Result<Vec<DVec3>, Error> {
     match source {
         ProbeSource::Spacing(s) if s.is_finite() && *s > 0.0 => Ok(Vec::new()),

@@ -1,7 +1,7 @@
 //! What a bake read and wrote, by content, and whether it would do so again.
 //!
-//! The report holds the record. Nothing in it depends on the clock or on where files lie: it names inputs as the document does, and
-//! outputs by their file names.
+//! The report holds the record. Nothing in it depends on the clock or on where files lie: it names
+//! inputs as the document does, and outputs by their file names.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,13 +14,15 @@ use crate::folder::MAX_JSON;
 use crate::origin::Origin;
 use crate::settings::{ProbeSource, Settings, SkySource};
 
-/// Which program made a result: its version, and a hash of its sources for builds between two versions.
+/// Which program made a result: its version, and a hash of its sources for builds between two
+/// versions.
 pub(crate) const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("LUMEL_SOURCES"));
 
 /// Inputs and outputs of a bake by content.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Record {
-    /// Hash of all that the results depend on: program, settings, names, and content of every input. Empty until files are made.
+    /// Hash of all that the results depend on: program, settings, names, and content of every
+    /// input. Empty until files are made.
     pub key: String,
     /// Every file that was read.
     pub inputs: Vec<RecordedInput>,
@@ -68,7 +70,8 @@ pub struct RecordedOutput {
 /// Stands for the picture of `--preview` among outputs: no file name has a `/`.
 pub const PREVIEW: &str = "/preview";
 
-/// Where settings came from; part of the report, so that two bakes that got the same settings from different places differ.
+/// Where settings came from; part of the report, so that two bakes that got the same settings from
+/// different places differ.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Provenance {
     /// The settings' file, if there was one, and its content.
@@ -131,7 +134,8 @@ pub(crate) fn key(
     Digest::of(parts.to_string().as_bytes()).to_string()
 }
 
-/// Names of the files that the report at `path` lists as written; none where it is no report, or not as it was written.
+/// Names of the files that the report at `path` lists as written; none where it is no report, or
+/// not as it was written.
 pub(crate) fn outputs_of(path: &Path) -> Vec<String> {
     let report = read_regular(path, MAX_JSON).unwrap_or_default();
     let v = crate::report::parse_sealed(&report);
@@ -139,8 +143,8 @@ pub(crate) fn outputs_of(path: &Path) -> Vec<String> {
     outputs.into_iter().flatten().map(|o| o.file).collect()
 }
 
-/// Files in `dir` that the report there says were written with it, and that are missing or hold something else now; `None` where
-/// there is no report, or it is not as it was written.
+/// Files in `dir` that the report there says were written with it, and that are missing or hold
+/// something else now; `None` where there is no report, or it is not as it was written.
 pub(crate) fn strangers(dir: &Path, report: &Path) -> Option<Vec<String>> {
     let report = read_regular(report, MAX_JSON).ok()?;
     let outputs = read_outputs(&crate::report::parse_sealed(&report)?["content"]["outputs"])?;
@@ -166,8 +170,8 @@ pub struct Current {
     pub outputs: Vec<PathBuf>,
 }
 
-/// Whether the results in `dir` are what baking `scene` would give, by content: nothing else is read than the report there, and the
-/// files that it names.
+/// Whether the results in `dir` are what baking `scene` would give, by content: nothing else is
+/// read than the report there, and the files that it names.
 ///
 /// `preview` is where the picture is wanted, if it is.
 ///
@@ -208,7 +212,8 @@ pub fn find_current(
         }
         inputs.extend(now.map(|_| file));
     }
-    // An option that names a file where there was none is another setting, but for the settings' file.
+    // An option that names a file where there was none is another setting, but for the settings'
+    // file.
     if provenance.config.is_some() != options.contains(&InputKind::Config) {
         return Err("the file of settings came or went".into());
     }

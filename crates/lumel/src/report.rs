@@ -19,7 +19,8 @@ use crate::settings::Settings;
 
 /// What a bake read, did and found: `level.report.json`.
 ///
-/// Everything but [`measured`](Report::measured) is the same for the same input, settings and version.
+/// Everything but [`measured`](Report::measured) is the same for the same input, settings and
+/// version.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// Program and version.
@@ -37,7 +38,8 @@ pub struct Report {
     pub ingest: IngestReport,
     /// World-space triangles left out: zero area, duplicates.
     pub dropped_triangles: [u64; 2],
-    /// Materials in use that somewhere reflect more than `settings.max_reflectance` or their own, lower limit; it counts as the limit.
+    /// Materials in use that somewhere reflect more than `settings.max_reflectance` or their own,
+    /// lower limit; it counts as the limit.
     pub clamped_materials: u64,
     /// Groups of light, in order; empty where all light is together.
     pub groups: Vec<GroupReport>,
@@ -87,8 +89,9 @@ pub struct StoredPage {
 pub struct Measured {
     /// Worker threads.
     pub threads: usize,
-    /// Wall time per phase, in order. Charts are made while the tree is built and the light is solved, so that these times overlap and sum to more than all,
-    /// unless there is one thread or `--in-turn`.
+    /// Wall time per phase, in order. Charts are made while the tree is built and the light is
+    /// solved, so that these times overlap and sum to more than all, unless there is one thread or
+    /// `--in-turn`.
     pub phases: Vec<PhaseTime>,
     /// Wall time of all, seconds.
     pub seconds: f64,
@@ -138,7 +141,8 @@ impl Report {
     }
 }
 
-/// The JSON of a report that is byte for byte as [`Report::to_json`] wrote it; `None` for anything else.
+/// The JSON of a report that is byte for byte as [`Report::to_json`] wrote it; `None` for anything
+/// else.
 pub(crate) fn parse_sealed(report: &[u8]) -> Option<Value> {
     let text = std::str::from_utf8(report).ok()?;
     let v: Value = serde_json::from_str(text).ok()?;
@@ -199,5 +203,6 @@ pub(crate) fn audit_warnings(audit: &Audit) -> Vec<String> {
     out
 }
 
-/// Share of the light that may end on backs of faces without a word: a floor's underside beyond a level's edge takes a little.
+/// Share of the light that may end on backs of faces without a word: a floor's underside beyond a
+/// level's edge takes a little.
 const LOST_BEHIND: f64 = 0.05;

@@ -20,8 +20,9 @@ pub struct VertexColors<'b> {
     pub mesh: usize,
     /// Index among the mesh's primitives.
     pub primitive: usize,
-    /// Irradiance E (lx or W/m²), linear Rec.709: by vertex of the document's accessors, then of vertices that splitting added
-    /// (`Settings::vertex_error`). `E × albedo / π` is the radiance that is seen.
+    /// Irradiance E (lx or W/m²), linear Rec.709: by vertex of the document's accessors, then of
+    /// vertices that splitting added (`Settings::vertex_error`). `E × albedo / π` is the radiance
+    /// that is seen.
     pub irradiance: &'b [[f32; 3]],
 }
 
@@ -31,13 +32,15 @@ impl Bake {
         Baker::new()
     }
 
-    /// Lightmap pages: R = E/π by texel unless [`Settings::value`](crate::Settings::value) says otherwise, linear Rec.709, row 0 at the
-    /// top, with coverage and the layers asked for ([`Page::channel`]).
+    /// Lightmap pages: R = E/π by texel unless [`Settings::value`](crate::Settings::value) says
+    /// otherwise, linear Rec.709, row 0 at the top, with coverage and the layers asked for
+    /// ([`Page::channel`]).
     pub fn pages(&self) -> &[Page] {
         &self.baked.pages
     }
 
-    /// Light groups in the order of settings, `rest` last: name and pages. Their pages sum to [`pages`](Self::pages).
+    /// Light groups in the order of settings, `rest` last: name and pages. Their pages sum to
+    /// [`pages`](Self::pages).
     pub fn groups(&self) -> impl Iterator<Item = (&str, &[Page])> {
         let pages = self.baked.groups.iter().map(|p| &p[..]);
         self.group_names.iter().map(String::as_str).zip(pages)
@@ -59,8 +62,9 @@ impl Bake {
         )?)
     }
 
-    /// Light at vertices, of everything that receives light, in the order of instances and primitives; nothing where
-    /// [`Settings::vertex_colors`](crate::Settings::vertex_colors) leaves it out.
+    /// Light at vertices, of everything that receives light, in the order of instances and
+    /// primitives; nothing where [`Settings::vertex_colors`](crate::Settings::vertex_colors) leaves
+    /// it out.
     pub fn vertex_colors(&self) -> impl Iterator<Item = VertexColors<'_>> {
         let scene = &self.loaded.scene;
         let lit = self.baked.vertices.instances.iter().enumerate();
@@ -83,7 +87,8 @@ impl Bake {
     /// The scene with lightmap coordinates and `extras.lightmap`, as `level.glb` holds it.
     ///
     /// # Errors
-    /// [`Error::Output`] where the document's parts cannot be written, e.g. as an image's file has gone.
+    /// [`Error::Output`] where the document's parts cannot be written, e.g. as an image's file has
+    /// gone.
     pub fn lightmapped_glb(&self) -> Result<Vec<u8>, Error> {
         let (document, scene) = (&self.loaded.document, &self.loaded.scene);
         let uris = self.page_names();
@@ -94,8 +99,8 @@ impl Bake {
     /// The scene with baked vertex colours, as `level.vertex.glb` holds it.
     ///
     /// # Errors
-    /// As [`lightmapped_glb`](Self::lightmapped_glb); [`Error::Setting`] where [`Settings::vertex_colors`](crate::Settings::vertex_colors)
-    /// leaves vertex colours out.
+    /// As [`lightmapped_glb`](Self::lightmapped_glb); [`Error::Setting`] where
+    /// [`Settings::vertex_colors`](crate::Settings::vertex_colors) leaves vertex colours out.
     pub fn vertex_glb(&self) -> Result<Vec<u8>, Error> {
         if !self.report.settings.vertex_colors {
             return Err(Error::Setting(

@@ -14,7 +14,8 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 pub struct Surface {
     /// Reflectance, linear RGB, 0..=1.
     pub reflectance: [f32; 3],
-    /// Radiance that its front sends out, ≥ 0: nit, or W/(m² sr), as lamps are photometric or radiometric.
+    /// Radiance that its front sends out, ≥ 0: nit, or W/(m² sr), as lamps are photometric or
+    /// radiometric.
     pub emission: [f32; 3],
     /// Whether both sides act. Single-sided ones block light from behind and are black there.
     pub double_sided: bool,
@@ -40,9 +41,10 @@ pub struct MeshId(usize);
 
 /// Puts together a scene of indexed triangles and lamps, for programs that have no glTF.
 ///
-/// It writes what most levels need. Who wants textures or more writes a glTF by other means and bakes its bytes
-/// ([`MemoryDocument::new`]). Metres, +Y up, counter-clockwise triangles face the viewer. What is wrong with the numbers (an index beyond
-/// the positions, a NaN) is told when the scene is baked.
+/// It writes what most levels need. Who wants textures or more writes a glTF by other means and
+/// bakes its bytes ([`MemoryDocument::new`]). Metres, +Y up, counter-clockwise triangles face the
+/// viewer. What is wrong with the numbers (an index beyond the positions, a NaN) is told when the
+/// scene is baked.
 ///
 /// ```
 /// use lumel::{SceneBuilder, Surface};
@@ -110,7 +112,8 @@ impl SceneBuilder {
         self.add_mesh(name, attributes, triangles, material)
     }
 
-    /// As [`mesh`](Self::mesh), round where `normals` (unit, one per position) differ within a triangle.
+    /// As [`mesh`](Self::mesh), round where `normals` (unit, one per position) differ within a
+    /// triangle.
     pub fn smooth_mesh(
         &mut self,
         name: &str,
@@ -124,13 +127,15 @@ impl SceneBuilder {
         self.add_mesh(name, attributes, triangles, material)
     }
 
-    /// Places a mesh, moved by `translation` (metres). Instances share the mesh's charts, and each has light of its own.
+    /// Places a mesh, moved by `translation` (metres). Instances share the mesh's charts, and each
+    /// has light of its own.
     pub fn place(&mut self, name: &str, mesh: MeshId, translation: [f32; 3]) {
         self.nodes
             .push(json!({"name": name, "mesh": mesh.0, "translation": translation}));
     }
 
-    /// Places a mesh by an affine matrix, column by column as glTF and glam (`to_cols_array`) have it; the last row must be 0, 0, 0, 1.
+    /// Places a mesh by an affine matrix, column by column as glTF and glam (`to_cols_array`) have
+    /// it; the last row must be 0, 0, 0, 1.
     pub fn place_matrix(&mut self, name: &str, mesh: MeshId, matrix: [f32; 16]) {
         self.nodes
             .push(json!({"name": name, "mesh": mesh.0, "matrix": matrix}));

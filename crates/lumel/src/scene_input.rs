@@ -7,7 +7,8 @@ use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
 use crate::error::Error;
 use crate::settings::Settings;
 
-/// A glTF scene to bake: a file's path, or a document in memory. What takes one takes a `&str`, a `&Path` or a `&MemoryDocument`.
+/// A glTF scene to bake: a file's path, or a document in memory. What takes one takes a `&str`, a
+/// `&Path` or a `&MemoryDocument`.
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub enum SceneInput<'a> {

@@ -62,7 +62,8 @@ pub struct Sun {
 }
 
 impl Sun {
-    /// A sun of parallel light that travels in `direction` (any length but 0) and gives a surface that faces it `lux` (or W/m²).
+    /// A sun of parallel light that travels in `direction` (any length but 0) and gives a surface
+    /// that faces it `lux` (or W/m²).
     pub fn new(direction: [f32; 3], lux: f32) -> Sun {
         Sun {
             direction,
@@ -71,7 +72,8 @@ impl Sun {
         }
     }
 
-    /// Gives it a disc of so many degrees across, 0 to 90, so that its shadows have soft edges. Ours has 0.533.
+    /// Gives it a disc of so many degrees across, 0 to 90, so that its shadows have soft edges.
+    /// Ours has 0.533.
     #[must_use]
     pub fn angle(mut self, degrees: f32) -> Sun {
         self.angle = degrees;
@@ -82,8 +84,9 @@ impl Sun {
 /// Dims, brightens or switches off sources of light.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LightScale {
-    /// Which: a name, with `*` for any characters and `?` for one. Lights go by their own or their node's name, emissive surfaces by
-    /// their material's, the sky as `sky`, suns of [`Settings::suns`] as `sun`.
+    /// Which: a name, with `*` for any characters and `?` for one. Lights go by their own or their
+    /// node's name, emissive surfaces by their material's, the sky as `sky`, suns of
+    /// [`Settings::suns`] as `sun`.
     pub name: String,
     /// Multiplies their light, finite and ≥ 0; what has 0 costs nothing.
     pub factor: f32,
@@ -114,7 +117,8 @@ pub enum GltfExt {
 /// Sources of light that are kept apart from the others.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LightGroup {
-    /// Part of the names of files: characters `A-Z a-z 0-9 . _ -`, unlike the others' even if case is ignored.
+    /// Part of the names of files: characters `A-Z a-z 0-9 . _ -`, unlike the others' even if case
+    /// is ignored.
     pub name: String,
     /// Names of its sources, as in [`LightScale::name`].
     pub sources: Vec<String>,
@@ -158,7 +162,8 @@ pub struct Settings {
     pub suns: Vec<Sun>,
     /// Changes to sources of light; of several that name one source, the last counts.
     pub lights: Vec<LightScale>,
-    /// Sources to be kept apart; what no group names is in a last one, `rest`. Empty keeps all light together.
+    /// Sources to be kept apart; what no group names is in a last one, `rest`. Empty keeps all
+    /// light together.
     pub groups: Vec<LightGroup>,
     /// What the lightmap holds.
     pub value: ValueKind,
@@ -172,20 +177,23 @@ pub struct Settings {
     pub layers: Vec<Layer>,
     /// What the lightmap keeps of the directions that light comes from.
     pub directional: Option<Directional>,
-    /// How far surfaces occlude each other for the layer of ambient occlusion, metres; `None` chooses by the scene's size.
+    /// How far surfaces occlude each other for the layer of ambient occlusion, metres; `None`
+    /// chooses by the scene's size.
     pub ao_distance: Option<f32>,
     /// Light probes for things that move.
     pub probes: Option<ProbeSource>,
     /// Estimated relative error to reach, instead of the preset's.
     pub error: Option<f32>,
-    /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light; fresh snow, the whitest thing that
-    /// levels hold, reflects 0.9 to 0.98.
+    /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light;
+    /// fresh snow, the whitest thing that levels hold, reflects 0.9 to 0.98.
     pub max_reflectance: f32,
     /// What lumels hold of which a part lies inside or behind something.
     pub hidden: Hidden,
-    /// Make bilinear lookups on both sides of chart borders agree, but for those of curved surfaces (docs/seams.md).
+    /// Make bilinear lookups on both sides of chart borders agree, but for those of curved surfaces
+    /// (docs/seams.md).
     pub stitch: bool,
-    /// Bake the scene with vertex colours too; without, no light is computed for it and its file is not written.
+    /// Bake the scene with vertex colours too; without, no light is computed for it and its file is
+    /// not written.
     pub vertex_colors: bool,
     /// Split edges of the vertex-lit scene until its relative error is about this.
     pub vertex_error: Option<f32>,
@@ -194,14 +202,15 @@ pub struct Settings {
     pub bounds: Bounds,
 }
 
-/// What a bake refuses to read or to begin: for those who bake what others made. No file of settings can change them, since
-/// whoever made the scene may have made it too.
+/// What a bake refuses to read or to begin: for those who bake what others made. No file of
+/// settings can change them, since whoever made the scene may have made it too.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bounds {
-    /// Let `..` and links in the document lead out of its folder. Absolute paths are never followed.
+    /// Let `..` and links in the document lead out of its folder. Absolute paths are never
+    /// followed.
     pub allow_outside: bool,
-    /// Bytes of decoded pictures: of all the scene's that light needs together, and of the sky's. By their headers, before any is
-    /// decoded.
+    /// Bytes of decoded pictures: of all the scene's that light needs together, and of the sky's.
+    /// By their headers, before any is decoded.
     pub max_image: u64,
     /// Bytes that the bake may need, by the estimate that [`estimate`](crate::estimate) makes.
     pub memory: Option<u64>,
@@ -218,7 +227,8 @@ impl Default for Bounds {
 }
 
 impl Bounds {
-    /// Ceilings for reading a scene. With a bound on memory, what is larger than it before anything is computed is not read at all.
+    /// Ceilings for reading a scene. With a bound on memory, what is larger than it before anything
+    /// is computed is not read at all.
     pub(crate) fn limits(&self) -> Limits {
         let all = Limits::default();
         let memory = self.memory.unwrap_or(u64::MAX);
@@ -278,15 +288,16 @@ impl Default for Settings {
 enum Start {
     Draft,
     Quick,
-    /// Few rays, which rounds add to. Contacts and shadows' edges are looked for: of those that were missed no estimate knows.
+    /// Few rays, which rounds add to. Contacts and shadows' edges are looked for: of those that
+    /// were missed no estimate knows.
     Rounds,
     Preview,
     Production,
 }
 
 impl Start {
-    /// With an error to reach, as few rays as may do: the gather goes on by itself. To 0.03 from `quick`, what it had overlooked was left out of the
-    /// estimate (docs/ideas.md).
+    /// With an error to reach, as few rays as may do: the gather goes on by itself. To 0.03 from
+    /// `quick`, what it had overlooked was left out of the estimate (docs/ideas.md).
     fn of(settings: &Settings) -> Start {
         let preset = match settings.quality {
             Quality::Draft => Start::Draft,
@@ -308,11 +319,12 @@ impl Start {
 impl Settings {
     /// Patches, links and direct light of the solve.
     ///
-    /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 % (docs/measurements.md, which says what has changed
-    /// since); rays a patch hardly mattered between 128 and 256, since the gather averages over many patches.
+    /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 %
+    /// (docs/measurements.md, which says what has changed since); rays a patch hardly mattered
+    /// between 128 and 256, since the gather averages over many patches.
     pub(crate) fn solve_options(&self) -> SolveOptions {
-        // A gather reads many elements: what is not known of each by itself hardly matters, and one light sampled at a hit is
-        // noisier than what its element has of all (docs/ideas.md).
+        // A gather reads many elements: what is not known of each by itself hardly matters, and one
+        // light sampled at a hit is noisier than what its element has of all (docs/ideas.md).
         let (patches, rays, points) = match self.quality {
             Quality::Draft => (2_600, 32, 4),
             Quality::Quick => (8_000, 24, 4),
@@ -325,8 +337,9 @@ impl Settings {
                 ..CutOptions::default()
             },
             rays,
-            // As many where a light is seen in part: to go on only where the first disagree takes what all see for all there is, more often than what none
-            // see for nothing that matters. A garage with a window was 2 % too bright by it.
+            // As many where a light is seen in part: to go on only where the first disagree takes
+            // what all see for all there is, more often than what none see for nothing that
+            // matters. A garage with a window was 2 % too bright by it.
             direct: DirectOptions::every(points, points),
             resample: false,
             relax: RelaxOptions::default(),
@@ -376,13 +389,15 @@ impl Settings {
             follow,
             interpolation,
             near,
-            // Found by gathering rays alone, what lamps shine on made clouds on walls (docs/ideas.md).
+            // Found by gathering rays alone, what lamps shine on made clouds on walls
+            // (docs/ideas.md).
             lit: 1,
             open_only: false,
         }
     }
 
-    /// Gathering at vertices: they are interpolated over whole triangles, so noise shows less than at lumels.
+    /// Gathering at vertices: they are interpolated over whole triangles, so noise shows less than
+    /// at lumels.
     pub(crate) fn vertex_options(&self) -> GatherOptions {
         let rays = match self.quality {
             Quality::Draft => 16,

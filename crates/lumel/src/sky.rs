@@ -32,7 +32,8 @@ pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
 /// Bytes of a pixel once it is read: three floats.
 const PIXEL: u64 = 12;
 
-/// The sky of the settings; where they give none, the scene's own `environment`. The settings' intensity and rotation apply to either.
+/// The sky of the settings; where they give none, the scene's own `environment`. The settings'
+/// intensity and rotation apply to either.
 ///
 /// # Errors
 /// [`Error::Sky`] where the image cannot be read or is not a picture of radiances.
@@ -57,14 +58,16 @@ pub(crate) fn load(
     Ok(place_map(map, intensity, settings.sky_rotation))
 }
 
-/// A latitude-longitude map, times `intensity`, turned by `degrees` about +Y (counter-clockwise seen from above).
+/// A latitude-longitude map, times `intensity`, turned by `degrees` about +Y (counter-clockwise
+/// seen from above).
 ///
-/// A turn is a shift along the rows, which are linearly interpolated: light is kept, and blurred by less than a pixel unless the turn
-/// is a whole number of them.
+/// A turn is a shift along the rows, which are linearly interpolated: light is kept, and blurred by
+/// less than a pixel unless the turn is a whole number of them.
 fn place_map((width, height, mut pixels): Map, intensity: f32, degrees: f32) -> Sky {
     let shift = f64::from(degrees).rem_euclid(360.0) / 360.0 * f64::from(width);
     let (whole, part) = (shift.floor(), (shift - shift.floor()) as f32);
-    // Columns run clockwise seen from above, from −X over −Z to +X: what turns the other way moves left.
+    // Columns run clockwise seen from above, from −X over −Z to +X: what turns the other way moves
+    // left.
     for row in pixels.chunks_exact_mut(width as usize) {
         row.rotate_left(whole as usize % width as usize);
         if part > 0.0 {
@@ -176,8 +179,8 @@ mod tests {
     fn a_scenes_sky_shines_from_where_it_says() {
         for (column, row) in [(0, 3), (5, 0), (9, 7), (15, 4)] {
             let sky = load_with(&Settings::default(), &lit(column, row));
-            // The lookup is bilinear: the pixel's own value at its centre, within rounding of the angles, a quarter half-way to the next
-            // ones' corner.
+            // The lookup is bilinear: the pixel's own value at its centre, within rounding of the
+            // angles, a quarter half-way to the next ones' corner.
             let at = sky.radiance(direction(column, row, 0.0));
             assert!(at.distance(Vec3::new(1.0, 2.0, 4.0)) < 1e-4, "{at}");
             let away = sky.radiance(direction((column + 8) % 16, row, 0.0));
@@ -199,7 +202,8 @@ mod tests {
             };
             let sum: Vec3 = pixels.iter().sum();
             assert!(sum.distance(Vec3::new(3.0, 6.0, 12.0)) < 1e-5, "{sum}");
-            // Between pixels the light is spread over two and read between them: half of it is left at the least.
+            // Between pixels the light is spread over two and read between them: half of it is left
+            // at the least.
             let at = sky.radiance(direction(6, 4, degrees)).x;
             let whole = (degrees / 22.5).fract() == 0.0;
             assert!(at >= if whole { 2.999 } else { 1.499 }, "{degrees}: {at}");

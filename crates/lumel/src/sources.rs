@@ -1,8 +1,9 @@
 //! Sources of light by name: switching and dimming them, and sorting them into groups.
 //!
-//! A pattern is a name in which `*` stands for any characters and `?` for one; case counts. It means every source that bears
-//! such a name: a punctual light by its own or its node's name, an emissive material, the sky as `sky`, and suns of the
-//! command line as `sun`. What the document leaves unnamed goes by its place, `nodes[3]` or `materials[2]`.
+//! A pattern is a name in which `*` stands for any characters and `?` for one; case counts. It
+//! means every source that bears such a name: a punctual light by its own or its node's name, an
+//! emissive material, the sky as `sky`, and suns of the command line as `sun`. What the document
+//! leaves unnamed goes by its place, `nodes[3]` or `materials[2]`.
 
 use std::collections::BTreeSet;
 
@@ -23,7 +24,8 @@ pub(crate) const REST: &str = "rest";
 /// Most names that a message lists.
 const LISTED: usize = 20;
 
-/// Longest name of a group, bytes: with the scene's own name before it, a file name must stay below 255 of them.
+/// Longest name of a group, bytes: with the scene's own name before it, a file name must stay below
+/// 255 of them.
 const MAX_GROUP_NAME: usize = 64;
 
 /// Most groups, [`REST`] among them: [`LightGroups`] counts in bytes.
@@ -78,8 +80,8 @@ pub(crate) struct Chosen {
 }
 
 impl Sources {
-    /// Finds the sources of a scene, in which the settings' suns are already. `document` is the glTF's JSON; `sky` says whether
-    /// the settings bring a sky.
+    /// Finds the sources of a scene, in which the settings' suns are already. `document` is the
+    /// glTF's JSON; `sky` says whether the settings bring a sky.
     pub(crate) fn find(scene: &Scene, document: &Value, sky: bool) -> Self {
         let mut sources = Vec::new();
         for (i, light) in scene.lights.iter().enumerate() {
@@ -179,12 +181,14 @@ impl Sources {
         }
     }
 
-    /// Dims the scene's sources by the settings and removes those that are switched off; sorts the rest into groups.
+    /// Dims the scene's sources by the settings and removes those that are switched off; sorts the
+    /// rest into groups.
     ///
     /// Groups may name what is switched off: it is only not there.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a pattern means nothing, a source is in two groups, or a light gets too bright for `f32`.
+    /// [`Error::Setting`] where a pattern means nothing, a source is in two groups, or a light gets
+    /// too bright for `f32`.
     pub(crate) fn apply(&self, scene: &mut Scene, settings: &Settings) -> Result<Chosen, Error> {
         let factors = self.factors(&settings.lights)?;
         let owners = self.owners(&settings.groups)?;
@@ -280,7 +284,8 @@ impl Sources {
         Ok(owners)
     }
 
-    /// The groups of the sources that are lit, by places of the scene before any light is taken out.
+    /// The groups of the sources that are lit, by places of the scene before any light is taken
+    /// out.
     fn sort(
         &self,
         scene: &Scene,

@@ -1,9 +1,9 @@
 //! Lamps in the units of glowing materials and the sky, whatever an exporter wrote.
 //!
-//! Blender's exporter writes materials in W/(m² sr), and lamps by its *Lighting Mode*: *Standard* takes
-//! them times 683 (candela and lux), *Unitless* leaves them in W/sr and W/m², and *Raw* writes a
-//! lamp's watts where its W/sr belong. No file says which. But people type round figures, so the mode
-//! that gives back the roundest ones is the one.
+//! Blender's exporter writes materials in W/(m² sr), and lamps by its *Lighting Mode*: *Standard*
+//! takes them times 683 (candela and lux), *Unitless* leaves them in W/sr and W/m², and *Raw*
+//! writes a lamp's watts where its W/sr belong. No file says which. But people type round figures,
+//! so the mode that gives back the roundest ones is the one.
 
 use std::f64::consts::PI;
 

@@ -11,7 +11,8 @@ use radiosity::{Monitor, Phase};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Progress {
-    /// What is being done. Phases come in the order of [`Phase`]; those that a bake does not need are not seen.
+    /// What is being done. Phases come in the order of [`Phase`]; those that a bake does not need
+    /// are not seen.
     pub phase: Phase,
     /// Units of the phase that are finished. What a unit is differs from phase to phase.
     pub done: u64,
@@ -24,8 +25,8 @@ pub struct Progress {
 impl Progress {
     /// Share of the phase that is done, 0..=1; `None` where it is not counted.
     ///
-    /// Some phases work in several passes and count each of them from 0. Phases take very different times: the gather is most of nearly
-    /// every bake.
+    /// Some phases work in several passes and count each of them from 0. Phases take very different
+    /// times: the gather is most of nearly every bake.
     pub fn share(&self) -> Option<f64> {
         (self.total > 0).then(|| (self.done as f64 / self.total as f64).min(1.0))
     }
@@ -33,7 +34,8 @@ impl Progress {
 
 /// Stops bakes that were given it, from any thread. Clones are one and the same token.
 ///
-/// A bake that is stopped returns [`Error::Cancelled`](crate::Error::Cancelled) within a fraction of a second and writes nothing.
+/// A bake that is stopped returns [`Error::Cancelled`](crate::Error::Cancelled) within a fraction
+/// of a second and writes nothing.
 ///
 /// ```
 /// use lumel::{Baker, CancelToken, Error};
@@ -76,7 +78,8 @@ pub(crate) struct Watch<'b, 'a> {
 impl Watch<'_, '_> {
     fn tell(&self, progress: Progress) {
         if let Some(watcher) = self.watcher {
-            // A closure that panicked once may be called again: it is the caller's, and the panic goes on anyway.
+            // A closure that panicked once may be called again: it is the caller's, and the panic
+            // goes on anyway.
             let mut watcher = watcher.lock().unwrap_or_else(PoisonError::into_inner);
             watcher(progress);
         }

@@ -1,4 +1,5 @@
-//! `lumel view` and the three.js loader in a real browser: pixels with known values, switches, keys, no complaint on the console.
+//! `lumel view` and the three.js loader in a real browser: pixels with known values, switches,
+//! keys, no complaint on the console.
 //!
 //! Skipped, loudly, where no Chromium is installed.
 
@@ -47,7 +48,8 @@ impl Drop for Server {
 /// The squares, baked with `options`.
 fn squares(options: &str) -> (TempDir, PathBuf) {
     let t = temp();
-    // The shadow's edge lies on the border of two primitives, which stitching takes for a seam to be smoothed (docs/seams.md).
+    // The shadow's edge lies on the border of two primitives, which stitching takes for a seam to
+    // be smoothed (docs/seams.md).
     let options = format!("--no-stitch {options}");
     // A name that has to be encoded in an address.
     let file = write(t.path().join("four squares #1.gltf"), scene());
@@ -73,7 +75,8 @@ fn pixel(b: &mut Browser, picture: &RgbImage, at: [f64; 3]) -> [u8; 3] {
     picture.get_pixel(x as u32, y as u32).0
 }
 
-/// Within one step of what eight bits show: half a step is the rounding, the rest a half float's (2^-11) and the graphics card's.
+/// Within one step of what eight bits show: half a step is the rounding, the rest a half float's
+/// (2^-11) and the graphics card's.
 #[track_caller]
 fn assert_pixel(found: [u8; 3], linear: [f64; 3], what: &str) {
     let want = linear.map(shown);
@@ -323,7 +326,8 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
     };
     let (_t, out) = squares("");
     let site = Site::start(&out);
-    // Lambertian materials are exact. The file's own, MeshStandardMaterial, give part of the light to a gloss: tools/engines/three/README.md.
+    // Lambertian materials are exact. The file's own, MeshStandardMaterial, give part of the light
+    // to a gloss: tools/engines/three/README.md.
     for options in ["diffuse=1", "diffuse=1&manifest=1", "diffuse=1&plugin=1"] {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");

@@ -1,4 +1,5 @@
-//! The real binary: files, streams and exit codes (DESIGN.md §1.1 and §1.2). Values are other tests' business.
+//! The real binary: files, streams and exit codes (DESIGN.md §1.1 and §1.2). Values are other
+//! tests' business.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -381,7 +382,8 @@ fn the_first_picture_shows_the_level_as_it_will_be() {
     let [first, last] =
         (found.remove(0)).map(|png| image::load_from_memory(&png).expect("a PNG").to_rgb8());
     assert_eq!(first.dimensions(), (640, 360));
-    // Means over blocks of 40 pixels: patches and single shadow rays are seen in less than that, a factor of π or a light that is missing is not.
+    // Means over blocks of 40 pixels: patches and single shadow rays are seen in less than that, a
+    // factor of π or a light that is missing is not.
     let mut worst = 0.0f64;
     for (bx, by) in (0..16).flat_map(|x| (0..9).map(move |y| (x, y))) {
         let mean = |picture: &image::RgbImage, side: u32| -> f64 {
@@ -430,7 +432,8 @@ fn layers_are_further_channels() {
             get(&format!("indirect.{c}")),
         );
         for (i, &x) in all.iter().enumerate() {
-            // Three samples rounded to halves: each is off by at most 2^-11 of itself, or 2^-25 where it is subnormal.
+            // Three samples rounded to halves: each is off by at most 2^-11 of itself, or 2^-25
+            // where it is subnormal.
             let slack = (x + direct[i].abs() + indirect[i].abs()) / 2048. + 3. / (1 << 25) as f32;
             let sum = direct[i] + indirect[i];
             assert!((x - sum).abs() <= slack, "{c} at {i}: {x} against {sum}");
@@ -454,7 +457,8 @@ fn irradiance_is_pi_times_radiance() {
     for ((name, r), (_, e)) in radiance.channels.iter().zip(&irradiance.channels) {
         assert!(r.iter().any(|&x| x > 0.), "{name} is dark");
         for (r, e) in r.iter().zip(e) {
-            // Both were rounded to halves: 2^-11 of the value each, 2^-25 where subnormal; f32 arithmetic is far below.
+            // Both were rounded to halves: 2^-11 of the value each, 2^-25 where subnormal; f32
+            // arithmetic is far below.
             let slack = pi * r / 1024. + (1. + pi) / (1 << 25) as f32;
             assert!((pi * r - e).abs() <= slack, "{name}: {r} and {e}");
         }
@@ -485,7 +489,8 @@ fn the_uri_in_extras_leads_to_the_map() {
     bake(&scene, &out, "").ok();
     let baked = files(&out).remove("a #1%20.glb").expect("written");
     let text = String::from_utf8_lossy(&baked);
-    // A file name, as documented, and not a percent-encoded URI: tools of any language open it as it stands.
+    // A file name, as documented, and not a percent-encoded URI: tools of any language open it as
+    // it stands.
     assert!(text.contains("\"uri\":\"a #1%20.lightmap.exr\""));
     assert!(out.join("a #1%20.lightmap.exr").is_file());
 }

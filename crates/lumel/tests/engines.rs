@@ -1,7 +1,8 @@
 //! Bakes in engines: what the loaders of tools/engines show of squares whose every pixel is known.
 //!
-//! Skipped, loudly, where an engine is not there: three.js comes with the repository and needs a Chromium; Babylon.js and PlayCanvas need npm
-//! packages too (`LUMEL_NPM`, tools/setup.sh); Bevy needs `LUMEL_BEVY`, the built program of tools/engines/bevy, and Vulkan; Blender needs
+//! Skipped, loudly, where an engine is not there: three.js comes with the repository and needs a
+//! Chromium; Babylon.js and PlayCanvas need npm packages too (`LUMEL_NPM`, tools/setup.sh); Bevy
+//! needs `LUMEL_BEVY`, the built program of tools/engines/bevy, and Vulkan; Blender needs
 //! `LUMEL_VENV`, a Python environment with bpy.
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
@@ -24,7 +25,8 @@ const STEM: &str = "four squares #1";
 const VIEWS: [(&str, std::ops::Range<usize>); 2] =
     [("0,9,0.01,0,0,0,60", 0..5), ("3,0.6,3,0,0,0,60", 2..6)];
 
-/// The squares, baked with `options`: 16 lumels a metre, so that points are more than a block of BC6H from the edge of the shadow. That edge
+/// The squares, baked with `options`: 16 lumels a metre, so that points are more than a block of
+/// BC6H from the edge of the shadow. That edge
 fn squares(options: &str) -> (TempDir, PathBuf) {
     let t = temp();
     let file = write(t.path().join(format!("{STEM}.gltf")), scene());
@@ -48,7 +50,8 @@ fn bake_squares(file: &Path, out: &Path, options: &str) {
     lumel(a).ok();
 }
 
-/// Within one step of what eight bits show: half a step is the rounding, the rest the storage's (`share` of the value) and the card's.
+/// Within one step of what eight bits show: half a step is the rounding, the rest the storage's
+/// (`share` of the value) and the card's.
 #[track_caller]
 fn assert_pixel(found: [u8; 3], linear: [f64; 3], storage: &Storage, what: &str) {
     let curve = storage.curve;
@@ -164,7 +167,8 @@ fn ktx2_pages_are_listed_stored_well_and_retired() {
     let extras = document(&all[&format!("{STEM}.glb")])["nodes"][0]["extras"]["lightmap"].clone();
     assert_eq!(extras["ktx2"], named);
 
-    // The next bake without it takes them away: they would show another light. A file of the user's own making stays.
+    // The next bake without it takes them away: they would show another light. A file of the user's
+    // own making stays.
     write(out.join("other.lightmap.ktx2"), b"mine");
     let file = t.path().join(format!("{STEM}.gltf"));
     bake_squares(&file, &out, "");
@@ -274,7 +278,8 @@ fn validate(file: &Path) {
 #[test]
 fn three_js_shows_ktx2_pages() {
     for (options, share) in [
-        // Half of rgb9e5's step is 2^-9 of the largest channel; BC6H's is of the block's, and all of these are of one value but at the shadow.
+        // Half of rgb9e5's step is 2^-9 of the largest channel; BC6H's is of the block's, and all
+        // of these are of one value but at the shadow.
         ("--ktx2 rgb9e5", 1.0 / 512.0),
         ("--ktx2 bc6h --block-charts", 1.0 / 512.0),
     ] {
@@ -304,7 +309,8 @@ fn three_js_shows_moz_lightmap() {
     };
     let (_t, out) = squares("--ext moz");
     let site = Site::start(&out);
-    // Half a step of 255 of the page's largest value, which is that of these squares: as PNG, and less as RGBE.
+    // Half a step of 255 of the page's largest value, which is that of these squares: as PNG, and
+    // less as RGBE.
     for query in ["diffuse=1&moz=1", "diffuse=1&moz=png", "diffuse=1"] {
         look(
             &mut b,

@@ -1,6 +1,7 @@
 //! The examples run, and find what they say they find.
 //!
-//! `cargo test` builds examples before tests; `cargo test --test all` does not, and then this test says so.
+//! `cargo test` builds examples before tests; `cargo test --test all` does not, and then this test
+//! says so.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -98,7 +99,8 @@ fn results_in_memory_are_the_furnaces_closed_form() {
     assert!(number(&text, "= 2:") < 0.01, "{text}");
     let times_pi = number(&text, "hold E =") / std::f64::consts::PI;
     assert!((times_pi - 2.0).abs() < 0.01, "{text}");
-    // The picture at exposure 0.25: 2 × 0.25 = 0.5 is 188 in sRGB; a texel that nothing reads may be black.
+    // The picture at exposure 0.25: 2 × 0.25 = 0.5 is 188 in sRGB; a texel that nothing reads may
+    // be black.
     let image = image::open(&picture).expect("a PNG").into_rgb8();
     let brightest = image.pixels().map(|p| p.0[1]).max();
     assert!(
@@ -116,8 +118,8 @@ fn a_lamp_over_a_floor_has_its_closed_form() {
         let found = number(&text, &line);
         let h: f64 = height.parse().expect("a number");
         let foot = 10.0 / (std::f64::consts::PI * h * h);
-        // A lumel of 1/32 m is brightest at its corner and holds its mean: (1 + r²/h²)^-2 over r ≤ 1/32 m falls by at most
-        // 2 r²/h², 0.8 % for the lowest lamp. Three digits are printed.
+        // A lumel of 1/32 m is brightest at its corner and holds its mean: (1 + r²/h²)^-2 over r ≤
+        // 1/32 m falls by at most 2 r²/h², 0.8 % for the lowest lamp. Three digits are printed.
         assert!(
             (found / foot - 1.0).abs() < 0.01,
             "{line} {found}, expected {foot}"

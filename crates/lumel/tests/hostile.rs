@@ -1,4 +1,5 @@
-//! Inputs that broke the real binary: one error each, at once, and nothing of the user's is touched.
+//! Inputs that broke the real binary: one error each, at once, and nothing of the user's is
+//! touched.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -44,7 +45,8 @@ fn level(buffer: &str, picture: &str) -> (TempDir, PathBuf) {
     (folder, scene)
 }
 
-/// A bake into `out` is refused with exit code 2, names what it would replace, and changes nothing of `folder`.
+/// A bake into `out` is refused with exit code 2, names what it would replace, and changes nothing
+/// of `folder`.
 #[track_caller]
 fn refused(folder: &Path, scene: &Path, out: &Path, options: &str, name: &str) {
     let before = snapshot(folder);
@@ -151,7 +153,8 @@ fn sky_picture(folder: &Path) -> PathBuf {
     out.join("cornell_box.lightmap.exr")
 }
 
-/// 2^30 × 2^30 pixels of four channels of four bytes are 2^64 bytes, which wrapped to 0 and aborted the process.
+/// 2^30 × 2^30 pixels of four channels of four bytes are 2^64 bytes, which wrapped to 0 and aborted
+/// the process.
 #[test]
 fn an_exr_whose_size_wraps_is_one_error_in_every_command() {
     let folder = temp();
@@ -227,7 +230,8 @@ fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
         let run = bake(&scene, &out, &format!("-q --sky {}", sky.display()));
         run.fails(2, &[found, "expected a regular file"]);
     }
-    // What a document names: its buffer, and a picture that light needs. One that light does not need is left alone.
+    // What a document names: its buffer, and a picture that light needs. One that light does not
+    // need is left alone.
     pipe("b.bin");
     write(at("c.bin"), triangle());
     let level = write(at("c.gltf"), document("b.bin", "a.json").to_string());

@@ -1,4 +1,5 @@
-//! `lumel inspect` by the real binary: what it says of a level's own coordinates, and the pictures that it draws.
+//! `lumel inspect` by the real binary: what it says of a level's own coordinates, and the pictures
+//! that it draws.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +7,8 @@ use std::path::Path;
 use crate::common::{lumel, names, temp};
 use serde_json::{Value, json};
 
-/// Two quads a metre wide as one mesh, the second drawn over half of the first in TEXCOORD_1, and a third, sound quad of a mesh of its own.
+/// Two quads a metre wide as one mesh, the second drawn over half of the first in TEXCOORD_1, and a
+/// third, sound quad of a mesh of its own.
 fn level(dir: &Path) -> std::path::PathBuf {
     let quad = |x: f32| {
         [
@@ -154,7 +156,8 @@ fn pictures_show_overlaps_in_red_and_only_there() {
     ];
     assert_eq!(names(&out), written);
     let red = |name: &str| share(&out.join(name), [255, 0, 0]);
-    // 0.2 × 0.4 of the unit square, drawn with a hundredth all round; outlines and cross-hairs cover some of it.
+    // 0.2 × 0.4 of the unit square, drawn with a hundredth all round; outlines and cross-hairs
+    // cover some of it.
     let found = red("level.mesh0.uv1.png");
     assert!((found - 0.08 / 1.02f64.powi(2)).abs() < 0.004, "{found}");
     for name in ["level.mesh0.png", "level.mesh1.png", "level.page0.png"] {

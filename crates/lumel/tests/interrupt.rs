@@ -67,7 +67,8 @@ impl Victim {
         assert!(status.expect("kill is installed").success());
     }
 
-    /// Sends the signal and asserts what DESIGN.md §1.1 says of Ctrl-C: code 75 within a second, old files whole.
+    /// Sends the signal and asserts what DESIGN.md §1.1 says of Ctrl-C: code 75 within a second,
+    /// old files whole.
     fn stops_on(mut self, signal: &str) {
         let asked = Instant::now();
         self.signal(signal);
@@ -80,7 +81,8 @@ impl Victim {
         };
         let took = asked.elapsed();
         assert_eq!(status.code(), Some(75));
-        // A second by contract; half a second more for a machine that runs other tests on every core meanwhile.
+        // A second by contract; half a second more for a machine that runs other tests on every
+        // core meanwhile.
         assert!(took < Duration::from_millis(1500), "stopped after {took:?}");
         let mut rest = String::new();
         self.log.read_to_string(&mut rest).expect("UTF-8");
@@ -177,8 +179,8 @@ fn after_sigkill_old_files_are_whole_and_the_next_bake_works() {
     }
 }
 
-/// Killed while files are written, a bake leaves each of them old or new, never in between, and what it leaves beside
-/// them goes with the next bake.
+/// Killed while files are written, a bake leaves each of them old or new, never in between, and
+/// what it leaves beside them goes with the next bake.
 #[test]
 fn sigkill_while_writing_tears_no_file() {
     let t = temp();
@@ -211,7 +213,8 @@ fn sigkill_while_writing_tears_no_file() {
         ])
         .spawn()
         .expect("the binary starts");
-    // Temporaries live for the time of a few fsyncs. Should the loop miss them, the bake ends, which is fine too.
+    // Temporaries live for the time of a few fsyncs. Should the loop miss them, the bake ends,
+    // which is fine too.
     while child.try_wait().expect("it is our child").is_none() {
         let entries = fs::read_dir(&out).expect("it exists").flatten();
         let mut written = entries.map(|e| e.file_name());

@@ -34,7 +34,8 @@ fn baker<'a>() -> Baker<'a> {
     Baker::new().quality(Quality::Draft).texels_per_unit(8.0)
 }
 
-/// All files of a bake but the report, whose times differ; its record of contents stands for the rest of it.
+/// All files of a bake but the report, whose times differ; its record of contents stands for the
+/// rest of it.
 fn files(bake: &Bake) -> (Vec<(String, Vec<u8>)>, String) {
     let (mut files, report) = bake.files().expect("files");
     files.pop();
@@ -237,7 +238,8 @@ fn an_estimate_is_near_the_bake() {
 
 #[test]
 fn vertex_colours_are_there_for_all_that_receives_light() {
-    // A sun of 2 lx straight down: E = 2 everywhere on an open floor, in the lightmap and at vertices.
+    // A sun of 2 lx straight down: E = 2 everywhere on an open floor, in the lightmap and at
+    // vertices.
     let mut empty = SceneBuilder::new();
     let material = empty.material(
         "black",

@@ -1,5 +1,5 @@
-//! What someone meets who uses Lumel for the first time (issue 26): errors that say what would have been right, warnings before
-//! the work, units of Blender's exporter.
+//! What someone meets who uses Lumel for the first time (issue 26): errors that say what would have
+//! been right, warnings before the work, units of Blender's exporter.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -165,7 +165,8 @@ fn the_file_of_settings_and_the_manual_are_whole() {
     );
 }
 
-/// `lumel view` is built on the loader that tools/engines/three offers; a published crate needs a copy of its own.
+/// `lumel view` is built on the loader that tools/engines/three offers; a published crate needs a
+/// copy of its own.
 #[test]
 fn the_viewer_has_the_loader_of_three() {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -11,7 +11,8 @@ use crate::common::{Run, bake, comparable, files, lumel, names, outputs, parse, 
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// A document of one textured triangle: buffer, texture and a normal map that light does not need, each in a file of its own.
+/// A document of one textured triangle: buffer, texture and a normal map that light does not need,
+/// each in a file of its own.
 fn textured(folder: &Path) -> PathBuf {
     let floats: Vec<u8> = [
         0f32, 0., 0., 1., 0., 0., 0., 0., -1., // positions
@@ -160,7 +161,8 @@ fn every_changed_input_is_noticed() {
     write(level.scene.clone(), scene.replace("true", "false"));
     assert!(!level.skips(""));
     assert!(level.skips(""));
-    // A texture that goes away is an error of the bake, not of the check; one that light does not need is a warning.
+    // A texture that goes away is an error of the bake, not of the check; one that light does not
+    // need is a warning.
     fs::remove_file(level.path("normal.png")).expect("removed");
     assert!(!level.skips(""));
     assert!(level.skips(""), "what was not there still is not");
@@ -440,7 +442,8 @@ fn example(language: &str) -> String {
     )
 }
 
-/// Touches a texture, edits one, deletes an output, and does nothing; `again` says whether the build ran the command.
+/// Touches a texture, edits one, deletes an output, and does nothing; `again` says whether the
+/// build ran the command.
 fn rebuilds_what_it_must(program: &str, level: &Level) {
     let ran = |text: &str| text.contains("baked level.gltf") || text.contains("unchanged: ");
     let out = level.path("out");

@@ -1,5 +1,5 @@
-//! Sources of light by name, through the real binary: `--light`, `--exclude-light`, `--group`, `--sun`, and what `inspect` and the
-//! report say of them.
+//! Sources of light by name, through the real binary: `--light`, `--exclude-light`, `--group`,
+//! `--sun`, and what `inspect` and the report say of them.
 
 use std::path::Path;
 
@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 /// (−4 0 4), (4 0 4), (4 0 −4): a floor's half, as base64, seen from above.
 const FLOOR: &str = "AACAwAAAAAAAAIBAAACAQAAAAAAAAIBAAACAQAAAAAAAAIDA";
 
-/// A grey triangle under two lamps of one name, a third, and a small glowing triangle that hangs above it.
+/// A grey triangle under two lamps of one name, a third, and a small glowing triangle that hangs
+/// above it.
 fn level() -> Value {
     let lamp = |name: &str, light: u32, x: f32| {
         json!({"name": name, "translation": [x, 2.0, 0.5],
@@ -105,7 +106,8 @@ fn lights_are_dimmed_by_name() {
         assert_eq!(dark[c], 0.0);
     }
     assert!(fill[0] == 0.0 && fill[1] == 0.0, "{fill:?}");
-    // The fill light is the only one with more blue than green, and its bounce is what it adds to either.
+    // The fill light is the only one with more blue than green, and its bounce is what it adds to
+    // either.
     let blue = all[2] - all[1];
     assert!((fill[2] / blue - 2.0).abs() < 0.02, "{fill:?} {all:?}");
 }

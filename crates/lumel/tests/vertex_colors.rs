@@ -1,4 +1,5 @@
-//! `--no-vertex-colors` by the real binary: the lightmap keeps every byte, and nothing is left that could be taken for light at vertices.
+//! `--no-vertex-colors` by the real binary: the lightmap keeps every byte, and nothing is left that
+//! could be taken for light at vertices.
 
 use crate::common::{asset, bake, files, lumel, names, outputs, parse, temp, write};
 use serde_json::{Value, json};

@@ -1,4 +1,5 @@
-//! `lumel view` and `lumel report` as commands: what they print, serve and write, and how they fail.
+//! `lumel view` and `lumel report` as commands: what they print, serve and write, and how they
+//! fail.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -92,7 +93,8 @@ fn view_prints_its_address_and_serves_the_bake() {
         let (head, _) = request(&address, &text);
         assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{head}");
     }
-    // Browsers open connections ahead: however many say nothing, or half of something, others are answered.
+    // Browsers open connections ahead: however many say nothing, or half of something, others are
+    // answered.
     let mut idle: Vec<TcpStream> = (0..100)
         .map(|_| TcpStream::connect(&address).expect("the server listens"))
         .collect();

@@ -1,11 +1,12 @@
-//! Loads every glTF below the given folders and prints one line per file: what came of it, how long it took.
+//! Loads every glTF below the given folders and prints one line per file: what came of it, how long
+//! it took.
 //!
 //! ```sh
 //! cargo run --release -p lumel-mesh-ingest --example ingest_table -- ../shared/scenes
 //! ```
 //!
-//! Columns, tab-separated: path, exit code, milliseconds, triangles of the soup, area in m², size of the bounding box, lights, first
-//! line of the error or the counts.
+//! Columns, tab-separated: path, exit code, milliseconds, triangles of the soup, area in m², size
+//! of the bounding box, lights, first line of the error or the counts.
 
 #![allow(clippy::print_stdout, reason = "the table is this program's result")]
 

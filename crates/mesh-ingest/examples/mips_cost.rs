@@ -1,4 +1,5 @@
-//! What mean reflectances cost: for each glTF named, texels, memory and time of the pyramids, and time of a lookup.
+//! What mean reflectances cost: for each glTF named, texels, memory and time of the pyramids, and
+//! time of a lookup.
 //!
 //! cargo run --release -p lumel-mesh-ingest --example mips_cost -- level.glb …
 

@@ -19,7 +19,8 @@ pub struct RawAccessor<'a> {
     pub bytes: Cow<'a, [u8]>,
 }
 
-/// Bytes of one element, with the column padding that the specification gives to small matrices (glTF 2.0, §3.6.2.4).
+/// Bytes of one element, with the column padding that the specification gives to small matrices
+/// (glTF 2.0, §3.6.2.4).
 pub(crate) fn element_size(component: DataType, dimensions: Dimensions) -> usize {
     match (dimensions, component.size()) {
         (Dimensions::Mat2, 1) => 8,
@@ -86,8 +87,8 @@ impl RawAccessor<'_> {
         }
     }
 
-    /// The first `N` components of every element as numbers, normalised integers mapped to 0..=1 or −1..=1 (glTF 2.0, §3.6.2.2);
-    /// components that the accessor lacks are `fill`.
+    /// The first `N` components of every element as numbers, normalised integers mapped to 0..=1 or
+    /// −1..=1 (glTF 2.0, §3.6.2.2); components that the accessor lacks are `fill`.
     pub fn to_floats<const N: usize>(&self, fill: f32) -> Vec<[f32; N]> {
         let components = self.dimensions.multiplicity().min(N);
         let size = self.component.size();

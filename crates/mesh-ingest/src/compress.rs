@@ -49,8 +49,9 @@ pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<V
             m.stride, m.mode, m.filter
         ));
     }
-    // A block of at most 256 vertices takes at least stride/4 bytes, so output is at most 1024 times the input;
-    // a stream that claims more would make us reserve memory that nothing justifies.
+    // A block of at most 256 vertices takes at least stride/4 bytes, so output is at most 1024
+    // times the input; a stream that claims more would make us reserve memory that nothing
+    // justifies.
     const MAX_RATIO: usize = 1024;
     let size = m.stride.checked_mul(m.count).filter(|&n| n as u64 <= limit);
     let Some(size) = size.filter(|&n| n / MAX_RATIO <= encoded.len()) else {
@@ -62,9 +63,10 @@ pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<V
     };
     let mut out = vec![0u8; size];
     let (source, length) = (encoded.as_ptr(), encoded.len());
-    // SAFETY: `out` holds exactly count × stride bytes, `source` is valid for `length` bytes, and the strides were checked
-    // against what meshoptimizer.h asks of each function (its own checks are assertions that release builds lack). The
-    // decoders are documented as safe for untrusted input and need no alignment of their destination.
+    // SAFETY: `out` holds exactly count × stride bytes, `source` is valid for `length` bytes, and
+    // the strides were checked against what meshoptimizer.h asks of each function (its own checks
+    // are assertions that release builds lack). The decoders are documented as safe for untrusted
+    // input and need no alignment of their destination.
     let code = unsafe {
         match m.mode {
             Mode::Attributes => ffi::meshopt_decodeVertexBuffer(
@@ -102,7 +104,8 @@ pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<V
             .map(|b| u32::from_ne_bytes([b[0], b[1], b[2], b[3]]))
             .collect();
         let target = words.as_mut_ptr().cast();
-        // SAFETY: `words` holds count × stride bytes (stride is a multiple of 4) and is aligned for 32-bit access.
+        // SAFETY: `words` holds count × stride bytes (stride is a multiple of 4) and is aligned for
+        // 32-bit access.
         unsafe {
             match m.filter {
                 Filter::Octahedral => ffi::meshopt_decodeFilterOct(target, m.count, m.stride),
@@ -131,8 +134,8 @@ impl Draco {
         limits.max_decoded_bytes = max_bytes;
         limits.max_faces = max_faces;
         limits.max_points = max_faces.saturating_mul(3);
-        // The decoder promises errors, not panics, but it is young and its input untrusted: a panic there must not take a
-        // whole bake down.
+        // The decoder promises errors, not panics, but it is young and its input untrusted: a panic
+        // there must not take a whole bake down.
         let result = std::panic::catch_unwind(|| {
             let mut mesh = draco_core::Mesh::new();
             let mut buffer = DecoderBuffer::new(encoded).with_limits(limits);
@@ -209,7 +212,8 @@ fn same(draco: DracoType, component: DataType) -> bool {
     )
 }
 
-/// Draco may store an attribute in another type than its accessor declares; the accessor's type wins.
+/// Draco may store an attribute in another type than its accessor declares; the accessor's type
+/// wins.
 fn convert(from: DracoType, b: &[u8], to: DataType, out: &mut Vec<u8>) -> Result<(), String> {
     let x = match from {
         DracoType::Int8 => f64::from(b[0] as i8),

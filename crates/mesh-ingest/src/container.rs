@@ -74,7 +74,8 @@ fn parse_json(bytes: &[u8]) -> Outcome<Value> {
     Ok(json)
 }
 
-/// Members whose numbers are indices, counts or enumerations, in the specification and in extensions.
+/// Members whose numbers are indices, counts or enumerations, in the specification and in
+/// extensions.
 const INTEGERS: [&str; 32] = [
     "buffer",
     "bufferView",
@@ -121,8 +122,9 @@ enum Place {
     IndexMap,
 }
 
-/// Makes `1.0` the `1` that it stands for where glTF wants an integer: some writers know floats alone, and JSON has no other
-/// numbers. Everything that reads the document, and what is written of it, then sees one form.
+/// Makes `1.0` the `1` that it stands for where glTF wants an integer: some writers know floats
+/// alone, and JSON has no other numbers. Everything that reads the document, and what is written of
+/// it, then sees one form.
 fn settle_integers(value: &mut Value, place: Place) {
     match value {
         Value::Number(n) if place == Place::Integers && n.is_f64() => {
@@ -152,8 +154,8 @@ fn settle_integers(value: &mut Value, place: Place) {
     }
 }
 
-/// Reads the GLB container by hand: `gltf::Glb::from_slice` underflows on a short length and refuses unknown chunks, which
-/// the specification (glTF 2.0, §4.4) tells readers to skip.
+/// Reads the GLB container by hand: `gltf::Glb::from_slice` underflows on a short length and
+/// refuses unknown chunks, which the specification (glTF 2.0, §4.4) tells readers to skip.
 fn parse_glb(bytes: &[u8]) -> Outcome<Container> {
     let word = |at: usize| {
         bytes

@@ -19,7 +19,8 @@ use crate::version;
 
 /// A glTF document with its buffers, for those who write it back.
 ///
-/// Nothing that [`json`](Document::json) says is changed, unknown members and extensions included, and member order is kept.
+/// Nothing that [`json`](Document::json) says is changed, unknown members and extensions included,
+/// and member order is kept.
 #[derive(Debug)]
 pub struct Document {
     file: PathBuf,
@@ -29,7 +30,8 @@ pub struct Document {
     json: Value,
     binary: bool,
     pub(crate) buffers: Vec<Option<Vec<u8>>>,
-    /// Decoded `EXT_meshopt_compression` views, filled on first use: several accessors usually share one.
+    /// Decoded `EXT_meshopt_compression` views, filled on first use: several accessors usually
+    /// share one.
     pub(crate) decoded: Vec<OnceLock<Result<Vec<u8>, String>>>,
     inputs: Vec<Input>,
     /// Image files that only writers asked for, by image.
@@ -174,7 +176,8 @@ impl Document {
         &self.file
     }
 
-    /// The folder against which its URIs are resolved; empty where a resolver of the caller's does that.
+    /// The folder against which its URIs are resolved; empty where a resolver of the caller's does
+    /// that.
     pub fn base_dir(&self) -> &Path {
         &self.base
     }
@@ -184,13 +187,15 @@ impl Document {
         self.binary
     }
 
-    /// The parsed JSON, member order kept. Indices and counts that were written as floats (`1.0`) are integers in it.
+    /// The parsed JSON, member order kept. Indices and counts that were written as floats (`1.0`)
+    /// are integers in it.
     pub fn json(&self) -> &Value {
         &self.json
     }
 
-    /// All files that were read, each once: the document first, then buffers, measured lamps and images; last, in the order of images,
-    /// those that were only asked for by [`Document::image_bytes`], there or not.
+    /// All files that were read, each once: the document first, then buffers, measured lamps and
+    /// images; last, in the order of images, those that were only asked for by
+    /// [`Document::image_bytes`], there or not.
     pub fn inputs(&self) -> Vec<Input> {
         let mut all = self.inputs.clone();
         let written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
@@ -202,7 +207,8 @@ impl Document {
         all
     }
 
-    /// Where the [`inputs`](Document::inputs) that are there lie on disk; what the caller gave from memory is not among them.
+    /// Where the [`inputs`](Document::inputs) that are there lie on disk; what the caller gave from
+    /// memory is not among them.
     pub fn inputs_on_disk(&self) -> Vec<PathBuf> {
         let linked = self.files.folder().is_some();
         let inputs = self.inputs().into_iter().enumerate();
@@ -219,8 +225,8 @@ impl Document {
         self.buffers.len()
     }
 
-    /// Bytes of buffer `i`, `byteLength` of them; empty for a placeholder without data (`EXT_meshopt_compression`'s fallback)
-    /// and for an index that does not exist.
+    /// Bytes of buffer `i`, `byteLength` of them; empty for a placeholder without data
+    /// (`EXT_meshopt_compression`'s fallback) and for an index that does not exist.
     pub fn buffer(&self, i: usize) -> &[u8] {
         self.buffers
             .get(i)
@@ -254,7 +260,8 @@ impl Document {
         self.image(i).map_err(|f| f.into_error(&self.file))
     }
 
-    /// Whether image `i` could not be read when the document was loaded; light does not need it then.
+    /// Whether image `i` could not be read when the document was loaded; light does not need it
+    /// then.
     pub fn image_is_missing(&self, i: usize) -> bool {
         self.missing.contains(&i)
     }
@@ -294,7 +301,8 @@ impl Document {
             return Err(Fault::io(item.path_of("uri"), file, changed));
         }
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
-        // Of two that differ the first stays: what is there now will not equal it, and the next run sees that.
+        // Of two that differ the first stays: what is there now will not equal it, and the next run
+        // sees that.
         written.entry(i).or_insert(input);
         Ok(())
     }

@@ -18,11 +18,11 @@ use crate::{hierarchy, nodes};
 
 const NAME: &str = "EXT_lights_image_based";
 
-/// The environment of the chosen scene, if it has one. `decoded` holds the images that materials need, by number; others are decoded
-/// here and not kept.
+/// The environment of the chosen scene, if it has one. `decoded` holds the images that materials
+/// need, by number; others are decoded here and not kept.
 ///
-/// Images that are missing or do not decode are no fault: the irradiance coefficients, which every such light has, stand in for them,
-/// with a warning.
+/// Images that are missing or do not decode are no fault: the irradiance coefficients, which every
+/// such light has, stand in for them, with a warning.
 pub(crate) fn read(
     document: &mut Document,
     scene: Option<usize>,

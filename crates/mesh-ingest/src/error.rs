@@ -28,8 +28,9 @@ impl fmt::Display for Problem {
     }
 }
 
-/// `text` on one line and without what a terminal obeys: control characters, and those that turn the direction of writing, as
-/// `\u{1b}`. For names and values out of documents, which may hold anything.
+/// `text` on one line and without what a terminal obeys: control characters, and those that turn
+/// the direction of writing, as `\u{1b}`. For names and values out of documents, which may hold
+/// anything.
 pub fn printable(text: &str) -> Cow<'_, str> {
     let obeyed =
         |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
@@ -63,8 +64,8 @@ fn short(text: &str) -> Cow<'_, str> {
 
 /// Why an asset cannot be loaded.
 ///
-/// [`load`](crate::load) collects every problem that it can before it fails; the variant is that of the gravest
-/// (invalid, then io, unsupported, limit) and lists all problems of that kind.
+/// [`load`](crate::load) collects every problem that it can before it fails; the variant is that of
+/// the gravest (invalid, then io, unsupported, limit) and lists all problems of that kind.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -113,8 +114,8 @@ pub enum Error {
 }
 
 impl Error {
-    /// The process exit code that the command line promises for this fault: 2 input/output, 3 invalid (also too large, and
-    /// nothing to bake), 4 unsupported.
+    /// The process exit code that the command line promises for this fault: 2 input/output, 3
+    /// invalid (also too large, and nothing to bake), 4 unsupported.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Io { .. } => 2,

@@ -24,7 +24,8 @@ const SUPPORTED: &[&str] = &[
     "MSFT_lod",
 ];
 
-/// Change neither where surfaces lie nor their diffuse light, or are judged where they are used (image formats).
+/// Change neither where surfaces lie nor their diffuse light, or are judged where they are used
+/// (image formats).
 const HARMLESS: &[&str] = &[
     "CESIUM_primitive_outline",
     "EXT_instance_features",
@@ -69,7 +70,8 @@ pub(crate) fn check(root: &Item<'_>, faults: &mut Faults, report: &mut IngestRep
         if SUPPORTED.contains(&name.as_str()) {
             continue;
         }
-        // Materials' extensions describe gloss, coats and the like: a Lambertian bake does not read them.
+        // Materials' extensions describe gloss, coats and the like: a Lambertian bake does not read
+        // them.
         if HARMLESS.contains(&name.as_str()) || name.starts_with("KHR_materials_") {
             report.warn(
                 "extensionsRequired",

@@ -1,7 +1,7 @@
 //! `extras.lumel`: what an asset's author tells the baker. `docs/extras.md` lists the keys.
 //!
-//! Extras are free for anyone, so that nothing in them makes a document invalid: a value that cannot be used, or a key that
-//! nobody reads, is warned about and ignored.
+//! Extras are free for anyone, so that nothing in them makes a document invalid: a value that
+//! cannot be used, or a key that nobody reads, is warned about and ignored.
 
 use serde_json::Value;
 
@@ -17,7 +17,8 @@ const NODE_KEYS: &[&str] = &[
 /// Keys of materials.
 const MATERIAL_KEYS: &[&str] = &["emitScale", "exclude", "maxReflectance", "occluder"];
 
-/// Keys of the scene and of the document as a whole: those of materials, and what holds for all nodes.
+/// Keys of the scene and of the document as a whole: those of materials, and what holds for all
+/// nodes.
 const DOCUMENT_KEYS: &[&str] = &[
     "density",
     "emitScale",
@@ -244,7 +245,8 @@ pub(crate) fn density_of_all(
     words.next()
 }
 
-/// Warns about `extras.lumel` where nothing reads it: exporters write a mesh's custom properties there, not on its node.
+/// Warns about `extras.lumel` where nothing reads it: exporters write a mesh's custom properties
+/// there, not on its node.
 pub(crate) fn warn_misplaced(document: &Document, report: &mut IngestReport) {
     let root = document.root();
     let meshes = root.elements("meshes").unwrap_or_default();

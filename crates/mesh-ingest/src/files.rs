@@ -1,4 +1,5 @@
-//! Where the bytes of a document and of the files that it names come from: a folder, or the caller's memory.
+//! Where the bytes of a document and of the files that it names come from: a folder, or the
+//! caller's memory.
 
 use std::fmt;
 use std::io;
@@ -78,7 +79,8 @@ impl Files {
         uri::resolve(uri, bounds, path)
     }
 
-    /// The bytes of a file, at most `limit` of them; `path` is the place in the document that names it.
+    /// The bytes of a file, at most `limit` of them; `path` is the place in the document that names
+    /// it.
     pub fn read(&self, file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
         let Place::Resolver(resolver) = &self.place else {
             return container::read_file(file, path, limit);
@@ -144,8 +146,9 @@ impl MemoryDocument {
         self
     }
 
-    /// Its files come from `resolver`, which gets the name that the document gives, percent-decoded (`textures/old wood.png`), and may be
-    /// called from any thread and more than once for a name. It must give the same bytes each time.
+    /// Its files come from `resolver`, which gets the name that the document gives, percent-decoded
+    /// (`textures/old wood.png`), and may be called from any thread and more than once for a name.
+    /// It must give the same bytes each time.
     #[must_use]
     pub fn resolve_with(
         mut self,

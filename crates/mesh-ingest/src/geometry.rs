@@ -13,8 +13,9 @@ use crate::scene::Primitive;
 
 /// Twice the area of a triangle over its longest edge squared, below which it has no area.
 ///
-/// Double rounding leaves about 1e-15 on exactly collinear corners; the thinnest triangle that `f32` corners of one magnitude
-/// can form has about 1e-7, and slivers of aspect 1e6 must live. 1e-12 keeps a factor of a thousand from the noise.
+/// Double rounding leaves about 1e-15 on exactly collinear corners; the thinnest triangle that
+/// `f32` corners of one magnitude can form has about 1e-7, and slivers of aspect 1e6 must live.
+/// 1e-12 keeps a factor of a thousand from the noise.
 pub(crate) const MIN_ASPECT: f64 = 1e-12;
 
 /// Twice-area vector of a triangle, or `None` if the triangle has no area.
@@ -28,7 +29,8 @@ pub(crate) fn area_vector(a: DVec3, b: DVec3, c: DVec3) -> Option<DVec3> {
     (normal.length() > MIN_ASPECT * longest).then_some(normal)
 }
 
-/// Reads and cleans one primitive; `None` if nothing is left of it. `double_sided` is its material's.
+/// Reads and cleans one primitive; `None` if nothing is left of it. `double_sided` is its
+/// material's.
 pub(crate) fn read(
     document: &Document,
     item: &Item<'_>,
@@ -164,7 +166,8 @@ fn normals_of(
     triangles: &[[u32; 3]],
     report: &mut IngestReport,
 ) -> Vec<Vec3> {
-    /// Relative length error beyond which a normal counts as repaired: signed bytes leave 1/127 per component.
+    /// Relative length error beyond which a normal counts as repaired: signed bytes leave 1/127 per
+    /// component.
     const UNIT: f64 = 0.02;
     let (mut replaced, mut scaled) = (Vec::new(), 0);
     let mut normals: Vec<Vec3> = Vec::with_capacity(raw.count);
@@ -200,7 +203,8 @@ fn normals_of(
 
 /// Linear RGBA in 0..=1.
 fn colors_of(raw: &RawAccessor<'_>, report: &mut IngestReport) -> Vec<Vec4> {
-    // Integer colours mean 0..=1 in every known file, whether or not the exporter set the flag that the specification asks for.
+    // Integer colours mean 0..=1 in every known file, whether or not the exporter set the flag that
+    // the specification asks for.
     let raw = RawAccessor {
         normalized: raw.component != DataType::F32,
         ..raw.clone()

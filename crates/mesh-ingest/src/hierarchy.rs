@@ -4,10 +4,12 @@ use crate::error::{Fault, Faults, Outcome};
 use crate::json::Item;
 use crate::report::IngestReport;
 
-/// Root nodes of the scene and children by node; `None`, with faults, unless the nodes are a forest. Only a forest can be walked: a
-/// node with two parents may be its own ancestor, and a chain of nodes that each list the next one twice doubles at every step.
+/// Root nodes of the scene and children by node; `None`, with faults, unless the nodes are a
+/// forest. Only a forest can be walked: a node with two parents may be its own ancestor, and a
+/// chain of nodes that each list the next one twice doubles at every step.
 ///
-/// Nodes outside of the scene may list nodes in it: some exporters leave such parents behind. They place nothing.
+/// Nodes outside of the scene may list nodes in it: some exporters leave such parents behind. They
+/// place nothing.
 pub(crate) fn hierarchy(
     root: &Item<'_>,
     count: usize,
@@ -112,7 +114,8 @@ fn parents(
     sound.then_some(parent)
 }
 
-/// A node that is its own ancestor. With one parent each, such nodes are those that never reach a root.
+/// A node that is its own ancestor. With one parent each, such nodes are those that never reach a
+/// root.
 fn find_loop(parent: &[Option<usize>]) -> Option<usize> {
     // Marks the nodes of this climb and of earlier ones, so that each is climbed from once.
     let mut climb = vec![0usize; parent.len()];
@@ -132,7 +135,8 @@ fn find_loop(parent: &[Option<usize>]) -> Option<usize> {
     None
 }
 
-/// The scene that was asked for, else the document's own choice, else the first; `None` where there is none.
+/// The scene that was asked for, else the document's own choice, else the first; `None` where there
+/// is none.
 pub(crate) fn chosen_scene(root: &Item<'_>, asked: Option<usize>) -> Outcome<Option<usize>> {
     let scenes = root.len_of("scenes")?;
     match asked {

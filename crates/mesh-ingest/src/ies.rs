@@ -1,8 +1,9 @@
 //! Photometric files: IES LM-63, editions 1986, 1991, 1995, 2002 and 2019, type C.
 //!
-//! Based on: ANSI/IES LM-63-19 and its forerunners, "Approved Method: IES Standard File Format for the Electronic Transfer of
-//! Photometric Data"; `EXT_lights_ies` for what a renderer may leave out. No crate does this under a licence that the project can
-//! use (`eulumdat` reads the format and is AGPL), hence a parser of our own.
+//! Based on: ANSI/IES LM-63-19 and its forerunners, "Approved Method: IES Standard File Format for
+//! the Electronic Transfer of Photometric Data"; `EXT_lights_ies` for what a renderer may leave
+//! out. No crate does this under a licence that the project can use (`eulumdat` reads the format
+//! and is AGPL), hence a parser of our own.
 
 use crate::error::{Fault, Outcome};
 use crate::scene::Profile;
@@ -147,7 +148,8 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
     })
 }
 
-/// Splits a file at its TILT line: what that says, whether the edition is of 1986 or 1991, and what follows.
+/// Splits a file at its TILT line: what that says, whether the edition is of 1986 or 1991, and what
+/// follows.
 fn split<'a>(text: &'a str, path: &str) -> Outcome<(&'a str, bool, &'a str)> {
     let first = text
         .trim_start_matches('\u{feff}')
@@ -258,8 +260,9 @@ fn shown(token: &str) -> String {
 
 /// Planes over the whole turn, 0 to 360 degrees, and which measured plane each of them is.
 ///
-/// LM-63 measures one plane where the light is the same all around, a quadrant (0 to 90) where it is symmetric in both axes, and a half
-/// where it is so in one: 0 to 180, or 90 to 270 in the edition of 1995.
+/// LM-63 measures one plane where the light is the same all around, a quadrant (0 to 90) where it
+/// is symmetric in both axes, and a half where it is so in one: 0 to 180, or 90 to 270 in the
+/// edition of 1995.
 fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
     let n = measured.len();
     let (first, last) = (measured[0], measured[n - 1]);
@@ -282,7 +285,8 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
         (0.0, 90.0) => Ok(mirror(mirror(planes().collect(), 90.0), 180.0)),
         (0.0, 180.0) => Ok(mirror(planes().collect(), 180.0)),
         (90.0, 270.0) => {
-            // The other half is the image about the axis from 90 to 270: angle a at 180 − a, modulo the turn.
+            // The other half is the image about the axis from 90 to 270: angle a at 180 − a, modulo
+            // the turn.
             let mut all: Vec<(f32, usize)> = planes().collect();
             let image = |(angle, k): (f32, usize)| ((540.0 - angle).rem_euclid(360.0), k);
             let between = planes().filter(|&(angle, _)| angle > 90.0 && angle < 270.0);
@@ -300,7 +304,8 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
         (0.0, 360.0) => Ok(planes().collect()),
         // The plane at 360 is often left out, being that at 0.
         (0.0, last) if last > 180.0 => {
-            // The gap may be no wider than what was left between planes anyway (angles are rounded).
+            // The gap may be no wider than what was left between planes anyway (angles are
+            // rounded).
             let widest = measured.windows(2).map(|w| w[1] - w[0]).fold(0.0, f32::max);
             if 360.0 - last > (1.01 * widest).min(90.0) {
                 return Err(Fault::invalid(

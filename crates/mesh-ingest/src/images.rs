@@ -15,15 +15,16 @@ use crate::scene::Image;
 /// Most pixels of one image, 16384².
 const MOST_PIXELS: u64 = 1 << 28;
 
-/// More pixels than a byte of a JPEG can hold: a block of 64 takes a bit at the least, that of its mean in a progressive file. Twice
-/// that leaves room for what has not been thought of.
+/// More pixels than a byte of a JPEG can hold: a block of 64 takes a bit at the least, that of its
+/// mean in a progressive file. Twice that leaves room for what has not been thought of.
 const JPEG_PIXELS_PER_BYTE: u64 = 1024;
 
-/// More bytes than a byte of DEFLATE, which PNG is packed with, can hold: at most 258 into two bits.
+/// More bytes than a byte of DEFLATE, which PNG is packed with, can hold: at most 258 into two
+/// bits.
 const PNG_BYTES_PER_BYTE: u64 = 1032;
 
-/// What images have claimed of the limit so far. Sizes are claimed before anything is decoded, so that a hundred small files of
-/// 10,000² pixels each are refused before any is.
+/// What images have claimed of the limit so far. Sizes are claimed before anything is decoded, so
+/// that a hundred small files of 10,000² pixels each are refused before any is.
 struct Budget {
     spent: u64,
     allowed: u64,
@@ -90,7 +91,8 @@ pub(crate) fn decode(
     images
 }
 
-/// Decodes images `needed`, which are not among those that [`decode`] already took `spent` pixels for.
+/// Decodes images `needed`, which are not among those that [`decode`] already took `spent` pixels
+/// for.
 ///
 /// # Errors
 /// The first fault of any of them; none is returned then.
@@ -209,8 +211,8 @@ fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
             "at least one pixel",
         ));
     }
-    // Decoders fill up what is missing of a JPEG, which may be nearly all of it, and take memory for a PNG before they look.
-    // A WebP of any size may be a few bytes long.
+    // Decoders fill up what is missing of a JPEG, which may be nearly all of it, and take memory
+    // for a PNG before they look. A WebP of any size may be a few bytes long.
     let stored = bytes.len() as u64;
     let most = match format_of(i, bytes)? {
         ImageFormat::Jpeg => stored.saturating_mul(JPEG_PIXELS_PER_BYTE),

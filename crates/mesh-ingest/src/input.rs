@@ -67,7 +67,8 @@ pub struct Input {
     pub file: PathBuf,
     /// How the document names it; empty for the document itself.
     pub uri: String,
-    /// What it held when it was read; `None` for a file that the document names and that was not there or could not be read.
+    /// What it held when it was read; `None` for a file that the document names and that was not
+    /// there or could not be read.
     pub digest: Option<Digest>,
 }
 
@@ -81,7 +82,8 @@ impl Input {
         }
     }
 
-    /// The file that a document in folder `base` means by `uri`; `None` where it means none (a data URI, a network address).
+    /// The file that a document in folder `base` means by `uri`; `None` where it means none (a data
+    /// URI, a network address).
     pub fn locate(base: &Path, uri: &str) -> Option<PathBuf> {
         let bounds = Bounds {
             base: Some(base),

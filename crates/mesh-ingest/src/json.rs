@@ -6,8 +6,8 @@ use crate::error::{Fault, Outcome};
 
 /// A JSON value and its path in the document.
 ///
-/// Readers named `opt_*` give `None` where the key is absent and a [`Fault`] where it has the wrong type, so that only parts
-/// that are looked at are judged.
+/// Readers named `opt_*` give `None` where the key is absent and a [`Fault`] where it has the wrong
+/// type, so that only parts that are looked at are judged.
 #[derive(Debug, Clone)]
 pub(crate) struct Item<'a> {
     pub value: &'a Value,

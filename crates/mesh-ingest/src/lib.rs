@@ -1,10 +1,11 @@
 //! Reads glTF 2.0 into [`Scene`], one documented normal form.
 //!
-//! [`load`] (or [`load_memory`]) gives the scene, the [`Document`] as it came (for writers) and an [`IngestReport`]. [`Soup`] flattens a scene into
-//! world-space triangles for ray casting; [`Scene::base_color`] and its siblings say what a point of the soup does to light.
+//! [`load`] (or [`load_memory`]) gives the scene, the [`Document`] as it came (for writers) and an
+//! [`IngestReport`]. [`Soup`] flattens a scene into world-space triangles for ray casting;
+//! [`Scene::base_color`] and its siblings say what a point of the soup does to light.
 //!
-//! Input is never trusted: every count is checked against the data that backs it before memory is reserved, all problems
-//! are collected with their document paths, and nothing panics.
+//! Input is never trusted: every count is checked against the data that backs it before memory is
+//! reserved, all problems are collected with their document paths, and nothing panics.
 //!
 //! ```no_run
 //! use mesh_ingest::{LoadOptions, Soup, load};

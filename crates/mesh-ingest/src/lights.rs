@@ -16,7 +16,8 @@ use crate::options::MAX_COORDINATE;
 use crate::report::IngestReport;
 use crate::scene::{Light, LightKind, Scene};
 
-/// Reads all lights that the chosen scene places: `KHR_lights_punctual` in scene-graph order, then `EXT_lights_ies`.
+/// Reads all lights that the chosen scene places: `KHR_lights_punctual` in scene-graph order, then
+/// `EXT_lights_ies`.
 pub(crate) fn read_all(
     document: &mut Document,
     graph: &Graph,
@@ -36,7 +37,8 @@ pub(crate) fn read_all(
     scene.profiles = profiles.finish(document);
 }
 
-/// Reads the punctual light that `placed` puts into the world; `None` if it gives no light. `origin` is [`Scene::origin`].
+/// Reads the punctual light that `placed` puts into the world; `None` if it gives no light.
+/// `origin` is [`Scene::origin`].
 fn read(
     document: &Document,
     placed: &Placed,

@@ -35,8 +35,8 @@ pub struct Loaded {
 /// Reads the glTF 2.0 document at `path` (.gltf or .glb, told by content) into normal form.
 ///
 /// # Errors
-/// See [`Error`]; all problems found are reported together. A document whose chosen scene has no sound triangle is
-/// [`Error::NoTriangles`].
+/// See [`Error`]; all problems found are reported together. A document whose chosen scene has no
+/// sound triangle is [`Error::NoTriangles`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     read(Document::open(path, options)?, options)
 }
@@ -103,8 +103,8 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     })
 }
 
-/// Checks every accessor and buffer view, used or not: a writer copies them all, and a file that lies in one place is not to be
-/// trusted in others.
+/// Checks every accessor and buffer view, used or not: a writer copies them all, and a file that
+/// lies in one place is not to be trusted in others.
 fn check_layout(document: &Document, faults: &mut Faults) {
     let root = document.root();
     let mut unbacked = 0u64;
@@ -123,7 +123,8 @@ fn check_layout(document: &Document, faults: &mut Faults) {
         }
         faults.take(document.check_accessor(&head));
     }
-    // Draco primitives' accessors have no view by design; their data is limited where it is decoded.
+    // Draco primitives' accessors have no view by design; their data is limited where it is
+    // decoded.
     let uses_draco = root
         .value
         .get("extensionsUsed")
@@ -138,8 +139,8 @@ fn check_layout(document: &Document, faults: &mut Faults) {
     }
 }
 
-/// Reads what only writers need: attributes and morph targets that light ignores, and compressed data of animations. What is broken
-/// there is better known before the bake than after it.
+/// Reads what only writers need: attributes and morph targets that light ignores, and compressed
+/// data of animations. What is broken there is better known before the bake than after it.
 fn check_writable(document: &Document, scene: &Scene, faults: &mut Faults) {
     let root = document.root();
     let views = root.len_of("bufferViews").unwrap_or(0);
@@ -258,7 +259,8 @@ fn read_materials(
     materials
 }
 
-/// Reads the primitives of all used meshes, in parallel; results and counts come back in document order.
+/// Reads the primitives of all used meshes, in parallel; results and counts come back in document
+/// order.
 fn read_meshes(
     document: &Document,
     used: &BTreeSet<usize>,
@@ -487,9 +489,9 @@ fn used_positions(mesh: &Mesh) -> Vec<Vec3> {
     positions
 }
 
-/// Images that light does not need may be missing, but who writes the document back will want to know.
-/// Notes images that cannot be read and that light does not need. Writers leave their URIs as they are; any other image that they
-/// cannot read was lost since.
+/// Images that light does not need may be missing, but who writes the document back will want to
+/// know. Notes images that cannot be read and that light does not need. Writers leave their URIs as
+/// they are; any other image that they cannot read was lost since.
 fn note_missing_images(
     document: &mut Document,
     needed: &BTreeSet<usize>,
@@ -504,7 +506,8 @@ fn note_missing_images(
                 Err(e) => format!("its file cannot be read: {e}"),
             },
             Ok(ImageSource::Embedded(_)) => continue,
-            // What names nothing that is read may stay, what leads out of the folder not: it would be lost in silence.
+            // What names nothing that is read may stay, what leads out of the folder not: it would
+            // be lost in silence.
             Err(fault) if matches!(fault.kind, Kind::Unsupported) => fault.problem.to_string(),
             Err(fault) => {
                 faults.push(fault);

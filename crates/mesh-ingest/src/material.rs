@@ -107,8 +107,8 @@ impl MaterialRead {
     }
 }
 
-/// `KHR_materials_transmission`: the share of light that goes straight through, and its texture, which is read only if the share
-/// is not zero.
+/// `KHR_materials_transmission`: the share of light that goes straight through, and its texture,
+/// which is read only if the share is not zero.
 fn read_transmission(
     document: &Document,
     item: &Item<'_>,
@@ -134,7 +134,8 @@ fn read_transmission(
     Ok((given as f32, texture))
 }
 
-/// Radiance `emissiveFactor × emissiveStrength × emitScale` and its texture, which is read only if the radiance is not zero.
+/// Radiance `emissiveFactor × emissiveStrength × emitScale` and its texture, which is read only if
+/// the radiance is not zero.
 fn read_emission(
     document: &Document,
     item: &Item<'_>,
@@ -195,7 +196,8 @@ fn read_texture(
         let [ox, oy] = ext.opt_numbers::<2>("offset")?.unwrap_or([0.0, 0.0]);
         let [sx, sy] = ext.opt_numbers::<2>("scale")?.unwrap_or([1.0, 1.0]);
         let (sin, cos) = ext.opt_number("rotation")?.unwrap_or(0.0).sin_cos();
-        // Translation × rotation × scale, as the extension writes it: v points down, so positive angles turn clockwise in (u, v).
+        // Translation × rotation × scale, as the extension writes it: v points down, so positive
+        // angles turn clockwise in (u, v).
         let linear = [cos * sx, -sin * sx, sin * sy, cos * sy].map(|x| x as f32);
         transform = Affine2::from_mat2_translation(
             Mat2::from_cols_array(&linear),

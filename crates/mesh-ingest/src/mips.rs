@@ -1,7 +1,8 @@
 //! Mean reflectance about a point, through image pyramids.
 //!
-//! Based on: L. Williams, *Pyramidal Parametrics*, SIGGRAPH 1983. Levels hold the mean in linear light of the part of the surface that is
-//! there, so that what a mask cuts out, whatever its colour, does not count.
+//! Based on: L. Williams, *Pyramidal Parametrics*, SIGGRAPH 1983. Levels hold the mean in linear
+//! light of the part of the surface that is there, so that what a mask cuts out, whatever its
+//! colour, does not count.
 
 use std::collections::BTreeMap;
 
@@ -12,18 +13,19 @@ use crate::scene::{AlphaMode, Image, Material, Scene, TextureRef};
 use crate::shading::{Taps, nearest_texel, srgb_to_linear};
 use crate::soup::Soup;
 
-/// Points along each side of the neighbourhood. Four make a square of an isotropic pyramid's round blurs, and cover
-/// textures that are stretched up to fourfold.
+/// Points along each side of the neighbourhood. Four make a square of an isotropic pyramid's round
+/// blurs, and cover textures that are stretched up to fourfold.
 const SIDE: u32 = 4;
 
-/// A neighbourhood reaches beyond its triangle, where the same mapping is taken to go on, by no more than this many times the triangle's
-/// area: further off lies another triangle's part of the texture.
+/// A neighbourhood reaches beyond its triangle, where the same mapping is taken to go on, by no
+/// more than this many times the triangle's area: further off lies another triangle's part of the
+/// texture.
 const BEYOND: f32 = 4.0;
 
 /// Pyramids of the base textures of a scene.
 ///
-/// Memory: 8/3 bytes a texel, once per image and way in which materials use it (their mask, and their limit where it cuts the
-/// texture); see [`Pyramids::bytes`].
+/// Memory: 8/3 bytes a texel, once per image and way in which materials use it (their mask, and
+/// their limit where it cuts the texture); see [`Pyramids::bytes`].
 #[derive(Debug, Default)]
 pub struct Pyramids {
     pyramids: Vec<Pyramid>,
@@ -128,8 +130,8 @@ fn transmission(scene: &Scene, material: &Material, image: &Image, x: u32, y: u3
 }
 
 impl Pyramids {
-    /// Builds the pyramids of all base textures that triangles of `soup` wear, in parallel; the result does not depend on the number of
-    /// threads. O(texels).
+    /// Builds the pyramids of all base textures that triangles of `soup` wear, in parallel; the
+    /// result does not depend on the number of threads. O(texels).
     pub fn build(scene: &Scene, soup: &Soup) -> Pyramids {
         let mut worn = vec![false; scene.materials.len()];
         for &material in &soup.materials {
@@ -166,17 +168,21 @@ impl Pyramids {
         levels.map(|l| 8 * l.texels.len() as u64).sum()
     }
 
-    /// Mean reflectance (linear RGB, 0..=1) of the part of the surface that is there, over a square of `area` m² about a point of soup
-    /// triangle `tri`, in the triangle's plane and with its mapping.
+    /// Mean reflectance (linear RGB, 0..=1) of the part of the surface that is there, over a square
+    /// of `area` m² about a point of soup triangle `tri`, in the triangle's plane and with its
+    /// mapping.
     ///
-    /// `u` and `v` are the barycentric weights of world corners 1 and 2; `scene` and `soup` are those of [`Pyramids::build`]. With c
-    /// the base colour and p the presence it is ∫ c p dA / ∫ p dA, black where nothing is there or the triangle only occludes.
-    /// `COLOR_0` is taken at the point itself (its alpha not at all), and so is everything where there is no texture. The square
-    /// is never larger than four times the triangle; its border is soft by an eighth of its side.
+    /// `u` and `v` are the barycentric weights of world corners 1 and 2; `scene` and `soup` are
+    /// those of [`Pyramids::build`]. With c the base colour and p the presence it is ∫ c p dA / ∫ p
+    /// dA, black where nothing is there or the triangle only occludes. `COLOR_0` is taken at the
+    /// point itself (its alpha not at all), and so is everything where there is no texture. The
+    /// square is never larger than four times the triangle; its border is soft by an eighth of its
+    /// side.
     ///
-    /// Against 48² samples in squares on 1,500 triangles of Sponza the mean was 0.2 % high and the root mean square of the differences 0.004
-    /// (of 0.075). Not guaranteed: beyond the edge of a clamped texture coarse levels read the mean of its border, not the last row;
-    /// a mask is judged texel by texel, not after filtering.
+    /// Against 48² samples in squares on 1,500 triangles of Sponza the mean was 0.2 % high and the
+    /// root mean square of the differences 0.004 (of 0.075). Not guaranteed: beyond the edge of a
+    /// clamped texture coarse levels read the mean of its border, not the last row; a mask is
+    /// judged texel by texel, not after filtering.
     pub fn reflectance(
         &self,
         scene: &Scene,
@@ -253,7 +259,8 @@ impl Square {
         }
     }
 
-    /// Level whose texels are as large as the parts that the points stand for, in an image of `size`.
+    /// Level whose texels are as large as the parts that the points stand for, in an image of
+    /// `size`.
     fn level(&self, size: [u32; 2]) -> f32 {
         let size = DVec2::new(f64::from(size[0]), f64::from(size[1]));
         let [a, b] = self.sides.map(|s| s * size);
@@ -368,7 +375,8 @@ impl Level {
     }
 }
 
-/// Means of the source over each of `half`'s texels, by exact overlap: odd sizes too keep the mean of the whole.
+/// Means of the source over each of `half`'s texels, by exact overlap: odd sizes too keep the mean
+/// of the whole.
 fn shrink(size: [u32; 2], half: [u32; 2], source: impl Fn(u32, u32) -> Vec4 + Sync) -> Vec<Vec4> {
     let [columns, rows] = [0, 1].map(|axis| overlaps(size[axis], half[axis]));
     let mut out = vec![Vec4::ZERO; half[0] as usize * half[1] as usize];

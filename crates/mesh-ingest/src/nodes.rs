@@ -400,8 +400,9 @@ fn place_copies(
     Ok(())
 }
 
-/// Whether a transform is finite and can be undone: the volume of its axes' parallelepiped is not lost against the box of
-/// their lengths (1e-12 as in [`MIN_ASPECT`](crate::geometry::MIN_ASPECT): far above double rounding).
+/// Whether a transform is finite and can be undone: the volume of its axes' parallelepiped is not
+/// lost against the box of their lengths (1e-12 as in [`MIN_ASPECT`](crate::geometry::MIN_ASPECT):
+/// far above double rounding).
 pub(crate) fn is_invertible(m: &DMat3) -> bool {
     let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.length());
     if !m.is_finite() || lengths.iter().any(|&l| !(l > 0.0 && l.is_finite())) {

@@ -3,14 +3,17 @@
 /// How [`load`](crate::load) reads a document.
 #[derive(Debug, Clone, Default)]
 pub struct LoadOptions {
-    /// Which of the document's scenes; `None` for the one that it names, else the first, else all root nodes.
+    /// Which of the document's scenes; `None` for the one that it names, else the first, else all
+    /// root nodes.
     pub scene: Option<usize>,
-    /// Whether `..` and links may lead to files outside of the document's folder. What is written holds the files that a document
-    /// names, so a document of unknown origin could carry off any file that this process can read. Absolute paths are never followed.
+    /// Whether `..` and links may lead to files outside of the document's folder. What is written
+    /// holds the files that a document names, so a document of unknown origin could carry off any
+    /// file that this process can read. Absolute paths are never followed.
     pub allow_outside: bool,
     /// Names of nodes tell no levels of detail; extras and `MSFT_lod` do all the same.
     pub ignore_lod_names: bool,
-    /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of exhausting the machine.
+    /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of
+    /// exhausting the machine.
     pub limits: Limits,
 }
 
@@ -36,7 +39,8 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// Room for twenty times the largest level that the project measures (about 3 million unique triangles), within 16 GiB.
+    /// Room for twenty times the largest level that the project measures (about 3 million unique
+    /// triangles), within 16 GiB.
     fn default() -> Limits {
         Limits {
             file_bytes: 8 << 30,
@@ -50,5 +54,6 @@ impl Default for Limits {
     }
 }
 
-/// Coordinates beyond this (metres) count as not finite: the cube of a length, which ray tests form, must fit `f32`.
+/// Coordinates beyond this (metres) count as not finite: the cube of a length, which ray tests
+/// form, must fit `f32`.
 pub(crate) const MAX_COORDINATE: f64 = 1e12;

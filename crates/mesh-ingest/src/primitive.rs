@@ -15,14 +15,17 @@ use crate::json::Item;
 pub struct RawPrimitive<'a> {
     /// Number of vertices; every attribute has as many elements.
     pub vertex_count: usize,
-    /// Every attribute by its name in the document's order: known ones, `_CUSTOM` ones, joints and weights.
+    /// Every attribute by its name in the document's order: known ones, `_CUSTOM` ones, joints and
+    /// weights.
     pub attributes: Vec<(String, RawAccessor<'a>)>,
     /// The attributes of each morph target.
     pub targets: Vec<Vec<(String, RawAccessor<'a>)>>,
     /// How the document's indices are to be read.
     pub mode: Mode,
-    /// Strips and fans unrolled, counter-clockwise, nothing dropped; empty for points and lines. Triangle *i* here is what
-    /// [`Primitive::source_triangles`](crate::Primitive::source_triangles) calls *i*. All indices are below `vertex_count`.
+    /// Strips and fans unrolled, counter-clockwise, nothing dropped; empty for points and lines.
+    /// Triangle *i* here is what
+    /// [`Primitive::source_triangles`](crate::Primitive::source_triangles) calls *i*. All indices
+    /// are below `vertex_count`.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -60,8 +63,8 @@ impl Document {
     /// The primitive `primitive` of mesh `mesh`, for writers that re-index its vertices.
     ///
     /// # Errors
-    /// The primitive does not exist, an accessor is unsound, attributes differ in length, an index is out of range, or
-    /// compressed data does not decode.
+    /// The primitive does not exist, an accessor is unsound, attributes differ in length, an index
+    /// is out of range, or compressed data does not decode.
     pub fn primitive_raw(&self, mesh: usize, primitive: usize) -> Result<RawPrimitive<'_>, Error> {
         let read = || {
             let item = self
@@ -318,8 +321,8 @@ fn check_shape(name: &str, raw: &RawAccessor<'_>, path: &str) -> Outcome<()> {
     ))
 }
 
-/// Triangles of an index list (glTF 2.0, §3.7.2.1), or of `0..vertices` where there is none. Ends that make no triangle are
-/// left off.
+/// Triangles of an index list (glTF 2.0, §3.7.2.1), or of `0..vertices` where there is none. Ends
+/// that make no triangle are left off.
 pub(crate) fn unroll(mode: Mode, indices: Option<&[u32]>, vertices: usize) -> Vec<[u32; 3]> {
     let count = indices.map_or(vertices, <[u32]>::len);
     let at = |i: usize| indices.map_or(i as u32, |list| list[i]);

@@ -4,16 +4,17 @@ use glam::Vec3;
 
 use crate::scene::{Light, Profile, Scene};
 
-/// Directions this far beyond the measured range (degrees) still read its last value: `f32` angles of directions in the
-/// plane at 90° are off by up to 2e-5 degrees either way, and half of them would be dark.
+/// Directions this far beyond the measured range (degrees) still read its last value: `f32` angles
+/// of directions in the plane at 90° are off by up to 2e-5 degrees either way, and half of them
+/// would be dark.
 const RIM: f32 = 1e-3;
 
 impl Profile {
-    /// The factor in `direction` (any length but 0, in the profile's own axes: nadir is −Y), bilinear in the two angles; 0 outside
-    /// of the vertical range.
+    /// The factor in `direction` (any length but 0, in the profile's own axes: nadir is −Y),
+    /// bilinear in the two angles; 0 outside of the vertical range.
     ///
-    /// Straight up and down, where the horizontal angle means nothing, it reads the plane that `atan2` names; sound profiles agree
-    /// there in all planes.
+    /// Straight up and down, where the horizontal angle means nothing, it reads the plane that
+    /// `atan2` names; sound profiles agree there in all planes.
     pub fn value(&self, direction: Vec3) -> f32 {
         let n = self.vertical.len();
         let (Some(&low), Some(&high)) = (self.vertical.first(), self.vertical.last()) else {
@@ -47,10 +48,11 @@ impl Profile {
         first + fh * (column((h + 1).min(self.horizontal.len() - 1)) - first)
     }
 
-    /// ∫ value dω over the sphere, sr: the luminous flux (lumen) of a light of intensity 1 (candela) that wears the profile.
+    /// ∫ value dω over the sphere, sr: the luminous flux (lumen) of a light of intensity 1
+    /// (candela) that wears the profile.
     ///
-    /// Exact for the bilinear values that [`Profile::value`] gives: along the horizontal angle the trapezoid rule is, and along the
-    /// vertical one ∫ (a + bθ) sin θ dθ has a closed form.
+    /// Exact for the bilinear values that [`Profile::value`] gives: along the horizontal angle the
+    /// trapezoid rule is, and along the vertical one ∫ (a + bθ) sin θ dθ has a closed form.
     pub fn flux(&self) -> f64 {
         let n = self.vertical.len();
         if n < 2 || self.values.len() < n * self.horizontal.len() {
@@ -76,7 +78,8 @@ impl Profile {
     }
 }
 
-/// The interval of ascending `knots` that holds `x`, and how far into it, 0..=1; the ends where `x` lies outside.
+/// The interval of ascending `knots` that holds `x`, and how far into it, 0..=1; the ends where `x`
+/// lies outside.
 fn place(knots: &[f32], x: f32) -> (usize, f32) {
     let last = knots.len().saturating_sub(2);
     let k = knots
@@ -89,8 +92,8 @@ fn place(knots: &[f32], x: f32) -> (usize, f32) {
 }
 
 impl Scene {
-    /// What `light`'s measured distribution makes of its intensity in `direction`, which points from the light into recentred
-    /// world space (any length but 0); 1 where it has none.
+    /// What `light`'s measured distribution makes of its intensity in `direction`, which points
+    /// from the light into recentred world space (any length but 0); 1 where it has none.
     pub fn profile_factor(&self, light: &Light, direction: Vec3) -> f32 {
         match light.profile {
             None => 1.0,

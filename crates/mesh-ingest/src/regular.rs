@@ -4,8 +4,8 @@ use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
-/// Opens a regular file for reading. Pipes, devices and folders are refused, and never opened: opening a pipe waits for whoever
-/// writes to it, and a device may not end. Links are followed.
+/// Opens a regular file for reading. Pipes, devices and folders are refused, and never opened:
+/// opening a pipe waits for whoever writes to it, and a device may not end. Links are followed.
 ///
 /// A file that is replaced by a pipe between the look and the opening is not guarded against.
 ///

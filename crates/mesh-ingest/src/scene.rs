@@ -1,7 +1,8 @@
 //! The normal form that every glTF document is brought into.
 //!
-//! The rest of Lumel never sees glTF again: it sees meshes of clean indexed triangles, instances that place them,
-//! materials in linear light, and lights in world space. See [`Scene`] for what is guaranteed.
+//! The rest of Lumel never sees glTF again: it sees meshes of clean indexed triangles, instances
+//! that place them, materials in linear light, and lights in world space. See [`Scene`] for what is
+//! guaranteed.
 
 use std::collections::BTreeMap;
 
@@ -11,17 +12,19 @@ use glam::{Affine2, DAffine3, DVec3, Mat3, Vec2, Vec3, Vec4};
 ///
 /// Guarantees, made by [`crate::load`] and relied upon everywhere:
 /// - every number is finite; every index (vertex, material, image, mesh) is in range;
-/// - no triangle of a [`Primitive`] names one vertex twice, has zero area in local space or names the same vertices as another
-///   (same facing, or any where its material is double-sided);
-/// - instances refer to meshes that have at least one triangle, and their transforms are invertible;
+/// - no triangle of a [`Primitive`] names one vertex twice, has zero area in local space or names
+///   the same vertices as another (same facing, or any where its material is double-sided);
+/// - instances refer to meshes that have at least one triangle, and their transforms are
+///   invertible;
 /// - colours are linear Rec.709; reflectances lie in 0..=1; emission is a radiance and ≥ 0.
 ///
-/// World space is the glTF's (right-handed, Y up, metres) moved by −[`origin`](Scene::origin) so that `f32` is precise
-/// about the scene's centre.
+/// World space is the glTF's (right-handed, Y up, metres) moved by −[`origin`](Scene::origin) so
+/// that `f32` is precise about the scene's centre.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    /// Unique geometry, in the order of the document's `meshes` (a mesh that is not used has no entry). Whoever gives instances of one
-    /// mesh geometry of their own appends copies, which name the same mesh of the document.
+    /// Unique geometry, in the order of the document's `meshes` (a mesh that is not used has no
+    /// entry). Whoever gives instances of one mesh geometry of their own appends copies, which name
+    /// the same mesh of the document.
     pub meshes: Vec<Mesh>,
     /// Placements of meshes that receive and cast light, in scene-graph order (depth first).
     pub instances: Vec<Instance>,
@@ -43,7 +46,8 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Whether primitive `primitive` of instance `instance` receives light: neither the node nor the material only occludes.
+    /// Whether primitive `primitive` of instance `instance` receives light: neither the node nor
+    /// the material only occludes.
     pub fn receives(&self, instance: usize, primitive: usize) -> bool {
         let instance = &self.instances[instance];
         let worn = self.meshes[instance.mesh].primitives[primitive].material;
@@ -56,7 +60,8 @@ impl Scene {
         (0..primitives.len()).any(|p| self.receives(instance, p))
     }
 
-    /// Whether instance `instance` has a place in the lightmap: it receives light and its density is not 0.
+    /// Whether instance `instance` has a place in the lightmap: it receives light and its density
+    /// is not 0.
     pub fn has_lumels(&self, instance: usize) -> bool {
         self.instances[instance].density > 0.0 && self.has_lightmap(instance)
     }
@@ -87,10 +92,11 @@ pub struct Mesh {
 pub struct Primitive {
     /// Index into the document's `meshes[gltf_mesh].primitives`.
     pub gltf_primitive: usize,
-    /// Vertex positions, local space, one per vertex of the document's accessor (vertex *i* is accessor element *i*).
+    /// Vertex positions, local space, one per vertex of the document's accessor (vertex *i* is
+    /// accessor element *i*).
     pub positions: Vec<Vec3>,
-    /// Unit vertex normals (unusable ones replaced by those of the faces around), or empty where the document has none (then
-    /// faces are flat).
+    /// Unit vertex normals (unusable ones replaced by those of the faces around), or empty where
+    /// the document has none (then faces are flat).
     pub normals: Vec<Vec3>,
     /// `TEXCOORD_n` by n; an inner vector is empty where the set is absent.
     pub tex_coords: Vec<Vec<Vec2>>,
@@ -98,7 +104,8 @@ pub struct Primitive {
     pub colors: Vec<Vec4>,
     /// Triangles as vertex indices, counter-clockwise seen from the front in local space.
     pub triangles: Vec<[u32; 3]>,
-    /// For each triangle, its number in the document's primitive (strips and fans counted as unrolled).
+    /// For each triangle, its number in the document's primitive (strips and fans counted as
+    /// unrolled).
     pub source_triangles: Vec<u32>,
     /// Index into [`Scene::materials`].
     pub material: usize,
@@ -117,10 +124,12 @@ pub struct Instance {
     pub mesh: usize,
     /// Local to world (before recentring); may mirror.
     pub transform: DAffine3,
-    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder` of the node or an ancestor).
+    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder` of
+    /// the node or an ancestor).
     pub occluder: bool,
-    /// Lumels per metre over the scene's, 0..=1000; with 0 it gets no lightmap but else takes part in the light
-    /// (`extras.lumel.density` of the node or the nearest ancestor that says something, 1 if none does).
+    /// Lumels per metre over the scene's, 0..=1000; with 0 it gets no lightmap but else takes part
+    /// in the light (`extras.lumel.density` of the node or the nearest ancestor that says
+    /// something, 1 if none does).
     pub density: f32,
     /// A coarser level of detail or another variant of what some other instances show: index into
     /// [`Scene::firsts`]. It neither shadows, reflects nor emits, and receives the light of the
@@ -141,16 +150,18 @@ pub struct Material {
     pub base_color: Vec4,
     /// `baseColorTexture` (sRGB).
     pub base_texture: Option<TextureRef>,
-    /// `emissiveFactor` × `emissiveStrength`: radiance in W/(m² sr), or nit where the scene is photometric.
+    /// `emissiveFactor` × `emissiveStrength`: radiance in W/(m² sr), or nit where the scene is
+    /// photometric.
     pub emissive: Vec3,
     /// `emissiveTexture` (sRGB), multiplied with `emissive`.
     pub emissive_texture: Option<TextureRef>,
-    /// How alpha is used; opaque also where the document says otherwise but no alpha lets light through.
+    /// How alpha is used; opaque also where the document says otherwise but no alpha lets light
+    /// through.
     pub alpha: AlphaMode,
     /// Acts on both sides; otherwise the back blocks light, reflects nothing and emits nothing.
     pub double_sided: bool,
-    /// `KHR_materials_transmission`: the share of light that passes straight through, coloured by the base colour, instead of being
-    /// reflected diffusely; 0..=1.
+    /// `KHR_materials_transmission`: the share of light that passes straight through, coloured by
+    /// the base colour, instead of being reflected diffusely; 0..=1.
     pub transmission: f32,
     /// `transmissionTexture` (red channel, linear), multiplied with `transmission`.
     pub transmission_texture: Option<TextureRef>,
@@ -258,28 +269,30 @@ pub struct Light {
 pub struct PlacedProfile {
     /// Index into [`Scene::profiles`].
     pub profile: usize,
-    /// Rotates directions of the world into the profile's axes (and mirrors them, where the light's node does).
+    /// Rotates directions of the world into the profile's axes (and mirrors them, where the light's
+    /// node does).
     pub from_world: Mat3,
 }
 
 /// A luminaire's intensity by direction: a goniometric diagram (IES LM-63).
 ///
-/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards −Z: counter-clockwise seen from
-/// above, as LM-63's type C has it.
+/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards
+/// −Z: counter-clockwise seen from above, as LM-63's type C has it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     /// Vertical angles, degrees from nadir, ascending, at least two.
     pub vertical: Vec<f32>,
     /// Horizontal angles, degrees, ascending from 0 to 360 (symmetries undone).
     pub horizontal: Vec<f32>,
-    /// `horizontal.len() × vertical.len()` factors, vertical fastest; the largest is 1 (or all are 0).
+    /// `horizontal.len() × vertical.len()` factors, vertical fastest; the largest is 1 (or all are
+    /// 0).
     pub values: Vec<f32>,
 }
 
-/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from −X through −Z, +X (the middle) and +Z back to −X (as
-/// three.js and Blender have it), rows from
-/// +Y down to −Y. Pixel (i, j) of w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h, which is
-/// the direction (sin t cos a, cos t, sin t sin a).
+/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from −X through −Z, +X (the
+/// middle) and +Z back to −X (as three.js and Blender have it), rows from +Y down to −Y. Pixel (i,
+/// j) of w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h,
+/// which is the direction (sin t cos a, cos t, sin t sin a).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Name of the light, or empty.
@@ -299,7 +312,8 @@ pub enum LightKind {
     Directional {
         /// Direction of travel of the light.
         direction: Vec3,
-        /// Angle between the middle and the rim of its disc, radians; 0 for parallel light. The sun's is 0.00465.
+        /// Angle between the middle and the rim of its disc, radians; 0 for parallel light. The
+        /// sun's is 0.00465.
         angle: f32,
     },
     /// Shines in all directions.
@@ -330,6 +344,6 @@ pub enum LightKind {
 
 /// What ingest dropped, clamped or left out, by kind, for `inspect` and the report.
 ///
-/// Keys are short stable identifiers (`"triangles.zero_area"`); values are how many. A `BTreeMap` so that
-/// the order is the same in every run.
+/// Keys are short stable identifiers (`"triangles.zero_area"`); values are how many. A `BTreeMap`
+/// so that the order is the same in every run.
 pub type Counts = BTreeMap<String, u64>;

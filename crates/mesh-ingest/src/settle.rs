@@ -1,4 +1,5 @@
-//! What materials come to in effect: which images light needs, which materials are opaque after all, which reflect too much.
+//! What materials come to in effect: which images light needs, which materials are opaque after
+//! all, which reflect too much.
 
 use std::collections::BTreeSet;
 
@@ -103,9 +104,11 @@ impl MostTexels<'_> {
     }
 }
 
-/// Makes materials opaque that never let light through: exporters mark whole scenes `BLEND`, and every ray would ask.
+/// Makes materials opaque that never let light through: exporters mark whole scenes `BLEND`, and
+/// every ray would ask.
 ///
-/// `MASK` and `BLEND` by alpha; transmission where its texture or the base colour, which colours what passes, is black.
+/// `MASK` and `BLEND` by alpha; transmission where its texture or the base colour, which colours
+/// what passes, is black.
 pub(crate) fn settle_alpha(scene: &mut Scene, used: &BTreeSet<usize>, report: &mut IngestReport) {
     let colors = VertexColors::of(scene);
     let mut texels = MostTexels::new(scene);
@@ -142,7 +145,8 @@ fn alpha_in_effect(scene: &Scene, material: &Material, least_color: f32) -> Alph
         AlphaMode::Mask { cutoff } => cutoff,
         AlphaMode::Blend => 1.0,
     };
-    // Filtering and interpolation stay above the least value; sampling rounds, so a mask's value must clear its cutoff.
+    // Filtering and interpolation stay above the least value; sampling rounds, so a mask's value
+    // must clear its cutoff.
     const ROUNDING: f32 = 1e-5;
     let untextured = material.base_color.w * least_color;
     if untextured < needed {
@@ -163,10 +167,12 @@ fn alpha_in_effect(scene: &Scene, material: &Material, least_color: f32) -> Alph
 }
 
 impl Scene {
-    /// Lets no surface reflect more than `limit` (0..=1) in any channel; a material's own, lower limit stays.
+    /// Lets no surface reflect more than `limit` (0..=1) in any channel; a material's own, lower
+    /// limit stays.
     ///
-    /// Returns how many materials in use the limits touch: those that some channel of base colour factor × brightest texel × brightest
-    /// `COLOR_0` lifts above theirs. A bound: the brightest of each need not meet.
+    /// Returns how many materials in use the limits touch: those that some channel of base colour
+    /// factor × brightest texel × brightest `COLOR_0` lifts above theirs. A bound: the brightest of
+    /// each need not meet.
     pub fn limit_reflectance(&mut self, limit: f32) -> u64 {
         for material in &mut self.materials {
             material.max_reflectance = material.max_reflectance.min(limit);

@@ -1,7 +1,7 @@
 //! What a point of the soup does to light: reflectance, transparency, emission, shading normal.
 //!
-//! Textures are decoded from sRGB texel by texel and then filtered, as the glTF specification asks (glTF 2.0, §3.9.2) and as the
-//! project's reference tracer does.
+//! Textures are decoded from sRGB texel by texel and then filtered, as the glTF specification asks
+//! (glTF 2.0, §3.9.2) and as the project's reference tracer does.
 
 use std::sync::LazyLock;
 
@@ -84,17 +84,19 @@ impl Scene {
         &self.materials[soup.material(tri) as usize]
     }
 
-    /// Whether soup triangle `tri` only casts shadows: it reflects and emits nothing and gets no light
-    /// ([`Material::occluder_only`], [`crate::Instance::occluder`]).
+    /// Whether soup triangle `tri` only casts shadows: it reflects and emits nothing and gets no
+    /// light ([`Material::occluder_only`], [`crate::Instance::occluder`]).
     pub fn only_occludes(&self, soup: &Soup, tri: u32) -> bool {
         let instance = soup.source(tri).instance;
         self.material_of(soup, tri).occluder_only || self.instances[instance as usize].occluder
     }
 
-    /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base colour × base texture × `COLOR_0`,
-    /// at most [`Material::max_reflectance`] in each channel; black where the triangle only occludes.
+    /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base
+    /// colour × base texture × `COLOR_0`, at most [`Material::max_reflectance`] in each channel;
+    /// black where the triangle only occludes.
     ///
-    /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2. `tri` may be any face, duplicates among them.
+    /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2. `tri` may
+    /// be any face, duplicates among them.
     pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
         let material = self.material_of(soup, tri);
         let color = self.color(soup, tri, u, v);
@@ -104,7 +106,8 @@ impl Scene {
         color.min(Vec3::splat(material.max_reflectance).extend(1.0))
     }
 
-    /// What light that passes through the base colour is coloured with: no reflectance, so that its limit does not apply.
+    /// What light that passes through the base colour is coloured with: no reflectance, so that its
+    /// limit does not apply.
     fn unclamped_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         self.color(soup, tri, u, v).xyz()
     }
@@ -123,8 +126,8 @@ impl Scene {
         color.clamp(Vec4::ZERO, Vec4::ONE)
     }
 
-    /// Radiance that the triangle's acting sides emit at a point (units of [`Material::emissive`]); `u`, `v` as in
-    /// [`Scene::base_color`].
+    /// Radiance that the triangle's acting sides emit at a point (units of [`Material::emissive`]);
+    /// `u`, `v` as in [`Scene::base_color`].
     pub fn emission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let material = self.material_of(soup, tri);
         // Most surfaces do not shine: nothing more is looked up for them.
@@ -140,7 +143,8 @@ impl Scene {
         }
     }
 
-    /// [`Scene::emission`] times the share of the surface that is there: what a piece of it sends out on average.
+    /// [`Scene::emission`] times the share of the surface that is there: what a piece of it sends
+    /// out on average.
     pub fn emitted(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let radiance = self.emission(soup, tri, u, v);
         if self.needs_alpha(soup.materials[tri as usize]) {
@@ -156,7 +160,8 @@ impl Scene {
         (self.material_of(soup, tri).base_color * color).xyz()
     }
 
-    /// Where `texture` lies on the triangle: its coordinates, transformed, at world corners 0, 1 and 2.
+    /// Where `texture` lies on the triangle: its coordinates, transformed, at world corners 0, 1
+    /// and 2.
     pub(crate) fn texture_corners(&self, soup: &Soup, tri: u32, texture: &TextureRef) -> [Vec2; 3] {
         let lookup = self.lookup(soup, tri);
         WHOLE.map(|p| {
@@ -177,15 +182,17 @@ impl Scene {
         }
     }
 
-    /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this material.
+    /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this
+    /// material.
     pub fn needs_alpha(&self, material: u32) -> bool {
         self.materials[material as usize].lets_light_through()
     }
 
     /// Share of light, 0..=1 per channel, that passes straight through the triangle at a point.
     ///
-    /// With coverage α (1 if opaque, 0 or 1 for `MASK`, alpha for `BLEND`), transmission τ and base colour c it is
-    /// (1 − α) + α τ c: what is not covered lets all through, glass colours what it lets through.
+    /// With coverage α (1 if opaque, 0 or 1 for `MASK`, alpha for `BLEND`), transmission τ and base
+    /// colour c it is (1 − α) + α τ c: what is not covered lets all through, glass colours what it
+    /// lets through.
     pub fn transmittance(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let coverage = self.coverage(soup, tri, u, v);
         let open = Vec3::splat(1.0 - coverage);
@@ -195,8 +202,8 @@ impl Scene {
         }
     }
 
-    /// Share of the surface, 0..=1, that reflects at a point: α (1 − τ), see [`Scene::transmittance`]. The rest lets light through or
-    /// swallows it.
+    /// Share of the surface, 0..=1, that reflects at a point: α (1 − τ), see
+    /// [`Scene::transmittance`]. The rest lets light through or swallows it.
     pub fn presence(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
         self.coverage(soup, tri, u, v) * (1.0 - self.transmission(soup, tri, u, v))
     }
@@ -241,8 +248,8 @@ impl Scene {
         alpha.clamp(0.0, 1.0)
     }
 
-    /// The interpolated vertex normal in world space (unit), on the side of the geometric normal; the geometric normal where the
-    /// primitive has no normals or they cancel.
+    /// The interpolated vertex normal in world space (unit), on the side of the geometric normal;
+    /// the geometric normal where the primitive has no normals or they cancel.
     pub fn shading_normal(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let geometric = soup.normals[tri as usize];
         let lookup = self.lookup(soup, tri);
@@ -256,7 +263,8 @@ impl Scene {
             .map(|i| lookup.primitive.normals[i].as_dvec3());
         let w = Lookup::weights(u, v).as_dvec3();
         let local = a * w.x + b * w.y + c * w.z;
-        // Cofactors are the inverse transpose times the determinant: no division, and the sign is settled below.
+        // Cofactors are the inverse transpose times the determinant: no division, and the sign is
+        // settled below.
         let world: DVec3 = m.y_axis.cross(m.z_axis) * local.x
             + m.z_axis.cross(m.x_axis) * local.y
             + m.x_axis.cross(m.y_axis) * local.z;
@@ -299,11 +307,12 @@ impl Scene {
         .xyz()
     }
 
-    /// Mean of `value(u, v)` over the part of triangle `tri` between the barycentric points `corners` (weights of world corners 1
-    /// and 2).
+    /// Mean of `value(u, v)` over the part of triangle `tri` between the barycentric points
+    /// `corners` (weights of world corners 1 and 2).
     ///
-    /// Samples the centres of n² equal sub-triangles, n chosen so that about one falls on each texel of the finest texture in the
-    /// part, and n² ≤ max(`max_samples`, 1). Deterministic; what it leaves of a texture that is finer than the samples is aliased.
+    /// Samples the centres of n² equal sub-triangles, n chosen so that about one falls on each
+    /// texel of the finest texture in the part, and n² ≤ max(`max_samples`, 1). Deterministic; what
+    /// it leaves of a texture that is finer than the samples is aliased.
     pub fn mean_over(
         &self,
         soup: &Soup,
@@ -313,7 +322,8 @@ impl Scene {
         value: impl Fn(f32, f32) -> Vec4,
     ) -> Vec4 {
         let texels = self.texels_in(soup, tri, corners);
-        // Vertex colours alone vary linearly (but for their product with texture), which the centre catches.
+        // Vertex colours alone vary linearly (but for their product with texture), which the centre
+        // catches.
         let n = (texels.sqrt().ceil().max(1.0) as u32).min(max_samples.max(1).isqrt());
         let [a, b, c] = corners;
         let (ab, ac) = ((b - a) / n as f32, (c - a) / n as f32);
@@ -447,7 +457,8 @@ impl Taps {
     }
 }
 
-/// Takes whole periods off a coordinate before it is scaled by the image, where they would cost precision.
+/// Takes whole periods off a coordinate before it is scaled by the image, where they would cost
+/// precision.
 fn reduce(x: f32, wrap: Wrap) -> f32 {
     match wrap {
         Wrap::Repeat => x - x.floor(),
@@ -457,8 +468,8 @@ fn reduce(x: f32, wrap: Wrap) -> f32 {
     }
 }
 
-/// Texel index of a reduced coordinate, which lies at most one texel outside its period: no division is needed. The last
-/// bound holds whatever rounding did.
+/// Texel index of a reduced coordinate, which lies at most one texel outside its period: no
+/// division is needed. The last bound holds whatever rounding did.
 fn wrap_index(i: i32, size: u32, wrap: Wrap) -> u32 {
     let n = size as i32;
     let within = |i: i32, period: i32| {

@@ -8,10 +8,11 @@ use crate::scene::Scene;
 
 /// World-space (recentred) triangles of every instance, in the order instance, primitive, triangle.
 ///
-/// Triangles whose area vanishes in world space, or which coincide exactly with an earlier one (same three corners, any
-/// rotation, and no side that the earlier ones leave free: a double-sided triangle takes both; occluders count as last), are left out and
-/// counted; the latter are listed in [`duplicates`](Soup::duplicates), since they receive light all the same. Winding is already flipped for
-/// mirroring transforms, so the front is always the counter-clockwise side.
+/// Triangles whose area vanishes in world space, or which coincide exactly with an earlier one
+/// (same three corners, any rotation, and no side that the earlier ones leave free: a double-sided
+/// triangle takes both; occluders count as last), are left out and counted; the latter are listed
+/// in [`duplicates`](Soup::duplicates), since they receive light all the same. Winding is already
+/// flipped for mirroring transforms, so the front is always the counter-clockwise side.
 ///
 /// Triangles of instances that stand in for others
 /// ([`Instance::stands_in`](crate::Instance::stands_in)) come last, in the same order: rays see
@@ -44,7 +45,8 @@ pub struct Soup {
 
 /// A triangle that rays never meet, because one in its place does.
 ///
-/// Where a triangle's number is called a *face*, numbers from [`Soup::len`] on mean duplicates: face `len() + i` is `duplicates[i]`.
+/// Where a triangle's number is called a *face*, numbers from [`Soup::len`] on mean duplicates:
+/// face `len() + i` is `duplicates[i]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Duplicate {
     /// Where it comes from.
@@ -83,8 +85,8 @@ struct Part {
 }
 
 impl Soup {
-    /// Flattens `scene`, in parallel; the result does not depend on the number of threads. O(n log n) in triangles, whatever
-    /// number of them coincide.
+    /// Flattens `scene`, in parallel; the result does not depend on the number of threads. O(n log
+    /// n) in triangles, whatever number of them coincide.
     pub fn build(scene: &Scene) -> Soup {
         let stands_in = |i: &usize| scene.instances[*i].stands_in.is_some();
         let mut order: Vec<usize> = (0..scene.instances.len()).collect();
@@ -177,11 +179,11 @@ impl Soup {
             .get((face as usize).checked_sub(self.len())?)
     }
 
-    /// Drops triangles that add no acting side to an earlier one with the same corners: a ray tree cannot split coincident
-    /// triangles, and what it would hit among them is arbitrary.
+    /// Drops triangles that add no acting side to an earlier one with the same corners: a ray tree
+    /// cannot split coincident triangles, and what it would hit among them is arbitrary.
     fn drop_duplicates(&mut self, scene: &Scene) {
-        // Equal triangles have equal hashes, so sorting by hash brings them together at 16 bytes a triangle; the full key
-        // is compared only within a run.
+        // Equal triangles have equal hashes, so sorting by hash brings them together at 16 bytes a
+        // triangle; the full key is compared only within a run.
         let mut order: Vec<(u64, u32)> = self.triangles[..self.seen()]
             .par_iter()
             .enumerate()
@@ -198,7 +200,8 @@ impl Soup {
                 .iter()
                 .map(|&(_, i)| (Key::of(&self.triangles[i as usize]), i))
                 .collect();
-            // An occluder casts no shadow that the surface it lies on does not cast, and must not take that one's light.
+            // An occluder casts no shadow that the surface it lies on does not cast, and must not
+            // take that one's light.
             members
                 .sort_unstable_by_key(|(key, i)| (key.corners, scene.only_occludes(self, *i), *i));
             for equal in members.chunk_by(|a, b| a.0.corners == b.0.corners) {
@@ -296,7 +299,8 @@ fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {
         let double_area = area_vector(a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
         let area = double_area.map_or(0.0, |n| (0.5 * n.length()) as f32);
         let normal = double_area.map_or(Vec3::ZERO, |n| n.normalize().as_vec3());
-        // Areas that f32 holds only as subnormals (edges below about 1e-19 m) would divide to infinity later.
+        // Areas that f32 holds only as subnormals (edges below about 1e-19 m) would divide to
+        // infinity later.
         if area < f32::MIN_POSITIVE || !area.is_finite() || !normal.is_finite() {
             part.dropped += 1;
             continue;
@@ -342,8 +346,8 @@ impl Key {
     }
 }
 
-/// Multiply-xorshift over the nine words (constants: 2⁶⁴/φ, and Vigna's splitmix64 finaliser, public domain). Collisions cost time
-/// only, and equal bits give equal hashes on every machine.
+/// Multiply-xorshift over the nine words (constants: 2⁶⁴/φ, and Vigna's splitmix64 finaliser,
+/// public domain). Collisions cost time only, and equal bits give equal hashes on every machine.
 fn hash(key: &Key) -> u64 {
     let mut h = 0u64;
     for word in key.corners.as_flattened() {

@@ -35,9 +35,9 @@ pub(crate) struct Bounds<'a> {
     pub outside: bool,
 }
 
-/// Resolves `uri` (found at document path `path`). What is written holds the files that a document names, so a document of
-/// unknown origin could carry off any file that can be read here: nothing absolute is followed, and nothing out of the document's
-/// folder unless `bounds` allow it.
+/// Resolves `uri` (found at document path `path`). What is written holds the files that a document
+/// names, so a document of unknown origin could carry off any file that can be read here: nothing
+/// absolute is followed, and nothing out of the document's folder unless `bounds` allow it.
 pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Target> {
     if let Some(rest) = strip_prefix_ignore_case(uri, "data:") {
         return data(rest, path).map(Target::Data);
@@ -64,7 +64,8 @@ pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Targ
         check_name(&name, bounds, path)?;
         return Ok(Target::File(PathBuf::from(name.as_ref())));
     };
-    // Some exporters do not encode at all: a file with a literal percent sign wins over the decoded name.
+    // Some exporters do not encode at all: a file with a literal percent sign wins over the decoded
+    // name.
     let candidates = [Cow::Borrowed(uri), name];
     for name in &candidates {
         check_name(name, bounds, path)?;
@@ -115,7 +116,8 @@ fn outside(path: &str, found: String) -> Fault {
     )
 }
 
-/// Whether `file`, all links followed, lies elsewhere than in `base` or below. What is not there leads nowhere.
+/// Whether `file`, all links followed, lies elsewhere than in `base` or below. What is not there
+/// leads nowhere.
 fn leads_out(file: &Path, base: &Path) -> bool {
     let base = if base.as_os_str().is_empty() {
         Path::new(".")

@@ -307,7 +307,8 @@ impl Document {
         let view = self.view_at(v)?;
         let bytes = self.view_bytes(v, &view)?;
         let (stride, range) = self.element_range(&view, offset, [size, spare], count, path)?;
-        // The view's declared length was checked against its bytes, so this holds for plain and decoded views alike.
+        // The view's declared length was checked against its bytes, so this holds for plain and
+        // decoded views alike.
         let range = bytes.get(range).unwrap_or_default();
         if stride == size && range.len() == count * size {
             return Ok(Cow::Borrowed(range));
@@ -320,7 +321,8 @@ impl Document {
         Ok(Cow::Owned(out))
     }
 
-    /// Stride and byte range of `count` elements of `size` bytes, the last `spare` of them padding, within a view.
+    /// Stride and byte range of `count` elements of `size` bytes, the last `spare` of them padding,
+    /// within a view.
     fn element_range(
         &self,
         view: &View,

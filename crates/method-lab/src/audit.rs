@@ -5,7 +5,8 @@ use crate::{Enclosure, Matrix};
 /// What a matrix of form factors says about itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Audit {
-    /// Greatest |Σ_j F_ij − 1| over the rows i: in a closed enclosure the share of a patch's power that is made or lost.
+    /// Greatest |Σ_j F_ij − 1| over the rows i: in a closed enclosure the share of a patch's power
+    /// that is made or lost.
     pub row_sum_error: f64,
     /// Greatest |A_i F_ij − A_j F_ji| over all pairs, as a share of the greatest A_i F_ij.
     pub reciprocity_error: f64,
@@ -16,10 +17,12 @@ pub struct Audit {
 /// How far a matrix is from the reference F*.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatrixError {
-    /// ‖F − F*‖ / ‖F*‖ over all entries (Frobenius): the RMS error as a share of the RMS form factor.
+    /// ‖F − F*‖ / ‖F*‖ over all entries (Frobenius): the RMS error as a share of the RMS form
+    /// factor.
     pub rms: f64,
-    /// Greatest |F_ij − F*_ij| / F*_ij over the pairs with F*_ij ≥ 0.1/n, n the number of patches. Smaller ones together carry under
-    /// a tenth of a row, and the relative error of a pair that is all but hidden says nothing.
+    /// Greatest |F_ij − F*_ij| / F*_ij over the pairs with F*_ij ≥ 0.1/n, n the number of patches.
+    /// Smaller ones together carry under a tenth of a row, and the relative error of a pair that is
+    /// all but hidden says nothing.
     pub max: f64,
 }
 

@@ -1,4 +1,5 @@
-//! Makers of the laboratory's scenes. Every patch has reflectance 0.5 and emits nothing; change either afterwards.
+//! Makers of the laboratory's scenes. Every patch has reflectance 0.5 and emits nothing; change
+//! either afterwards.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -15,12 +16,14 @@ fn patch(corners: Vec<DVec3>) -> Patch {
     }
 }
 
-/// A parallelogram or other flat convex quadrilateral in `n` × `m` cells, row by row: `n` along the first edge, `m` along the second.
-/// Counter-clockwise corners as seen from the front.
+/// A parallelogram or other flat convex quadrilateral in `n` × `m` cells, row by row: `n` along the
+/// first edge, `m` along the second. Counter-clockwise corners as seen from the front.
 ///
-/// Corners of cells on a shared edge come out bit for bit the same for both neighbours, so that no ray falls between them.
+/// Corners of cells on a shared edge come out bit for bit the same for both neighbours, so that no
+/// ray falls between them.
 pub fn grid(corners: [DVec3; 4], n: usize, m: usize) -> Vec<Patch> {
-    // Weights k/n and (n−k)/n rather than 1 − k/n: the same edge walked backwards then gives the same bits.
+    // Weights k/n and (n−k)/n rather than 1 − k/n: the same edge walked backwards then gives the
+    // same bits.
     let at = |i: usize, j: usize| {
         let (s, s1) = (i as f64 / n as f64, (n - i) as f64 / n as f64);
         let (t, t1) = (j as f64 / m as f64, (m - j) as f64 / m as f64);
@@ -41,7 +44,8 @@ pub fn grid(corners: [DVec3; 4], n: usize, m: usize) -> Vec<Patch> {
     patches
 }
 
-/// The four corners of each face of the box from `low` to `high`, seen from inside: floor (−z), ceiling, then −x, +x, −y, +y.
+/// The four corners of each face of the box from `low` to `high`, seen from inside: floor (−z),
+/// ceiling, then −x, +x, −y, +y.
 fn box_faces(low: DVec3, high: DVec3) -> [[DVec3; 4]; 6] {
     let c = |i: usize| {
         dvec3(
@@ -61,7 +65,8 @@ fn box_faces(low: DVec3, high: DVec3) -> [[DVec3; 4]; 6] {
     .map(|f| f.map(c))
 }
 
-/// The unit cube seen from inside, `n` × `n` patches a face: floor (z = 0), ceiling, x = 0, x = 1, y = 0, y = 1.
+/// The unit cube seen from inside, `n` × `n` patches a face: floor (z = 0), ceiling, x = 0, x = 1,
+/// y = 0, y = 1.
 pub fn cube(n: usize) -> Enclosure {
     Enclosure {
         patches: box_faces(DVec3::ZERO, DVec3::ONE)
@@ -71,7 +76,8 @@ pub fn cube(n: usize) -> Enclosure {
     }
 }
 
-/// Two unit squares that face each other at `distance`, `n` × `n` patches each, the lower one first.
+/// Two unit squares that face each other at `distance`, `n` × `n` patches each, the lower one
+/// first.
 pub fn opposed_plates(distance: f64, n: usize) -> Enclosure {
     let [floor, ceiling, ..] = box_faces(DVec3::ZERO, dvec3(1.0, 1.0, distance));
     let mut patches = grid(floor, n, n);
@@ -79,8 +85,8 @@ pub fn opposed_plates(distance: f64, n: usize) -> Enclosure {
     Enclosure { patches }
 }
 
-/// A rectangle of depth `width` on the floor and one of height `height` on the wall, with a common edge of length 1 at right angles;
-/// `n` × `n` patches each, the floor first.
+/// A rectangle of depth `width` on the floor and one of height `height` on the wall, with a common
+/// edge of length 1 at right angles; `n` × `n` patches each, the floor first.
 pub fn perpendicular_plates(width: f64, height: f64, n: usize) -> Enclosure {
     let [floor, _, wall, ..] = box_faces(DVec3::ZERO, dvec3(width, 1.0, height));
     let mut patches = grid(floor, n, n);
@@ -88,8 +94,8 @@ pub fn perpendicular_plates(width: f64, height: f64, n: usize) -> Enclosure {
     Enclosure { patches }
 }
 
-/// Two coaxial discs of radius 1 at distance 1 as regular polygons of `sides` sides of the disc's area, cut in triangles from the
-/// centre; `sides` patches each, the lower one first.
+/// Two coaxial discs of radius 1 at distance 1 as regular polygons of `sides` sides of the disc's
+/// area, cut in triangles from the centre; `sides` patches each, the lower one first.
 pub fn coaxial_discs(sides: usize) -> Enclosure {
     let step = TAU / sides as f64;
     // Area of the polygon of circumradius r: sides/2 · r² sin(step).
@@ -108,8 +114,9 @@ pub fn coaxial_discs(sides: usize) -> Enclosure {
     Enclosure { patches }
 }
 
-/// A room of 3 × 3 × 2 m with a box of 1 × 1 × 0.8 m standing in the middle of the floor; walls in `3n` × `3n` patches, the box's
-/// faces in `n` × `n`. The floor under the box is left out: the enclosure is closed.
+/// A room of 3 × 3 × 2 m with a box of 1 × 1 × 0.8 m standing in the middle of the floor; walls in
+/// `3n` × `3n` patches, the box's faces in `n` × `n`. The floor under the box is left out: the
+/// enclosure is closed.
 ///
 /// Order: floor, ceiling and four walls as in [`cube`], then the box's top and its four sides.
 pub fn room_with_box(n: usize) -> Enclosure {
@@ -131,8 +138,8 @@ pub fn room_with_box(n: usize) -> Enclosure {
     Enclosure { patches }
 }
 
-/// A sphere about the origin as an icosahedron whose triangles are cut in four `level` times, each corner on the sphere:
-/// 20 · 4^level triangles, seen from inside or from outside.
+/// A sphere about the origin as an icosahedron whose triangles are cut in four `level` times, each
+/// corner on the sphere: 20 · 4^level triangles, seen from inside or from outside.
 pub fn sphere(radius: f64, level: u32, from_inside: bool) -> Enclosure {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let mut points: Vec<DVec3> = [
@@ -201,16 +208,18 @@ pub fn sphere(radius: f64, level: u32, from_inside: bool) -> Enclosure {
     }
 }
 
-/// A sphere of radius `inner` seen from outside within one of radius 1 seen from inside, both of 20 · 4^level triangles, the inner
-/// one first. Closed as long as `inner` is under 0.79, the inradius of the icosahedron.
+/// A sphere of radius `inner` seen from outside within one of radius 1 seen from inside, both of 20
+/// · 4^level triangles, the inner one first. Closed as long as `inner` is under 0.79, the inradius
+/// of the icosahedron.
 pub fn concentric_spheres(inner: f64, level: u32) -> Enclosure {
     let mut both = sphere(inner, level, false);
     both.patches.extend(sphere(1.0, level, true).patches);
     both
 }
 
-/// An L-shaped room, closed and not convex: the 2 × 2 m square less its far quarter, 1 m high, in squares of 1/n m. Every patch emits
-/// 1 W/m²: with any reflectance ρ that is equal everywhere, the radiosity is 1/(1 − ρ) everywhere.
+/// An L-shaped room, closed and not convex: the 2 × 2 m square less its far quarter, 1 m high, in
+/// squares of 1/n m. Every patch emits 1 W/m²: with any reflectance ρ that is equal everywhere, the
+/// radiosity is 1/(1 − ρ) everywhere.
 pub fn furnace_l(n: usize) -> Enclosure {
     // Outline, counter-clockwise from above, in steps of 1 m.
     let outline = [
@@ -231,7 +240,8 @@ pub fn furnace_l(n: usize) -> Enclosure {
     }
     for (k, &(x, y)) in outline.iter().enumerate() {
         let (x1, y1) = outline[(k + 1) % outline.len()];
-        // From inside, the outline runs to the left with z up: start at its end for a counter-clockwise wall.
+        // From inside, the outline runs to the left with z up: start at its end for a
+        // counter-clockwise wall.
         patches.extend(grid(
             [
                 dvec3(x1, y1, 0.0),
@@ -253,7 +263,8 @@ pub fn furnace_l(n: usize) -> Enclosure {
 mod tests {
     use super::*;
 
-    /// Σ of the vector areas, which is 0 for a closed surface, and the volume on the front side, (−1/3) Σ c·A.
+    /// Σ of the vector areas, which is 0 for a closed surface, and the volume on the front side,
+    /// (−1/3) Σ c·A.
     fn closure(e: &Enclosure) -> (DVec3, f64) {
         let sum = e.patches.iter().map(Patch::vector_area).sum();
         let volume: f64 = e

@@ -1,5 +1,5 @@
-//! Form factors of a whole enclosure by each of the classic methods. F_ij is the share of the power leaving patch i that reaches j;
-//! row i holds all F_ij.
+//! Form factors of a whole enclosure by each of the classic methods. F_ij is the share of the power
+//! leaving patch i that reaches j; row i holds all F_ij.
 
 mod area;
 mod contour;
@@ -27,26 +27,30 @@ pub use shadow::form_factor_visible_polygon;
 
 /// A method, with what its accuracy hangs on.
 ///
-/// Where a method has `shadow_rays`, it computes unoccluded form factors and multiplies each by the share that gets
-/// through by so many rays between the two patches ([`visible_share`]); 0 stands for no occlusion at all.
+/// Where a method has `shadow_rays`, it computes unoccluded form factors and multiplies each by the
+/// share that gets through by so many rays between the two patches ([`visible_share`]); 0 stands
+/// for no occlusion at all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Method {
-    /// [`form_factor_point`] between the centres of `cells` × `cells` cells of both patches (1..=64).
+    /// [`form_factor_point`] between the centres of `cells` × `cells` cells of both patches
+    /// (1..=64).
     PointToPoint {
         /// Cells along each side of each patch.
         cells: usize,
         /// Rays for each pair (0..=65536).
         shadow_rays: usize,
     },
-    /// [`form_factor_disc`] between the centres of `cells` × `cells` cells of both patches (1..=64).
+    /// [`form_factor_disc`] between the centres of `cells` × `cells` cells of both patches
+    /// (1..=64).
     PointToDisc {
         /// Cells along each side of each patch.
         cells: usize,
         /// Rays for each pair (0..=65536).
         shadow_rays: usize,
     },
-    /// [`form_factor_polygon`] from the centres of `cells` × `cells` cells of the leaving patch to the whole other one (1..=64).
+    /// [`form_factor_polygon`] from the centres of `cells` × `cells` cells of the leaving patch to
+    /// the whole other one (1..=64).
     PointToPolygon {
         /// Cells along each side of the leaving patch.
         cells: usize,
@@ -102,7 +106,8 @@ pub struct FormFactors {
 /// Computes all form factors of `enclosure` by `method`. The same bits for any number of threads.
 ///
 /// # Errors
-/// A patch that is not a flat convex polygon of 3 to 8 finite corners with an area; a setting outside its range.
+/// A patch that is not a flat convex polygon of 3 to 8 finite corners with an area; a setting
+/// outside its range.
 pub fn form_factors(enclosure: &Enclosure, method: Method) -> Result<FormFactors, FormFactorError> {
     check_enclosure(enclosure)?;
     check_method(method)?;
@@ -157,7 +162,8 @@ struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Rows one by one, in parallel; `fill` returns the number of rays and needs `bytes` of its own.
+    /// Rows one by one, in parallel; `fill` returns the number of rays and needs `bytes` of its
+    /// own.
     fn by_rows(&self, bytes: usize, fill: impl Fn(usize, &mut [f64]) -> u64 + Sync) -> FormFactors {
         let n = self.patches.len();
         let mut matrix = Matrix::zeros(n);

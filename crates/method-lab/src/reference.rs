@@ -1,4 +1,5 @@
-//! What the laboratory holds its methods against: closed forms from the catalogue, and a converged matrix for any enclosure.
+//! What the laboratory holds its methods against: closed forms from the catalogue, and a converged
+//! matrix for any enclosure.
 
 use std::f64::consts::PI;
 
@@ -11,11 +12,12 @@ use crate::form_factor::{
 };
 use crate::{Enclosure, FormFactorError, FormFactors, Matrix, Patch};
 
-/// Two equal, aligned, opposed rectangles a × b at distance c (Howell, *A catalog of radiation heat transfer configuration factors*,
-/// C-11). X = a/c, Y = b/c:
+/// Two equal, aligned, opposed rectangles a × b at distance c (Howell, *A catalog of radiation heat
+/// transfer configuration factors*, C-11). X = a/c, Y = b/c:
 /// `F = 2/πXY (ln √((1+X²)(1+Y²)/(1+X²+Y²)) + X√(1+Y²) atan(X/√(1+Y²)) + Y√(1+X²) atan(Y/√(1+X²)) − X atan X − Y atan Y)`.
 ///
-/// Exact to about 1e-14 for X and Y from 0.1 up; below, terms cancel and the relative error grows as 1e-16/(XY)².
+/// Exact to about 1e-14 for X and Y from 0.1 up; below, terms cancel and the relative error grows
+/// as 1e-16/(XY)².
 pub fn opposed_rectangles(a: f64, b: f64, c: f64) -> f64 {
     let (x, y) = (a / c, b / c);
     let (x2, y2) = (x * x, y * y);
@@ -26,10 +28,9 @@ pub fn opposed_rectangles(a: f64, b: f64, c: f64) -> f64 {
         * (log + x * p * (x / p).atan() + y * q * (y / q).atan() - x * x.atan() - y * y.atan())
 }
 
-/// From a rectangle of depth `width` to one of height `height` at right angles, with a common edge of length `length` (Howell, C-14).
-/// W = width/length, H = height/length:
-/// `F = 1/πW (W atan(1/W) + H atan(1/H) − √(H²+W²) atan(1/√(H²+W²)) + ¼ ln(((1+W²)(1+H²)/(1+W²+H²)) ·
-/// (W²(1+W²+H²)/((1+W²)(W²+H²)))^W² · (H²(1+H²+W²)/((1+H²)(H²+W²)))^H²))`.
+/// From a rectangle of depth `width` to one of height `height` at right angles, with a common edge
+/// of length `length` (Howell, C-14). W = width/length, H = height/length:
+/// `F = 1/πW (W atan(1/W) + H atan(1/H) − √(H²+W²) atan(1/√(H²+W²)) + ¼ ln(((1+W²)(1+H²)/(1+W²+H²)) · (W²(1+W²+H²)/((1+W²)(W²+H²)))^W² · (H²(1+H²+W²)/((1+H²)(H²+W²)))^H²))`.
 ///
 /// Exact to about 1e-12 for W and H from 0.01 to 100.
 pub fn perpendicular_rectangles(width: f64, height: f64, length: f64) -> f64 {
@@ -37,15 +38,16 @@ pub fn perpendicular_rectangles(width: f64, height: f64, length: f64) -> f64 {
     let (w2, h2) = (w * w, h * h);
     let r2 = w2 + h2;
     let r = r2.sqrt();
-    // Each ratio as 1 ± something small, for the sake of large and small aspects: W²(1+R²)/((1+W²)R²) = 1 − H²/((1+W²)R²).
+    // Each ratio as 1 ± something small, for the sake of large and small aspects:
+    // W²(1+R²)/((1+W²)R²) = 1 − H²/((1+W²)R²).
     let log = (w2 * h2 / (1.0 + r2)).ln_1p()
         + w2 * (-h2 / ((1.0 + w2) * r2)).ln_1p()
         + h2 * (-w2 / ((1.0 + h2) * r2)).ln_1p();
     (w * (1.0 / w).atan() + h * (1.0 / h).atan() - r * (1.0 / r).atan() + 0.25 * log) / (PI * w)
 }
 
-/// From a disc of radius `r1` to a coaxial one of radius `r2` at distance `h` (Howell, C-41): with R = r/h,
-/// S = 1 + (1 + R2²)/R1², `F = ½ (S − √(S² − 4 (r2/r1)²))`.
+/// From a disc of radius `r1` to a coaxial one of radius `r2` at distance `h` (Howell, C-41): with
+/// R = r/h, S = 1 + (1 + R2²)/R1², `F = ½ (S − √(S² − 4 (r2/r1)²))`.
 pub fn coaxial_discs(r1: f64, r2: f64, h: f64) -> f64 {
     let (x, y) = (r1 / h, r2 / h);
     let s = 1.0 + (1.0 + y * y) / (x * x);
@@ -59,15 +61,17 @@ pub fn sphere_interior(area: f64, r: f64) -> f64 {
     area / (4.0 * PI * r * r)
 }
 
-/// Tolerance of the contour integrals of [`reference_matrix`]: below what any method under study reaches by 1e4.
+/// Tolerance of the contour integrals of [`reference_matrix`]: below what any method under study
+/// reaches by 1e4.
 const CONTOUR: f64 = 1e-10;
 
 /// The converged form factors of an enclosure, occlusion included.
 ///
-/// Pairs with nothing in between: the double contour integral to 1e-10. Pairs that something may come between: `order`² Gauss–Legendre
-/// points on the patch with the smaller area, from each the closed form of what is left visible of the other one
-/// ([`form_factor_visible_polygon`]): no sampling of visibility at all. What `order` is enough for, doubling it shows (with 8 against
-/// 16 the room with a box moves by 1.7e-4 of the RMS form factor).
+/// Pairs with nothing in between: the double contour integral to 1e-10. Pairs that something may
+/// come between: `order`² Gauss–Legendre points on the patch with the smaller area, from each the
+/// closed form of what is left visible of the other one ([`form_factor_visible_polygon`]): no
+/// sampling of visibility at all. What `order` is enough for, doubling it shows (with 8 against 16
+/// the room with a box moves by 1.7e-4 of the RMS form factor).
 ///
 /// Reciprocal to rounding. Errors as [`crate::form_factors`].
 pub fn reference_matrix(
@@ -124,7 +128,8 @@ pub fn reference_matrix(
     })
 }
 
-/// Patches that can hide anything at all: those with corners of others on both sides. The walls of a convex room are not among them.
+/// Patches that can hide anything at all: those with corners of others on both sides. The walls of
+/// a convex room are not among them.
 fn blocking_patches(enclosure: &Enclosure) -> Vec<usize> {
     let patches = &enclosure.patches;
     let size = patches

@@ -1,4 +1,5 @@
-//! Rays among the patches of an enclosure, in double precision: a bounding volume hierarchy split at the median.
+//! Rays among the patches of an enclosure, in double precision: a bounding volume hierarchy split
+//! at the median.
 //!
 //! Apart from the baker's tree on purpose: a second, simpler one under the same questions.
 
@@ -21,15 +22,17 @@ pub struct Hit {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// First entry of `order`; or, where `count` is 0, the right child (the left one follows the node).
+    /// First entry of `order`; or, where `count` is 0, the right child (the left one follows the
+    /// node).
     first: u32,
     count: u32,
 }
 
 /// Answers rays among the patches of one enclosure. Patches block from both sides.
 ///
-/// Edges are tested in a frame sheared along the ray (Woop, Benthin, Wald, *Watertight ray/triangle intersection*, 2013) on whole
-/// convex polygons: two patches that share an edge with the same corners leave no gap between them. T-junctions may.
+/// Edges are tested in a frame sheared along the ray (Woop, Benthin, Wald, *Watertight ray/triangle
+/// intersection*, 2013) on whole convex polygons: two patches that share an edge with the same
+/// corners leave no gap between them. T-junctions may.
 #[derive(Debug, Clone)]
 pub struct Visibility {
     corners: Vec<Vec<DVec3>>,
@@ -40,7 +43,8 @@ pub struct Visibility {
     near: f64,
 }
 
-/// A ray made ready: axes permuted so that z is the direction's longest, and sheared so that it is the only one.
+/// A ray made ready: axes permuted so that z is the direction's longest, and sheared so that it is
+/// the only one.
 struct Sheared {
     origin: DVec3,
     inverse: DVec3,
@@ -63,7 +67,8 @@ impl Sheared {
         let (x, y) = ((z + 1) % 3, (z + 2) % 3);
         Sheared {
             origin,
-            // Finite in place of 1/0: 0 · ∞ is not a number. Boxes are widened, so a start in a face's plane is inside.
+            // Finite in place of 1/0: 0 · ∞ is not a number. Boxes are widened, so a start in a
+            // face's plane is inside.
             inverse: DVec3::from_array(
                 direction
                     .to_array()
@@ -79,11 +84,13 @@ impl Sheared {
 
 /// Patches in a leaf: small, a polygon test costs about as much as two box tests.
 const LEAF: usize = 4;
-/// Sine below which a ray is in a patch's plane: normals and directions are rounded to 1e-16, a few times over.
+/// Sine below which a ray is in a patch's plane: normals and directions are rounded to 1e-16, a few
+/// times over.
 const EDGE_ON: f64 = 1e-14;
 /// Distances this close are the same: an edge of two patches, computed by way of each.
 const SAME: f64 = 1e-12;
-/// Widening of box distances: three roundings on each of the two products (Ize, *Robust BVH ray traversal*, 2013).
+/// Widening of box distances: three roundings on each of the two products (Ize, *Robust BVH ray
+/// traversal*, 2013).
 const WIDEN: f64 = 1.0 + 6.0 * f64::EPSILON;
 
 impl Visibility {
@@ -116,7 +123,8 @@ impl Visibility {
             v.build(&mut order, 0);
             v.order = order;
             let root = &v.nodes[0];
-            // Rounding of a point's position is 1e-16 of its size; nothing in a scene is 1e-12 of the whole apart.
+            // Rounding of a point's position is 1e-16 of its size; nothing in a scene is 1e-12 of
+            // the whole apart.
             let size = root.low.abs().max(root.high.abs()).max_element();
             v.near = 1e-13 * size;
             for n in &mut v.nodes {
@@ -184,7 +192,8 @@ impl Visibility {
         let (mut positive, mut negative) = (false, false);
         for c in corners {
             let b = flat(*c);
-            // The same edge from its other end gives the same number with the other sign, to the bit.
+            // The same edge from its other end gives the same number with the other sign, to the
+            // bit.
             let e = a.0 * b.1 - a.1 * b.0;
             positive |= e > 0.0;
             negative |= e < 0.0;
@@ -246,8 +255,9 @@ impl Visibility {
         }
     }
 
-    /// The nearest patch on the ray, other than `skip`; of two at one distance the lower index. A front goes before a back at the same
-    /// distance: a ray along the edge of a solid meets both there.
+    /// The nearest patch on the ray, other than `skip`; of two at one distance the lower index. A
+    /// front goes before a back at the same distance: a ray along the edge of a solid meets both
+    /// there.
     pub fn closest(&self, origin: DVec3, direction: DVec3, skip: usize) -> Option<Hit> {
         let ray = Sheared::new(origin, direction);
         let from = self.near / ray.length;
@@ -257,7 +267,8 @@ impl Visibility {
             if k != skip && best.is_none_or(|(p, _, s)| key < s || (key == s && k < p)) {
                 best = Some((k, t, key));
             }
-            // Past the best by more than the handicap, so that an equal distance still gets its turn.
+            // Past the best by more than the handicap, so that an equal distance still gets its
+            // turn.
             best.map_or(f64::INFINITY, |(_, _, s)| s * (1.0 + 2.0 * SAME))
         });
         best.map(|(patch, t, _)| Hit {
@@ -275,7 +286,8 @@ impl Visibility {
         }
     }
 
-    /// Whether nothing lies between point `a` on patch `i` and point `b` on patch `j`; the two patches themselves do not count.
+    /// Whether nothing lies between point `a` on patch `i` and point `b` on patch `j`; the two
+    /// patches themselves do not count.
     pub fn visible(&self, a: DVec3, i: usize, b: DVec3, j: usize) -> bool {
         let direction = b - a;
         let near = self.near / direction.length();

@@ -1,7 +1,7 @@
 //! The baker's errors fall as they should, and its solver leaves no more than it says.
 //!
-//! A series over three decades with each point known to 6 % (128 receivers) has its slope to 0.01; what the ranges below leave room for is that
-//! promises hold in the limit and settings are finite.
+//! A series over three decades with each point known to 6 % (128 receivers) has its slope to 0.01;
+//! what the ranges below leave room for is that promises hold in the limit and settings are finite.
 
 use method_lab::convergence::{
     CutErrors, Field, Promise, Series, cut_errors, direct_error, indirect_error, lit_error,
@@ -35,7 +35,8 @@ fn the_solve_converges_with_patches() {
             .map(|c| (f64::from(c.patches), pick(c)))
             .collect()
     };
-    // A factor of two in h, over which the next term of an expansion in h changes by as much again: a tenth of an order.
+    // A factor of two in h, over which the next term of an expansion in h changes by as much again:
+    // a tenth of an order.
     assert_order("constant", (0.5, false), 0.1, size(|c| c.constant));
     assert_order("interpolated", (0.75, true), 0.1, size(|c| c.interpolated));
     assert_order("interior", (1.0, false), 0.15, size(|c| c.interior));
@@ -48,7 +49,8 @@ fn the_solve_converges_with_patches() {
 #[test]
 fn the_solve_converges_with_rays() {
     let rays: Vec<u32> = (4..=12).map(|k| 1 << k).collect();
-    // A step function in four dimensions (two where a ray starts, two where it goes), Owen-scrambled: N^−5/8.
+    // A step function in four dimensions (two where a ray starts, two where it goes),
+    // Owen-scrambled: N^−5/8.
     assert_order("rays", (0.625, false), 0.08, rays_error(4, &rays));
 }
 
@@ -63,7 +65,8 @@ fn the_gather_converges_with_rays() {
 
 #[test]
 fn lit_elements_bring_no_more_and_no_less_than_they_reflect() {
-    // 4 % of one wall are lit, of which a lumel sees a form factor of half a percent: a gathering ray in 200 meets it.
+    // 4 % of one wall are lit, of which a lumel sees a form factor of half a percent: a gathering
+    // ray in 200 meets it.
     let [_, without] = lit_error(64, 0);
     let [bias, with] = lit_error(64, 1);
     // Three standard errors of the mean over 128 receivers, and what elements as points are off by.
@@ -71,8 +74,8 @@ fn lit_elements_bring_no_more_and_no_less_than_they_reflect() {
         bias.abs() < 3.0 * with / 128f64.sqrt() + 0.002,
         "{bias} {with}"
     );
-    // Sixteen samples that all find it: what 64 rays find of it has a standard error of its own size. Less than a tenth would do without the share that is
-    // left to those.
+    // Sixteen samples that all find it: what 64 rays find of it has a standard error of its own
+    // size. Less than a tenth would do without the share that is left to those.
     assert!(with < 0.25 * without, "{with} {without}");
     // Many gathering rays for each sample: most of the light is theirs, and nothing counts twice.
     let [bias, with] = lit_error(4096, 1);
@@ -86,7 +89,8 @@ fn lit_elements_bring_no_more_and_no_less_than_they_reflect() {
 fn direct_light_converges_with_shadow_rays() {
     let rays: Vec<u32> = (2..=11).map(|k| 1 << k).collect();
     assert_order("point", (0.75, false), 0.08, direct_error(0.0, &rays));
-    // Points of the lumel and points of the lamp are stratified each by themselves; their pairs are random, which leaves N^−1/2 in the end.
+    // Points of the lumel and points of the lamp are stratified each by themselves; their pairs are
+    // random, which leaves N^−1/2 in the end.
     assert_order("lumel", (0.5, false), 0.08, direct_error(0.1, &rays));
 }
 

@@ -1,5 +1,5 @@
-//! Form factors against the catalogue (Howell, *A catalog of radiation heat transfer configuration factors*), and the errors that
-//! approximate methods are known to have.
+//! Form factors against the catalogue (Howell, *A catalog of radiation heat transfer configuration
+//! factors*), and the errors that approximate methods are known to have.
 
 use std::f64::consts::PI;
 
@@ -73,7 +73,8 @@ fn contour_matches_perpendicular_rectangles_of_any_aspect() {
             // Tolerance is a share of the smaller area.
             let f = exchange_contour(&p[0].corners, &p[1].corners, 1e-12) / w;
             let exact = perpendicular_rectangles(w, h, 1.0);
-            // The tolerance asked for, eight edges of it; C-14 loses 1e-16·max(w, h)² to cancellation.
+            // The tolerance asked for, eight edges of it; C-14 loses 1e-16·max(w, h)² to
+            // cancellation.
             let allowed = 1e-11 + 1e-15 * w.max(h).powi(2) / w;
             assert!((f - exact).abs() <= allowed, "{w} × {h}: {f} {exact}");
         }
@@ -82,8 +83,8 @@ fn contour_matches_perpendicular_rectangles_of_any_aspect() {
 
 #[test]
 fn centre_methods_err_as_tabulated_on_opposed_squares() {
-    // Relative error in percent of centre to centre, centre to disc, centre to polygon, as measured by others; from d = 0.1 the first
-    // one as a factor. Half a unit of the last digit given.
+    // Relative error in percent of centre to centre, centre to disc, centre to polygon, as measured
+    // by others; from d = 0.1 the first one as a factor. Half a unit of the last digit given.
     let table = [
         (5.0, [(2.65, 0.005), (1.4, 0.05), (1.3, 0.05)]),
         (2.0, [(16.0, 0.5), (7.5, 0.05), (7.1, 0.05)]),
@@ -120,7 +121,8 @@ fn refining_into_a_corner_is_of_first_order_only() {
             "{errors:?}"
         );
     }
-    // O(h): the last halving of h halves the error. Cells that touch are a share h of all, each wrong by a fixed share.
+    // O(h): the last halving of h halves the error. Cells that touch are a share h of all, each
+    // wrong by a fixed share.
     let order = (errors[3] / errors[4]).log2();
     assert!((order - 1.0).abs() < 0.05, "{order}");
 }
@@ -140,7 +142,8 @@ fn discs_are_reached_as_polygons_gain_sides() {
         half_to_half(&e, &m) - exact
     };
     let errors = [6, 12, 24].map(error);
-    // Polygons of the disc's area: the outline is off by O(1/sides²) in and out alike, which cancels, so that fourth order is left.
+    // Polygons of the disc's area: the outline is off by O(1/sides²) in and out alike, which
+    // cancels, so that fourth order is left.
     for k in 0..2 {
         let order = (errors[k] / errors[k + 1]).abs().log2();
         assert!((order - 4.0).abs() < 0.2, "{errors:?}");
@@ -175,9 +178,11 @@ fn inside_a_sphere_the_form_factor_is_the_area_share() {
         }
         [(difference / norm).sqrt(), far]
     });
-    // First order in the size of a facet. Facets of a cut icosahedron are not equilateral: a facet's centroid lies beside the foot of
-    // its normal by a fixed share of its size, so the cosine at it is off by that. Near pairs, where only the fold between two facets
-    // lets them see one another, are off by a fixed share each, but fewer as facets shrink. Measured: 0.131, 0.067; 0.064, 0.033.
+    // First order in the size of a facet. Facets of a cut icosahedron are not equilateral: a
+    // facet's centroid lies beside the foot of its normal by a fixed share of its size, so the
+    // cosine at it is off by that. Near pairs, where only the fold between two facets lets them see
+    // one another, are off by a fixed share each, but fewer as facets shrink. Measured: 0.131,
+    // 0.067; 0.064, 0.033.
     for (coarse, fine) in errors[0].iter().zip(errors[1]) {
         let order = (coarse / fine).log2();
         assert!((order - 1.0).abs() < 0.1, "{errors:?}");
@@ -192,7 +197,8 @@ fn concentric_spheres_exchange_by_their_areas() {
     let half = e.patches.len() / 2;
     let areas: Vec<f64> = e.patches.iter().map(Patch::area).collect();
     let (inner, outer): (f64, f64) = (areas[..half].iter().sum(), areas[half..].iter().sum());
-    // All that leaves a convex body arrives on what encloses it; the rest follows by reciprocity, for facets as for spheres.
+    // All that leaves a convex body arrives on what encloses it; the rest follows by reciprocity,
+    // for facets as for spheres.
     let f12 = half_to_half(&e, &m);
     let back: f64 = (half..2 * half)
         .map(|i| areas[i] * m.row(i)[..half].iter().sum::<f64>())
@@ -205,6 +211,7 @@ fn concentric_spheres_exchange_by_their_areas() {
     // The inner body is convex, so its rows have no shadow: contour tolerance, 80 patches of 1e-10.
     assert!((f12 - 1.0).abs() < 1e-8, "{f12}");
     assert!((f21 - inner / outer).abs() < 1e-8, "{f21}");
-    // From the outside the smaller body's outline is a shadow edge: 8 × 8 points each, measured 9e-6.
+    // From the outside the smaller body's outline is a shadow edge: 8 × 8 points each, measured
+    // 9e-6.
     assert!((f22 - 1.0 + inner / outer).abs() < 2e-5, "{f22}");
 }

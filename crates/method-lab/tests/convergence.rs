@@ -21,7 +21,8 @@ fn slope(errors: &[f64]) -> f64 {
     xy / xx
 }
 
-/// A receiver and quadrilaterals turned at random above it, so that no outline runs along a row of pixels.
+/// A receiver and quadrilaterals turned at random above it, so that no outline runs along a row of
+/// pixels.
 fn turned(k: u32) -> Enclosure {
     let mut e = opposed_plates(1.0, 1);
     let [a, b, c, d] = radiosity::sample_4d(k, 0, 3).map(f64::from);
@@ -38,7 +39,8 @@ fn turned(k: u32) -> Enclosure {
     e
 }
 
-/// RMS error over turned patches of the row that `row` fills against the polygon's closed form from the same point.
+/// RMS error over turned patches of the row that `row` fills against the polygon's closed form from
+/// the same point.
 fn error_from_the_centre(row: impl Fn(&Enclosure, &mut [f64])) -> f64 {
     let count = 16;
     let sum: f64 = (0..count)
@@ -78,9 +80,11 @@ fn a_hemicube_converges_with_order_three_halves_to_the_polygon_seen_from_its_poi
             error_from_the_centre(|e, f| h.row(&e.patches, 0, 1, f))
         })
         .collect();
-    // Pixels in an outline are counted right but for those it crosses, of which there are O(resolution), right or wrong about evenly:
-    // O(resolution^-3/2) in the mean over positions (Kendall, *On the number of lattice points inside a random oval*, 1948). Sixteen
-    // polygons leave the RMS uncertain by a fifth and the slope over four doublings by about 0.1. Measured 1.62.
+    // Pixels in an outline are counted right but for those it crosses, of which there are
+    // O(resolution), right or wrong about evenly: O(resolution^-3/2) in the mean over positions
+    // (Kendall, *On the number of lattice points inside a random oval*, 1948). Sixteen polygons
+    // leave the RMS uncertain by a fifth and the slope over four doublings by about 0.1. Measured
+    // 1.62.
     let order = -slope(&errors);
     assert!((order - 1.5).abs() < 0.2, "{order}: {errors:?}");
 }
@@ -95,9 +99,11 @@ fn the_scanned_disc_converges_with_order_three_halves_to_the_same() {
             })
         })
         .collect();
-    // Pixels in an outline are counted right but for those it crosses, of which there are O(resolution), right or wrong about evenly:
-    // O(resolution^-3/2) in the mean over positions (Kendall, *On the number of lattice points inside a random oval*, 1948). Sixteen
-    // polygons leave the RMS uncertain by a fifth and the slope over four doublings by about 0.1. Measured 1.53.
+    // Pixels in an outline are counted right but for those it crosses, of which there are
+    // O(resolution), right or wrong about evenly: O(resolution^-3/2) in the mean over positions
+    // (Kendall, *On the number of lattice points inside a random oval*, 1948). Sixteen polygons
+    // leave the RMS uncertain by a fifth and the slope over four doublings by about 0.1. Measured
+    // 1.53.
     let order = -slope(&errors);
     assert!((order - 1.5).abs() < 0.2, "{order}: {errors:?}");
 }
@@ -126,7 +132,8 @@ fn points_converge_with_the_square_of_the_cell_where_patches_are_apart() {
                 (m.matrix.row(0)[1] - exact).abs()
             })
             .to_vec();
-        // Midpoint rules; the disc's gains a little as its own correction dies out (measured 2.02, 2.10, 2.01).
+        // Midpoint rules; the disc's gains a little as its own correction dies out (measured 2.02,
+        // 2.10, 2.01).
         let order = -slope(&errors);
         assert!((order - 2.0).abs() < 0.15, "{order}: {errors:?}");
     }
@@ -165,9 +172,10 @@ fn rays_converge_faster_than_random_ones() {
             compare(&m.matrix, &reference).rms
         })
         .collect();
-    // Counting hits integrates a step function in four dimensions: scrambled nets give N^-(1/2 + 1/2d) = N^-0.625 (He and Wang, *On
-    // the convergence rate of randomized quasi-Monte Carlo for discontinuous functions*, 2015). Plain random rays give N^-0.5.
-    // Measured 0.636; 25 rows of it are a good mean.
+    // Counting hits integrates a step function in four dimensions: scrambled nets give N^-(1/2 +
+    // 1/2d) = N^-0.625 (He and Wang, *On the convergence rate of randomized quasi-Monte Carlo for
+    // discontinuous functions*, 2015). Plain random rays give N^-0.5. Measured 0.636; 25 rows of it
+    // are a good mean.
     let order = -slope(&errors);
     assert!((order - 0.625).abs() < 0.05, "{order}: {errors:?}");
 }
@@ -182,7 +190,8 @@ fn area_to_area_agrees_with_exact_visibility() {
         let error = compare(&coarse, &reference).rms;
         assert!(error < allowed, "{order}: {error}");
     }
-    // The tolerance is absolute in F, whose RMS is about 0.05 here: 1e-3 is 2e-2 of that. Measured 9.1e-3 and 4.5e-3.
+    // The tolerance is absolute in F, whose RMS is about 0.05 here: 1e-3 is 2e-2 of that. Measured
+    // 9.1e-3 and 4.5e-3.
     for (tolerance, allowed) in [(1e-2, 1e-2), (1e-3, 5e-3)] {
         let method = Method::AreaToArea {
             order: 2,

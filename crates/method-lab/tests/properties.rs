@@ -1,4 +1,5 @@
-//! What every matrix of form factors must have, whatever the method: and what each method is known to lack.
+//! What every matrix of form factors must have, whatever the method: and what each method is known
+//! to lack.
 
 use glam::DVec3;
 use method_lab::enclosures::{concentric_spheres, cube, furnace_l, opposed_plates, room_with_box};
@@ -122,7 +123,8 @@ fn a_hemicube_loses_no_pixel() {
             .unwrap()
             .matrix;
             for i in 0..m.len() {
-                // The delta factors' own sum, to rounding of some thousand terms: every pixel has gone to some patch.
+                // The delta factors' own sum, to rounding of some thousand terms: every pixel has
+                // gone to some patch.
                 let error = (m.row(i).iter().sum::<f64>() - sum).abs();
                 assert!(error < 1e-12, "{name} row {i} at {resolution}: {error}");
             }
@@ -149,8 +151,8 @@ fn rows_of_a_cube_sum_to_one_in_closed_form() {
 
 #[test]
 fn rows_of_occluded_scenes_sum_to_one_in_the_reference() {
-    // 12 × 12 points where a shadow edge crosses: twice what was measured (7.5e-5, 8.2e-5, 4.5e-5), and about what 8 × 8 points
-    // leave (tests/convergence.rs).
+    // 12 × 12 points where a shadow edge crosses: twice what was measured (7.5e-5, 8.2e-5, 4.5e-5),
+    // and about what 8 × 8 points leave (tests/convergence.rs).
     for (name, e, allowed) in [
         ("room", room_with_box(1), 1.5e-4),
         ("L", furnace_l(1), 1.6e-4),
@@ -173,8 +175,9 @@ fn reciprocity_holds_where_pairs_are_treated_alike_and_only_there() {
             Method::PointToPoint { .. } | Method::Contour { .. } | Method::AreaToArea { .. } => {
                 assert!(error < 1e-14, "{method:?}: {error}");
             }
-            // A disc's correction, one end's points, one end's pixels, one end's rays: known to break it here by 4 to 10 % of the
-            // largest exchange (measured 0.096, 0.046, 0.061, 0.041, 0.080). Were it 0, the method would not be what it says.
+            // A disc's correction, one end's points, one end's pixels, one end's rays: known to
+            // break it here by 4 to 10 % of the largest exchange (measured 0.096, 0.046, 0.061,
+            // 0.041, 0.080). Were it 0, the method would not be what it says.
             _ => assert!((0.02..0.15).contains(&error), "{method:?}: {error}"),
         }
     }
@@ -186,7 +189,8 @@ fn occlusion_is_seen_by_every_method() {
     let reference = reference_matrix(&e, 12).unwrap().matrix;
     for method in methods() {
         let error = compare(&form_factors(&e, method).unwrap().matrix, &reference);
-        // Measured with these coarse settings, and half as much again; with no occlusion the contour's is 0.090.
+        // Measured with these coarse settings, and half as much again; with no occlusion the
+        // contour's is 0.090.
         let allowed = match method {
             Method::PointToPoint { .. } => 0.4,
             Method::PointToDisc { .. } => 0.12,
@@ -236,7 +240,8 @@ fn scale_and_place_do_not_matter() {
                 &form_factors(&e, method).unwrap().matrix,
             );
             let allowed = match method {
-                // Regular patterns of points and pixels fall exactly on edges of this room, and rounding says on which side.
+                // Regular patterns of points and pixels fall exactly on edges of this room, and
+                // rounding says on which side.
                 Method::Nusselt { .. } | Method::Hemicube { .. } => 0.01,
                 Method::AreaToArea { .. } => 0.012,
                 // Corners 1e4 from the origin are rounded to 1e-12.

@@ -7,7 +7,8 @@ use method_lab::solver::{
     with_ambient,
 };
 
-/// Areas within a factor of ten and a closed reciprocal matrix in which every patch sees every other one.
+/// Areas within a factor of ten and a closed reciprocal matrix in which every patch sees every
+/// other one.
 fn random_closed(n: usize, seed: u64) -> (Matrix, Vec<f64>) {
     let mut rng = fastrand::Rng::with_seed(seed);
     let area: Vec<f64> = (0..n).map(|_| 0.1 + 0.9 * rng.f64()).collect();
@@ -89,8 +90,9 @@ fn options(tolerance: f64) -> Options {
     }
 }
 
-/// The residual cannot be known better than the rounding of B ≈ mean(M)/(1 − ρ), which is 1e-16 relative; some fifty of that, for
-/// sums of some thirty terms, relative to M. Shooting says [`Stop::Stalled`] below it.
+/// The residual cannot be known better than the rounding of B ≈ mean(M)/(1 − ρ), which is 1e-16
+/// relative; some fifty of that, for sums of some thirty terms, relative to M. Shooting says
+/// [`Stop::Stalled`] below it.
 fn reachable(rho: f64) -> f64 {
     1e-13f64.max(5e-15 / (1.0 - rho))
 }
@@ -119,7 +121,8 @@ fn all_solvers_reach_the_direct_solution() {
         for method in Method::ALL {
             let got = solve(method, &system, &options(1e-12)).unwrap();
             assert!(got.converged(), "{method:?} at {most}: {:?}", got.stop);
-            // In the flux norm ‖(I − ρF)⁻¹‖ ≤ 1/(1 − ρ_max) in a closed reciprocal system; twice that leaves room for rounding.
+            // In the flux norm ‖(I − ρF)⁻¹‖ ≤ 1/(1 − ρ_max) in a closed reciprocal system; twice
+            // that leaves room for rounding.
             let error = flux(&area, &got.radiosity, &want);
             let allowed = emitted * (2e-12 / (1.0 - most));
             assert!(
@@ -147,8 +150,8 @@ fn the_furnace_is_uniform() {
             let tolerance = reachable(rho);
             let got = solve(method, &system, &options(tolerance)).unwrap();
             assert!(got.converged(), "{method:?} at {rho}: {:?}", got.stop);
-            // That share of the flux may all sit on the smallest patch (a tenth of the mean area, of 30) and grows by
-            // 1/(1 − ρ), as the exact value does: 30 · 10 relative.
+            // That share of the flux may all sit on the smallest patch (a tenth of the mean area,
+            // of 30) and grows by 1/(1 − ρ), as the exact value does: 30 · 10 relative.
             for b in &got.radiosity {
                 assert!(
                     ((*b - want) / want).abs().max_element() < 300.0 * tolerance,
@@ -159,7 +162,8 @@ fn the_furnace_is_uniform() {
     }
 }
 
-/// Inside a sphere F_ij = A_j / ΣA, F_ii too, so every patch receives the mean: B = M + ρ mean(M) / (1 − ρ).
+/// Inside a sphere F_ij = A_j / ΣA, F_ii too, so every patch receives the mean: B = M + ρ mean(M) /
+/// (1 − ρ).
 #[test]
 fn the_inside_of_a_sphere_has_its_closed_form() {
     let n = 25;
@@ -186,7 +190,8 @@ fn the_inside_of_a_sphere_has_its_closed_form() {
             assert!(got.converged(), "{method:?} at {rho}: {:?}", got.stop);
             for (b, m) in got.radiosity.iter().zip(&m) {
                 let want = *m + rho * mean / (1.0 - rho);
-                // As in the furnace: all on one patch of 25, at most six times smaller than the mean.
+                // As in the furnace: all on one patch of 25, at most six times smaller than the
+                // mean.
                 let allowed = mean * (25.0 * 6.0 * tolerance / (1.0 - rho));
                 assert!(
                     (*b - want).abs().cmple(allowed).all(),
@@ -262,7 +267,8 @@ fn every_southwell_step_lowers_error_and_residual_in_the_flux_norm() {
                 flux(&area, s.residual, &zero),
             ];
             for (now, last) in now.iter().zip(&last) {
-                // Channels in which the patch had nothing stay as they are, up to rounding of sums near 1e3.
+                // Channels in which the patch had nothing stay as they are, up to rounding of sums
+                // near 1e3.
                 assert!(
                     now.cmple(*last + 1e-12).all() && now.element_sum() < last.element_sum(),
                     "{method:?}, shot {}: {now} after {last}",
@@ -300,12 +306,14 @@ fn the_ambient_term_lowers_the_early_error_of_the_picture() {
             ratios.iter().all(|r| *r < 1.0),
             "ρ up to {most}: {ratios:?}"
         );
-        // Every patch sees every other one, so the even mixture that the term assumes is nearly true: at least half goes.
+        // Every patch sees every other one, so the even mixture that the term assumes is nearly
+        // true: at least half goes.
         assert!(ratios[n / 4] < 0.5, "ρ up to {most}: {}", ratios[n / 4]);
     }
 }
 
-/// Where all patches see one mixture, as inside a sphere, the estimate is exact from the first moment.
+/// Where all patches see one mixture, as inside a sphere, the estimate is exact from the first
+/// moment.
 #[test]
 fn the_ambient_term_is_exact_in_a_uniform_sphere() {
     let n = 8;
@@ -484,7 +492,8 @@ fn a_system_that_makes_light_has_no_bound_and_no_solution() {
     }
 }
 
-/// Progressive radiosity takes columns from rows by reciprocity; where that is false it must not claim a solution that it has not.
+/// Progressive radiosity takes columns from rows by reciprocity; where that is false it must not
+/// claim a solution that it has not.
 #[test]
 fn rows_that_are_not_reciprocal_are_found_out() {
     let (mut matrix, area) = random_closed(20, 12);
@@ -499,7 +508,8 @@ fn rows_that_are_not_reciprocal_are_found_out() {
     for method in Method::ALL {
         let got = solve(method, &system, &options(1e-9)).unwrap();
         let error = flux(&area, &got.radiosity, &want).max_element();
-        // Row sums reach 1.2 here: 1/(1 − 0.6 · 1.5) at the very most, as row and column sums are at most 1.5.
+        // Row sums reach 1.2 here: 1/(1 − 0.6 · 1.5) at the very most, as row and column sums are
+        // at most 1.5.
         assert!(
             !got.converged() || error < 1e-9 * 10.0 * emitted,
             "{method:?}: {error}"

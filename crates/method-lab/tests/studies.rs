@@ -20,7 +20,8 @@ fn the_room_has_its_patches_and_is_closed() {
     for (detail, count) in [(Detail::Coarse, 1000), (Detail::Fine, 5760)] {
         let room = Room::new(detail);
         assert_eq!(room.patches.len(), count);
-        // Gauss: Σ A n = 0 and Σ A n·x / 3 = −volume for normals that look inside; 3.5 · 2.25 · 3.5 less both boxes.
+        // Gauss: Σ A n = 0 and Σ A n·x / 3 = −volume for normals that look inside; 3.5 · 2.25 · 3.5
+        // less both boxes.
         let (mut closed, mut volume, mut area) = (DVec3::ZERO, 0.0, 0.0);
         for p in &room.patches {
             let q = p.patch(DVec3::ZERO, DVec3::ZERO);
@@ -137,7 +138,8 @@ fn without_occlusion_the_room_makes_light() {
     );
     assert!(hidden_sums.mean < open_sums.mean, "{hidden_sums:?}");
     let [open_value, hidden_value] = [&open, &hidden].map(|m| largest_eigenvalue(m, &area, 40));
-    // The mean by area is a Rayleigh quotient, so the largest eigenvalue is no smaller; and it is no larger than any row.
+    // The mean by area is a Rayleigh quotient, so the largest eigenvalue is no smaller; and it is
+    // no larger than any row.
     assert!(open_value >= open_sums.mean && open_value <= open_sums.max);
     assert!(hidden_value >= hidden_sums.mean && hidden_value < open_value);
 }
@@ -176,7 +178,8 @@ fn a_fixed_number_of_gathers_is_jacobi_cut_short() {
         assert!(pair[1] > 0.0 && pair[1] < pair[0]);
     }
     let measured = (left[3] / left[2]).powf(1.0 / 8.0);
-    // After eight gathers other modes than the slowest have all but gone: 0.5 % was 0.1 % when written.
+    // After eight gathers other modes than the slowest have all but gone: 0.5 % was 0.1 % when
+    // written.
     assert!(
         (measured / (0.7 * eigenvalue) - 1.0).abs() < 5e-3,
         "{measured} {eigenvalue}"
@@ -188,7 +191,8 @@ fn vertices_take_the_mean_of_their_own_surface() {
     let room = Room::new(Detail::Coarse);
     let case = cases().into_iter().find(|c| c.name == "orange").unwrap();
     let enclosure = case.enclosure(&room);
-    // One value per surface and lamp comes back as it is: nothing runs round an edge or over a lamp's.
+    // One value per surface and lamp comes back as it is: nothing runs round an edge or over a
+    // lamp's.
     let b: Vec<DVec3> = room
         .patches
         .iter()

@@ -3,10 +3,11 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// For each triangle corner `c` (edge from corner `c` to the next), the triangles across that edge, in compressed rows.
+/// For each triangle corner `c` (edge from corner `c` to the next), the triangles across that edge,
+/// in compressed rows.
 ///
-/// Vertices are identified by exact position, because files split vertices at normals and texture seams; an edge shared by
-/// three or more triangles joins them all.
+/// Vertices are identified by exact position, because files split vertices at normals and texture
+/// seams; an edge shared by three or more triangles joins them all.
 pub(crate) struct Adjacency {
     starts: Vec<u32>,
     neighbours: Vec<u32>,
@@ -28,7 +29,8 @@ impl Adjacency {
         edges.par_sort_unstable();
         let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(edges.len());
         for run in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            // A chain instead of all pairs: the same connectivity, and a fan of thousands of triangles on one edge stays linear.
+            // A chain instead of all pairs: the same connectivity, and a fan of thousands of
+            // triangles on one edge stays linear.
             for w in run.windows(2) {
                 if key(w[0].2 as usize) == key(w[1].2 as usize) && w[0].2 != w[1].2 {
                     pairs.push((w[0].2, w[1].2));

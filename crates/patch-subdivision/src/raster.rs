@@ -75,8 +75,8 @@ impl Polygon {
             })
     }
 
-    /// The part inside cell (`column`, `row`) of a grid of `size` unit cells. Cells at the grid's rim reach to infinity, so
-    /// nothing that rounding puts beyond it is lost.
+    /// The part inside cell (`column`, `row`) of a grid of `size` unit cells. Cells at the grid's
+    /// rim reach to infinity, so nothing that rounding puts beyond it is lost.
     pub fn clip_to_cell(&self, column: u32, row: u32, size: [u32; 2]) -> Polygon {
         let mut p = *self;
         for (axis, at) in [column, row].into_iter().enumerate() {
@@ -91,10 +91,12 @@ impl Polygon {
     }
 }
 
-/// Calls `emit(column, row, share)` for every cell of a grid of `size` unit cells that the triangle touches, with the share of
-/// the triangle's area that lies there; the shares sum to 1. Cells at the rim take what lies beyond them.
+/// Calls `emit(column, row, share)` for every cell of a grid of `size` unit cells that the triangle
+/// touches, with the share of the triangle's area that lies there; the shares sum to 1. Cells at
+/// the rim take what lies beyond them.
 ///
-/// A triangle that is degenerate in the plane goes whole to the cell of its centroid. Cost: rows plus cells touched.
+/// A triangle that is degenerate in the plane goes whole to the cell of its centroid. Cost: rows
+/// plus cells touched.
 pub fn cover_triangle(corners: [DVec2; 3], size: [u32; 2], mut emit: impl FnMut(u32, u32, f64)) {
     cut_triangle(corners, size, |c, r, _, share| emit(c, r, share));
 }
@@ -170,7 +172,8 @@ mod tests {
                 assert!(c < 20 && r < 10 && share > 0.0);
                 sum += share;
             });
-            // Clipping is done in f64 on numbers up to 22: 1e-9 is far above its rounding for all but needles.
+            // Clipping is done in f64 on numbers up to 22: 1e-9 is far above its rounding for all
+            // but needles.
             assert!((sum - 1.0).abs() < 1e-9, "{sum} {tri:?}");
         }
     }

@@ -12,11 +12,13 @@ pub struct RegionId(pub u32);
 /// How triangles are gathered into regions.
 #[derive(Debug, Clone, Copy)]
 pub struct RegionOptions {
-    /// Faces within this angle of the first one belong to its plane, however far away. 15° keeps the projected area within
-    /// 1/cos 15° = 1.035 of the true one, so grid cells stay near their nominal size.
+    /// Faces within this angle of the first one belong to its plane, however far away. 15° keeps
+    /// the projected area within 1/cos 15° = 1.035 of the true one, so grid cells stay near their
+    /// nominal size.
     pub flat_angle: f32,
-    /// Faces within this angle belong, if they lie within one patch's size of the first: small detail is clustered.
-    /// At 60° a cluster's mean irradiance still stands for one side of a thing and not for all of it.
+    /// Faces within this angle belong, if they lie within one patch's size of the first: small
+    /// detail is clustered. At 60° a cluster's mean irradiance still stands for one side of a thing
+    /// and not for all of it.
     pub cluster_angle: f32,
 }
 
@@ -50,8 +52,8 @@ impl Regions {
     }
 }
 
-/// Gathers triangles into regions. `two_sided` says of each triangle whether both its sides act on light (a region has one
-/// kind only); `size` is the nominal patch size in metres.
+/// Gathers triangles into regions. `two_sided` says of each triangle whether both its sides act on
+/// light (a region has one kind only); `size` is the nominal patch size in metres.
 pub(crate) fn gather_regions(
     soup: &Soup,
     two_sided: impl Fn(usize) -> bool + Sync,
@@ -65,7 +67,8 @@ pub(crate) fn gather_regions(
     let centroid =
         |t: usize| (soup.triangles[t][0] + soup.triangles[t][1] + soup.triangles[t][2]) / 3.0;
 
-    // Large faces first: walls and floors become whole regions, and detail gathers around what is left.
+    // Large faces first: walls and floors become whole regions, and detail gathers around what is
+    // left.
     let mut order: Vec<u32> = (0..n as u32).collect();
     order.sort_by(|&a, &b| {
         soup.areas[b as usize]
@@ -106,9 +109,10 @@ pub(crate) fn gather_regions(
     merge_small(soup, &two_sided, size, &mut of_triangle, regions)
 }
 
-/// Joins regions much smaller than a patch that lie in one voxel and face one way: the leaves of a tree, the links of a chain,
-/// whatever has many small disconnected pieces. Where a voxel of a patch's size still holds little, larger ones follow, up to
-/// four times the size: sparse grass has no use for a patch a blade.
+/// Joins regions much smaller than a patch that lie in one voxel and face one way: the leaves of a
+/// tree, the links of a chain, whatever has many small disconnected pieces. Where a voxel of a
+/// patch's size still holds little, larger ones follow, up to four times the size: sparse grass has
+/// no use for a patch a blade.
 fn merge_small(
     soup: &Soup,
     two_sided: &impl Fn(usize) -> bool,

@@ -24,8 +24,8 @@ pub struct ElementId(pub u32);
 pub struct Options {
     /// Patches aimed at; the number made differs, since every region has at least one.
     pub patches: u32,
-    /// Largest share of the patches that one region may take. A ground plane of kilometres would otherwise set the
-    /// size for the town that stands on it.
+    /// Largest share of the patches that one region may take. A ground plane of kilometres would
+    /// otherwise set the size for the town that stands on it.
     pub region_share: f32,
     /// How triangles become regions.
     pub regions: RegionOptions,
@@ -56,9 +56,11 @@ pub struct Patch {
     pub back: bool,
     /// All of it lies where no light comes and from where none is seen; see [`Subdivision::hide`].
     pub hidden: bool,
-    /// It is one element of a cell in which each stands alone; nothing is interpolated towards it, or from it.
+    /// It is one element of a cell in which each stands alone; nothing is interpolated towards it,
+    /// or from it.
     pub fine: bool,
-    /// Names it for random numbers: stays as it is when other patches are cut, and with it what is drawn here.
+    /// Names it for random numbers: stays as it is when other patches are cut, and with it what is
+    /// drawn here.
     pub name: u32,
 }
 
@@ -159,7 +161,8 @@ struct Piece {
 }
 
 impl Subdivision {
-    /// Cuts the scene. `two_sided` says of a triangle whether both its sides act on light: then both get patches.
+    /// Cuts the scene. `two_sided` says of a triangle whether both its sides act on light: then
+    /// both get patches.
     ///
     /// Deterministic for any number of threads; O(n log n) in triangles plus O(elements).
     pub fn build(soup: &Soup, two_sided: impl Fn(usize) -> bool + Sync, options: &Options) -> Self {
@@ -239,8 +242,8 @@ impl Subdivision {
         1.0 / x.length().min(y.length())
     }
 
-    /// Patch and element of the point `p` on `triangle`, seen from its back if `back`; `None` on the back of a single-sided
-    /// face, which has no light of its own.
+    /// Patch and element of the point `p` on `triangle`, seen from its back if `back`; `None` on
+    /// the back of a single-sided face, which has no light of its own.
     #[inline]
     pub fn locate(&self, triangle: u32, p: Vec3, back: bool) -> Option<Locus> {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
@@ -266,8 +269,9 @@ impl Subdivision {
         })
     }
 
-    /// Bilinear weights over the patches about `p`, those that exist in its region, are not hidden and not behind a wall; at least one. Arguments as for
-    /// [`locate`](Self::locate), which must have answered for them.
+    /// Bilinear weights over the patches about `p`, those that exist in its region, are not hidden
+    /// and not behind a wall; at least one. Arguments as for [`locate`](Self::locate), which must
+    /// have answered for them.
     #[inline]
     pub fn taps(&self, triangle: u32, p: Vec3, at: Locus) -> ([Tap; 4], usize) {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
@@ -280,7 +284,8 @@ impl Subdivision {
         region.frame.project(p)
     }
 
-    /// The middle, on the region's grid, of the cell that an element lies in: as [`project`](Self::project).
+    /// The middle, on the region's grid, of the cell that an element lies in: as
+    /// [`project`](Self::project).
     pub fn middle(&self, element: ElementId, soup: &Soup) -> [f32; 2] {
         let e = &self.elements[element.0 as usize];
         let [a, b, c] = soup.triangles[e.triangle as usize];
@@ -290,7 +295,8 @@ impl Subdivision {
         q.map(|x| ((x * sub).floor() + 0.5) / sub)
     }
 
-    /// [`taps`](Self::taps) of a point by its place on the region's grid; `None` for a patch that is not there.
+    /// [`taps`](Self::taps) of a point by its place on the region's grid; `None` for a patch that
+    /// is not there.
     #[inline]
     pub fn taps_at(&self, q: [f32; 2], at: Locus) -> Option<([Tap; 4], usize)> {
         let patch = self.patches.get(at.patch.0 as usize)?;
@@ -355,7 +361,8 @@ impl Subdivision {
         (taps, n)
     }
 
-    /// A point on a cell's border may round into a cell without surface: its neighbour then holds it.
+    /// A point on a cell's border may round into a cell without surface: its neighbour then holds
+    /// it.
     #[cold]
     fn nearest_patch(&self, region: &Region, c: u32, r: u32) -> Option<u32> {
         let f = &region.frame;
@@ -376,8 +383,9 @@ impl Subdivision {
         None
     }
 
-    /// Takes elements out that `hidden` (one flag an element) names: parts of surfaces inside of other things. Light falls on, and is seen
-    /// from, the rest of their patch, and a mean over both would darken it. Patches of which nothing is left keep their elements, and other
+    /// Takes elements out that `hidden` (one flag an element) names: parts of surfaces inside of
+    /// other things. Light falls on, and is seen from, the rest of their patch, and a mean over
+    /// both would darken it. Patches of which nothing is left keep their elements, and other
     /// patches no longer interpolate towards them.
     ///
     /// # Panics
@@ -430,7 +438,8 @@ impl Subdivision {
     }
 }
 
-/// Edge of a patch so that about `options.patches` cover the scene, when no triangle counts for more than its share.
+/// Edge of a patch so that about `options.patches` cover the scene, when no triangle counts for
+/// more than its share.
 fn nominal_size(soup: &Soup, options: &Options) -> f32 {
     let mut areas: Vec<f64> = soup.areas[..soup.seen()]
         .iter()
@@ -480,7 +489,8 @@ fn cut_region(
         let (r, c) = (fine / fine_width / frame.sub, fine % fine_width / frame.sub);
         r * frame.cells[0] + c
     };
-    // Elements of one patch must stand together: order fine cells by cell, then by place in the cell.
+    // Elements of one patch must stand together: order fine cells by cell, then by place in the
+    // cell.
     let mut runs: Vec<&[Fragment]> = fragments.chunk_by(|a, b| a.fine == b.fine).collect();
     runs.sort_by_key(|run| (cell_of(run[0].fine), run[0].fine));
     let mut piece = Piece {
@@ -521,7 +531,8 @@ fn cut_region(
 /// Draws the element's point uniformly from its surface.
 fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
     let area: f32 = run.iter().map(|f| f.area).sum();
-    // The random numbers hang on the first triangle and the cell only, so they are the same in every run.
+    // The random numbers hang on the first triangle and the cell only, so they are the same in
+    // every run.
     let seed = hash(run[0].triangle ^ run[0].fine.wrapping_mul(0x9e37_79b9));
     let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
     let mut left = random(1) as f32 * area;

@@ -1,9 +1,11 @@
 //! Walls that stand on a surface: what lies on their two sides is kept apart.
 //!
-//! A region's grid knows nothing of other surfaces: a floor that runs on under a wall has patches that lie in two rooms. Light that one of
-//! them receives would then shine from both. Whoever can cast rays says which neighbouring elements do not see each other
-//! ([`Subdivision::neighbours`], [`Subdivision::separate`]); patches are cut there, and interpolation stops there. The same cuts patches into their elements where
-//! something stands so close that light differs from one to the next.
+//! A region's grid knows nothing of other surfaces: a floor that runs on under a wall has patches
+//! that lie in two rooms. Light that one of them receives would then shine from both. Whoever can
+//! cast rays says which neighbouring elements do not see each other ([`Subdivision::neighbours`],
+//! [`Subdivision::separate`]); patches are cut there, and interpolation stops there. The same cuts
+//! patches into their elements where something stands so close that light differs from one to the
+//! next.
 
 use crate::subdivision::{ElementId, Locus, Patch, PatchId, Region, Subdivision};
 
@@ -20,12 +22,14 @@ pub(crate) struct Walls {
     joined: Vec<u32>,
     /// By element: a wall stands between it and one of its neighbours, or on it.
     beside: Vec<bool>,
-    /// By patch: cells whose element was taken out, or would have been if others had been left. Empty before [`Subdivision::hide`].
+    /// By patch: cells whose element was taken out, or would have been if others had been left.
+    /// Empty before [`Subdivision::hide`].
     pub(crate) buried: Vec<u16>,
 }
 
 impl Walls {
-    /// The patches that one may interpolate towards from `patch`; `None` where no wall is near, and all may be.
+    /// The patches that one may interpolate towards from `patch`; `None` where no wall is near, and
+    /// all may be.
     #[inline]
     fn joined(&self, patch: u32) -> Option<&[u32]> {
         let at = *self.near.get(patch as usize)?;
@@ -57,8 +61,8 @@ impl Walls {
 type Fine = [i32; 2];
 
 impl Subdivision {
-    /// Pairs of elements that lie side by side on one surface, on the same side of it, and are not hidden. Loose pieces that share a cell
-    /// have none.
+    /// Pairs of elements that lie side by side on one surface, on the same side of it, and are not
+    /// hidden. Loose pieces that share a cell have none.
     pub fn neighbours(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::with_capacity(2 * self.elements().len());
         for region in self.regions.iter().filter(|r| !r.loose) {
@@ -81,10 +85,12 @@ impl Subdivision {
         pairs
     }
 
-    /// Parts what walls part. `blocked` says of each of [`neighbours`](Self::neighbours) whether something stands between the two.
+    /// Parts what walls part. `blocked` says of each of [`neighbours`](Self::neighbours) whether
+    /// something stands between the two.
     ///
-    /// Patches whose elements a wall divides become one patch a part, and those that `crowded` names (one flag a patch) one an element
-    /// ([`Patch::fine`]). Call it once, after [`hide`](Self::hide).
+    /// Patches whose elements a wall divides become one patch a part, and those that `crowded`
+    /// names (one flag a patch) one an element ([`Patch::fine`]). Call it once, after
+    /// [`hide`](Self::hide).
     ///
     /// # Panics
     /// When the lists differ in length.
@@ -201,7 +207,8 @@ impl Subdivision {
         moved
     }
 
-    /// Marks the elements about those that are marked or buried: a wall that cuts off their corner may stand between none of the points.
+    /// Marks the elements about those that are marked or buried: a wall that cuts off their corner
+    /// may stand between none of the points.
     fn all_beside(&self, marked: &[bool]) -> Vec<bool> {
         let mut beside = marked.to_vec();
         for region in self.regions.iter().filter(|r| !r.loose) {
@@ -231,7 +238,8 @@ impl Subdivision {
         beside
     }
 
-    /// Fills the lists of patches near walls: those that light can be interpolated towards without crossing one.
+    /// Fills the lists of patches near walls: those that light can be interpolated towards without
+    /// crossing one.
     fn join(&mut self, links: &[[u32; 2]]) {
         let count = self.patches.len();
         let mut starts = vec![0u32; count + 1];
@@ -316,8 +324,8 @@ impl Subdivision {
             .find_map(|p| p.element_of(bit).filter(|_| !p.hidden))
     }
 
-    /// The patch of the cell at `front` (the first of its chain) that a point in fine cell `bit` belongs to: the one with an element there,
-    /// else the one with the nearest.
+    /// The patch of the cell at `front` (the first of its chain) that a point in fine cell `bit`
+    /// belongs to: the one with an element there, else the one with the nearest.
     #[inline]
     pub(crate) fn of_chain(&self, first: u32, bit: u16, sub: u32) -> u32 {
         if self.walls.next(first).is_none() {
@@ -344,7 +352,8 @@ impl Subdivision {
             .unwrap_or(first)
     }
 
-    /// Whether interpolation from `patch` may reach the cell whose chain begins with `first`, and which of its patches.
+    /// Whether interpolation from `patch` may reach the cell whose chain begins with `first`, and
+    /// which of its patches.
     #[inline]
     pub(crate) fn reached(&self, patch: u32, first: u32) -> Option<u32> {
         let Some(joined) = self.walls.joined(patch) else {
@@ -363,8 +372,8 @@ impl Subdivision {
         !self.walls.beside.is_empty()
     }
 
-    /// Like `at`, but on the right side of a wall: `sees` says whether nothing stands between the point and an element's. Asked only where a
-    /// wall is beside the element.
+    /// Like `at`, but on the right side of a wall: `sees` says whether nothing stands between the
+    /// point and an element's. Asked only where a wall is beside the element.
     pub fn on_this_side(
         &self,
         triangle: u32,
@@ -388,7 +397,8 @@ impl Subdivision {
         let q = region.frame.project(p).map(|x| x * sub);
         let [w, h] = region.fine();
         let own = [(q[0] as i32).clamp(0, w - 1), (q[1] as i32).clamp(0, h - 1)];
-        // The nearest first. Distances tell cells apart but for ties, which the cell's own order breaks.
+        // The nearest first. Distances tell cells apart but for ties, which the cell's own order
+        // breaks.
         let mut around = [(0.0f32, [0; 2]); 9];
         for (k, slot) in around.iter_mut().enumerate() {
             let f: Fine = [own[0] + k as i32 % 3 - 1, own[1] + k as i32 / 3 - 1];
@@ -422,7 +432,8 @@ impl Subdivision {
     }
 }
 
-/// Numbers the parts into which walls cut patches: elements of one patch in one part have the same number.
+/// Numbers the parts into which walls cut patches: elements of one patch in one part have the same
+/// number.
 fn parts(pairs: &[[u32; 2]], blocked: &[bool], patch_of: &[u32]) -> Vec<u32> {
     let mut parent: Vec<u32> = (0..patch_of.len() as u32).collect();
     fn root(parent: &mut [u32], mut i: u32) -> u32 {

@@ -1,9 +1,11 @@
 //! Where the energy went: emitted = absorbed + escaped, within a bound that comes with it.
 //!
-//! The two sides are measured in different ways, so that what is lost on the way shows. What is sent is exact (Φ = 4πI, Φ = πLA), and where it
-//! goes is seen by rays *from* the lamps and from each patch; what arrives is what the solver found *at* each element and patch. That
-//! they agree is reciprocity, A_i F_ij = A_j F_ji, which rays keep up to their noise: the bound is four standard errors of that
-//! noise, taken from the rays themselves, and what relaxation and rounding may leave.
+//! The two sides are measured in different ways, so that what is lost on the way shows. What is
+//! sent is exact (Φ = 4πI, Φ = πLA), and where it goes is seen by rays *from* the lamps and from
+//! each patch; what arrives is what the solver found *at* each element and patch. That they agree
+//! is reciprocity, A_i F_ij = A_j F_ji, which rays keep up to their noise: the bound is four
+//! standard errors of that noise, taken from the rays themselves, and what relaxation and rounding
+//! may leave.
 
 use glam::{DVec3, Vec3};
 use patch_subdivision::{PatchId, Subdivision};
@@ -16,11 +18,12 @@ use crate::relax::RelaxReport;
 use crate::solve::PatchSurfaces;
 use crate::world::{Emission, World, luminance};
 
-/// Standard errors that the bound allows: a sum over thousands of rows is about normal, and beyond four lies one in 16,000.
+/// Standard errors that the bound allows: a sum over thousands of rows is about normal, and beyond
+/// four lies one in 16,000.
 const SIGMAS: f64 = 4.0;
 
-/// Share of a row's rays that may be lost before the row is named. Rays of a sound scene are never lost; along the edges of a
-/// model whose vertices do not quite meet some are.
+/// Share of a row's rays that may be lost before the row is named. Rays of a sound scene are never
+/// lost; along the edges of a model whose vertices do not quite meet some are.
 const ROW_BOUND: f64 = 0.01;
 
 /// A scene is nearly closed where fewer than one in so many rays leave it.
@@ -31,11 +34,12 @@ const MOST_NODES: usize = 32;
 
 /// Flux balance and row sums of the form-factor matrix.
 ///
-/// Fluxes are in W, or lm where the scene is photometric. Imbalance and bounds are shares of the emitted flux, by luminance.
+/// Fluxes are in W, or lm where the scene is photometric. Imbalance and bounds are shares of the
+/// emitted flux, by luminance.
 ///
-/// A sun emits what meets the scene's surfaces, the sky what arrives on them: neither has a flux of its own, and for the sky
-/// alone arrival is not compared with anything. A lamp with a `range` loses light on its way (the glTF extension says so): it emits
-/// what arrives.
+/// A sun emits what meets the scene's surfaces, the sky what arrives on them: neither has a flux of
+/// its own, and for the sky alone arrival is not compared with anything. A lamp with a `range`
+/// loses light on its way (the glTF extension says so): it emits what arrives.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Audit {
     /// Flux that lamps, emissive surfaces, suns and the sky send into the scene (RGB).
@@ -68,24 +72,29 @@ pub struct Audit {
     pub rays_nowhere: u64,
     /// Rows with at least one ray that escaped.
     pub rows_open: u64,
-    /// A row's sum, surfaces and sky together, may fall short of 1 by so much; it does by what backs of faces take.
+    /// A row's sum, surfaces and sky together, may fall short of 1 by so much; it does by what
+    /// backs of faces take.
     pub row_bound: f64,
     /// Rows that fall short by more.
     pub rows_beyond: u64,
     /// Nodes that have such rows, most rows first, 32 at most.
     pub beyond: Vec<RowsOfNode>,
-    /// Nodes with open rows, where less than a hundredth of all rays escape: gaps in a scene that is nearly closed.
+    /// Nodes with open rows, where less than a hundredth of all rays escape: gaps in a scene that
+    /// is nearly closed.
     pub gaps: Vec<RowsOfNode>,
 }
 
 /// The parts of [`Audit::bound`], shares of the emitted flux.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct AuditBounds {
-    /// Four standard errors of reciprocity, from the spread of each row's rays about their mean, element by element.
+    /// Four standard errors of reciprocity, from the spread of each row's rays about their mean,
+    /// element by element.
     pub rays: f64,
-    /// Four standard errors of direct light, which each element takes at one point: from the spread over the elements of a patch.
+    /// Four standard errors of direct light, which each element takes at one point: from the spread
+    /// over the elements of a patch.
     pub direct: f64,
-    /// Four standard errors of where the light of lamps goes, from the rays that are cast from them.
+    /// Four standard errors of where the light of lamps goes, from the rays that are cast from
+    /// them.
     pub lamps: f64,
     /// What relaxation left.
     pub residual: f64,
@@ -133,10 +142,11 @@ struct Outgoing {
     lamp: DVec3,
     /// ρE.
     reflected: DVec3,
-    /// Flux per area of emission that varies within triangles, which is known at the elements' points only.
+    /// Flux per area of emission that varies within triangles, which is known at the elements'
+    /// points only.
     textured: DVec3,
-    /// Variances of luminous flux due to taking things at one point an element: direct irradiance with `textured`, and other
-    /// emission, which only matters where some of it is lost.
+    /// Variances of luminous flux due to taking things at one point an element: direct irradiance
+    /// with `textured`, and other emission, which only matters where some of it is lost.
     spread: f64,
     spread_plain: f64,
 }
@@ -187,7 +197,8 @@ impl Outgoing {
         let there = 1.0 / solid.max(1e-300);
         let spread = |x: &[f64; 16]| -> f64 {
             if m < 2.0 {
-                // Nothing to compare with: the value itself, as if it might as well be twice that or nothing.
+                // Nothing to compare with: the value itself, as if it might as well be twice that
+                // or nothing.
                 return (areas[0] * x[0]).powi(2);
             }
             let mean: f64 = x.iter().zip(&areas).map(|(x, a)| x * a).sum::<f64>() * s;
@@ -231,7 +242,8 @@ fn plain_emission(world: &World) -> DVec3 {
     sum
 }
 
-/// Balances what was emitted against what `direct` (per element) and `indirect` (per patch) say arrived.
+/// Balances what was emitted against what `direct` (per element) and `indirect` (per patch) say
+/// arrived.
 pub(crate) fn audit(
     world: &World,
     cut: &Subdivision,
@@ -255,7 +267,8 @@ pub(crate) fn audit(
             let (o, area) = (&outgoing[i], surfaces.area[i] * outgoing[i].solid);
             let out = o.reflected + o.glow + o.lamp;
             let mut row = Row::default();
-            // What a ray takes along less what it would bring back; reciprocity says that it is 0 on average over all patches.
+            // What a ray takes along less what it would bring back; reciprocity says that it is 0
+            // on average over all patches.
             let level = lum(out);
             let (mut sum, mut squares) = (0f64, 0f64);
             let (mut by_element, mut count) = ([0f64; 16], [0f64; 16]);
@@ -299,7 +312,8 @@ pub(crate) fn audit(
             }
             let mean = sum / rays;
             let independent = squares - sum * mean;
-            // Rays from one point of one element are alike; the point is as random as they are. A single one has no others to differ from, but from 0.
+            // Rays from one point of one element are alike; the point is as random as they are. A
+            // single one has no others to differ from, but from 0.
             let mean = match cut.elements_of(PatchId(i as u32)).len() {
                 1 => 0.0,
                 _ => mean,
@@ -384,7 +398,8 @@ fn balance(
     if emitted > 0.0 && links.rays > 0 {
         let balance = total.emitted - total.absorbed - total.behind - total.escaped;
         out.imbalance = lum(balance) / emitted;
-        // `residual` bounds Σ A|r| / (1 − ρ), as a share of what arrives; r is what is missing in the balance.
+        // `residual` bounds Σ A|r| / (1 − ρ), as a share of what arrives; r is what is missing in
+        // the balance.
         left += relaxation.residual * (1.0 - most_reflecting.min(0.9999)) * indirect_flux;
         let sigmas = |variance: f64| SIGMAS * variance.sqrt() / emitted;
         out.bounds = AuditBounds {
@@ -392,8 +407,9 @@ fn balance(
             direct: sigmas(total.direct),
             lamps: sigmas(lamps.variance),
             residual: left / emitted,
-            // A row's light from outside is a sum of `rays` numbers in f32, some ten more operations follow, and E is as many times
-            // larger than what is emitted as light is reflected.
+            // A row's light from outside is a sum of `rays` numbers in f32, some ten more
+            // operations follow, and E is as many times larger than what is emitted as light is
+            // reflected.
             rounding: (rays + 10.0) * 2f64.powi(-24) * (1.0 + indirect_flux / emitted),
         };
         let b = &out.bounds;

@@ -1,25 +1,30 @@
 //! Where vertex normals describe a rounder surface than the triangles are.
 //!
-//! A hemisphere about an interpolated normal, with rays that start on the flat face, sees the face itself and its neighbours, which the
-//! surface that is meant would not: light that comes in between the two horizons is lost, and the facets show, worst at the terminator. So
-//! rays of such points start on the surface that the normals describe, out of reach of its facets.
+//! A hemisphere about an interpolated normal, with rays that start on the flat face, sees the face
+//! itself and its neighbours, which the surface that is meant would not: light that comes in
+//! between the two horizons is lost, and the facets show, worst at the terminator. So rays of such
+//! points start on the surface that the normals describe, out of reach of its facets.
 //!
-//! Based on: Hanika, *Hacking the Shadow Terminator*, Ray Tracing Gems II, 2021, ch. 4 (mean of the point's projections to the tangent
-//! planes of the corners that lie above it); Boubekeur, Alexa, *Phong Tessellation*, 2008 (the same surface, drawn). That surface lies twice as far
-//! out as a sphere through the corners with these normals, which does no harm to a shadow ray but shifts near lights and contacts; here
-//! the height is such that spheres and cylinders come out exactly: see [`height`].
+//! Based on: Hanika, *Hacking the Shadow Terminator*, Ray Tracing Gems II, 2021, ch. 4 (mean of the
+//! point's projections to the tangent planes of the corners that lie above it); Boubekeur, Alexa,
+//! *Phong Tessellation*, 2008 (the same surface, drawn). That surface lies twice as far out as a
+//! sphere through the corners with these normals, which does no harm to a shadow ray but shifts
+//! near lights and contacts; here the height is such that spheres and cylinders come out exactly:
+//! see [`height`].
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use rayon::prelude::*;
 
-/// Cosine of the tilt from which a corner's normal counts as bent, 0.5°. Eight-bit normals of a flat face are off by up to √2/254 rad =
-/// 0.32°. What is lost below it: (1 − cos)/2 = 2e-5 of a sky's light, and a step of 0.9 % of the sun's at the terminator.
+/// Cosine of the tilt from which a corner's normal counts as bent, 0.5°. Eight-bit normals of a
+/// flat face are off by up to √2/254 rad = 0.32°. What is lost below it: (1 − cos)/2 = 2e-5 of a
+/// sky's light, and a step of 0.9 % of the sun's at the terminator.
 const BENT: f32 = 0.999_962;
 
-/// Cosine of the tilt from which a vertex is an edge that was smoothed by mistake, 40°. Every sphere down to the icosahedron stays below it (37.4°),
-/// and so do cylinders of five sides (36°); one normal for both sides of a right angle is 45° from at least one of them, that for a cube's corner
-/// 54.7° from all.
+/// Cosine of the tilt from which a vertex is an edge that was smoothed by mistake, 40°. Every
+/// sphere down to the icosahedron stays below it (37.4°), and so do cylinders of five sides (36°);
+/// one normal for both sides of a right angle is 45° from at least one of them, that for a cube's
+/// corner 54.7° from all.
 const HARD: f32 = 0.766_044;
 
 /// Triangles whose normals describe a curved surface.
@@ -32,9 +37,10 @@ pub(crate) struct Curved {
 impl Curved {
     /// Finds them, in O(triangles); those without vertex normals are passed over.
     ///
-    /// A triangle is curved if the normal of a corner is tilted against its own and no corner is *hard*. A vertex is hard if its normal
-    /// is far from that of any face that shares it: a cap of a cylinder whose rim has one normal for both is flat,
-    /// however little its own normals are tilted.
+    /// A triangle is curved if the normal of a corner is tilted against its own and no corner is
+    /// *hard*. A vertex is hard if its normal is far from that of any face that shares it: a cap of
+    /// a cylinder whose rim has one normal for both is flat, however little its own normals are
+    /// tilted.
     pub(crate) fn find(scene: &Scene, soup: &Soup) -> Curved {
         let mut faces = Vec::new();
         let mut first = 0;
@@ -107,8 +113,8 @@ fn corners_of(scene: &Scene, soup: &Soup, triangle: u32) -> [u32; 3] {
     }
 }
 
-/// Unit normals of a triangle's corners in world space, on the side that the document has them; `None` without normals or where the
-/// transform leaves nothing of one.
+/// Unit normals of a triangle's corners in world space, on the side that the document has them;
+/// `None` without normals or where the transform leaves nothing of one.
 fn corner_normals(scene: &Scene, soup: &Soup, triangle: u32) -> Option<[Vec3; 3]> {
     let source = soup.sources[triangle as usize];
     let instance = &scene.instances[source.instance as usize];
@@ -133,12 +139,14 @@ fn corner_normals(scene: &Scene, soup: &Soup, triangle: u32) -> Option<[Vec3; 3]
     Some(out)
 }
 
-/// How far the surface that the corners' normals describe lies above the flat face, metres: 0 where it lies below. `weights` are barycentrics,
-/// `side` is −1 for the back of the face.
+/// How far the surface that the corners' normals describe lies above the flat face, metres: 0 where
+/// it lies below. `weights` are barycentrics, `side` is −1 for the back of the face.
 ///
-/// h = Σ bᵢ max(0, (Vᵢ − P)·nᵢ) / (1 + |Σ bᵢ nᵢ|), along the interpolated normal. About a sphere of radius R, |Σ bᵢ nᵢ| = |P|/R =: r/R and the sum is
-/// (R² − r²)/R, so that h = R − r whatever the triangle; about a cylinder it is the same in its cross-section. Of any other surface it is the
-/// quadratic part. At most half the triangle's least altitude: a long strip whose ends are tilted along it is not an arch.
+/// h = Σ bᵢ max(0, (Vᵢ − P)·nᵢ) / (1 + |Σ bᵢ nᵢ|), along the interpolated normal. About a sphere of
+/// radius R, |Σ bᵢ nᵢ| = |P|/R =: r/R and the sum is (R² − r²)/R, so that h = R − r whatever the
+/// triangle; about a cylinder it is the same in its cross-section. Of any other surface it is the
+/// quadratic part. At most half the triangle's least altitude: a long strip whose ends are tilted
+/// along it is not an arch.
 pub(crate) fn height(
     scene: &Scene,
     soup: &Soup,

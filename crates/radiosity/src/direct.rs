@@ -26,8 +26,9 @@ pub struct DirectOptions {
     pub base: u32,
     /// Points where the first ones disagree about visibility: a shadow's edge crosses the receiver.
     pub penumbra: u32,
-    /// Points that have a shadow ray. Where these agree, the rest of `base` is taken to see what they saw: a light's closed form varies
-    /// over a receiver in any case, what is seen of it only where a shadow's edge runs.
+    /// Points that have a shadow ray. Where these agree, the rest of `base` is taken to see what
+    /// they saw: a light's closed form varies over a receiver in any case, what is seen of it only
+    /// where a shadow's edge runs.
     pub scouts: u32,
 }
 
@@ -45,9 +46,11 @@ impl DirectOptions {
 /// What is known of a receiver before its direct light is.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Known {
-    /// Luminance of the irradiance that arrives beside direct light. A light that brings next to nothing beside the rest is worth few rays.
+    /// Luminance of the irradiance that arrives beside direct light. A light that brings next to
+    /// nothing beside the rest is worth few rays.
     pub light: f32,
-    /// Lights that get a shadow ray at as many points as a penumbra has, as [`DirectEstimate::mixed`] names them.
+    /// Lights that get a shadow ray at as many points as a penumbra has, as
+    /// [`DirectEstimate::mixed`] names them.
     pub look: u32,
 }
 
@@ -56,17 +59,19 @@ pub struct Known {
 pub struct DirectEstimate {
     /// E, W/m² or lx.
     pub irradiance: Vec3,
-    /// Variance of the luminance of `irradiance` due to sampled visibility, as if samples were independent: an upper
-    /// bound, since they are stratified.
+    /// Variance of the luminance of `irradiance` due to sampled visibility, as if samples were
+    /// independent: an upper bound, since they are stratified.
     pub variance: f32,
-    /// How far parts of the samples differ, summed over lights whose samples disagree: the squared difference between the two halves of a light's
-    /// samples times their shares of them, and the same of the two halves of the first half. Of independent samples the first
-    /// is expected to be the variance of the mean, the second twice that; what it is less by is what stratification brings.
+    /// How far parts of the samples differ, summed over lights whose samples disagree: the squared
+    /// difference between the two halves of a light's samples times their shares of them, and the
+    /// same of the two halves of the first half. Of independent samples the first is expected to be
+    /// the variance of the mean, the second twice that; what it is less by is what stratification
+    /// brings.
     pub doubt: [f32; 2],
     /// Shadow rays cast.
     pub rays: u32,
-    /// Lights that some points see and others do not: a bit for each lamp (the 32nd and on share with the first), the top bit for
-    /// emitters and the bright parts of the sky.
+    /// Lights that some points see and others do not: a bit for each lamp (the 32nd and on share
+    /// with the first), the top bit for emitters and the bright parts of the sky.
     pub mixed: u32,
     /// Lamps that some point sees, and lamps that are hidden from one, by the same bits.
     pub lit: u32,
@@ -74,14 +79,16 @@ pub struct DirectEstimate {
     pub hidden: u32,
 }
 
-/// What is to be kept of direct light beside its sum. What is empty or `None` is not asked for and costs nothing; the rest is added to.
+/// What is to be kept of direct light beside its sum. What is empty or `None` is not asked for and
+/// costs nothing; the rest is added to.
 #[derive(Debug, Clone, Default)]
 pub struct DirectParts {
     /// Irradiance per group of [`LightGroups`](crate::LightGroups).
     pub groups: Vec<Vec3>,
     /// ∫ L dω, and ∫ L ω dω along x, y and z.
     pub moments: Option<[Vec3; 4]>,
-    /// Luminance of the irradiance from directional lights: what arrives, and what would if nothing were in the way.
+    /// Luminance of the irradiance from directional lights: what arrives, and what would if nothing
+    /// were in the way.
     pub sun: Option<[f32; 2]>,
 }
 
@@ -90,9 +97,10 @@ const EMITTERS: u32 = 1 << 31;
 
 /// Computes direct light.
 ///
-/// Each punctual light and each near emissive triangle is computed unoccluded in closed form, and multiplied with the share of it
-/// that shadow rays find visible. The share is a ratio of sums over the same weights (self-normalised), so a fully visible light
-/// is exact and a hidden one exactly 0.
+/// Each punctual light and each near emissive triangle is computed unoccluded in closed form, and
+/// multiplied with the share of it that shadow rays find visible. The share is a ratio of sums over
+/// the same weights (self-normalised), so a fully visible light is exact and a hidden one exactly
+/// 0.
 pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
@@ -120,8 +128,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// The same, ready for [`sample_on`](Self::sample_on) the patches of `cut`. What hits choose from is kept per patch: 12 bytes a
-    /// lamp or group of emitters.
+    /// The same, ready for [`sample_on`](Self::sample_on) the patches of `cut`. What hits choose
+    /// from is kept per patch: 12 bytes a lamp or group of emitters.
     pub fn on_patches(self, cut: &Subdivision) -> Self {
         DirectLight {
             tables: Tables::new(cut.patches().len()),
@@ -138,8 +146,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
 
     /// Mean irradiance over a receiver.
     ///
-    /// `point(i)` gives point *i* of the receiver, i < [`DirectOptions::penumbra`]; any prefix should cover it evenly. `scale` is the
-    /// receiver's size in metres (0 for a point) and `seed` decides the random numbers.
+    /// `point(i)` gives point *i* of the receiver, i < [`DirectOptions::penumbra`]; any prefix
+    /// should cover it evenly. `scale` is the receiver's size in metres (0 for a point) and `seed`
+    /// decides the random numbers.
     pub fn irradiance(
         &self,
         point: impl FnMut(u32) -> SurfacePoint,
@@ -214,9 +223,10 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         out
     }
 
-    /// Whether a shadow ray from `p` to each lamp that would bring more than `least` (luminance of the irradiance) meets what is `expected`: lamps that are
-    /// seen and lamps that are not, by the bits of [`DirectEstimate::lit`]. Gives the rays that it took; `None` where one does not, and where
-    /// bits cannot tell: a lamp that is in both or neither, or a sky with bright parts.
+    /// Whether a shadow ray from `p` to each lamp that would bring more than `least` (luminance of
+    /// the irradiance) meets what is `expected`: lamps that are seen and lamps that are not, by the
+    /// bits of [`DirectEstimate::lit`]. Gives the rays that it took; `None` where one does not, and
+    /// where bits cannot tell: a lamp that is in both or neither, or a sky with bright parts.
     pub fn lamps_seen_as(
         &self,
         p: &SurfacePoint,
@@ -249,8 +259,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         Some(rays)
     }
 
-    /// Unbiased estimate of the direct irradiance at one point with a single shadow ray: one light is drawn, about in proportion to what
-    /// it would bring unoccluded. Also says of which group it was.
+    /// Unbiased estimate of the direct irradiance at one point with a single shadow ray: one light
+    /// is drawn, about in proportion to what it would bring unoccluded. Also says of which group it
+    /// was.
     pub fn sample_one(&self, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {
         let mut terms = Vec::new();
         for (k, light) in self.world.scene.lights.iter().enumerate() {
@@ -286,8 +297,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         (tally.lit() * (total / weight), tally.group)
     }
 
-    /// Takes a light's first samples, and adds it to what arrives unless they disagree about what gets through. `share` is roughly its
-    /// part of the light, which decides how much work it is worth.
+    /// Takes a light's first samples, and adds it to what arrives unless they disagree about what
+    /// gets through. `share` is roughly its part of the light, which decides how much work it is
+    /// worth.
     #[allow(
         clippy::too_many_arguments,
         reason = "a light, and all that decides how it is begun"
@@ -301,8 +313,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         sun: bool,
         work: &mut Work<'_, 't, P>,
     ) {
-        // Up to four lights of equal strength get the whole number of points each; more share four times that number, by what
-        // they bring, so that a hundred emissive triangles cost little more than four.
+        // Up to four lights of equal strength get the whole number of points each; more share four
+        // times that number, by what they bring, so that a hundred emissive triangles cost little
+        // more than four.
         let part = (4.0 * share).min(1.0);
         let is_random = self.is_random(&term);
         // One point, one direction: all samples are the same.
@@ -323,8 +336,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             Term::Group(..) => self.world.group_count(),
             _ => 1,
         };
-        // Lights that get few points start at different ones: else all would be seen from the same corner of the receiver. Aligned
-        // blocks of a Sobol sequence are well distributed.
+        // Lights that get few points start at different ones: else all would be seen from the same
+        // corner of the receiver. Aligned blocks of a Sobol sequence are well distributed.
         let whole = work.options.base.max(1);
         let shift = if base < whole {
             work.set.wrapping_mul(base.next_power_of_two()) % whole
@@ -358,8 +371,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// Takes samples of a light until it has `target`, of which the first `scouts` that count have a shadow ray, and the others too if
-    /// these disagree.
+    /// Takes samples of a light until it has `target`, of which the first `scouts` that count have
+    /// a shadow ray, and the others too if these disagree.
     fn go_on<P: FnMut(u32) -> SurfacePoint>(
         &self,
         light: &mut Started,
@@ -395,8 +408,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// Lights of which the first samples disagree: a shadow's edge crosses the receiver. They get more samples, the more the larger their
-    /// part in all light that arrives, of which `beside` is known to come from elsewhere.
+    /// Lights of which the first samples disagree: a shadow's edge crosses the receiver. They get
+    /// more samples, the more the larger their part in all light that arrives, of which `beside` is
+    /// known to come from elsewhere.
     fn look_closer<P: FnMut(u32) -> SurfacePoint>(&self, beside: f32, mut work: Work<P>) {
         let total = (beside + work.lit()).max(1e-30);
         let mixed = std::mem::take(&mut work.mixed);
@@ -410,8 +424,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 }
 
-/// A light of which this part of what arrives would come, if nothing were in the way, gets one part in so many of a penumbra's points; one that
-/// would bring half of it, all of them.
+/// A light of which this part of what arrives would come, if nothing were in the way, gets one part
+/// in so many of a penumbra's points; one that would bring half of it, all of them.
 const WORTH: f32 = 2.0;
 
 /// A light of which samples were taken.
@@ -428,7 +442,8 @@ struct Started<'t> {
     /// Samples taken, and the most that it gets.
     taken: u32,
     most: u32,
-    /// The sums after a quarter and after half of the samples, or what powers of two come nearest to that.
+    /// The sums after a quarter and after half of the samples, or what powers of two come nearest
+    /// to that.
     marks: [Mark; 2],
     tally: Tally,
 }

@@ -11,8 +11,8 @@ use crate::world::{Emission, SurfacePoint, World, luminance};
 pub(crate) use parts::brightness;
 pub(crate) use tree::Node;
 
-/// A triangle that shines: one of the scene's, a part of one where a texture makes it uneven, or a part of several that lie in one
-/// plane and shine alike.
+/// A triangle that shines: one of the scene's, a part of one where a texture makes it uneven, or a
+/// part of several that lie in one plane and shine alike.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Emitter {
     /// The scene's triangle that it is part of, or the first of several.
@@ -47,7 +47,8 @@ pub(crate) struct Few {
 }
 
 impl Few {
-    /// Draws one of them in proportion, and says with what probability; `None` where none brings any light. `x` ∈ [0, 1).
+    /// Draws one of them in proportion, and says with what probability; `None` where none brings
+    /// any light. `x` ∈ [0, 1).
     pub(crate) fn pick<'e>(&self, emitters: &'e Emitters, x: f64) -> Option<(&'e Emitter, f32)> {
         let mut left = x as f32 * self.sum;
         let mut chosen = None;
@@ -67,9 +68,9 @@ impl Few {
 
 /// The surfaces whose light [`DirectLight`](crate::DirectLight) computes.
 ///
-/// A binary tree by position: a receiver takes nearby triangles one by one, in closed form, and far groups whole, so that ten
-/// thousand triangles cost little more than ten. Before that, triangles that make up one even polygon are joined, and those with a
-/// texture are cut where it is bright.
+/// A binary tree by position: a receiver takes nearby triangles one by one, in closed form, and far
+/// groups whole, so that ten thousand triangles cost little more than ten. Before that, triangles
+/// that make up one even polygon are joined, and those with a texture are cut where it is bright.
 #[derive(Debug, Default)]
 pub struct Emitters {
     pub(crate) emitters: Vec<Emitter>,
@@ -79,8 +80,8 @@ pub struct Emitters {
 }
 
 impl Emitters {
-    /// Collects the emitters that are to be sampled. O(n log n) in emissive triangles; textures are sampled a bounded number of times
-    /// in all (and once a triangle at least).
+    /// Collects the emitters that are to be sampled. O(n log n) in emissive triangles; textures are
+    /// sampled a bounded number of times in all (and once a triangle at least).
     pub fn collect(world: &World) -> Self {
         let (scene, soup) = (world.scene, world.soup);
         let (varied, plain): (Vec<u32>, Vec<u32>) = (0..soup.triangles.len() as u32)
@@ -136,8 +137,8 @@ impl Emitters {
         self.emitters.is_empty()
     }
 
-    /// Draws one of a node's emitters, about in proportion to what it brings to `p`, and says with what probability; `None` where none
-    /// can bring any. `x` ∈ [0, 1). O(log n).
+    /// Draws one of a node's emitters, about in proportion to what it brings to `p`, and says with
+    /// what probability; `None` where none can bring any. `x` ∈ [0, 1). O(log n).
     pub(crate) fn pick(&self, node: u32, p: &SurfacePoint, x: f64) -> Option<(&Emitter, f32)> {
         let mut id = node;
         let (mut x, mut probability) = (x, 1f64);
@@ -175,11 +176,11 @@ impl Emitters {
         Some((e, (probability * own as f64) as f32))
     }
 
-    /// The emitters of a node that has few, with what each brings to a receiver about `p` of size `scale`, metres; `None` of one that has
-    /// more.
+    /// The emitters of a node that has few, with what each brings to a receiver about `p` of size
+    /// `scale`, metres; `None` of one that has more.
     ///
-    /// Each by itself: a node's faces may look everywhere (those of a box do), and a choice between two nodes knows nothing of which of
-    /// their faces look away.
+    /// Each by itself: a node's faces may look everywhere (those of a box do), and a choice between
+    /// two nodes knows nothing of which of their faces look away.
     pub(crate) fn few(&self, node: u32, p: &SurfacePoint, scale: f32) -> Option<Few> {
         let range = &self.nodes[node as usize];
         let count = range.end - range.start;
@@ -202,7 +203,8 @@ impl Emitters {
         Some(few)
     }
 
-    /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its probability.
+    /// The emitter of `[start, end)` at the share `x` ∈ [0, 1) of their power, with its
+    /// probability.
     fn pick_by_power(&self, start: u32, end: u32, x: f64) -> (&Emitter, f64) {
         let c = &self.cumulative[start as usize..=end as usize];
         let (low, high) = (c[0], c[c.len() - 1]);

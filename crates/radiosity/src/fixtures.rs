@@ -50,7 +50,8 @@ pub(crate) fn add_triangles(
     });
 }
 
-/// Adds the parallelogram `corner`, `corner + x`, `corner + x + y`, `corner + y` as two triangles; its front is `x × y`.
+/// Adds the parallelogram `corner`, `corner + x`, `corner + x + y`, `corner + y` as two triangles;
+/// its front is `x × y`.
 pub(crate) fn add_quad(scene: &mut Scene, material: Material, corner: Vec3, x: Vec3, y: Vec3) {
     add_triangles(
         scene,
@@ -60,7 +61,8 @@ pub(crate) fn add_quad(scene: &mut Scene, material: Material, corner: Vec3, x: V
     );
 }
 
-/// The unit cube [0, 1]³ seen from inside, all of one material, twelve triangles that share their corners.
+/// The unit cube [0, 1]³ seen from inside, all of one material, twelve triangles that share their
+/// corners.
 pub(crate) fn cube(reflectance: f32, emissive: Vec3) -> Scene {
     let mut scene = Scene {
         origin: DVec3::ZERO,
@@ -112,7 +114,8 @@ pub(crate) fn lamp() -> Light {
     light(3.0, kind)
 }
 
-/// A sphere about the origin, an octahedron whose faces are split `level` times: 8·4^level facets, fronts inside or outside.
+/// A sphere about the origin, an octahedron whose faces are split `level` times: 8·4^level facets,
+/// fronts inside or outside.
 pub(crate) fn add_sphere(
     scene: &mut Scene,
     material: Material,

@@ -1,9 +1,10 @@
 //! Surfaces that let light through: holes of masks, what is blended, glass.
 //!
-//! Light goes straight on. A surface reflects with its presence α(1 − τ) and lets T = (1 − α) + α τ c pass, per channel
-//! ([`mesh_ingest::Scene::transmittance`]). Shadow rays multiply T of all that they cross, which has no noise. Gathering rays cannot
-//! follow both ways: a [`Coin`] falls for the surface with its presence; if it does not, the ray goes on and carries T / (1 − presence),
-//! which is 1 for what is blended and a colour for glass.
+//! Light goes straight on. A surface reflects with its presence α(1 − τ) and lets T = (1 − α) + α τ
+//! c pass, per channel ([`mesh_ingest::Scene::transmittance`]). Shadow rays multiply T of all that
+//! they cross, which has no noise. Gathering rays cannot follow both ways: a [`Coin`] falls for the
+//! surface with its presence; if it does not, the ray goes on and carries T / (1 − presence), which
+//! is 1 for what is blended and a colour for glass.
 
 use std::cell::Cell;
 

@@ -2,8 +2,8 @@
 
 /// Which group each source of light belongs to.
 ///
-/// Light adds up, so that what a group's sources send through the scene can be carried along beside the sum of all, on the same
-/// rays.
+/// Light adds up, so that what a group's sources send through the scene can be carried along beside
+/// the sum of all, on the same rays.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LightGroups {
     /// Number of groups, at least 1 and at most 255; every entry below is less.

@@ -14,8 +14,9 @@ const RAYS: usize = 1 << 18;
 const MOST: usize = 1 << 13;
 const LEAST: usize = 1 << 7;
 
-/// Each lamp's rays are this many sets of Sobol points, scrambled independently: the spread among the sets tells the error of their
-/// mean, stratification included. With 15 degrees of freedom the error passes four standard errors once in 900 times.
+/// Each lamp's rays are this many sets of Sobol points, scrambled independently: the spread among
+/// the sets tells the error of their mean, stratification included. With 15 degrees of freedom the
+/// error passes four standard errors once in 900 times.
 const SETS: u32 = 16;
 
 /// Where the light of all punctual lights goes (RGB, W or lm).
@@ -75,8 +76,8 @@ impl LampFlux {
             let sent = source.ray(world, bounds, random);
             let (found, tint) = world.incoming(sent.origin, sent.direction);
             let tint = tint.as_dvec3();
-            // A lamp with a range loses light on the way: only what arrives is known, and how far off the back of a face is does not
-            // matter for the others.
+            // A lamp with a range loses light on the way: only what arrives is known, and how far
+            // off the back of a face is does not matter for the others.
             let (share, into) = match found {
                 Incoming::Escaped | Incoming::Black if range.is_some() => continue,
                 Incoming::Escaped => (1.0, &mut t.escaped),
@@ -215,8 +216,8 @@ fn cone(cos: f64, inner: f32, outer: f32) -> f64 {
     ((cos - o) / (i - o).max(1e-3)).clamp(0.0, 1.0).powi(2)
 }
 
-/// Flux per unit of intensity, sr, where the lamp has one: 4π, or 2π ∫ cone dcosθ. The cone's blend ends `1e-3` in cosine from
-/// its edge at the narrowest, as direct light has it.
+/// Flux per unit of intensity, sr, where the lamp has one: 4π, or 2π ∫ cone dcosθ. The cone's blend
+/// ends `1e-3` in cosine from its edge at the narrowest, as direct light has it.
 fn exact(light: &Light) -> Option<f64> {
     if range(light).is_some() || light.profile.is_some() {
         return None;
@@ -227,7 +228,8 @@ fn exact(light: &Light) -> Option<f64> {
         LightKind::Spot { inner, outer, .. } => {
             let (i, o) = ((inner as f64).cos(), (outer as f64).cos());
             let blend = (i - o).max(1e-3);
-            // ∫ t² over the blend is a third of it; what of it lies beyond the axis (cosθ > 1) is not there.
+            // ∫ t² over the blend is a third of it; what of it lies beyond the axis (cosθ > 1) is
+            // not there.
             let over = ((o + blend - 1.0) / blend).max(0.0);
             let inside = (1.0 - o - blend).max(0.0);
             Some(2.0 * PI * (inside + blend * (1.0 - over).powi(3) / 3.0))

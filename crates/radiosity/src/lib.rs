@@ -1,11 +1,12 @@
 //! Light transport: form factors, direct light and the progressive radiosity solve.
 //!
-//! The quantities are those of the field: radiosity B and irradiance E in W/m² (lx where the scene is photometric),
-//! radiance L = B/π, reflectance ρ, form factor F_ij = the share of power leaving *i* that reaches *j*, so that
-//! `E_i = Σ_j F_ij B_j` and `A_i F_ij = A_j F_ji`.
+//! The quantities are those of the field: radiosity B and irradiance E in W/m² (lx where the scene
+//! is photometric), radiance L = B/π, reflectance ρ, form factor F_ij = the share of power leaving
+//! *i* that reaches *j*, so that `E_i = Σ_j F_ij B_j` and `A_i F_ij = A_j F_ji`.
 //!
-//! [`World`] answers rays, [`DirectLight`] gives the light that arrives straight from lamps and emissive surfaces, [`solve`]
-//! finds what the surfaces exchange, and [`Solution`] holds the result, ready to be gathered from.
+//! [`World`] answers rays, [`DirectLight`] gives the light that arrives straight from lamps and
+//! emissive surfaces, [`solve`] finds what the surfaces exchange, and [`Solution`] holds the
+//! result, ready to be gathered from.
 
 mod audit;
 mod curved;

@@ -13,13 +13,16 @@ use crate::world::{Incoming, World};
 pub(crate) const ESCAPED: u32 = u32::MAX;
 /// The ray met the back of a single-sided face, which is black.
 pub(crate) const BLACK: u32 = u32::MAX - 1;
-/// The ray met a surface that no patch stands for (a triangle too small for any cell of its region).
+/// The ray met a surface that no patch stands for (a triangle too small for any cell of its
+/// region).
 pub(crate) const NOWHERE: u32 = u32::MAX - 2;
 
-/// What each patch sees: `rays` cosine-distributed rays from points spread over it, and the patch that each of them hits.
+/// What each patch sees: `rays` cosine-distributed rays from points spread over it, and the patch
+/// that each of them hits.
 ///
-/// F_ij is estimated by the share of row *i* that names *j*. Whatever the scene, a row's shares (escaped rays included) sum to
-/// exactly 1, so in a closed scene no energy is made or lost by the matrix, which the closed-form furnace then shows.
+/// F_ij is estimated by the share of row *i* that names *j*. Whatever the scene, a row's shares
+/// (escaped rays included) sum to exactly 1, so in a closed scene no energy is made or lost by the
+/// matrix, which the closed-form furnace then shows.
 pub(crate) struct Links {
     pub patches: usize,
     /// Rays per patch cast so far.
@@ -30,8 +33,8 @@ pub(crate) struct Links {
     tints: Vec<u32>,
     /// Groups of light.
     groups: usize,
-    /// Σ radiance over a patch's rays of what is not another patch's reflection: the sky and gathered emission; patch by patch, group
-    /// by group.
+    /// Σ radiance over a patch's rays of what is not another patch's reflection: the sky and
+    /// gathered emission; patch by patch, group by group.
     source: Vec<Vec3>,
     /// The sky's part of `source`.
     sky: Vec<Vec3>,
@@ -130,7 +133,8 @@ impl Links {
         self.sky[patch] * (std::f32::consts::PI / self.rays.max(1) as f32)
     }
 
-    /// Casts rays until every patch has `rays`, for all patches or, when cancelled, for none: the links stay as they were.
+    /// Casts rays until every patch has `rays`, for all patches or, when cancelled, for none: the
+    /// links stay as they were.
     pub(crate) fn extend(
         &mut self,
         world: &World,
@@ -190,7 +194,8 @@ impl Links {
                 monitor.progress(Phase::Links, now, total);
             });
         if done.into_inner() != total {
-            // Sources of the rows that were cast have their light already: undone, so that the links stay as they were.
+            // Sources of the rows that were cast have their light already: undone, so that the
+            // links stay as they were.
             self.source = sources_before.0;
             self.sky = sources_before.1;
             return Err(Cancelled);
@@ -205,7 +210,8 @@ fn seed(cut: &Subdivision, patch: PatchId) -> u32 {
     hash_u32(cut.patches()[patch.0 as usize].name ^ 0x5bd1_e995)
 }
 
-/// Which of a patch's elements a ray starts from whose third dimension is `x`: by area, `area` being their sum.
+/// Which of a patch's elements a ray starts from whose third dimension is `x`: by area, `area`
+/// being their sum.
 fn pick(elements: &[Element], area: f32, x: f32) -> usize {
     let mut left = x * area;
     for (k, e) in elements.iter().enumerate() {
@@ -217,7 +223,8 @@ fn pick(elements: &[Element], area: f32, x: f32) -> usize {
     elements.len() - 1
 }
 
-/// For each ray of a patch, in the order of its row, the element that it started from (counted within the patch).
+/// For each ray of a patch, in the order of its row, the element that it started from (counted
+/// within the patch).
 pub(crate) fn origins(
     cut: &Subdivision,
     patch: PatchId,

@@ -1,14 +1,18 @@
 //! Lit elements as lights.
 //!
-//! A floor that the sun shines on lights a room as a lamp does, and from a dark corner a gathering ray meets it as seldom as it would a lamp. What
-//! lamps, suns and emitters bring to elements is known after the solve. So its reflection can be sampled as lamps are: an element is drawn, about in
-//! proportion to what it would bring, and a shadow ray says whether it does.
+//! A floor that the sun shines on lights a room as a lamp does, and from a dark corner a gathering
+//! ray meets it as seldom as it would a lamp. What lamps, suns and emitters bring to elements is
+//! known after the solve. So its reflection can be sampled as lamps are: an element is drawn, about
+//! in proportion to what it would bring, and a shadow ray says whether it does.
 //!
-//! Neither way is always the better one: an open place is lit by all about it, of which few samples tell less than many gathering rays. So both take a
-//! share of the light of each element, by the chance that each has of finding it ([`of_lit`](crate::of_lit); the balance heuristic of Veach and Guibas,
-//! *Optimally combining sampling techniques for Monte Carlo rendering*, 1995). The shares sum to one whatever the chances are taken for, so that these may be
-//! rough. Elements nearer than [`LitElements::FROM`] are left to gathering rays: there an element's one point does not stand for all of it, and 1/d² has no
-//! bound. So are surfaces that light passes in part, or through holes.
+//! Neither way is always the better one: an open place is lit by all about it, of which few samples
+//! tell less than many gathering rays. So both take a share of the light of each element, by the
+//! chance that each has of finding it ([`of_lit`](crate::of_lit); the balance heuristic of Veach
+//! and Guibas, *Optimally combining sampling techniques for Monte Carlo rendering*, 1995). The
+//! shares sum to one whatever the chances are taken for, so that these may be rough. Elements
+//! nearer than [`LitElements::FROM`] are left to gathering rays: there an element's one point does
+//! not stand for all of it, and 1/d² has no bound. So are surfaces that light passes in part, or
+//! through holes.
 
 use glam::Vec3;
 use patch_subdivision::PatchId;
@@ -46,7 +50,8 @@ impl Item {
         luminance(self.sends)
     }
 
-    /// What it brings to a point `p` with normal `normal` if nothing is in between, per intensity: cos cos / d².
+    /// What it brings to a point `p` with normal `normal` if nothing is in between, per intensity:
+    /// cos cos / d².
     #[inline]
     fn kernel(&self, p: Vec3, normal: Vec3) -> f32 {
         let v = self.origin - p;
@@ -118,7 +123,8 @@ pub struct FromLit {
 pub struct LitElements {
     items: Vec<Item>,
     nodes: Vec<Node>,
-    /// Luminance of each item's intensity, and the running Σ of that before each block of [`BLOCK`].
+    /// Luminance of each item's intensity, and the running Σ of that before each block of
+    /// [`BLOCK`].
     powers: Vec<f32>,
     blocks: Vec<f64>,
     /// Their mean reflectance, by luminance.
@@ -144,14 +150,16 @@ struct Group {
 /// What rises by less than this share of its size above a receiver lies in one plane with it.
 const GRAZING: f32 = 1e-3;
 
-/// Where what would be drawn has less than this times the mean chance of being met by a gathering ray, none is drawn: it would take time and bring nothing.
+/// Where what would be drawn has less than this times the mean chance of being met by a gathering
+/// ray, none is drawn: it would take time and bring nothing.
 const LEAST: f32 = 0.25;
 
 /// A node is taken whole that is seen under less than this angle (radius over distance).
 const WHOLE: f32 = 0.6;
 
 impl LitElements {
-    /// From this many patches' size on, direct light that elements reflect is sampled beside being gathered.
+    /// From this many patches' size on, direct light that elements reflect is sampled beside being
+    /// gathered.
     pub const FROM: f32 = 1.0;
 
     /// Those of a solution, on surfaces that let no light through. O(n log n) in elements.
@@ -233,7 +241,8 @@ impl LitElements {
             + size_of_val(&self.blocks[..])) as u64
     }
 
-    /// What a receiver about `p` sees of them. It is `scale` metres wide, and its normals are off that of `p` by vectors of length `bend` at most. O(log n).
+    /// What a receiver about `p` sees of them. It is `scale` metres wide, and its normals are off
+    /// that of `p` by vectors of length `bend` at most. O(log n).
     pub fn cut(&self, p: &SurfacePoint, scale: f32, bend: f32) -> LitCut {
         let mut cut = LitCut::default();
         if self.is_empty() {
@@ -313,11 +322,12 @@ impl LitElements {
         cut
     }
 
-    /// What gathering rays are to leave out ([`of_lit`](crate::of_lit)) at the receiver of `cut`, where `samples` are drawn for each of them. 0 where nothing is
-    /// worth drawing.
+    /// What gathering rays are to leave out ([`of_lit`](crate::of_lit)) at the receiver of `cut`,
+    /// where `samples` are drawn for each of them. 0 where nothing is worth drawing.
     ///
-    /// A gathering ray meets an element with a chance of cos cos' / π d² an area. A sample is drawn with that times the element's brightness over the mean
-    /// brightness of all that it may be (what they would bring, if nothing were in the way, over π).
+    /// A gathering ray meets an element with a chance of cos cos' / π d² an area. A sample is drawn
+    /// with that times the element's brightness over the mean brightness of all that it may be
+    /// (what they would bring, if nothing were in the way, over π).
     pub fn share(&self, cut: &LitCut, samples: f32) -> f32 {
         let brings = cut.groups.last().map_or(0.0, |g| g.after);
         if brings <= 0.0 {
@@ -330,7 +340,8 @@ impl LitElements {
         }
     }
 
-    /// Draws one, about in proportion to what it brings to the receiver of `cut`; `None` where none brings any. `x` ∈ [0, 1). O(log n).
+    /// Draws one, about in proportion to what it brings to the receiver of `cut`; `None` where none
+    /// brings any. `x` ∈ [0, 1). O(log n).
     pub fn draw(&self, cut: &LitCut, x: f32) -> Option<LitSample> {
         let sum = cut.groups.last()?.after;
         let at = x * sum;
@@ -469,7 +480,8 @@ fn split(items: &mut [Item], start: usize, end: usize, nodes: &mut Vec<Node>) ->
 mod tests {
     use super::*;
 
-    /// `n` elements of very different brightness on a ceiling and a wall about a receiver on the floor.
+    /// `n` elements of very different brightness on a ceiling and a wall about a receiver on the
+    /// floor.
     fn elements(n: u32) -> LitElements {
         let items = (0..n)
             .map(|k| {
@@ -518,8 +530,8 @@ mod tests {
                 sum += from.map_or(0.0, |f| f64::from(luminance(f.light)));
             }
             let mean = sum / f64::from(draws);
-            // Each element's part of [0, 1) holds a whole number of draws, one more or less: n of 2¹⁸ at most, were all as bright as the mean; the brightest are
-            // ten times that.
+            // Each element's part of [0, 1) holds a whole number of draws, one more or less: n of
+            // 2¹⁸ at most, were all as bright as the mean; the brightest are ten times that.
             let room = 1e-5 + 10.0 * f64::from(n) / f64::from(draws);
             assert!((mean / all - 1.0).abs() < room, "{n}: {mean} {all}");
         }

@@ -52,11 +52,13 @@ impl Phase {
     }
 }
 
-/// Watches long work and may stop it. Called from worker threads, some hundred times a second at most.
+/// Watches long work and may stop it. Called from worker threads, some hundred times a second at
+/// most.
 pub trait Monitor: Sync {
     /// `done` of `total` units of the phase are finished.
     fn progress(&self, _phase: Phase, _done: u64, _total: u64) {}
-    /// The solve's residual: an upper bound on the share of the light that is still to be distributed.
+    /// The solve's residual: an upper bound on the share of the light that is still to be
+    /// distributed.
     fn residual(&self, _residual: f64) {}
     /// True once the work should stop; asked at least ten times a second.
     fn cancelled(&self) -> bool {

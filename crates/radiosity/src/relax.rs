@@ -1,8 +1,9 @@
 //! Solving the discrete radiosity equation `E = s + F (ρ E)` on given links.
 //!
-//! Based on: Southwell, *Relaxation methods*, 1940; Cohen, Chen, Wallace, Greenberg, *A progressive refinement approach to fast
-//! radiosity image generation*, 1988 (shooting the largest unshot flux is Southwell's relaxation of this equation: Gortler,
-//! Cohen, Slusallek, *Radiosity and relaxation methods*, 1994); van der Vorst, *Bi-CGSTAB*, 1992, for high reflectance.
+//! Based on: Southwell, *Relaxation methods*, 1940; Cohen, Chen, Wallace, Greenberg, *A progressive
+//! refinement approach to fast radiosity image generation*, 1988 (shooting the largest unshot flux
+//! is Southwell's relaxation of this equation: Gortler, Cohen, Slusallek, *Radiosity and relaxation
+//! methods*, 1994); van der Vorst, *Bi-CGSTAB*, 1992, for high reflectance.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,7 +12,8 @@ use serde::Serialize;
 use crate::links::Links;
 use crate::monitor::Monitor;
 
-/// The highest reflectance that the bound believes: beyond, 1/(1 − ρ) would call any solve unfinished.
+/// The highest reflectance that the bound believes: beyond, 1/(1 − ρ) would call any solve
+/// unfinished.
 const HIGHEST: f64 = 0.9999;
 
 /// When relaxation stops.
@@ -19,8 +21,9 @@ const HIGHEST: f64 = 0.9999;
 pub struct RelaxOptions {
     /// Largest share of the light that may be left undistributed.
     pub tolerance: f64,
-    /// Shots per patch after which the rest is left to Bi-CGSTAB. Shooting removes about a factor ρ a sweep, on one thread; from ρ ≈ 0.8 on
-    /// the Krylov method, which does not care, is faster (measured on the furnace, and on white rooms of 60,000 patches).
+    /// Shots per patch after which the rest is left to Bi-CGSTAB. Shooting removes about a factor ρ
+    /// a sweep, on one thread; from ρ ≈ 0.8 on the Krylov method, which does not care, is faster
+    /// (measured on the furnace, and on white rooms of 60,000 patches).
     pub sweeps: u32,
 }
 
@@ -53,9 +56,10 @@ pub struct RelaxReport {
     pub shots: u64,
     /// Bi-CGSTAB iterations.
     pub iterations: u32,
-    /// Upper bound on the light still to be distributed, as a share of all light that arrives: with four standard errors of the rays'
-    /// noise in reciprocity, so that one solve in some 16,000 may leave more. Reflectances above 0.9999 count as that; where
-    /// such surfaces close a scene in, nothing bounds their light.
+    /// Upper bound on the light still to be distributed, as a share of all light that arrives: with
+    /// four standard errors of the rays' noise in reciprocity, so that one solve in some 16,000 may
+    /// leave more. Reflectances above 0.9999 count as that; where such surfaces close a scene in,
+    /// nothing bounds their light.
     pub residual: f64,
     /// `residual` is within the tolerance.
     pub converged: bool,
@@ -124,12 +128,15 @@ impl System<'_> {
 
     /// Bound on the light left over, as a share of all.
     ///
-    /// A residual r leaves Σ A e = Aᵀ(I − Fρ)⁻¹ r of irradiated flux. Were Aᵀ F = Aᵀ (reciprocity in a closed scene, and less than that in
-    /// an open one), it would be at most Σ A|r| / (1 − ρ). Rays keep that up to noise: with d = AᵀF − Aᵀ, ρ/(1 − ρ) Σ d_j e_j comes
-    /// on top, of which each d_j has a variance of A_j Ā/rays (a column is a count of rays, each worth Ā/rays, the area-weighted mean
-    /// patch) and Σ d_j = 0, so that only the uneven part of e counts, which is about |r|. Four standard errors of it are added.
+    /// A residual r leaves Σ A e = Aᵀ(I − Fρ)⁻¹ r of irradiated flux. Were Aᵀ F = Aᵀ (reciprocity
+    /// in a closed scene, and less than that in an open one), it would be at most Σ A|r| / (1 − ρ).
+    /// Rays keep that up to noise: with d = AᵀF − Aᵀ, ρ/(1 − ρ) Σ d_j e_j comes on top, of which
+    /// each d_j has a variance of A_j Ā/rays (a column is a count of rays, each worth Ā/rays, the
+    /// area-weighted mean patch) and Σ d_j = 0, so that only the uneven part of e counts, which is
+    /// about |r|. Four standard errors of it are added.
     ///
-    /// All light is what `x` has, less what negative residuals say that it has too much: an iterate of Bi-CGSTAB was seen to be half as large again as the answer.
+    /// All light is what `x` has, less what negative residuals say that it has too much: an iterate
+    /// of Bi-CGSTAB was seen to be half as large again as the answer.
     fn bound(&self, r: &[DVec3], x: &[DVec3]) -> f64 {
         let (mut left, mut excess, mut all) = (0f64, 0f64, DVec3::ZERO);
         let (mut most, mut uneven, mut area, mut squares) = (0f64, 0f64, 0f64, 0f64);
@@ -185,7 +192,8 @@ impl System<'_> {
         report
     }
 
-    /// Southwell: the patch with the most unshot flux shoots, near enough: every patch above a falling threshold does, in order.
+    /// Southwell: the patch with the most unshot flux shoots, near enough: every patch above a
+    /// falling threshold does, in order.
     fn shoot(
         &self,
         x: &mut [DVec3],
@@ -232,8 +240,8 @@ impl System<'_> {
         }
     }
 
-    /// For each patch the rows that name it (with repetition), in compressed rows, and what arrives along each ray; the last is empty
-    /// where all does.
+    /// For each patch the rows that name it (with repetition), in compressed rows, and what arrives
+    /// along each ray; the last is empty where all does.
     fn transpose(&self) -> (Vec<u32>, Vec<u32>, Vec<DVec3>) {
         let n = self.len();
         let mut starts = vec![0u32; n + 1];
@@ -280,7 +288,8 @@ impl System<'_> {
         };
         let dot =
             |a: &[DVec3], b: &[DVec3]| -> DVec3 { a.iter().zip(b).map(|(p, q)| *p * *q).sum() };
-        // A channel that is done has vanishing denominators; its scalars become 0 and it stays where it is.
+        // A channel that is done has vanishing denominators; its scalars become 0 and it stays
+        // where it is.
         let ratio = |a: DVec3, b: DVec3| -> DVec3 {
             let f = |p: f64, q: f64| if q.abs() > 1e-290 { p / q } else { 0.0 };
             DVec3::new(f(a.x, b.x), f(a.y, b.y), f(a.z, b.z))

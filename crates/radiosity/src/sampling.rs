@@ -2,11 +2,13 @@
 
 use glam::{Vec2, Vec3};
 
-/// Point `index` (< 2^16) of a four-dimensional Owen-scrambled Sobol sequence with scrambling `seed`, in [0, 1)⁴.
+/// Point `index` (< 2^16) of a four-dimensional Owen-scrambled Sobol sequence with scrambling
+/// `seed`, in [0, 1)⁴.
 ///
-/// Each `set` is a sequence of its own: the same first four dimensions, scrambled anew and with its points in another order, in which
-/// aligned blocks of 2^k points stay together (Burley, *Practical hash-based Owen scrambling*, 2020). Sobol's higher dimensions are no
-/// substitute: 1024 points in dimensions 252 and 253 leave half of the 32 × 32 cells empty.
+/// Each `set` is a sequence of its own: the same first four dimensions, scrambled anew and with its
+/// points in another order, in which aligned blocks of 2^k points stay together (Burley, *Practical
+/// hash-based Owen scrambling*, 2020). Sobol's higher dimensions are no substitute: 1024 points in
+/// dimensions 252 and 253 leave half of the 32 × 32 cells empty.
 #[inline]
 pub fn sample_4d(index: u32, set: u32, seed: u32) -> [f32; 4] {
     if set == 0 {
@@ -16,8 +18,9 @@ pub fn sample_4d(index: u32, set: u32, seed: u32) -> [f32; 4] {
     sobol_burley::sample_4d(shuffled(index, seed) & 0xffff, 0, seed.rotate_left(16))
 }
 
-/// Permutes indices so that every aligned block of 2^k of them is mapped onto an aligned block: Owen's scrambling in base 2, by the hash of
-/// Laine and Karras, *Stratified sampling for stochastic transparency*, 2011.
+/// Permutes indices so that every aligned block of 2^k of them is mapped onto an aligned block:
+/// Owen's scrambling in base 2, by the hash of Laine and Karras, *Stratified sampling for
+/// stochastic transparency*, 2011.
 #[inline]
 fn shuffled(index: u32, seed: u32) -> u32 {
     let mut x = index.reverse_bits().wrapping_add(seed);
@@ -70,8 +73,8 @@ pub fn cosine_hemisphere(normal: Vec3, u: f32, v: f32) -> Vec3 {
     x * d.x + y * d.y + normal * z
 }
 
-/// A triangle seen from a point, ready for sampling uniformly by solid angle (Arvo, *Stratified sampling of spherical
-/// triangles*, 1995).
+/// A triangle seen from a point, ready for sampling uniformly by solid angle (Arvo, *Stratified
+/// sampling of spherical triangles*, 1995).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SphericalTriangle {
     a: Vec3,
@@ -149,7 +152,8 @@ mod tests {
                             slices[(s[2 + k] * n as f32) as usize][k] += 1;
                         }
                     }
-                    // The first two dimensions are a (0, 2)-net: one point in each cell; each of the others by itself is a (0, 1)-net.
+                    // The first two dimensions are a (0, 2)-net: one point in each cell; each of
+                    // the others by itself is a (0, 1)-net.
                     assert!(cells.iter().all(|c| *c == 1), "set {set}, {n} points");
                     assert!(slices.iter().all(|c| *c == [1, 1]), "set {set}, {n} points");
                 }
@@ -159,7 +163,8 @@ mod tests {
 
     #[test]
     fn sets_and_seeds_are_independent() {
-        // Correlation of the same point's coordinates across sets and seeds: 1/√n for independent ones, four of these allowed.
+        // Correlation of the same point's coordinates across sets and seeds: 1/√n for independent
+        // ones, four of these allowed.
         let n = 4096;
         let other = [(1u32, 5u32), (2, 5), (63, 5), (0, 6), (1, 6)];
         for (k, (set, seed)) in other.into_iter().enumerate() {
@@ -176,7 +181,8 @@ mod tests {
 
     #[test]
     fn cosine_directions_have_the_moments_of_the_density() {
-        // ∫ cosθ · cosθ/π = 2/3 and ∫ x² cosθ/π = 1/4; with 4096 Sobol points the error is far below 1e-3.
+        // ∫ cosθ · cosθ/π = 2/3 and ∫ x² cosθ/π = 1/4; with 4096 Sobol points the error is far
+        // below 1e-3.
         let (mut z, mut xx) = (0f64, 0f64);
         let n = 4096;
         for i in 0..n {
@@ -193,7 +199,8 @@ mod tests {
 
     #[test]
     fn spherical_triangle_samples_are_uniform_by_solid_angle() {
-        // The octant: solid angle π/2, and the mean direction is (1/2, 1/2, 1/2) (its vector area over its area).
+        // The octant: solid angle π/2, and the mean direction is (1/2, 1/2, 1/2) (its vector area
+        // over its area).
         let t = SphericalTriangle::new([Vec3::X, Vec3::Y, Vec3::Z], Vec3::ZERO).unwrap();
         assert!((t.solid_angle - std::f32::consts::FRAC_PI_2).abs() < 1e-6);
         let n = 4096;

@@ -1,20 +1,24 @@
 //! Bodies whose inside nobody sees: walls, crates, pillars.
 //!
-//! A floor that runs on under a wall has a part inside the wall. No one looks at it, and no light belongs there. Whether a point is in such
-//! a place is a question of geometry, so it is answered without light: a ray from a point inside a closed surface leaves it once
-//! more often than it enters it, whatever else is in the way.
+//! A floor that runs on under a wall has a part inside the wall. No one looks at it, and no light
+//! belongs there. Whether a point is in such a place is a question of geometry, so it is answered
+//! without light: a ray from a point inside a closed surface leaves it once more often than it
+//! enters it, whatever else is in the way.
 //!
-//! A *body* is a connected piece of one instance whose every edge is shared by as many triangles in one direction as in the other, and
-//! whose fronts face outwards. Not bodies are
-//! - closed surfaces that let light through, or that hold a lamp or most of an emitter: someone is meant to look at what is inside them,
+//! A *body* is a connected piece of one instance whose every edge is shared by as many triangles in
+//! one direction as in the other, and whose fronts face outwards. Not bodies are
+//! - closed surfaces that let light through, or that hold a lamp or most of an emitter: someone is
+//!   meant to look at what is inside them,
 //! - shells whose fronts face inwards, which are rooms, double-sided or not.
 //!
-//! A hollow body (a house with thick walls) is one closed surface inside another of the same instance: the inner one is taken out of the outer.
+//! A hollow body (a house with thick walls) is one closed surface inside another of the same
+//! instance: the inner one is taken out of the outer.
 //!
 //! Open shells (a crate without a bottom) are not found here; only rays tell what they hide.
 //!
-//! Source: the parity of crossings is the winding number of a closed surface (A. Jacobson, L. Kavan, O. Sorkine-Hornung, *Robust
-//! inside-outside segmentation using generalized winding numbers*, 2013, §3).
+//! Source: the parity of crossings is the winding number of a closed surface (A. Jacobson, L.
+//! Kavan, O. Sorkine-Hornung, *Robust inside-outside segmentation using generalized winding
+//! numbers*, 2013, §3).
 
 use std::cell::RefCell;
 
@@ -24,14 +28,17 @@ use visibility::{BuildError, BuildOptions, Bvh, HitFilter, Ray};
 
 use crate::sampling::cosine_hemisphere;
 
-/// Mean thickness below which a closed surface is two sheets glued together: volume over area and length, far above the rounding of either.
+/// Mean thickness below which a closed surface is two sheets glued together: volume over area and
+/// length, far above the rounding of either.
 const THINNEST: f64 = 1e-6;
 
-/// A body that holds more than this share of a piece that emits is lit inside: a bulb may stand in a room's floor, and a panel be sunk in a ceiling up to its face.
+/// A body that holds more than this share of a piece that emits is lit inside: a bulb may stand in
+/// a room's floor, and a panel be sunk in a ceiling up to its face.
 const MOST_OF_IT: f32 = 0.75;
 
-/// Directions in which crossings are counted, in the square that [`cosine_hemisphere`] maps: two that agree decide, since a ray
-/// through an edge may count it twice. Away from the horizon, so that they leave the plane that the point lies in.
+/// Directions in which crossings are counted, in the square that [`cosine_hemisphere`] maps: two
+/// that agree decide, since a ray through an edge may count it twice. Away from the horizon, so
+/// that they leave the plane that the point lies in.
 const DIRECTIONS: [[f32; 2]; 3] = [[0.137, 0.271], [0.293, 0.618], [0.071, 0.829]];
 
 /// The closed bodies of a scene.
@@ -142,7 +149,8 @@ impl Solids {
         }
     }
 
-    /// Whether a point is inside a body. `up` is a unit vector that leads away from the surface that the point lies on.
+    /// Whether a point is inside a body. `up` is a unit vector that leads away from the surface
+    /// that the point lies on.
     pub(crate) fn hide(&self, point: Vec3, up: Vec3) -> bool {
         let Some((low, high)) = self.tree.bounds() else {
             return false;
@@ -207,7 +215,8 @@ impl HitFilter for Crossings<'_> {
     }
 }
 
-/// The connected pieces of every instance. Triangles that others take the place of are among them: without them, crates that touch would be open.
+/// The connected pieces of every instance. Triangles that others take the place of are among them:
+/// without them, crates that touch would be open.
 fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece> {
     let mut out = Vec::new();
     let own = soup.len() as u32;

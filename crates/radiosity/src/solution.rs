@@ -23,18 +23,20 @@ pub struct Solution {
     pub direct_mean: Vec<Vec3>,
     /// Indirect irradiance per patch: reflected light, the sky, and emission that rays gather.
     pub indirect: Vec<Vec3>,
-    /// Patches over which direct light changes too much for their elements to stand for it: a shadow's edge, a lamp close
-    /// by, a wall that stands on them.
+    /// Patches over which direct light changes too much for their elements to stand for it: a
+    /// shadow's edge, a lamp close by, a wall that stands on them.
     pub rough: Vec<bool>,
     /// The same by group of light, where groups are kept apart.
     pub groups: Option<GroupLight>,
-    /// By element; of the light above when the solve ended, or [`refresh`](Self::refresh) was called.
+    /// By element; of the light above when the solve ended, or [`refresh`](Self::refresh) was
+    /// called.
     pub(crate) afar: Vec<Afar>,
     /// How it was reached.
     pub report: SolveReport,
 }
 
-/// [`Solution`]'s irradiances by group of light: of element or patch *i* and group *g* at *i* × `count` + *g*.
+/// [`Solution`]'s irradiances by group of light: of element or patch *i* and group *g* at *i* ×
+/// `count` + *g*.
 #[derive(Debug, Default)]
 pub struct GroupLight {
     /// Groups.
@@ -49,8 +51,9 @@ pub struct GroupLight {
 
 /// An element as it is seen from afar: all that a gathering ray needs of it, in one place.
 ///
-/// From beyond a patch's size an element fills a small part of what is seen, and what changes within it, texture and indirect light, is as good as its mean: a
-/// ray need not read a texture and four patches for it.
+/// From beyond a patch's size an element fills a small part of what is seen, and what changes
+/// within it, texture and indirect light, is as good as its mean: a ray need not read a texture and
+/// four patches for it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Afar {
     direct: Vec3,
@@ -117,8 +120,8 @@ fn interpolated(indirect: &[Vec3], taps: &[Tap]) -> Vec3 {
     sum
 }
 
-/// Patch and element of the point `p`, which a ray found as `hit`: on its side of walls that stand on the surface. `None` as
-/// [`Subdivision::locate`].
+/// Patch and element of the point `p`, which a ray found as `hit`: on its side of walls that stand
+/// on the surface. `None` as [`Subdivision::locate`].
 #[inline]
 pub(crate) fn place(world: &World, cut: &Subdivision, hit: &Hit, p: Vec3) -> Option<Locus> {
     let at = cut.locate(hit.triangle, p, hit.back)?;
@@ -173,8 +176,8 @@ pub struct SolveReport {
     pub shadow_rays: u64,
     /// The relaxation, on the links of the last pass.
     pub relaxation: RelaxReport,
-    /// The way to it through all passes, each with more rays than the one before and starting from its answer; with groups of light, one
-    /// after the other in each pass.
+    /// The way to it through all passes, each with more rays than the one before and starting from
+    /// its answer; with groups of light, one after the other in each pass.
     pub history: Vec<SolveStep>,
     /// Where the energy went.
     pub audit: Audit,
@@ -196,12 +199,14 @@ impl Solution {
         );
     }
 
-    /// Radiance that leaves the point `p`, which a ray found as `hit`, towards the ray's origin: ρE/π and gathered emission.
+    /// Radiance that leaves the point `p`, which a ray found as `hit`, towards the ray's origin:
+    /// ρE/π and gathered emission.
     ///
-    /// Indirect light is interpolated between patches. Direct light comes from the point's element, or, on
-    /// [`rough`](Solution::rough) patches, from the lights themselves with one shadow ray: else what an element's one point
-    /// happened to see would shine from all of it (the ceiling just above a hanging lamp, the floor under a box's edge).
-    /// `seed` decides where those rays go.
+    /// Indirect light is interpolated between patches. Direct light comes from the point's element,
+    /// or, on [`rough`](Solution::rough) patches, from the lights themselves with one shadow ray:
+    /// else what an element's one point happened to see would shine from all of it (the ceiling
+    /// just above a hanging lamp, the floor under a box's edge). `seed` decides where those rays
+    /// go.
     #[inline]
     pub fn radiance(
         &self,
@@ -329,7 +334,8 @@ impl Solution {
         )
     }
 
-    /// Where on its region's grid indirect light is read for a hit, and the element's reflectance where that is what counts.
+    /// Where on its region's grid indirect light is read for a hit, and the element's reflectance
+    /// where that is what counts.
     #[inline]
     fn seen(&self, hit: &Hit, p: Vec3, at: Locus, of: Reflected) -> ([f32; 2], Option<Vec3>) {
         match self.afar(at, of) {
@@ -373,7 +379,8 @@ pub struct Look {
 pub enum Reflected {
     /// All of it.
     All,
-    /// All that is seen of its element from afar, but of what lamps and emitters bring to that only what [`of_lit`] of this leaves.
+    /// All that is seen of its element from afar, but of what lamps and emitters bring to that only
+    /// what [`of_lit`] of this leaves.
     Afar(f32),
 }
 
@@ -394,7 +401,8 @@ fn sent(reflectance: Vec3, direct: Vec3, indirect: Vec3, glow: Vec3) -> Vec3 {
     reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI + glow
 }
 
-/// The share of a lit element's direct light (of that luminance) that is sampled there, where `s` is the share of gathering rays, per luminance: the balance heuristic.
+/// The share of a lit element's direct light (of that luminance) that is sampled there, where `s`
+/// is the share of gathering rays, per luminance: the balance heuristic.
 #[inline]
 pub fn of_lit(s: f32, direct: f32) -> f32 {
     let x = s * direct;

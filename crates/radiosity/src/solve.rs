@@ -28,9 +28,11 @@ pub struct SolveOptions {
     pub link_bytes: u64,
     /// Direct light on elements.
     pub direct: DirectOptions,
-    /// Patches that something stands close to are cut into their elements, each with light of its own.
+    /// Patches that something stands close to are cut into their elements, each with light of its
+    /// own.
     pub crowded: bool,
-    /// Hits on patches over which direct light changes sample a light of their own, instead of reading that of their element.
+    /// Hits on patches over which direct light changes sample a light of their own, instead of
+    /// reading that of their element.
     pub resample: bool,
     /// When to stop.
     pub relax: RelaxOptions,
@@ -53,14 +55,15 @@ impl Default for SolveOptions {
 /// Rays a patch has after the first pass; each later pass quadruples them.
 const FIRST_PASS: u32 = 16;
 
-/// Residual that passes before the last are relaxed to: theirs is where the next one begins, and what few rays get wrong is more than that.
+/// Residual that passes before the last are relaxed to: theirs is where the next one begins, and
+/// what few rays get wrong is more than that.
 const EARLY: f64 = 1e-2;
 
 /// Solves the scene's light.
 ///
-/// Progressive: passes with ever more rays, the last relaxed until its residual is below the tolerance, each starting from the one before's
-/// answer. When the monitor cancels, the last answer stands (at least direct light on the elements done), and
-/// [`SolveReport::cancelled`] is set.
+/// Progressive: passes with ever more rays, the last relaxed until its residual is below the
+/// tolerance, each starting from the one before's answer. When the monitor cancels, the last answer
+/// stands (at least direct light on the elements done), and [`SolveReport::cancelled`] is set.
 ///
 /// The same input gives the same bits for any number of threads.
 pub fn solve(
@@ -210,8 +213,9 @@ pub fn solve(
     solution
 }
 
-/// Patches whose elements' direct light spans more than half of the brightest: below that, what one element gets wrong is less than
-/// the noise of a gathering ray. Patches that stay under a hundredth of the mean are left alone: nobody sees their error.
+/// Patches whose elements' direct light spans more than half of the brightest: below that, what one
+/// element gets wrong is less than the noise of a gathering ray. Patches that stay under a
+/// hundredth of the mean are left alone: nobody sees their error.
 fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
     let (mut sum, mut area) = (0f64, 0f64);
     for (e, x) in cut.elements().iter().zip(direct) {
@@ -243,12 +247,14 @@ struct Survey {
 
 /// Which elements lie inside something, and which have something close to them.
 ///
-/// What stands on a floor hides the part of a patch under it. Rays from other surfaces never hit that part, so the patch's light must
-/// be the mean over the rest: with the dark part in it, every foot of a pillar takes light out of the room. The demo level's hall
-/// lost 3 % by it (35,000 patches), 6 % (13,000).
+/// What stands on a floor hides the part of a patch under it. Rays from other surfaces never hit
+/// that part, so the patch's light must be the mean over the rest: with the dark part in it, every
+/// foot of a pillar takes light out of the room. The demo level's hall lost 3 % by it (35,000
+/// patches), 6 % (13,000).
 fn survey(world: &World, cut: &Subdivision) -> Survey {
-    // An open point near the backs of things sees them in half of its hemisphere at most: it is mistaken once in 256, and then
-    // fifteen others stand for it. Nearly every open point is told by its first ray.
+    // An open point near the backs of things sees them in half of its hemisphere at most: it is
+    // mistaken once in 256, and then fifteen others stand for it. Nearly every open point is told
+    // by its first ray.
     const RAYS: u32 = 8;
     let look = |p: PatchId, k: usize| -> (bool, bool) {
         let e = cut.elements()[k];
@@ -279,14 +285,18 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     Survey { buried, close }
 }
 
-/// Share of a patch's open elements that have something close to them from which on the patch is crowded. In the corner of a room it is a quarter to a third.
+/// Share of a patch's open elements that have something close to them from which on the patch is
+/// crowded. In the corner of a room it is a quarter to a third.
 const CROWDED: f32 = 0.2;
 
-/// Patches that something stands close to. Light may be a hundred times less on one side of them than on the other (a wall behind a cupboard, the ground under a car): their elements
-/// each get light of their own.
+/// Patches that something stands close to. Light may be a hundred times less on one side of them
+/// than on the other (a wall behind a cupboard, the ground under a car): their elements each get
+/// light of their own.
 ///
-/// A patch half in a gap shines into it with what it has outside: at `preview`, lumels in gaps of the garage (docs/speed_error.md) had half as much light again and more, and of
-/// godot_gi_demo three quarters. Patches a quarter as wide everywhere bring as much as this, for fourteen times the elements.
+/// A patch half in a gap shines into it with what it has outside: at `preview`, lumels in gaps of
+/// the garage (docs/speed_error.md) had half as much light again and more, and of godot_gi_demo
+/// three quarters. Patches a quarter as wide everywhere bring as much as this, for fourteen times
+/// the elements.
 fn find_crowded(cut: &Subdivision, buried: &[bool], close: &[bool]) -> Vec<bool> {
     (0..cut.patches().len() as u32)
         .map(|p| {
@@ -297,7 +307,8 @@ fn find_crowded(cut: &Subdivision, buried: &[bool], close: &[bool]) -> Vec<bool>
         .collect()
 }
 
-/// Cuts patches where walls stand on them, and those that are crowded into their elements; gives the number of pairs of elements that a wall parts.
+/// Cuts patches where walls stand on them, and those that are crowded into their elements; gives
+/// the number of pairs of elements that a wall parts.
 fn stand_apart(world: &World, cut: &mut Subdivision, crowded: &[bool]) -> u64 {
     let pairs = cut.neighbours();
     let point = |k: u32, back: bool| {
@@ -408,8 +419,8 @@ fn direct_light(
     out
 }
 
-/// Mean reflectance over each element, textures averaged over its area: at one point, a tiled floor would be as bright as the tile or
-/// as the joint that the point happens to lie on.
+/// Mean reflectance over each element, textures averaged over its area: at one point, a tiled floor
+/// would be as bright as the tile or as the joint that the point happens to lie on.
 fn element_reflectance(world: &World, cut: &Subdivision) -> Vec<Vec3> {
     let pyramids = Pyramids::build(world.scene, world.soup);
     (cut.elements().par_iter())
@@ -425,7 +436,8 @@ pub(crate) struct PatchSurfaces {
     pub reflectance: Vec<DVec3>,
     /// Direct irradiance.
     pub direct: Vec<DVec3>,
-    /// Mean of ρE over elements: where light and texture go together, the product of the means would be wrong.
+    /// Mean of ρE over elements: where light and texture go together, the product of the means
+    /// would be wrong.
     pub direct_radiosity: Vec<DVec3>,
 }
 

@@ -23,7 +23,8 @@ pub fn luminance(c: Vec3) -> f32 {
 /// A point on a surface that receives light.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfacePoint {
-    /// The point itself, metres, recentred world space. Of a smooth-shaded curved surface: its place on that, not on the facet.
+    /// The point itself, metres, recentred world space. Of a smooth-shaded curved surface: its
+    /// place on that, not on the facet.
     pub position: Vec3,
     /// Where its rays start: `position` moved off the surface along `geometric`.
     pub origin: Vec3,
@@ -59,7 +60,8 @@ pub struct WorldOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Emission {
     None,
-    /// By [`DirectLight`](crate::DirectLight), in closed form; rays that hit it see its reflected light only.
+    /// By [`DirectLight`](crate::DirectLight), in closed form; rays that hit it see its reflected
+    /// light only.
     Sampled,
     /// By the rays that hit it.
     Gathered,
@@ -81,7 +83,8 @@ pub struct World<'a> {
     /// Where triangles are in the tree, once that was asked for.
     places: OnceLock<Vec<u32>>,
     two_sided: Vec<bool>,
-    /// Reflectance of materials that have the same everywhere: rays need not look their triangles up.
+    /// Reflectance of materials that have the same everywhere: rays need not look their triangles
+    /// up.
     even: Vec<Option<Vec3>>,
     /// Some light passes through some surfaces.
     open: bool,
@@ -175,11 +178,11 @@ impl<'a> World<'a> {
         }
     }
 
-    /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if `back`. `smooth` uses
-    /// interpolated normals for the hemisphere's axis, and where these describe a curved surface, takes the point to lie on that (after
-    /// Hanika, *Hacking the Shadow Terminator*, 2021): as far out as it is, or half as far as the
-    /// way there is free. A point of a triangle that rays do not see is that of the surface which
-    /// it stands in for.
+    /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if
+    /// `back`. `smooth` uses interpolated normals for the hemisphere's axis, and where these
+    /// describe a curved surface, takes the point to lie on that (after Hanika, *Hacking the Shadow
+    /// Terminator*, 2021): as far out as it is, or half as far as the way there is free. A point of
+    /// a triangle that rays do not see is that of the surface which it stands in for.
     pub fn surface_point(
         &self,
         triangle: u32,
@@ -216,9 +219,11 @@ impl<'a> World<'a> {
 
     /// A point on a curved surface, `height` above its facet, on which `origin` lies.
     ///
-    /// The shading normal stands for the geometric one, so that no light is cut off at the facet's horizon. From where the surface bulges, no
-    /// facet is seen; where it is hollow or something is in the way, rays between the horizons soon meet the facets, as they would meet
-    /// the curved surface. Something in the way is never passed, and at half its distance the height changes steadily as it comes near.
+    /// The shading normal stands for the geometric one, so that no light is cut off at the facet's
+    /// horizon. From where the surface bulges, no facet is seen; where it is hollow or something is
+    /// in the way, rays between the horizons soon meet the facets, as they would meet the curved
+    /// surface. Something in the way is never passed, and at half its distance the height changes
+    /// steadily as it comes near.
     fn lifted(&self, origin: Vec3, normal: Vec3, height: f32) -> SurfacePoint {
         let mut free = height;
         if height > 0.0 {
@@ -257,9 +262,10 @@ impl<'a> World<'a> {
             .place(group, self.soup, two_sided, position, normal)
     }
 
-    /// [`surface_point`](Self::surface_point), drawn in from the triangle's edges just enough that, moved off the surface, it stays on
-    /// its own side of a neighbouring face: a point in a corner would see behind the wall. By four times the offset, or to the
-    /// middle of triangles that are smaller than that.
+    /// [`surface_point`](Self::surface_point), drawn in from the triangle's edges just enough that,
+    /// moved off the surface, it stays on its own side of a neighbouring face: a point in a corner
+    /// would see behind the wall. By four times the offset, or to the middle of triangles that are
+    /// smaller than that.
     pub fn inset_point(
         &self,
         triangle: u32,
@@ -290,24 +296,27 @@ impl<'a> World<'a> {
         self.surface_point(triangle, w[1] / sum, w[2] / sum, back, smooth)
     }
 
-    /// How far rays start from the surface, metres. A barycentric sum of three `f32` corners is off by at most some
-    /// 4 ulp of the largest coordinate (3e-7 of it, Higham's γ₅), and so is the plane that the tree tests against: 1e-6
-    /// covers both. The second term is for points near the origin whose triangles reach far from it.
+    /// How far rays start from the surface, metres. A barycentric sum of three `f32` corners is off
+    /// by at most some 4 ulp of the largest coordinate (3e-7 of it, Higham's γ₅), and so is the
+    /// plane that the tree tests against: 1e-6 covers both. The second term is for points near the
+    /// origin whose triangles reach far from it.
     #[inline]
     pub fn offset(&self, position: Vec3) -> f32 {
         offset(position, self.radius)
     }
 
-    /// Whether a point of a surface is inside a wall, a crate or the like, where nobody sees it. Told by geometry alone; of shells that are
-    /// open somewhere only rays know.
+    /// Whether a point of a surface is inside a wall, a crate or the like, where nobody sees it.
+    /// Told by geometry alone; of shells that are open somewhere only rays know.
     pub fn inside_a_body(&self, p: &SurfacePoint) -> bool {
         self.solids.hide(p.origin, p.geometric)
     }
 
-    /// What arrives at `origin` from the unit `direction`, and what share of it (per channel) glass on the way lets through.
+    /// What arrives at `origin` from the unit `direction`, and what share of it (per channel) glass
+    /// on the way lets through.
     ///
-    /// Where a surface lets a part of the light through, a fair coin decides between the surface and what lies behind, so that the
-    /// mean is right; the share is what is left to say about colour.
+    /// Where a surface lets a part of the light through, a fair coin decides between the surface
+    /// and what lies behind, so that the mean is right; the share is what is left to say about
+    /// colour.
     #[inline]
     pub fn incoming(&self, origin: Vec3, direction: Vec3) -> (Incoming, Vec3) {
         let ray = Ray {
@@ -334,7 +343,8 @@ impl<'a> World<'a> {
         (found, tint)
     }
 
-    /// Where a ray of [`incoming`](Self::incoming) meets the triangle that it is known to meet first, without looking for it.
+    /// Where a ray of [`incoming`](Self::incoming) meets the triangle that it is known to meet
+    /// first, without looking for it.
     pub fn known_hit(&self, origin: Vec3, direction: Vec3, triangle: u32) -> Option<Hit> {
         let places = self.places.get_or_init(|| self.bvh.places());
         let ray = Ray {
@@ -346,8 +356,9 @@ impl<'a> World<'a> {
         self.bvh.hit_known(&ray, *places.get(triangle as usize)?)
     }
 
-    /// How far a second look along a ray may go that must not meet what the first one met. Near a ray's end the tree computes hits in
-    /// more digits, so that the same surface may lie a little before its own distance; a ray would end there before it has asked all glass.
+    /// How far a second look along a ray may go that must not meet what the first one met. Near a
+    /// ray's end the tree computes hits in more digits, so that the same surface may lie a little
+    /// before its own distance; a ray would end there before it has asked all glass.
     fn just_before(&self, ray: &Ray, hit: &Hit) -> f32 {
         // As far off the surface's plane as a receiver there would start.
         let height = self.soup.normals[hit.triangle as usize]
@@ -363,8 +374,9 @@ impl<'a> World<'a> {
         self.bvh.closest_hit(ray, &Coin::new(self.scene, self.soup))
     }
 
-    /// Share of light (per channel, 0..=1) that gets from `origin` along `direction` (any length) to parameter `t_max`: 0 if something
-    /// opaque is in between, and less than 1 behind what is blended or made of glass.
+    /// Share of light (per channel, 0..=1) that gets from `origin` along `direction` (any length)
+    /// to parameter `t_max`: 0 if something opaque is in between, and less than 1 behind what is
+    /// blended or made of glass.
     #[inline]
     pub fn transmitted(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Vec3 {
         let ray = Ray {
@@ -384,11 +396,13 @@ impl<'a> World<'a> {
         glass.share()
     }
 
-    /// Whether something opaque stands between two points of one surface: a wall on it, say, and not the surface's own curvature.
+    /// Whether something opaque stands between two points of one surface: a wall on it, say, and
+    /// not the surface's own curvature.
     ///
-    /// Looks along two straight ways, from either point to one above the middle between them: `lift` metres, and more where the surface
-    /// bulges. Not along one between two lifted points: a wall that leans would pass between a point and where it is lifted to.
-    /// Cut-out, blended and glass surfaces are no walls.
+    /// Looks along two straight ways, from either point to one above the middle between them:
+    /// `lift` metres, and more where the surface bulges. Not along one between two lifted points: a
+    /// wall that leans would pass between a point and where it is lifted to. Cut-out, blended and
+    /// glass surfaces are no walls.
     pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
         let top = above_the_middle(a, b, lift);
         [a, b].into_iter().any(|end| {
@@ -402,8 +416,9 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Whether `a` lies behind a single-sided surface that `b`, of the same surface, lies before: what is met first on the way of
-    /// [`wall_between`](Self::wall_between) shows `a` its back and `b` its front.
+    /// Whether `a` lies behind a single-sided surface that `b`, of the same surface, lies before:
+    /// what is met first on the way of [`wall_between`](Self::wall_between) shows `a` its back and
+    /// `b` its front.
     pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
         let top = above_the_middle(a, b, lift);
         let first = |end: &SurfacePoint| {
@@ -426,13 +441,14 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Whether anything rises above the plane through `p` within a box of half-size `reach` about it. What lies in the plane, or within rounding
-    /// of it, does not.
+    /// Whether anything rises above the plane through `p` within a box of half-size `reach` about
+    /// it. What lies in the plane, or within rounding of it, does not.
     pub fn anything_above(&self, p: &SurfacePoint, reach: f32) -> bool {
         let (low, high) = (p.position - reach, p.position + reach);
         let floor = (4.0 * self.offset(p.position)).max(1e-3 * reach);
         let (from, to) = bounds_above(p.geometric, floor, reach);
-        // A little wider, for rounding. Without the half below, most queries over a floor end at its box.
+        // A little wider, for rounding. Without the half below, most queries over a floor end at
+        // its box.
         let slack = 1e-5 * reach + self.offset(p.position);
         let (from, to) = (p.position + from - slack, p.position + to + slack);
         self.bvh.any_near(from, to, |_, corners| {
@@ -450,7 +466,8 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Whether light that passes surfaces may change its colour, so that [`incoming`](Self::incoming)'s share can differ from 1.
+    /// Whether light that passes surfaces may change its colour, so that
+    /// [`incoming`](Self::incoming)'s share can differ from 1.
     pub(crate) fn tinted(&self) -> bool {
         self.tinted
     }
@@ -503,7 +520,8 @@ impl<'a> World<'a> {
         self.even[material as usize]
     }
 
-    /// Radiance that the surface itself emits at a hit and that gathering rays should count (see [`Emitters`](crate::Emitters)).
+    /// Radiance that the surface itself emits at a hit and that gathering rays should count (see
+    /// [`Emitters`](crate::Emitters)).
     #[inline]
     pub fn gathered_emission(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
         if self.emission(triangle) == Emission::Gathered {
@@ -517,7 +535,8 @@ impl<'a> World<'a> {
 /// A triangle cut by seven planes has ten corners at most.
 type Polygon = smallvec::SmallVec<[Vec3; 10]>;
 
-/// Bounds of the part of the cube of half-size `reach` about the origin that lies `floor` and more above the plane with normal `n`.
+/// Bounds of the part of the cube of half-size `reach` about the origin that lies `floor` and more
+/// above the plane with normal `n`.
 fn bounds_above(n: Vec3, floor: f32, reach: f32) -> (Vec3, Vec3) {
     let (mut low, mut high) = (Vec3::splat(-reach), Vec3::splat(reach));
     let all = reach * n.abs().element_sum();
@@ -559,8 +578,8 @@ impl HitFilter for Opaque {
     }
 }
 
-/// Reflectance by material, of those that have no texture; none where vertices have colours or instances only occlude, which triangles of
-/// the same material may differ in.
+/// Reflectance by material, of those that have no texture; none where vertices have colours or
+/// instances only occlude, which triangles of the same material may differ in.
 fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
     let mut primitives = scene.meshes.iter().flat_map(|m| &m.primitives);
     let differ =
@@ -579,18 +598,21 @@ fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
 
 /// Decides per triangle how its emission travels.
 ///
-/// Small bright lamps are left to closed forms and shadow rays: a hemisphere of rays finds them too rarely. A surface whose radiance is
-/// near what the scene's surfaces send anyway (a luminous ceiling, a furnace's walls) is no harder for gathering rays than
-/// any reflecting one, and as many closed forms as it has triangles would be dear. The border is four times the mean radiance
-/// Σ Φ/(π Σ A): there the light covers a quarter of the scene's surface, and the error of the two ways is alike.
+/// Small bright lamps are left to closed forms and shadow rays: a hemisphere of rays finds them too
+/// rarely. A surface whose radiance is near what the scene's surfaces send anyway (a luminous
+/// ceiling, a furnace's walls) is no harder for gathering rays than any reflecting one, and as many
+/// closed forms as it has triangles would be dear. The border is four times the mean radiance Σ
+/// Φ/(π Σ A): there the light covers a quarter of the scene's surface, and the error of the two
+/// ways is alike.
 ///
-/// What counts of a textured triangle is how bright its light is, not how bright all of it is on average: a sign that glows in a dark wall is
-/// a small lamp.
-/// A point above the middle between two points of one surface: `lift` metres, and more where the surface bulges.
+/// What counts of a textured triangle is how bright its light is, not how bright all of it is on
+/// average: a sign that glows in a dark wall is a small lamp. A point above the middle between two
+/// points of one surface: `lift` metres, and more where the surface bulges.
 fn above_the_middle(a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> Vec3 {
     let way = b.position - a.position;
-    // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge rises over the middle of the straight
-    // way by at most half of that over the cosine of half their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
+    // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge
+    // rises over the middle of the straight way by at most half of that over the cosine of half
+    // their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
     let below = (-a.geometric.dot(way)).max(b.geometric.dot(way)).max(0.0);
     let up = (a.geometric + b.geometric).normalize_or(a.geometric);
     0.5 * (a.origin + b.origin) + up * (lift + 0.75 * below)

@@ -1,4 +1,5 @@
-//! Rays and builds on a generated interior of 260,000 triangles, against obvhs's own eight-wide tree.
+//! Rays and builds on a generated interior of 260,000 triangles, against obvhs's own eight-wide
+//! tree.
 //!
 //!     cargo bench -p lumel-visibility
 //!

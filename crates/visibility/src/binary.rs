@@ -14,12 +14,13 @@ use crate::groups::Items;
 /// Triangles in a leaf at most: two packs.
 pub(crate) const MAX_LEAF: usize = 8;
 
-/// Cost of a node visit in triangle tests when obvhs merges leaves. Its own presets use 3, for triangles tested one by
-/// one; from 3 to 8 rays are equally fast here (`examples/compare.rs`), and 5 needs a fifth fewer nodes.
+/// Cost of a node visit in triangle tests when obvhs merges leaves. Its own presets use 3, for
+/// triangles tested one by one; from 3 to 8 rays are equally fast here (`examples/compare.rs`), and
+/// 5 needs a fifth fewer nodes.
 const TRAVERSAL_COST: f32 = 5.0;
 
-/// Node of a [`Binary`] tree: a leaf over `order[first..first + count]`, or for `count == 0` the parent of nodes
-/// `first` and `first + 1`.
+/// Node of a [`Binary`] tree: a leaf over `order[first..first + count]`, or for `count == 0` the
+/// parent of nodes `first` and `first + 1`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BinaryNode {
     pub lo: Vec3,
@@ -29,7 +30,8 @@ pub(crate) struct BinaryNode {
 }
 
 impl BinaryNode {
-    /// Half of the box's surface area, the measure of how many rays enter. In f64, which no scene's area overflows.
+    /// Half of the box's surface area, the measure of how many rays enter. In f64, which no scene's
+    /// area overflows.
     pub fn half_area(&self) -> f64 {
         let d = (self.hi.as_dvec3() - self.lo.as_dvec3()).max(DVec3::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
@@ -63,8 +65,8 @@ pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
     }
     let origin = scene.0.as_dvec3();
     let extent = (scene.1.as_dvec3() - origin).max_element();
-    // obvhs multiplies areas in f32 and sorts them with an unwrap: unit scale keeps 1e18 from overflowing to NaN and
-    // 1e-18 from underflowing to areas that are all equal.
+    // obvhs multiplies areas in f32 and sorts them with an unwrap: unit scale keeps 1e18 from
+    // overflowing to NaN and 1e-18 from underflowing to areas that are all equal.
     let scale = if extent > 0.0 { 1.0 / extent } else { 0.0 };
     let to_unit = |p: Vec3| ((p.as_dvec3() - origin) * scale).as_vec3();
     let unit = |index: u32| {
@@ -107,10 +109,12 @@ pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
     to_binary(tree, items, triangles)
 }
 
-/// Padding of the box that obvhs sees for primitive `item` of size `size`; our own bounds stay exact.
+/// Padding of the box that obvhs sees for primitive `item` of size `size`; our own bounds stay
+/// exact.
 ///
-/// In rows of equal tiles every pair costs the same, and PLOC then merges one pair per pass. Random padding by up to 1/128
-/// of the size breaks such ties at no cost to the tree; the constant part keeps boxes without area from costing nothing.
+/// In rows of equal tiles every pair costs the same, and PLOC then merges one pair per pass. Random
+/// padding by up to 1/128 of the size breaks such ties at no cost to the tree; the constant part
+/// keeps boxes without area from costing nothing.
 fn jitter(item: u32, size: f32) -> f32 {
     let hash = item.wrapping_mul(0x9e37_79b9);
     let hash = (hash ^ hash >> 15).wrapping_mul(0x85eb_ca6b);
@@ -137,8 +141,9 @@ fn build_obvhs(boxes: &[UnitBox], quality: Quality) -> Bvh2 {
         Quality::Balanced => 0.05,
         Quality::High => 1.0,
     };
-    // obvhs's reinsertion keeps a stack of 2 × max_depth entries and overwrites silently when it is full: give it twice
-    // the depth that there is, and leave out what only a degenerate scene would need.
+    // obvhs's reinsertion keeps a stack of 2 × max_depth entries and overwrites silently when it is
+    // full: give it twice the depth that there is, and leave out what only a degenerate scene would
+    // need.
     let reinsert = |tree: &mut Bvh2, ratio: f32| {
         let depth = depth(tree);
         if depth <= 1024 {

@@ -65,13 +65,16 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the tree over world-space `triangles`, corners counter-clockwise seen from the front. Triangles for which
-    /// `filtered` holds ask the [`HitFilter`](crate::HitFilter) before they stop a ray.
+    /// Builds the tree over world-space `triangles`, corners counter-clockwise seen from the front.
+    /// Triangles for which `filtered` holds ask the [`HitFilter`](crate::HitFilter) before they
+    /// stop a ray.
     ///
-    /// Any finite triangles will do: degenerate, duplicate, none. The build is serial and depends on its input only.
+    /// Any finite triangles will do: degenerate, duplicate, none. The build is serial and depends
+    /// on its input only.
     ///
     /// # Errors
-    /// [`BuildError`] if a corner is not finite or beyond ±[`MAX_COORDINATE`], or if there are too many triangles.
+    /// [`BuildError`] if a corner is not finite or beyond ±[`MAX_COORDINATE`], or if there are too
+    /// many triangles.
     pub fn build(
         triangles: &[[Vec3; 3]],
         filtered: impl Fn(u32) -> bool,

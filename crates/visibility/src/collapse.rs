@@ -1,7 +1,7 @@
 //! Collapses the binary tree to eight-wide nodes.
 //!
-//! Based on Wald, Benthin, Boulos, "Getting rid of packets" (2008): a node adopts its grandchildren, opening the child with
-//! the largest area first, until eight are reached.
+//! Based on Wald, Benthin, Boulos, "Getting rid of packets" (2008): a node adopts its
+//! grandchildren, opening the child with the largest area first, until eight are reached.
 
 use glam::Vec3;
 
@@ -34,7 +34,8 @@ pub(crate) fn collapse(
         adopted[0] = root;
         let mut count = 1;
         while count < WIDTH {
-            // The first of equals is opened, so that the outcome does not depend on anything but the tree.
+            // The first of equals is opened, so that the outcome does not depend on anything but
+            // the tree.
             let mut widest: Option<(usize, f64)> = None;
             for (i, &index) in adopted[..count].iter().enumerate() {
                 let node = &binary.nodes[index as usize];
@@ -49,8 +50,9 @@ pub(crate) fn collapse(
             adopted[count] = first + 1;
             count += 1;
         }
-        // Occlusion rays visit the last slot first: leaves before nodes, large before small, which finds a hit 1.27 times
-        // sooner than any order tried without leaves first. Closest hits sort by distance anyway.
+        // Occlusion rays visit the last slot first: leaves before nodes, large before small, which
+        // finds a hit 1.27 times sooner than any order tried without leaves first. Closest hits
+        // sort by distance anyway.
         adopted[..count].sort_by(|&a, &b| {
             let (a, b) = (&binary.nodes[a as usize], &binary.nodes[b as usize]);
             (a.count > 0)

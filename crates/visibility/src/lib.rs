@@ -1,19 +1,23 @@
-//! Watertight ray casting for Lumel: closest hit, occlusion and alpha masks on an eight-wide bounding volume hierarchy.
+//! Watertight ray casting for Lumel: closest hit, occlusion and alpha masks on an eight-wide
+//! bounding volume hierarchy.
 //!
-//! [`Bvh::build`] takes world-space triangles. The binary tree is built by `obvhs` (PLOC and reinsertion), then collapsed
-//! to eight-wide nodes whose leaves hold triangles in packs of four that are tested together.
+//! [`Bvh::build`] takes world-space triangles. The binary tree is built by `obvhs` (PLOC and
+//! reinsertion), then collapsed to eight-wide nodes whose leaves hold triangles in packs of four
+//! that are tested together.
 //!
 //! # Guarantees
-//! - **Watertight.** A ray that crosses the interior, an edge or a vertex of a mesh closed by shared corner positions
-//!   hits it. See [`kernel`] for why.
-//! - **Same answer everywhere.** The AVX2 path, chosen at run time, and the portable one do the same IEEE operations in the
-//!   same order, without fused multiply-add, and so return the same bits. Of hits at equal `t` the lowest triangle index
-//!   wins.
+//! - **Watertight.** A ray that crosses the interior, an edge or a vertex of a mesh closed by
+//!   shared corner positions hits it. See [`kernel`] for why.
+//! - **Same answer everywhere.** The AVX2 path, chosen at run time, and the portable one do the
+//!   same IEEE operations in the same order, without fused multiply-add, and so return the same
+//!   bits. Of hits at equal `t` the lowest triangle index wins.
 //! - **No absolute epsilon.** `t_min` and `t_max` are honoured as given, at any scale.
-//! - **No panic on input**, no fixed stack that can overflow, and no build time quadratic in coincident triangles.
+//! - **No panic on input**, no fixed stack that can overflow, and no build time quadratic in
+//!   coincident triangles.
 //!
 //! # Not guaranteed
-//! - A mesh whose neighbours do not share corner positions bit for bit (T-junctions) has cracks, and rays find them.
+//! - A mesh whose neighbours do not share corner positions bit for bit (T-junctions) has cracks,
+//!   and rays find them.
 //! - Triangles seen exactly edge-on are not hit; their neighbours in a closed mesh are.
 //!
 //! ```

@@ -60,7 +60,8 @@ pub(crate) const MAX_PACKS: usize = FIRST_MASK as usize;
 
 /// Eight child boxes, structure of arrays, and the references to the children: 224 bytes of 256.
 ///
-/// The alignment makes each row of eight one aligned vector and lets no node straddle more cache lines than it must.
+/// The alignment makes each row of eight one aligned vector and lets no node straddle more cache
+/// lines than it must.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Node {
@@ -100,7 +101,8 @@ impl Node {
 pub(crate) struct Pack {
     /// `[axis][corner][lane]`. Unused lanes are NaN, which no test passes.
     pub corners: [[[f32; PACK]; 3]; 3],
-    /// Index of each triangle, with [`FILTERED`] where hits go through the filter; [`NO_TRIANGLE`] in unused lanes.
+    /// Index of each triangle, with [`FILTERED`] where hits go through the filter; [`NO_TRIANGLE`]
+    /// in unused lanes.
     pub ids: [u32; PACK],
 }
 

@@ -34,12 +34,13 @@ pub struct Hit {
 
 /// Decides whether a candidate hit stops the ray (alpha masks).
 ///
-/// It is called only for triangles that were flagged at the build, possibly for candidates that lose to a nearer hit
-/// later, in an order that hangs on the tree. Its answer must depend on its arguments alone. It may keep notes for its caller:
-/// [`Bvh::occluded`](crate::Bvh::occluded) asks once about every flagged triangle that the ray meets before `t_max`, as long as none
-/// stops it.
+/// It is called only for triangles that were flagged at the build, possibly for candidates that
+/// lose to a nearer hit later, in an order that hangs on the tree. Its answer must depend on its
+/// arguments alone. It may keep notes for its caller: [`Bvh::occluded`](crate::Bvh::occluded) asks
+/// once about every flagged triangle that the ray meets before `t_max`, as long as none stops it.
 pub trait HitFilter {
-    /// Whether the hit on `triangle` at barycentrics `u`, `v` (weights of corners 1 and 2) stops `ray`.
+    /// Whether the hit on `triangle` at barycentrics `u`, `v` (weights of corners 1 and 2) stops
+    /// `ray`.
     fn accept(&self, triangle: u32, u: f32, v: f32, ray: &Ray) -> bool;
 }
 

@@ -1,4 +1,5 @@
-//! Traversal: nearest child first for closest hits, any order for occlusion; one ray or a slice of them.
+//! Traversal: nearest child first for closest hits, any order for occlusion; one ray or a slice of
+//! them.
 
 use std::mem::MaybeUninit;
 
@@ -10,16 +11,17 @@ use crate::kernel::{Isa, Kernel, Lanes, Prepared, WIDEN};
 use crate::node::{Child, FILTERED, PACK, Pack, WIDTH};
 use crate::ray::{Hit, HitFilter, Ray};
 
-/// Entries of the traversal stack kept off the heap: enough for 36 levels, that is for any tree that is not degenerate.
+/// Entries of the traversal stack kept off the heap: enough for 36 levels, that is for any tree
+/// that is not degenerate.
 const INLINE_STACK: usize = 256;
 
-/// One entry: the bits of the entry distance above the child word. Distances are not negative, so that integers order
-/// like the numbers do, and equal distances order by child, always the same.
+/// One entry: the bits of the entry distance above the child word. Distances are not negative, so
+/// that integers order like the numbers do, and equal distances order by child, always the same.
 type Entry = u64;
 
 impl Bvh {
-    /// The hit with the smallest `t` in (`t_min`, `t_max`) that the filter accepts; of several at equal `t` the one with the
-    /// lowest triangle index.
+    /// The hit with the smallest `t` in (`t_min`, `t_max`) that the filter accepts; of several at
+    /// equal `t` the one with the lowest triangle index.
     pub fn closest_hit(&self, ray: &Ray, filter: &impl HitFilter) -> Option<Hit> {
         match self.isa {
             Isa::Portable => closest_one::<Portable>(self, ray, filter),
@@ -74,8 +76,10 @@ impl Bvh {
         places
     }
 
-    /// Where a ray meets a triangle of which it is known that it is the closest hit: what [`Bvh::closest_hit`] gives then, bit for bit, without the
-    /// way there. `place` is the triangle's of [`Bvh::places`]. `None` where the ray does not meet it, or there is no such place.
+    /// Where a ray meets a triangle of which it is known that it is the closest hit: what
+    /// [`Bvh::closest_hit`] gives then, bit for bit, without the way there. `place` is the
+    /// triangle's of [`Bvh::places`]. `None` where the ray does not meet it, or there is no such
+    /// place.
     pub fn hit_known(&self, ray: &Ray, place: u32) -> Option<Hit> {
         let prepared = Prepared::new(ray)?;
         let pack = self.packs.get(place as usize / PACK)?;
@@ -99,7 +103,8 @@ impl Bvh {
         })
     }
 
-    /// Entries that the stack needs at most: each level leaves seven siblings behind, and the last pushes eight.
+    /// Entries that the stack needs at most: each level leaves seven siblings behind, and the last
+    /// pushes eight.
     fn stack_need(&self) -> usize {
         self.depth as usize * (WIDTH - 1) + 1
     }
@@ -325,8 +330,8 @@ fn occluded<K: Kernel>(
             let node = &bvh.nodes[child.0 as usize];
             // SAFETY: the caller chose the kernel by detection.
             let mut mask = unsafe { K::boxes(node, prepared, prepared.t_max, &mut near) };
-            // In the order of the slots, which the collapse arranged. By distance it was 1.6 times slower even than in the
-            // order that the collapse happened to leave.
+            // In the order of the slots, which the collapse arranged. By distance it was 1.6 times
+            // slower even than in the order that the collapse happened to leave.
             while mask != 0 {
                 let slot = mask.trailing_zeros() as usize & (WIDTH - 1);
                 mask &= mask - 1;

@@ -7,8 +7,8 @@ use crate::error::ValidateError;
 use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
 
 impl Bvh {
-    /// Checks every invariant that rays rely on: each node, pack and triangle reached exactly once, boxes around all
-    /// that lies below them, no deeper than recorded. O(triangles).
+    /// Checks every invariant that rays rely on: each node, pack and triangle reached exactly once,
+    /// boxes around all that lies below them, no deeper than recorded. O(triangles).
     ///
     /// # Errors
     /// The first [`ValidateError`] found.

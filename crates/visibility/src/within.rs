@@ -6,8 +6,9 @@ use crate::bvh::Bvh;
 use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
 
 impl Bvh {
-    /// Whether `found` holds for one of the triangles whose tree boxes overlap the box from `low` to `high`: all that touch it, and some beside
-    /// it. `found` gets a triangle's index and its corners. Stops at the first; their order hangs on the tree.
+    /// Whether `found` holds for one of the triangles whose tree boxes overlap the box from `low`
+    /// to `high`: all that touch it, and some beside it. `found` gets a triangle's index and its
+    /// corners. Stops at the first; their order hangs on the tree.
     pub fn any_near(
         &self,
         low: Vec3,

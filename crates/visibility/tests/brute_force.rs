@@ -1,4 +1,5 @@
-//! The tree returns what testing every triangle returns, bit for bit, and honours ranges and filters.
+//! The tree returns what testing every triangle returns, bit for bit, and honours ranges and
+//! filters.
 
 use crate::common::{BruteForce, EveryThird, Random, build, ray};
 use glam::Vec3;
@@ -80,7 +81,8 @@ fn a_hit_lies_where_it_says() {
         let on_triangle = a + (b - a) * u + (c - a) * v;
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let normal = (b - a).cross(c - a);
-        // The ray meets the plane at a shallow angle in some cases: errors of 2^-24 × distance grow by its inverse sine.
+        // The ray meets the plane at a shallow angle in some cases: errors of 2^-24 × distance grow
+        // by its inverse sine.
         let sine = (normal.normalize().dot(d.normalize())).abs();
         let error = (o + d * f64::from(hit.t) - on_triangle).length();
         assert!(

@@ -56,8 +56,8 @@ fn bad_coordinates_are_errors() {
     assert!(build(1e18).is_ok());
 }
 
-/// Each of these took obvhs alone seconds to minutes, or overflowed its stack. The bound is a hundred times what is needed, to
-/// catch quadratic time only.
+/// Each of these took obvhs alone seconds to minutes, or overflowed its stack. The bound is a
+/// hundred times what is needed, to catch quadratic time only.
 #[test]
 fn crowds_build_quickly() {
     let mut r = Random(1);

@@ -4,7 +4,8 @@ use crate::common::{Random, ray};
 use glam::{DVec3, Vec3};
 use visibility::{AcceptAll, BuildOptions, Bvh, HitFilter, Ray};
 
-/// A strip of two triangles 1 long and 1/aspect wide, anywhere and any way round, as `f32` holds it.
+/// A strip of two triangles 1 long and 1/aspect wide, anywhere and any way round, as `f32` holds
+/// it.
 struct Strip {
     triangles: [[Vec3; 3]; 2],
 }
@@ -32,7 +33,8 @@ fn normal(t: &[Vec3; 3]) -> DVec3 {
     (b - a).cross(c - a).normalize_or_zero()
 }
 
-/// A point of the first or second triangle, `height` off its front, rounded to `f32`; and the normal there.
+/// A point of the first or second triangle, `height` off its front, rounded to `f32`; and the
+/// normal there.
 fn start(s: &Strip, height: f64, r: &mut Random) -> (Vec3, DVec3) {
     let t = &s.triangles[r.below(2)];
     let [a, b, c] = t.map(|p| p.as_dvec3());
@@ -89,7 +91,8 @@ fn a_ray_that_leaves_a_sliver_does_not_meet_it_or_its_twin() {
             for _ in 0..100 {
                 let (origin, n) = start(&s, 1.2e-6 * f64::from(size), &mut r);
                 let mut d = r.direction();
-                // Away from both halves, and in front of both: rounding of the corners folds the thinnest strips.
+                // Away from both halves, and in front of both: rounding of the corners folds the
+                // thinnest strips.
                 if s.triangles.iter().any(|t| normal(t).dot(d) < 0.0) {
                     d = -d;
                 }
@@ -130,7 +133,8 @@ fn a_ray_that_starts_in_front_of_a_sliver_meets_it() {
                     continue;
                 };
                 let origin = (target.as_dvec3() - d * back).as_vec3();
-                // What rounding left of it: the exact line must still cross one of the triangles, in front.
+                // What rounding left of it: the exact line must still cross one of the triangles,
+                // in front.
                 if s.triangles.iter().any(|t| crosses(t, origin, d.as_vec3())) {
                     cast += 1;
                     met += u32::from(hits(&forms, &ray(origin, d.as_vec3())));
@@ -144,7 +148,8 @@ fn a_ray_that_starts_in_front_of_a_sliver_meets_it() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// Whether the ray crosses the triangle's inside in `f64`, 1e-6 in from its edges (the edges' own rounding is 2⁻²⁴), in front.
+/// Whether the ray crosses the triangle's inside in `f64`, 1e-6 in from its edges (the edges' own
+/// rounding is 2⁻²⁴), in front.
 fn crosses(t: &[Vec3; 3], origin: Vec3, d: Vec3) -> bool {
     let o = origin.as_dvec3();
     let [a, b, c] = t.map(|p| p.as_dvec3() - o);

@@ -3,7 +3,8 @@
 use crate::common::{AIMS, PLACES, Random, build, cube, icosphere, inside_ray, torus};
 use visibility::AcceptAll;
 
-/// At least a million rays per aim over meshes and places; `examples/leaks.rs` casts ten million each.
+/// At least a million rays per aim over meshes and places; `examples/leaks.rs` casts ten million
+/// each.
 #[test]
 fn nothing_leaks_from_a_closed_mesh() {
     const RAYS: usize = 70_000;

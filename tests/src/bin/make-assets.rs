@@ -1,6 +1,7 @@
-//! Writes scenes: `cargo run -p lumel-tests --bin make-assets [DIR]` those of `assets/` (the default folder),
-//! `make-assets --closed-form DIR` the closed-form ones, `make-assets --dense DIR` those of many triangles, `make-assets --leaks DIR` the
-//! leak suite, with `leaks.json` that says what is dark in them.
+//! Writes scenes: `cargo run -p lumel-tests --bin make-assets [DIR]` those of `assets/` (the
+//! default folder), `make-assets --closed-form DIR` the closed-form ones, `make-assets --dense DIR`
+//! those of many triangles, `make-assets --leaks DIR` the leak suite, with `leaks.json` that says
+//! what is dark in them.
 #![allow(clippy::print_stdout, reason = "a program that lists what it wrote")]
 
 use std::path::{Path, PathBuf};

@@ -1,4 +1,5 @@
-//! A stylised dungeon of stone blocks, slabs, barrels and arches under torches; blocks touch face to face or stand in each other.
+//! A stylised dungeon of stone blocks, slabs, barrels and arches under torches; blocks touch face
+//! to face or stand in each other.
 
 use glam::Vec3;
 
@@ -122,7 +123,8 @@ pub(super) fn make(kit: &mut Kit) {
     }
 }
 
-/// Stones in courses with their faces near z = 0, looking along +z; `to` says where the wall's start goes.
+/// Stones in courses with their faces near z = 0, looking along +z; `to` says where the wall's
+/// start goes.
 fn wall(
     kit: &mut Kit,
     s: &Stones,

@@ -1,4 +1,5 @@
-//! Tunnels and domes displaced by noise: shells that look inwards, with lamps, crystals, or an opening to the sky.
+//! Tunnels and domes displaced by noise: shells that look inwards, with lamps, crystals, or an
+//! opening to the sky.
 
 use glam::Vec3;
 

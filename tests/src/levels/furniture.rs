@@ -1,4 +1,5 @@
-//! Rooms full of furniture that is flush with walls, sunk in them, hovers by a millimetre to two centimetres, and stands in other furniture.
+//! Rooms full of furniture that is flush with walls, sunk in them, hovers by a millimetre to two
+//! centimetres, and stands in other furniture.
 
 use glam::Vec3;
 

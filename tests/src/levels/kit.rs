@@ -1,4 +1,5 @@
-//! A level under construction: what its author has put into it, and what is needed to place cameras.
+//! A level under construction: what its author has put into it, and what is needed to place
+//! cameras.
 
 use glam::{DVec3, Quat, Vec3};
 use serde_json::json;
@@ -9,7 +10,8 @@ use crate::geometry::Geometry;
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 use crate::path_tracer::Triangle;
 
-/// Lumels per metre of small levels: tens of thousands in all, which a draft does in a second or two.
+/// Lumels per metre of small levels: tens of thousands in all, which a draft does in a second or
+/// two.
 const SMALL_DENSITY: f32 = 10.0;
 
 /// A mesh that can be placed.
@@ -69,7 +71,8 @@ pub(super) struct Kit {
     /// Direction in which sunlight travels.
     pub sun: Option<Vec3>,
     pub spaces: Vec<Space>,
-    /// Whether the backs of nodes count as the inside of something, for cameras. Not for shells that people walk in.
+    /// Whether the backs of nodes count as the inside of something, for cameras. Not for shells
+    /// that people walk in.
     pub solid: bool,
     pub paints: Vec<Paint>,
     /// World triangles; `surface` is an index into `paints`, `node` one into `solids`.
@@ -225,7 +228,8 @@ impl Kit {
         self.spaces.push(Space { min, max });
     }
 
-    /// A sun whose light travels along `direction`, with a disc of `angle` degrees (0 for parallel light).
+    /// A sun whose light travels along `direction`, with a disc of `angle` degrees (0 for parallel
+    /// light).
     pub fn add_sun(&mut self, direction: Vec3, lux: [f32; 3], angle: f32) {
         let light = self.b.light("sun", Light::Directional(lux));
         if angle > 0.0 {

@@ -1,4 +1,5 @@
-//! Halls and corridors with columns under few or many lamps: points, spots, bulbs, long strips, white and coloured.
+//! Halls and corridors with columns under few or many lamps: points, spots, bulbs, long strips,
+//! white and coloured.
 
 use glam::Vec3;
 

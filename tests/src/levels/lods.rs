@@ -1,4 +1,5 @@
-//! Things with three levels of detail in one place, and variants of one thing, in a lit room: as exporters leave them.
+//! Things with three levels of detail in one place, and variants of one thing, in a lit room: as
+//! exporters leave them.
 
 use glam::Vec3;
 

@@ -1,4 +1,5 @@
-//! An office maze: desks between panels that coincide or stand back to back, under ceiling lamps or emissive strips.
+//! An office maze: desks between panels that coincide or stand back to back, under ceiling lamps or
+//! emissive strips.
 
 use glam::Vec3;
 

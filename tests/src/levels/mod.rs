@@ -1,8 +1,10 @@
-//! Levels that nobody tuned for: a generator of levels as people build them, drawn from a family and a seed.
+//! Levels that nobody tuned for: a generator of levels as people build them, drawn from a family
+//! and a seed.
 //!
-//! A level is a `.glb` with three cameras (`view_0` looks around, `view_1` and `view_2` look at corners and contacts from 1.5 to 4 m)
-//! and the settings that `lumel bake` reads beside it (its sky). The same family, seed and size give the same bytes on every
-//! machine. `cargo run --release -p lumel-tests --bin make-level -- --list` names the families.
+//! A level is a `.glb` with three cameras (`view_0` looks around, `view_1` and `view_2` look at
+//! corners and contacts from 1.5 to 4 m) and the settings that `lumel bake` reads beside it (its
+//! sky). The same family, seed and size give the same bytes on every machine.
+//! `cargo run --release -p lumel-tests --bin make-level -- --list` names the families.
 
 mod archviz;
 mod blocks;

@@ -1,12 +1,15 @@
-//! Surfaces of fields: *surface nets* (Gibson, *Constrained Elastic Surface Nets*, 1998), one vertex per cell that the surface cuts.
+//! Surfaces of fields: *surface nets* (Gibson, *Constrained Elastic Surface Nets*, 1998), one
+//! vertex per cell that the surface cuts.
 
 use glam::Vec3;
 
 use crate::geometry::Geometry;
 
-/// The surface where `field` is 0, its fronts on the positive side, in `n` cells of `cell` metres from `min`.
+/// The surface where `field` is 0, its fronts on the positive side, in `n` cells of `cell` metres
+/// from `min`.
 ///
-/// It is open where it leaves the grid. Normals are smooth, by the field's gradient; there are no texture coordinates.
+/// It is open where it leaves the grid. Normals are smooth, by the field's gradient; there are no
+/// texture coordinates.
 pub(super) fn surface(
     min: Vec3,
     cell: f32,

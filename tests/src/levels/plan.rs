@@ -34,7 +34,8 @@ pub(super) enum Edge {
 pub(super) struct Style {
     pub thickness: f32,
     pub joint: Joint,
-    /// Walls, floors and ceilings are planes that look inwards; inner walls are double-sided planes.
+    /// Walls, floors and ceilings are planes that look inwards; inner walls are double-sided
+    /// planes.
     pub skins: bool,
     pub double_sided: bool,
     /// A floor and a ceiling for each room.
@@ -122,7 +123,8 @@ pub(super) struct Built {
 }
 
 impl Plan {
-    /// Closed rooms with doors between all neighbours; the middle of the first corner at the origin.
+    /// Closed rooms with doors between all neighbours; the middle of the first corner at the
+    /// origin.
     pub fn draw(kit: &mut Kit, cells: [u32; 2], side: [f32; 2], height: f32) -> Plan {
         let style = Style::draw(kit);
         let rng = &mut kit.rng;
@@ -377,7 +379,8 @@ impl Plan {
         }
     }
 
-    /// A plane of wall whose front looks towards larger coordinates, or on the last line to smaller ones.
+    /// A plane of wall whose front looks towards larger coordinates, or on the last line to smaller
+    /// ones.
     fn skin(&self, along_x: bool, at: f32, last: bool, [a, b, c, d]: [f32; 4]) -> Geometry {
         let p = |s: f32, y: f32| {
             if along_x {
@@ -448,7 +451,8 @@ impl Room {
         self.taken.iter().any(meets)
     }
 
-    /// Puts parts against a wall (`gap` before it; negative: in it), or anywhere, `lift` above the floor, if there is room.
+    /// Puts parts against a wall (`gap` before it; negative: in it), or anywhere, `lift` above the
+    /// floor, if there is room.
     pub fn stand(
         &mut self,
         kit: &mut Kit,
@@ -515,7 +519,8 @@ impl Room {
         None
     }
 
-    /// A lamp for the room that makes it about `target` bright: a panel at, in or below the ceiling, or a point.
+    /// A lamp for the room that makes it about `target` bright: a panel at, in or below the
+    /// ceiling, or a point.
     pub fn light(&self, kit: &mut Kit, name: &str, target: f32) {
         let middle = (self.min + self.max) / 2.0;
         let d = self.max - self.min;
@@ -644,7 +649,8 @@ pub(super) fn draw_sky(kit: &mut Kit) -> [f32; 3] {
     ]
 }
 
-/// A sun from a direction between `from` and `to` degrees of azimuth (0 shines along +z, 90 along +x).
+/// A sun from a direction between `from` and `to` degrees of azimuth (0 shines along +z, 90 along
+/// +x).
 pub(super) fn draw_sun(kit: &mut Kit, azimuth: [f32; 2], height: [f32; 2]) {
     let rng = &mut kit.rng;
     let (s, c) = super::random::sin_cos(rng.range(azimuth[0], azimuth[1]));

@@ -59,7 +59,8 @@ impl Random {
         }
     }
 
-    /// A colour of luminance about `level`, whose channels differ by up to `spread` of it; at most 0.98.
+    /// A colour of luminance about `level`, whose channels differ by up to `spread` of it; at most
+    /// 0.98.
     pub fn colour(&mut self, level: f32, spread: f32) -> [f32; 3] {
         [0; 3].map(|_| (level * (1.0 + self.range(-spread, spread))).clamp(0.02, 0.98))
     }
@@ -78,7 +79,8 @@ impl Random {
     }
 }
 
-/// Sine and cosine of degrees by Taylor's series: libraries differ in the last bit, and bytes must not.
+/// Sine and cosine of degrees by Taylor's series: libraries differ in the last bit, and bytes must
+/// not.
 ///
 /// Exact at multiples of 90.
 pub(super) fn sin_cos(degrees: f32) -> (f32, f32) {

@@ -1,4 +1,5 @@
-//! Things that levels are furnished with, as parts in metres: base at y = 0, back at z = 0, looking along +z, middle at x = 0.
+//! Things that levels are furnished with, as parts in metres: base at y = 0, back at z = 0, looking
+//! along +z, middle at x = 0.
 
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
@@ -247,7 +248,8 @@ pub(super) fn barrel(rng: &mut Random, p: &Palette) -> Parts {
     out
 }
 
-/// A closed solid of revolution with flat sides; `profile` holds shares of the height and the radius.
+/// A closed solid of revolution with flat sides; `profile` holds shares of the height and the
+/// radius.
 pub(super) fn frustums(n: u32, r: f32, h: f32, profile: &[(f32, f32)]) -> Geometry {
     let at = |(y, k): (f32, f32), i: u32| {
         let q = ring(n, r * k)[(i % n) as usize];
@@ -319,7 +321,8 @@ pub(super) fn faceted(g: Geometry) -> Geometry {
     out
 }
 
-/// An arch of stones over an opening `w` wide that springs at `y`, `d` deep; about the middle in x and z.
+/// An arch of stones over an opening `w` wide that springs at `y`, `d` deep; about the middle in x
+/// and z.
 pub(super) fn arch(stones: u32, w: f32, y: f32, d: f32, t: f32) -> Geometry {
     let mut out = Geometry::default();
     for i in 0..stones {
@@ -376,7 +379,8 @@ pub(super) fn arch(stones: u32, w: f32, y: f32, d: f32, t: f32) -> Geometry {
     out
 }
 
-/// Boxes that stand in each other, each a step higher and reaching down to the floor or to the last one's middle.
+/// Boxes that stand in each other, each a step higher and reaching down to the floor or to the last
+/// one's middle.
 pub(super) fn stairs(
     n: u32,
     rise: f32,

@@ -1,4 +1,5 @@
-//! Stairs of boxes that stand in each other, in a room or under a vault, whose shell may be modelled inside out.
+//! Stairs of boxes that stand in each other, in a room or under a vault, whose shell may be
+//! modelled inside out.
 
 use glam::Vec3;
 
@@ -98,7 +99,8 @@ fn spiral(kit: &mut Kit, height: f32, paint: usize) -> Parts {
 fn shell(kit: &mut Kit, w: f32, d: f32, paint: usize) {
     let n = kit.rng.int(6, 24);
     let inside_out = kit.rng.chance(0.35);
-    // Inside out is the vault alone; what it stands on is as it should be, or nothing would be seen of the room.
+    // Inside out is the vault alone; what it stands on is as it should be, or nothing would be seen
+    // of the room.
     let foot = kit.rng.pick(if inside_out {
         &[1.8, 2.2, 2.6]
     } else {

@@ -1,4 +1,5 @@
-//! Levels that bring lightmap coordinates of their own: good ones, and ones that overlap, leave the square, mirror, or leave no padding.
+//! Levels that bring lightmap coordinates of their own: good ones, and ones that overlap, leave the
+//! square, mirror, or leave no padding.
 
 use glam::{Vec2, Vec3};
 

@@ -1,4 +1,5 @@
-//! Cameras where somebody would look from: drawn in the spaces that a family names, kept if rays say that the picture is worth it.
+//! Cameras where somebody would look from: drawn in the spaces that a family names, kept if rays
+//! say that the picture is worth it.
 
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
@@ -15,7 +16,8 @@ const ASPECT: f64 = 1.5;
 const CLEAR: f64 = 0.3;
 /// Columns and rows of the rays that judge a view.
 const GRID: [u32; 2] = [9, 6];
-/// Backs of single-sided faces that a view may show, and rays that may leave the level where there is no sky.
+/// Backs of single-sided faces that a view may show, and rays that may leave the level where there
+/// is no sky.
 const MOST_BAD: f64 = 0.04;
 
 struct View {
@@ -125,7 +127,8 @@ impl Judge<'_> {
         self.tree.closest(&ray).map(|h| (h.t, h.triangle))
     }
 
-    /// How much there is to see, 0 for a view that nobody would choose, and how much of it is wrong; `None` where no camera can be.
+    /// How much there is to see, 0 for a view that nobody would choose, and how much of it is
+    /// wrong; `None` where no camera can be.
     fn score(&self, v: &View, k: usize, slack: f64) -> Option<(f64, f64)> {
         for i in 0..26 {
             if self.cast(v.eye, around(i), CLEAR).is_some() {
@@ -198,8 +201,9 @@ impl Judge<'_> {
         f64::from(u8::from(lit))
     }
 
-    /// Whether a camera fits: nothing within [`CLEAR`], where thin edges slip between rays, and no solid node around it. Inside of one its
-    /// winding number is about 1 (Jacobson et al., *Robust Inside-Outside Segmentation using Generalized Winding Numbers*, 2013).
+    /// Whether a camera fits: nothing within [`CLEAR`], where thin edges slip between rays, and no
+    /// solid node around it. Inside of one its winding number is about 1 (Jacobson et al., *Robust
+    /// Inside-Outside Segmentation using Generalized Winding Numbers*, 2013).
     fn fits(&self, p: DVec3) -> bool {
         let mut winding = vec![0.0; self.kit.solids.len()];
         for t in self.tree.triangles() {
@@ -216,7 +220,8 @@ impl Judge<'_> {
     }
 }
 
-/// Squared distance of a triangle from the origin: that of its plane where the foot lies inside, else that of its nearest edge.
+/// Squared distance of a triangle from the origin: that of its plane where the foot lies inside,
+/// else that of its nearest edge.
 fn nearest(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     let edge = |p: DVec3, q: DVec3| {
         let d = q - p;

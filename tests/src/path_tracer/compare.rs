@@ -1,4 +1,5 @@
-//! Two lists of irradiances of the same footprints: is one what the other says, within what is known of their errors?
+//! Two lists of irradiances of the same footprints: is one what the other says, within what is
+//! known of their errors?
 
 use std::fmt;
 
@@ -66,9 +67,11 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Relative difference of the sums of what `channel` picks, over pairs whose label `label` accepts.
+    /// Relative difference of the sums of what `channel` picks, over pairs whose label `label`
+    /// accepts.
     ///
-    /// The path tracer's estimates have independent errors, so their variances add. NaN where nothing is lit.
+    /// The path tracer's estimates have independent errors, so their variances add. NaN where
+    /// nothing is lit.
     fn bias(
         &self,
         label: impl Fn(&str) -> bool,
@@ -107,14 +110,17 @@ impl Comparison {
 
     /// What speaks against the judged values; empty if nothing does.
     ///
-    /// 1. The sum of a channel differs by more than `bias_bound` (relative) and 3 standard errors of the path tracer's sum.
-    /// 2. The sum over one label differs by more than 4 standard errors, those claimed added up: neighbours' errors
-    ///    are not independent, so their squares may not be.
-    /// 3. χ²/n of the pairs ([`chi_square`](Comparison::chi_square)) is more than 3 standard deviations √(2/n) above 1: errors are larger than claimed.
-    /// 4. One pair differs by more than 4.5 standard errors. Chance alone does that once in 150,000 pairs.
+    /// 1. The sum of a channel differs by more than `bias_bound` (relative) and 3 standard errors
+    ///    of the path tracer's sum.
+    /// 2. The sum over one label differs by more than 4 standard errors, those claimed added up:
+    ///    neighbours' errors are not independent, so their squares may not be.
+    /// 3. χ²/n of the pairs ([`chi_square`](Comparison::chi_square)) is more than 3 standard
+    ///    deviations √(2/n) above 1: errors are larger than claimed.
+    /// 4. One pair differs by more than 4.5 standard errors. Chance alone does that once in 150,000
+    ///    pairs.
     ///
-    /// Numbers 2 and 4 are looked at many times, hence the higher bounds; all together fail a right list in about 1 of 100 choices of
-    /// random numbers.
+    /// Numbers 2 and 4 are looked at many times, hence the higher bounds; all together fail a right
+    /// list in about 1 of 100 choices of random numbers.
     pub fn objections(&self, bias_bound: f64) -> Vec<String> {
         let mut out = Vec::new();
         for (k, name) in ["red", "green", "blue"].into_iter().enumerate() {
@@ -155,8 +161,8 @@ impl Comparison {
         self.pairs.iter().filter(move |p| !certain(p))
     }
 
-    /// Σz²/n over pairs that are not exactly equal without any error: 1 in the mean if errors are normal, independent and as claimed, with standard
-    /// deviation √(2/n).
+    /// Σz²/n over pairs that are not exactly equal without any error: 1 in the mean if errors are
+    /// normal, independent and as claimed, with standard deviation √(2/n).
     pub fn chi_square(&self) -> f64 {
         let sum: f64 = self.uncertain().map(|p| p.z().powi(2)).sum();
         sum / self.uncertain().count().max(1) as f64
@@ -216,8 +222,8 @@ mod tests {
     use super::super::random::Random;
     use super::*;
 
-    /// 400 pairs in two places whose judged values are right but for noise of `noise` standard errors as claimed, of which
-    /// each side has one, times `factor`.
+    /// 400 pairs in two places whose judged values are right but for noise of `noise` standard
+    /// errors as claimed, of which each side has one, times `factor`.
     fn made_up(noise: f64, factor: f64) -> Comparison {
         let mut rng = Random::new(1, 1);
         // Sum of twelve uniform numbers: nearly normal, variance 1.
@@ -253,7 +259,8 @@ mod tests {
     #[test]
     fn each_fault_is_named() {
         let of = |c: &Comparison, bound: f64| c.objections(bound).join("; ");
-        // The sum is known to 0.01/√400 = 0.05 %, on both sides; 3 of these and the bound are what it takes.
+        // The sum is known to 0.01/√400 = 0.05 %, on both sides; 3 of these and the bound are what
+        // it takes.
         assert!(of(&made_up(1.0, 1.005), 0.0).contains("red differs by"));
         assert!(of(&made_up(1.0, 0.995), 0.0).contains("blue differs by"));
         assert!(!of(&made_up(1.0, 1.005), 0.01).contains("red differs by"));

@@ -1,4 +1,5 @@
-//! The pieces of surface that a lightmap's texels stand for, found from the written texture coordinates alone.
+//! The pieces of surface that a lightmap's texels stand for, found from the written texture
+//! coordinates alone.
 
 use std::collections::BTreeMap;
 
@@ -47,9 +48,11 @@ impl Footprint {
         }
     }
 
-    /// The point of the scene nearest to `position` on a triangle that faces along `normal` (unit, at most 60° off); `None` if there is none.
+    /// The point of the scene nearest to `position` on a triangle that faces along `normal` (unit,
+    /// at most 60° off); `None` if there is none.
     ///
-    /// For points of other programs, which know no triangle of ours. The point is moved onto the triangle.
+    /// For points of other programs, which know no triangle of ours. The point is moved onto the
+    /// triangle.
     pub fn nearest(scene: &Scene, position: DVec3, normal: DVec3) -> Option<Footprint> {
         let mut best: Option<(f64, Footprint)> = None;
         for (i, triangle) in scene.triangles.iter().enumerate() {
@@ -59,7 +62,8 @@ impl Footprint {
             let [a, b, c] = triangle.corners;
             let n = triangle.cross();
             let p = position - a;
-            // Barycentrics of the foot on the plane, then of the nearest point of the triangle in their terms: exact for points inside.
+            // Barycentrics of the foot on the plane, then of the nearest point of the triangle in
+            // their terms: exact for points inside.
             let u = p.cross(c - a).dot(n) / n.length_squared();
             let v = (b - a).cross(p).dot(n) / n.length_squared();
             let (u, v) = (u.max(0.0), v.max(0.0));
@@ -73,7 +77,8 @@ impl Footprint {
         best.map(|b| b.1)
     }
 
-    /// Its parts: a triangle each, and the convex polygon in that triangle's barycentrics (of the second and third corner).
+    /// Its parts: a triangle each, and the convex polygon in that triangle's barycentrics (of the
+    /// second and third corner).
     pub fn outlines(&self) -> impl Iterator<Item = (usize, &[DVec2])> {
         (self.pieces.iter()).map(|p| (p.triangle, p.outline.as_slice()))
     }
@@ -129,14 +134,16 @@ impl Footprint {
     }
 }
 
-/// Texels that are covered less than this are padding that a chart's edge touches by rounding: coordinates are f32, which on a page
-/// of 2048 texels is 1.2e-4 of a texel. A footprint as thin as a ray's rounding error cannot be traced from, either.
+/// Texels that are covered less than this are padding that a chart's edge touches by rounding:
+/// coordinates are f32, which on a page of 2048 texels is 1.2e-4 of a texel. A footprint as thin as
+/// a ray's rounding error cannot be traced from, either.
 const LEAST_COVERAGE: f64 = 2e-4;
 
-/// The footprints of all texels of a lightmap whose pages have `sizes` (width, height), ordered by page, row, column.
+/// The footprints of all texels of a lightmap whose pages have `sizes` (width, height), ordered by
+/// page, row, column.
 ///
-/// A texel's footprint is the part of its square that triangles cover, mapped to space. Texels covered less than 2e-4 are left out, and so
-/// are triangles on pages that do not exist.
+/// A texel's footprint is the part of its square that triangles cover, mapped to space. Texels
+/// covered less than 2e-4 are left out, and so are triangles on pages that do not exist.
 pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
     let mut found: BTreeMap<(usize, u32, u32), Footprint> = BTreeMap::new();
     for (index, triangle) in scene.triangles.iter().enumerate() {
@@ -181,7 +188,8 @@ pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
     out
 }
 
-/// `count` different ones of `footprints`, chosen by `seed`, in their order; all where there are no more.
+/// `count` different ones of `footprints`, chosen by `seed`, in their order; all where there are no
+/// more.
 pub fn choose(footprints: Vec<Footprint>, count: usize, seed: u64) -> Vec<Footprint> {
     let mut rng = Random::new(seed, u64::MAX);
     let mut left = count;
@@ -196,7 +204,8 @@ pub fn choose(footprints: Vec<Footprint>, count: usize, seed: u64) -> Vec<Footpr
     all.filter(chosen).map(|(_, f)| f).collect()
 }
 
-/// The texels that a triangle (in texels, y down) touches, each with the polygon that it cuts out of the triangle.
+/// The texels that a triangle (in texels, y down) touches, each with the polygon that it cuts out
+/// of the triangle.
 fn texels(corners: [DVec2; 3], [width, height]: [u32; 2]) -> Vec<([u32; 2], Vec<DVec2>)> {
     let low = corners[0].min(corners[1]).min(corners[2]).floor();
     let high = corners[0].max(corners[1]).max(corners[2]).ceil();

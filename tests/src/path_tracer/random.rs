@@ -3,8 +3,8 @@
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng;
 
-/// A stream of numbers: O'Neill, *PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for Random Number
-/// Generation*, 2014 (PCG64 XSL-RR).
+/// A stream of numbers: O'Neill, *PCG: A Family of Simple Fast Space-Efficient Statistically Good
+/// Algorithms for Random Number Generation*, 2014 (PCG64 XSL-RR).
 pub(super) struct Random(Pcg64);
 
 impl Random {

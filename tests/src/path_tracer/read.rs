@@ -1,4 +1,5 @@
-//! Reads the `.glb` files that this project writes, and refuses what the path tracer does not model.
+//! Reads the `.glb` files that this project writes, and refuses what the path tracer does not
+//! model.
 
 use glam::{DMat4, DQuat, DVec2, DVec3};
 use serde_json::Value;
@@ -15,14 +16,16 @@ const UNSIGNED_INT: u64 = 5125;
 const DEEPEST: usize = 64;
 
 impl Scene {
-    /// Reads a binary glTF 2.0: float positions, u16 or u32 indices, triangle lists, node transforms, base colour and emission
-    /// factors, punctual lights, and where a bake has written them lightmap coordinates. The sky is black.
+    /// Reads a binary glTF 2.0: float positions, u16 or u32 indices, triangle lists, node
+    /// transforms, base colour and emission factors, punctual lights, and where a bake has written
+    /// them lightmap coordinates. The sky is black.
     ///
     /// Triangles without area are dropped. A scale that mirrors keeps fronts outside, as glTF asks.
     ///
     /// # Errors
-    /// A sentence, for a file that is broken or holds what changes light and is not modelled here: textures on surfaces, vertex colours, alpha, sparse or
-    /// quantised accessors, skins, morph targets, light ranges, required extensions. Nothing is guessed.
+    /// A sentence, for a file that is broken or holds what changes light and is not modelled here:
+    /// textures on surfaces, vertex colours, alpha, sparse or quantised accessors, skins, morph
+    /// targets, light ranges, required extensions. Nothing is guessed.
     pub fn from_glb(bytes: &[u8]) -> Result<Scene> {
         let file = File::parse(bytes)?;
         if let Some(required) = file.json["extensionsRequired"].as_array()

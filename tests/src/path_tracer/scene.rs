@@ -22,7 +22,8 @@ pub struct Triangle {
     pub surface: usize,
     /// Index into [`Scene::nodes`].
     pub node: usize,
-    /// Page of the lightmap and the corners' place on it (0..=1, v down), where the node has a lightmap.
+    /// Page of the lightmap and the corners' place on it (0..=1, v down), where the node has a
+    /// lightmap.
     pub lightmap: Option<(usize, [DVec2; 3])>,
 }
 
@@ -60,8 +61,8 @@ pub enum Light {
         /// Intensity, W/sr (candela).
         intensity: DVec3,
     },
-    /// Shines from a point into a cone; between the half-angles the intensity falls as the square of a ramp in the cosine
-    /// (KHR_lights_punctual, "Inner and Outer Cone Angles").
+    /// Shines from a point into a cone; between the half-angles the intensity falls as the square
+    /// of a ramp in the cosine (KHR_lights_punctual, "Inner and Outer Cone Angles").
     Spot {
         /// Metres.
         position: DVec3,

@@ -1,5 +1,6 @@
-//! The path tracer against closed forms. Random numbers are fixed, so a test that passes will pass; the bounds on z are what keeps
-//! a right estimator from failing when its numbers are changed: of 20 values of z, one beyond 4 comes up once in 800 times.
+//! The path tracer against closed forms. Random numbers are fixed, so a test that passes will pass;
+//! the bounds on z are what keeps a right estimator from failing when its numbers are changed: of
+//! 20 values of z, one beyond 4 comes up once in 800 times.
 
 use std::f64::consts::PI;
 
@@ -15,7 +16,8 @@ fn tracer(glb: &[u8]) -> PathTracer {
     PathTracer::new(Scene::from_glb(glb).expect("a scene that it models"))
 }
 
-/// A footprint of the point of the scene's first triangle pair (a floor) that lies at (x, z), and that point.
+/// A footprint of the point of the scene's first triangle pair (a floor) that lies at (x, z), and
+/// that point.
 fn floor_point(t: &PathTracer, x: f64, z: f64) -> Footprint {
     let p = DVec3::new(x, 0.0, z);
     for (i, triangle) in t.scene().triangles.iter().enumerate().take(2) {
@@ -43,7 +45,8 @@ fn a_point_light_has_no_noise() {
     for r in [0.0, 0.5, 1.9] {
         let e = t.irradiance(&[floor_point(&t, r, 0.0)], Effort::new(2, 1))[0];
         let exact = forms::point_irradiance(100.0, 1.5, r);
-        // f64 arithmetic on coordinates that f32 holds exactly or to 6e-8 (the candela are 100 × 1.0).
+        // f64 arithmetic on coordinates that f32 holds exactly or to 6e-8 (the candela are 100 ×
+        // 1.0).
         assert!(
             (e.mean.x / exact - 1.0).abs() < 1e-7 && e.error.x == 0.0,
             "{e:?} {exact}"
@@ -61,7 +64,8 @@ fn a_spot_and_a_sun_have_no_noise() {
             / (f64::from(inner).cos() - f64::from(outer).cos());
         let exact = forms::point_irradiance(100.0, 2.0, r) * ramp.clamp(0.0, 1.0).powi(2);
         let e = t.irradiance(&[floor_point(&t, r, 0.0)], Effort::new(2, 1))[0];
-        // The node's rotation is stored as f32: 1e-7 radians, which the cone's slope of about 10 makes 1e-6.
+        // The node's rotation is stored as f32: 1e-7 radians, which the cone's slope of about 10
+        // makes 1e-6.
         assert!(
             (e.mean.x - exact).abs() < 1e-5 * 25.0,
             "{angle}: {e:?} {exact}"
@@ -99,7 +103,8 @@ fn a_rectangle_over_a_floor() {
                 z(&e, exact).abs() < WORST_Z,
                 "{emitters:?} ({x}, {z_}): {e:?} {exact}"
             );
-            // By points the noise is some per cent of the value for a single path; a wrong constant factor cannot hide.
+            // By points the noise is some per cent of the value for a single path; a wrong constant
+            // factor cannot hide.
             let limit = if emitters == EmitterSampling::Hits {
                 0.2
             } else {
@@ -172,8 +177,10 @@ fn a_uniform_sky_and_the_mouth_of_a_box() {
 fn an_indirectly_lit_sphere() {
     let (glb, share) = forms::sphere_interior(3.0, 0.6, 0.5, 3);
     let t = tracer(&glb);
-    // In a sphere F_ij does not hang on i, so E = mean(M_e)/(1−ρ). With flat facets that holds for the mean over the sphere only up to the order of
-    // their angle squared (forms::sphere_interior), so every 16th facet is asked and the mean is held to 4^−3 ≈ 1.6 % more.
+    // In a sphere F_ij does not hang on i, so E = mean(M_e)/(1−ρ). With flat facets that holds for
+    // the mean over the sphere only up to the order of their angle squared
+    // (forms::sphere_interior), so every 16th facet is asked and the mean is held to 4^−3 ≈ 1.6 %
+    // more.
     let footprints: Vec<_> = (0..t.scene().triangles.len())
         .step_by(16)
         .map(|i| Footprint::of_point(i, 0.33, 0.33))
@@ -189,7 +196,8 @@ fn an_indirectly_lit_sphere() {
     );
 }
 
-/// All three ways of finding emitters estimate one thing, where light has bounced and there is no closed form.
+/// All three ways of finding emitters estimate one thing, where light has bounced and there is no
+/// closed form.
 #[test]
 fn emitters_are_counted_once_however_they_are_found() {
     let t = tracer(&cornell_box());
@@ -428,7 +436,8 @@ fn a_choice_is_a_choice() {
     );
     assert!(some == of(10, 1) && some != of(10, 2));
     assert_eq!(of(1000, 1).len(), 100);
-    // Every item has the same chance: 2000 of 20 in 100 draws of 20 each, ± 4 standard deviations of √(2000·0.2·0.8) = 18.
+    // Every item has the same chance: 2000 of 20 in 100 draws of 20 each, ± 4 standard deviations
+    // of √(2000·0.2·0.8) = 18.
     let mut hits = [0i32; 100];
     for seed in 0..2000 {
         for i in of(20, seed) {

@@ -10,15 +10,18 @@ use super::random::Random;
 use super::scene::{Light, Scene, Triangle};
 use super::tree::{Ray, Tree};
 
-/// Roulette lets a path live with at most this chance, so that it ends even between surfaces that absorb nothing.
+/// Roulette lets a path live with at most this chance, so that it ends even between surfaces that
+/// absorb nothing.
 const MOST_SURVIVAL: f64 = 0.99;
 
-/// How the light of emissive triangles is found. All three are unbiased and count every emitter once; they differ in variance.
+/// How the light of emissive triangles is found. All three are unbiased and count every emitter
+/// once; they differ in variance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum EmitterSampling {
     /// By paths that happen to hit them.
     Hits,
-    /// By a point drawn on one of them at each vertex of the path; hits do not count. Infinite variance where surface touches emitter.
+    /// By a point drawn on one of them at each vertex of the path; hits do not count. Infinite
+    /// variance where surface touches emitter.
     Points,
     /// By both, weighted by the balance heuristic (Veach 1997, §9.2.2): low variance everywhere.
     #[default]
@@ -34,8 +37,8 @@ pub struct Effort {
     pub seed: u64,
     /// How emitters are found.
     pub emitters: EmitterSampling,
-    /// Reflections after which paths are cut off. `None`, the default, cuts none; a number makes the estimate biased, to see whether a
-    /// comparison notices.
+    /// Reflections after which paths are cut off. `None`, the default, cuts none; a number makes
+    /// the estimate biased, to see whether a comparison notices.
     pub bounces: Option<u32>,
 }
 
@@ -58,7 +61,8 @@ pub struct Estimate {
     pub mean: DVec3,
     /// Standard error of each channel's mean.
     pub error: DVec3,
-    /// Standard error of the mean's luminance (the channels share their paths, so it does not follow from `error`).
+    /// Standard error of the mean's luminance (the channels share their paths, so it does not
+    /// follow from `error`).
     pub luminance_error: f64,
 }
 
@@ -159,8 +163,9 @@ impl PathTracer {
 
     /// One sample of the irradiance at `start`.
     ///
-    /// E(x) = Σ lights + ∫ L_e cosθ dω + ∫ (ρ/π)·E(y) cosθ dω over the points y that x sees. A direction drawn with density cosθ/π turns the last
-    /// term into ρ·E(y), which is this function again.
+    /// E(x) = Σ lights + ∫ L_e cosθ dω + ∫ (ρ/π)·E(y) cosθ dω over the points y that x sees. A
+    /// direction drawn with density cosθ/π turns the last term into ρ·E(y), which is this function
+    /// again.
     fn path(&self, start: Vertex, rng: &mut Random, effort: Effort) -> DVec3 {
         let mut sum = DVec3::ZERO;
         // What E at `x` counts in E at the start.
@@ -314,7 +319,8 @@ impl PathTracer {
     }
 }
 
-/// A unit vector with density cosθ/π about the unit `normal`: a uniform point of the unit disc, raised to the sphere.
+/// A unit vector with density cosθ/π about the unit `normal`: a uniform point of the unit disc,
+/// raised to the sphere.
 fn cosine_direction(normal: DVec3, rng: &mut Random) -> DVec3 {
     let (r2, angle) = (rng.next(), TAU * rng.next());
     // Any vector that is not near the normal gives a frame.

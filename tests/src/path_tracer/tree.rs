@@ -16,7 +16,8 @@ pub struct Ray {
     pub direction: DVec3,
     /// Hits at or beyond this `t` do not count.
     pub t_max: f64,
-    /// Triangles that the ray passes through: the one that it starts on, and the one that it is aimed at.
+    /// Triangles that the ray passes through: the one that it starts on, and the one that it is
+    /// aimed at.
     pub skip: [usize; 2],
 }
 
@@ -62,8 +63,9 @@ impl Tree {
         let mut tree = Tree {
             order: (0..triangles.len()).collect(),
             nodes: Vec::new(),
-            // A ray that starts on a surface may find a neighbour at a distance of rounding, some 1e-16 of the scene's size. 1e-10 of it is
-            // far above that and far below anything that a lumel could see.
+            // A ray that starts on a surface may find a neighbour at a distance of rounding, some
+            // 1e-16 of the scene's size. 1e-10 of it is far above that and far below anything that
+            // a lumel could see.
             t_min: size * 1e-10,
             triangles,
         };
@@ -78,7 +80,8 @@ impl Tree {
         &self.triangles
     }
 
-    /// Adds the node over `order[from..to]`, and all below it; `pad` widens boxes beyond what rounding can cost.
+    /// Adds the node over `order[from..to]`, and all below it; `pad` widens boxes beyond what
+    /// rounding can cost.
     fn split(&mut self, from: usize, to: usize, pad: f64) {
         let me = self.nodes.len();
         let (mut min, mut max) = (DVec3::MAX, DVec3::MIN);
@@ -182,7 +185,8 @@ fn meets_box(node: &Node, origin: DVec3, inverse: DVec3, t_max: f64) -> bool {
 
 /// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997; no culling.
 ///
-/// Rays that pass between two triangles through the rounding error of their shared edge are lost: some 1e-16 of all.
+/// Rays that pass between two triangles through the rounding error of their shared edge are lost:
+/// some 1e-16 of all.
 fn meets_triangle(triangle: &Triangle, ray: &Ray, t_min: f64) -> Option<f64> {
     let [a, b, c] = triangle.corners;
     let (e1, e2) = (b - a, c - a);

@@ -7,13 +7,15 @@ use crate::gltf::{GltfBuilder, Material, Node};
 
 /// An empty room whose surfaces are square patches, with a lamp panel let into its ceiling, as GLB.
 ///
-/// The room is a cube of 4 m whose six faces are `n` × `n` squares (two triangles each), so 6n² patches: n = 13 gives 1014 and
-/// n = 31 gives 5766, the sizes at which the solvers of the classic studies were compared. Walls reflect 0.7, the floor 0.4, the
-/// ceiling 0.8 and one wall is red (0.6, 0.1, 0.1). The middle third of the ceiling's squares (rounded to the nearest odd or even
-/// number that keeps it centred) emits 5 W/(m² sr) and reflects nothing.
-/// Sources of the kind of scene: Cohen, Chen, Wallace and Greenberg, *A Progressive Refinement Approach to Fast
-/// Radiosity Image Generation*, 1988; Gortler, Cohen and Slusallek, *Radiosity and Relaxation Methods*, 1994.
-/// One mesh `room` with primitives walls, red wall, floor, ceiling and lamp; no vertex is off its neighbour's edge.
+/// The room is a cube of 4 m whose six faces are `n` × `n` squares (two triangles each), so 6n²
+/// patches: n = 13 gives 1014 and n = 31 gives 5766, the sizes at which the solvers of the classic
+/// studies were compared. Walls reflect 0.7, the floor 0.4, the ceiling 0.8 and one wall is red
+/// (0.6, 0.1, 0.1). The middle third of the ceiling's squares (rounded to the nearest odd or even
+/// number that keeps it centred) emits 5 W/(m² sr) and reflects nothing. Sources of the kind of
+/// scene: Cohen, Chen, Wallace and Greenberg, *A Progressive Refinement Approach to Fast Radiosity
+/// Image Generation*, 1988; Gortler, Cohen and Slusallek, *Radiosity and Relaxation Methods*, 1994.
+/// One mesh `room` with primitives walls, red wall, floor, ceiling and lamp; no vertex is off its
+/// neighbour's edge.
 pub fn classic_room(n: u32) -> Vec<u8> {
     let n = n.max(3);
     let size = 4.0;

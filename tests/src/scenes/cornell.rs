@@ -1,16 +1,17 @@
 //! The Cornell box.
 //!
-//! Geometry, spectra and camera: Cornell University Program of Computer Graphics, *Cornell Box Data*
-//! (<https://www.graphics.cornell.edu/online/box/data.html>), measured in millimetres; first described by Goral, Torrance,
-//! Greenberg and Battaile, *Modeling the Interaction of Light Between Diffuse Surfaces*, 1984.
+//! Geometry, spectra and camera: Cornell University Program of Computer Graphics, *Cornell Box
+//! Data* (<https://www.graphics.cornell.edu/online/box/data.html>), measured in millimetres; first
+//! described by Goral, Torrance, Greenberg and Battaile, *Modeling the Interaction of Light Between
+//! Diffuse Surfaces*, 1984.
 
 use glam::{Quat, Vec3};
 
 use crate::geometry::{Geometry, quad};
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// One published unit (a millimetre) is a centimetre here: the box is a room 5.5 m wide, at which usual lightmap
-/// densities make sense. Irradiance does not change with scale.
+/// One published unit (a millimetre) is a centimetre here: the box is a room 5.5 m wide, at which
+/// usual lightmap densities make sense. Irradiance does not change with scale.
 const METRES_PER_UNIT: f32 = 0.01;
 
 /// Lamp emission at 400, 500, 600 and 700 nm, as published (relative units; here W/(m² sr)).
@@ -46,8 +47,9 @@ const RED: [f64; 76] = [
     0.650, 0.638, 0.627, 0.620, 0.630, 0.628, 0.642, 0.639, 0.657, 0.639, 0.635, 0.642,
 ];
 
-/// Weights of linear Rec.709 R, G and B at `nm`: the CIE 1931 observer in the multi-lobe fit of Wyman, Sloan and Shirley,
-/// *Simple Analytic Approximations to the CIE XYZ Color Matching Functions*, JCGT 2(2), 2013, times the sRGB matrix.
+/// Weights of linear Rec.709 R, G and B at `nm`: the CIE 1931 observer in the multi-lobe fit of
+/// Wyman, Sloan and Shirley, *Simple Analytic Approximations to the CIE XYZ Color Matching
+/// Functions*, JCGT 2(2), 2013, times the sRGB matrix.
 fn rgb_weights(nm: f64) -> [f64; 3] {
     let lobe = |mean: f64, below: f64, above: f64| {
         let t = (nm - mean) / if nm < mean { below } else { above };
@@ -64,9 +66,11 @@ fn rgb_weights(nm: f64) -> [f64; 3] {
     ]
 }
 
-/// A spectrum at 400, 404, … 700 nm as linear RGB, relative to the equal-energy spectrum (which becomes 1, 1, 1).
+/// A spectrum at 400, 404, … 700 nm as linear RGB, relative to the equal-energy spectrum (which
+/// becomes 1, 1, 1).
 ///
-/// Rounded to three decimals, so that the last bit of the platform's `exp` does not reach the asset.
+/// Rounded to three decimals, so that the last bit of the platform's `exp` does not reach the
+/// asset.
 fn to_rgb(spectrum: &[f64; 76]) -> [f32; 3] {
     let (mut sum, mut unit) = ([0.0; 3], [0.0; 3]);
     for (i, s) in spectrum.iter().enumerate() {
@@ -96,11 +100,13 @@ fn p(x: f32, y: f32, z: f32) -> Vec3 {
     Vec3::new(x, y, z) * METRES_PER_UNIT
 }
 
-/// The box as GLB: one mesh and node with primitives white, red, green and lamp, open at the front (−Z) as published.
+/// The box as GLB: one mesh and node with primitives white, red, green and lamp, open at the front
+/// (−Z) as published.
 ///
-/// The lamp sits in the ceiling's plane and the ceiling is cut out around it, so that no surface hides behind it; everything
-/// else is as published, the floor under the blocks included (its hidden lumels get exactly no light). Fronts face the
-/// room and the outside of the blocks. Node names: `cornell_box`, `camera`.
+/// The lamp sits in the ceiling's plane and the ceiling is cut out around it, so that no surface
+/// hides behind it; everything else is as published, the floor under the blocks included (its
+/// hidden lumels get exactly no light). Fronts face the room and the outside of the blocks. Node
+/// names: `cornell_box`, `camera`.
 pub fn cornell_box() -> Vec<u8> {
     let floor = quad([
         p(552.8, 0.0, 0.0),
@@ -138,7 +144,8 @@ pub fn cornell_box() -> Vec<u8> {
         p(213.0, 548.8, 332.0),
         p(213.0, 548.8, 227.0),
     ];
-    // Four trapezoids between the ceiling's outline and the lamp's; they share corners, so there is no T-junction.
+    // Four trapezoids between the ceiling's outline and the lamp's; they share corners, so there is
+    // no T-junction.
     let rim = |i: usize| {
         let j = (i + 1) % 4;
         Geometry {
@@ -218,7 +225,8 @@ mod tests {
     #[test]
     fn colours_are_those_that_others_derive_from_the_same_spectra() {
         let [white, red, green] = reflectances();
-        // Means of the published curves over each channel's band; 0.03 covers the width of the sRGB primaries.
+        // Means of the published curves over each channel's band; 0.03 covers the width of the sRGB
+        // primaries.
         for (got, want) in [
             (white, [0.74, 0.74, 0.73]),
             (red, [0.48, 0.05, 0.05]),

@@ -1,7 +1,9 @@
-//! The demo level: a small keep with a pillared hall, a courtyard, a corridor and three rooms off it.
+//! The demo level: a small keep with a pillared hall, a courtyard, a corridor and three rooms off
+//! it.
 //!
-//! Modelled by this project. Units are relative: one unit of R = E/π in full sun on a level floor, so that a preview needs
-//! no exposure. Nothing in it needs a sky; `--sky 0.25,0.35,0.5` makes the courtyard's shade bluer.
+//! Modelled by this project. Units are relative: one unit of R = E/π in full sun on a level floor,
+//! so that a preview needs no exposure. Nothing in it needs a sky; `--sky 0.25,0.35,0.5` makes the
+//! courtyard's shade bluer.
 
 use std::f32::consts::PI;
 
@@ -61,9 +63,10 @@ enum Paint {
 
 /// The demo level as GLB.
 ///
-/// Six spaces with doorways between them; roofs everywhere but over the courtyard; about fifty instances of shared props;
-/// tiles, boards, bricks and crates with textures; a masked grate over an opening of the roof; emissive panels and lanterns; a sun,
-/// point lights and a spot. The first camera stands in the hall, the second shows the level from above.
+/// Six spaces with doorways between them; roofs everywhere but over the courtyard; about fifty
+/// instances of shared props; tiles, boards, bricks and crates with textures; a masked grate over
+/// an opening of the roof; emissive panels and lanterns; a sun, point lights and a spot. The first
+/// camera stands in the hall, the second shows the level from above.
 pub fn demo_level() -> Vec<u8> {
     let mut b = GltfBuilder::new();
     architecture(&mut b);
@@ -298,7 +301,8 @@ fn ring(n: u32, radius: f32) -> Vec<Vec2> {
         .collect()
 }
 
-/// Without the faces that look straight down: for things that stand on a floor, sunk into it by a centimetre.
+/// Without the faces that look straight down: for things that stand on a floor, sunk into it by a
+/// centimetre.
 fn without_bottom(mut g: Geometry) -> Geometry {
     g.triangles.retain(|t| g.normals[t[0] as usize].y > -0.5);
     g
@@ -533,7 +537,8 @@ fn basin(outer: f32, inner: f32) -> (Geometry, Geometry) {
 fn corridor_and_grate(b: &mut GltfBuilder) {
     let frame = b.material(&Material::diffuse("fixture", [0.45, 0.46, 0.48]));
     let cool = b.material(&Material::emitter("panel_glow", [4.2, 5.2, 6.2], [0.6; 3]));
-    // A ceiling panel: a frame that hangs two centimetres clear of the ceiling and a glowing face let into it.
+    // A ceiling panel: a frame that hangs two centimetres clear of the ceiling and a glowing face
+    // let into it.
     let panel_frame = cuboid(
         Vec3::new(-0.75, -0.12, -0.2),
         Vec3::new(0.75, -0.02, 0.2),
@@ -557,7 +562,8 @@ fn corridor_and_grate(b: &mut GltfBuilder) {
             Vec3::ONE,
         );
     }
-    // The grate lies in the roof's opening; a texture tile is 44 cm, so that bars are 11 cm apart from opening to opening.
+    // The grate lies in the roof's opening; a texture tile is 44 cm, so that bars are 11 cm apart
+    // from opening to opening.
     let iron = b.texture("grate", &textures::grate(64, [92, 88, 84]), false);
     let iron = b.material(&Material {
         texture: Some(iron),

@@ -6,16 +6,19 @@ use super::classic::ceiling;
 use crate::geometry::{Geometry, box_faces, icosphere};
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// Level of the balls' icospheres: 2 × 20·4⁶ = 163,840 triangles, the size of a scanned statue after clean-up.
+/// Level of the balls' icospheres: 2 × 20·4⁶ = 163,840 triangles, the size of a scanned statue
+/// after clean-up.
 const LEVEL: u32 = 6;
 
-/// A closed room of 4 m with two knobbly balls of 81,920 triangles each under a lamp panel let into the ceiling, as GLB.
+/// A closed room of 4 m with two knobbly balls of 81,920 triangles each under a lamp panel let into
+/// the ceiling, as GLB.
 ///
-/// Walls reflect 0.7, one wall is red (0.6, 0.1, 0.1), the floor 0.4, the ceiling 0.8; the balls reflect 0.65 and (0.3, 0.5, 0.7). The
-/// panel (the middle third of the ceiling each way, 1.33 m) emits 5 W/(m² sr). The balls float 1 cm clear of the floor
-/// and of each other. No back face is seen from anywhere, so a renderer that treats surfaces as two-sided must agree with
-/// one that does not. 163,868 triangles with smooth normals on the balls; nodes `room`, `ball_fine`, `ball_coarse`.
-/// Not committed (3 MB): `make-assets --dense DIR` writes it.
+/// Walls reflect 0.7, one wall is red (0.6, 0.1, 0.1), the floor 0.4, the ceiling 0.8; the balls
+/// reflect 0.65 and (0.3, 0.5, 0.7). The panel (the middle third of the ceiling each way, 1.33 m)
+/// emits 5 W/(m² sr). The balls float 1 cm clear of the floor and of each other. No back face is
+/// seen from anywhere, so a renderer that treats surfaces as two-sided must agree with one that
+/// does not. 163,868 triangles with smooth normals on the balls; nodes `room`, `ball_fine`,
+/// `ball_coarse`. Not committed (3 MB): `make-assets --dense DIR` writes it.
 pub fn dense_room() -> Vec<u8> {
     let size = 4.0;
     let [left, right, floor, _, back, front] =
@@ -66,10 +69,11 @@ pub fn dense_room() -> Vec<u8> {
     b.finish()
 }
 
-/// An icosphere whose radius swings by ± `depth` metres with `waves` waves around, fronts outside, smooth normals.
+/// An icosphere whose radius swings by ± `depth` metres with `waves` waves around, fronts outside,
+/// smooth normals.
 ///
-/// r(d) = radius + depth · sin(w·x) · sin(w·y) · sin(w·z) · 1.5 of the direction d, clamped to ± depth: no vertex lies further
-/// out than radius + depth.
+/// r(d) = radius + depth · sin(w·x) · sin(w·y) · sin(w·z) · 1.5 of the direction d, clamped to ±
+/// depth: no vertex lies further out than radius + depth.
 fn knobbly_ball(centre: Vec3, radius: f32, depth: f32, waves: f32) -> Geometry {
     let mut g = icosphere(Vec3::ZERO, 1.0, LEVEL).bare();
     for p in &mut g.positions {

@@ -22,7 +22,8 @@ pub use sealed::sealed_dark_box;
 
 use crate::gltf::{GltfBuilder, Node, look_along};
 
-/// Adds a 16:9 camera at `eye` that looks at `target`; vertical field of view in degrees. The first is the preview's.
+/// Adds a 16:9 camera at `eye` that looks at `target`; vertical field of view in degrees. The first
+/// is the preview's.
 fn add_camera(b: &mut GltfBuilder, eye: Vec3, target: Vec3, degrees: f32) {
     let camera = b.camera("camera", degrees.to_radians(), 16.0 / 9.0);
     b.node(Node {

@@ -5,17 +5,20 @@ use glam::{Vec3, Vec3Swizzles};
 use crate::geometry::{Geometry, box_faces, cuboid, room};
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// A bright room with a sealed box inside it, as GLB; E is exactly 0 on every face of `dark_inside`.
+/// A bright room with a sealed box inside it, as GLB; E is exactly 0 on every face of
+/// `dark_inside`.
 ///
-/// The room is 6 × 3 × 6 m with a lamp panel in its ceiling (radiance 10 W/(m² sr), 2 × 2 m) and walls of reflectance 0.7. The
-/// box floats at its centre, 1.5 m wide, its walls `wall` metres thick (> 0; less than a lumel is the hard case), with faces
-/// modelled on both sides of the walls. Node names: `room`, `box_outside`, `dark_inside`.
+/// The room is 6 × 3 × 6 m with a lamp panel in its ceiling (radiance 10 W/(m² sr), 2 × 2 m) and
+/// walls of reflectance 0.7. The box floats at its centre, 1.5 m wide, its walls `wall` metres
+/// thick (> 0; less than a lumel is the hard case), with faces modelled on both sides of the walls.
+/// Node names: `room`, `box_outside`, `dark_inside`.
 pub fn sealed_dark_box(wall: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.7; 3]));
     let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
     let lamp = b.material(&Material::emitter("lamp", [10.0; 3], [0.0; 3]));
-    // The lamp is the middle square of the ceiling's three by three: nothing is hidden behind it, and no edge is split.
+    // The lamp is the middle square of the ceiling's three by three: nothing is hidden behind it,
+    // and no edge is split.
     let mut faces =
         box_faces(Vec3::new(-3.0, 0.0, -3.0), Vec3::new(3.0, 3.0, 3.0), 3).map(Geometry::flipped);
     let mut panel = faces[3].clone();

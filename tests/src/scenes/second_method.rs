@@ -1,7 +1,8 @@
 //! Rooms whose light has no closed form, for the comparison of the bake with a path tracer.
 //!
-//! All are closed or open only to the sky, plain (no textures, so that the path tracer reads them), a few metres wide, and made of
-//! nodes named after what they are, so that a difference can be told by place.
+//! All are closed or open only to the sky, plain (no textures, so that the path tracer reads them),
+//! a few metres wide, and made of nodes named after what they are, so that a difference can be told
+//! by place.
 
 use glam::Vec3;
 
@@ -21,7 +22,8 @@ struct Paints {
     ceiling: [f32; 3],
 }
 
-/// Adds one node per space and part of `carver`'s faces; the outside is left out, since backs block as well as fronts.
+/// Adds one node per space and part of `carver`'s faces; the outside is left out, since backs block
+/// as well as fronts.
 fn add_rooms(b: &mut GltfBuilder, carver: &Carver, paints: &Paints) {
     let part = |f: &Face| {
         let part = match f.normal.y {
@@ -67,9 +69,11 @@ fn add_light(b: &mut GltfBuilder, light: Light, at: Vec3, along: Vec3) {
 /// Sky that [`skylit_room`] is meant to stand under, radiance in W/(m² sr).
 pub const SKY: [f32; 3] = [1.0, 1.4, 2.0];
 
-/// A 4 × 3 × 5 m room with a window of 2 × 1.4 m through a wall 30 cm thick, a block, a floating slab and a spot lamp in a corner.
+/// A 4 × 3 × 5 m room with a window of 2 × 1.4 m through a wall 30 cm thick, a block, a floating
+/// slab and a spot lamp in a corner.
 ///
-/// The sky ([`SKY`]) comes in by the bake's settings. Nodes: `room …`, `opening …` (the window's reveal), each floor, walls, ceiling.
+/// The sky ([`SKY`]) comes in by the bake's settings. Nodes: `room …`, `opening …` (the window's
+/// reveal), each floor, walls, ceiling.
 pub fn skylit_room() -> Vec<u8> {
     let mut c = Carver::new();
     c.fill([-0.3, -0.3, -0.3], [4.3, 3.3, 5.3])
@@ -94,7 +98,8 @@ pub fn skylit_room() -> Vec<u8> {
     b.finish()
 }
 
-/// A closed 3 m cube with red, green and blue walls and much white (ρ 0.9), a block, a double-sided screen and a point light.
+/// A closed 3 m cube with red, green and blue walls and much white (ρ 0.9), a block, a double-sided
+/// screen and a point light.
 ///
 /// Nodes: `red`, `green`, `blue`, `white`, `block`, `screen`.
 pub fn coloured_room() -> Vec<u8> {
@@ -134,10 +139,12 @@ pub fn coloured_room() -> Vec<u8> {
     b.finish()
 }
 
-/// Two rooms of 3 m with a doorway of 90 cm between them, a lamp panel in the first only, and a sealed chamber behind the second.
+/// Two rooms of 3 m with a doorway of 90 cm between them, a lamp panel in the first only, and a
+/// sealed chamber behind the second.
 ///
-/// Nodes: `room …`, `second room …` (lit by what the doorway lets through), `opening …` (the doorway), `sealed …` (E is exactly 0),
-/// `lamp` (a panel of 1 × 0.6 m that hangs 20 cm under the ceiling and shines down).
+/// Nodes: `room …`, `second room …` (lit by what the doorway lets through), `opening …` (the
+/// doorway), `sealed …` (E is exactly 0), `lamp` (a panel of 1 × 0.6 m that hangs 20 cm under the
+/// ceiling and shines down).
 pub fn two_rooms_with_a_door() -> Vec<u8> {
     let mut c = Carver::new();
     c.fill([-0.2, -0.2, -0.2], [7.2, 2.7, 3.2])
@@ -170,7 +177,8 @@ mod tests {
     use super::*;
     use crate::path_tracer::Scene;
 
-    /// Signed volume of a node's triangles that close up with others': fronts inside make it negative.
+    /// Signed volume of a node's triangles that close up with others': fronts inside make it
+    /// negative.
     fn volume(scene: &Scene, names: &[&str]) -> f64 {
         let mine = |t: &&crate::path_tracer::Triangle| {
             names.iter().any(|n| scene.nodes[t.node].starts_with(n))

@@ -1,4 +1,5 @@
-//! CIE 171:2006, *Test cases to assess the accuracy of lighting computer programs*, cases 5.7 and 5.8.
+//! CIE 171:2006, *Test cases to assess the accuracy of lighting computer programs*, cases 5.7 and
+//! 5.8.
 
 use glam::DVec3;
 use lumel_tests::scenes::closed_form as scenes;
@@ -44,7 +45,8 @@ fn case_5_7_diffuse_reflection_with_and_without_an_obstruction() {
                 }
             }
             let n = lumels.len() as f64;
-            // The mean of hundreds of lumels of 128 rays and more, a fifth of which hit: 2/√(128·400) = 0.9 % unstratified.
+            // The mean of hundreds of lumels of 128 rays and more, a fifth of which hit:
+            // 2/√(128·400) = 0.9 % unstratified.
             assert!(
                 (off / all).abs() < SMOOTH,
                 "screen {screen}, {name}: {}",
@@ -71,7 +73,8 @@ fn case_5_8_internal_reflected_component() {
         let b = bake(&scenes::cie_171_5_8(rho), &at(6.0));
         let m = mean(&lumels_of(&b, "room"));
         let direct = 10_000.0 / 96.0;
-        // Direct light alone has the footprint's error; reflected light that of the solve's reciprocity, some 1e-3 at this quality.
+        // Direct light alone has the footprint's error; reflected light that of the solve's
+        // reciprocity, some 1e-3 at this quality.
         let exact = direct + indirect;
         assert!((m / exact - 1.0).abs() < 4e-3, "ρ {rho}: {m} {exact}");
         let audit = &b.report.solve.audit;

@@ -68,8 +68,9 @@ fn of_a_sphere_lamp_and_a_point() {
         for l in lumels_of(&golden(&glb, &sh1(production(8.0))), "floor") {
             let (l0, l1) = parts(&l);
             let flux = l.mean(|p| 10.0 / lamp.distance_squared(p));
-            // The whole disc's light counts with the middle's cosine in E, but with each point's own in ∫ L dω, which is L times its solid angle
-            // 2π(1 − cosσ) instead of π sin²σ: 1 % more for sin σ = 0.2.
+            // The whole disc's light counts with the middle's cosine in E, but with each point's
+            // own in ∫ L dω, which is L times its solid angle 2π(1 − cosσ) instead of π sin²σ: 1 %
+            // more for sin σ = 0.2.
             let sin2 = l.mean(|p| radius * radius / lamp.distance_squared(p));
             let wide = 2.0 / (1.0 + (1.0 - sin2).sqrt());
             let exact = flux * wide / (4.0 * PI);
@@ -98,8 +99,9 @@ fn of_an_even_sky() {
     // ∫ L dω = 2πL and ∫ L ω dω = πL, up.
     assert!((l0 / 1.0 - 1.0).abs() < GOLDEN, "{l0}");
     assert!((l1.y - 1.0).abs() < HALF, "{l1}");
-    // Light along the floor comes with weights of 1/cos: a spread of 1 % in one lumel (0.5 % of L0; 4 % and 2.6 % at preview quality) was measured. The
-    // smoothing makes neighbours alike, so that their mean is little better.
+    // Light along the floor comes with weights of 1/cos: a spread of 1 % in one lumel (0.5 % of L0;
+    // 4 % and 2.6 % at preview quality) was measured. The smoothing makes neighbours alike, so that
+    // their mean is little better.
     assert!(l1.x.abs().max(l1.z.abs()) < 2.0 * GOLDEN, "{l1}");
     for l in lumels_of(&golden(&glb, &sky(Directional::Dominant)), "floor") {
         let d = ["X", "Y", "Z"].map(|c| l.layer(&format!("dominant.{c}")));
@@ -113,7 +115,8 @@ fn of_an_even_sky() {
 
 #[test]
 fn what_a_flat_surface_gets_is_kept_in_the_first_order() {
-    // Whatever the light, ∫ L ω dω · n is E on a surface that sees light on its front only: L1·n = R/2.
+    // Whatever the light, ∫ L ω dω · n is E on a surface that sees light on its front only: L1·n =
+    // R/2.
     let mut s = Stage::new();
     let white = s.builder.material(&Material::diffuse("white", [0.6; 3]));
     s.room(Vec3::ZERO, Vec3::ONE, white);

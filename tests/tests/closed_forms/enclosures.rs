@@ -24,7 +24,8 @@ fn furnaces_hold_the_same_light_everywhere() {
             let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
             for name in names {
                 let w = worst(&lumels_of(&b, &name), 0.0, |_| exact);
-                // The bound. Rows sum to 1 exactly, so only rays that leave through an edge could cost energy.
+                // The bound. Rows sum to 1 exactly, so only rays that leave through an edge
+                // could cost energy.
                 assert!(w < 0.01, "{shape:?} {rho}: {w}");
             }
             let audit = &b.report.solve.audit;
@@ -72,15 +73,17 @@ fn the_inside_of_a_sphere_is_lit_evenly_by_its_cap() {
         .map(|l| l.red() * f64::from(l.coverage))
         .sum::<f64>()
         / lumels.iter().map(|l| f64::from(l.coverage)).sum::<f64>();
-    // Facets instead of a sphere: angle between neighbours about 2π/50, squared 1.6 %, and a quarter of that on the mean.
+    // Facets instead of a sphere: angle between neighbours about 2π/50, squared 1.6 %, and a
+    // quarter of that on the mean.
     assert!((mean / exact - 1.0).abs() < 0.005, "{mean} {exact}");
     let w = worst(&lumels, 0.0, |_| exact);
-    // Where a dark facet's corner touches lit ones, tilted by up to 0.2 rad, each edge adds up to πL (1 − cos 0.2)/2 = 5 % of E: real,
-    // and so for facets only.
+    // Where a dark facet's corner touches lit ones, tilted by up to 0.2 rad, each edge adds up to
+    // πL (1 − cos 0.2)/2 = 5 % of E: real, and so for facets only.
     assert!(w < 0.1, "{w}");
 }
 
-/// Draft quality, for sweeps that look at means: patches and rays are fewer, what is exact stays so.
+/// Draft quality, for sweeps that look at means: patches and rays are fewer, what is exact stays
+/// so.
 fn draft(density: f32) -> Settings {
     Settings {
         quality: Quality::Draft,
@@ -106,8 +109,8 @@ fn furnaces_of_every_reflectance() {
             let exact = 0.1 * PI / (1.0 - f64::from(rho));
             for name in names(&b) {
                 let w = worst(&lumels_of(&b, &name), 0.0, |_| exact);
-                // Rows sum to exactly 1 and all patches are alike, so only relaxation (1e-4 of all) and half floats are left. The rest of 1 − ρ
-                // in f32 at 0.999 is good to 6e-8/1e-3.
+                // Rows sum to exactly 1 and all patches are alike, so only relaxation (1e-4 of all)
+                // and half floats are left. The rest of 1 − ρ in f32 at 0.999 is good to 6e-8/1e-3.
                 assert!(w < 2e-3, "{shape:?} {rho}: {w}");
             }
             let audit = &b.report.solve.audit;
@@ -143,7 +146,8 @@ fn spheres_lit_by_caps_of_every_size_and_reflectance() {
         let b = bake(&glb, &bright(draft(6.0)));
         let exact = PI * share / (1.0 - f64::from(rho));
         let m = mean(&lumels_of(&b, "sphere"));
-        // As above: a quarter of 1.6 % for facets; at high ρ all that is emitted is absorbed, whatever the facets.
+        // As above: a quarter of 1.6 % for facets; at high ρ all that is emitted is absorbed,
+        // whatever the facets.
         assert!(
             (m / exact - 1.0).abs() < 0.005,
             "cap {cap}, ρ {rho}: {m} {exact}"
@@ -158,7 +162,8 @@ fn a_cube_shares_the_light_of_its_ceiling_between_floor_and_walls() {
     for (name, f) in [("floor", 0.199_825), ("walls", 0.200_044)] {
         let m = mean(&lumels_of(&b, name));
         let exact = 10.0 * PI * f;
-        // Gathered by 128 rays a lumel, over 576 lumels and more: 2/√(128·576) = 0.7 % unstratified, under SMOOTH as it comes.
+        // Gathered by 128 rays a lumel, over 576 lumels and more: 2/√(128·576) = 0.7 %
+        // unstratified, under SMOOTH as it comes.
         assert!((m / exact - 1.0).abs() < SMOOTH, "{name}: {m} {exact}");
     }
     assert_eq!(b.report.solve.audit.row_sum_min, 1.0);
@@ -178,8 +183,9 @@ fn concentric_spheres_of_every_ratio() {
         let outer = PI * a / (1.0 - rho * (1.0 - a));
         for (name, exact) in [("outer", outer), ("inner", rho * outer)] {
             let m = mean(&lumels_of(&b, name));
-            // Facets again: 1280 each, 1.6 % and a quarter of that; the ratio of areas is that of the facets. What the inner one gets back
-            // comes from patches whose direct light is drawn with one ray from 1280 lamps in a few groups: measured −1.0 to +0.4 %.
+            // Facets again: 1280 each, 1.6 % and a quarter of that; the ratio of areas is that of
+            // the facets. What the inner one gets back comes from patches whose direct light is
+            // drawn with one ray from 1280 lamps in a few groups: measured −1.0 to +0.4 %.
             let tolerance = if name == "inner" { 0.02 } else { 0.006 };
             let off = (m - exact).abs();
             assert!(

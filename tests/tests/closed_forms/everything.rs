@@ -14,7 +14,8 @@ use serde_json::json;
 use super::golden;
 use crate::common::at;
 
-/// An open room with lamps of every kind, a glowing texture, a screen, glass, a blended and a double-sided sheet, and an occluder.
+/// An open room with lamps of every kind, a glowing texture, a screen, glass, a blended and a
+/// double-sided sheet, and an occluder.
 fn scene() -> Vec<u8> {
     let mut s = Stage::new();
     let white = s
@@ -146,6 +147,7 @@ fn the_same_bytes_for_one_and_two_threads() {
 #[test]
 fn nothing_is_lost_at_preview_quality() {
     let audit = golden(&scene(), &at(2.0)).report.solve.audit;
-    // `golden` holds the imbalance to its bound; this holds the bound to something that says something.
+    // `golden` holds the imbalance to its bound; this holds the bound to something that says
+    // something.
     assert!(audit.bound < 0.03, "{}", audit.bound);
 }

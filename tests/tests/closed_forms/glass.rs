@@ -50,7 +50,8 @@ fn colour(lumels: &[Seen]) -> [f64; 3] {
 
 #[test]
 fn a_checker_of_alpha_transmits_half() {
-    // 32 × 32 squares of 1 × 1 m, midway between a lamp at 3 m and the floor: a shadow of 2 × 2 m, squares of 6.25 cm.
+    // 32 × 32 squares of 1 × 1 m, midway between a lamp at 3 m and the floor: a shadow of 2 × 2 m,
+    // squares of 6.25 cm.
     for radius in [0.0, 0.05] {
         let mut s = Stage::new();
         s.floor(Vec2::splat(-1.25), Vec2::splat(1.25));
@@ -84,7 +85,8 @@ fn a_checker_of_alpha_transmits_half() {
     }
 }
 
-/// What passes panes between a sun, or a lamp, and the floor below them, at each lumel and in each channel.
+/// What passes panes between a sun, or a lamp, and the floor below them, at each lumel and in each
+/// channel.
 #[track_caller]
 fn passes(panes: &[Material], upside_down: bool, exact: [f64; 3]) {
     for lamp in [false, true] {
@@ -109,8 +111,8 @@ fn passes(panes: &[Material], upside_down: bool, exact: [f64; 3]) {
             } else {
                 2.0
             };
-            // No light comes back from the black floor, and nothing of what passes is sampled; E changes by up to 2 % over a lumel
-            // of 6 cm under the lamp.
+            // No light comes back from the black floor, and nothing of what passes is sampled; E
+            // changes by up to 2 % over a lumel of 6 cm under the lamp.
             let tolerance = if lamp { GOLDEN } else { HALF };
             for (e, exact) in l.irradiance.into_iter().zip(exact) {
                 let off = (e - free * exact).abs();
@@ -149,8 +151,9 @@ fn glass_colours_what_passes() {
     passes(&[both], false, c.map(|c| 0.5 + 0.25 * c));
 }
 
-/// A square of 1 m at y = 0 that a low sun (over +x) of 2 lux on the level lights, and over it a black plate of 1 m that looks down, in
-/// whose way the pane is; the sun does not pass pane or plate. E on the plate is B F, B what the square reflects and F of opposed squares.
+/// A square of 1 m at y = 0 that a low sun (over +x) of 2 lux on the level lights, and over it a
+/// black plate of 1 m that looks down, in whose way the pane is; the sun does not pass pane or
+/// plate. E on the plate is B F, B what the square reflects and F of opposed squares.
 fn lit_square(square: &Material, pane: Option<&Material>) -> Stage {
     let mut s = Stage::new();
     let material = s.builder.material(square);
@@ -160,7 +163,8 @@ fn lit_square(square: &Material, pane: Option<&Material>) -> Stage {
     if let Some(pane) = pane {
         let material = s.builder.material(pane);
         s.panel("pane", level_pane(1.1, 0.9), material);
-        // Keeps the sun off the pane's upper side, which the plate sees; its own shadow falls beyond the square.
+        // Keeps the sun off the pane's upper side, which the plate sees; its own shadow falls
+        // beyond the square.
         let origin = Vec3::new(0.8, 0.85, -1.0);
         s.blocker([origin, Vec3::Y * 0.8, Vec3::Z * 2.0]);
     }
@@ -189,11 +193,14 @@ fn reflected_light_passes_glass() {
         let glb = lit_square(&white, pane.as_ref()).finish();
         let bake = golden(&glb, &production(24.0));
         let e = colour(&lumels_of(&bake, "plate"));
-        // Panes reflect nothing: no light meets their upper side, and the lower one, being a back, is black.
+        // Panes reflect nothing: no light meets their upper side, and the lower one, being a back,
+        // is black.
         for (e, passed) in e.into_iter().zip(passed) {
             let exact = 0.5 * 2.0 * f * passed;
-            // 512 rays in each of 576 lumels, a fifth of which meet the square: √(0.2·0.8/294912)/0.2 = 0.37 % unstratified for opaque, and
-            // stratified a third of that. Behind the pane of 0.4, coins leave a twelfth: √(0.08·0.92/294912)/0.08 = 0.6 %, half of it stratified.
+            // 512 rays in each of 576 lumels, a fifth of which meet the square:
+            // √(0.2·0.8/294912)/0.2 = 0.37 % unstratified for opaque, and stratified a third of
+            // that. Behind the pane of 0.4, coins leave a twelfth: √(0.08·0.92/294912)/0.08 = 0.6
+            // %, half of it stratified.
             assert!((e / exact - 1.0).abs() < GOLDEN, "{pane:?}: {e} {exact}");
         }
     }
@@ -257,8 +264,8 @@ fn the_sky_through_glass() {
     }
 }
 
-/// A room of 2 m in which everything glows and reflects alike, with a double-sided wall across it that wears `pane` and glows and reflects
-/// like the rest.
+/// A room of 2 m in which everything glows and reflects alike, with a double-sided wall across it
+/// that wears `pane` and glows and reflects like the rest.
 fn furnace_with_pane(rho: f32, pane: Material) -> Vec<u8> {
     let mut s = Stage::new();
     let wall = s
@@ -278,7 +285,8 @@ fn furnace_with_pane(rho: f32, pane: Material) -> Vec<u8> {
 
 #[test]
 fn a_furnace_with_a_wall_that_is_partly_there() {
-    // What is there of the wall sends B, and what is not lets B through: E = πL/(1 − ρ) all over, on the wall as well.
+    // What is there of the wall sends B, and what is not lets B through: E = πL/(1 − ρ) all over,
+    // on the wall as well.
     for rho in [0.5f32, 0.8] {
         let bake = golden(&furnace_with_pane(rho, blend(0.5)), &at(8.0));
         let exact = PI / (1.0 - f64::from(rho));
@@ -291,9 +299,11 @@ fn a_furnace_with_a_wall_that_is_partly_there() {
 
 #[test]
 fn bounced_light_in_a_case_of_glass() {
-    // A black cube of 10 cm in a case of 30 cm of amber glass, in the middle of a furnace of 3 m: whatever the cube sees, it sees through one pane.
-    // Of the room's lines 0.3²/3² = 1 % cross the case (F from walls to it, by areas), 1/9 of which end on the cube while the others cross two panes:
-    // the room loses s = 0.01 (1 − 8/9 c²) of what it reflects, and has B = πL/(1 − ρ (1 − s)).
+    // A black cube of 10 cm in a case of 30 cm of amber glass, in the middle of a furnace of 3 m:
+    // whatever the cube sees, it sees through one pane. Of the room's lines 0.3²/3² = 1 % cross the
+    // case (F from walls to it, by areas), 1/9 of which end on the cube while the others cross two
+    // panes: the room loses s = 0.01 (1 − 8/9 c²) of what it reflects, and has B = πL/(1 − ρ (1 −
+    // s)).
     let mut s = Stage::new();
     let wall = s
         .builder

@@ -17,7 +17,8 @@ const HALF_BITS: f64 = 1.0 / 2048.0;
 /// Half a step among the smallest half floats, times π: lumels here hold irradiances.
 const LEAST: f64 = std::f64::consts::PI / (1u64 << 25) as f64;
 
-/// An open box of 1 m, white or black, with three lamps, a glowing panel on a wall, and a block on the floor.
+/// An open box of 1 m, white or black, with three lamps, a glowing panel on a wall, and a block on
+/// the floor.
 fn scene(rho: f32) -> Vec<u8> {
     let mut s = Stage::new();
     let white = s.builder.material(&Material::diffuse("wall", [rho; 3]));
@@ -105,13 +106,15 @@ fn groups_sum_to_the_whole_and_each_is_its_own_light() {
     for (i, l) in whole.iter().enumerate() {
         for c in 0..3 {
             let sum: f64 = groups.iter().map(|g| g[i].irradiance[c]).sum();
-            // Each number is rounded once, and there are as many as groups, and the sum; of f32's sums nothing is left in that.
+            // Each number is rounded once, and there are as many as groups, and the sum; of f32's
+            // sums nothing is left in that.
             let most = HALF_BITS * 2.0 * sum.max(l.irradiance[c]) + 5.0 * LEAST;
             let off = (sum - l.irradiance[c]).abs();
             assert!(off <= most, "{i}: {sum} {}", l.irradiance[c]);
         }
     }
-    // Alone. Two bakes have other samples: the means over all faces are what 128 rays in 300 lumels leave.
+    // Alone. Two bakes have other samples: the means over all faces are what 128 rays in 300 lumels
+    // leave.
     for (g, (name, keep)) in [("lamp", "lamp"), ("spot", "spot"), ("glow", "neon")]
         .into_iter()
         .enumerate()
@@ -134,7 +137,8 @@ fn channel_mean(lumels: &[Seen], channel: usize) -> f64 {
 
 #[test]
 fn alone_and_in_a_group_lamps_give_the_same_direct_light() {
-    // Black walls; lumels that see all of the lamps have closed forms, and so the same number in every bake.
+    // Black walls; lumels that see all of the lamps have closed forms, and so the same number in
+    // every bake.
     let mut s = Stage::new();
     s.floor(Vec2::ZERO, Vec2::ONE);
     let down = |x: f32| [Vec3::new(x, 1.0, 0.3), Vec3::NEG_Y];
@@ -158,7 +162,8 @@ fn alone_and_in_a_group_lamps_give_the_same_direct_light() {
         };
         let alone = lumels_of(&golden(&glb, &alone), "floor");
         for (g, a) in of_group.iter().zip(&alone) {
-            // Ratios of sums over other samples round differently in f32, which may take one step of half floats.
+            // Ratios of sums over other samples round differently in f32, which may take one step
+            // of half floats.
             let off = (g.red() - a.red()).abs();
             assert!(
                 off <= 2.0 * HALF_BITS * a.red(),
@@ -209,7 +214,8 @@ fn one_lamp_at_half_is_half_of_it() {
     let half = golden(&glb, &half);
     for node in ["-y", "+x"] {
         for (f, h) in lumels_of(&full, node).iter().zip(lumels_of(&half, node)) {
-            // Every step is linear, and a half exact in binary; the solve stops at a residual relative to the light.
+            // Every step is linear, and a half exact in binary; the solve stops at a residual
+            // relative to the light.
             let off = (0.5 * f.red() - h.red()).abs();
             assert!(off <= HALF_BITS * h.red(), "{} {}", f.red(), h.red());
         }

@@ -28,7 +28,8 @@ fn lumel(member: &str, value: impl Into<Value>) -> Option<Value> {
     Some(json!({"lumel": {member: value.into()}}))
 }
 
-/// A sheet at y = 0 whose front looks down, under a low sun from above of 2 lux on the level, and a black plate above it that looks down.
+/// A sheet at y = 0 whose front looks down, under a low sun from above of 2 lux on the level, and a
+/// black plate above it that looks down.
 fn sheet_lit_from_behind(double_sided: bool) -> Vec<u8> {
     let mut s = Stage::new();
     let material = s.builder.material(&Material {
@@ -82,14 +83,15 @@ fn a_double_sided_lamp_shines_both_ways() {
         let exact = |l: &Seen| l.mean(|p| polygon_irradiance(3.0, &square(1.0, 0.0), p, l.normal));
         let (sum, all) = (lumels.iter()).fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
         assert!((sum / all - 1.0).abs() < GOLDEN, "{node}: {}", sum / all);
-        // Wide and dim, it is met by gathering rays: 512 and more, of which a fifth meet it; 0.4 % of spread was measured.
+        // Wide and dim, it is met by gathering rays: 512 and more, of which a fifth meet it; 0.4 %
+        // of spread was measured.
         let w = worst(&lumels, 0.0, exact);
         assert!(w < 0.02, "{node}: {w}");
     }
 }
 
-/// A floor of 1 m under a sun of 2 lux straight above, and half a metre over it a sheet as large as the floor, of this material, on a node that
-/// carries `extras`.
+/// A floor of 1 m under a sun of 2 lux straight above, and half a metre over it a sheet as large as
+/// the floor, of this material, on a node that carries `extras`.
 fn with_thing(material: &Material, extras: Option<Value>) -> Vec<u8> {
     let mut s = Stage::new();
     s.floor(Vec2::splat(-0.5), Vec2::splat(0.5));

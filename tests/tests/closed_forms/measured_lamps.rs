@@ -8,7 +8,8 @@ use serde_json::json;
 use super::{GOLDEN, golden};
 use crate::common::{at, lumels_of, worst};
 
-/// IES LM-63-2002, type C, the same all around, of these candela at these vertical angles (degrees).
+/// IES LM-63-2002, type C, the same all around, of these candela at these vertical angles
+/// (degrees).
 fn ies(values: &[(f64, f64)]) -> String {
     let row = |f: fn(&(f64, f64)) -> f64| -> String {
         let all: Vec<String> = values.iter().map(|v| format!("{:.6}", f(v))).collect();

@@ -1,7 +1,8 @@
 //! Scenes whose light is known exactly, baked from file to EXR, each swept over its parameter.
 //!
-//! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative; direct light without occlusion has no other error than the
-//! footprint's mean, which bake and test take over different points. Gathered light has what its rays leave, which each test says.
+//! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative; direct light without occlusion has no
+//! other error than the footprint's mean, which bake and test take over different points. Gathered
+//! light has what its rays leave, which each test says.
 
 mod cie;
 mod directions;
@@ -22,8 +23,9 @@ mod sky;
 
 use lumel::{Bake, Quality, Settings};
 
-/// The bake takes a lumel's mean over 16 Sobol points, the test over 64. Where light varies by 6 % over a lumel that is a deviation of about
-/// 0.2 %, and the worst of some thousand lumels is five of these.
+/// The bake takes a lumel's mean over 16 Sobol points, the test over 64. Where light varies by 6 %
+/// over a lumel that is a deviation of about 0.2 %, and the worst of some thousand lumels is five
+/// of these.
 const SMOOTH: f64 = 0.01;
 
 /// Half float, in the file and of the value in it.

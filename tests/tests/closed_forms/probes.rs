@@ -94,7 +94,8 @@ fn under_a_sky() {
         ..at(0.1)
     };
     let found = probes(&plain(), &[[0.0, 0.1, 0.0], [5.0, 0.05, -3.0]], settings);
-    // L over the upper half: ∫ Y00 = √π, ∫ Y1−1 = √(3/4π) π; even orders are as over a half of nothing.
+    // L over the upper half: ∫ Y00 = √π, ∫ Y1−1 = √(3/4π) π; even orders are as over a half of
+    // nothing.
     let mut exact = [0.0; 9];
     exact[0] = 2.0 * PI.sqrt();
     exact[1] = 2.0 * PI * (3.0 / (4.0 * PI)).sqrt();

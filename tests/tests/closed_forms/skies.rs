@@ -1,4 +1,5 @@
-//! Skies that are pictures, around a black cube: each of its faces sees a half of the sky and nothing else.
+//! Skies that are pictures, around a black cube: each of its faces sees a half of the sky and
+//! nothing else.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
@@ -38,7 +39,8 @@ struct Picture {
 }
 
 impl Picture {
-    /// ∫ L max(0, n·ω) dω with each pixel a patch of even radiance, and the sky turned by `degrees` about +Y.
+    /// ∫ L max(0, n·ω) dω with each pixel a patch of even radiance, and the sky turned by `degrees`
+    /// about +Y.
     fn irradiance(&self, n: DVec3, degrees: f64) -> f64 {
         // What came from d comes from R d: so n sees what R⁻¹ n saw.
         let n = DQuat::from_rotation_y(-degrees.to_radians()) * n;
@@ -130,7 +132,8 @@ fn check(bake: &Bake, exact: impl Fn(DVec3) -> f64, what: &str) {
     for ((name, _), exact) in FACES.into_iter().zip(all) {
         let lumels = lumels_of(bake, name);
         let m = mean(&lumels);
-        // A face that the light does not see has the dim rest of the map, blurred by half a pixel: 1e-4 of the others.
+        // A face that the light does not see has the dim rest of the map, blurred by half a pixel:
+        // 1e-4 of the others.
         let off = (m - exact).abs();
         assert!(
             off < GOLDEN * exact + 2e-4 * most,

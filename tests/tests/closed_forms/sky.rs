@@ -34,7 +34,8 @@ fn a_uniform_sky_seen_from_an_open_box() {
         exact_sum += e;
         n += 1.0;
     }
-    // Gathered by 128 to 256 Sobol rays, smoothed: preview's own estimate is about 1 %; the mean over thousands is far better.
+    // Gathered by 128 to 256 Sobol rays, smoothed: preview's own estimate is about 1 %; the mean
+    // over thousands is far better.
     let rms = (square / n).sqrt();
     assert!(rms < 0.02, "{rms}");
     assert!(
@@ -53,7 +54,8 @@ fn a_checker_screen_lets_half_of_the_sun_through() {
         .filter(|l| l.all(|p| p.x.abs() < 1.0 && p.z.abs() < 1.0))
         .collect();
     let mean = under.iter().map(|l| l.red()).sum::<f64>() / under.len() as f64;
-    // 16 to 128 shadow rays in each of about 1000 lumels, a quarter of which an edge crosses: 0.5/√(16·250) = 0.8 % at most.
+    // 16 to 128 shadow rays in each of about 1000 lumels, a quarter of which an edge crosses:
+    // 0.5/√(16·250) = 0.8 % at most.
     assert!((mean / 2.0 - 1.0).abs() < 0.01, "{mean}");
     let beside = lumels
         .iter()
@@ -81,7 +83,8 @@ fn a_free_floor_receives_pi_l_whatever_the_sky() {
 
 #[test]
 fn a_wall_receives_half_of_that() {
-    // All but what the floor hides: with a floor without end, half of πL; with one of 20 m the closed form says how much more.
+    // All but what the floor hides: with a floor without end, half of πL; with one of 20 m the
+    // closed form says how much more.
     let b = bake(&scenes::wall_on_floor(20.0), &under_a_sky(1.0, 6.0));
     let floor = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
         .map(|(x, z)| DVec3::new(x, 0.0, z));
@@ -96,7 +99,8 @@ fn a_wall_receives_half_of_that() {
     let exact = lumels.iter().map(|l| l.mean(sky)).sum::<f64>() / lumels.len() as f64;
     // A strip of β below the horizon brings 2βL: at half a metre's height, 10 m off, 6 % of πL/2.
     assert!((exact / (0.5 * PI) - 1.064).abs() < 0.01, "{exact}");
-    // 128 rays and more in each of 36 lumels, half of which escape: 1/√(128·36) = 1.5 % unstratified; Sobol points do better.
+    // 128 rays and more in each of 36 lumels, half of which escape: 1/√(128·36) = 1.5 %
+    // unstratified; Sobol points do better.
     assert!((m / exact - 1.0).abs() < SMOOTH, "{m} {exact}");
     // One lumel: three times 1/√128 = 9 %, by stratification about a third of it.
     let w = worst(&lumels, 0.0, |l| l.mean(sky));
@@ -111,7 +115,8 @@ fn boxes_of_every_depth_under_a_sky() {
         // What comes in through the mouth is πL × 1 m², and all of it is absorbed.
         let area = 1.0 + 4.0 * depth;
         let m = mean(&lumels_of(&b, "box")) * area / PI;
-        // Walls are a whole number of lumels high, so that coverage is area. The mean is over a hundred lumels and more.
+        // Walls are a whole number of lumels high, so that coverage is area. The mean is over a
+        // hundred lumels and more.
         assert!((m - 1.0).abs() < SMOOTH, "depth {depth}: {m}");
     }
 }

@@ -27,7 +27,8 @@ pub fn at(texels_per_unit: f32) -> Settings {
     }
 }
 
-/// `settings` with reflectances of up to 0.999, beyond what real surfaces reach and the default allows.
+/// `settings` with reflectances of up to 0.999, beyond what real surfaces reach and the default
+/// allows.
 pub fn bright(settings: Settings) -> Settings {
     Settings {
         max_reflectance: 0.999,
@@ -133,7 +134,8 @@ pub fn lumels_in_files(bake: &Bake, dir: &Path, files: &[String], node: &str) ->
     out
 }
 
-/// Largest relative deviation of the lumels from `exact`, over lumels for which it is at least `floor`.
+/// Largest relative deviation of the lumels from `exact`, over lumels for which it is at least
+/// `floor`.
 pub fn worst(lumels: &[Seen], floor: f64, exact: impl Fn(&Seen) -> f64) -> f64 {
     let mut worst: f64 = 0.0;
     let mut n = 0;

@@ -1,4 +1,5 @@
-//! Files with broken numbers: dropped and counted, or refused with a reason; what is left is baked right.
+//! Files with broken numbers: dropped and counted, or refused with a reason; what is left is baked
+//! right.
 
 use glam::{Vec2, Vec3, Vec4};
 use lumel::{Bake, Error, Settings, Silent};
@@ -48,7 +49,8 @@ fn try_bake(glb: &[u8]) -> Result<Bake, Error> {
     lumel::bake(&path, &settings, &Silent)
 }
 
-/// Every number of the bake is finite, and lumels whose whole footprint is at x > `from` hold 2 lux.
+/// Every number of the bake is finite, and lumels whose whole footprint is at x > `from` hold 2
+/// lux.
 fn sound(b: &Bake, from: f64) {
     let pages = b.baked.pages.iter().flat_map(|p| p.value.iter().flatten());
     assert!(pages.into_iter().all(|x| x.is_finite()));

@@ -50,8 +50,9 @@ fn reflectances_near_one_keep_all_light() {
         assert!(audit.within_bound, "{audit:?}");
         let m = mean(&lumels_of(&b, "room"));
         let exact = 10_000.0 / 96.0 / (1.0 - f64::from(rho));
-        // A column's noise is undone by other columns at the next reflection, so the error does not grow by 1/(1 − ρ): what is absorbed is
-        // what is emitted, to the bound that the audit states; half a per cent for lumels that see patches.
+        // A column's noise is undone by other columns at the next reflection, so the error does not
+        // grow by 1/(1 − ρ): what is absorbed is what is emitted, to the bound that the audit
+        // states; half a per cent for lumels that see patches.
         let off = (m / exact - 1.0).abs();
         assert!(off < audit.bound + 5e-3, "ρ {rho}: {m} {exact}, {audit:?}");
     }
@@ -108,8 +109,8 @@ fn a_rug_in_the_floors_own_plane_is_named() {
 
 #[test]
 fn light_lost_behind_faces_is_named_with_the_node() {
-    // A lit room whose lamp hangs under a large single-sided tray, front up: most of the light goes up into the tray and down onto
-    // nothing; the floor looks at the tray's black back.
+    // A lit room whose lamp hangs under a large single-sided tray, front up: most of the light goes
+    // up into the tray and down onto nothing; the floor looks at the tray's black back.
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.7; 3]));
     let shell = lumel_tests::geometry::room(glam::Vec3::ZERO, glam::Vec3::splat(2.0), 1).bare();

@@ -1,4 +1,5 @@
-//! Walls: thin, cracked in their triangulation, with one skin only, far from the origin. Behind them it is exactly dark.
+//! Walls: thin, cracked in their triangulation, with one skin only, far from the origin. Behind
+//! them it is exactly dark.
 
 use glam::Vec3;
 use lumel::{Bake, SkySource};
@@ -42,7 +43,8 @@ fn two_rooms_with_a_millimetre_between_them_share_no_light() {
 
 #[test]
 fn walls_thinner_than_any_lumel_let_nothing_through() {
-    // A lumel is 125 mm here. Rays start some 4e-6 m off a surface at 3 m, which is the least that a wall may be.
+    // A lumel is 125 mm here. Rays start some 4e-6 m off a surface at 3 m, which is the least that
+    // a wall may be.
     for wall in [1e-2, 1e-3, 1e-4, 2e-5] {
         let b = bake(&sealed_dark_box(wall), &at(8.0));
         exactly_dark(&b, "dark_inside");
@@ -50,7 +52,8 @@ fn walls_thinner_than_any_lumel_let_nothing_through() {
     }
 }
 
-/// A bright outdoors of `size` metres and a box of 1 m on it at `place`, sealed by a single skin whose fronts look inside.
+/// A bright outdoors of `size` metres and a box of 1 m on it at `place`, sealed by a single skin
+/// whose fronts look inside.
 fn one_skin(size: f32, place: Vec3, walls: &Geometry) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.7; 3]));
@@ -101,8 +104,8 @@ fn a_box_of_one_skin_is_dark_inside_near_the_origin_and_far_from_it() {
 
 #[test]
 fn t_junctions_let_nothing_through() {
-    // The box's ceiling is one quad, its walls are cut in three and seven, so that their corners lie on the ceiling's edges; the cuts are
-    // no binary fractions, and the box stands askew.
+    // The box's ceiling is one quad, its walls are cut in three and seven, so that their corners
+    // lie on the ceiling's edges; the cuts are no binary fractions, and the box stands askew.
     let mut walls = Geometry::default();
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     for (origin, u, v, n) in [
@@ -120,7 +123,8 @@ fn t_junctions_let_nothing_through() {
     let mut settings = at(8.0);
     settings.sky = SkySource::Color([100.0; 3]);
     let b = bake(&one_skin(4.0, Vec3::ZERO, &walls), &settings);
-    // A vertex on an edge is rounded to 1e-7 of a metre on either side of it. A ray meets that crack once in 10⁷; the box gets some 10⁵.
+    // A vertex on an edge is rounded to 1e-7 of a metre on either side of it. A ray meets that
+    // crack once in 10⁷; the box gets some 10⁵.
     exactly_dark(&b, "box");
 }
 
@@ -147,7 +151,8 @@ fn a_floor_with_t_junctions_has_no_dark_seam() {
 
 #[test]
 fn three_sheets_on_one_edge_are_each_lit_for_themselves() {
-    // A floor in two halves and a double-sided fin that stands on their common edge: no manifold. The sun comes in at 45° over +x.
+    // A floor in two halves and a double-sided fin that stands on their common edge: no manifold.
+    // The sun comes in at 45° over +x.
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let both = b.material(&Material {
@@ -171,7 +176,8 @@ fn three_sheets_on_one_edge_are_each_lit_for_themselves() {
     let lit = 2.0 * 0.5f64.sqrt();
     let (mut bright, mut dark) = (0, 0);
     for l in lumels_of(&b, "sheets") {
-        // The fin's shadow: −1 < x < 0 on the floor. The fin's lit face is the front, which looks to +x.
+        // The fin's shadow: −1 < x < 0 on the floor. The fin's lit face is the front, which looks
+        // to +x.
         if l.normal.y > 0.9 && l.all(|p| p.x > 1e-3 || p.x < -1.001) || l.normal.y < 0.1 {
             assert!(
                 (l.red() / lit - 1.0).abs() < 1e-3,
@@ -188,7 +194,8 @@ fn three_sheets_on_one_edge_are_each_lit_for_themselves() {
     assert!(bright > 100 && dark > 50, "{bright} {dark}");
 }
 
-/// Worst relative error of E on a lone strip of 2 m × `width`, turned out of the axes, under a sky that gives πL everywhere; and the mean.
+/// Worst relative error of E on a lone strip of 2 m × `width`, turned out of the axes, under a sky
+/// that gives πL everywhere; and the mean.
 fn strip_under_a_sky(width: f32) -> (f64, f64) {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));

@@ -29,9 +29,11 @@ fn moved(glb: &[u8], transform: Mat4) -> Vec<u8> {
     out
 }
 
-/// The Cornell box, lit by a panel: radiances do not change with scale. Mean relative difference over the lightmap.
+/// The Cornell box, lit by a panel: radiances do not change with scale. Mean relative difference
+/// over the lightmap.
 ///
-/// Both bakes keep the coordinates that a first one made: an unwrapper may turn or swap equal charts when rounding changes.
+/// Both bakes keep the coordinates that a first one made: an unwrapper may turn or swap equal
+/// charts when rounding changes.
 fn difference(transform: Mat4, scale: f32) -> f64 {
     let first = bake(&scenes::cornell_box(), &at(6.0));
     let (files, _) = first.files().expect("files");
@@ -60,14 +62,16 @@ fn difference(transform: Mat4, scale: f32) -> f64 {
 fn a_scene_scaled_by_a_thousand_bakes_the_same() {
     for scale in [1e-3f32, 1e3] {
         let d = difference(Mat4::from_scale(Vec3::splat(scale)), scale);
-        // The same rays but for rounding; here and there one passes an edge on the other side. The bound is 1e-3.
+        // The same rays but for rounding; here and there one passes an edge on the other side. The
+        // issue's bound is 1e-3.
         assert!(d < 1e-3, "scale {scale}: {d}");
     }
 }
 
 #[test]
 fn a_scene_moved_by_a_million_metres_bakes_the_same() {
-    // The file's own numbers are small, the node's translation is large: recentring in f64 takes it out again.
+    // The file's own numbers are small, the node's translation is large: recentring in f64 takes it
+    // out again.
     let d = difference(Mat4::from_translation(Vec3::new(1e6, -1e6, 1e6)), 1.0);
     assert!(d < 1e-3, "{d}");
 }

@@ -1,7 +1,8 @@
-//! Compares a written document with the one that it was made from: whatever differs is either a change that a bake is allowed to
-//! make, and counted by kind, or a fault.
+//! Compares a written document with the one that it was made from: whatever differs is either a
+//! change that a bake is allowed to make, and counted by kind, or a fault.
 //!
-//! JSON is compared member by member; where it refers to accessors, views or images, what these hold is compared, byte for byte.
+//! JSON is compared member by member; where it refers to accessors, views or images, what these
+//! hold is compared, byte for byte.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -595,7 +596,8 @@ impl Pair<'_> {
         }
     }
 
-    /// The extensions of a primitive with material numbers taken out: they are compared by what they name.
+    /// The extensions of a primitive with material numbers taken out: they are compared by what
+    /// they name.
     fn resolved(&self, primitive: &Value, _of: &Document) -> Value {
         let mut out = primitive.clone();
         if let Some(mappings) = out
@@ -851,7 +853,8 @@ impl Pair<'_> {
     }
 }
 
-/// Whether attribute `x` of `r` and `y` of `s` hold the same bytes at every corner, in the primitive and in its morph targets.
+/// Whether attribute `x` of `r` and `y` of `s` hold the same bytes at every corner, in the
+/// primitive and in its morph targets.
 fn corners_equal(r: &RawPrimitive<'_>, x: &str, s: &RawPrimitive<'_>, y: &str) -> bool {
     let (Some(p), Some(q)) = (r.attribute(x), s.attribute(y)) else {
         return false;

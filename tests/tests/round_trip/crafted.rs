@@ -145,7 +145,8 @@ fn attributes(doc: &mut Doc) -> Value {
     a
 }
 
-/// A level with everything that the core knows and the extensions that Lumel does. Numbers in it need all their digits.
+/// A level with everything that the core knows and the extensions that Lumel does. Numbers in it
+/// need all their digits.
 pub fn everything() -> (Doc, Value) {
     let mut doc = Doc::default();
     let attributes = attributes(&mut doc);

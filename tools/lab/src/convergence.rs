@@ -11,7 +11,8 @@ use method_lab::convergence::{
 
 use crate::solvers::print_out;
 
-/// Writes `convergence.csv` (study, series, x, y, promised y up to a factor) into `out` and prints the orders.
+/// Writes `convergence.csv` (study, series, x, y, promised y up to a factor) into `out` and prints
+/// the orders.
 pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(out)?;
     let mut all = Vec::new();

@@ -1,4 +1,5 @@
-//! `lumel-lab form-factors`: every method at several settings, on the same scenes, against the same references.
+//! `lumel-lab form-factors`: every method at several settings, on the same scenes, against the same
+//! references.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -36,7 +37,8 @@ struct Scene {
     enclosure: Enclosure,
     /// In a closed scene rows sum to 1.
     closed: bool,
-    /// Whether anything hides anything: then the methods without occlusion of their own cast shadow rays.
+    /// Whether anything hides anything: then the methods without occlusion of their own cast shadow
+    /// rays.
     occluded: bool,
 }
 
@@ -232,9 +234,10 @@ fn timed(
     }
 }
 
-/// What the errors of a matrix come to in light: the RMS error of E_i = Σ_j F_ij B_j over the patches as a share of the RMS of E, where
-/// the half of the scene with the greater x has radiosity 1 and the rest has none. Errors of single pairs that cancel count little,
-/// those that add up count fully.
+/// What the errors of a matrix come to in light: the RMS error of E_i = Σ_j F_ij B_j over the
+/// patches as a share of the RMS of E, where the half of the scene with the greater x has radiosity
+/// 1 and the rest has none. Errors of single pairs that cancel count little, those that add up
+/// count fully.
 fn irradiance_error(enclosure: &Enclosure, matrix: &Matrix, reference: &Matrix) -> f64 {
     let x: Vec<f64> = enclosure.patches.iter().map(|p| p.centre().x).collect();
     let (low, high) = x

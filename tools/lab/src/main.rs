@@ -22,19 +22,22 @@ struct Arguments {
 enum Command {
     /// Every form-factor method at several settings on the same scenes: error, time, memory, rays.
     FormFactors(form_factors::Options),
-    /// Solvers on one system: passes, time, memory and work to each residual (writes CSV, prints Markdown).
+    /// Solvers on one system: passes, time, memory and work to each residual (writes CSV, prints
+    /// Markdown).
     Solvers {
         /// Folder for the CSV files
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// How the baker's error falls with patches and rays, and the solver's bound beside its error (writes CSV, prints Markdown).
+    /// How the baker's error falls with patches and rays, and the solver's bound beside its error
+    /// (writes CSV, prints Markdown).
     Convergence {
         /// Folder for the CSV file
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// The classic studies: rooms as .glb and the baseline's radiosity as CSV (tools/classic_studies.py goes on from there).
+    /// The classic studies: rooms as .glb and the baseline's radiosity as CSV
+    /// (tools/classic_studies.py goes on from there).
     Studies {
         /// Folder for the files
         #[arg(long, value_name = "DIR")]

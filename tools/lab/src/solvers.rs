@@ -145,7 +145,8 @@ fn comparison(
     Ok(text)
 }
 
-/// How far the picture is from done while shooting, with and without the ambient term: Σ A|B − B*| / Σ A B*.
+/// How far the picture is from done while shooting, with and without the ambient term: Σ A|B − B*|
+/// / Σ A B*.
 fn early_pictures(
     out: &Path,
     room: &Room,

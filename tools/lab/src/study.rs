@@ -15,10 +15,12 @@ use method_lab::study::{
 use method_lab::{Enclosure, Matrix};
 use serde_json::{Value, json};
 
-/// Where the pictures are taken from: in front of the room, whose front wall is seen from behind and so not at all.
+/// Where the pictures are taken from: in front of the room, whose front wall is seen from behind
+/// and so not at all.
 const EYE: Vec3 = Vec3::new(1.75, 1.125, 7.9);
 const TARGET: Vec3 = Vec3::new(1.75, 1.125, 0.0);
-/// Vertical field of view, degrees, and width over height: the front opening, 3.5 × 2.25 m at 4.4 m, fills the picture.
+/// Vertical field of view, degrees, and width over height: the front opening, 3.5 × 2.25 m at 4.4
+/// m, fills the picture.
 const FIELD: f32 = 28.68;
 const ASPECT: f32 = 14.0 / 9.0;
 
@@ -110,7 +112,8 @@ fn mesh(detail: Detail, any: &Case) -> Mesh {
     }
 }
 
-/// One line per patch: what it is, and what the baseline says of it and of its corners. Lengths in metres, M, B and V in W/m².
+/// One line per patch: what it is, and what the baseline says of it and of its corners. Lengths in
+/// metres, M, B and V in W/m².
 fn table(room: &Room, enclosure: &Enclosure, matrix: &Matrix, b: &[DVec3]) -> String {
     let mut text = String::from("surface,nx,ny,nz");
     for corner in 0..4 {
@@ -138,7 +141,8 @@ fn table(room: &Room, enclosure: &Enclosure, matrix: &Matrix, b: &[DVec3]) -> St
     text
 }
 
-/// The case as a glTF: the coarse patches with shared vertices, a primitive per surface and lamp, and the camera.
+/// The case as a glTF: the coarse patches with shared vertices, a primitive per surface and lamp,
+/// and the camera.
 fn scene(case: &Case, room: &Room) -> Vec<u8> {
     let enclosure = case.enclosure(room);
     // In order of first appearance; two patches are of one primitive if they look alike.

@@ -1,4 +1,5 @@
-//! A document being changed: JSON edited in place, new data appended, everything written as one .glb.
+//! A document being changed: JSON edited in place, new data appended, everything written as one
+//! .glb.
 
 use std::collections::BTreeMap;
 
@@ -66,8 +67,9 @@ impl<'a> Editor<'a> {
         push(&mut self.json, "bufferViews", view)
     }
 
-    /// Adds a vertex attribute: `elements` packed without gaps, `count` of them. `accessor` has the type (`componentType`, `type`,
-    /// perhaps `normalized`, a name, …); where the data lies and how many there are is filled in here.
+    /// Adds a vertex attribute: `elements` packed without gaps, `count` of them. `accessor` has the
+    /// type (`componentType`, `type`, perhaps `normalized`, a name, …); where the data lies and how
+    /// many there are is filled in here.
     ///
     /// Elements are spread to multiples of four bytes, as the specification wants (§3.6.2.4).
     pub fn add_attribute(
@@ -156,7 +158,8 @@ impl<'a> Editor<'a> {
         }
     }
 
-    /// Embeds images, writes compressed views plain, drops what nothing refers to, and assembles the file.
+    /// Embeds images, writes compressed views plain, drops what nothing refers to, and assembles
+    /// the file.
     pub fn finish(mut self) -> Result<(Vec<u8>, Finished)> {
         let done = self.embed_images()?;
         for view in elements_mut(&mut self.json, "bufferViews") {
@@ -188,8 +191,9 @@ impl<'a> Editor<'a> {
         Ok((glb::assemble(&self.json, &bin)?, done))
     }
 
-    /// Turns files and data URIs into buffer views. An image that could not be read when the document was, or is of no known kind,
-    /// keeps its URI; one that is gone since then is an error.
+    /// Turns files and data URIs into buffer views. An image that could not be read when the
+    /// document was, or is of no known kind, keeps its URI; one that is gone since then is an
+    /// error.
     fn embed_images(&mut self) -> Result<Finished> {
         let mut done = Finished::default();
         let count = self
@@ -233,8 +237,9 @@ impl<'a> Editor<'a> {
         Ok(done)
     }
 
-    /// Takes extensions that the document used and the output does not (compression written plain, copies expanded) from the
-    /// lists, and adds what it uses without having said so. What never shows as an object, as quantisation, stays listed.
+    /// Takes extensions that the document used and the output does not (compression written plain,
+    /// copies expanded) from the lists, and adds what it uses without having said so. What never
+    /// shows as an object, as quantisation, stays listed.
     fn prune_extension_lists(&mut self) {
         let mut gone = self
             .document
@@ -254,7 +259,8 @@ impl<'a> Editor<'a> {
         }
     }
 
-    /// One buffer from the views that are left, whose old indices `views` gives. Rewrites their place in it.
+    /// One buffer from the views that are left, whose old indices `views` gives. Rewrites their
+    /// place in it.
     fn pack(&mut self, views: &[usize]) -> Result<Vec<u8>> {
         let mut bin = Vec::new();
         // Views of the same bytes stay views of the same bytes.
@@ -280,7 +286,8 @@ impl<'a> Editor<'a> {
             let start = match key.and_then(|k| placed.get(&k)) {
                 Some(&start) => start,
                 None => {
-                    // An accessor is aligned by the sum of its own offset and its view's (§3.6.2.4): the latter stays the same modulo 4.
+                    // An accessor is aligned by the sum of its own offset and its view's
+                    // (§3.6.2.4): the latter stays the same modulo 4.
                     let mut start = bin.len().next_multiple_of(4) + offset % 4;
                     if start < bin.len() {
                         start += 4;

@@ -1,4 +1,5 @@
-//! `level.glb`: the input with lightmap coordinates in `TEXCOORD_1` and each node's place in its extras.
+//! `level.glb`: the input with lightmap coordinates in `TEXCOORD_1` and each node's place in its
+//! extras.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,7 +22,8 @@ use crate::page::Page;
 /// What writing a glTF changed beside the coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct GltfStats {
-    /// Primitives whose vertices were split at chart borders (or unpacked from Draco) and written anew.
+    /// Primitives whose vertices were split at chart borders (or unpacked from Draco) and written
+    /// anew.
     pub primitives_rewritten: u64,
     /// Vertices of baked primitives before.
     pub vertices_before: u64,
@@ -33,13 +35,15 @@ pub struct GltfStats {
     pub sets_replaced: u64,
     /// Materials copied so that only those primitives read the moved set.
     pub materials_copied: u64,
-    /// Meshes copied because instances are too unlike to share charts ([`separate_unlike`](atlas::separate_unlike)).
+    /// Meshes copied because instances are too unlike to share charts
+    /// ([`separate_unlike`](atlas::separate_unlike)).
     pub meshes_copied: u64,
     /// Meshes copied so that each lit node's coordinates are on its page, for `MOZ_lightmap`.
     pub moz_meshes: u64,
     /// Materials copied for `MOZ_lightmap`.
     pub moz_materials: u64,
-    /// Instances by `EXT_mesh_gpu_instancing`, which share their node's materials and so have no `MOZ_lightmap`.
+    /// Instances by `EXT_mesh_gpu_instancing`, which share their node's materials and so have no
+    /// `MOZ_lightmap`.
     pub moz_left_out: u64,
     /// Images that came as files or data URIs and lie in the .glb now.
     pub images_embedded: u64,
@@ -54,19 +58,22 @@ pub struct GlbOptions<'a> {
     pub value: ValueKind,
     /// Pages that exist as KTX2 too: their format and names, in order; none, or one per page.
     pub ktx2: Option<(Ktx2Format, &'a [String])>,
-    /// The pages, if `MOZ_lightmap` is to be written. Coordinates lie on their page then, and places in extras are the whole page.
+    /// The pages, if `MOZ_lightmap` is to be written. Coordinates lie on their page then, and
+    /// places in extras are the whole page.
     pub moz: Option<&'a [Page]>,
 }
 
-/// Writes `document` with the lightmap coordinates of `layout`: see DESIGN.md §1.2. `page_uris` are the page files' names in order.
+/// Writes `document` with the lightmap coordinates of `layout`: see DESIGN.md §1.2. `page_uris` are
+/// the page files' names in order.
 ///
 /// Nodes and primitives that receive no light (occluders) stay as they are.
 ///
-/// Texture v runs down, as in glTF: page uv = `TEXCOORD_1` × scale + offset, v = 0 at row 0 of the page.
+/// Texture v runs down, as in glTF: page uv = `TEXCOORD_1` × scale + offset, v = 0 at row 0 of the
+/// page.
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where the layout does not fit the scene or the scene not the document, [`Error::Document`] where
-/// the document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
+/// [`Error::Inconsistent`] where the layout does not fit the scene or the scene not the document,
+/// [`Error::Document`] where the document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
 pub fn write_lightmapped_glb(
     document: &Document,
     scene: &Scene,
@@ -84,8 +91,8 @@ pub fn write_lightmapped_glb(
 /// As [`write_lightmapped_glb`], with further conventions.
 ///
 /// # Errors
-/// As there; [`Error::Inconsistent`] too where `options` has not one entry per page, or `MOZ_lightmap` is asked for pages that hold
-/// radiosity, from which no irradiance follows.
+/// As there; [`Error::Inconsistent`] too where `options` has not one entry per page, or
+/// `MOZ_lightmap` is asked for pages that hold radiosity, from which no irradiance follows.
 pub fn write_lightmapped_glb_with(
     document: &Document,
     scene: &Scene,
@@ -246,7 +253,8 @@ pub fn write_lightmapped_glb_with(
 struct Target {
     /// The document's mesh: its own, or a copy where an earlier one took that.
     mesh: usize,
-    /// Whether an earlier one is there already whose coordinates, the document's own, serve this one too.
+    /// Whether an earlier one is there already whose coordinates, the document's own, serve this
+    /// one too.
     there: bool,
 }
 
@@ -286,7 +294,8 @@ fn targets(
     targets
 }
 
-/// Replaces attributes, morph targets and indices of `own` by those of `split`, plain and as a triangle list.
+/// Replaces attributes, morph targets and indices of `own` by those of `split`, plain and as a
+/// triangle list.
 fn rewrite(
     editor: &mut Editor<'_>,
     own: &mut Map<String, Value>,
@@ -325,8 +334,8 @@ fn rewrite(
     own.insert("indices".into(), indices.into());
 }
 
-/// Makes `uv` set 1 of `own`, and set 0 too where there is none (sets must be consecutive, §3.7.2.1). Returns the set to which a
-/// `TEXCOORD_1` that a material reads has moved.
+/// Makes `uv` set 1 of `own`, and set 0 too where there is none (sets must be consecutive,
+/// §3.7.2.1). Returns the set to which a `TEXCOORD_1` that a material reads has moved.
 fn put_coordinates(
     editor: &mut Editor<'_>,
     own: &mut Map<String, Value>,

@@ -12,7 +12,8 @@ use super::split::Repeated;
 enum Blend {
     /// Component by component, integers rounded.
     Mean,
-    /// The mean of the first three, made unit again; a fourth is the first parent's (a tangent's handedness).
+    /// The mean of the first three, made unit again; a fourth is the first parent's (a tangent's
+    /// handedness).
     Direction,
     /// The first parent's: numbers that name something.
     First,
@@ -72,8 +73,8 @@ pub(super) fn extended(name: &str, raw: &RawAccessor<'_>, parents: &[[u32; 2]]) 
     bytes
 }
 
-/// What colours are computed from, own colours and texture coordinates, with those of the added vertices: with the primitive's own
-/// vertices otherwise, and without triangles.
+/// What colours are computed from, own colours and texture coordinates, with those of the added
+/// vertices: with the primitive's own vertices otherwise, and without triangles.
 pub(super) fn looks<'a>(primitive: &'a Primitive, parents: &[[u32; 2]]) -> Cow<'a, Primitive> {
     if parents.is_empty() {
         return Cow::Borrowed(primitive);
@@ -130,8 +131,9 @@ fn write(component: DataType, x: f64, out: &mut [u8]) {
     }
 }
 
-/// All of the document's triangles, in its order, those of `split` in their parts. One that ingest dropped as a repetition is split like
-/// the one that it repeats; any other that it dropped has no area and stays.
+/// All of the document's triangles, in its order, those of `split` in their parts. One that ingest
+/// dropped as a repetition is split like the one that it repeats; any other that it dropped has no
+/// area and stays.
 pub(super) fn triangles(
     primitive: &Primitive,
     raw: &RawPrimitive<'_>,

@@ -1,8 +1,9 @@
 //! glTF output: the input document with lightmap coordinates, or with baked vertex colours.
 //!
-//! Both writers edit the document's own JSON, so that whatever they do not know passes through untouched, and append
-//! their data; a last step drops accessors and buffer views that nothing refers to any more (only where every
-//! extension is known, see `refs`), embeds images and writes one .glb with one binary chunk. Compressed views are written plain.
+//! Both writers edit the document's own JSON, so that whatever they do not know passes through
+//! untouched, and append their data; a last step drops accessors and buffer views that nothing
+//! refers to any more (only where every extension is known, see `refs`), embeds images and writes
+//! one .glb with one binary chunk. Compressed views are written plain.
 
 mod editor;
 mod glb;

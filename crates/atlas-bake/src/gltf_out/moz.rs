@@ -1,15 +1,19 @@
-//! `MOZ_lightmap`: the lightmap named by materials, for loaders that know the extension (Hubs, and three.js with a plug-in).
+//! `MOZ_lightmap`: the lightmap named by materials, for loaders that know the extension (Hubs, and
+//! three.js with a plug-in).
 //!
-//! The extension is a texture, its coordinate set and an intensity on a *material*, while a lightmap's place belongs to a *node*. So
-//! each lit node gets a mesh of its own here, whose `TEXCOORD_1` is on the page already (Hubs ignores `KHR_texture_transform` in the
-//! extension), and each material a copy for each page that it is seen on. Positions, normals and indices stay shared: what is copied
-//! is JSON, and what is added eight bytes a vertex and node.
+//! The extension is a texture, its coordinate set and an intensity on a *material*, while a
+//! lightmap's place belongs to a *node*. So each lit node gets a mesh of its own here, whose
+//! `TEXCOORD_1` is on the page already (Hubs ignores `KHR_texture_transform` in the extension), and
+//! each material a copy for each page that it is seen on. Positions, normals and indices stay
+//! shared: what is copied is JSON, and what is added eight bytes a vertex and node.
 //!
-//! glTF has no picture with more than eight bits a channel, so each page is there twice: as PNG for all, and as Radiance RGBE by
-//! `MOZ_texture_rgbe` for those who know that. Both are divided by the page's largest value, with which the intensity is multiplied, so
-//! that either gives the same light.
+//! glTF has no picture with more than eight bits a channel, so each page is there twice: as PNG for
+//! all, and as Radiance RGBE by `MOZ_texture_rgbe` for those who know that. Both are divided by the
+//! page's largest value, with which the intensity is multiplied, so that either gives the same
+//! light.
 //!
-//! Based on: Hubs, pull request 2375 "Add support for MOZ_lightmap"; three.js, "Light maps contain linear irradiance".
+//! Based on: Hubs, pull request 2375 "Add support for MOZ_lightmap"; three.js, "Light maps contain
+//! linear irradiance".
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
@@ -29,7 +33,8 @@ use crate::page::Page;
 const LIGHTMAP: &str = "MOZ_lightmap";
 const RGBE: &str = "MOZ_texture_rgbe";
 
-/// glTF's numbers for LINEAR and CLAMP_TO_EDGE: charts have no room for smaller levels, nor for what lies over the border.
+/// glTF's numbers for LINEAR and CLAMP_TO_EDGE: charts have no room for smaller levels, nor for
+/// what lies over the border.
 const SAMPLER: (u32, u32) = (9729, 33071);
 
 /// Coordinates that [`apply`] places: by mesh and primitive of the JSON.
@@ -51,7 +56,8 @@ pub(super) struct Copied {
     pub materials: u64,
 }
 
-/// Puts `lit` nodes' lightmaps on materials. `scale` is what a stored value is multiplied with to give irradiance.
+/// Puts `lit` nodes' lightmaps on materials. `scale` is what a stored value is multiplied with to
+/// give irradiance.
 pub(super) fn apply(
     editor: &mut Editor<'_>,
     lit: &[Lit],
@@ -116,7 +122,8 @@ pub(super) fn apply(
     Ok(copied)
 }
 
-/// How many copies each mesh serves: as many as it has lit nodes, and one more where others show it too.
+/// How many copies each mesh serves: as many as it has lit nodes, and one more where others show it
+/// too.
 fn other_users(json: &Map<String, Value>, lit: &[Lit]) -> BTreeMap<usize, usize> {
     let ours: BTreeSet<usize> = lit.iter().map(|l| l.node).collect();
     let mut users = BTreeMap::new();
@@ -224,14 +231,16 @@ impl Picture {
     }
 }
 
-/// A value whose RGBE bytes are those that three.js reads nearest to `v`: m / 255 × 2^e, where the encoder cuts m / 256 × 2^e off.
+/// A value whose RGBE bytes are those that three.js reads nearest to `v`: m / 255 × 2^e, where the
+/// encoder cuts m / 256 × 2^e off.
 fn rgbe_exact(v: [f32; 3]) -> [f32; 3] {
     let largest = v[0].max(v[1]).max(v[2]);
     // Below this the exponent's byte runs out.
     if largest < 1e-30 {
         return [0.0; 3];
     }
-    // 2^e ≤ largest < 2^(e + 1), and 255 of 255 is 2^e itself, which the page's largest value needs.
+    // 2^e ≤ largest < 2^(e + 1), and 255 of 255 is 2^e itself, which the page's largest value
+    // needs.
     let mut e = ((largest.to_bits() >> 23) & 255) as i32 - 127;
     let byte = |x: f32, e: i32| (f64::from(x) * 255.0 / f64::from(e).exp2()).round();
     if byte(largest, e) > 255.0 {

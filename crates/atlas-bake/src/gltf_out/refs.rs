@@ -6,8 +6,9 @@ use serde_json::{Map, Value};
 
 use super::json::{elements_mut, has_array, indices_of};
 
-/// Extensions whose references are all known here: none to accessors or buffer views but those that the walks below visit.
-/// With any other extension in a document nothing is re-indexed, since it may refer to anything.
+/// Extensions whose references are all known here: none to accessors or buffer views but those that
+/// the walks below visit. With any other extension in a document nothing is re-indexed, since it
+/// may refer to anything.
 const KNOWN: [&str; 21] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -140,11 +141,11 @@ fn visit_views(json: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
     }
 }
 
-/// Drops accessors and buffer views that nothing refers to and re-indexes the rest, in their order. Returns for each buffer
-/// view that is left its old index.
+/// Drops accessors and buffer views that nothing refers to and re-indexes the rest, in their order.
+/// Returns for each buffer view that is left its old index.
 ///
-/// Does nothing (and returns the identity) where the document has an extension that may refer to them in ways not
-/// known here.
+/// Does nothing (and returns the identity) where the document has an extension that may refer to
+/// them in ways not known here.
 pub(super) fn collect_garbage(json: &mut Map<String, Value>) -> Vec<usize> {
     let views = json
         .get("bufferViews")

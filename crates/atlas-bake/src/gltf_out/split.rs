@@ -21,7 +21,8 @@ pub(super) struct Split {
     pub identity: bool,
 }
 
-/// Checks that `atlas` is of `primitive`, whose raw form has `vertices` vertices and `triangles` triangles.
+/// Checks that `atlas` is of `primitive`, whose raw form has `vertices` vertices and `triangles`
+/// triangles.
 fn check(
     primitive: &Primitive,
     atlas: &PrimitiveAtlas,
@@ -77,7 +78,8 @@ fn check(
     Ok(())
 }
 
-/// Whether each triangle that ingest dropped has its vertices in one chart, so that it can stay as it is.
+/// Whether each triangle that ingest dropped has its vertices in one chart, so that it can stay as
+/// it is.
 fn stay_in_their_chart(
     primitive: &Primitive,
     atlas: &PrimitiveAtlas,
@@ -99,11 +101,13 @@ fn stay_in_their_chart(
 }
 
 impl Split {
-    /// Brings the document's triangles together with `atlas`, whose coordinates are texels of a rectangle of `size`.
+    /// Brings the document's triangles together with `atlas`, whose coordinates are texels of a
+    /// rectangle of `size`.
     ///
-    /// A triangle that ingest dropped keeps its place: a duplicate uses the corners of the triangle that it repeats; any other has no area,
-    /// and no extent in the lightmap either: its corners get one point, that of some copy of one of its vertices. `kept` coordinates,
-    /// which are the document's own, stay as they are.
+    /// A triangle that ingest dropped keeps its place: a duplicate uses the corners of the triangle
+    /// that it repeats; any other has no area, and no extent in the lightmap either: its corners
+    /// get one point, that of some copy of one of its vertices. `kept` coordinates, which are the
+    /// document's own, stay as they are.
     pub fn new(
         primitive: &Primitive,
         atlas: &PrimitiveAtlas,
@@ -176,8 +180,9 @@ impl Split {
         Ok(split)
     }
 
-    /// Copies of three vertices that lie in one point of the lightmap: where the first of them that has a copy lies. `made` remembers the
-    /// copies by vertex and place, so that many such triangles do not make many.
+    /// Copies of three vertices that lie in one point of the lightmap: where the first of them that
+    /// has a copy lies. `made` remembers the copies by vertex and place, so that many such
+    /// triangles do not make many.
     fn collapse(
         &mut self,
         triangle: [u32; 3],
@@ -237,7 +242,8 @@ impl<'a> Repeated<'a> {
         }
     }
 
-    /// The kept triangle of the same vertices, and for each corner of `triangle` which corner of that it is.
+    /// The kept triangle of the same vertices, and for each corner of `triangle` which corner of
+    /// that it is.
     pub fn find(&self, triangle: [u32; 3]) -> Option<(usize, [usize; 3])> {
         let mut key = triangle;
         key.sort_unstable();
@@ -257,7 +263,8 @@ pub(super) fn gather(raw: &RawAccessor<'_>, source: &[u32]) -> Vec<u8> {
     bytes
 }
 
-/// Adds attribute `name` with elements `source` of `raw`; `template` is the accessor that it comes from.
+/// Adds attribute `name` with elements `source` of `raw`; `template` is the accessor that it comes
+/// from.
 pub(super) fn add_gathered(
     editor: &mut Editor<'_>,
     name: &str,
@@ -279,7 +286,8 @@ pub(super) fn add_gathered(
     editor.add_attribute(accessor, bytes, source.len())
 }
 
-/// Least and greatest of each of three components, as stored (§3.6.2.5: integers are not normalised here).
+/// Least and greatest of each of three components, as stored (§3.6.2.5: integers are not normalised
+/// here).
 fn bounds(raw: &RawAccessor<'_>, source: &[u32]) -> (Value, Value) {
     let stored = RawAccessor {
         normalized: false,

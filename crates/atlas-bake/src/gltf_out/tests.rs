@@ -122,7 +122,8 @@ const QUAD: [[f32; 3]; 4] = [
 const UV0: [[f32; 2]; 4] = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
 const UV1: [[f32; 2]; 4] = [[0.25, 0.75], [0.75, 0.75], [0.75, 0.25], [0.25, 0.25]];
 
-/// A layout in which every triangle is a chart of its own with corners of its own, and instances lie side by side.
+/// A layout in which every triangle is a chart of its own with corners of its own, and instances
+/// lie side by side.
 fn torn(scene: &Scene) -> Layout {
     let meshes: Vec<MeshAtlas> = scene
         .meshes
@@ -217,7 +218,8 @@ fn write(loaded: &Loaded, layout: &Layout) -> (Vec<u8>, GltfStats) {
     .unwrap()
 }
 
-/// A quad with every kind of attribute and a morph target, indexed, two nodes, an animation, a skin, a camera and odd extras.
+/// A quad with every kind of attribute and a morph target, indexed, two nodes, an animation, a
+/// skin, a camera and odd extras.
 fn rich() -> (Value, Vec<u8>) {
     let mut b = Builder::default();
     let position = b.floats(&QUAD);
@@ -325,8 +327,8 @@ fn every_attribute_and_every_triangle_survives_the_split() {
     let (json, bin) = rich();
     let loaded = fixture.load(&json, &bin);
     let (glb, stats) = write(&loaded, &torn(&loaded.scene));
-    // Two triangles of three corners each; the flat one uses a copy of 0 and has one of 1 in the same point; the repeated one uses all
-    // of the first's corners.
+    // Two triangles of three corners each; the flat one uses a copy of 0 and has one of 1 in the
+    // same point; the repeated one uses all of the first's corners.
     assert_eq!(
         (
             stats.primitives_rewritten,
@@ -538,7 +540,8 @@ fn a_mesh_without_coordinates_gets_both_sets_and_a_strip_becomes_a_list() {
 fn quantised_vertices_stay_quantised_and_aligned() {
     let fixture = Fixture::new();
     let mut b = Builder::default();
-    // i16 positions of 6 bytes, in a view with a stride of 8; u8 coordinates of 2 bytes in a stride of 4.
+    // i16 positions of 6 bytes, in a view with a stride of 8; u8 coordinates of 2 bytes in a stride
+    // of 4.
     let places: [[i16; 3]; 4] = [[-5, 0, 0], [5, 0, 0], [5, 7, 0], [-5, 7, 0]];
     let bytes: Vec<u8> = places
         .iter()
@@ -717,8 +720,8 @@ fn parts_that_do_not_fit_are_errors() {
     assert!(write_vertex_glb(&loaded.document, &loaded.scene, &light).is_err());
 }
 
-/// Every document under `LUMEL_SCENES` through both writers into `LUMEL_OUT`, for the Khronos validator. Not part of the suite:
-/// the scenes are not in the repository.
+/// Every document under `LUMEL_SCENES` through both writers into `LUMEL_OUT`, for the Khronos
+/// validator. Not part of the suite: the scenes are not in the repository.
 #[test]
 #[ignore = "needs LUMEL_SCENES and LUMEL_OUT"]
 fn write_every_scene_for_the_validator() {

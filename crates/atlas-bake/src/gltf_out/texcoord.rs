@@ -1,4 +1,5 @@
-//! Making room in `TEXCOORD_1`: texture coordinates that a material needs move to a free set, and the material follows.
+//! Making room in `TEXCOORD_1`: texture coordinates that a material needs move to a free set, and
+//! the material follows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -69,10 +70,11 @@ pub(super) fn material_slots(primitive: &mut Map<String, Value>, f: &mut dyn FnM
     }
 }
 
-/// Calls `f` on every `texCoord` that is written in a textureInfo of `material`, its `KHR_texture_transform` override included.
+/// Calls `f` on every `texCoord` that is written in a textureInfo of `material`, its
+/// `KHR_texture_transform` override included.
 ///
-/// A textureInfo is known by its name, which ends in `Texture` in the core and in every extension of materials, and by
-/// its `index`.
+/// A textureInfo is known by its name, which ends in `Texture` in the core and in every extension
+/// of materials, and by its `index`.
 fn texture_infos(material: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
     for (key, value) in material {
         let Some(object) = value.as_object_mut() else {
@@ -97,9 +99,9 @@ fn texture_infos(material: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value
     }
 }
 
-/// Lets the materials of the primitives in `moves` (mesh and primitive index → the set that now holds what `TEXCOORD_1` held)
-/// read the moved set. A material that other primitives go on using as it is, or with another set, is copied. Returns the
-/// number of copies.
+/// Lets the materials of the primitives in `moves` (mesh and primitive index → the set that now
+/// holds what `TEXCOORD_1` held) read the moved set. A material that other primitives go on using
+/// as it is, or with another set, is copied. Returns the number of copies.
 pub(super) fn follow(
     json: &mut Map<String, Value>,
     moves: &BTreeMap<(usize, usize), usize>,

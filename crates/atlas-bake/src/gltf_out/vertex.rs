@@ -1,15 +1,20 @@
 //! `level.vertex.glb`: the input with its light in vertex colours, drawn without lighting.
 //!
-//! An unlit renderer shows `COLOR_0 × baseColorFactor × baseColorTexture`, so for the picture to be the outgoing radiance
-//! ρR + L_e (with R = E/π and ρ = factor × texture × the input's own `COLOR_0`, c) divided by the file's one scale s,
+//! An unlit renderer shows `COLOR_0 × baseColorFactor × baseColorTexture`, so for the picture to be
+//! the outgoing radiance ρR + L_e (with R = E/π and ρ = factor × texture × the input's own
+//! `COLOR_0`, c) divided by the file's one scale s,
 //!
-//! - a surface that does not glow gets `COLOR_0 = c R / s`, factor and texture staying in the material;
-//! - a glowing surface without a base texture gets `COLOR_0 = (factor c R + L_e) / s` and a white factor: exact at the vertices;
-//! - a glowing surface with a base texture t gets `COLOR_0 = (c R + L_e / max(factor t, 0.05)) / s`, all at the vertex: the
-//!   glow is then tinted by the texture between vertices.
+//! - a surface that does not glow gets `COLOR_0 = c R / s`, factor and texture staying in the
+//!   material;
+//! - a glowing surface without a base texture gets `COLOR_0 = (factor c R + L_e) / s` and a white
+//!   factor: exact at the vertices;
+//! - a glowing surface with a base texture t gets
+//!   `COLOR_0 = (c R + L_e / max(factor t, 0.05)) / s`, all at the vertex: the glow is then tinted
+//!   by the texture between vertices.
 //!
-//! s is the largest value of all, but at most 16 times the 99th percentile of cR, so that a hot spot or a lamp does not take the
-//! precision of the 16-bit colours from the rest; values beyond s are clamped and counted. `_IRRADIANCE` has E itself, in full.
+//! s is the largest value of all, but at most 16 times the 99th percentile of cR, so that a hot
+//! spot or a lamp does not take the precision of the 16-bit colours from the rest; values beyond s
+//! are clamped and counted. `_IRRADIANCE` has E itself, in full.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::PI;
@@ -28,7 +33,8 @@ use super::split::{accessor_of, add_gathered};
 use crate::error::{Error, Result};
 use crate::texture;
 
-/// Most that the scale exceeds the 99th percentile of reflected radiance: leaves 4096 steps of 16 bits below it.
+/// Most that the scale exceeds the 99th percentile of reflected radiance: leaves 4096 steps of 16
+/// bits below it.
 const HEADROOM: f32 = 16.0;
 
 /// Least reflectance by which emission is divided, so that black texels do not blow it up.
@@ -55,12 +61,12 @@ pub struct VertexStats {
 
 /// Writes `document` with `light` as vertex colours.
 ///
-/// The scale is in `asset.extras.vertexLight.scale` and in `extras.vertexLight.scale` of every baked node:
-/// radiance = `COLOR_0` × base colour × scale.
+/// The scale is in `asset.extras.vertexLight.scale` and in `extras.vertexLight.scale` of every
+/// baked node: radiance = `COLOR_0` × base colour × scale.
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where `light` does not fit the scene or the scene not the document, [`Error::Document`] where the
-/// document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
+/// [`Error::Inconsistent`] where `light` does not fit the scene or the scene not the document,
+/// [`Error::Document`] where the document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
 pub fn write_vertex_glb(
     document: &Document,
     scene: &Scene,
@@ -250,7 +256,8 @@ struct Writer<'a> {
     editor: Editor<'a>,
     scene: &'a Scene,
     stats: VertexStats,
-    /// By mesh of the scene: the document's mesh with compressed primitives unpacked, shared by all instances.
+    /// By mesh of the scene: the document's mesh with compressed primitives unpacked, shared by all
+    /// instances.
     bases: Vec<Option<Map<String, Value>>>,
     /// The unlit form of each of the scene's materials.
     materials: BTreeMap<usize, usize>,
@@ -290,7 +297,8 @@ impl Writer<'_> {
         meshes
     }
 
-    /// Makes an unlit form of every material that a baked primitive uses: in place unless something else uses it too.
+    /// Makes an unlit form of every material that a baked primitive uses: in place unless something
+    /// else uses it too.
     fn convert_materials(&mut self, in_place: &BTreeSet<usize>) {
         let baked: BTreeSet<(usize, usize)> = self
             .scene
@@ -493,7 +501,8 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Normalised 16-bit colours; with alpha where the primitive has colours of its own, as any of them may be transparent.
+    /// Normalised 16-bit colours; with alpha where the primitive has colours of its own, as any of
+    /// them may be transparent.
     fn add_colors(&mut self, primitive: &Primitive, light: &[[f32; 3]]) -> usize {
         let glows = self.glowing[primitive.material];
         let with_alpha = primitive.colors.iter().any(|c| c.w != 1.0);
@@ -547,8 +556,8 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Replaces the `EXT_mesh_gpu_instancing` of `own` by child nodes. Copies that are not baked (null in `meshes`, or beyond its
-    /// end) keep the document's mesh.
+    /// Replaces the `EXT_mesh_gpu_instancing` of `own` by child nodes. Copies that are not baked
+    /// (null in `meshes`, or beyond its end) keep the document's mesh.
     fn expand(
         &mut self,
         node: usize,

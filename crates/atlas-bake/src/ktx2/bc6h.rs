@@ -7,14 +7,17 @@ use rayon::prelude::*;
 /// Texels on a block's side.
 const SIDE: usize = 4;
 
-/// On bakes of the Cornell box and the demo level (356 × 580 and 536 × 536 texels; docs/engines.md) `basic` took 0.31 and 0.44 s of one core at a
-/// relative error of 0.48 and 2.33 %, `very_slow` eight times as long at 0.46 and 2.16 %, `fast` 0.13 and 0.19 s at 0.64 and 2.66 %.
+/// On bakes of the Cornell box and the demo level (356 × 580 and 536 × 536 texels; docs/engines.md)
+/// `basic` took 0.31 and 0.44 s of one core at a relative error of 0.48 and 2.33 %, `very_slow`
+/// eight times as long at 0.46 and 2.16 %, `fast` 0.13 and 0.19 s at 0.64 and 2.66 %.
 const VARIANT: CompressionVariant = CompressionVariant::BC6H(BC6HSettings::basic());
 
-/// Blocks of an image in rows, row 0 first; blocks that reach beyond its right or lower border repeat the last texels.
+/// Blocks of an image in rows, row 0 first; blocks that reach beyond its right or lower border
+/// repeat the last texels.
 ///
-/// `value` is in 0..=65504. Texels without coverage that are black are free: nobody looks them up, since padding has filled what
-/// lookups reach. They take the mean of their block's others, so that the block spends its bits on those.
+/// `value` is in 0..=65504. Texels without coverage that are black are free: nobody looks them up,
+/// since padding has filled what lookups reach. They take the mean of their block's others, so that
+/// the block spends its bits on those.
 pub(super) fn encode([width, height]: [u32; 2], value: &[[f32; 3]], coverage: &[f32]) -> Vec<u8> {
     let (w, h) = (width as usize, height as usize);
     let blocks = [w.div_ceil(SIDE), h.div_ceil(SIDE)];
@@ -61,8 +64,9 @@ pub(super) fn encode([width, height]: [u32; 2], value: &[[f32; 3]], coverage: &[
     out
 }
 
-/// The image that [`encode`]'s blocks hold, by a decoder that is not of the encoder's crate (whose own, of version 0.11.0, gave wrong
-/// values for blocks that this one and graphics cards read right).
+/// The image that [`encode`]'s blocks hold, by a decoder that is not of the encoder's crate (whose
+/// own, of version 0.11.0, gave wrong values for blocks that this one and graphics cards read
+/// right).
 pub(super) fn decode([width, height]: [u32; 2], data: &[u8]) -> Vec<[f32; 3]> {
     let (w, h) = (width as usize, height as usize);
     let blocks = w.div_ceil(SIDE);

@@ -1,7 +1,7 @@
 //! The file around the texels.
 //!
-//! Based on: Khronos, KTX File Format Specification, version 2.0, §3 to §5. Structures and the format's description are those of the
-//! crate `ktx2`; here they are put in order and padded.
+//! Based on: Khronos, KTX File Format Specification, version 2.0, §3 to §5. Structures and the
+//! format's description are those of the crate `ktx2`; here they are put in order and padded.
 
 use ktx2::dfd::{Basic, Block};
 use ktx2::{Format, Header, Index, LevelIndex};
@@ -67,7 +67,8 @@ pub(super) fn assemble(
     Ok(out)
 }
 
-/// Keys in the order of their code points, each with its length before it and padded to four bytes (§3.11).
+/// Keys in the order of their code points, each with its length before it and padded to four bytes
+/// (§3.11).
 fn key_values() -> Vec<u8> {
     let mut out = Vec::new();
     for (key, value) in [

@@ -9,9 +9,11 @@ use crate::exr_io::HALF_MAX;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ktx2Format {
-    /// `VK_FORMAT_BC6H_UFLOAT_BLOCK`: 16 bytes for 4×4 texels. An extension of WebGL and a feature of Vulkan, which desktop cards have.
+    /// `VK_FORMAT_BC6H_UFLOAT_BLOCK`: 16 bytes for 4×4 texels. An extension of WebGL and a feature
+    /// of Vulkan, which desktop cards have.
     Bc6h,
-    /// `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`: 4 bytes a texel. Vulkan and WebGL 2 demand that it can be read and filtered.
+    /// `VK_FORMAT_E5B9G9R9_UFLOAT_PACK32`: 4 bytes a texel. Vulkan and WebGL 2 demand that it can
+    /// be read and filtered.
     Rgb9e5,
 }
 

@@ -1,9 +1,10 @@
 //! Lightmap pages as KTX2: what engines ship, on the graphics card as it lies in the file.
 //!
-//! Two formats: BC6H (unsigned; a byte a texel, each block of 4×4 packed with loss) and shared-exponent rgb9e5 (four bytes a texel,
-//! nine bits a channel). Files hold one level and no supercompression. Smaller levels would mix charts with what lies beside
-//! them, since padding is made for bilinear lookups in the first level alone; and which supercompression a loader knows differs.
-//! Row 0 is at the top (`KTXorientation` "rd"), as in the EXR.
+//! Two formats: BC6H (unsigned; a byte a texel, each block of 4×4 packed with loss) and
+//! shared-exponent rgb9e5 (four bytes a texel, nine bits a channel). Files hold one level and no
+//! supercompression. Smaller levels would mix charts with what lies beside them, since padding is
+//! made for bilinear lookups in the first level alone; and which supercompression a loader knows
+//! differs. Row 0 is at the top (`KTXorientation` "rd"), as in the EXR.
 //!
 //! What storing cost is measured on every page and reported.
 
@@ -33,17 +34,21 @@ pub struct Ktx2Report {
     pub bytes: u64,
     /// Samples that could not be stored as they are.
     pub clamped: ExrStats,
-    /// What a reader finds against what was baked, on the luminance of covered lumels; `rel_rmse` is the figure to look at.
+    /// What a reader finds against what was baked, on the luminance of covered lumels; `rel_rmse`
+    /// is the figure to look at.
     pub error: DiffReport,
-    /// Peak signal to noise ratio, dB, over all channels of covered lumels: 20 lg(largest value / √mean((x − y)²)); null where
-    /// nothing differs. It tells little of dark parts of a lightmap with bright spots.
+    /// Peak signal to noise ratio, dB, over all channels of covered lumels: 20 lg(largest value /
+    /// √mean((x − y)²)); null where nothing differs. It tells little of dark parts of a lightmap
+    /// with bright spots.
     pub psnr: Option<f64>,
 }
 
-/// Encodes R, G and B of `page`; extra channels stay with the EXR. Equal pages give equal bytes for any number of threads.
+/// Encodes R, G and B of `page`; extra channels stay with the EXR. Equal pages give equal bytes for
+/// any number of threads.
 ///
-/// NaN, infinite and negative samples become 0, samples above [`Ktx2Format::max`] become it; both are counted. Texels without a
-/// surface that padding did not reach (black, no coverage) may take other values, where that helps the block they are in.
+/// NaN, infinite and negative samples become 0, samples above [`Ktx2Format::max`] become it; both
+/// are counted. Texels without a surface that padding did not reach (black, no coverage) may take
+/// other values, where that helps the block they are in.
 ///
 /// # Errors
 /// [`Error::Inconsistent`] where the page is empty or its lists are not of its size.

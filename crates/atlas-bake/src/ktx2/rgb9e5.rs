@@ -1,7 +1,8 @@
 //! Shared-exponent texels: three mantissas of nine bits, one exponent of five.
 //!
-//! Based on: Khronos, EXT_texture_shared_exponent, "Additions to Chapter 3"; Vulkan 1.3, "Conversion to and from shared exponent". A texel is
-//! mantissa × 2^(e − 24), e in 0..=31, so the step of all three channels is between 1/256 and 1/512 of the largest.
+//! Based on: Khronos, EXT_texture_shared_exponent, "Additions to Chapter 3"; Vulkan 1.3,
+//! "Conversion to and from shared exponent". A texel is mantissa × 2^(e − 24), e in 0..=31, so the
+//! step of all three channels is between 1/256 and 1/512 of the largest.
 
 /// 511/512 × 2^16, the largest that can be stored.
 pub(super) const MAX: f32 = 65408.0;
@@ -13,7 +14,8 @@ const BIAS: i32 = 15;
 /// The texel nearest to `v`, whose components are in 0..=[`MAX`].
 pub(super) fn encode(v: [f32; 3]) -> u32 {
     let largest = v[0].max(v[1]).max(v[2]);
-    // ⌊lb x⌋ is the exponent of a normal float; what lies below those is below the smallest step, 2^-24, too.
+    // ⌊lb x⌋ is the exponent of a normal float; what lies below those is below the smallest step,
+    // 2^-24, too.
     let lb = ((largest.to_bits() >> 23) & 255) as i32 - 127;
     let mut e = lb.max(-BIAS - 1) + 1 + BIAS;
     let step = |e: i32| f64::from(e - BIAS - BITS).exp2();

@@ -20,8 +20,8 @@ fn page(width: u32, height: u32) -> Page {
     }
 }
 
-/// Texels of a file: the container by `ktx2`, BC6H by `bcdec_rs`, rgb9e5 by its definition. That graphics cards agree on BC6H is seen in
-/// crates/lumel/tests/engines.rs.
+/// Texels of a file: the container by `ktx2`, BC6H by `bcdec_rs`, rgb9e5 by its definition. That
+/// graphics cards agree on BC6H is seen in crates/lumel/tests/engines.rs.
 fn read(bytes: &[u8]) -> Vec<[f32; 3]> {
     let file = Reader::new(bytes).unwrap();
     let h = file.header();
@@ -72,15 +72,17 @@ fn what_another_reader_finds_is_what_the_report_says() {
         assert_eq!(report.error, again.unwrap(), "{format:?}");
         assert_eq!(report.bytes, bytes.len() as u64);
         assert_eq!(report.clamped, ExrStats::default());
-        // Both keep smooth light: rgb9e5 to half a step of 2^-8 of the largest channel, BC6H about as well but for blocks on the edge
-        // and beside the spot. The bound is only there to catch a page that is turned, shifted or scaled, which gives above 0.5.
+        // Both keep smooth light: rgb9e5 to half a step of 2^-8 of the largest channel, BC6H about
+        // as well but for blocks on the edge and beside the spot. The bound is only there to catch
+        // a page that is turned, shifted or scaled, which gives above 0.5.
         assert!(report.error.rel_rmse < 0.05, "{format:?}: {report:?}");
         assert!(report.psnr.is_some_and(|x| x > 40.0), "{report:?}");
     }
 }
 
-/// Blocks with one region of 4-bit indices (mode 11 of the format: bits 00011, endpoints of 10 bits, then 63 bits of indices), put together by
-/// hand from the Khronos Data Format Specification 1.3, §16 (BPTC).
+/// Blocks with one region of 4-bit indices (mode 11 of the format: bits 00011, endpoints of 10
+/// bits, then 63 bits of indices), put together by hand from the Khronos Data Format Specification
+/// 1.3, §16 (BPTC).
 #[test]
 fn the_decoder_reads_a_block_made_by_hand() {
     let endpoints: [[u32; 3]; 2] = [[480, 100, 0], [600, 100, 1023]];
@@ -99,7 +101,8 @@ fn the_decoder_reads_a_block_made_by_hand() {
     }
     assert_eq!(at, 128);
     let back = bc6h::decode([4, 4], &bits.to_le_bytes());
-    // Unquantised to 16 bits: 0 and 1023 stay the ends, the rest (x 2^16 + 2^15) / 2^10; weights of 64; then times 31/64, as bits of a half.
+    // Unquantised to 16 bits: 0 and 1023 stay the ends, the rest (x 2^16 + 2^15) / 2^10; weights of
+    // 64; then times 31/64, as bits of a half.
     let wide = |x: u32| match x {
         0 => 0,
         1023 => 0xFFFF,
@@ -205,7 +208,8 @@ fn what_cannot_be_stored_is_clamped_and_counted() {
 
 #[test]
 fn texels_that_nobody_sees_cost_their_block_nothing() {
-    // A chequerboard, which none of the format's partitions is: the dark fields are free at first, then surfaces that are black.
+    // A chequerboard, which none of the format's partitions is: the dark fields are free at first,
+    // then surfaces that are black.
     let mut p = page(32, 32);
     let lit = |i: usize| (i % 32 + i / 32).is_multiple_of(2);
     for i in 0..p.value.len() {

@@ -93,7 +93,8 @@ pub fn scene_camera(document: &Document, scene: &Scene) -> Option<Camera> {
             .map(|i| (i, DAffine3::IDENTITY))
             .collect(),
     };
-    // Each node is in a scene at most once; the bound only guards against documents that break this.
+    // Each node is in a scene at most once; the bound only guards against documents that break
+    // this.
     for _ in 0..=nodes.len() {
         let (i, parent) = stack.pop()?;
         let Some(node) = nodes.get(i) else { continue };
@@ -143,9 +144,10 @@ fn local_transform(node: &Value) -> DAffine3 {
 
 /// A camera that shows much of the level.
 ///
-/// Candidates stand on a grid within the level, where no wall is near and few backs of faces are seen, and on a ring around it. Each is
-/// scored by the entropy of what it shows (after Vázquez et al., "Viewpoint Selection using Viewpoint Entropy", 2001): of
-/// surfaces by their share of the picture, and of their brightness.
+/// Candidates stand on a grid within the level, where no wall is near and few backs of faces are
+/// seen, and on a ring around it. Each is scored by the entropy of what it shows (after Vázquez et
+/// al., "Viewpoint Selection using Viewpoint Entropy", 2001): of surfaces by their share of the
+/// picture, and of their brightness.
 pub fn choose_camera(lit: &LitScene<'_>) -> Camera {
     let Some((low, high)) = bulk(lit.soup) else {
         return Camera::look_at(Vec3::Z, Vec3::ZERO);
@@ -187,8 +189,8 @@ pub fn choose_camera(lit: &LitScene<'_>) -> Camera {
     candidates[best]
 }
 
-/// The box that holds most of the detail: the 1st to 99th percentile of corners on each axis, so that an endless ground plane does
-/// not count.
+/// The box that holds most of the detail: the 1st to 99th percentile of corners on each axis, so
+/// that an endless ground plane does not count.
 fn bulk(soup: &Soup) -> Option<(Vec3, Vec3)> {
     const AT_MOST: usize = 100_000;
     let step = soup.seen().div_ceil(AT_MOST).max(1);

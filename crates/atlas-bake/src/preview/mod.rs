@@ -1,6 +1,8 @@
-//! Pictures of a finished bake, for people: the level as an engine would show it, and the pages themselves.
+//! Pictures of a finished bake, for people: the level as an engine would show it, and the pages
+//! themselves.
 //!
-//! Nothing is measured here; the rest of the program does not depend on it. Deterministic for any number of threads.
+//! Nothing is measured here; the rest of the program does not depend on it. Deterministic for any
+//! number of threads.
 
 mod camera;
 mod seen;
@@ -22,7 +24,8 @@ use tone::Exposure;
 /// Samples along each side of a pixel.
 const SUPERSAMPLING: u32 = 2;
 
-/// sRGB colours of the sky at the top and at the bottom of the picture: neutral, and clearly no surface.
+/// sRGB colours of the sky at the top and at the bottom of the picture: neutral, and clearly no
+/// surface.
 const BACKDROP: [[f32; 3]; 2] = [[58.0, 66.0, 80.0], [22.0, 24.0, 29.0]];
 
 /// Renders `lit` from `camera` as a PNG of `size` pixels, exposed automatically.
@@ -83,8 +86,8 @@ pub fn lightmap_png(page: &Page) -> Result<Vec<u8>> {
     encode_png(page.width, page.height, &pixels)
 }
 
-/// One channel of `page` as a PNG from black (`range[0]` and below) through blue, green, yellow and red to white (`range[1]`):
-/// error, coverage.
+/// One channel of `page` as a PNG from black (`range[0]` and below) through blue, green, yellow and
+/// red to white (`range[1]`): error, coverage.
 ///
 /// # Errors
 /// [`crate::Error::Inconsistent`] where `values` are not one per texel.

@@ -19,7 +19,8 @@ pub struct LitScene<'a> {
     pub scene: &'a Scene,
     /// Its triangles.
     pub soup: &'a Soup,
-    /// The tree over `soup`, built with the triangles flagged whose material [needs alpha](Scene::needs_alpha).
+    /// The tree over `soup`, built with the triangles flagged whose material [needs
+    /// alpha](Scene::needs_alpha).
     pub bvh: &'a Bvh,
     /// The light.
     pub light: PictureLight<'a>,
@@ -37,7 +38,8 @@ pub enum PictureLight<'a> {
         /// What they hold.
         value: ValueKind,
     },
-    /// The solution on patches, before anything is gathered: coarse, with some noise near lamps and contacts.
+    /// The solution on patches, before anything is gathered: coarse, with some noise near lamps and
+    /// contacts.
     Solved {
         /// Its world, over the same soup.
         world: &'a World<'a>,
@@ -102,7 +104,8 @@ impl LitScene<'_> {
         (reflected + glow, base.w)
     }
 
-    /// The stored value at a point of a triangle, bilinear as an engine reads it; black where there is no lightmap.
+    /// The stored value at a point of a triangle, bilinear as an engine reads it; black where there
+    /// is no lightmap.
     fn stored(&self, layout: &Layout, pages: &[Page], hit: &Hit) -> Vec3 {
         let &Hit { triangle, u, v, .. } = hit;
         let look = || {

@@ -6,7 +6,8 @@ use visibility::{BuildOptions, Bvh};
 use super::*;
 use crate::manifest::ValueKind;
 
-/// A 2 × 2 wall at z = 0 that faces +z, its lightmap left half 1 and right half 3, base colour (1, 0.5, 0).
+/// A 2 × 2 wall at z = 0 that faces +z, its lightmap left half 1 and right half 3, base colour (1,
+/// 0.5, 0).
 fn wall() -> (Scene, Layout, Vec<Page>) {
     let positions = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
         .map(|[x, y]: [f32; 2]| Vec3::new(x, y, 0.0));
@@ -172,7 +173,8 @@ fn pages_and_channels_become_pictures() {
     assert!(heat_png(&pages[0], &[0.0], [0.0, 1.0]).is_err());
 }
 
-/// A picture of every document under `LUMEL_SCENES` into `LUMEL_OUT`, lit by the normals alone: to look at the chosen cameras.
+/// A picture of every document under `LUMEL_SCENES` into `LUMEL_OUT`, lit by the normals alone: to
+/// look at the chosen cameras.
 #[test]
 #[ignore = "needs LUMEL_SCENES and LUMEL_OUT"]
 fn picture_every_scene() {

@@ -4,8 +4,8 @@ use glam::Vec3;
 
 use crate::compare::LUMINANCE;
 
-/// Display value of the scene's log-average luminance: middle grey (Reinhard et al., "Photographic Tone Reproduction for Digital
-/// Images", 2002).
+/// Display value of the scene's log-average luminance: middle grey (Reinhard et al., "Photographic
+/// Tone Reproduction for Digital Images", 2002).
 const KEY: f32 = 0.18;
 
 /// How radiance is scaled and compressed.
@@ -22,7 +22,8 @@ pub(super) fn luminance(c: Vec3) -> f32 {
 }
 
 impl Exposure {
-    /// From the luminances of a picture: the middle nine tenths give the exposure, the 99th percentile becomes white.
+    /// From the luminances of a picture: the middle nine tenths give the exposure, the 99th
+    /// percentile becomes white.
     pub fn measure(colors: impl Iterator<Item = Vec3>) -> Exposure {
         let mut y: Vec<f32> = colors
             .map(luminance)
@@ -37,7 +38,8 @@ impl Exposure {
         y.sort_unstable_by(f32::total_cmp);
         let at = |q: f64| y[((y.len() - 1) as f64 * q) as usize];
         let middle = &y[y.len() / 20..(y.len() - y.len() / 20).max(y.len() / 20 + 1)];
-        // What is a thousandth of the bright parts is black to the eye and must not drive the exposure.
+        // What is a thousandth of the bright parts is black to the eye and must not drive the
+        // exposure.
         let floor = at(0.9) * 1e-3;
         let sum: f64 = middle.iter().map(|y| f64::from(y.max(floor)).ln()).sum();
         let mean = (sum / middle.len() as f64).exp() as f32;
@@ -48,7 +50,8 @@ impl Exposure {
         }
     }
 
-    /// sRGB-encoded 0..=1: Reinhard's curve with a white point, per channel so that highlights bleach.
+    /// sRGB-encoded 0..=1: Reinhard's curve with a white point, per channel so that highlights
+    /// bleach.
     pub fn display(&self, color: Vec3) -> Vec3 {
         let x = color.max(Vec3::ZERO) * self.scale;
         if !x.is_finite() {

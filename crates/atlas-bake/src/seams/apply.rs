@@ -19,10 +19,11 @@ pub(crate) enum Range {
     Untouched,
 }
 
-/// Makes lookups agree in all channels of `full`, whose extra channels have these ranges, and in the pages of groups.
+/// Makes lookups agree in all channels of `full`, whose extra channels have these ranges, and in
+/// the pages of groups.
 ///
-/// What sums to the light goes on doing so. The operator is linear, so that only clamping to bounds and parts that would become negative
-/// have to be made up for, by all parts in proportion.
+/// What sums to the light goes on doing so. The operator is linear, so that only clamping to bounds
+/// and parts that would become negative have to be made up for, by all parts in proportion.
 pub(crate) fn stitch(
     stitcher: &mut Stitcher,
     full: &mut [Page],

@@ -29,15 +29,17 @@ pub(crate) struct Piece {
     pub texel: f32,
 }
 
-/// Texels of a piece at most. What is cut short has a small box, however long and slanting the edge is. Where charts lie upon each other, borders
-/// together may be longer than pages have texels; pieces are then as much longer as keeps them fewer.
+/// Texels of a piece at most. What is cut short has a small box, however long and slanting the edge
+/// is. Where charts lie upon each other, borders together may be longer than pages have texels;
+/// pieces are then as much longer as keeps them fewer.
 const LONGEST: f32 = 16.0;
 
 /// The borders of all charts of all instances, in the order of the soup's triangles.
 ///
-/// An edge is inside of its chart if another triangle of the chart has an edge with the same two places in the lightmap, whether or not they
-/// share vertices. Triangles without extent in the lightmap have no lookups of their own and no borders. There are at most as many pieces as
-/// edges and a sixteenth of the pages' texels.
+/// An edge is inside of its chart if another triangle of the chart has an edge with the same two
+/// places in the lightmap, whether or not they share vertices. Triangles without extent in the
+/// lightmap have no lookups of their own and no borders. There are at most as many pieces as edges
+/// and a sixteenth of the pages' texels.
 pub(crate) fn border_pieces(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Piece> {
     let edges: Vec<[u32; 3]> = (0..world.scene.instances.len())
         .into_par_iter()

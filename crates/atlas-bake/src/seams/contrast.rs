@@ -1,9 +1,10 @@
 //! What two grids cannot both represent.
 //!
-//! Along a seam, bilinear lookups are piecewise linear, with knots where texels' centres are: at differing places on its two sides.
-//! Both can be made to agree only by making both straight. Where light bends along the seam, as where a shadow's edge crosses it, that draws the
-//! shadow out by texels, and takes lumels away from what they are. The error of linear interpolation, an eighth of the second
-//! difference, says how much there is to bend.
+//! Along a seam, bilinear lookups are piecewise linear, with knots where texels' centres are: at
+//! differing places on its two sides. Both can be made to agree only by making both straight. Where
+//! light bends along the seam, as where a shadow's edge crosses it, that draws the shadow out by
+//! texels, and takes lumels away from what they are. The error of linear interpolation, an eighth
+//! of the second difference, says how much there is to bend.
 
 use glam::Vec2;
 
@@ -11,11 +12,13 @@ use crate::page::Page;
 use crate::seams::pairs::Sample;
 use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 
-/// Misfit, over the light, at which agreement counts a quarter: about a step's, which is 0.125. At a third of this, a demo level's shadows leave
-/// 1 % of its seams 12 % apart; without end, lookups on a sphere are a sixth farther from the truth (docs/seams.md).
+/// Misfit, over the light, at which agreement counts a quarter: about a step's, which is 0.125. At
+/// a third of this, a demo level's shadows leave 1 % of its seams 12 % apart; without end, lookups
+/// on a sphere are a sixth farther from the truth (docs/seams.md).
 const BENT: f32 = 0.12;
 
-/// Agreement never counts less than this: a step that is smaller by a bit everywhere is seen less than one that stays.
+/// Agreement never counts less than this: a step that is smaller by a bit everywhere is seen less
+/// than one that stays.
 const LEAST: f32 = 0.1;
 
 /// What agreement counts where this misfit, over the light, has to be expected: 1 to [`LEAST`].

@@ -1,23 +1,26 @@
 //! The least of a quadratic function within bounds, as near as a fixed number of steps comes to it.
 //!
-//! Every step moves all texels down their own slope, clamps them, and carries on in the direction of the step before. Its work is one pass over
-//! the matrix, whatever the equations are, and no texel waits for another: the same bits for any number of threads. Differences between lookups,
-//! which pull hardest, go first, so that stopping early costs little of what one sees. An interior-point method on sparse factors, which was
-//! here before, found the least itself, but one level's factors took more memory and time than all the rest of its bake together.
+//! Every step moves all texels down their own slope, clamps them, and carries on in the direction
+//! of the step before. Its work is one pass over the matrix, whatever the equations are, and no
+//! texel waits for another: the same bits for any number of threads. Differences between lookups,
+//! which pull hardest, go first, so that stopping early costs little of what one sees. An
+//! interior-point method on sparse factors, which was here before, found the least itself, but one
+//! level's factors took more memory and time than all the rest of its bake together.
 //!
-//! Based on: Beck, Teboulle, *A fast iterative shrinkage-thresholding algorithm for linear inverse problems*, 2009 (with a step length for each
-//! unknown, and bounds for the shrinkage).
+//! Based on: Beck, Teboulle, *A fast iterative shrinkage-thresholding algorithm for linear inverse
+//! problems*, 2009 (with a step length for each unknown, and bounds for the shrinkage).
 
 use glam::Vec4;
 use rayon::prelude::*;
 
 use crate::seams::matrix::{Matrix, TOGETHER};
 
-/// Steps. 99 % of seams then differ by less than 0.7 % in all scenes measured but Sponza in a hard sun (1.9 %); 100 steps leave 1.5 times as much,
-/// 400 two thirds (docs/seams.md).
+/// Steps. 99 % of seams then differ by less than 0.7 % in all scenes measured but Sponza in a hard
+/// sun (1.9 %); 100 steps leave 1.5 times as much, 400 two thirds (docs/seams.md).
 pub(super) const STEPS: u32 = 200;
 
-/// Makes ½ xᵀA x − `right`ᵀx small between bounds, from x = 0, for four channels, each as if it were alone.
+/// Makes ½ xᵀA x − `right`ᵀx small between bounds, from x = 0, for four channels, each as if it
+/// were alone.
 ///
 /// Bounds must hold 0. What comes out lies within them, and is 0 where it would be no number.
 pub(super) fn least(matrix: &Matrix, right: &[Vec4], [low, high]: &[Vec<Vec4>; 2]) -> Vec<Vec4> {
@@ -51,7 +54,8 @@ pub(super) fn least(matrix: &Matrix, right: &[Vec4], [low, high]: &[Vec<Vec4>; 2
 mod tests {
     use super::*;
 
-    /// A chain of texels whose neighbours are tied by weights from 1 to 1e4 and pulled apart, in four channels that differ in pulls and bounds.
+    /// A chain of texels whose neighbours are tied by weights from 1 to 1e4 and pulled apart, in
+    /// four channels that differ in pulls and bounds.
     fn chain(n: usize) -> (Matrix, Vec<Vec4>, [Vec<Vec4>; 2]) {
         let mut seed = 7u32;
         let mut random = || {

@@ -17,7 +17,8 @@ pub(super) struct Matrix {
 pub(super) const TOGETHER: usize = 1024;
 
 impl Matrix {
-    /// Sums up rows, what holds single texels, and what ties neighbours. Memory and time are linear in their number.
+    /// Sums up rows, what holds single texels, and what ties neighbours. Memory and time are linear
+    /// in their number.
     pub(super) fn new(rows: &[Row], hold: &[f32], even: &[(u32, u32, f32)]) -> Self {
         let each = |found: &mut dyn FnMut(u32, u32, f32)| {
             for (i, &hold) in hold.iter().enumerate() {
@@ -55,7 +56,8 @@ impl Matrix {
             entries[*at] = (j, value);
             *at += 1;
         });
-        // What ties the same two texels becomes one entry. The order of sums is that of the equations.
+        // What ties the same two texels becomes one entry. The order of sums is that of the
+        // equations.
         let (mut columns, mut values) = (Vec::new(), Vec::new());
         let mut from = 0;
         for i in 0..n {
@@ -82,8 +84,8 @@ impl Matrix {
         columns.zip(self.values[range].iter().copied())
     }
 
-    /// 1 / Σ |a_ij| of each texel i: a step so long down the slope never overshoots, since diag(Σ |a_ij|) − A is diagonally dominant. 0 where
-    /// nothing is known.
+    /// 1 / Σ |a_ij| of each texel i: a step so long down the slope never overshoots, since
+    /// diag(Σ |a_ij|) − A is diagonally dominant. 0 where nothing is known.
     pub(super) fn steps(&self) -> Vec<f32> {
         (0..self.starts.len() - 1)
             .into_par_iter()

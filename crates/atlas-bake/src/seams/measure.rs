@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-/// Differences of lookups on both sides: |a − b| over their mean + 1 % of the map's mean, by luminance. Weighted by the seams' length in texels.
+/// Differences of lookups on both sides: |a − b| over their mean + 1 % of the map's mean, by
+/// luminance. Weighted by the seams' length in texels.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct SeamError {
     /// Half of all seams differ by less.
@@ -24,7 +25,8 @@ pub struct SeamReport {
     pub before: SeamError,
     /// Differences in the map as it is; the same as `before` where nothing was stitched.
     pub after: SeamError,
-    /// Root mean square change of lumels within two texels of a seam, over their value + 1 % of the map's mean, weighted by coverage.
+    /// Root mean square change of lumels within two texels of a seam, over their value + 1 % of the
+    /// map's mean, weighted by coverage.
     pub moved_near: f64,
     /// The same of all others.
     pub moved_elsewhere: f64,

@@ -21,41 +21,47 @@ pub(crate) struct Sample {
     pub metres: f32,
 }
 
-/// Borders this far apart still meet, in texels of the denser side: a twentieth of a texel is no gap that one sees.
+/// Borders this far apart still meet, in texels of the denser side: a twentieth of a texel is no
+/// gap that one sees.
 const TEXELS_APART: f32 = 0.05;
 
-/// Nor may it be more than this share of the shorter edge, or small things would meet their own far side.
+/// Nor may it be more than this share of the shorter edge, or small things would meet their own far
+/// side.
 const EDGES_APART: f32 = 0.01;
 
-/// Sine of the angle between edges that run along each other; at 1 : 100 of [`EDGES_APART`] they could hardly differ more.
+/// Sine of the angle between edges that run along each other; at 1 : 100 of [`EDGES_APART`] they
+/// could hardly differ more.
 const EDGES_ASKEW: f32 = 0.02;
 
 /// Cosine of 8°: normals that differ by more describe a crease, where light truly jumps.
 const SAME_FACING: f32 = 0.990;
 
-/// Cosine of 65°: across a sharper fold each side has its own horizon, and light truly jumps whatever the shading normals say. The same angle
-/// at which the unwrapping parts charts.
+/// Cosine of 65°: across a sharper fold each side has its own horizon, and light truly jumps
+/// whatever the shading normals say. The same angle at which the unwrapping parts charts.
 const SHARPEST_FOLD: f32 = 0.423;
 
-/// Two triangles that lie on the same side of their common edge (a fold back, a double layer) are not each other's continuation: cosine
-/// between their directions away from it, at most.
+/// Two triangles that lie on the same side of their common edge (a fold back, a double layer) are
+/// not each other's continuation: cosine between their directions away from it, at most.
 const FOLDED_BACK: f32 = 0.5;
 
 /// The same place on one page: lookups there agree by themselves, texels.
 const SAME_PLACE: f32 = 1e-3;
 
-/// Distance of samples along a seam, texels of the denser side. Lookups of either side have a knot per texel: two samples between knots are
-/// the least that sees a zigzag.
+/// Distance of samples along a seam, texels of the denser side. Lookups of either side have a knot
+/// per texel: two samples between knots are the least that sees a zigzag.
 const SPACING: f32 = 0.125;
 
-/// Samples for each texel of the pages, at most; where seams are longer than half of a texel for each, samples lie farther apart. A level of 1,067 charts
-/// with lightmap coordinates of its own has 0.7.
+/// Samples for each texel of the pages, at most; where seams are longer than half of a texel for
+/// each, samples lie farther apart. A level of 1,067 charts with lightmap coordinates of its own
+/// has 0.7.
 const MOST_SAMPLES: f64 = 4.0;
 
-/// Boxes that are looked at for each piece, at most. Pieces have 5 to 30 near them; thousands where as many surfaces coincide.
+/// Boxes that are looked at for each piece, at most. Pieces have 5 to 30 near them; thousands where
+/// as many surfaces coincide.
 const MOST_NEAR: usize = 1024;
 
-/// Times that a piece may meet others over its own length, at most, and how many of them. Where two kits coincide, a border is met twice.
+/// Times that a piece may meet others over its own length, at most, and how many of them. Where two
+/// kits coincide, a border is met twice.
 const MOST_LAYERS: f32 = 4.0;
 const MOST_MET: usize = 64;
 
@@ -70,10 +76,12 @@ struct Stretch {
     metres: f32,
 }
 
-/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces, whatever coincides.
+/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces, whatever
+/// coincides.
 ///
-/// Of every two borders that run along each other, their common stretch is sampled where the surface goes on across it and nothing stands
-/// upon it. Where very many coincide, only some of them are: see [`MOST_NEAR`] and [`MOST_LAYERS`].
+/// Of every two borders that run along each other, their common stretch is sampled where the
+/// surface goes on across it and nothing stands upon it. Where very many coincide, only some of
+/// them are: see [`MOST_NEAR`] and [`MOST_LAYERS`].
 pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Sample> {
     let pieces = border_pieces(world, layout, lumels);
     let boxes: Vec<[Vec3; 2]> = pieces
@@ -199,14 +207,16 @@ fn sample(world: &World, pieces: [&Piece; 2], s: &Stretch, spacing: f32, out: &m
     }
 }
 
-/// Lookups start this far to either side of a seam when they ask whether something stands upon it, in texels.
+/// Lookups start this far to either side of a seam when they ask whether something stands upon it,
+/// in texels.
 const BESIDE: f32 = 0.5;
 
-/// And this high above the surface, as a share of the distance from the seam. What is lower casts no shadow that a lumel would show.
+/// And this high above the surface, as a share of the distance from the seam. What is lower casts
+/// no shadow that a lumel would show.
 const ABOVE: f32 = 0.4;
 
-/// Whether the surface goes on from one piece to the other: normals agree, and nothing is in between. Sides that are buried are known by
-/// their lumels later.
+/// Whether the surface goes on from one piece to the other: normals agree, and nothing is in
+/// between. Sides that are buried are known by their lumels later.
 fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let normals = [0, 1].map(|k| {
         let w = pieces[k].weights[0].lerp(pieces[k].weights[1], params[k]);
@@ -220,7 +230,8 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let beside = pieces.map(|p| (BESIDE * p.texel).min(p.altitude.max(0.1 * p.texel)));
     let geometric = pieces.map(|p| world.soup.normals[p.triangle as usize]);
     let cosine = geometric[0].dot(geometric[1]);
-    // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ between them lifts it over.
+    // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ
+    // between them lifts it over.
     let top = geometric[0].cross(geometric[1]).length() / (1.0 + cosine).max(0.1);
     let mut ends = [Vec3::ZERO; 2];
     for k in 0..2 {

@@ -8,7 +8,8 @@ use crate::page::Page;
 /// Weight in a lookup that is as good as none.
 const LITTLE: f32 = 1e-3;
 
-/// A chart is narrow if at most this share of its lumels is left alone by seams. At 0.6 half a sphere is.
+/// A chart is narrow if at most this share of its lumels is left alone by seams. At 0.6 half a
+/// sphere is.
 const NARROW: f32 = 0.3;
 
 /// What is known of texels beside their light, by page.
@@ -34,13 +35,15 @@ pub(super) struct Row {
     pub scale: f32,
     /// ℓ.
     pub texels_long: f32,
-    /// Whether both sides lie in the open, as far as their lumels say. What lies inside adapts to what does not, but is nothing to report.
+    /// Whether both sides lie in the open, as far as their lumels say. What lies inside adapts to
+    /// what does not, but is nothing to report.
     pub counts: bool,
 }
 
 impl Row {
-    /// Whether its two lookups read a texel in common. A chart that is slit open by less than a lookup's reach is such a place: its lips differ by
-    /// the slope times their distance, and could agree only if the slope went.
+    /// Whether its two lookups read a texel in common. A chart that is slit open by less than a
+    /// lookup's reach is such a place: its lips differ by the slope times their distance, and could
+    /// agree only if the slope went.
     pub(super) fn shares_texels(&self) -> bool {
         let (a, b) = self.texels.split_at(4);
         let (of_a, of_b) = self.weights.split_at(4);
@@ -121,7 +124,8 @@ pub(crate) fn lookup(page: &Page, at: Vec2) -> [(usize, f32); 4] {
     ]
 }
 
-/// Whether the charts of these texels are narrow: strips and flakes of which hardly a lumel is not a border's.
+/// Whether the charts of these texels are narrow: strips and flakes of which hardly a lumel is not
+/// a border's.
 pub(super) fn narrow(list: &TexelList, steps: &[u8], pages: &[Page], texels: &Texels) -> Vec<bool> {
     let charts = (texels.chart.iter().flatten())
         .filter(|&&c| c != EMPTY)

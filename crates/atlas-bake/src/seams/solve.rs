@@ -1,11 +1,14 @@
 //! Least squares: texels change as little as they can until lookups on both sides of seams agree.
 //!
-//! With d the change of texels and a(·), b(·) the bilinear lookups of sample s on its two sides, least is
+//! With d the change of texels and a(·), b(·) the bilinear lookups of sample s on its two sides,
+//! least is
 //!
 //! Σ_s W ℓ_s ((a_s − b_s) / σ_s)² + Σ_i c_i (d_i / σ_i)² + Σ_(i,j) G ((d_i − d_j) / σ_ij)²
 //!
-//! where W falls a little with the light's contrast along the seam ([`contrast`](super::contrast)), ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean, plus 1 %: errors are seen relative to it. The third sum, over
-//! neighbours in a chart, lets changes die out over a few texels instead of making a step beside the seam.
+//! where W falls a little with the light's contrast along the seam ([`contrast`](super::contrast)),
+//! ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean,
+//! plus 1 %: errors are seen relative to it. The third sum, over neighbours in a chart, lets
+//! changes die out over a few texels instead of making a step beside the seam.
 
 use glam::Vec4;
 
@@ -20,21 +23,25 @@ use crate::seams::rows::{
     EMPTY, Row, TexelList, Texels, beside, light_at, lookup, mean_light, narrow,
 };
 
-/// W: what agreement counts against leaving texels as they are, where light is even. At 1e5 kits' seams agree no better than they must, and lookups on
-/// spheres are a fifth further from the truth (docs/seams.md).
+/// W: what agreement counts against leaving texels as they are, where light is even. At 1e5 kits'
+/// seams agree no better than they must, and lookups on spheres are a fifth further from the truth
+/// (docs/seams.md).
 const AGREE: f32 = 2e4;
 
-/// Times as much in narrow charts, which have no light of their own to keep. Alike everywhere, Sponza's seams stay 1.4 % apart.
+/// Times as much in narrow charts, which have no light of their own to keep. Alike everywhere,
+/// Sponza's seams stay 1.4 % apart.
 const AGREE_NARROW: f32 = 10.0;
 
-/// G: what an even change counts against a small one. Changes die out over √G texels: at 2 lumels off the seam move six times as far as at ½,
-/// and at 0.2 single texels take what seams need.
+/// G: what an even change counts against a small one. Changes die out over √G texels: at 2 lumels
+/// off the seam move six times as far as at ½, and at 0.2 single texels take what seams need.
 const EVEN: f32 = 0.5;
 
-/// c of texels of which nothing is seen but by lookups across the border: dilated ones, and lumels inside of something.
+/// c of texels of which nothing is seen but by lookups across the border: dilated ones, and lumels
+/// inside of something.
 const FREE: f32 = 0.02;
 
-/// Texels next to those that seams read may change up to this many steps away: a hundredth of what happens at the seam is left there.
+/// Texels next to those that seams read may change up to this many steps away: a hundredth of what
+/// happens at the seam is left there.
 const REACH: u8 = 3;
 
 /// The equations of a layout's seams, for any channel of its pages.
@@ -169,9 +176,10 @@ impl Stitcher {
         self.light = (list.places.iter())
             .map(|&place| light(place) + 0.01 * mean)
             .collect();
-        // What nobody sees in its own place is measured against the light of the lookups that read it: a dilated texel of the dark side must not hold the
-        // lit one down. So is what has no inside, by the sum of both sides, which is as dear for one as for the other: against its own light the dark side
-        // would win, and a lamp's rim in the sun turn black.
+        // What nobody sees in its own place is measured against the light of the lookups that read
+        // it: a dilated texel of the dark side must not hold the lit one down. So is what has no
+        // inside, by the sum of both sides, which is as dear for one as for the other: against its
+        // own light the dark side would win, and a lamp's rim in the sun turn black.
         let mut scales = self.light.clone();
         for row in &self.rows {
             for t in row.texels.map(|t| t as usize) {
@@ -254,8 +262,8 @@ impl Stitcher {
         &self.places
     }
 
-    /// Changes that bring each channel's lookups together, in the order of [`places`](Self::places). Channels are solved four at a time, each as if it
-    /// were alone.
+    /// Changes that bring each channel's lookups together, in the order of
+    /// [`places`](Self::places). Channels are solved four at a time, each as if it were alone.
     pub(crate) fn solve(&self, channels: &[Channel<'_>]) -> Vec<Vec<f32>> {
         let matrix = Matrix::new(&self.rows, &self.hold, &self.even);
         let mut changes = Vec::new();
@@ -310,7 +318,8 @@ impl Stitcher {
         (values, bounds)
     }
 
-    /// Takes notes of what became of the light: `was` at [`places`](Self::places), and the pages as they are.
+    /// Takes notes of what became of the light: `was` at [`places`](Self::places), and the pages as
+    /// they are.
     pub(crate) fn finish(&mut self, was: &[f32], pages: &[Page], clamped: u64) {
         self.report.after = self.error(pages);
         self.report.clamped = clamped;
@@ -349,7 +358,8 @@ mod tests {
 
     use super::*;
 
-    /// A sample of which the second side lies `apart` texels right of the first, on a page of one chart.
+    /// A sample of which the second side lies `apart` texels right of the first, on a page of one
+    /// chart.
     fn agreement(apart: f32) -> f32 {
         let page = Page {
             width: 8,
@@ -372,7 +382,8 @@ mod tests {
         Stitcher::new(&[sample], &[page], &texels).rows[0].agree
     }
 
-    /// Two strips of a lumel's height whose long borders meet on both sides, as a ledge's do: 1 and a hundredth of it.
+    /// Two strips of a lumel's height whose long borders meet on both sides, as a ledge's do: 1 and
+    /// a hundredth of it.
     fn strips() -> (Vec<Sample>, Vec<Page>, Texels) {
         let (width, height) = (24u32, 16u32);
         let n = (width * height) as usize;
@@ -438,7 +449,8 @@ mod tests {
 
     #[test]
     fn strips_in_and_out_of_a_hard_sun_agree() {
-        // Patches of sun three lumels long, a thousand times as bright as their shade, out of step on both sides: bounds are met all along.
+        // Patches of sun three lumels long, a thousand times as bright as their shade, out of step
+        // on both sides: bounds are met all along.
         let (samples, mut pages, texels) = strips();
         for (i, v) in pages[0].value.iter_mut().enumerate() {
             let (x, y) = (i % 24, i / 24);

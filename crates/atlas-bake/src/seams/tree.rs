@@ -1,7 +1,8 @@
 //! A tree of boxes to look border pieces up in.
 //!
-//! Halved at the median, so that its depth is log₂ n whatever coincides. (obvhs, which builds the tree for rays, pairs boxes
-//! by cost; seams are pairs of equal boxes, and kits rows of them, which it merges pair by pair.)
+//! Halved at the median, so that its depth is log₂ n whatever coincides. (obvhs, which builds the
+//! tree for rays, pairs boxes by cost; seams are pairs of equal boxes, and kits rows of them, which
+//! it merges pair by pair.)
 
 use glam::Vec3;
 
@@ -56,7 +57,8 @@ impl BoxTree {
         self.split(boxes, right, 2 * node + 2);
     }
 
-    /// Calls `found` with boxes that may meet this one, in no order that means anything, until it says `false`.
+    /// Calls `found` with boxes that may meet this one, in no order that means anything, until it
+    /// says `false`.
     pub(crate) fn meet(&self, low: Vec3, high: Vec3, found: &mut impl FnMut(u32) -> bool) {
         if !self.order.is_empty() {
             self.visit(0, 0, self.order.len(), [low, high], found);

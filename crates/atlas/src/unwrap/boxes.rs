@@ -9,11 +9,13 @@ use super::measure::signed_area2;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 use crate::overlap::overlap_share;
 
-/// Faces join a group up to this angle from its first face (degrees); the stretch stays below 1/cos.
+/// Faces join a group up to this angle from its first face (degrees); the stretch stays below
+/// 1/cos.
 const GROUP_DEGREES: f64 = 30.0;
 
-/// Projects each connected near-planar group of faces onto the plane of its first face. No optimisation, hence no way to
-/// fail but for lack of room; groups that would overlap themselves fall apart into single triangles.
+/// Projects each connected near-planar group of faces onto the plane of its first face. No
+/// optimisation, hence no way to fail but for lack of room; groups that would overlap themselves
+/// fall apart into single triangles.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct BoxProjection;
 
@@ -96,7 +98,8 @@ fn group_faces(mesh: &UnwrapInput, normals: &[DVec3]) -> Vec<Vec<u32>> {
     groups
 }
 
-/// Projects a group along `normal` (metres, minimum at the origin), counter-clockwise faces with positive signed area.
+/// Projects a group along `normal` (metres, minimum at the origin), counter-clockwise faces with
+/// positive signed area.
 fn project(mesh: &UnwrapInput, group: &[u32], normal: DVec3, flat: &mut [[DVec2; 3]]) {
     // The axes that are most nearly those of the space, so that walls stay upright.
     let a = normal.abs();
@@ -122,7 +125,8 @@ fn project(mesh: &UnwrapInput, group: &[u32], normal: DVec3, flat: &mut [[DVec2;
     }
 }
 
-/// Whether a projected group covers itself anywhere, judged on a grid of about four cells a triangle.
+/// Whether a projected group covers itself anywhere, judged on a grid of about four cells a
+/// triangle.
 fn overlaps_itself(group: &[u32], flat: &[[DVec2; 3]]) -> bool {
     let mut high = DVec2::ZERO;
     for &t in group {

@@ -62,7 +62,8 @@ pub(super) struct Shape {
 /// Share of its box that a chart must fill to count as a rectangle.
 const RECTANGLE: f64 = 0.999;
 
-/// How many sides of a chart's hull are tried as a side of its box: the longest ones, where the best box all but always lies.
+/// How many sides of a chart's hull are tried as a side of its box: the longest ones, where the
+/// best box all but always lies.
 const HULL_SIDES: usize = 48;
 
 impl Shape {
@@ -100,7 +101,8 @@ impl Shape {
     }
 }
 
-/// Convex hull, counter-clockwise in the mathematical sense, without collinear points (Andrew's monotone chain).
+/// Convex hull, counter-clockwise in the mathematical sense, without collinear points (Andrew's
+/// monotone chain).
 fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();
@@ -128,7 +130,8 @@ fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     out
 }
 
-/// Direction of the side of the hull on which the smallest box stands (freeman, Shapira 1975: one side is always flush).
+/// Direction of the side of the hull on which the smallest box stands (freeman, Shapira 1975: one
+/// side is always flush).
 fn tightest_direction(hull: &[DVec2]) -> DVec2 {
     if hull.len() < 2 {
         return DVec2::X;

@@ -11,7 +11,8 @@ use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 use super::weld::weld_slits;
 use crate::overlap::Overlaps;
 
-/// Cuts hollow charts, joins small ones, closes slits and packs them all: what every unwrapper ends with.
+/// Cuts hollow charts, joins small ones, closes slits and packs them all: what every unwrapper ends
+/// with.
 pub(super) fn finish(
     mesh: &UnwrapInput,
     mut charts: Charts,
@@ -27,14 +28,16 @@ pub(super) fn finish(
         return Err(UnwrapError::Cancelled);
     }
     let packed = pack_charts(&charts, options, cancel)?;
-    // Charts that come near themselves may be drawn over themselves by it. The page tells; they stay as they were then.
+    // Charts that come near themselves may be drawn over themselves by it. The page tells; they
+    // stay as they were then.
     if undo_overlaps(&packed, &apart, &mut charts) {
         return pack_charts(&charts, options, cancel);
     }
     Ok(packed)
 }
 
-/// Gives charts with texels that two triangles cover the corners that they had `before`; whether that changes anything.
+/// Gives charts with texels that two triangles cover the corners that they had `before`; whether
+/// that changes anything.
 fn undo_overlaps(packed: &UnwrappedMesh, before: &[[DVec2; 3]], charts: &mut Charts) -> bool {
     let overlaps = Overlaps::find(&packed.corners, packed.size);
     if overlaps.twice == 0 {

@@ -14,13 +14,14 @@ use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrap
 /// How often the waiting thread looks whether it is to stop.
 const POLL: Duration = Duration::from_millis(20);
 
-/// Meshes of fewer triangles are unwrapped by one thread; there are others to keep the rest of the machine busy with.
+/// Meshes of fewer triangles are unwrapped by one thread; there are others to keep the rest of the
+/// machine busy with.
 const LARGE: usize = 20_000;
 
 /// Runs `unwrapper` until it is done or `cancel` says so. A panic inside counts as a failure.
 ///
-/// The work gets threads of its own as well: callers wait inside a pool's threads, and work that shares the pool
-/// would wait for them.
+/// The work gets threads of its own as well: callers wait inside a pool's threads, and work that
+/// shares the pool would wait for them.
 pub(super) fn run(
     unwrapper: &'static dyn Unwrapper,
     mesh: &Arc<UnwrapInput>,

@@ -4,10 +4,12 @@ use glam::{DMat3, DVec3, Vec3};
 use mesh_ingest::Mesh;
 use rayon::slice::ParallelSliceMut;
 
-/// Edges sharper than this are chart borders where the shading is hard too (normals differ, or there are none).
+/// Edges sharper than this are chart borders where the shading is hard too (normals differ, or
+/// there are none).
 ///
-/// Degrees. Irradiance jumps across a crease, and bilinear filtering inside one chart would smear it; but low-poly
-/// terrain has creases everywhere, and a chart per facet would drown it in padding. See `docs/unwrap.md`.
+/// Degrees. Irradiance jumps across a crease, and bilinear filtering inside one chart would smear
+/// it; but low-poly terrain has creases everywhere, and a chart per facet would drown it in
+/// padding. See `docs/unwrap.md`.
 pub const CREASE_DEGREES: f64 = 40.0;
 
 /// Edges sharper than this are chart borders whatever the normals say (degrees).
@@ -19,7 +21,8 @@ const SMOOTH_NORMAL_DEGREES: f64 = 8.0;
 /// "No triangle" in [`UnwrapInput::neighbors`].
 pub const NONE: u32 = u32::MAX;
 
-/// One mesh, ready to be unwrapped: all primitives together, vertices welded where positions are exactly equal.
+/// One mesh, ready to be unwrapped: all primitives together, vertices welded where positions are
+/// exactly equal.
 #[derive(Debug, Clone, Default)]
 pub struct UnwrapInput {
     /// Welded positions, scaled as the mesh stands in the world (metres).
@@ -30,11 +33,12 @@ pub struct UnwrapInput {
     pub primitive: Vec<u32>,
     /// `[t][k]`: the edge from corner k to corner k+1 of triangle t must be a chart border.
     pub seams: Vec<[bool; 3]>,
-    /// `[t][k]`: the triangle across the edge from corner k to k+1, or `u32::MAX`. Of the triangles at a non-manifold edge those
-    /// that continue each other most smoothly are paired.
+    /// `[t][k]`: the triangle across the edge from corner k to k+1, or `u32::MAX`. Of the triangles
+    /// at a non-manifold edge those that continue each other most smoothly are paired.
     pub neighbors: Vec<[u32; 3]>,
-    /// Layer of each triangle. Regions that meet at an edge of more than two triangles (a sheet and its modelled
-    /// back, say) lie in different layers, so that within a layer an edge has two triangles wherever that is possible.
+    /// Layer of each triangle. Regions that meet at an edge of more than two triangles (a sheet and
+    /// its modelled back, say) lie in different layers, so that within a layer an edge has two
+    /// triangles wherever that is possible.
     pub layer: Vec<u32>,
     /// Number of layers.
     pub layers: u32,
@@ -95,7 +99,8 @@ impl UnwrapInput {
         (b - a).cross(c - a)
     }
 
-    /// Fills `neighbors` and `seams`. `faces` are unit face normals, `normals` the corners' shading normals.
+    /// Fills `neighbors` and `seams`. `faces` are unit face normals, `normals` the corners' shading
+    /// normals.
     fn connect(&mut self, faces: &[DVec3], normals: &[Option<[DVec3; 3]>]) {
         let count = self.triangles.len();
         self.neighbors = vec![[NONE; 3]; count];
@@ -130,7 +135,8 @@ impl UnwrapInput {
         }
     }
 
-    /// Numbers the sets of triangles connected across the edges that `open` admits, in order of their first triangle.
+    /// Numbers the sets of triangles connected across the edges that `open` admits, in order of
+    /// their first triangle.
     pub fn components(&self, open: impl Fn(usize, usize) -> bool) -> (Vec<u32>, u32) {
         let mut label = vec![NONE; self.triangles.len()];
         let (mut next, mut stack) = (0, Vec::new());
@@ -154,7 +160,8 @@ impl UnwrapInput {
         (label, next)
     }
 
-    /// Fills `layer` and `regions`: regions that meet at an edge of more than two triangles get different layers.
+    /// Fills `layer` and `regions`: regions that meet at an edge of more than two triangles get
+    /// different layers.
     fn separate_layers(&mut self) {
         let (component, count) = self.components(|t, k| !self.seams[t][k]);
         self.regions = count;
@@ -171,8 +178,8 @@ impl UnwrapInput {
             if fan.len() <= 2 {
                 continue;
             }
-            // A fan of many regions (pages of a book) would give a quadratic list; beyond a few the layers
-            // stop helping and the unwrapper cuts at the edge, which is still right.
+            // A fan of many regions (pages of a book) would give a quadratic list; beyond a few the
+            // layers stop helping and the unwrapper cuts at the edge, which is still right.
             for (i, x) in fan.iter().take(8).enumerate() {
                 for y in fan.iter().take(8).skip(i + 1) {
                     if x.2 != y.2 {
@@ -196,7 +203,8 @@ impl UnwrapInput {
     }
 }
 
-/// Welds bit-equal positions over all primitives, numbered in order of appearance; returns each vertex's number.
+/// Welds bit-equal positions over all primitives, numbered in order of appearance; returns each
+/// vertex's number.
 fn weld(mesh: &Mesh, linear: DMat3, positions: &mut Vec<Vec3>) -> Vec<Vec<u32>> {
     // Adding 0.0 turns −0 into 0.
     let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
@@ -231,7 +239,8 @@ fn weld(mesh: &Mesh, linear: DMat3, positions: &mut Vec<Vec3>) -> Vec<Vec<u32>> 
         .collect()
 }
 
-/// Pairs the half-edges of one edge: same primitive, opposite directions, the smoothest continuation first.
+/// Pairs the half-edges of one edge: same primitive, opposite directions, the smoothest
+/// continuation first.
 fn pair_fan(
     fan: &[(u32, u32, u32)],
     triangles: &[[u32; 3]],
@@ -254,7 +263,8 @@ fn pair_fan(
         }
         return;
     }
-    // Long fans (a thousand triangles on one edge) are left open: pairing them would be quadratic and is arbitrary.
+    // Long fans (a thousand triangles on one edge) are left open: pairing them would be quadratic
+    // and is arbitrary.
     if fan.len() < 2 || fan.len() > 16 {
         return;
     }
@@ -277,7 +287,8 @@ fn pair_fan(
     }
 }
 
-/// Whether the edge between two faces must part two charts; `n`, `m` are the shading normals at its two ends.
+/// Whether the edge between two faces must part two charts; `n`, `m` are the shading normals at its
+/// two ends.
 fn is_seam(face: DVec3, other: DVec3, n: Option<[DVec3; 2]>, m: Option<[DVec3; 2]>) -> bool {
     let cos = face.dot(other);
     if face == DVec3::ZERO || other == DVec3::ZERO {

@@ -1,11 +1,14 @@
-//! Joins small charts to their neighbours: one is turned and moved so that the border they share coincides.
+//! Joins small charts to their neighbours: one is turned and moved so that the border they share
+//! coincides.
 //!
-//! Every chart pays for the texels that lookups read beyond it, and a chart of five texels square pays as much again as it covers. Joined charts
-//! share them. Nothing is stretched, and no two parts overlap; where the common border fits one side less well than
-//! the other, they are moved apart by a fraction of a texel.
+//! Every chart pays for the texels that lookups read beyond it, and a chart of five texels square
+//! pays as much again as it covers. Joined charts share them. Nothing is stretched, and no two
+//! parts overlap; where the common border fits one side less well than the other, they are moved
+//! apart by a fraction of a texel.
 //!
-//! Charts that fold about each other would have other common borders a lumel or two apart: slits, whose lips read the same texels and so cannot be
-//! stitched. Where much of a border would become one, charts stay apart.
+//! Charts that fold about each other would have other common borders a lumel or two apart: slits,
+//! whose lips read the same texels and so cannot be stitched. Where much of a border would become
+//! one, charts stay apart.
 
 use glam::DVec2;
 
@@ -13,27 +16,32 @@ use super::charts::{Charts, cross2};
 use super::input::UnwrapInput;
 use super::joints::{Joint, joints};
 
-/// Largest chart that is joined to another, lumels². Beyond it the texels saved are few beside the chart's own.
+/// Largest chart that is joined to another, lumels². Beyond it the texels saved are few beside the
+/// chart's own.
 const SMALL: f64 = 256.0;
 
-/// A smooth or flat border joins two charts if it is as long as this share of the side of a square of the smaller one's area.
+/// A smooth or flat border joins two charts if it is as long as this share of the side of a square
+/// of the smaller one's area.
 const LEAST_BORDER: f64 = 0.2;
 
-/// Charts are joined across a hard edge if together they are no larger than this, lumels²: what lies within one lumel has
-/// one value anyway.
+/// Charts are joined across a hard edge if together they are no larger than this, lumels²: what
+/// lies within one lumel has one value anyway.
 const TINY: f64 = 1.0;
 
-/// Triangles of the smaller and of the larger chart, at most: the test for overlap goes through both.
+/// Triangles of the smaller and of the larger chart, at most: the test for overlap goes through
+/// both.
 const MOST_TRIANGLES: [usize; 2] = [2048, 8192];
 
-/// Of what two charts have in common, at most so much may become slits, as a share of the border that they are joined at. Without a limit, seams of
-/// Sponza differ by 57 % (99th percentile), with this by 24 %; at 0 they cover 1.4 % less of their page for 26 % (docs/seams.md).
+/// Of what two charts have in common, at most so much may become slits, as a share of the border
+/// that they are joined at. Without a limit, seams of Sponza differ by 57 % (99th percentile), with
+/// this by 24 %; at 0 they cover 1.4 % less of their page for 26 % (docs/seams.md).
 const SLITS: f64 = 0.3;
 
 /// What lies nearer is welded, and what lies farther is read by lookups of its own, lumels.
 const SLIT: [f64; 2] = [0.5, 2.0];
 
-/// How far apart two charts are moved at most before they are left apart, in lumels or sides of the smaller one.
+/// How far apart two charts are moved at most before they are left apart, in lumels or sides of the
+/// smaller one.
 const SHIFTS: [f64; 4] = [0.0, 0.02, 0.1, 0.3];
 
 /// Joins charts of `mesh` where a lumel is `lumel` metres wide.
@@ -65,7 +73,8 @@ pub(super) fn join_small(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
             .then(a.joints[0].charts.cmp(&b.joints[0].charts))
     });
     let mut islands = Islands::new(charts, &all);
-    // Twice: what was in the way may have been joined to something else meanwhile, and stands better now.
+    // Twice: what was in the way may have been joined to something else meanwhile, and stands
+    // better now.
     for _ in 0..2 {
         for pair in &pairs {
             islands.try_join(pair, lumel);
@@ -106,7 +115,8 @@ impl Motion {
         }
     }
 
-    /// The motion that brings the second of each pair of points nearest to the first (least squares, weights).
+    /// The motion that brings the second of each pair of points nearest to the first (least
+    /// squares, weights).
     fn fit(points: &[(DVec2, DVec2, f64)]) -> Motion {
         let total: f64 = points.iter().map(|p| p.2).sum();
         let mean = |f: fn(&(DVec2, DVec2, f64)) -> DVec2| {
@@ -220,7 +230,8 @@ impl Islands {
         if near.len() > 2 {
             motion = Motion::fit(&near);
         }
-        // Away from the one that stays: a triangle of positive area lies on the side of its edges' `perp`, and the edge runs as in the lower chart.
+        // Away from the one that stays: a triangle of positive area lies on the side of its edges'
+        // `perp`, and the edge runs as in the lower chart.
         let edge = points(&pair.joints[..1]);
         let Some(along) = (edge[1].0 - edge[0].0).try_normalize() else {
             return;
@@ -345,7 +356,8 @@ fn overlap(some: &[[DVec2; 3]], others: &[[DVec2; 3]], limit: f64) -> bool {
     })
 }
 
-/// How far two triangles enter each other along the axis on which they do least (separating axes); negative if they are apart.
+/// How far two triangles enter each other along the axis on which they do least (separating axes);
+/// negative if they are apart.
 fn depth(a: &[DVec2; 3], b: &[DVec2; 3]) -> f64 {
     let mut least = f64::INFINITY;
     for (c, k) in [a, b].into_iter().flat_map(|c| (0..3).map(move |k| (c, k))) {
@@ -370,7 +382,8 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    /// A flat cone of three triangles, 6 m from tip to rim, whose angles at the tip fall short of a full turn by `missing`; each a chart of its own.
+    /// A flat cone of three triangles, 6 m from tip to rim, whose angles at the tip fall short of a
+    /// full turn by `missing`; each a chart of its own.
     fn cone(missing: f64) -> (UnwrapInput, Charts) {
         let (side, angle) = (6.0, (std::f64::consts::TAU - missing) / 3.0);
         let radius = 2.0 * side * (0.5 * angle).sin() / 3f64.sqrt();
@@ -409,7 +422,8 @@ mod tests {
 
     #[test]
     fn charts_that_would_leave_a_slit_stay_apart() {
-        // How far the third border's ends would lie apart, in lumels: nothing, what is welded, twice what lookups share, and nearly all.
+        // How far the third border's ends would lie apart, in lumels: nothing, what is welded,
+        // twice what lookups share, and nearly all.
         for (apart, count) in [(0.0, 1), (0.3, 1), (1.2, 2), (1.8, 2), (6.0, 2)] {
             let (mesh, mut charts) = cone(apart / 6.0);
             join_small(&mesh, &mut charts, 1.0);

@@ -1,14 +1,17 @@
-//! Where two charts border on each other in space: along whole edges, or along parts of edges (T-junctions).
+//! Where two charts border on each other in space: along whole edges, or along parts of edges
+//! (T-junctions).
 
 use glam::{DVec2, DVec3};
 
 use super::charts::Charts;
 use super::input::{NONE, UnwrapInput};
 
-/// Faces that meet along a part of an edge only count as neighbours up to this bend (degrees): the same wall, cut differently.
+/// Faces that meet along a part of an edge only count as neighbours up to this bend (degrees): the
+/// same wall, cut differently.
 const FLAT_DEGREES: f64 = 15.0;
 
-/// Edges that lie on one line are searched for partners among so many that follow; a line that thousands of edges share is left as it is.
+/// Edges that lie on one line are searched for partners among so many that follow; a line that
+/// thousands of edges share is left as it is.
 const PARTNERS: usize = 32;
 
 /// A stretch of border that two charts have in common.
@@ -16,7 +19,8 @@ const PARTNERS: usize = 32;
 pub(super) struct Joint {
     /// The two charts, the lower number first.
     pub charts: [u32; 2],
-    /// Both ends of the stretch in the coordinates of either chart, in the direction in which the lower chart's triangle runs.
+    /// Both ends of the stretch in the coordinates of either chart, in the direction in which the
+    /// lower chart's triangle runs.
     pub ends: [[DVec2; 2]; 2],
     /// Length, metres.
     pub length: f64,
@@ -97,8 +101,8 @@ fn partial(
         let v = mesh.triangles[t as usize][k as usize % 3];
         mesh.positions[v as usize].as_dvec3() - middle
     };
-    // Coarse keys of lines: direction and the point nearest to the middle. Two grids, so that what lies on a border of one is inside
-    // in the other.
+    // Coarse keys of lines: direction and the point nearest to the middle. Two grids, so that what
+    // lies on a border of one is inside in the other.
     let mut keyed: Vec<([i32; 7], Open)> = Vec::with_capacity(border.len() * 2);
     for &(triangle, side) in border {
         let (p, q) = (end(triangle, side), end(triangle, side + 1));
@@ -196,8 +200,9 @@ fn partial(
     }
 }
 
-/// The part that the opposite edges p → q and r → s share, as positions 0..1 along each, and its length. `None` where they do
-/// not lie on one line: rounding of `f32` positions in a mesh of `size` is what is allowed.
+/// The part that the opposite edges p → q and r → s share, as positions 0..1 along each, and its
+/// length. `None` where they do not lie on one line: rounding of `f32` positions in a mesh of
+/// `size` is what is allowed.
 fn shared_part(
     p: DVec3,
     q: DVec3,

@@ -1,7 +1,7 @@
 //! Charts of an earlier layout, by content.
 //!
-//! What a mesh is flattened to hangs on nothing but its [`UnwrapInput`] and the options, so it can be kept for the next bake. Bytes that are not what was
-//! written are as good as none.
+//! What a mesh is flattened to hangs on nothing but its [`UnwrapInput`] and the options, so it can
+//! be kept for the next bake. Bytes that are not what was written are as good as none.
 
 use glam::Vec2;
 
@@ -72,7 +72,8 @@ pub(crate) fn key(
     *h.finalize().as_bytes()
 }
 
-/// `mesh` as flattened by `unwrapper`, as bytes: form, hash of the rest, which of the unwrappers, numbers.
+/// `mesh` as flattened by `unwrapper`, as bytes: form, hash of the rest, which of the unwrappers,
+/// numbers.
 pub(crate) fn to_bytes(mesh: &UnwrappedMesh, unwrapper: usize) -> Vec<u8> {
     let head = [
         unwrapper as u32,

@@ -53,8 +53,9 @@ impl Mask {
         self.bits.iter().map(|b| u64::from(b.count_ones())).sum()
     }
 
-    /// Takes every texel whose middle lies less than `reach` from the triangle along both axes: the texels that the triangle
-    /// touches for a reach of 0.5, those that bilinear lookups on it read for a reach of 1. Contacts of less than [`SLACK`] do not count.
+    /// Takes every texel whose middle lies less than `reach` from the triangle along both axes: the
+    /// texels that the triangle touches for a reach of 0.5, those that bilinear lookups on it read
+    /// for a reach of 1. Contacts of less than [`SLACK`] do not count.
     pub fn cover(&mut self, c: &[DVec2; 3], reach: f64) {
         let reach = reach - SLACK;
         let low = c[0].y.min(c[1].y).min(c[2].y) - reach;
@@ -149,11 +150,13 @@ impl Mask {
     }
 }
 
-/// Contact that does not count, texels: rounding of coordinates that go through `f32` 0..1 on a page of up to 16384 texels (1e-3), and a
-/// half more. With rounding on top, a lookup gives another chart's texel a weight of 0.002 at most.
+/// Contact that does not count, texels: rounding of coordinates that go through `f32` 0..1 on a
+/// page of up to 16384 texels (1e-3), and a half more. With rounding on top, a lookup gives another
+/// chart's texel a weight of 0.002 at most.
 pub(super) const SLACK: f64 = 1.5e-3;
 
-/// Range of x of the part of a triangle between two heights; empty (low above high) where there is none.
+/// Range of x of the part of a triangle between two heights; empty (low above high) where there is
+/// none.
 fn clipped(c: &[DVec2; 3], top: f64, bottom: f64) -> (f64, f64) {
     let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
     let mut see = |x: f64| {

@@ -13,13 +13,15 @@ pub struct ChartMeasure {
     pub charts: u32,
     /// Chart area over the rectangle's area, 0..=1.
     pub utilisation: f64,
-    /// L² stretch of Sander, Snyder, Gortler, Hoppe 2001 ("Texture Mapping Progressive Meshes"), normalised by area:
-    /// 1 for an isometry, infinite where a triangle collapses (collapsed triangles are left out and counted).
+    /// L² stretch of Sander, Snyder, Gortler, Hoppe 2001 ("Texture Mapping Progressive Meshes"),
+    /// normalised by area: 1 for an isometry, infinite where a triangle collapses (collapsed
+    /// triangles are left out and counted).
     pub stretch: f64,
     /// Smallest, median and largest texel density by area, lumels per metre.
     pub density: [f64; 3],
-    /// Smooth edges, whole lumels long in all: closed in the chart, slit open by up to ½ lumel, by up to 2 (lookups on both lips read the same
-    /// lumels, so nothing can make them agree), and by more or into another chart.
+    /// Smooth edges, whole lumels long in all: closed in the chart, slit open by up to ½ lumel, by
+    /// up to 2 (lookups on both lips read the same lumels, so nothing can make them agree), and by
+    /// more or into another chart.
     pub slits: [f64; 4],
     /// Triangles whose signed area in the chart is negative.
     pub flipped: u64,

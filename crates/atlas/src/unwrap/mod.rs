@@ -1,4 +1,5 @@
-//! Unwrapping: a surface in space becomes flat charts, packed into one rectangle of texels per mesh.
+//! Unwrapping: a surface in space becomes flat charts, packed into one rectangle of texels per
+//! mesh.
 //!
 //! [`Unwrapper`] is the one small interface; [`UvUnwrap`] and [`BoxProjection`] implement it.
 //! [`unwrap_with_fallback`] tries one after the other, so that a mesh always gets charts.
@@ -44,7 +45,8 @@ pub enum UnwrapperChoice {
     Auto,
     /// The `uvunwrap` crate.
     UvUnwrap,
-    /// The `xatlas-rs` crate (xatlas of 2019), its charts packed by `uvunwrap`; falls back where it fails.
+    /// The `xatlas-rs` crate (xatlas of 2019), its charts packed by `uvunwrap`; falls back where it
+    /// fails.
     Xatlas,
     /// Our own projection along the axes: many charts, never fails on sane input.
     Box,
@@ -61,7 +63,8 @@ impl UnwrapperChoice {
     }
 }
 
-/// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each earlier one failed.
+/// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each
+/// earlier one failed.
 ///
 /// All but the last run under a guard: one that panics is left behind. Each refuses what is too
 /// much for it, by counting, so that the result does not depend on the machine.

@@ -1,8 +1,10 @@
-//! Charts onto a rectangle of texels: phase on the texel grid, masks, places, the final coordinates.
+//! Charts onto a rectangle of texels: phase on the texel grid, masks, places, the final
+//! coordinates.
 //!
-//! What keeps two charts apart is what bilinear lookups on them read, texel by texel, not their outlines
-//! ([`UnwrapOptions::padding`]). A chart is therefore laid so on the grid that its lookups read as few texels as they can: a side of 4.2
-//! texels reads 6 in the right place and 7 in the wrong one.
+//! What keeps two charts apart is what bilinear lookups on them read, texel by texel, not their
+//! outlines ([`UnwrapOptions::padding`]). A chart is therefore laid so on the grid that its lookups
+//! read as few texels as they can: a side of 4.2 texels reads 6 in the right place and 7 in the
+//! wrong one.
 
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
@@ -13,15 +15,18 @@ use super::measure::signed_area2;
 use super::place::{Item, Place, place_all};
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 
-/// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a border row of lumels that are half on the
-/// surface costs as much to bake as whole ones, and the texels won are few beside the chart's own.
+/// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a
+/// border row of lumels that are half on the surface costs as much to bake as whole ones, and the
+/// texels won are few beside the chart's own.
 const LARGE_SIDE: f64 = 64.0;
 
-/// Charts that are no rectangles are tried on sixteen phases of the grid where that takes fewer steps (triangles × rows) than this.
+/// Charts that are no rectangles are tried on sixteen phases of the grid where that takes fewer
+/// steps (triangles × rows) than this.
 const PHASE_WORK: f64 = 20_000.0;
 
-/// A rectangle more than twice as long as wide counts as so much larger: six sides of a box fill 1 × 6 as well as 2 × 3, and squares are
-/// easier to pack. Five equal sides in 2 × 3 waste a fifth, which a strip across the page would waste as well.
+/// A rectangle more than twice as long as wide counts as so much larger: six sides of a box fill 1
+/// × 6 as well as 2 × 3, and squares are easier to pack. Five equal sides in 2 × 3 waste a fifth,
+/// which a strip across the page would waste as well.
 const STRIP_COST: f64 = 1.25;
 
 /// How often charts are packed at a lower density before they count as too many.
@@ -76,7 +81,8 @@ struct Stamp {
 /// Packs `charts` at the density of `options`, or the highest found below it at which they fit.
 ///
 /// # Errors
-/// [`UnwrapError::DoesNotFit`] where there are too many charts at any density; [`UnwrapError::Failed`] where a chart folds.
+/// [`UnwrapError::DoesNotFit`] where there are too many charts at any density;
+/// [`UnwrapError::Failed`] where a chart folds.
 pub(super) fn pack_charts(
     charts: &Charts,
     options: &UnwrapOptions,
@@ -201,13 +207,14 @@ struct Axis {
 impl Axis {
     /// `small`: as few texels read as possible. Otherwise rectangles lie on texel borders.
     ///
-    /// n + ½ texels read n + 2 and touch n + 1 if they begin on a border and end on a middle; n texels read and touch n + 1 between
-    /// two middles (on borders they would read n + 2 and touch n).
+    /// n + ½ texels read n + 2 and touch n + 1 if they begin on a border and end on a middle; n
+    /// texels read and touch n + 1 between two middles (on borders they would read n + 2 and touch
+    /// n).
     fn new(from: f64, rectangle: bool, small: bool) -> Axis {
         let halves = (2.0 * (from - SLACK)).ceil().max(1.0);
         let odd = halves % 2.0 == 1.0;
-        // A wall of a whole number of texels keeps whole lumels: whoever builds on a grid and chooses the density to fit it gets what is
-        // asked for.
+        // A wall of a whole number of texels keeps whole lumels: whoever builds on a grid and
+        // chooses the density to fit it gets what is asked for.
         let whole = from >= 4.0 && (from - from.round()).abs() < SLACK;
         let (length, low) = match (rectangle, small && !whole) {
             (true, true) => (halves / 2.0, if odd { 0.0 } else { 0.5 }),
@@ -325,7 +332,8 @@ fn arrange(
     Ok(Some(result))
 }
 
-/// A point of a `size` rectangle turned by quarters, clockwise as seen with y down ([`Mask::turned`]).
+/// A point of a `size` rectangle turned by quarters, clockwise as seen with y down
+/// ([`Mask::turned`]).
 fn turn(p: DVec2, size: [f64; 2], quarters: u8) -> DVec2 {
     match quarters {
         0 => p,
@@ -349,7 +357,8 @@ fn item(mask: &Mask, rule: &Rule) -> Item {
     Item { turns }
 }
 
-/// Indices of items: those first whose shorter side (`thick`) or longer side is longest, then the fullest. Neither order is always better.
+/// Indices of items: those first whose shorter side (`thick`) or longer side is longest, then the
+/// fullest. Neither order is always better.
 fn largest_first(items: &[Item], thick: bool) -> Vec<u32> {
     let key = |i: u32| {
         let mask = &items[i as usize].turns[0].1;
@@ -362,8 +371,8 @@ fn largest_first(items: &[Item], thick: bool) -> Vec<u32> {
     order
 }
 
-/// Widths to try for masks of `needed` units² together, most promising first. `sides`: the width that the widest mask needs at least, and the
-/// longest side of any.
+/// Widths to try for masks of `needed` units² together, most promising first. `sides`: the width
+/// that the widest mask needs at least, and the longest side of any.
 fn widths(needed: f64, sides: [u32; 2], inner: u32, count: usize) -> Vec<u32> {
     let side = needed.sqrt();
     let factors: &[f64] = match count {

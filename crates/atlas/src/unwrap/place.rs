@@ -1,8 +1,10 @@
-//! Packing of masks on one page: each goes to the first place from the top where its texels are free.
+//! Packing of masks on one page: each goes to the first place from the top where its texels are
+//! free.
 //!
-//! All positions of a row are tested at once, 64 to a word. Rows without a gap wide enough are skipped, and a mask starts
-//! where the last one of its size went, so that the work is near linear in the number of masks: larger ones that come
-//! earlier leave gaps, which smaller ones find since they start from the top themselves.
+//! All positions of a row are tested at once, 64 to a word. Rows without a gap wide enough are
+//! skipped, and a mask starts where the last one of its size went, so that the work is near linear
+//! in the number of masks: larger ones that come earlier leave gaps, which smaller ones find since
+//! they start from the top themselves.
 
 use std::collections::BTreeMap;
 
@@ -23,8 +25,9 @@ pub(super) struct Place {
     pub turn: usize,
 }
 
-/// Places `items` in the given order on a page of `width` columns and at most `max_height` rows, masks at least `gap` apart.
-/// Gives the places and the height used, or `None` where something does not fit.
+/// Places `items` in the given order on a page of `width` columns and at most `max_height` rows,
+/// masks at least `gap` apart. Gives the places and the height used, or `None` where something does
+/// not fit.
 pub(super) fn place_all(
     items: &[Item],
     order: &[u32],
@@ -257,7 +260,8 @@ fn shift_down(row: &[u64], by: u32, out: &mut [u64]) {
     }
 }
 
-/// `row` |= `row` moved `by` bits towards bit 0. In place: every word only reads itself and later ones.
+/// `row` |= `row` moved `by` bits towards bit 0. In place: every word only reads itself and later
+/// ones.
 fn or_shifted_down(row: &mut [u64], by: u32) {
     let (words, bits) = ((by / 64) as usize, by % 64);
     for w in 0..row.len() {

@@ -1,11 +1,13 @@
-//! Cuts charts that leave most of the page empty: the ring road of a level in one piece lies around nothing.
+//! Cuts charts that leave most of the page empty: the ring road of a level in one piece lies around
+//! nothing.
 
 use rayon::prelude::*;
 
 use super::charts::{Charts, Shape, cross2};
 use super::input::{NONE, UnwrapInput};
 
-/// A chart is cut where its box is empty over more than this share of all charts' area: other charts cannot fill that.
+/// A chart is cut where its box is empty over more than this share of all charts' area: other
+/// charts cannot fill that.
 const EMPTY: f64 = 0.5;
 
 /// Smaller charts are not cut, lumels²: a border costs more than is won.
@@ -43,7 +45,8 @@ pub(super) fn split_hollow(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) 
     }
 }
 
-/// Parts `shape` at the middle of its longer side; every connected part becomes a chart, the first keeps its number.
+/// Parts `shape` at the middle of its longer side; every connected part becomes a chart, the first
+/// keeps its number.
 fn cut(mesh: &UnwrapInput, charts: &mut Charts, shape: &Shape) {
     let old = charts.chart[shape.triangles[0] as usize];
     let middle = shape.extent.x * 0.5;

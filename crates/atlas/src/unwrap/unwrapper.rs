@@ -10,13 +10,16 @@ use super::input::UnwrapInput;
 pub struct UnwrapOptions {
     /// Lumels per metre wanted.
     pub texels_per_unit: f32,
-    /// What keeps charts apart. 2: the texels that bilinear lookups on two charts read are disjoint; each one more is a free texel
-    /// between those. 1: one free texel between the texels that charts touch; 0: no texel is touched by two charts. Half
-    /// of the free texels, rounded up, lie between the charts and the border of the rectangle.
+    /// What keeps charts apart. 2: the texels that bilinear lookups on two charts read are
+    /// disjoint; each one more is a free texel between those. 1: one free texel between the texels
+    /// that charts touch; 0: no texel is touched by two charts. Half of the free texels, rounded
+    /// up, lie between the charts and the border of the rectangle.
     pub padding: u32,
-    /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any size).
+    /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any
+    /// size).
     pub block: u32,
-    /// Also keeps charts to blocks: no block of `block` × `block` texels holds texels that lookups in two charts read.
+    /// Also keeps charts to blocks: no block of `block` × `block` texels holds texels that lookups
+    /// in two charts read.
     pub block_charts: bool,
     /// Longest side of the rectangle in texels. The density is lowered until the charts fit.
     pub max_size: u32,
@@ -29,8 +32,8 @@ pub struct UnwrappedMesh {
     pub size: [u32; 2],
     /// Density that was reached; the one asked for unless the charts did not fit.
     pub texels_per_unit: f32,
-    /// Texel coordinates of each triangle's corners (x right, y down). The signed area (x right, y down) is positive, or zero for
-    /// triangles too thin for any texel.
+    /// Texel coordinates of each triangle's corners (x right, y down). The signed area (x right, y
+    /// down) is positive, or zero for triangles too thin for any texel.
     pub corners: Vec<[Vec2; 3]>,
     /// Chart of each triangle.
     pub chart: Vec<u32>,
@@ -68,8 +71,9 @@ pub trait Unwrapper: Sync {
 
     /// Flattens `mesh`.
     ///
-    /// Guarantees on success: every corner is finite and lies in the rectangle; charts do not overlap and keep
-    /// their distance; the same input gives the same output for any number of threads.
+    /// Guarantees on success: every corner is finite and lies in the rectangle; charts do not
+    /// overlap and keep their distance; the same input gives the same output for any number of
+    /// threads.
     ///
     /// # Errors
     /// [`UnwrapError`]; another unwrapper may do better.

@@ -19,7 +19,8 @@ pub const MAX_TRIANGLES: usize = 4_000_000;
 /// (`examples/unwrap_cost.rs`).
 const PIECES: u32 = 250_000;
 
-/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps. Packed here.
+/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps.
+/// Packed here.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct UvUnwrap;
 
@@ -46,8 +47,9 @@ impl Unwrapper for UvUnwrap {
     }
 }
 
-/// Meshes of more triangles get charts of bounded size: flattening is more than linear in a chart's triangles, and a scan of 595,000
-/// took 10.6 s with charts as large as they come, 5.6 s with charts of about a thousand (14,000 and 18,000 charts).
+/// Meshes of more triangles get charts of bounded size: flattening is more than linear in a chart's
+/// triangles, and a scan of 595,000 took 10.6 s with charts as large as they come, 5.6 s with
+/// charts of about a thousand (14,000 and 18,000 charts).
 const LARGE_MESH: usize = 300_000;
 
 /// Triangles of average size in a chart of a large mesh, at most.
@@ -56,8 +58,9 @@ const LARGE_MESH_CHART: f64 = 1024.0;
 /// Texels that the charts cover together on the page that `uvunwrap` packs and we throw away.
 const PAGE_TEXELS: f64 = 65536.0;
 
-/// Cuts `mesh` into flat charts, or takes the charts it already has: `existing` texture coordinates per corner, in any unit. Islands of
-/// them are scaled to their area in space; those that overlap or fold are unwrapped anew.
+/// Cuts `mesh` into flat charts, or takes the charts it already has: `existing` texture coordinates
+/// per corner, in any unit. Islands of them are scaled to their area in space; those that overlap
+/// or fold are unwrapped anew.
 pub(super) fn flatten(
     mesh: &UnwrapInput,
     existing: Option<&[[Vec2; 3]]>,
@@ -81,7 +84,8 @@ pub(super) fn flatten(
     Err(UnwrapError::Failed("charts are too long".into()))
 }
 
-/// `nano-gemm` 0.1.3, below `uvunwrap`, looks for AVX2 and uses FMA: an illegal instruction on virtual machines that hide FMA.
+/// `nano-gemm` 0.1.3, below `uvunwrap`, looks for AVX2 and uses FMA: an illegal instruction on
+/// virtual machines that hide FMA.
 fn solver_runs_here() -> bool {
     #[cfg(target_arch = "x86_64")]
     return !is_x86_feature_detected!("avx2") || is_x86_feature_detected!("fma");
@@ -204,7 +208,8 @@ impl<'a> Layers<'a> {
                 }
             }
         }
-        // Triangles without area and without a neighbour that has any: a point of the first chart serves.
+        // Triangles without area and without a neighbour that has any: a point of the first chart
+        // serves.
         let Some(first) = charts.chart.iter().position(|&c| c != u32::MAX) else {
             return Err(UnwrapError::Failed(
                 "no triangle is thick enough for a chart".into(),

@@ -1,9 +1,10 @@
 //! Closes slits in charts that are narrower than what a lumel shows.
 //!
-//! Joined charts, and charts that an unwrapper opened a little, have edges that are one in space and lie a fraction of a lumel apart on the page.
-//! Lookups on the two lips then read the same texels a fraction apart, and differ by the slope of the light times the distance: a seam that nothing can
-//! stitch. The lips are moved together instead, by half of the distance each, which stretches the triangles beside them by no more than
-//! that.
+//! Joined charts, and charts that an unwrapper opened a little, have edges that are one in space
+//! and lie a fraction of a lumel apart on the page. Lookups on the two lips then read the same
+//! texels a fraction apart, and differ by the slope of the light times the distance: a seam that
+//! nothing can stitch. The lips are moved together instead, by half of the distance each, which
+//! stretches the triangles beside them by no more than that.
 
 use std::collections::BTreeMap;
 
@@ -12,24 +13,28 @@ use glam::DVec2;
 use super::charts::{Charts, cross2};
 use super::input::UnwrapInput;
 
-/// Places of one vertex in one chart that are nearer than this to each other become one, lumels. Each moves by half of it; what joins charts leaves no
-/// wider slits but short ones.
+/// Places of one vertex in one chart that are nearer than this to each other become one, lumels.
+/// Each moves by half of it; what joins charts leaves no wider slits but short ones.
 const NEAR: f64 = 1.0;
 
-/// And farther than this: what differs by rounding is one place already, and moving it would take charts off the grid that they lie on.
+/// And farther than this: what differs by rounding is one place already, and moving it would take
+/// charts off the grid that they lie on.
 const APART: f64 = 1e-4;
 
-/// What triangles beside it may become by it, as a share of their area, at least and at most. Only those of about a lumel come near that: half a
-/// lumel is little of larger ones.
+/// What triangles beside it may become by it, as a share of their area, at least and at most. Only
+/// those of about a lumel come near that: half a lumel is little of larger ones.
 const AREA: [f64; 2] = [0.4, 2.5];
 
-/// Triangles of no more than so many lumels², before and after, may grow as they like and shrink to [`SHRUNK`]: they show no light of their own.
+/// Triangles of no more than so many lumels², before and after, may grow as they like and shrink to
+/// [`SHRUNK`]: they show no light of their own.
 const TINY: f64 = 0.5;
 
-/// What is left of them at least: a reader of the coordinates should be able to turn them into places.
+/// What is left of them at least: a reader of the coordinates should be able to turn them into
+/// places.
 const SHRUNK: f64 = 0.1;
 
-/// How far a triangle that is already flat may be turned over by it, lumels of height: rounding, which is mended when charts are packed.
+/// How far a triangle that is already flat may be turned over by it, lumels of height: rounding,
+/// which is mended when charts are packed.
 const FLAT: f64 = 1e-4;
 
 /// Welds the corners of `charts` of `mesh` where a lumel is `lumel` metres wide.
@@ -56,7 +61,8 @@ fn place(charts: &Charts, corner: u32) -> DVec2 {
     charts.corners[corner as usize / 3][corner as usize % 3]
 }
 
-/// Sets of corners that lie near each other, but not in one place. Few corners share a vertex: each is held against the first of each set.
+/// Sets of corners that lie near each other, but not in one place. Few corners share a vertex: each
+/// is held against the first of each set.
 fn clusters(charts: &Charts, group: &[(u32, u32, u32)], lumel: f64) -> Vec<Vec<u32>> {
     // A fan of thousands has its vertex in few places.
     let mut distinct: BTreeMap<[u64; 2], Vec<u32>> = BTreeMap::new();
@@ -169,7 +175,8 @@ mod tests {
 
     #[test]
     fn slivers_grow_to_half_a_lumel_at_most() {
-        // 1.4 mm high on a base of 1.4 m, where a lumel has 10 cm. The base moves by half of the slit.
+        // 1.4 mm high on a base of 1.4 m, where a lumel has 10 cm. The base moves by half of the
+        // slit.
         for (gap, grows) in [(0.01, true), (0.09, false)] {
             let (mesh, mut charts) = opened(gap);
             let middle = charts.corners[1][0].lerp(charts.corners[1][1], 0.5);
@@ -193,7 +200,8 @@ mod tests {
 
     #[test]
     fn what_is_smaller_than_half_a_lumel_may_change_more() {
-        // Both triangles measure a third of a lumel, and the slit between them a fifth of their side.
+        // Both triangles measure a third of a lumel, and the slit between them a fifth of their
+        // side.
         let (mesh, mut charts) = opened(0.2);
         weld_slits(&mesh, &mut charts, 1.3);
         assert_eq!(charts.corners[0][0], charts.corners[1][0]);

@@ -1,7 +1,8 @@
-//! xatlas (2019, through the `xatlas-rs` crate) behind [`Unwrapper`]: its charts, packed by `uvunwrap`.
+//! xatlas (2019, through the `xatlas-rs` crate) behind [`Unwrapper`]: its charts, packed by
+//! `uvunwrap`.
 //!
-//! The crate's own bindings carry names as MSVC mangles them and do not link elsewhere, so the few functions needed are
-//! declared here. All `unsafe` code of atlas-bake is in this file.
+//! The crate's own bindings carry names as MSVC mangles them and do not link elsewhere, so the few
+//! functions needed are declared here. All `unsafe` code of atlas-bake is in this file.
 //!
 //! xatlas cannot be cancelled. It therefore works in a thread of its own; when it is not wanted any
 //! more, its progress callback puts that thread to sleep for good and its memory is lost. Its time
@@ -10,9 +11,9 @@
 //! scheduler loses the wake-up of a worker that is just going to sleep: destroying an atlas hung
 //! once in about a thousand runs, so the result is handed over before that.
 //!
-//! It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so the mesh is scaled up),
-//! may mirror charts and does not scale conformal charts to their true area: packing its charts anew cures the last two,
-//! and replaces charts that overlap themselves.
+//! It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so
+//! the mesh is scaled up), may mirror charts and does not scale conformal charts to their true
+//! area: packing its charts anew cures the last two, and replaces charts that overlap themselves.
 
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
@@ -173,8 +174,9 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
         .stack_size(64 << 20)
         .spawn(move || {
             let outcome = run(&regions, &flag);
-            // The handle goes with the other half of the pair, after the result is out: destroying it may hang.
-            // The receiver is gone if the wait was given up; nobody misses the result then.
+            // The handle goes with the other half of the pair, after the result is out: destroying
+            // it may hang. The receiver is gone if the wait was given up; nobody misses the result
+            // then.
             let (result, _handle) = match outcome {
                 Ok((charted, handle)) => (Ok(charted), Some(handle)),
                 Err(error) => (Err(error), None),
@@ -213,7 +215,8 @@ struct Handle(*mut ffi::Atlas);
 
 impl Handle {
     fn new() -> Result<Handle, String> {
-        // SAFETY: plain calls without preconditions. `SetPrint` stores a null function pointer, which xatlas checks for.
+        // SAFETY: plain calls without preconditions. `SetPrint` stores a null function pointer,
+        // which xatlas checks for.
         let atlas = unsafe {
             ffi::set_print(None, false);
             ffi::create()
@@ -239,8 +242,9 @@ impl Handle {
             index_format: 1,
             face_ignore_data: std::ptr::null(),
         };
-        // SAFETY: the handle is live; counts, strides (12 bytes, three floats) and the 32-bit index format describe the two
-        // slices, which outlive the call (xatlas copies them). Every index is in range by construction.
+        // SAFETY: the handle is live; counts, strides (12 bytes, three floats) and the 32-bit index
+        // format describe the two slices, which outlive the call (xatlas copies them). Every index
+        // is in range by construction.
         let code = unsafe { ffi::add_mesh(self.0, &decl) };
         match code {
             0 => Ok(()),
@@ -250,8 +254,8 @@ impl Handle {
 
     fn generate(&self, abandoned: &AtomicBool) {
         let user = std::ptr::from_ref(abandoned).cast_mut().cast::<c_void>();
-        // SAFETY: the handle is live and has meshes; the options are passed by value with the C layout of the 2019 header;
-        // `user` outlives the call, and the callback never unwinds.
+        // SAFETY: the handle is live and has meshes; the options are passed by value with the C
+        // layout of the 2019 header; `user` outlives the call, and the callback never unwinds.
         unsafe {
             ffi::generate(
                 self.0,
@@ -265,8 +269,9 @@ impl Handle {
     }
 
     fn read(&self, regions: &[Region]) -> Result<Charted, String> {
-        // SAFETY: after `generate`, `meshes` holds `mesh_count` meshes, each with the counts it names; xatlas owns them until
-        // the handle is destroyed, and nothing writes to them any more. Null pointers are turned into empty slices.
+        // SAFETY: after `generate`, `meshes` holds `mesh_count` meshes, each with the counts it
+        // names; xatlas owns them until the handle is destroyed, and nothing writes to them any
+        // more. Null pointers are turned into empty slices.
         let meshes = unsafe {
             let atlas = &*self.0;
             slice(atlas.meshes, atlas.mesh_count)
@@ -283,7 +288,8 @@ impl Handle {
                     slice(mesh.indices, mesh.index_count),
                 )
             };
-            // Faces that xatlas ignored are counted and have atlas index −1; faces that it lost leave their indices unset.
+            // Faces that xatlas ignored are counted and have atlas index −1; faces that it lost
+            // leave their indices unset.
             for (&t, corners) in region.source.iter().zip(indices.chunks_exact(3)) {
                 let at = |i: u32| {
                     vertices
@@ -320,10 +326,11 @@ unsafe fn slice<'a, T>(data: *const T, count: u32) -> &'a [T] {
     unsafe { std::slice::from_raw_parts(data, count as usize) }
 }
 
-/// Puts the calling thread to sleep for good once nobody wants the result: xatlas has no way to stop.
+/// Puts the calling thread to sleep for good once nobody wants the result: xatlas has no way to
+/// stop.
 unsafe extern "C" fn progress(_category: c_int, _percent: c_int, user: *mut c_void) {
-    // SAFETY: `user` is the flag given to `generate`, alive as long as the thread that runs it, which never returns
-    // from here once the flag is set.
+    // SAFETY: `user` is the flag given to `generate`, alive as long as the thread that runs it,
+    // which never returns from here once the flag is set.
     let abandoned = unsafe { &*user.cast::<AtomicBool>() };
     while abandoned.load(Ordering::Relaxed) {
         std::thread::park();
@@ -425,8 +432,8 @@ mod ffi {
     }
 
     impl Default for PackOptions {
-        /// A quick packing, since it is thrown away; at a resolution where rounding charts to whole texels, which xatlas does,
-        /// hardly distorts them (the mean triangle covers 64 texels).
+        /// A quick packing, since it is thrown away; at a resolution where rounding charts to whole
+        /// texels, which xatlas does, hardly distorts them (the mean triangle covers 64 texels).
         fn default() -> Self {
             PackOptions {
                 attempts: 1,

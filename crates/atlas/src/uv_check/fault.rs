@@ -32,7 +32,8 @@ pub enum Severity {
     Note,
     /// The coordinates are kept, and the user warned.
     Warning,
-    /// The coordinates are replaced, unless the user insists ([`UvMode::Keep`](crate::UvMode::Keep)).
+    /// The coordinates are replaced, unless the user insists
+    /// ([`UvMode::Keep`](crate::UvMode::Keep)).
     Bad,
     /// The coordinates cannot be kept.
     Unusable,

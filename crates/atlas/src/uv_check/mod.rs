@@ -11,8 +11,8 @@ use crate::unwrap::{UnwrapInput, weighted_median};
 
 pub use fault::{Severity, UvFault, UvFaultKind, UvPlace};
 
-/// Share of covered texels that may lie under two triangles. Authors' atlases have shared borders that cross a few texel
-/// centres; a real overlap (a tiled or mirrored layout) is far above.
+/// Share of covered texels that may lie under two triangles. Authors' atlases have shared borders
+/// that cross a few texel centres; a real overlap (a tiled or mirrored layout) is far above.
 const MAX_OVERLAP: f64 = 0.005;
 
 /// How far outside 0..1 a coordinate may lie: rounding of quantised coordinates, far below a texel.
@@ -21,13 +21,16 @@ const RANGE_SLACK: f32 = 1e-4;
 /// Share of the surface that may have no area in the lightmap.
 const MAX_COLLAPSED: f64 = 0.01;
 
-/// Overlaps are looked for on a grid of at least so many texels a side: a small lightmap hides them between its centres.
+/// Overlaps are looked for on a grid of at least so many texels a side: a small lightmap hides them
+/// between its centres.
 const LEAST_GRID: u32 = 256;
 
-/// Share of the covered area whose lookups may read another chart's lumels without a word: a corner here and there.
+/// Share of the covered area whose lookups may read another chart's lumels without a word: a corner
+/// here and there.
 const CLOSE: f64 = 0.01;
 
-/// Ratio of the largest to the smallest density (their 99 % and 1 % quantiles by area) from which on it is warned about.
+/// Ratio of the largest to the smallest density (their 99 % and 1 % quantiles by area) from which
+/// on it is warned about.
 const UNEVEN: f64 = 4.0;
 
 /// Which lightmap coordinates to use.
@@ -63,11 +66,11 @@ impl OwnUvs {
     }
 }
 
-/// Judges `mesh`'s `TEXCOORD_1` as lightmap coordinates, at a size with which the median texel density is one texel per unit of
-/// `input`, the same mesh welded and scaled to lumels.
+/// Judges `mesh`'s `TEXCOORD_1` as lightmap coordinates, at a size with which the median texel
+/// density is one texel per unit of `input`, the same mesh welded and scaled to lumels.
 ///
-/// `None` where no primitive has the set (nothing to keep). Texel coordinates are exactly `TEXCOORD_1 × size`, so a writer
-/// may leave the attribute as it is.
+/// `None` where no primitive has the set (nothing to keep). Texel coordinates are exactly
+/// `TEXCOORD_1 × size`, so a writer may leave the attribute as it is.
 pub fn check_uvs(mesh: &Mesh, input: &UnwrapInput, max_size: u32) -> Option<OwnUvs> {
     let present = |p: &mesh_ingest::Primitive| p.tex_coords.get(1).is_some_and(|c| !c.is_empty());
     if !mesh.primitives.iter().any(present) {
@@ -287,7 +290,8 @@ impl<'a> Check<'a> {
         let limit = max_size.max(1);
         let size = (ideal * fit)
             .to_array()
-            // To a thousandth first: a scene in other units, whose sizes differ by rounding, gets the same texels.
+            // To a thousandth first: a scene in other units, whose sizes differ by rounding, gets
+            // the same texels.
             .map(|s| {
                 (((s * 1e3).round() * 1e-3).round() as u32)
                     .next_multiple_of(4)
@@ -429,11 +433,13 @@ impl<'a> Check<'a> {
         );
     }
 
-    /// Charts seen from behind: no fault, but a user who bakes normal maps by the same set wants to know.
+    /// Charts seen from behind: no fault, but a user who bakes normal maps by the same set wants to
+    /// know.
     fn mirrored(&mut self) {
         let mut tally = Tally::default();
-        // Texture v runs down, and front faces are counter-clockwise: those not mirrored have a negative area here or a positive one,
-        // depending on which way the author's program has v. What most of the surface has is not mirrored.
+        // Texture v runs down, and front faces are counter-clockwise: those not mirrored have a
+        // negative area here or a positive one, depending on which way the author's program has v.
+        // What most of the surface has is not mirrored.
         let signed = |t: usize| cross(&self.flat[t]).signum() * self.areas[t];
         let sum: f64 = (0..self.flat.len()).map(signed).sum();
         for t in 0..self.flat.len() {
@@ -454,7 +460,8 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Pieces of the atlas: triangles joined where edges coincide in space and in the atlas, across primitives too.
+    /// Pieces of the atlas: triangles joined where edges coincide in space and in the atlas, across
+    /// primitives too.
     fn islands(&self) -> Vec<u32> {
         // Welded vertex and bits of its coordinates.
         type End = (u32, [u32; 2]);
@@ -563,7 +570,8 @@ fn ideal_size(input: &UnwrapInput, flat: &[[Vec2; 3]], areas: &[f64]) -> DVec2 {
         weighted_median(list).max(1e-9)
     };
     let [u, v] = [median(&mut along[0]), median(&mut along[1])];
-    // Charts rotated at random make u and v differ a little; a lightmap drawn for a 2 : 1 image by a factor of two.
+    // Charts rotated at random make u and v differ a little; a lightmap drawn for a 2 : 1 image by
+    // a factor of two.
     if u.max(v) > 1.5 * u.min(v) {
         DVec2::new(u, v)
     } else {

@@ -201,8 +201,9 @@ pub fn signed_area(c: &[Vec2; 3]) -> f64 {
     0.5 * (b - a).perp_dot(c - a)
 }
 
-/// Every texel of which the open square of half-width `reach` about its middle is entered by the triangle, by separating axes.
-/// 0.5: the texels that it touches. 1: those that a bilinear lookup on it gives any weight. `f(column, row)`.
+/// Every texel of which the open square of half-width `reach` about its middle is entered by the
+/// triangle, by separating axes. 0.5: the texels that it touches. 1: those that a bilinear lookup
+/// on it gives any weight. `f(column, row)`.
 fn covered(c: &[Vec2; 3], reach: f64, mut f: impl FnMut(i64, i64)) {
     // Rounding of texel coordinates that went through 0..1 in f32: a weight of 0.002 is none.
     const SLACK: f64 = 2e-3;
@@ -226,7 +227,8 @@ fn covered(c: &[Vec2; 3], reach: f64, mut f: impl FnMut(i64, i64)) {
     }
 }
 
-/// What `padding` promises: the reach of [`covered`] that counts, and the free texels between what two charts cover so.
+/// What `padding` promises: the reach of [`covered`] that counts, and the free texels between what
+/// two charts cover so.
 fn promise(padding: u32) -> (f64, i64) {
     match padding {
         0 => (0.5, 0),
@@ -235,13 +237,14 @@ fn promise(padding: u32) -> (f64, i64) {
     }
 }
 
-/// Checks one generated atlas: finite and inside, not flipped, no overlap, charts apart by `padding` and from the border by half of
-/// that. Returns how many texels are covered.
+/// Checks one generated atlas: finite and inside, not flipped, no overlap, charts apart by
+/// `padding` and from the border by half of that. Returns how many texels are covered.
 pub fn check_generated(atlas: &MeshAtlas, padding: u32) -> usize {
     check_blocks(atlas, padding, 1)
 }
 
-/// [`check_generated`], and no block of `block` × `block` texels holds what lookups in two charts read.
+/// [`check_generated`], and no block of `block` × `block` texels holds what lookups in two charts
+/// read.
 pub fn check_blocks(atlas: &MeshAtlas, padding: u32, block: i64) -> usize {
     let [w, h] = atlas.size.map(i64::from);
     let all = corners(atlas);

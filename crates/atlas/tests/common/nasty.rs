@@ -1,4 +1,5 @@
-//! Meshes that unwrappers hang on, break on or make nonsense of. Used by the tests and by `examples/unwrap_compare --hard`.
+//! Meshes that unwrappers hang on, break on or make nonsense of. Used by the tests and by
+//! `examples/unwrap_compare --hard`.
 
 use std::f32::consts::{PI, TAU};
 
@@ -7,7 +8,8 @@ use glam::{Vec2, Vec3};
 /// A mesh: name, positions, triangles.
 pub type Nasty = (&'static str, Vec<Vec3>, Vec<[u32; 3]>);
 
-/// All of them; `full` makes the largest ones their full size (100,000 loose triangles, a blob of 500,000).
+/// All of them; `full` makes the largest ones their full size (100,000 loose triangles, a blob of
+/// 500,000).
 pub fn nasty(full: bool) -> Vec<Nasty> {
     let mut out = degenerate();
     out.extend(tangled());

@@ -15,20 +15,21 @@ use super::grid::ProbeGrid;
 use super::probe::Probe;
 use super::sh::{Sh2, basis, on_sphere};
 
-/// A probe is inside of something when this share of its rays meets black back faces. Engines draw the line there too (the
-/// validity threshold of Unity's probe volumes, the back-face threshold of RTXGI): what has a back to it in a quarter of all directions
-/// is, in levels as they are built, behind a wall or in it, though its rays may slip out where walls do not close.
+/// A probe is inside of something when this share of its rays meets black back faces. Engines draw
+/// the line there too (the validity threshold of Unity's probe volumes, the back-face threshold of
+/// RTXGI): what has a back to it in a quarter of all directions is, in levels as they are built,
+/// behind a wall or in it, though its rays may slip out where walls do not close.
 const INSIDE: f32 = 0.25;
 
-/// Independent parts of a probe's samples; the spread among them tells the error. Fewer know less about it, more see less
-/// of the stratification. A power of two, as blocks of Sobol points are.
+/// Independent parts of a probe's samples; the spread among them tells the error. Fewer know less
+/// about it, more see less of the stratification. A power of two, as blocks of Sobol points are.
 const GROUPS: u32 = 8;
 
 /// Probes computed between two looks at the monitor.
 const BLOCK: usize = 8;
 
-/// Decides the random numbers of all probes. They share their directions, so that what sampling leaves of error changes slowly from
-/// probe to probe, and things that move do not flicker.
+/// Decides the random numbers of all probes. They share their directions, so that what sampling
+/// leaves of error changes slowly from probe to probe, and things that move do not flicker.
 const SEED: u32 = 0x7072_6f62;
 
 /// How carefully probes are baked.
@@ -60,7 +61,8 @@ pub struct ProbeReport {
     pub dims: Option<[u32; 3]>,
     /// Gathering rays; those to lamps come on top.
     pub rays: u64,
-    /// Estimated relative error: root mean square over valid probes of standard error / (first coefficient + 1 % of its mean).
+    /// Estimated relative error: root mean square over valid probes of standard error / (first
+    /// coefficient + 1 % of its mean).
     pub estimated_error: f64,
 }
 
@@ -109,8 +111,8 @@ pub fn bake_probes(
 }
 
 impl ProbeScene<'_, '_, '_> {
-    /// The point, or where it lies on a face or nearly so, one right in front of it. Points on a grid of round numbers hit floors: what
-    /// rays from there meet is up to rounding.
+    /// The point, or where it lies on a face or nearly so, one right in front of it. Points on a
+    /// grid of round numbers hit floors: what rays from there meet is up to rounding.
     fn off_faces(&self, at: Vec3) -> Vec3 {
         let reach = 4.0 * self.world.offset(at);
         let mut p = at;
@@ -161,8 +163,8 @@ impl ProbeScene<'_, '_, '_> {
             let part = gathered[0] + arrived[0] - before;
             *first = f64::from(luminance(part.as_vec3()));
         }
-        // Most of what arrives from all around is its mean, of which all but the first coefficient are 0. What the directions make
-        // of it instead is known, and taken off.
+        // Most of what arrives from all around is its mean, of which all but the first coefficient
+        // are 0. What the directions make of it instead is known, and taken off.
         let mean = gathered[0] / unit[0];
         for (g, u) in gathered.iter_mut().zip(unit).skip(1) {
             *g -= mean * u;
@@ -180,7 +182,8 @@ impl ProbeScene<'_, '_, '_> {
         }
     }
 
-    /// Radiance that arrives from `direction`, but for what comes straight from lamps; `None` from a black back face.
+    /// Radiance that arrives from `direction`, but for what comes straight from lamps; `None` from
+    /// a black back face.
     fn radiance(&self, at: Vec3, direction: Vec3, seed: u32) -> Option<Vec3> {
         let (found, tint) = self.world.incoming(at, direction);
         match found {

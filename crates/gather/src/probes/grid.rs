@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 use super::probe::{MAX_PROBES, Probe};
 use super::sh::Sh2;
 
-/// A regular grid: probe (i, j, k) is at `origin` + `spacing` · (i, j, k), and is number i + dims\[0\] · (j + dims\[1\] · k) of a list, as
-/// texels of a volume texture are.
+/// A regular grid: probe (i, j, k) is at `origin` + `spacing` · (i, j, k), and is number i +
+/// dims\[0\] · (j + dims\[1\] · k) of a list, as texels of a volume texture are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProbeGrid {
     /// Position of the first probe, metres.
@@ -41,8 +41,9 @@ fn dims(extent: DVec3, spacing: f64) -> [f64; 3] {
 }
 
 impl ProbeGrid {
-    /// A grid over the box from `low` to `high`: cubes with edges `spacing` > 0, together about its middle, with a probe in each one's
-    /// middle. So none lies on the box's sides, where a level's walls are.
+    /// A grid over the box from `low` to `high`: cubes with edges `spacing` > 0, together about its
+    /// middle, with a probe in each one's middle. So none lies on the box's sides, where a level's
+    /// walls are.
     ///
     /// # Errors
     /// [`TooManyProbes`].
@@ -51,14 +52,16 @@ impl ProbeGrid {
         let counts = dims(extent, spacing);
         let fits = |c: [f64; 3]| c.iter().product::<f64>() <= MAX_PROBES as f64;
         if !fits(counts) {
-            // Two digits, ever coarser; each step is 6 to 12 %, and at the box's own size there is one probe.
+            // Two digits, ever coarser; each step is 6 to 12 %, and at the box's own size there is
+            // one probe.
             let mut try_spacing = spacing;
             while !fits(dims(extent, try_spacing)) {
                 let step = 10f64.powf(try_spacing.log10().floor() - 1.0);
                 // The small part keeps rounding from standing still.
                 try_spacing = ((try_spacing / step + 1e-6).floor() + 1.0) * step;
             }
-            // `{}` prints the shortest decimal that is this number; the product above has noise in its last digits.
+            // `{}` prints the shortest decimal that is this number; the product above has noise in
+            // its last digits.
             let fits = format!("{try_spacing:.1e}").parse().unwrap_or(try_spacing);
             return Err(TooManyProbes {
                 spacing,
@@ -97,10 +100,12 @@ impl ProbeGrid {
         self.origin + DVec3::new(i, j, k) * self.spacing
     }
 
-    /// Gives probes inside of things the light of those in the open next to them, then of those that got some, until none is
-    /// left: what samples the grid between probes must not meet the darkness within a wall. They stay marked as not valid.
+    /// Gives probes inside of things the light of those in the open next to them, then of those
+    /// that got some, until none is left: what samples the grid between probes must not meet the
+    /// darkness within a wall. They stay marked as not valid.
     ///
-    /// A probe gets the mean over its up to 26 neighbours, weighted by 1/distance. Where no probe is valid, all stay as they are.
+    /// A probe gets the mean over its up to 26 neighbours, weighted by 1/distance. Where no probe
+    /// is valid, all stay as they are.
     pub fn fill(&self, probes: &mut [Probe]) {
         let mut known: Vec<bool> = probes.iter().map(|p| p.valid).collect();
         let mut open: Vec<usize> = (0..probes.len()).filter(|&i| !known[i]).collect();

@@ -2,7 +2,8 @@
 
 use super::sh::Sh2;
 
-/// Most probes of one bake: as many as a volume texture of 64³ has texels. Their file is some 80 MB then.
+/// Most probes of one bake: as many as a volume texture of 64³ has texels. Their file is some 80 MB
+/// then.
 pub const MAX_PROBES: usize = 1 << 18;
 
 /// The light at a point in the air.

@@ -2,11 +2,11 @@
 
 use glam::Vec3;
 
-/// Nine RGB coefficients L_lm = ∫ L(ω) Y_lm(ω) dω of a function of direction, in the order L00, L1−1, L10, L11, L2−2, L2−1,
-/// L20, L21, L22.
+/// Nine RGB coefficients L_lm = ∫ L(ω) Y_lm(ω) dω of a function of direction, in the order L00,
+/// L1−1, L10, L11, L2−2, L2−1, L20, L21, L22.
 ///
-/// Real harmonics with the signs of Ramamoorthi and Hanrahan 2001 (no Condon–Shortley phase), for a unit direction (x, y, z) in the
-/// glTF's axes:
+/// Real harmonics with the signs of Ramamoorthi and Hanrahan 2001 (no Condon–Shortley phase), for a
+/// unit direction (x, y, z) in the glTF's axes:
 ///
 /// | | Y_lm |
 /// |---|---|
@@ -51,10 +51,11 @@ impl Sh2 {
         self.0.iter().zip(y).map(|(c, y)| *c * y).sum()
     }
 
-    /// Irradiance on a surface with the unit `normal`, where the function is the radiance that arrives: Σ A_l L_lm Y_lm with
-    /// A = π, 2π/3, π/4, the cosine's own coefficients. What higher orders would add is about 1 % on average (Ramamoorthi and Hanrahan 2001).
-    /// The worst is one point light: the sum is off by up to 9.4 % of the peak, where the surface turns away from it, and falls to −4 %
-    /// beyond.
+    /// Irradiance on a surface with the unit `normal`, where the function is the radiance that
+    /// arrives: Σ A_l L_lm Y_lm with A = π, 2π/3, π/4, the cosine's own coefficients. What higher
+    /// orders would add is about 1 % on average (Ramamoorthi and Hanrahan 2001). The worst is one
+    /// point light: the sum is off by up to 9.4 % of the peak, where the surface turns away from
+    /// it, and falls to −4 % beyond.
     pub fn irradiance(&self, normal: Vec3) -> Vec3 {
         use std::f32::consts::PI;
         let band = |i: usize| match i {
@@ -103,8 +104,9 @@ mod tests {
 
     #[test]
     fn harmonics_are_orthonormal() {
-        // A product rule: the midpoint rule in longitude is exact for polynomials of degree 4 with 16 steps; in height its
-        // error is h²/24 of the second derivative's integral, below 1e-5 with 512 steps.
+        // A product rule: the midpoint rule in longitude is exact for polynomials of degree 4 with
+        // 16 steps; in height its error is h²/24 of the second derivative's integral, below 1e-5
+        // with 512 steps.
         let (n, m) = (512, 16);
         let mut products = [[0f64; 9]; 9];
         for i in 0..n {
@@ -142,7 +144,8 @@ mod tests {
         assert!((sh.value(n).x - (1.0 + n.dot(a))).abs() < 1e-5);
         let e = std::f32::consts::PI * (1.0 + 2.0 / 3.0 * n.dot(a));
         assert!((sh.irradiance(n).x - e).abs() < 1e-5);
-        // L = z²: E(n) = ∫ z² max(0, ω·n) dω = π/4 (1 + n_z²), from the moments of the cosine lobe: ½π along n, ¼π across it.
+        // L = z²: E(n) = ∫ z² max(0, ω·n) dω = π/4 (1 + n_z²), from the moments of the cosine lobe:
+        // ½π along n, ¼π across it.
         let mut sh = Sh2::default();
         // z² = (3z² − 1)/3 + 1/3.
         sh.0[0] = Vec3::splat((4.0 * PI).sqrt() as f32 / 3.0);

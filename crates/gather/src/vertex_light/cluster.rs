@@ -1,8 +1,9 @@
 //! Points of small triangles that share the light that surfaces send.
 //!
-//! Where vertices lie closer to each other than lumels do, light that is gathered at each of them says more than the lightmap does, and costs by the
-//! triangle. So points within a lumel of one another, on one smooth piece of the mesh and with no wall between them, share what is gathered over the
-//! triangles about all of them. Direct light, which has the edges, is each one's own.
+//! Where vertices lie closer to each other than lumels do, light that is gathered at each of them
+//! says more than the lightmap does, and costs by the triangle. So points within a lumel of one
+//! another, on one smooth piece of the mesh and with no wall between them, share what is gathered
+//! over the triangles about all of them. Direct light, which has the edges, is each one's own.
 
 use radiosity::{SurfacePoint, World};
 
@@ -48,8 +49,9 @@ impl Clusters {
         let spots = spots(sheet, world);
         let (starts, next) = neighbours(sheet);
         let mut of = vec![NONE; sheet.points];
-        // The first point that last looked at each: none is held against it twice. As a point's neighbours are looked through once it is in a
-        // cluster, and it is in one only, all of this is linear.
+        // The first point that last looked at each: none is held against it twice. As a point's
+        // neighbours are looked through once it is in a cluster, and it is in one only, all of this
+        // is linear.
         let mut seen = vec![NONE; sheet.points];
         let mut queue: Vec<u32> = Vec::new();
         for first in 0..sheet.points as u32 {
@@ -107,8 +109,8 @@ impl Spot {
             && !world.wall_between(&self.at, &other.at, LIFT * size)
     }
 
-    /// Whether anything stands on the surface so near that it may cut the triangles about a point of this one's cluster: these reach about as far as it
-    /// does.
+    /// Whether anything stands on the surface so near that it may cut the triangles about a point
+    /// of this one's cluster: these reach about as far as it does.
     pub fn is_beside_something(&self, world: &World) -> bool {
         world.anything_above(&self.at, (JOIN + REACH) * self.size)
     }

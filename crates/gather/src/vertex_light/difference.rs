@@ -7,7 +7,8 @@ use serde::Serialize;
 use super::moments::{LumelLight, over_lumels};
 use super::sheet::Sheet;
 
-/// Interpolated vertex light against the lumels, luminance, over lumels in the open, weighted by area.
+/// Interpolated vertex light against the lumels, luminance, over lumels in the open, weighted by
+/// area.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct VertexDifference {
     /// Root mean square of the difference over that of the light.

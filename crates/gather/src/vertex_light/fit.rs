@@ -1,19 +1,22 @@
 //! Values at points such that what is interpolated between them comes closest to the light.
 //!
-//! Least squares over the surface: the values c that minimise ∫ (Σ cᵢφᵢ − E)² solve M c = b with Mᵢⱼ = ∫φᵢφⱼ and bᵢ = ∫Eφᵢ (after
-//! Kavan, Bargteil & Sloan, *Least Squares Vertex Baking*, 2011). The mean of E weighted by φᵢ, which bᵢ / ∫φᵢ is, would be
-//! interpolated to something flatter than E. Where triangles are smaller than a few lumels, light hardly changes over one of them and what
+//! Least squares over the surface: the values c that minimise ∫ (Σ cᵢφᵢ − E)² solve M c = b with
+//! Mᵢⱼ = ∫φᵢφⱼ and bᵢ = ∫Eφᵢ (after Kavan, Bargteil & Sloan, *Least Squares Vertex Baking*, 2011).
+//! The mean of E weighted by φᵢ, which bᵢ / ∫φᵢ is, would be interpolated to something flatter than
+//! E. Where triangles are smaller than a few lumels, light hardly changes over one of them and what
 //! is left to deconvolve is noise: there M is lumped, and the mean it is.
 //!
-//! At shadows' edges least squares swing beyond what is there, below zero too. So each value is kept within the range of E about it: the
-//! quadratic programme in a box, by projected Gauss–Seidel sweeps, which converge for any M that is symmetric and positive definite.
+//! At shadows' edges least squares swing beyond what is there, below zero too. So each value is
+//! kept within the range of E about it: the quadratic programme in a box, by projected Gauss–Seidel
+//! sweeps, which converge for any M that is symmetric and positive definite.
 
 use glam::{DVec3, Vec3};
 
 use super::moments::PAIR;
 use super::sheet::Sheet;
 
-/// Sweeps at most. A mass matrix's condition is below ten, so that each sweep halves the error at worst; 1e-4 takes some fifteen.
+/// Sweeps at most. A mass matrix's condition is below ten, so that each sweep halves the error at
+/// worst; 1e-4 takes some fifteen.
 const MOST_SWEEPS: usize = 60;
 
 /// Of the largest value: small beside a step of an 8-bit screen.
@@ -46,8 +49,8 @@ pub(super) fn fit(sheet: &Sheet, gathered: &[Vec3]) -> Vec<Vec3> {
             system.widen(i, m.range);
             for (j, &other) in points.iter().enumerate() {
                 let mass = m.mass[PAIR[j][k]];
-                // Two corners may be one point: a needle with both ends of an edge in one place has no area and is not here, but vertices of
-                // one place can be.
+                // Two corners may be one point: a needle with both ends of an edge in one place has
+                // no area and is not here, but vertices of one place can be.
                 if other == i {
                     system.diagonal[i] += mass;
                 } else {

@@ -240,7 +240,8 @@ fn all_spokes<'j>(jobs: impl Iterator<Item = &'j Job>, world: &World) -> Vec<Spo
         .collect()
 }
 
-/// Whether something stands on a triangle about a point: looked for from there to the middle of the opposite edge.
+/// Whether something stands on a triangle about a point: looked for from there to the middle of the
+/// opposite edge.
 fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
     job.spokes.iter().any(|spoke| {
         let mut w = [0.5; 3];
@@ -251,7 +252,8 @@ fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
 }
 
 impl Gatherer<'_, '_> {
-    /// The indirect light of [`gather`](Self::gather), without planes; the whole of it counts where any of it lies inside of something.
+    /// The indirect light of [`gather`](Self::gather), without planes; the whole of it counts where
+    /// any of it lies inside of something.
     fn gather_shared(&self, footprint: &impl Footprint, seed: u32) -> Received {
         if self.world().is_dark() {
             return Received {

@@ -1,8 +1,9 @@
 //! Light at vertices.
 //!
-//! What a vertex's colour stands for is what is interpolated from it. Where the lightmap has enough lumels on a triangle, values are fitted
-//! to these ([`fit`]); smaller triangles are gathered at, as means over the surface about each point. Vertices of one place and one smoothing
-//! group have one value, whatever seams of texture coordinates or materials part them ([`sheet`]).
+//! What a vertex's colour stands for is what is interpolated from it. Where the lightmap has enough
+//! lumels on a triangle, values are fitted to these ([`fit`]); smaller triangles are gathered at,
+//! as means over the surface about each point. Vertices of one place and one smoothing group have
+//! one value, whatever seams of texture coordinates or materials part them ([`sheet`]).
 
 mod cluster;
 mod difference;
@@ -40,15 +41,18 @@ use split::{Round, SplitOptions};
 /// Vertices that one instance may get by splitting.
 pub const MOST_ADDED_VERTICES: usize = 200_000;
 
-/// Rounds of splitting: each halves triangles, so that this many take any to a lumel's size (2²⁴ lumels are a page of 4096²).
+/// Rounds of splitting: each halves triangles, so that this many take any to a lumel's size (2²⁴
+/// lumels are a page of 4096²).
 const MOST_ROUNDS: usize = 24;
 
 /// What was done for vertices.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct VertexReport {
-    /// Points with a value of their own: vertices, those of one place and one smoothing group counted once.
+    /// Points with a value of their own: vertices, those of one place and one smoothing group
+    /// counted once.
     pub points: u64,
-    /// Points of triangles that are smaller than some lumels whose light was read from the lumels around.
+    /// Points of triangles that are smaller than some lumels whose light was read from the lumels
+    /// around.
     pub read: u64,
     /// Points of such triangles about which lumels do not know, which were gathered at.
     pub gathered: u64,
@@ -127,8 +131,8 @@ impl VertexBake<'_, '_, '_> {
         }
     }
 
-    /// By sheet and point, the light over the small triangles about it: what the lumels around say ([`read`]), or gathered where they do not know. `None`
-    /// where there are no such triangles.
+    /// By sheet and point, the light over the small triangles about it: what the lumels around say
+    /// ([`read`]), or gathered where they do not know. `None` where there are no such triangles.
     fn small_triangles(
         &self,
         sheets: &[Sheet],
@@ -198,7 +202,8 @@ impl VertexBake<'_, '_, '_> {
         let mut values = fit::fit(sheet, &known);
         let mut full = false;
         if let Some(error) = self.error {
-            // Parts of triangles may be too small for the lumels, though the whole was not: their corners keep the whole's light.
+            // Parts of triangles may be too small for the lumels, though the whole was not: their
+            // corners keep the whole's light.
             let mut gathered: Vec<Vec3> = (gathered.iter().zip(&values))
                 .map(|(g, v)| g.unwrap_or(*v))
                 .collect();

@@ -7,10 +7,12 @@ use radiosity::luminance;
 
 use crate::received::Received;
 
-/// Triangles of fewer texels than this are gathered at by themselves: a lumel's mean says too little about what lies within it.
+/// Triangles of fewer texels than this are gathered at by themselves: a lumel's mean says too
+/// little about what lies within it.
 pub(super) const LEAST_TEXELS: f64 = 4.0;
 
-/// Weight of a lumel of which nothing can be seen, where one in the open has 1: such light counts only where there is no other.
+/// Weight of a lumel of which nothing can be seen, where one in the open has 1: such light counts
+/// only where there is no other.
 const HIDDEN: f32 = 1e-3;
 
 /// A lumel's light.
@@ -39,7 +41,8 @@ impl LumelLight {
     }
 }
 
-/// Integrals over a triangle, weighted by how much of each lumel can be seen, m². φ₀, φ₁, φ₂ are barycentrics.
+/// Integrals over a triangle, weighted by how much of each lumel can be seen, m². φ₀, φ₁, φ₂ are
+/// barycentrics.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Moments {
     /// ∫ 1.
@@ -65,7 +68,8 @@ impl Moments {
         self.weight > 0.0
     }
 
-    /// The moments of a triangle of `area` m² with corners at `page`; none where it has too few texels.
+    /// The moments of a triangle of `area` m² with corners at `page`; none where it has too few
+    /// texels.
     pub fn of(
         (page, area): (&[DVec2; 3], f64),
         placement: &Placement,

@@ -1,9 +1,12 @@
 //! Light at vertices of small triangles, read from the lightmap.
 //!
-//! Triangles smaller than some lumels cannot be fitted to them, but the light about their corners is there all the same: a bilinear lookup, at
-//! the middle of each corner's share of the triangle. A lookup is trusted where its lumels are of the same surface and agree. Whether they are is told by their places: what
-//! lumels' positions and normals are interpolated to must be the point's own position and normal. So a lookup that reads across a fold, a gap of the chart or
-//! a coarse curve is found out, whatever the reason. Lumels that walls or contacts cross hold the light of a part of them, and are not read at all.
+//! Triangles smaller than some lumels cannot be fitted to them, but the light about their corners
+//! is there all the same: a bilinear lookup, at the middle of each corner's share of the triangle.
+//! A lookup is trusted where its lumels are of the same surface and agree. Whether they are is told
+//! by their places: what lumels' positions and normals are interpolated to must be the point's own
+//! position and normal. So a lookup that reads across a fold, a gap of the chart or a coarse curve
+//! is found out, whatever the reason. Lumels that walls or contacts cross hold the light of a part
+//! of them, and are not read at all.
 
 use std::cell::Cell;
 
@@ -16,18 +19,22 @@ use super::sheet::{Sheet, Tri, corners_of};
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 
-/// Lumels' normals may differ from the point's by 60°: on a curve their mean can still be right, which [`SAME_NORMAL`] tells.
+/// Lumels' normals may differ from the point's by 60°: on a curve their mean can still be right,
+/// which [`SAME_NORMAL`] tells.
 const LIKE_NORMAL: f32 = 0.5;
 
 /// Cosine of 15° between the mean of lumels' normals and the point's own.
 const SAME_NORMAL: f32 = 0.966;
 
-/// Distance in lumels of the place that was read from the point, where most of the lookup's weight is there and of whole lumels.
+/// Distance in lumels of the place that was read from the point, where most of the lookup's weight
+/// is there and of whole lumels.
 const SAME_PLACE: f32 = 0.3;
 
-/// And at charts' borders, where lookups lie a little inside: there a shadow ray to each lamp that matters must find what the lumels found. What this,
-/// [`LEAST_WEIGHT`] and [`PART`] let in over the demo level (each triangle split in nine) was nearer to gathering with 2048 rays than gathering itself is, in the
-/// median and at the 95th percentile, with 16 rays (`draft`) and with 64 (`preview`); docs/profile.md has the figures.
+/// And at charts' borders, where lookups lie a little inside: there a shadow ray to each lamp that
+/// matters must find what the lumels found. What this, [`LEAST_WEIGHT`] and [`PART`] let in over
+/// the demo level (each triangle split in nine) was nearer to gathering with 2048 rays than
+/// gathering itself is, in the median and at the 95th percentile, with 16 rays (`draft`) and with
+/// 64 (`preview`); docs/profile.md has the figures.
 const NEAR_PLACE: f32 = 0.75;
 
 /// Share of a lookup from lumels that can be trusted which is most of it.
@@ -39,16 +46,19 @@ const LEAST_WEIGHT: f32 = 0.25;
 /// Coverage of whole lumels.
 const WHOLE: f32 = 0.9;
 
-/// Coverage of others that are read, where no shadow's edge crosses them: on which side of it a part lies says nothing about the rest.
+/// Coverage of others that are read, where no shadow's edge crosses them: on which side of it a
+/// part lies says nothing about the rest.
 const PART: f32 = 0.25;
 
 /// Lamps that would bring less than this share of the light are not looked for.
 const MATTERS: f32 = 0.01;
 
-/// Lumels of a lookup that differ by more than this share of their mean do not say what lies between them.
+/// Lumels of a lookup that differ by more than this share of their mean do not say what lies
+/// between them.
 const MOST_SPREAD: f32 = 0.4;
 
-/// Longest edge in texels of which one lookup stands for a corner's share; longer triangles are cut for reading.
+/// Longest edge in texels of which one lookup stands for a corner's share; longer triangles are cut
+/// for reading.
 const LOOKUP: f64 = 2.0;
 
 /// Cuts of an edge at most; longer triangles are gathered at.
@@ -104,7 +114,8 @@ struct Sum {
     border: Option<Border>,
 }
 
-/// A place at a chart's border, and the lamps that all lumels there see, and that are hidden from all.
+/// A place at a chart's border, and the lamps that all lumels there see, and that are hidden from
+/// all.
 #[derive(Clone, Copy)]
 struct Border {
     at: SurfacePoint,
@@ -127,7 +138,8 @@ pub(super) struct Reader<'b, 'w, 'a> {
 }
 
 impl Reader<'_, '_, '_> {
-    /// By point: the mean light over its share of the small triangles about it, where the lumels know; `None` elsewhere.
+    /// By point: the mean light over its share of the small triangles about it, where the lumels
+    /// know; `None` elsewhere.
     pub fn read(&self, sheet: &Sheet) -> Vec<Option<Vec3>> {
         let mut sums = vec![Some(Sum::default()); sheet.points];
         for tri in sheet.tris.iter().filter(|t| !t.moments.measured()) {
@@ -163,8 +175,9 @@ impl Reader<'_, '_, '_> {
             .collect()
     }
 
-    /// The mean over a triangle weighted by corner `k`'s hat function φ, its edges cut in `cuts`. Over a part with φ = f₀, f₁, f₂ at its corners,
-    /// ∫ φ p = A/12 Σ (fⱼ + Σf) pⱼ: a lookup at that mean place is exact for light that is linear there.
+    /// The mean over a triangle weighted by corner `k`'s hat function φ, its edges cut in `cuts`.
+    /// Over a part with φ = f₀, f₁, f₂ at its corners, ∫ φ p = A/12 Σ (fⱼ + Σf) pⱼ: a lookup at
+    /// that mean place is exact for light that is linear there.
     fn corner(&self, tri: &Tri, k: usize, cuts: u32, border: &mut Option<Border>) -> Option<Vec3> {
         let (triangle, order, back) = corners_of(self.world.soup, tri.face);
         let n = cuts as i32;
@@ -204,7 +217,8 @@ impl Reader<'_, '_, '_> {
         Some(light / total)
     }
 
-    /// The light at a place of the instance's rectangle, which is `p` in the world. Where lamps are to be looked for, `border` gets to know.
+    /// The light at a place of the instance's rectangle, which is `p` in the world. Where lamps are
+    /// to be looked for, `border` gets to know.
     fn lookup(&self, page: DVec2, p: &SurfacePoint, border: &mut Option<Border>) -> Option<Vec3> {
         let q = page - 0.5;
         let base = q.floor();
@@ -271,7 +285,8 @@ impl Reader<'_, '_, '_> {
     }
 }
 
-/// In how many parts edges are cut so that one lookup may stand for each; `None` where there is no chart, or it is drawn out too far.
+/// In how many parts edges are cut so that one lookup may stand for each; `None` where there is no
+/// chart, or it is drawn out too far.
 fn cuts(tri: &Tri) -> Option<u32> {
     let [a, b, c] = tri.page;
     let longest = (a.distance(b)).max(b.distance(c)).max(c.distance(a));

@@ -9,8 +9,8 @@ use mesh_ingest::{Primitive, Scene, Soup};
 use super::moments::{Moments, texels};
 use crate::vertex_footprint::Spoke;
 
-/// Normals that differ by less are of one smoothing group: cos 5°. Exporters round normals to a degree at worst (8 bits), and hard edges
-/// that anyone sees are above ten.
+/// Normals that differ by less are of one smoothing group: cos 5°. Exporters round normals to a
+/// degree at worst (8 bits), and hard edges that anyone sees are above ten.
 const SAME_NORMAL: f32 = 0.9962;
 
 /// A vertex of a primitive.
@@ -53,7 +53,8 @@ pub(super) struct Sheet {
     /// Index into [`Scene::instances`].
     pub instance: usize,
     pub vertices: Vec<Vertex>,
-    /// For vertices that splitting added, in their order: the two in whose middle each is, as indices into `vertices`.
+    /// For vertices that splitting added, in their order: the two in whose middle each is, as
+    /// indices into `vertices`.
     pub parents: Vec<[u32; 2]>,
     pub tris: Vec<Tri>,
     /// Number of vertices of each primitive.
@@ -144,8 +145,9 @@ impl Sheet {
             .collect();
         order.sort_unstable();
         for at_place in order.chunk_by(|a, b| a.0 == b.0) {
-            // The first vertex of each group speaks for it: no chain of small steps joins what differs. On a sphere there is room for some
-            // two thousand of them, so that this is not quadratic however many vertices share a place.
+            // The first vertex of each group speaks for it: no chain of small steps joins what
+            // differs. On a sphere there is room for some two thousand of them, so that this is not
+            // quadratic however many vertices share a place.
             let mut groups: Vec<(Vec3, u32)> = Vec::new();
             for &(_, v) in at_place {
                 let normal = normals[v as usize];
@@ -219,8 +221,8 @@ impl Sheet {
     }
 }
 
-/// The soup's triangle in whose place a face is, which of its world corners each corner of the primitive's triangle is, and whether the
-/// face lies on its back.
+/// The soup's triangle in whose place a face is, which of its world corners each corner of the
+/// primitive's triangle is, and whether the face lies on its back.
 pub(super) fn corners_of(soup: &Soup, face: u32) -> (u32, [u8; 3], bool) {
     let order = if soup.source(face).mirrored {
         [0, 2, 1]

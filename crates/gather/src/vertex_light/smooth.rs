@@ -1,8 +1,10 @@
 //! Takes noise out of the light that was gathered for vertices.
 //!
-//! As lumels are smoothed ([`crate::smooth`]), on the mesh instead of the page: points beside each other on one piece of surface gathered about the same light
-//! with independent random numbers. Their mean is taken in which each counts as far as its difference can be noise, the weights for one half of the samples
-//! coming from the other half. A mean, not a fit: few lie about a vertex, and unevenly.
+//! As lumels are smoothed ([`crate::smooth`]), on the mesh instead of the page: points beside each
+//! other on one piece of surface gathered about the same light with independent random numbers.
+//! Their mean is taken in which each counts as far as its difference can be noise, the weights for
+//! one half of the samples coming from the other half. A mean, not a fit: few lie about a vertex,
+//! and unevenly.
 
 use glam::Vec3;
 use radiosity::{World, luminance};
@@ -97,7 +99,8 @@ impl Mesh {
         }
     }
 
-    /// By group, whether there are others about it: then smoothing halves its variance at least, as long as they are alike, and half of the rays will do.
+    /// By group, whether there are others about it: then smoothing halves its variance at least, as
+    /// long as they are alike, and half of the rays will do.
     pub fn has_others(&self) -> Vec<bool> {
         (0..self.spots.len())
             .into_par_iter()
@@ -126,7 +129,8 @@ impl Mesh {
         }
     }
 
-    /// `what` of each group and those about it that lie in the open; none are about one that does not.
+    /// `what` of each group and those about it that lie in the open; none are about one that does
+    /// not.
     fn of_windows<T: Send>(
         &self,
         received: &[Received],
@@ -181,8 +185,9 @@ mod tests {
     use super::*;
     use crate::smooth::tests::normal_numbers;
 
-    /// Columns of light after smoothing, over a floor of points with `light(x)`, gathered with standard errors of `noise(x)`; edges are along rows, columns and
-    /// diagonals as in a mesh, but for those that `cut` is said of: from column x to the next.
+    /// Columns of light after smoothing, over a floor of points with `light(x)`, gathered with
+    /// standard errors of `noise(x)`; edges are along rows, columns and diagonals as in a mesh, but
+    /// for those that `cut` is said of: from column x to the next.
     fn smoothed(
         light: impl Fn(u32) -> f32,
         noise: impl Fn(u32) -> f32,
@@ -237,7 +242,8 @@ mod tests {
         let n = all.len() as f32;
         let mean = all.iter().sum::<f32>() / n;
         let left = (all.iter().map(|e| (e - mean) * (e - mean)).sum::<f32>() / n).sqrt();
-        // Nineteen points that counted alike would leave 0.069 of 0.3; weights of noisy differences, e⁻¹ᐟ⁴ at one standard deviation, some more.
+        // Nineteen points that counted alike would leave 0.069 of 0.3; weights of noisy
+        // differences, e⁻¹ᐟ⁴ at one standard deviation, some more.
         assert!(left < 0.11, "{left}");
         // 0.3 / √2304 = 0.006 is the noise of the whole mean.
         assert!((mean - 1.0).abs() < 0.02, "{mean}");

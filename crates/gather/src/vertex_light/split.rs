@@ -1,9 +1,10 @@
 //! Splits triangles over which light is not linear.
 //!
-//! Longest-edge bisection (after Rivara, *Algorithms for refining triangular grids suitable for adaptive and multigrid techniques*, 1984):
-//! an edge that is to be split makes the longest edge of both its triangles be split too, so that no corner ever lies on another triangle's edge
-//! and angles stay above half of the smallest that there was. Edges are told apart by places, so that vertices which texture seams,
-//! hard edges or primitives double are split alike.
+//! Longest-edge bisection (after Rivara, *Algorithms for refining triangular grids suitable for
+//! adaptive and multigrid techniques*, 1984): an edge that is to be split makes the longest edge of
+//! both its triangles be split too, so that no corner ever lies on another triangle's edge and
+//! angles stay above half of the smallest that there was. Edges are told apart by places, so that
+//! vertices which texture seams, hard edges or primitives double are split alike.
 
 use std::collections::{HashMap, HashSet};
 
@@ -16,8 +17,8 @@ use super::sheet::{Sheet, Tri, Vertex};
 /// An edge: its two places, the lower first.
 type Edge = (u32, u32);
 
-/// Triangles of which less can be seen are not split for their own sake: lumels count 1e-3 where they are hidden, and one of twenty in the open
-/// is a rim that its neighbours have too.
+/// Triangles of which less can be seen are not split for their own sake: lumels count 1e-3 where
+/// they are hidden, and one of twenty in the open is a rim that its neighbours have too.
 const LEAST_SEEN: f64 = 0.05;
 
 /// When to split, and how often.
@@ -42,7 +43,8 @@ pub(super) enum Round {
     Full,
 }
 
-/// Splits the triangles whose light is too far from what `values` make of it. `values` and `gathered` get entries for new points.
+/// Splits the triangles whose light is too far from what `values` make of it. `values` and
+/// `gathered` get entries for new points.
 pub(super) fn split(
     sheet: &mut Sheet,
     values: &mut Vec<Vec3>,
@@ -58,7 +60,8 @@ pub(super) fn split(
     }
     // The worst first, in case there is not room for all.
     bad.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    // A hard or textured edge makes two vertices and more; these rounds stop a little early rather than late.
+    // A hard or textured edge makes two vertices and more; these rounds stop a little early rather
+    // than late.
     let room = options.most.saturating_sub(sheet.parents.len()) / 2;
     let edges = mark(sheet, &bad, room);
     if edges.is_empty() {
@@ -91,7 +94,8 @@ fn error(sheet: &Sheet, tri: &Tri, values: &[Vec3], options: &SplitOptions) -> O
     Some(square.sqrt() / (m.mean() + options.floor).max(f64::MIN_POSITIVE))
 }
 
-/// The longest edge of a triangle, by length and then by place, so that both triangles of an edge judge alike.
+/// The longest edge of a triangle, by length and then by place, so that both triangles of an edge
+/// judge alike.
 fn longest(sheet: &Sheet, tri: &Tri) -> usize {
     let edges = edges_of(sheet, tri);
     let length = |(a, b): Edge| {
@@ -122,7 +126,8 @@ fn edges_of(sheet: &Sheet, tri: &Tri) -> [Edge; 3] {
     })
 }
 
-/// The edges to split: the longest of each triangle of `bad`, as long as there is `room`, and what they entail.
+/// The edges to split: the longest of each triangle of `bad`, as long as there is `room`, and what
+/// they entail.
 fn mark(sheet: &Sheet, bad: &[(f64, u32)], room: usize) -> HashSet<Edge> {
     let mut at: Vec<(Edge, u32)> = (sheet.tris.iter().enumerate())
         .flat_map(|(t, tri)| edges_of(sheet, tri).map(|e| (e, t as u32)))
@@ -186,7 +191,8 @@ impl Cutter<'_> {
             ..*tri
         };
         let middle = self.middle(turned.corners[1], turned.corners[2]);
-        // Two halves that meet in the line from corner 0 to the middle; each has one more edge that may be split.
+        // Two halves that meet in the line from corner 0 to the middle; each has one more edge that
+        // may be split.
         let on_page = (turned.page[1] + turned.page[2]) * 0.5;
         let half = |replaced: usize| {
             let mut part = Tri {
@@ -199,7 +205,8 @@ impl Cutter<'_> {
             part
         };
         let (first, second) = (half(2), half(1));
-        // Corner 2 is the middle in the first half: the outer edge 0–1 is opposite of it; in the second it is corner 1.
+        // Corner 2 is the middle in the first half: the outer edge 0–1 is opposite of it; in the
+        // second it is corner 1.
         for (part, opposite, cut) in [
             (first, 2, edges[(k + 2) % 3]),
             (second, 1, edges[(k + 1) % 3]),

@@ -12,8 +12,8 @@ use super::config::{self, ConfigArgs, Layered};
 
 /// Bakes diffuse global illumination into glTF levels.
 ///
-/// Exit codes: 0 ok, 1 wrong usage, 2 input/output failure, 3 invalid input, 4 unsupported feature, 5 warnings under --strict,
-/// 75 stopped (Ctrl-C).
+/// Exit codes: 0 ok, 1 wrong usage, 2 input/output failure, 3 invalid input, 4 unsupported feature,
+/// 5 warnings under --strict, 75 stopped (Ctrl-C).
 #[derive(Debug, Parser)]
 #[command(version, name = "lumel", max_term_width = 110)]
 pub(crate) struct Arguments {
@@ -57,7 +57,9 @@ pub(crate) struct Bake {
     /// How much work the bake is worth [default: preview]
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
-    /// Gather until the estimated relative error (root mean square over lit lumels) is below X, e.g. 0.02; a warning says where it cannot be reached [default: as many rays as --quality has]
+    /// Gather until the estimated relative error (root mean square over lit lumels) is below X,
+    /// e.g. 0.02; a warning says where it cannot be reached [default: as many rays as --quality
+    /// has]
     #[arg(long, value_name = "X")]
     pub error: Option<f32>,
     /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr
@@ -72,18 +74,20 @@ pub(crate) struct Bake {
     /// Turns a sky map about +Y, degrees, counter-clockwise seen from above [default: 0]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     pub sky_rotation: Option<f32>,
-    /// A sun: direction in which its light travels, illuminance in lux, and its disc's diameter (0.533 for ours; without it, shadows
-    /// are sharp), e.g. 0.3,-1,0.2,100000,0.533; may be repeated
+    /// A sun: direction in which its light travels, illuminance in lux, and its disc's diameter
+    /// (0.533 for ours; without it, shadows are sharp), e.g. 0.3,-1,0.2,100000,0.533; may be
+    /// repeated
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun: Vec<Sun>,
-    /// Multiply a source of light: a light or its node, an emissive material, `sky` or `sun`; `*` and `?` are wild, the last that fits
-    /// counts (`inspect` lists names); may be repeated
+    /// Multiply a source of light: a light or its node, an emissive material, `sky` or `sun`; `*`
+    /// and `?` are wild, the last that fits counts (`inspect` lists names); may be repeated
     #[arg(long, value_name = "NAME=X", value_parser = parse_light)]
     pub light: Vec<LightScale>,
     /// Leave a source of light out, whatever --light says; may be repeated
     #[arg(long, value_name = "NAME")]
     pub exclude_light: Vec<String>,
-    /// Keep sources of light apart under a name of your own; what no group names becomes the group `rest`; may be repeated
+    /// Keep sources of light apart under a name of your own; what no group names becomes the group
+    /// `rest`; may be repeated
     #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
     pub group: Vec<LightGroup>,
     /// What the lightmap holds [default: radiance]
@@ -95,7 +99,8 @@ pub(crate) struct Bake {
     /// Keep what normal maps need of the directions that light comes from
     #[arg(long, value_enum)]
     pub directional: Option<DirectionalArg>,
-    /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the scene's size]
+    /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the
+    /// scene's size]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
     /// Write the lightmap's pages as KTX2 too, for graphics cards: R, G and B, one level
@@ -104,8 +109,8 @@ pub(crate) struct Bake {
     /// Name the lightmap in the .glb by this convention too, beside the nodes' extras
     #[arg(long, value_enum, value_delimiter = ',')]
     pub ext: Vec<ExtArg>,
-    /// Light probes for things that move, into SCENE.probes.json: at the points of a file {"points": [[x, y, z], …]}, or on a grid with
-    /// this distance in metres
+    /// Light probes for things that move, into SCENE.probes.json: at the points of a file
+    /// {"points": [[x, y, z], …]}, or on a grid with this distance in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
     /// Reflectances above this count as this [default: 0.98]
@@ -132,19 +137,23 @@ pub(crate) struct Bake {
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// Make charts and solve the light one after the other, not at once: for measuring, each phase's time in the report is then its own. The results are the same
+    /// Make charts and solve the light one after the other, not at once: for measuring, each
+    /// phase's time in the report is then its own. The results are the same
     #[arg(long)]
     pub in_turn: bool,
-    /// Keep the charts of large meshes in this folder, for later bakes of the same meshes. The results are the same
+    /// Keep the charts of large meshes in this folder, for later bakes of the same meshes. The
+    /// results are the same
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Remove what was used least recently from the cache's folder when it is larger than this, e.g. 500M or 20G [default: 8G]
+    /// Remove what was used least recently from the cache's folder when it is larger than this,
+    /// e.g. 500M or 20G [default: 8G]
     #[arg(long, value_name = "BYTES", requires = "cache", value_parser = parse_bytes)]
     pub cache_size: Option<u64>,
     /// Write a picture of the lit level (from its first camera, if it has one)
     #[arg(long, value_name = "FILE.png")]
     pub preview: Option<PathBuf>,
-    /// Write a coarse picture of the lit level as soon as its light is solved, long before the bake is done
+    /// Write a coarse picture of the lit level as soon as its light is solved, long before the bake
+    /// is done
     #[arg(long, value_name = "FILE.png")]
     pub first_picture: Option<PathBuf>,
     /// Write the report here too
@@ -153,13 +162,15 @@ pub(crate) struct Bake {
     /// Write a dependency file for make or ninja: results: everything that was read
     #[arg(long, value_name = "FILE")]
     pub depfile: Option<PathBuf>,
-    /// The dependency file's target, instead of all results: a stamp, or the one name that the build knows; may be repeated
+    /// The dependency file's target, instead of all results: a stamp, or the one name that the
+    /// build knows; may be repeated
     #[arg(long, value_name = "PATH", requires = "depfile")]
     pub depfile_target: Vec<PathBuf>,
     /// Print what the bake would do, its pages, lumels, memory and time, and write nothing
     #[arg(long)]
     pub dry_run: bool,
-    /// Do nothing if the results are there and whole, and inputs, settings and version are those that they were made with, by content
+    /// Do nothing if the results are there and whole, and inputs, settings and version are those
+    /// that they were made with, by content
     #[arg(long)]
     pub skip_if_unchanged: bool,
     /// Print the report on standard output
@@ -204,7 +215,8 @@ pub(crate) struct Inspect {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Write pictures of the lightmap's charts into this folder: of the pages, and of the meshes with something wrong or most lumels
+    /// Write pictures of the lightmap's charts into this folder: of the pages, and of the meshes
+    /// with something wrong or most lumels
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// What the pictures show
@@ -215,13 +227,16 @@ pub(crate) struct Inspect {
 /// What is refused. Not in the file of settings: whoever made the scene may have made that too.
 #[derive(Debug, Args)]
 pub(crate) struct BoundsArgs {
-    /// Let `..` and links in the document lead to files outside of its folder, which the results then hold; absolute paths never do
+    /// Let `..` and links in the document lead to files outside of its folder, which the results
+    /// then hold; absolute paths never do
     #[arg(long)]
     pub allow_outside: bool,
-    /// Refuse pictures that take more memory than this once decoded, the scene's together or the sky's, e.g. 4G [default: 1G]
+    /// Refuse pictures that take more memory than this once decoded, the scene's together or the
+    /// sky's, e.g. 4G [default: 1G]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub max_image: Option<u64>,
-    /// Refuse, before light is computed, a bake that would need more memory than this by its estimate (within a factor of 1.3), e.g. 4G
+    /// Refuse, before light is computed, a bake that would need more memory than this by its
+    /// estimate (within a factor of 1.3), e.g. 4G
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub memory: Option<u64>,
 }
@@ -259,7 +274,8 @@ pub(crate) struct Plan {
     /// Texels between charts [default: 2]
     #[arg(long, value_name = "N")]
     pub padding: Option<u32>,
-    /// Pages and instances' rectangles in whole blocks of N x N texels (4 for BC formats; 1 for any size) [default: 4]
+    /// Pages and instances' rectangles in whole blocks of N x N texels (4 for BC formats; 1 for any
+    /// size) [default: 4]
     #[arg(long, value_name = "N")]
     pub block_align: Option<u32>,
     /// Charts in whole blocks too, so that none is shared by two
@@ -545,7 +561,8 @@ impl Bake {
             s.sky_rotation = x
         });
         out.put(Flag, "sun", given(&self.sun), |s, x| s.suns = x);
-        // Of several that fit a source the last counts: options go before the file, and what is left out before what is dimmed.
+        // Of several that fit a source the last counts: options go before the file, and what is
+        // left out before what is dimmed.
         out.put(Flag, "light", given(&self.light), |s, x| s.lights.extend(x));
         out.put(Flag, "exclude-light", given(&self.exclude_light), |s, x| {
             s.lights.extend(x.into_iter().map(config::excluded))

@@ -165,7 +165,8 @@ fn bake(
     provenance: &Provenance,
     display: &Display,
 ) -> Result<Report, Failure> {
-    // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit, it goes again.
+    // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit,
+    // it goes again.
     let mut set = OutputSet::create(&a.output)?;
     let left = set.leftovers();
     if left.files > 0 {
@@ -246,7 +247,8 @@ fn bake(
         ));
     }
     if settings.ktx2 == Some(lumel::Ktx2Format::Bc6h) && !settings.block_charts {
-        // No warning: on the project's own levels it is up to a tenth of the error above, and keeping them apart costs up to a tenth of the page.
+        // No warning: on the project's own levels it is up to a tenth of the error above, and
+        // keeping them apart costs up to a tenth of the page.
         display.say(
             "            charts share blocks of 4 x 4 texels; --block-charts keeps them apart",
         );

@@ -1,6 +1,7 @@
 //! `SCENE.lumel.toml`: options of `bake` and `inspect` kept beside the scene.
 //!
-//! Keys are the long names of options. Paths are relative to the file. docs/pipeline.md describes them, [`TEMPLATE`] lists them all.
+//! Keys are the long names of options. Paths are relative to the file. docs/pipeline.md describes
+//! them, [`TEMPLATE`] lists them all.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -63,7 +64,8 @@ impl Layered {
 /// Which file to take settings from.
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct ConfigArgs {
-    /// Take settings from this file [default: SCENE.lumel.toml beside the scene, if it is there]; options go before it
+    /// Take settings from this file [default: SCENE.lumel.toml beside the scene, if it is there];
+    /// options go before it
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Take no settings from any file

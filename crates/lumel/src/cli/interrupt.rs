@@ -28,8 +28,8 @@ impl Monitor for Cancel {
     }
 }
 
-/// Runs `work` with Ctrl-C (and SIGTERM) under control. This process's temporaries, and `output` where it is empty, are removed should
-/// it have to end by force.
+/// Runs `work` with Ctrl-C (and SIGTERM) under control. This process's temporaries, and `output`
+/// where it is empty, are removed should it have to end by force.
 pub(crate) fn under_control<T>(output: Option<PathBuf>, work: impl FnOnce() -> T) -> T {
     if let Ok(mut slot) = OUTPUT.lock() {
         *slot = output;
@@ -39,7 +39,8 @@ pub(crate) fn under_control<T>(output: Option<PathBuf>, work: impl FnOnce() -> T
         if CANCELLED.swap(true, Ordering::Relaxed) {
             return;
         }
-        // Most steps look at the flag many times a second. Building the tree and reading a large file do not.
+        // Most steps look at the flag many times a second. Building the tree and reading a large
+        // file do not.
         std::thread::spawn(|| {
             let asked = Instant::now();
             while asked.elapsed() < Duration::from_millis(800) || COMMITTING.load(Ordering::Relaxed)

@@ -1,4 +1,5 @@
-//! What the grammar says of itself: completions, manual pages, and a file of settings to start from.
+//! What the grammar says of itself: completions, manual pages, and a file of settings to start
+//! from.
 
 use std::io::Write;
 
@@ -63,8 +64,8 @@ fn pages() -> Result<Vec<(String, Vec<u8>)>, Failure> {
     let mut out = Vec::new();
     let mut add = |name: String, command: clap::Command| -> Result<(), Failure> {
         let mut page = Vec::new();
-        // Built commands are shown as `lumel-bake`.
-        // The heading names the page and where it belongs; without these, clap_mangen leaves blanks.
+        // Built commands are shown as `lumel-bake`. The heading names the page and where it
+        // belongs; without these, clap_mangen leaves blanks.
         Page::new(command)
             .title(name.to_uppercase())
             .date(RELEASED)

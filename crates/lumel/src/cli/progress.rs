@@ -127,7 +127,8 @@ impl Display {
         if s.phase == phase {
             return;
         }
-        // Work of several threads may report an old phase once more; only the solve goes back and forth.
+        // Work of several threads may report an old phase once more; only the solve goes back and
+        // forth.
         let line = s.phase.map(|old| {
             let residual = s
                 .residual

@@ -11,7 +11,8 @@ use super::args::Bake;
 use super::interrupt;
 use super::progress::Display;
 
-/// Whether there is nothing to bake; then everything that a bake would leave behind is there, and has been said.
+/// Whether there is nothing to bake; then everything that a bake would leave behind is there, and
+/// has been said.
 pub(crate) fn skip(
     a: &Bake,
     settings: &Settings,
@@ -50,8 +51,9 @@ pub(crate) fn skip(
     Ok(true)
 }
 
-/// Writes what the report's record does not cover and follows from it: the report's copy, and the dependency file, which ninja deletes
-/// once it has read it. Files that hold the same already stay untouched.
+/// Writes what the report's record does not cover and follows from it: the report's copy, and the
+/// dependency file, which ninja deletes once it has read it. Files that hold the same already stay
+/// untouched.
 fn restore(a: &Bake, current: &Current) -> Result<(), Failure> {
     if a.report.is_none() && a.depfile.is_none() {
         return Ok(());

@@ -48,8 +48,8 @@ pub(crate) fn run(a: &View) -> Result<(), Failure> {
     }
     drop(note);
     super::warn_of_strangers(viewer.folder());
-    // Ctrl-C is how it is meant to end, so that is a success. Nothing is left to put in order. Where no handler can be installed, the
-    // system's own ends the program too.
+    // Ctrl-C is how it is meant to end, so that is a success. Nothing is left to put in order.
+    // Where no handler can be installed, the system's own ends the program too.
     let _ = ctrlc::set_handler(|| std::process::exit(0));
     viewer.serve();
     Ok(())

@@ -1,4 +1,5 @@
-//! The histogram of lumels per metre, measured on the glTF that was written: what an engine will get, whoever moved charts about.
+//! The histogram of lumels per metre, measured on the glTF that was written: what an engine will
+//! get, whoever moved charts about.
 
 use glam::DVec3;
 use mesh_ingest::{LoadOptions, Scene};

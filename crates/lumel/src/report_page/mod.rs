@@ -1,4 +1,5 @@
-//! `lumel report`: a finished bake as one HTML file that needs nothing else, no network and no script.
+//! `lumel report`: a finished bake as one HTML file that needs nothing else, no network and no
+//! script.
 
 mod density;
 mod html;
@@ -18,16 +19,19 @@ struct Source<'a> {
     folder: &'a BakeFolder,
     stem: &'a str,
     manifest: &'a FinishedManifest,
-    /// The report, as JSON: a field that another version does not have leaves out a line, not the page.
+    /// The report, as JSON: a field that another version does not have leaves out a line, not the
+    /// page.
     report: &'a Value,
 }
 
 /// The page about the bake called `stem` in `folder`, HTML in UTF-8.
 ///
-/// The same bake gives the same bytes. Two runs of one bake differ where their reports do: in times and memory.
+/// The same bake gives the same bytes. Two runs of one bake differ where their reports do: in times
+/// and memory.
 ///
 /// # Errors
-/// [`Error::Folder`] where manifest, report or a page is missing or broken, [`Error::Output`] where an EXR cannot be read.
+/// [`Error::Folder`] where manifest, report or a page is missing or broken, [`Error::Output`] where
+/// an EXR cannot be read.
 pub fn report_page(folder: &BakeFolder, stem: &str) -> Result<String, Error> {
     let manifest = folder.manifest(stem)?;
     let report = folder.report(stem)?;

@@ -9,7 +9,8 @@ use super::html::{escape, note};
 use super::svg::{histogram, percent_mark};
 use crate::error::Error;
 
-/// Texels that all pictures together may have, which keeps the page within some ten megabytes: PNG needs about two bytes for each.
+/// Texels that all pictures together may have, which keeps the page within some ten megabytes: PNG
+/// needs about two bytes for each.
 const BUDGET: f64 = 4e6;
 
 /// Longest side of a picture, and the shortest that it is brought down to.
@@ -18,7 +19,8 @@ const SIDE: [f64; 2] = [1024.0, 128.0];
 /// Pages shown of each kind; further ones look much the same.
 const PAGES: usize = 12;
 
-/// Relative error at the ends of the colour scale, as `lumel diff --picture` and the viewer have it.
+/// Relative error at the ends of the colour scale, as `lumel diff --picture` and the viewer have
+/// it.
 const RANGE: [f64; 2] = [1e-3, 1.0];
 
 /// Bins of the histogram of errors, over [`RANGE`].
@@ -169,8 +171,8 @@ fn channels(image: &ExrImage) -> Option<Channels<'_>> {
     })
 }
 
-/// The page with at most `side` texels a side: each is the mean of a block, of the covered ones where the bake says which. Its one layer,
-/// if any, is the error.
+/// The page with at most `side` texels a side: each is the mean of a block, of the covered ones
+/// where the bake says which. Its one layer, if any, is the error.
 fn shrink(image: &ExrImage, side: usize) -> Page {
     let (w, h) = (image.width as usize, image.height as usize);
     let Some(c) = channels(image) else {

@@ -167,7 +167,8 @@ fn history(report: &Value) -> String {
             "This report has no history of the solve: it is of an earlier version, or no light was to be distributed.",
         );
     }
-    // Each relaxation counts its shots from 0. With groups of light, each pass has one for each group.
+    // Each relaxation counts its shots from 0. With groups of light, each pass has one for each
+    // group.
     let shots = |h: &Value| h.get("shots").and_then(Value::as_f64).unwrap_or(0.0);
     let mut starts = vec![0];
     starts.extend((1..history.len()).filter(|&i| shots(&history[i]) < shots(&history[i - 1])));

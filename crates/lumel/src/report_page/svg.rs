@@ -21,8 +21,8 @@ pub(super) struct Line<'a> {
     pub points: Vec<[f64; 2]>,
 }
 
-/// A chart of lines over a linear x; y is logarithmic if `log`. Points that a logarithm does not take are left out. Names are shown where
-/// there is more than one.
+/// A chart of lines over a linear x; y is logarithmic if `log`. Points that a logarithm does not
+/// take are left out. Names are shown where there is more than one.
 pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -> String {
     let map = |y: f64| if log { y.log10() } else { y };
     let sound = |p: &[f64; 2]| p[0].is_finite() && map(p[1]).is_finite();
@@ -42,7 +42,8 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
     };
     let (x0, x1) = range(&|p| p[0]);
     let (low, high) = range(&|p| map(p[1]));
-    // Marks at whole decades, or at 1, 2 or 5 times a power of ten; the chart begins and ends at one.
+    // Marks at whole decades, or at 1, 2 or 5 times a power of ten; the chart begins and ends at
+    // one.
     let step = if log {
         ((high.ceil() - low.floor()) / 6.0).ceil().max(1.0)
     } else {

@@ -60,7 +60,8 @@ fn bake(layers: &[&str], change: impl FnOnce(&mut Value)) -> (TempDir, BakeFolde
     (t, folder)
 }
 
-/// Every element that is opened is closed, in order; nothing is in an attribute that was not put there.
+/// Every element that is opened is closed, in order; nothing is in an attribute that was not put
+/// there.
 #[track_caller]
 fn assert_well_formed(page: &str) {
     const VOID: [&str; 3] = ["meta", "img", "rect"];
@@ -177,7 +178,8 @@ fn long_lists_are_folded_and_harmless_backs_too() {
         let at = page.find(name).expect(name);
         page[..at].matches("<details>").count() > page[..at].matches("</details>").count()
     };
-    // Of six units emitted 0.06 are 1 %, which is no matter; 0.6 are 10 %, of which the baker warns.
+    // Of six units emitted 0.06 are 1 %, which is no matter; 0.6 are 10 %, of which the baker
+    // warns.
     let harmless = with(0.06);
     assert_well_formed(&harmless);
     assert!(folded(&harmless, "n0.") && harmless.contains("1.00 % of the light ends there"));

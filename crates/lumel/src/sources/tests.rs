@@ -26,8 +26,9 @@ fn material(name: &str, emissive: f32) -> Material {
     }
 }
 
-/// Lamps "lamp" on nodes "left" and "right", an unnamed one on an unnamed node, a sun of the command line; materials "wall" (dark), "neon",
-/// "spare" (which nothing wears) and an unnamed one that shine.
+/// Lamps "lamp" on nodes "left" and "right", an unnamed one on an unnamed node, a sun of the
+/// command line; materials "wall" (dark), "neon", "spare" (which nothing wears) and an unnamed one
+/// that shine.
 fn scene() -> (Scene, Value) {
     let wears = |material| Primitive {
         material,

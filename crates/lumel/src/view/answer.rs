@@ -1,4 +1,5 @@
-//! What the viewer's server answers: from a request's parts to status, headers and body, without a socket.
+//! What the viewer's server answers: from a request's parts to status, headers and body, without a
+//! socket.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -43,8 +44,8 @@ pub(super) struct Reply {
     pub body: Body,
 }
 
-/// Sent with all answers. The page runs nothing but its own scripts and reaches nothing but this server; `blob:` is how the glTF
-/// reader hands embedded textures to the browser.
+/// Sent with all answers. The page runs nothing but its own scripts and reaches nothing but this
+/// server; `blob:` is how the glTF reader hands embedded textures to the browser.
 const POLICY: [(&str, &str); 4] = [
     (
         "Content-Security-Policy",
@@ -96,8 +97,8 @@ pub(super) struct Answers {
 impl Answers {
     /// The answer to `ask`. Never fails: what is wrong is an answer too.
     pub fn answer(&self, ask: &Ask<'_>) -> Reply {
-        // A page of another site may point a name of its own at this machine and read what its own origin answers. It cannot fake
-        // the name, though.
+        // A page of another site may point a name of its own at this machine and read what its own
+        // origin answers. It cannot fake the name, though.
         if !ask.host.is_some_and(is_local) {
             return Reply::text(
                 403,
@@ -257,8 +258,9 @@ fn send(path: &Path, name: &str, range: Option<&str>) -> std::io::Result<Reply> 
     })
 }
 
-/// One range of bytes, first and last, of a file of `size` (RFC 9110 §14.1.2). `None` for what a server may ignore: other units,
-/// several ranges, nonsense; `Err` for a range that has nothing of the file.
+/// One range of bytes, first and last, of a file of `size` (RFC 9110 §14.1.2). `None` for what a
+/// server may ignore: other units, several ranges, nonsense; `Err` for a range that has nothing of
+/// the file.
 fn parse_range(header: &str, size: u64) -> Option<Result<(u64, u64), ()>> {
     let (first, last) = header.strip_prefix("bytes=")?.split_once('-')?;
     let number = |s: &str| s.trim().parse::<u64>().ok();

@@ -15,7 +15,8 @@ pub(super) fn compressed(name: &str) -> Option<&'static [u8]> {
 /// An own file as it was, for clients that do not unpack.
 pub(super) fn plain(packed: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
-    // Packed by our own build script: what fails here is memory, and then an empty answer is as good as any.
+    // Packed by our own build script: what fails here is memory, and then an empty answer is as
+    // good as any.
     let _ = GzDecoder::new(packed).read_to_end(&mut bytes);
     bytes
 }

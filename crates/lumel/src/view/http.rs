@@ -1,7 +1,9 @@
-//! HTTP/1.1 on threads, as little as a page on this machine needs: a request and its answer, then the connection ends.
+//! HTTP/1.1 on threads, as little as a page on this machine needs: a request and its answer, then
+//! the connection ends.
 //!
-//! Browsers open connections ahead and leave them idle. Each has a thread of its own here, so none waits for another, and nothing is
-//! kept alive, so a page never queues behind a connection that the browser holds open.
+//! Browsers open connections ahead and leave them idle. Each has a thread of its own here, so none
+//! waits for another, and nothing is kept alive, so a page never queues behind a connection that
+//! the browser holds open.
 
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
@@ -12,18 +14,21 @@ use std::time::{Duration, Instant};
 
 use super::answer::{Answers, Ask, Reply};
 
-/// Connections at once; for a further one, the one that was silent for longest ends. Browsers open six to a host, and some ahead.
+/// Connections at once; for a further one, the one that was silent for longest ends. Browsers open
+/// six to a host, and some ahead.
 const CONNECTIONS: usize = 64;
-/// Bytes of request line and headers. Browsers send about one KiB, and up to eight with cookies of other servers on this host.
+/// Bytes of request line and headers. Browsers send about one KiB, and up to eight with cookies of
+/// other servers on this host.
 const HEAD: usize = 16 << 10;
 /// Headers of a request; browsers send about twenty.
 const HEADERS: usize = 100;
-/// How long a connection may take to say what it wants. An idle one ends here; browsers open another when they need it.
+/// How long a connection may take to say what it wants. An idle one ends here; browsers open
+/// another when they need it.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// How long a client may stop reading, as a browser does while a debugger holds it.
 const WRITE_PATIENCE: Duration = Duration::from_secs(60);
-/// How long a client has to close its end, and how much of what it still sends is read meanwhile: closing with bytes unread makes the
-/// system drop the answer too.
+/// How long a client has to close its end, and how much of what it still sends is read meanwhile:
+/// closing with bytes unread makes the system drop the answer too.
 const LINGER: (Duration, usize) = (Duration::from_secs(1), 1 << 20);
 
 /// Counts connections, and knows which of them have not asked for anything yet.
@@ -48,8 +53,8 @@ struct Pass {
 }
 
 impl Gate {
-    /// Waits for a place. Where all are taken, the connection that has been silent for longest ends: whoever opens many and says nothing
-    /// must not keep others out.
+    /// Waits for a place. Where all are taken, the connection that has been silent for longest
+    /// ends: whoever opens many and says nothing must not keep others out.
     fn enter(self: &Arc<Gate>, stream: &TcpStream) -> Pass {
         let mut state = self.lock();
         if state.open >= CONNECTIONS

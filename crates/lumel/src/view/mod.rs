@@ -1,7 +1,8 @@
 //! `lumel view`: a page on this machine that shows a finished bake.
 //!
-//! The server answers on 127.0.0.1 alone, reads nothing but the files of one folder and its own, and changes nothing. The page
-//! (`web/`) draws with three.js, whose files lie in `vendor/three` as npm has them.
+//! The server answers on 127.0.0.1 alone, reads nothing but the files of one folder and its own,
+//! and changes nothing. The page (`web/`) draws with three.js, whose files lie in `vendor/three` as
+//! npm has them.
 
 mod answer;
 mod assets;
@@ -27,8 +28,8 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Opens `path`, a folder that `lumel bake` wrote or one bake's `*.lightmap.json`, and binds `port` of 127.0.0.1 (0 for any that is
-    /// free). Requests wait until [`serve`](Viewer::serve).
+    /// Opens `path`, a folder that `lumel bake` wrote or one bake's `*.lightmap.json`, and binds
+    /// `port` of 127.0.0.1 (0 for any that is free). Requests wait until [`serve`](Viewer::serve).
     ///
     /// # Errors
     /// [`Error::Folder`] where there is no bake, [`Error::Port`] where the port cannot be had.
@@ -71,7 +72,8 @@ impl Viewer {
         http::serve(&self.listener, &self.answers, &self.stopping);
     }
 
-    /// Ends [`serve`](Viewer::serve), from another thread. Answers that are on their way are still sent.
+    /// Ends [`serve`](Viewer::serve), from another thread. Answers that are on their way are still
+    /// sent.
     pub fn stop(&self) {
         self.stopping.store(true, Ordering::SeqCst);
         // Whoever waits for a connection gets one.

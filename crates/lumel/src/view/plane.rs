@@ -1,7 +1,8 @@
 //! Channels of a lightmap as a browser's graphics card takes them.
 //!
-//! The server unpacks the EXR itself: WebGL wants four halves a texel, any layer of a file is then one request, and the page needs no
-//! EXR reader, of which three.js's would unpack all channels for each layer.
+//! The server unpacks the EXR itself: WebGL wants four halves a texel, any layer of a file is then
+//! one request, and the page needs no EXR reader, of which three.js's would unpack all channels for
+//! each layer.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -13,7 +14,8 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 
-/// Files are unpacked once for all their layers, and kept until another is asked for, unless they are larger than this, bytes.
+/// Files are unpacked once for all their layers, and kept until another is asked for, unless they
+/// are larger than this, bytes.
 const KEEP: usize = 512 << 20;
 
 /// The last file unpacked.
@@ -34,8 +36,8 @@ pub(super) struct Plane {
 }
 
 impl Planes {
-    /// A layer of the file at `path`: `""` for R, G, B, else the part of the channels' names before the dot. `None` where the file has
-    /// no such layer.
+    /// A layer of the file at `path`: `""` for R, G, B, else the part of the channels' names before
+    /// the dot. `None` where the file has no such layer.
     ///
     /// # Errors
     /// [`Error::Output`] where the file cannot be read.
@@ -51,8 +53,8 @@ impl Planes {
             meta.as_ref().and_then(|m| m.modified().ok()),
             meta.map_or(0, |m| m.len()),
         );
-        // Held while reading, so that a page that asks for six layers at once does not unpack six times. A panic in there leaves
-        // nothing half done.
+        // Held while reading, so that a page that asks for six layers at once does not unpack six
+        // times. A panic in there leaves nothing half done.
         let mut last = self.last.lock().unwrap_or_else(|e| e.into_inner());
         if let Some((_, image)) = last.as_ref().filter(|(k, _)| *k == key) {
             return Ok(image.clone());

@@ -5,7 +5,8 @@ use tempfile::TempDir;
 
 use super::*;
 
-/// A folder with a bake of one page of 2 × 1 texels and a group, beside a file that must not be seen.
+/// A folder with a bake of one page of 2 × 1 texels and a group, beside a file that must not be
+/// seen.
 fn folder() -> (TempDir, Answers) {
     let t = tempfile::tempdir().unwrap();
     let dir = t.path().join("out");

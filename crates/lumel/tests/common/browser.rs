@@ -12,8 +12,8 @@ use image::RgbImage;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// How long a test may take with its browser, from the start. Only a hang is longer: a test needs about ten seconds, with software
-/// rendering on a loaded machine some more.
+/// How long a test may take with its browser, from the start. Only a hang is longer: a test needs
+/// about ten seconds, with software rendering on a loaded machine some more.
 const PATIENCE: Duration = Duration::from_secs(45);
 /// How long one answer may take after that, so that what a page says can still be asked.
 const GRACE: Duration = Duration::from_secs(10);
@@ -236,7 +236,8 @@ impl Browser {
             }
             // The browser's own advice on drivers is no fault of the page.
             Some("Log.entryAdded") if params["entry"]["level"] == "error" => {
-                // Asked for by the browser itself where a bare script is opened; sooner or later, as it likes.
+                // Asked for by the browser itself where a bare script is opened; sooner or later,
+                // as it likes.
                 let url = params["entry"]["url"].as_str().unwrap_or_default();
                 if !url.ends_with("/favicon.ico") {
                     self.errors.push(params["entry"].to_string())

@@ -30,8 +30,9 @@ impl Run {
         self
     }
 
-    /// Asserts a failure with `code`: nothing on stdout, and one message that holds each of `words`. Meant for runs with
-    /// `-q` or of commands without progress, where nothing else may be on stderr.
+    /// Asserts a failure with `code`: nothing on stdout, and one message that holds each of
+    /// `words`. Meant for runs with `-q` or of commands without progress, where nothing else may be
+    /// on stderr.
     #[track_caller]
     pub fn fails(&self, code: i32, words: &[&str]) {
         assert_eq!(self.code, Some(code), "stderr: {}", self.stderr);

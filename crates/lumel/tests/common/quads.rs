@@ -1,4 +1,5 @@
-//! A scene whose every pixel is known: white or coloured squares under a sun, none of which sees another's front.
+//! A scene whose every pixel is known: white or coloured squares under a sun, none of which sees
+//! another's front.
 
 use serde_json::{Value, json};
 
@@ -22,8 +23,9 @@ pub fn points() -> Vec<([f64; 3], [f64; 3], f64)> {
         // `flat` faces the sun, `tilted` is the same mesh and stands 60° from it.
         ([-4.0, 0.0, 0.3], ALBEDO, R),
         ([4.0, 0.0, 0.0], ALBEDO, R * 0.5),
-        // Of `floor`, two primitives, a plate shades the quarter x > 0, z > 0: seen from above it is that quarter that is missing, so points
-        // lie in the others, and one under the plate is found by looking from the side.
+        // Of `floor`, two primitives, a plate shades the quarter x > 0, z > 0: seen from above it
+        // is that quarter that is missing, so points lie in the others, and one under the plate is
+        // found by looking from the side.
         ([-0.5, 0.0, -0.5], ALBEDO, R),
         ([-0.5, 0.0, 0.5], ALBEDO, R),
         ([0.5, 0.0, -0.5], OTHER, R),

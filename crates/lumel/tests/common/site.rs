@@ -6,13 +6,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Where `npm install` was run for engines that are not in the repository: `LUMEL_NPM`, or where tools/setup.sh does it.
+/// Where `npm install` was run for engines that are not in the repository: `LUMEL_NPM`, or where
+/// tools/setup.sh does it.
 pub fn npm_modules() -> PathBuf {
     let folder = std::env::var_os("LUMEL_NPM").unwrap_or_else(|| "/opt/lumel-npm".into());
     PathBuf::from(folder).join("node_modules")
 }
 
-/// What a user's own server would serve: the loaders, three.js as npm has it, others from where they are installed, and a bake. It ends with the test's process.
+/// What a user's own server would serve: the loaders, three.js as npm has it, others from where
+/// they are installed, and a bake. It ends with the test's process.
 pub struct Site {
     pub url: String,
 }

@@ -1,7 +1,9 @@
-//! Damaged inputs by the thousand: whatever is read, the end is a result that holds what is promised, or one error.
+//! Damaged inputs by the thousand: whatever is read, the end is a result that holds what is
+//! promised, or one error.
 //!
-//! In brief with the other tests; `tools/fuzz.sh MINUTES` runs the same for as long as it is told, from another seed each time, and
-//! says what it did. What it finds lies beside the program under `fuzz/`, and is to become a test where its cause is.
+//! In brief with the other tests; `tools/fuzz.sh MINUTES` runs the same for as long as it is told,
+//! from another seed each time, and says what it did. What it finds lies beside the program under
+//! `fuzz/`, and is to become a test where its cause is.
 
 mod mutate;
 mod seeds;
@@ -20,7 +22,8 @@ use mutate::Random;
 use seeds::Level;
 use targets::{Outcome, Place};
 
-/// What any one input may take. The slowest seed takes 50 ms; the rest is for machines that do other things too.
+/// What any one input may take. The slowest seed takes 50 ms; the rest is for machines that do
+/// other things too.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// How long and from where.
@@ -104,7 +107,8 @@ fn run(
         ));
     }
     assert!(wrong.is_empty(), "{name}: {wrong:#?}");
-    // A target that refuses everything looks at nothing; one that refuses nothing is given no damage.
+    // A target that refuses everything looks at nothing; one that refuses nothing is given no
+    // damage.
     assert!(
         read > 0 && read < done,
         "{name}: {read} of {done} were read"
@@ -125,7 +129,8 @@ fn place() -> (tempfile::TempDir, Place) {
     (folder, place)
 }
 
-/// Small documents of the folder that `LUMEL_FUZZ_SEEDS` names: compressed ones, for instance, which nothing here can make.
+/// Small documents of the folder that `LUMEL_FUZZ_SEEDS` names: compressed ones, for instance,
+/// which nothing here can make.
 fn further() -> Vec<Vec<u8>> {
     let folder = std::env::var_os("LUMEL_FUZZ_SEEDS").map(PathBuf::from);
     let entries = folder.and_then(|f| std::fs::read_dir(f).ok());

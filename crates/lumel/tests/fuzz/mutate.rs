@@ -1,4 +1,5 @@
-//! Damage: to bytes, and to JSON as a tree, so that what comes out is still JSON and says something else.
+//! Damage: to bytes, and to JSON as a tree, so that what comes out is still JSON and says something
+//! else.
 
 use serde_json::{Map, Value, json};
 

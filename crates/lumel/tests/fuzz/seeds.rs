@@ -64,7 +64,8 @@ impl Level {
     }
 }
 
-/// A floor, a wall above it, a lamp and a glowing square: textured, masked, instanced, animated and morphed in places.
+/// A floor, a wall above it, a lamp and a glowing square: textured, masked, instanced, animated and
+/// morphed in places.
 pub fn level() -> Level {
     let mut level = Level {
         json: json!({

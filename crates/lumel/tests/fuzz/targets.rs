@@ -145,7 +145,8 @@ pub fn bake(_: &Place, glb: &[u8]) -> Outcome {
     checked(&bake)
 }
 
-/// Light is finite and not negative, energy balances or the report says that it does not, and what is written can be read.
+/// Light is finite and not negative, energy balances or the report says that it does not, and what
+/// is written can be read.
 fn checked(bake: &Bake) -> Outcome {
     for page in bake.pages() {
         let values = page.value.iter().flatten();

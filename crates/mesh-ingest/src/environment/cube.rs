@@ -8,16 +8,19 @@ use rayon::prelude::*;
 use crate::scene::Image;
 use crate::shading::SRGB;
 
-/// Widest latitude-longitude map, 8192 × 4096 pixels or 400 MB: a pixel is a twelfth of the sun's disc wide.
+/// Widest latitude-longitude map, 8192 × 4096 pixels or 400 MB: a pixel is a twelfth of the sun's
+/// disc wide.
 const MAX_WIDTH: u32 = 8192;
 
-/// Narrowest: faces of a few pixels have outlines that curve in the map, and would be lost in as few pixels.
+/// Narrowest: faces of a few pixels have outlines that curve in the map, and would be lost in as
+/// few pixels.
 const MIN_WIDTH: u32 = 256;
 
 /// The faces of a cube as seen from within, images upright: forward, right, down.
 ///
-/// The extension takes OpenGL's orientation (OpenGL 4.6, table 8.19), in which faces are mirror images of what is seen from within, and
-/// flips each image about its vertical axis. So every image is what a camera at the centre sees.
+/// The extension takes OpenGL's orientation (OpenGL 4.6, table 8.19), in which faces are mirror
+/// images of what is seen from within, and flips each image about its vertical axis. So every image
+/// is what a camera at the centre sees.
 const FACES: [[DVec3; 3]; 6] = [
     [DVec3::X, DVec3::Z, DVec3::NEG_Y],
     [DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y],
@@ -37,9 +40,10 @@ pub(super) struct Cube {
 impl Cube {
     /// Decodes faces in the order +X, −X, +Y, −Y, +Z, −Z, or says why it cannot.
     ///
-    /// RGBD: linear colour over alpha. The extension does not say that the colours are sRGB, but glTF's colour images are, and so are
-    /// those of the extension's authors' engine, which decodes first and divides then. Images without alpha have alpha 1. Alpha 0 counts
-    /// as its next value, 1/255.
+    /// RGBD: linear colour over alpha. The extension does not say that the colours are sRGB, but
+    /// glTF's colour images are, and so are those of the extension's authors' engine, which decodes
+    /// first and divides then. Images without alpha have alpha 1. Alpha 0 counts as its next value,
+    /// 1/255.
     pub fn new(images: [&Image; 6]) -> Result<Cube, String> {
         let size = images[0].width;
         for (k, image) in images.iter().enumerate() {
@@ -61,7 +65,8 @@ impl Cube {
         })
     }
 
-    /// The size of a latitude-longitude map that keeps the faces' detail: 4 × face by 2 × face, within limits.
+    /// The size of a latitude-longitude map that keeps the faces' detail: 4 × face by 2 × face,
+    /// within limits.
     pub fn map_size(&self) -> (u32, u32) {
         let width = (4 * self.size.min(1 << 16) as u32).clamp(MIN_WIDTH, MAX_WIDTH);
         (width, width / 2)
@@ -69,8 +74,9 @@ impl Cube {
 
     /// The latitude-longitude map of this cube, turned by `rotation` about the world's origin.
     ///
-    /// Each pixel is the mean of the cube's texels over its solid angle. Pixels' sides are taken as arcs of great circles, which are
-    /// straight lines on the faces: pixels then part every texel among them exactly, and no light is lost or counted twice.
+    /// Each pixel is the mean of the cube's texels over its solid angle. Pixels' sides are taken as
+    /// arcs of great circles, which are straight lines on the faces: pixels then part every texel
+    /// among them exactly, and no light is lost or counted twice.
     pub fn to_map(&self, width: u32, height: u32, rotation: DQuat) -> Vec<Vec3> {
         let to_cube = DMat3::from_quat(rotation.inverse());
         // Corners along a row's upper or lower side, each of which two pixels share.
@@ -92,7 +98,8 @@ impl Cube {
     fn mean(&self, corners: [DVec3; 4]) -> Vec3 {
         let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
         for (face, [forward, right, down]) in self.faces.iter().zip(FACES) {
-            // Pixels are at most 1.4° wide: one that touches the face lies well before its plane's horizon.
+            // Pixels are at most 1.4° wide: one that touches the face lies well before its plane's
+            // horizon.
             if corners.iter().any(|c| c.dot(forward) < 0.3) {
                 continue;
             }
@@ -137,7 +144,8 @@ impl Cube {
     }
 }
 
-/// The direction of a latitude-longitude map's point (u, v) in 0..=1, as [`crate::Environment`] has it.
+/// The direction of a latitude-longitude map's point (u, v) in 0..=1, as [`crate::Environment`] has
+/// it.
 pub(super) fn map_direction(u: f64, v: f64) -> DVec3 {
     let (sin_a, cos_a) = (TAU * (u - 0.5)).sin_cos();
     let (sin_t, cos_t) = (PI * v).sin_cos();
@@ -173,7 +181,8 @@ impl Polygon {
             })
     }
 
-    /// The part whose coordinate `axis` lies in `low..=high`; `bounds` are the polygon's own, which spare most cuts.
+    /// The part whose coordinate `axis` lies in `low..=high`; `bounds` are the polygon's own, which
+    /// spare most cuts.
     fn between(&self, axis: usize, low: f64, high: f64, bounds: [DVec2; 2]) -> Polygon {
         let mut part = *self;
         if bounds[0][axis] < low {
@@ -185,7 +194,8 @@ impl Polygon {
         part
     }
 
-    /// The part where `sign` × (coordinate − `at`) ≥ 0 (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974).
+    /// The part where `sign` × (coordinate − `at`) ≥ 0 (Sutherland and Hodgman, "Reentrant Polygon
+    /// Clipping", 1974).
     fn cut(&self, axis: usize, at: f64, sign: f64) -> Polygon {
         let mut out = Polygon::default();
         let points = self.points();
@@ -202,8 +212,9 @@ impl Polygon {
         out
     }
 
-    /// The solid angle of its cone from the cube's centre: area × (1 + x² + y²)^−³ᐟ² at the centroid, for polygons so small that the
-    /// factor is nearly linear over them (within 1e-4 for a pixel of 1.4°).
+    /// The solid angle of its cone from the cube's centre: area × (1 + x² + y²)^−³ᐟ² at the
+    /// centroid, for polygons so small that the factor is nearly linear over them (within 1e-4 for
+    /// a pixel of 1.4°).
     fn solid_angle(&self) -> f64 {
         let points = self.points();
         let Some(&o) = points.first() else {

@@ -1,8 +1,9 @@
 //! Spherical harmonics of the irradiance as a map of radiance.
 //!
-//! Based on: Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps" (2001), which the extension
-//! refers to: E(n) = Σ E_lm Y_lm(n) with the real basis of its equation 3 (all signs positive), in the order (0,0), (1,−1), (1,0),
-//! (1,1), (2,−2) … (2,2), and E_lm = Â_l L_lm with Â = π, 2π/3, π/4.
+//! Based on: Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment
+//! Maps" (2001), which the extension refers to: E(n) = Σ E_lm Y_lm(n) with the real basis of its
+//! equation 3 (all signs positive), in the order (0,0), (1,−1), (1,0), (1,1), (2,−2) … (2,2), and
+//! E_lm = Â_l L_lm with Â = π, 2π/3, π/4.
 
 use std::f64::consts::PI;
 
@@ -10,11 +11,13 @@ use glam::{DQuat, DVec3, Vec3};
 
 use super::cube::map_direction;
 
-/// Size of the map: harmonics of degree 2 turn by less than a hundredth of their range between its pixels.
+/// Size of the map: harmonics of degree 2 turn by less than a hundredth of their range between its
+/// pixels.
 pub(super) const WIDTH: u32 = 128;
 pub(super) const HEIGHT: u32 = 64;
 
-/// The radiances whose irradiance has these coefficients, turned by `rotation`, and how many pixels were negative and are now 0.
+/// The radiances whose irradiance has these coefficients, turned by `rotation`, and how many pixels
+/// were negative and are now 0.
 pub(super) fn to_map(irradiance: &[DVec3; 9], rotation: DQuat) -> (Vec<Vec3>, u64) {
     let bands = [PI, 2.0 * PI / 3.0, PI / 4.0];
     let band = |k: usize| bands[if k == 0 { 0 } else { 1 + usize::from(k >= 4) }];

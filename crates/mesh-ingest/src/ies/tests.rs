@@ -8,7 +8,8 @@ use super::{Measured, parse};
 use crate::error::Kind;
 use crate::scene::Profile;
 
-/// A quadrant, a half of the edition of 1995, and planes that stop short of the turn, with an included tilt.
+/// A quadrant, a half of the edition of 1995, and planes that stop short of the turn, with an
+/// included tilt.
 const FILES: [&str; 3] = [
     "IESNA:LM-63-2002\n[TEST] 1\nTILT=NONE\n1 1000 2.0 4 3 1 2 0.1 0.1 0\n1.0 1.0 50\n0 30 60 90\n0 45 90\n\
      100 90 70 1\n100 95 75 2\n100 99 80 3\n",
@@ -104,7 +105,8 @@ fn thousands_of_damaged_files_end_in_an_answer() {
             }
         }
     }
-    // Damage to words and digits is harmless, to the structure it is not: both must have been met often.
+    // Damage to words and digits is harmless, to the structure it is not: both must have been met
+    // often.
     assert!(
         sound > 2000 && broken > 2000,
         "{sound} sound, {broken} broken"

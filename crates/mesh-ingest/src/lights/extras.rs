@@ -1,4 +1,5 @@
-//! What `extras.lumel` of a light, or of the node that carries it, adds to `KHR_lights_punctual`. The node wins.
+//! What `extras.lumel` of a light, or of the node that carries it, adds to `KHR_lights_punctual`.
+//! The node wins.
 
 use super::measured::Profiles;
 use crate::document::Document;
@@ -45,7 +46,8 @@ fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
     );
 }
 
-/// `radius`: radius of the sphere that shines, metres of the world. Scale of the node plays no part, as it plays none in intensities.
+/// `radius`: radius of the sphere that shines, metres of the world. Scale of the node plays no
+/// part, as it plays none in intensities.
 pub(super) fn radius(places: [&Item<'_>; 2], report: &mut IngestReport) -> f32 {
     let expected = "a radius in metres, at least 0";
     number(places, "radius", MAX_COORDINATE, expected, report).unwrap_or(0.0) as f32

@@ -19,13 +19,15 @@ use crate::uri::Target;
 #[derive(Debug, Default)]
 pub(super) struct Profiles {
     profiles: Vec<Profile>,
-    /// By what names them: a URI, or `bufferViews[i]`, which no relative path that a document means resembles.
+    /// By what names them: a URI, or `bufferViews[i]`, which no relative path that a document means
+    /// resembles.
     known: BTreeMap<String, (usize, f64)>,
     files: Vec<Input>,
 }
 
 impl Profiles {
-    /// The profile of the file at `uri`, which the document names at `path`, and its largest intensity, candela.
+    /// The profile of the file at `uri`, which the document names at `path`, and its largest
+    /// intensity, candela.
     pub fn of_uri(
         &mut self,
         document: &Document,
@@ -149,8 +151,9 @@ pub(super) fn read(
 
 /// A profile on a node of this world transform; `None` where that has no direction.
 ///
-/// The extension aims the zero of both angles, nadir, along −Z of the node, and X/Y is its horizontal plane; horizontal angle 0 is +X,
-/// and grows towards +Y, counter-clockwise about the zenith. Scale plays no part but for its signs.
+/// The extension aims the zero of both angles, nadir, along −Z of the node, and X/Y is its
+/// horizontal plane; horizontal angle 0 is +X, and grows towards +Y, counter-clockwise about the
+/// zenith. Scale plays no part but for its signs.
 pub(super) fn wear(profile: usize, transform: &DAffine3) -> Option<PlacedProfile> {
     let m = transform.matrix3;
     let z = m.z_axis.try_normalize()?;

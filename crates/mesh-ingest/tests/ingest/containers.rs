@@ -41,7 +41,8 @@ fn buffers_may_have_awkward_names() {
     }
 }
 
-/// Some writers know no integers. The validator has nothing to say against `1.0`, and writers of the document must see an index.
+/// Some writers know no integers. The validator has nothing to say against `1.0`, and writers of
+/// the document must see an index.
 #[test]
 fn integers_may_be_written_as_floats() {
     let mut doc = Doc::with_triangles(&UNIT);

@@ -1,4 +1,5 @@
-//! `EXT_lights_image_based`: which way faces look, how much light they hold, and what stands in for them.
+//! `EXT_lights_image_based`: which way faces look, how much light they hold, and what stands in for
+//! them.
 
 use std::f64::consts::{PI, TAU};
 use std::io::Cursor;
@@ -75,14 +76,16 @@ fn aim(sky: &Environment) -> DVec3 {
     DVec3::new(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z)).normalize()
 }
 
-/// What a camera at the centre sees that looks along `forward` with `up` upwards: the direction of image position (x, y) in 0..1.
+/// What a camera at the centre sees that looks along `forward` with `up` upwards: the direction of
+/// image position (x, y) in 0..1.
 fn seen(forward: DVec3, up: DVec3, x: f64, y: f64) -> DVec3 {
     let right = forward.cross(up);
     (forward + right * (2.0 * x - 1.0) + up * (1.0 - 2.0 * y)).normalize()
 }
 
-/// Forward and up of the faces, in the extension's order: upright all around, and above and below as one who looks along −Z sees them
-/// upright when the head is turned over (OpenGL's faces, flipped left to right).
+/// Forward and up of the faces, in the extension's order: upright all around, and above and below
+/// as one who looks along −Z sees them upright when the head is turned over (OpenGL's faces,
+/// flipped left to right).
 const CAMERAS: [(DVec3, DVec3); 6] = [
     (DVec3::X, DVec3::Y),
     (DVec3::NEG_X, DVec3::Y),
@@ -108,8 +111,8 @@ fn a_lit_texel_of_each_face_lands_where_it_should() {
             "face {face}: {} {expected}",
             aim(&sky)
         );
-        // Its light is that of its solid angle: exactly parted among pixels. 1e-3: midpoint rule over the texel, whose area is
-        // compared, and pixels bounded by great circles.
+        // Its light is that of its solid angle: exactly parted among pixels. 1e-3: midpoint rule
+        // over the texel, whose area is compared, and pixels bounded by great circles.
         let ux = 2.0 * at(x) - 1.0;
         let uy = 2.0 * at(y) - 1.0;
         let solid_angle = (2.0 / f64::from(size)).powi(2) * (1.0 + ux * ux + uy * uy).powf(-1.5);
@@ -266,7 +269,8 @@ fn irradiance_stands_in_for_missing_faces() {
     ] {
         let expected = irradiance(&SOFT_SKY, n);
         let got = integral(&plain, |d| d.dot(n).max(0.0));
-        // The paper's constants have six digits, and the clamped cosine's kink costs a row of 64 some 1e-4.
+        // The paper's constants have six digits, and the clamped cosine's kink costs a row of 64
+        // some 1e-4.
         assert!(
             ((got / expected) - 1.0).abs().max_element() < 1e-3,
             "{n}: {got} {expected}"

@@ -251,7 +251,8 @@ fn an_excluded_node_is_no_occluder() {
 
 #[test]
 fn an_occluder_does_not_take_the_place_of_what_it_lies_on() {
-    // The occluder comes first, both wind alike: a plain duplicate rule would keep it and leave the wall black.
+    // The occluder comes first, both wind alike: a plain duplicate rule would keep it and leave the
+    // wall black.
     let mut doc = with_extras(json!({"occluder": true}));
     doc.push("materials", json!({}));
     let wall = doc.mesh(json!([{"attributes": {"POSITION": 0}, "material": 1}]));

@@ -16,7 +16,8 @@ fn transforms_compose_and_mirror() {
         json!({"children": [child], "rotation": [0, 0, half, half], "translation": [10, 0, 0]});
     let scene = doc.load().unwrap().scene;
     let soup = Soup::build(&scene);
-    // Local corners (0,0), (−2,0), (0,1) turn to (0,0), (0,−2), (−1,0): mirrored, so the last two change places.
+    // Local corners (0,0), (−2,0), (0,1) turn to (0,0), (0,−2), (−1,0): mirrored, so the last two
+    // change places.
     let world: Vec<DVec3> = soup.triangles[0]
         .iter()
         .map(|p| p.as_dvec3() + scene.origin)

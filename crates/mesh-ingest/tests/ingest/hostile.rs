@@ -68,7 +68,8 @@ fn instancing_bombs_are_refused() {
 
 #[test]
 fn every_truncation_and_flip_ends_in_an_answer() {
-    // Deterministic damage all over a file with most features; only the absence of panics is asserted.
+    // Deterministic damage all over a file with most features; only the absence of panics is
+    // asserted.
     let mut doc = Doc::with_triangles(&UNIT);
     let indices = doc.indices(&[0, 1, 2]);
     doc.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);

@@ -140,7 +140,8 @@ fn a_profile_hangs_down_the_nodes_axis() {
         },
     );
     let s = std::f32::consts::FRAC_1_SQRT_2;
-    // The node's axes in the world: as they are, turned by 90° about X (−Z up to +Y, Y to Z), scaled and mirrored in X.
+    // The node's axes in the world: as they are, turned by 90° about X (−Z up to +Y, Y to Z),
+    // scaled and mirrored in X.
     let cases = [
         (json!({}), [Vec3::X, Vec3::Y, Vec3::Z]),
         (
@@ -198,7 +199,8 @@ fn fluxes_have_their_closed_forms() {
             "{n}: {error}"
         );
     }
-    // (1 + cos φ) cos θ: the same, since the cosine of the horizontal angle has no mean. Its largest value is 2.
+    // (1 + cos φ) cos θ: the same, since the cosine of the horizontal angle has no mean. Its
+    // largest value is 2.
     let turning = ies(&steps(0.0, 90.0, 90), &steps(0.0, 360.0, 36), |v, h| {
         (1.0 + h.to_radians().cos()) * v.to_radians().cos().max(0.0)
     });
@@ -219,7 +221,8 @@ fn fluxes_have_their_closed_forms() {
         }
     }
     let brute = sum * PI / nt as f64 * TAU / np as f64;
-    // The rim at 120° falls within one row of the grid: up to half a row's light is gained or lost, 1e-3.
+    // The rim at 120° falls within one row of the grid: up to half a row's light is gained or lost,
+    // 1e-3.
     assert!(
         (profile.flux() / brute - 1.0).abs() < 2e-3,
         "{} {brute}",
@@ -267,7 +270,8 @@ fn symmetric_files_equal_their_unfolded_ones() {
 fn editions_and_layouts_of_files_are_understood() {
     let numbers = "\n 1, 1000\n2 2 1 1 1 0 0 0 0.5 0.5 9 0 180\r\n0\n 10\n10 ";
     let read = |head: &str| read(&format!("{head}{numbers}"));
-    // 1986 has no first line of its own and 1991 another; both multiply by the ballast-lamp factor. A lone CR ends lines too.
+    // 1986 has no first line of its own and 1991 another; both multiply by the ballast-lamp factor.
+    // A lone CR ends lines too.
     for (head, expected) in [
         ("A lamp\nmade by hand\nTILT=NONE", 5.0),
         ("IESNA91\n[TEST] 1\nTILT=NONE", 5.0),

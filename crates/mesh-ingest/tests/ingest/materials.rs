@@ -123,7 +123,8 @@ fn texture_transforms_rotate_as_the_extension_says() {
         .scene;
     let texture = scene.materials[0].base_texture.as_ref().unwrap();
     assert_eq!(texture.tex_coord, 0);
-    // The extension's example: 90° about the origin, then down by one, maps (0, 0) to (0, 1) and (1, 0) to (0, 0).
+    // The extension's example: 90° about the origin, then down by one, maps (0, 0) to (0, 1) and
+    // (1, 0) to (0, 0).
     let map = |x, y| texture.transform.transform_point2(Vec2::new(x, y));
     assert!((map(0.0, 0.0) - Vec2::new(0.0, 1.0)).length() < 1e-6);
     assert!((map(1.0, 0.0) - Vec2::new(0.0, 0.0)).length() < 1e-6);

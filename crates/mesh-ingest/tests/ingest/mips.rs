@@ -10,7 +10,8 @@ use serde_json::{Value, json};
 use super::build::Doc;
 use super::materials::textured;
 
-/// 16-bit storage of a level's colour and share; three roundings (colour, share, sum) of half a step each.
+/// 16-bit storage of a level's colour and share; three roundings (colour, share, sum) of half a
+/// step each.
 const STORED: f32 = 1.5 / 65535.0 + 1e-6;
 
 struct Baked {
@@ -118,7 +119,8 @@ fn what_a_mask_cuts_out_does_not_bleed_in() {
             );
         }
     }
-    // Half transparent counts half: colours 1 and 0 at alphas 1 and 0.5 (128/255) mean 1 / (1 + 0.502).
+    // Half transparent counts half: colours 1 and 0 at alphas 1 and 0.5 (128/255) mean 1 / (1 +
+    // 0.502).
     let image = checker(32, [255, 255, 255, 255], [0, 0, 0, 128]);
     let baked = Baked::new(&quad(&image, json!({"alphaMode": "BLEND"})));
     let mean = 1.0 / (1.0 + 128.0 / 255.0);
@@ -131,7 +133,8 @@ fn what_a_mask_cuts_out_does_not_bleed_in() {
 
 #[test]
 fn a_rare_opaque_texel_keeps_its_colour() {
-    // One texel of 1024² is there: its share, 1e-6, is below a 16-bit step, and its colour must not be lost.
+    // One texel of 1024² is there: its share, 1e-6, is below a 16-bit step, and its colour must not
+    // be lost.
     let image = RgbaImage::from_fn(1024, 1024, |x, y| {
         let there = (x, y) == (700, 300);
         Rgba(if there {
@@ -156,7 +159,8 @@ fn gradients_keep_their_place() {
     let baked = Baked::new(&quad(&image, json!({})));
     for side in [0.02f32, 0.1, 0.25, 0.4] {
         for (x, y) in [(0.3, 0.4), (0.42, 0.3), (0.25, 0.5)] {
-            // A linear ramp's mean is its value in the middle. Bytes round by at most half of a step, of slope ≤ 2.3/255 at white.
+            // A linear ramp's mean is its value in the middle. Bytes round by at most half of a
+            // step, of slope ≤ 2.3/255 at white.
             let got = baked.at(x, y, side * side);
             let tolerance = 0.5 * 2.3 / 255.0;
             assert!(
@@ -167,8 +171,9 @@ fn gradients_keep_their_place() {
     }
 }
 
-/// The filter is a square whose border is soft by an eighth of its side: its variance is 9/8 of the square's s²/12, so that on a
-/// function of curvature f'' it errs by s²/96 · f''/2; twice that for where two levels meet.
+/// The filter is a square whose border is soft by an eighth of its side: its variance is 9/8 of the
+/// square's s²/12, so that on a function of curvature f'' it errs by s²/96 · f''/2; twice that for
+/// where two levels meet.
 fn softness(side: f32, curvature: f32) -> f32 {
     2.0 * side * side / 96.0 * curvature / 2.0
 }
@@ -271,7 +276,8 @@ fn area_is_the_worlds() {
         // Levels differ by the rounding of f32 areas.
         assert!((a - b).abs().max_element() < 1e-4, "{side}: {a} {b}");
     }
-    // Stretched 4 : 1 across the waves, a square of 0.2 m sees a quarter of one wave's length more or less.
+    // Stretched 4 : 1 across the waves, a square of 0.2 m sees a quarter of one wave's length more
+    // or less.
     doc.json["nodes"][0]["scale"] = json!([4, 1, 1]);
     let wide = Baked::new(&doc);
     let (u, side) = (0.25f32, 0.2f32);

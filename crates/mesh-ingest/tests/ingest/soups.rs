@@ -7,7 +7,8 @@ use super::build::{Doc, UNIT};
 
 #[test]
 fn coincident_triangles_keep_one_per_acting_side() {
-    // Nodes 1..: the same triangle again, turned over (mirrored in Z), and both with a two-sided mesh.
+    // Nodes 1..: the same triangle again, turned over (mirrored in Z), and both with a two-sided
+    // mesh.
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["materials"] = json!([{"doubleSided": true}]);
     let two_sided = doc.mesh(json!([{"attributes": {"POSITION": 0}, "material": 0}]));
@@ -50,7 +51,8 @@ fn duplicates_say_where_they_lie() {
         );
         let [first, end] = soup.duplicate_ranges[d.source.instance as usize];
         assert!((first..end).contains(&(i as u32)));
-        // Its own corners, as ingest would place them, are those of the kept one in the order that it says.
+        // Its own corners, as ingest would place them, are those of the kept one in the order that
+        // it says.
         let instance = &scene.instances[d.source.instance as usize];
         let primitive = &scene.meshes[instance.mesh].primitives[d.source.primitive as usize];
         let [a, b, c] = primitive.triangles[d.source.triangle as usize];

@@ -32,7 +32,8 @@ impl Square {
         }
     }
 
-    /// The mean of `f` over it: 8 × 8 points of Gauss, exact to rounding for what is smooth over a square this small.
+    /// The mean of `f` over it: 8 × 8 points of Gauss, exact to rounding for what is smooth over a
+    /// square this small.
     fn mean(&self, f: impl Fn(DVec3) -> f64) -> f64 {
         let rule = gauss_legendre(8);
         let mut sum = 0.0;
@@ -61,10 +62,12 @@ impl Footprint for Square {
     }
 }
 
-/// Independent receivers, each with its own random numbers: the RMS over them is good to 1/√(2·128) = 6 %.
+/// Independent receivers, each with its own random numbers: the RMS over them is good to 1/√(2·128)
+/// = 6 %.
 const RECEIVERS: u32 = 128;
 
-/// Receiver `k`: a square of `size` whose corner lies in the middle ninth of the unit square, moved by `shift`.
+/// Receiver `k`: a square of `size` whose corner lies in the middle ninth of the unit square, moved
+/// by `shift`.
 fn receiver(k: u32, size: f32, shift: Vec3) -> Square {
     let [u, v] = sample_2d(k, 5, 7);
     Square {
@@ -74,11 +77,11 @@ fn receiver(k: u32, size: f32, shift: Vec3) -> Square {
     }
 }
 
-/// Relative RMS error of the final gather's indirect light for each number of rays, without smoothing: at a point, or over a lumel of 5 cm,
-/// of which `points` share the rays.
+/// Relative RMS error of the final gather's indirect light for each number of rays, without
+/// smoothing: at a point, or over a lumel of 5 cm, of which `points` share the rays.
 ///
-/// A cube's floor gathers from walls that are dark, but for one, which by decree has irradiance 1 and reflectance ½: the truth is half the
-/// form factor to that wall, averaged over the lumel.
+/// A cube's floor gathers from walls that are dark, but for one, which by decree has irradiance 1
+/// and reflectance ½: the truth is half the form factor to that wall, averaged over the lumel.
 pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     in_dark_cube(|world, emitters, solution| {
         // x = 0 is the wall.
@@ -103,11 +106,12 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     })
 }
 
-/// Relative bias and RMS error, as [`indirect_error`]'s, where a spot of 20 cm on the wall is all that is lit, by direct light, with so many `rays` and, for each of 16
-/// points, `lit` shadow rays to its elements.
+/// Relative bias and RMS error, as [`indirect_error`]'s, where a spot of 20 cm on the wall is all
+/// that is lit, by direct light, with so many `rays` and, for each of 16 points, `lit` shadow rays
+/// to its elements.
 ///
-/// The truth is the sum over elements of a lumel's mean point-to-point kernel: they are 1.25 cm wide and 30 cm off at least, so that it is good to
-/// (1.25/30)² = 0.2 %.
+/// The truth is the sum over elements of a lumel's mean point-to-point kernel: they are 1.25 cm
+/// wide and 30 cm off at least, so that it is good to (1.25/30)² = 0.2 %.
 pub fn lit_error(rays: u32, lit: u32) -> [f64; 2] {
     in_dark_cube(|world, emitters, solution| {
         let mut spot: Vec<(DVec3, f64)> = Vec::new();
@@ -147,7 +151,8 @@ fn in_dark_cube<T>(decree: impl FnOnce(&World, &Emitters, &mut Solution) -> T) -
     let emitters = Emitters::collect(&world);
     let options = SolveOptions {
         cut: CutOptions {
-            // 5 cm: nothing is so near to a receiver that rays would go on from it, past what is decreed.
+            // 5 cm: nothing is so near to a receiver that rays would go on from it, past what is
+            // decreed.
             patches: 2400,
             region_share: 1.0,
             ..CutOptions::default()
@@ -193,7 +198,8 @@ fn gatherer<'w, 'a>(
     Gatherer::new(world, solution, direct, options, gather::Wanted::default())
 }
 
-/// Relative bias and RMS error of the indirect light at receivers on the floor's middle, well inside of the cube.
+/// Relative bias and RMS error of the indirect light at receivers on the floor's middle, well
+/// inside of the cube.
 fn errors(gatherer: &Gatherer, size: f32, truth: impl Fn(&Square) -> f64) -> [f64; 2] {
     let (mut bias, mut squares, mut truths) = (0.0, 0.0, [0.0; 2]);
     for k in 0..RECEIVERS {
@@ -208,10 +214,11 @@ fn errors(gatherer: &Gatherer, size: f32, truth: impl Fn(&Square) -> f64) -> [f6
     [bias / truths[0], (squares / truths[1]).sqrt()]
 }
 
-/// Relative RMS error of direct light for each number of shadow rays a lamp's triangle gets, in the penumbra of a straight edge, at points
-/// (`size` 0) or as the mean over lumels of `size` metres.
+/// Relative RMS error of direct light for each number of shadow rays a lamp's triangle gets, in the
+/// penumbra of a straight edge, at points (`size` 0) or as the mean over lumels of `size` metres.
 ///
-/// The truth is the closed form for the part of the lamp that the edge leaves visible, averaged over the lumel.
+/// The truth is the closed form for the part of the lamp that the edge leaves visible, averaged
+/// over the lumel.
 pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
     let scene = half_hidden_lamp();
     let soup = Soup::build(&scene);
@@ -240,7 +247,8 @@ pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
 /// The lamp less what the occluder hides from `p`: clipped by the plane through `p` and the edge.
 fn visible_part(p: DVec3) -> Vec<DVec3> {
     let (open, height) = (OPEN.as_dvec3(), f64::from(EDGE_HEIGHT));
-    // The edge's line is open · q = 0 at z = height; seen from p it falls on z = 1 where open · q = far.
+    // The edge's line is open · q = 0 at z = height; seen from p it falls on z = 1 where open · q =
+    // far.
     let from = open.dot(p);
     let far = from - from / height;
     let side = |q: DVec3| open.dot(q) - far;

@@ -1,6 +1,8 @@
-//! How fast the baker's errors fall: its own cut, solve, gather and direct light, held against closed forms.
+//! How fast the baker's errors fall: its own cut, solve, gather and direct light, held against
+//! closed forms.
 //!
-//! An error is of order p in x where it falls as x^−p; on logarithmic axes that is a straight line of slope −p.
+//! An error is of order p in x where it falls as x^−p; on logarithmic axes that is a straight line
+//! of slope −p.
 
 mod gather;
 mod scene;
@@ -31,7 +33,8 @@ pub struct Promise {
     pub order: f64,
     /// A logarithm of the patch size goes with it: ln √(x/6), x patches on six faces.
     ///
-    /// Beside the edge of two faces irradiance goes like x ln x in the distance x from it, so that its slope has no bound.
+    /// Beside the edge of two faces irradiance goes like x ln x in the distance x from it, so that
+    /// its slope has no bound.
     pub log: bool,
 }
 
@@ -44,7 +47,8 @@ impl Promise {
 }
 
 impl Series {
-    /// The order that is promised over the same settings: less than [`Promise::order`] where a logarithm goes with it.
+    /// The order that is promised over the same settings: less than [`Promise::order`] where a
+    /// logarithm goes with it.
     pub fn promised_order(&self) -> f64 {
         let points = self.points.iter().map(|p| (p.0, self.promise.at(p.0)));
         Series {
@@ -54,8 +58,9 @@ impl Series {
         .order()
     }
 
-    /// The order measured: minus the slope of the straight line that fits the logarithms best (least squares). 0 for fewer than two
-    /// different settings. Settings below `from` do not count.
+    /// The order measured: minus the slope of the straight line that fits the logarithms best
+    /// (least squares). 0 for fewer than two different settings. Settings below `from` do not
+    /// count.
     pub fn order(&self) -> f64 {
         let used = || self.points.iter().filter(|p| p.0 >= self.from);
         let n = used().count().max(1) as f64;

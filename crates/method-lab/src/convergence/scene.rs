@@ -3,7 +3,8 @@
 use glam::{DAffine3, Vec3, Vec4};
 use mesh_ingest::{AlphaMode, Instance, Material, Mesh, Primitive, Scene};
 
-/// Adds the parallelogram `corner`, `corner + x`, `corner + x + y`, `corner + y`, front along `x × y`.
+/// Adds the parallelogram `corner`, `corner + x`, `corner + x + y`, `corner + y`, front along
+/// `x × y`.
 fn add_quad(scene: &mut Scene, reflectance: f32, radiance: f32, [corner, x, y]: [Vec3; 3]) {
     scene.materials.push(Material {
         name: String::new(),
@@ -40,7 +41,8 @@ fn add_quad(scene: &mut Scene, reflectance: f32, radiance: f32, [corner, x, y]: 
     });
 }
 
-/// The unit cube seen from inside, every face of reflectance `reflectance`; the ceiling z = 1 shines with exitance 1, so radiance 1/π.
+/// The unit cube seen from inside, every face of reflectance `reflectance`; the ceiling z = 1
+/// shines with exitance 1, so radiance 1/π.
 pub(super) fn lit_cube(reflectance: f32) -> Scene {
     let mut scene = Scene::default();
     let (o, x, y, z) = (Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::Z);
@@ -74,13 +76,14 @@ pub(super) const LAMP: [Vec3; 4] = [
 ];
 /// Height of the occluder's edge.
 pub(super) const EDGE_HEIGHT: f32 = 0.5;
-/// Direction of the occluder's edge, off both axes: along a side of the lamp, stratified points would do too well.
+/// Direction of the occluder's edge, off both axes: along a side of the lamp, stratified points
+/// would do too well.
 pub(super) const EDGE: Vec3 = Vec3::new(0.8, 0.6, 0.0);
 /// From the edge into what the occluder leaves open.
 pub(super) const OPEN: Vec3 = Vec3::new(-0.6, 0.8, 0.0);
 
-/// Floor z = 0, a square lamp of 1 m² and exitance 1 above it, and between them half a plane: what lies on the far side of an oblique
-/// edge through (0, 0, ½).
+/// Floor z = 0, a square lamp of 1 m² and exitance 1 above it, and between them half a plane: what
+/// lies on the far side of an oblique edge through (0, 0, ½).
 pub(super) fn half_hidden_lamp() -> Scene {
     let mut scene = Scene::default();
     let quad = |c: Vec3, x: Vec3, y: Vec3| [c, x, y];

@@ -70,7 +70,8 @@ fn centre(world: &World, solution: &Solution, patch: usize) -> DVec3 {
     sum / count
 }
 
-/// B by patch of a dense system with matrix `f` in an enclosure of reflectance [`RHO`] that emits `exitance`, to 1e-12 of its flux.
+/// B by patch of a dense system with matrix `f` in an enclosure of reflectance [`RHO`] that emits
+/// `exitance`, to 1e-12 of its flux.
 fn dense(f: &Matrix, enclosure: &Enclosure, exitance: Vec<f64>) -> Vec<f64> {
     let area = enclosure.patches.iter().map(|p| p.area()).collect();
     let n = f.len();
@@ -88,8 +89,9 @@ fn dense(f: &Matrix, enclosure: &Enclosure, exitance: Vec<f64>) -> Vec<f64> {
 
 /// The lit cube's indirect irradiance anywhere on its faces.
 ///
-/// Collocation: the radiosity is constant on each of a fine grid's cells and satisfies the equation at their centres, all form factors
-/// being closed forms from a point to a polygon. What it is worth, two grids show; its error falls with the square of the cell.
+/// Collocation: the radiosity is constant on each of a fine grid's cells and satisfies the equation
+/// at their centres, all form factors being closed forms from a point to a polygon. What it is
+/// worth, two grids show; its error falls with the square of the cell.
 pub struct Field {
     enclosure: Enclosure,
     /// Reflected radiosity by cell, without the ceiling's own.
@@ -154,7 +156,8 @@ pub struct CutErrors {
     pub worst: f64,
 }
 
-/// The lit cube with about `n` × `n` patches a face for each of `sizes`, `rays` rays a patch, against `field`.
+/// The lit cube with about `n` × `n` patches a face for each of `sizes`, `rays` rays a patch,
+/// against `field`.
 pub fn cut_errors(field: &Field, sizes: &[u32], rays: u32) -> Vec<CutErrors> {
     const POINTS: u32 = 64;
     // The same points for all: only the cut changes.
@@ -233,9 +236,10 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / n.max(1.0)).sqrt()
 }
 
-/// RMS error over the patches, relative to the RMS irradiance, of the solve of the lit cube in `n` × `n` patches a face, for each number
-/// of rays. The truth is the solution of the same discrete problem, with the solve's own direct light, on exact form factors from the points
-/// that its rays start from (one in each of a patch's sixteen elements): nothing but the rays' noise is left.
+/// RMS error over the patches, relative to the RMS irradiance, of the solve of the lit cube in `n`
+/// × `n` patches a face, for each number of rays. The truth is the solution of the same discrete
+/// problem, with the solve's own direct light, on exact form factors from the points that its rays
+/// start from (one in each of a patch's sixteen elements): nothing but the rays' noise is left.
 pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     let enclosure = cube(n as usize);
     let count = enclosure.patches.len();
@@ -302,8 +306,9 @@ pub struct Bounded {
     pub error: f64,
 }
 
-/// The lit cube in 6 × 6 patches a face with 1024 rays each, relaxed to each tolerance by shooting, or with `krylov` by Bi-CGSTAB, against
-/// the same system relaxed to 1e-12 by the other. Solutions are kept as `f32`: below about 1e-7 their rounding is what is seen.
+/// The lit cube in 6 × 6 patches a face with 1024 rays each, relaxed to each tolerance by shooting,
+/// or with `krylov` by Bi-CGSTAB, against the same system relaxed to 1e-12 by the other. Solutions
+/// are kept as `f32`: below about 1e-7 their rounding is what is seen.
 pub fn residual_and_error(reflectance: f32, krylov: bool, tolerances: &[f64]) -> Vec<Bounded> {
     const N: u32 = 6;
     const RAYS: u32 = 1024;

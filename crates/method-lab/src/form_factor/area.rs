@@ -1,4 +1,5 @@
-//! Area to area: the double area integral, divided where it must be, with rays for what is in between.
+//! Area to area: the double area integral, divided where it must be, with rays for what is in
+//! between.
 
 use std::f64::consts::PI;
 
@@ -8,24 +9,29 @@ use super::contour::exchange_contour;
 use super::sample::{centroid, gauss_legendre, polygon_nodes};
 use crate::Visibility;
 
-/// Divisions of a pair after which it is taken as it is: each side is then 2^-5 of the patch. A few million rays at
-/// most for a pair that a shadow edge crosses everywhere, and what is left of the edge is a thousandth of the patch.
+/// Divisions of a pair after which it is taken as it is: each side is then 2^-5 of the patch. A few
+/// million rays at most for a pair that a shadow edge crosses everywhere, and what is left of the
+/// edge is a thousandth of the patch.
 const DEPTH: u32 = 10;
 
-/// A_i F_ij of two flat convex polygons by the double area integral `∫∫ cosθ cosθ' V / (π r²) dA dA'`, m², and the number of rays.
+/// A_i F_ij of two flat convex polygons by the double area integral
+/// `∫∫ cosθ cosθ' V / (π r²) dA dA'`, m², and the number of rays.
 ///
-/// Each of the two is a Gauss–Legendre product rule of `order`² points, each pair of points joined by a ray where `visible` is given
-/// (the tree and the indices of the two patches). Pieces nearer than they are large, patches with a common edge among them, are too
-/// near for that: there the kernel is integrated by [`exchange_contour`], and the rays only say what share of it arrives.
+/// Each of the two is a Gauss–Legendre product rule of `order`² points, each pair of points joined
+/// by a ray where `visible` is given (the tree and the indices of the two patches). Pieces nearer
+/// than they are large, patches with a common edge among them, are too near for that: there the
+/// kernel is integrated by [`exchange_contour`], and the rays only say what share of it arrives.
 ///
-/// A pair of pieces is divided, the larger piece in four, until the sum over the parts agrees with the undivided value to `tolerance`
-/// of the smaller patch's area, and until the parts that are hidden in part are worth no more than that: a regular pattern of points
-/// and a shadow edge that runs along it agree at two levels by chance. A part gets half of its whole's tolerance, since of four
-/// quarters the two at a shadow edge do not agree. After Goral and others 1984; divided by error as Hanrahan, Salzman, Aupperle, *A rapid hierarchical radiosity algorithm*,
-/// 1991, divide by size.
+/// A pair of pieces is divided, the larger piece in four, until the sum over the parts agrees with
+/// the undivided value to `tolerance` of the smaller patch's area, and until the parts that are
+/// hidden in part are worth no more than that: a regular pattern of points and a shadow edge that
+/// runs along it agree at two levels by chance. A part gets half of its whole's tolerance, since of
+/// four quarters the two at a shadow edge do not agree. After Goral and others 1984; divided by
+/// error as Hanrahan, Salzman, Aupperle, *A rapid hierarchical radiosity algorithm*, 1991, divide
+/// by size.
 ///
-/// Not guaranteed: an occluder that no ray of the first two levels meets is missed; errors of a shadow edge that ten divisions do not
-/// resolve stay.
+/// Not guaranteed: an occluder that no ray of the first two levels meets is missed; errors of a
+/// shadow edge that ten divisions do not resolve stay.
 pub fn exchange_area(
     from: &[DVec3],
     to: &[DVec3],
@@ -115,8 +121,9 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    /// A_i F_ij of two pieces, and how much of it is in doubt because they are hidden in part: a shadow edge that crosses n × n points
-    /// is known to half a row of them, so 1/2n of what there would be without it.
+    /// A_i F_ij of two pieces, and how much of it is in doubt because they are hidden in part: a
+    /// shadow edge that crosses n × n points is known to half a row of them, so 1/2n of what there
+    /// would be without it.
     fn estimate(&mut self, a: &Piece, b: &Piece) -> (f64, f64) {
         let (mut all, mut seen) = (0.0, 0.0);
         for &(x, wx) in &a.nodes {

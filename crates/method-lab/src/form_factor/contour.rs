@@ -4,8 +4,8 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-/// Nodes and weights of the 15-point Kronrod rule on [−1, 1] (the upper half, from the middle) and of the 7-point Gauss rule in it
-/// (Piessens and others, *QUADPACK*, 1983).
+/// Nodes and weights of the 15-point Kronrod rule on [−1, 1] (the upper half, from the middle) and
+/// of the 7-point Gauss rule in it (Piessens and others, *QUADPACK*, 1983).
 const KRONROD: [(f64, f64, f64); 8] = [
     (0.0, 0.209_482_141_084_727_83, 0.417_959_183_673_469_4),
     (0.207_784_955_007_898_47, 0.204_432_940_075_298_9, 0.0),
@@ -29,20 +29,24 @@ const KRONROD: [(f64, f64, f64); 8] = [
     (0.991_455_371_120_812_6, 0.022_935_322_010_529_224, 0.0),
 ];
 
-/// Halvings after which an interval is taken as it is: at 2^-50 of an edge the rest is below rounding.
+/// Halvings after which an interval is taken as it is: at 2^-50 of an edge the rest is below
+/// rounding.
 const DEPTH: u32 = 50;
 
-/// A_i F_ij of two flat convex polygons that nothing comes between, m², to about `tolerance` of the smaller area (1e-3 to 1e-14).
-/// Divide by the area of the patch that the light leaves.
+/// A_i F_ij of two flat convex polygons that nothing comes between, m², to about `tolerance` of the
+/// smaller area (1e-3 to 1e-14). Divide by the area of the patch that the light leaves.
 ///
-/// `A_i F_ij = 1/2π ∮_i ∮_j ln(r/r₀) dr_i · dr_j`, counter-clockwise seen from each front; any r₀ gives the same. What lies behind
-/// the other polygon's plane is cut off first. The inner integral along a straight edge is elementary:
-/// with s along the edge from the foot of the perpendicular and h its length, `∫ ln √(s² + h²) ds = s ln √(s² + h²) − s + h atan(s/h)`;
-/// the outer one is integrated adaptively (Gauss–Kronrod 7/15), which also copes with edges in common, where it behaves as s ln s.
+/// `A_i F_ij = 1/2π ∮_i ∮_j ln(r/r₀) dr_i · dr_j`, counter-clockwise seen from each front; any r₀
+/// gives the same. What lies behind the other polygon's plane is cut off first. The inner integral
+/// along a straight edge is elementary: with s along the edge from the foot of the perpendicular
+/// and h its length, `∫ ln √(s² + h²) ds = s ln √(s² + h²) − s + h atan(s/h)`; the outer one is
+/// integrated adaptively (Gauss–Kronrod 7/15), which also copes with edges in common, where it
+/// behaves as s ln s.
 ///
-/// Contour form: Moon, *The scientific basis of illuminating engineering*, 1936; Goral and others 1984. Inner edge in closed form:
-/// after Mitalas and Stephenson, *FORTRAN IV programs to calculate radiant energy interchange factors*, 1966; Baum and others 1989.
-/// Symmetric in the two polygons up to the tolerance. 0 where they do not face each other.
+/// Contour form: Moon, *The scientific basis of illuminating engineering*, 1936; Goral and
+/// others 1984. Inner edge in closed form: after Mitalas and Stephenson, *FORTRAN IV programs to
+/// calculate radiant energy interchange factors*, 1966; Baum and others 1989. Symmetric in the
+/// two polygons up to the tolerance. 0 where they do not face each other.
 pub fn exchange_contour(from: &[DVec3], to: &[DVec3], tolerance: f64) -> f64 {
     let (n_from, n_to) = (vector_area(from), vector_area(to));
     let smaller = n_from.length().min(n_to.length());
@@ -51,7 +55,8 @@ pub fn exchange_contour(from: &[DVec3], to: &[DVec3], tolerance: f64) -> f64 {
     if a.len() < 3 || b.len() < 3 {
         return 0.0;
     }
-    // A unit in the middle of the distances that occur: their logarithms are then small and cancel less.
+    // A unit in the middle of the distances that occur: their logarithms are then small and cancel
+    // less.
     let middle = |p: &[DVec3]| p.iter().sum::<DVec3>() / p.len() as f64;
     let unit = (middle(&a) - middle(&b)).length();
     let unit = if unit > 0.0 { unit } else { 1.0 };
@@ -90,8 +95,8 @@ fn vector_area(c: &[DVec3]) -> DVec3 {
         * 0.5
 }
 
-/// The part of a convex polygon in front of the plane through `origin` with unit `normal`. Corners within 1e-13 of the polygon's
-/// size count as on the plane.
+/// The part of a convex polygon in front of the plane through `origin` with unit `normal`. Corners
+/// within 1e-13 of the polygon's size count as on the plane.
 pub(crate) fn clip_front(corners: &[DVec3], origin: DVec3, normal: DVec3) -> Vec<DVec3> {
     let size = corners
         .iter()
@@ -164,7 +169,8 @@ fn adaptive(f: &impl Fn(f64) -> f64, a: f64, b: f64, tolerance: f64, depth: u32)
         coarse += wg * y;
     }
     (fine, coarse) = (fine * half, coarse * half);
-    // The difference is the error of the Gauss rule; Kronrod's is far smaller, about its 3/2 power (QUADPACK).
+    // The difference is the error of the Gauss rule; Kronrod's is far smaller, about its 3/2 power
+    // (QUADPACK).
     if (fine - coarse).abs() <= tolerance || depth == 0 {
         return fine;
     }

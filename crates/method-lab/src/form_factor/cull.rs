@@ -1,5 +1,6 @@
-//! What can lie between two patches: a shaft around both (after Haines and Wallace, *Shaft culling for efficient ray-traced
-//! radiosity*, 1991, with the two patches' own planes in place of the slanted ones).
+//! What can lie between two patches: a shaft around both (after Haines and Wallace, *Shaft culling
+//! for efficient ray-traced radiosity*, 1991, with the two patches' own planes in place of the
+//! slanted ones).
 
 use glam::DVec3;
 
@@ -45,7 +46,8 @@ impl Shaft {
             (low, high) = (low.min(*c), high.max(*c));
         }
         let apart = (low - self.high).max(self.low - high).max_element() > -self.close;
-        // Merely touching the box on a face that is flat there is touching the shaft's outside, unless the patch lies inside that face.
+        // Merely touching the box on a face that is flat there is touching the shaft's outside,
+        // unless the patch lies inside that face.
         let flat = (high - low).min_element() <= self.close
             && !(low - self.high)
                 .max(self.low - high)

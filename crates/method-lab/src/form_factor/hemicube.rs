@@ -1,4 +1,5 @@
-//! The hemicube: patches drawn onto the five faces of half a cube about a point, with a depth buffer.
+//! The hemicube: patches drawn onto the five faces of half a cube about a point, with a depth
+//! buffer.
 
 use std::f64::consts::PI;
 
@@ -10,19 +11,23 @@ use crate::Patch;
 
 /// No patch seen in a pixel.
 const NOTHING: u32 = u32::MAX;
-/// Pixels whose centre is this far outside an outline, in pixels, are filled too: two patches with a common edge round it apart by
-/// 1e-13 of the image at most, and the depth buffer settles a pixel that both claim.
+/// Pixels whose centre is this far outside an outline, in pixels, are filled too: two patches with
+/// a common edge round it apart by 1e-13 of the image at most, and the depth buffer settles a pixel
+/// that both claim.
 const SLACK: f64 = 1e-9;
 /// Distances this close are the same: an edge of two patches, computed by way of each.
 const SAME: f64 = 1e-12;
-/// Sine below which a patch is edge-on: coordinates are rounded to 1e-16 of their size, a few times over.
+/// Sine below which a patch is edge-on: coordinates are rounded to 1e-16 of their size, a few times
+/// over.
 const EDGE_ON: f64 = 1e-13;
 
 /// A hemicube of one resolution: its delta factors, which depend on nothing else.
 ///
-/// The half cube has edge 2 and the point in the middle of its base. The top face at z = 1 has `resolution` × `resolution` pixels,
-/// each of the four sides the upper half of as many. A pixel's delta factor is the form factor from the point to the pixel by the
-/// kernel at its centre, ΔA its area: on top `ΔA / π(x² + y² + 1)²`, on a side `z ΔA / π(y² + z² + 1)²`. They sum to 1 + O(1/resolution²).
+/// The half cube has edge 2 and the point in the middle of its base. The top face at z = 1 has
+/// `resolution` × `resolution` pixels, each of the four sides the upper half of as many. A pixel's
+/// delta factor is the form factor from the point to the pixel by the kernel at its centre, ΔA its
+/// area: on top `ΔA / π(x² + y² + 1)²`, on a side `z ΔA / π(y² + z² + 1)²`. They sum to 1 +
+/// O(1/resolution²).
 ///
 /// Cohen and Greenberg, *The hemi-cube: a radiosity solution for complex environments*, 1985.
 #[derive(Debug, Clone)]
@@ -78,7 +83,8 @@ impl Hemicube {
         8 * (self.top.len() + self.side.len()) + pixels * (4 + 8)
     }
 
-    /// One row: F_ij by hemicubes about the centres of `points` × `points` cells of patch `i`. Adds to `row`.
+    /// One row: F_ij by hemicubes about the centres of `points` × `points` cells of patch `i`. Adds
+    /// to `row`.
     pub fn row(&self, patches: &[Patch], i: usize, points: usize, row: &mut [f64]) {
         let patch = &patches[i];
         let [x, y, z] = frame(patch);
@@ -139,7 +145,8 @@ impl Hemicube {
             .sum::<DVec3>();
         // 1/z where the ray (x, y, 1) meets the plane n·p = h is n·(x, y, 1)/h.
         let height = normal.dot(outline[0]);
-        // Seen edge-on it covers nothing; rounding would give it a depth at random along a line of pixels.
+        // Seen edge-on it covers nothing; rounding would give it a depth at random along a line of
+        // pixels.
         let size = outline.iter().map(|p| p.length()).fold(0.0, f64::max);
         if height.abs() <= EDGE_ON * normal.length() * size {
             return;
@@ -147,7 +154,8 @@ impl Hemicube {
         // The front of a solid's edge goes before its back there: both are equally far.
         let back = if height > 0.0 { 1.0 - SAME } else { 1.0 };
         let slope = normal * (back / height);
-        // The face's pyramid; its planes meet in the point, so nothing behind is left, and clipping needs no near plane of its own.
+        // The face's pyramid; its planes meet in the point, so nothing behind is left, and clipping
+        // needs no near plane of its own.
         for plane in [
             dvec3(1.0, 0.0, 1.0),
             dvec3(-1.0, 0.0, 1.0),

@@ -11,22 +11,26 @@ use crate::{Patch, Visibility};
 /// Samples that one low-discrepancy sequence has (`radiosity::sample_4d`).
 pub(super) const SEQUENCE: usize = 1 << 16;
 
-/// A right-handed frame whose third axis is `normal` and whose first lies along the patch's first edge.
+/// A right-handed frame whose third axis is `normal` and whose first lies along the patch's first
+/// edge.
 pub(crate) fn frame(patch: &Patch) -> [DVec3; 3] {
     let n = patch.normal();
     let x = (patch.corners[1] - patch.corners[0]).normalize_or_zero();
     [x, n.cross(x), n]
 }
 
-/// One row by Nusselt's analogue: directions are projected from the hemisphere straight down onto the disc below it, and F_ij is
-/// the share of the disc that patch *j* covers. Adds to `row`; returns the number of rays.
+/// One row by Nusselt's analogue: directions are projected from the hemisphere straight down onto
+/// the disc below it, and F_ij is the share of the disc that patch *j* covers. Adds to `row`;
+/// returns the number of rays.
 ///
-/// The disc is scanned at the centres of `resolution` × `resolution` pixels over its bounding square; for each the patch is looked
-/// up that lies first in the direction above it. All pixels weigh the same, so that the row sums to exactly 1 in a closed enclosure.
-/// The outline of each patch is known to a pixel only. From `points` × `points` cell centres of the patch in turn.
+/// The disc is scanned at the centres of `resolution` × `resolution` pixels over its bounding
+/// square; for each the patch is looked up that lies first in the direction above it. All pixels
+/// weigh the same, so that the row sums to exactly 1 in a closed enclosure. The outline of each
+/// patch is known to a pixel only. From `points` × `points` cell centres of the patch in turn.
 ///
-/// Nusselt, *Graphische Bestimmung des Winkelverhältnisses bei der Wärmestrahlung*, 1928. The exact area of the projection is the
-/// contour sum of [`super::form_factor_polygon`]; scanning is what it takes to see what hides what.
+/// Nusselt, *Graphische Bestimmung des Winkelverhältnisses bei der Wärmestrahlung*, 1928. The exact
+/// area of the projection is the contour sum of [`super::form_factor_polygon`]; scanning is what it
+/// takes to see what hides what.
 pub fn row_nusselt(
     patches: &[Patch],
     tree: &Visibility,
@@ -64,12 +68,14 @@ pub fn row_nusselt(
     rays
 }
 
-/// One row by `count` rays with density cosθ/π from points spread over the patch: F_ij is the share of them that meets patch *j*.
-/// Adds to `row`; returns the number of rays.
+/// One row by `count` rays with density cosθ/π from points spread over the patch: F_ij is the share
+/// of them that meets patch *j*. Adds to `row`; returns the number of rays.
 ///
-/// Points and directions are a four-dimensional Owen-scrambled Sobol sequence, scrambled anew for every patch and every 65,536 rays.
-/// Rows sum to exactly 1 in a closed enclosure; reciprocity holds up to sampling error only. It is how the baker computes its links
-/// (after Malley, *A shading method for computer generated images*, 1988; low-discrepancy points: Keller 1996, Burley 2020).
+/// Points and directions are a four-dimensional Owen-scrambled Sobol sequence, scrambled anew for
+/// every patch and every 65,536 rays. Rows sum to exactly 1 in a closed enclosure; reciprocity
+/// holds up to sampling error only. It is how the baker computes its links (after Malley, *A
+/// shading method for computer generated images*, 1988; low-discrepancy points: Keller 1996, Burley
+/// 2020).
 pub fn row_rays(
     patches: &[Patch],
     tree: &Visibility,
@@ -101,12 +107,14 @@ pub fn row_rays(
     count as u64
 }
 
-/// What share of the exchange between patches `i` and `j` gets through, by `rays` rays between points spread over both, and the
-/// number cast. The same for (j, i).
+/// What share of the exchange between patches `i` and `j` gets through, by `rays` rays between
+/// points spread over both, and the number cast. The same for (j, i).
 ///
-/// Each ray weighs as the kernel cosθ cosθ'/r² does there, a ratio of sums over the same weights (as in the baker's direct light): all
-/// seen is exactly 1, all hidden exactly 0. An even share of rays would take the mean of the product for the product of the means,
-/// which is off wherever the near part of a patch is hidden, however many rays there are. Points below one another's horizon weigh 0.
+/// Each ray weighs as the kernel cosθ cosθ'/r² does there, a ratio of sums over the same weights
+/// (as in the baker's direct light): all seen is exactly 1, all hidden exactly 0. An even share of
+/// rays would take the mean of the product for the product of the means, which is off wherever the
+/// near part of a patch is hidden, however many rays there are. Points below one another's horizon
+/// weigh 0.
 pub fn visible_share(
     patches: &[Patch],
     tree: &Visibility,

@@ -11,8 +11,8 @@ pub struct Cell {
     pub area: f64,
 }
 
-/// Cuts a flat convex polygon into `k` × `k` cells: a quadrilateral along its edges, a triangle into k² similar ones, anything else
-/// as a fan of triangles. Areas add up to the polygon's.
+/// Cuts a flat convex polygon into `k` × `k` cells: a quadrilateral along its edges, a triangle
+/// into k² similar ones, anything else as a fan of triangles. Areas add up to the polygon's.
 pub fn cells(corners: &[DVec3], k: usize) -> Vec<Cell> {
     let mut out = Vec::with_capacity(k * k);
     let f = |i: usize| i as f64 / k as f64;
@@ -92,7 +92,8 @@ pub fn point_on(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
         t += 1;
     }
     let (mut u, mut v) = ((rest / area(t)).min(1.0), v);
-    // Square to triangle with little distortion (Heitz, *A low-distortion map between triangle and square*, 2019).
+    // Square to triangle with little distortion (Heitz, *A low-distortion map between triangle and
+    // square*, 2019).
     if v > u {
         u /= 2.0;
         v -= u;
@@ -103,9 +104,11 @@ pub fn point_on(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
     corners[0] + (corners[t] - corners[0]) * u + (corners[t + 1] - corners[0]) * v
 }
 
-/// Nodes and weights of the Gauss–Legendre rule of `n` points on [0, 1], exact for polynomials up to degree 2n − 1.
+/// Nodes and weights of the Gauss–Legendre rule of `n` points on [0, 1], exact for polynomials up
+/// to degree 2n − 1.
 ///
-/// Newton's method on the Legendre polynomial from the usual cosine guess; good to 1e-15 up to some hundred points.
+/// Newton's method on the Legendre polynomial from the usual cosine guess; good to 1e-15 up to some
+/// hundred points.
 pub fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
     (0..n)
         .map(|k| {
@@ -132,7 +135,8 @@ pub fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
 /// A point of a quadrature over a polygon: weights add up to the area.
 pub type Node = (DVec3, f64);
 
-/// Gauss–Legendre product rule of `rule.len()`² points over each triangle of the fan, or over the quadrilateral.
+/// Gauss–Legendre product rule of `rule.len()`² points over each triangle of the fan, or over the
+/// quadrilateral.
 pub fn polygon_nodes(corners: &[DVec3], rule: &[(f64, f64)]) -> Vec<Node> {
     let mut out = Vec::with_capacity(rule.len() * rule.len() * (corners.len() - 2));
     if let [a, b, c, d] = *corners {
@@ -212,7 +216,8 @@ mod tests {
                 let (u, v) = ((i % n) as f64 + 0.5, (i / n) as f64 + 0.5);
                 mean += point_on(&shape, u / n as f64, v / n as f64) / (n * n) as f64;
             }
-            // A column of points that straddles two triangles of the fan counts for one: up to half a column of the size of 3.
+            // A column of points that straddles two triangles of the fan counts for one: up to half
+            // a column of the size of 3.
             assert!(
                 (mean - whole.centre).length() < 0.5 * 3.0 / n as f64,
                 "{mean}"

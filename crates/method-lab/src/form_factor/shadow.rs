@@ -6,13 +6,16 @@ use super::contour::clip_front;
 use super::point::form_factor_polygon;
 use crate::Patch;
 
-/// From a differential area at `x` to the part of `target` that `occluders` leave visible, in closed form: the target is cut along
-/// the outline of each occluder as seen from `x`, and Lambert's contour sum is taken over what is left. No ray, no noise.
+/// From a differential area at `x` to the part of `target` that `occluders` leave visible, in
+/// closed form: the target is cut along the outline of each occluder as seen from `x`, and
+/// Lambert's contour sum is taken over what is left. No ray, no noise.
 ///
-/// Occluders block from both sides. They need not be disjoint; one that lies in a plane through `x`, or wholly on the far side of
-/// the target's plane, hides nothing. Exact to rounding; time grows with the number of pieces.
+/// Occluders block from both sides. They need not be disjoint; one that lies in a plane through
+/// `x`, or wholly on the far side of the target's plane, hides nothing. Exact to rounding; time
+/// grows with the number of pieces.
 ///
-/// Nishita and Nakamae, *Half-tone representation of 3-D objects illuminated by area sources or polyhedron sources*, 1983.
+/// Nishita and Nakamae, *Half-tone representation of 3-D objects illuminated by area sources or
+/// polyhedron sources*, 1983.
 pub fn form_factor_visible_polygon(
     x: DVec3,
     n_x: DVec3,
@@ -54,7 +57,8 @@ pub fn form_factor_visible_polygon(
         .sum()
 }
 
-/// Planes through `x` and each edge of the polygon, inwards, and the polygon's own plane away from `x`. `None` where `x` is in it.
+/// Planes through `x` and each edge of the polygon, inwards, and the polygon's own plane away from
+/// `x`. `None` where `x` is in it.
 fn cone(x: DVec3, corners: &[DVec3]) -> Option<(Vec<DVec3>, DVec3)> {
     let n = corners.len();
     let normal = (1..n - 1)

@@ -6,9 +6,10 @@ use super::{System, SystemError};
 
 /// Estimated radiosity that unshot light will bring to a white surface, by channel, W/m².
 ///
-/// Ambient = (Σ ΔB_i A_i / Σ A_i) / (1 − ρ̄) with ρ̄ = Σ ρ_i A_i / Σ A_i: the mean unshot radiosity and all its bounces in a
-/// room whose surfaces are mixed evenly. 0 in a channel with ρ̄ = 1, for which there is no such estimate. A picture's guess: the
-/// solution does not use it. Source: Cohen, Chen, Wallace, Greenberg, 1988, eq. 6–10.
+/// Ambient = (Σ ΔB_i A_i / Σ A_i) / (1 − ρ̄) with ρ̄ = Σ ρ_i A_i / Σ A_i: the mean unshot radiosity
+/// and all its bounces in a room whose surfaces are mixed evenly. 0 in a channel with ρ̄ = 1, for
+/// which there is no such estimate. A picture's guess: the solution does not use it. Source: Cohen,
+/// Chen, Wallace, Greenberg, 1988, eq. 6–10.
 ///
 /// # Errors
 /// [`SystemError::Length`] if `unshot` has not one value per patch.

@@ -1,4 +1,5 @@
-//! A matrix made closed and reciprocal, for comparing solvers on a system whose answer makes physical sense.
+//! A matrix made closed and reciprocal, for comparing solvers on a system whose answer makes
+//! physical sense.
 
 use super::SystemError;
 use crate::enclosure::Matrix;
@@ -16,18 +17,21 @@ pub struct Closed {
     pub rows_before: [f64; 2],
 }
 
-/// Most iterations of the scaling. It converges geometrically for matrices whose patches see many others; some hundred suffice.
+/// Most iterations of the scaling. It converges geometrically for matrices whose patches see many
+/// others; some hundred suffice.
 const PASSES: u32 = 2000;
 
 /// Scales `matrix` to row sums 1 within `tolerance`, keeping or making it reciprocal.
 ///
-/// This changes form factors on purpose and is no way to mend them. It finds d > 0 with d_i Σ_j K_ij d_j = A_i by
-/// d_i ← √(d_i A_i / Σ_j K_ij d_j). Source: Sinkhorn, *A relationship between arbitrary positive matrices and doubly stochastic
-/// matrices*, 1964; the symmetric iteration: Knight, Ruiz, Uçar, *A symmetry preserving algorithm for matrix scaling*, 2014.
+/// This changes form factors on purpose and is no way to mend them. It finds d > 0 with d_i Σ_j
+/// K_ij d_j = A_i by d_i ← √(d_i A_i / Σ_j K_ij d_j). Source: Sinkhorn, *A relationship between
+/// arbitrary positive matrices and doubly stochastic matrices*, 1964; the symmetric iteration:
+/// Knight, Ruiz, Uçar, *A symmetry preserving algorithm for matrix scaling*, 2014.
 ///
 /// # Errors
-/// [`SystemError::Length`] if there is not one area per row; [`SystemError::NotClosable`] if a row sees nothing, or the
-/// iteration does not arrive (patches of which one group sees only a smaller other group, say).
+/// [`SystemError::Length`] if there is not one area per row; [`SystemError::NotClosable`] if a row
+/// sees nothing, or the iteration does not arrive (patches of which one group sees only a smaller
+/// other group, say).
 pub fn close(matrix: &Matrix, area: &[f64], tolerance: f64) -> Result<Closed, SystemError> {
     let n = matrix.len();
     if area.len() != n {

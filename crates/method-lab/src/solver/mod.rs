@@ -1,12 +1,14 @@
-//! Iterative solvers of the discrete radiosity equation B_i = M_i + ρ_i Σ_j F_ij B_j, by colour channel.
+//! Iterative solvers of the discrete radiosity equation B_i = M_i + ρ_i Σ_j F_ij B_j, by colour
+//! channel.
 //!
-//! All start from the light sources alone, count their work in multiply-adds, and stop when the flux that is still to be
-//! distributed is a share `tolerance` of the emitted flux, or say why not ([`Stop`]). They run on one thread and sum in index
-//! order: the same input gives the same bits.
+//! All start from the light sources alone, count their work in multiply-adds, and stop when the
+//! flux that is still to be distributed is a share `tolerance` of the emitted flux, or say why not
+//! ([`Stop`]). They run on one thread and sum in index order: the same input gives the same bits.
 //!
-//! Based on: Goral, Torrance, Greenberg, Battaile, *Modeling the interaction of light between diffuse surfaces*, 1984 (the
-//! equation); Cohen, Chen, Wallace, Greenberg, *A progressive refinement approach to fast radiosity image generation*, 1988
-//! (shooting, ambient term); Gortler, Cohen, Slusallek, *Radiosity and relaxation methods*, 1994 (which relaxation each is).
+//! Based on: Goral, Torrance, Greenberg, Battaile, *Modeling the interaction of light between
+//! diffuse surfaces*, 1984 (the equation); Cohen, Chen, Wallace, Greenberg, *A progressive
+//! refinement approach to fast radiosity image generation*, 1988 (shooting, ambient term); Gortler,
+//! Cohen, Slusallek, *Radiosity and relaxation methods*, 1994 (which relaxation each is).
 
 mod ambient;
 mod balance;
@@ -27,10 +29,12 @@ pub enum Method {
     Jacobi,
     /// Every patch gathers from what is newest.
     GaussSeidel,
-    /// The patch with the largest residual |r_i|, W/m², is relaxed. Needs columns of F: holds a transposed copy.
+    /// The patch with the largest residual |r_i|, W/m², is relaxed. Needs columns of F: holds a
+    /// transposed copy.
     Southwell,
-    /// The patch with the largest unshot flux A_i ΔB_i shoots it, and unshot light counts as part of the radiosity. Needs one
-    /// row of F at a time: the column follows from it by A_i F_ij = A_j F_ji.
+    /// The patch with the largest unshot flux A_i ΔB_i shoots it, and unshot light counts as part
+    /// of the radiosity. Needs one row of F at a time: the column follows from it by A_i F_ij = A_j
+    /// F_ji.
     Progressive,
 }
 
@@ -57,7 +61,8 @@ impl Method {
 /// When to stop.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Largest share of the emitted flux that may be left to distribute, in any channel: Σ A_i|r_i| ≤ tolerance · Σ A_i M_i.
+    /// Largest share of the emitted flux that may be left to distribute, in any channel: Σ A_i|r_i|
+    /// ≤ tolerance · Σ A_i M_i.
     pub tolerance: f64,
     /// Most passes over all patches; n shots count as one pass.
     pub max_passes: u32,
@@ -82,7 +87,8 @@ pub enum Stop {
     Converged,
     /// `max_passes` were not enough.
     Passes,
-    /// Shooting no longer lowers the residual that is computed anew from the matrix: rounding, or rows that are not reciprocal.
+    /// Shooting no longer lowers the residual that is computed anew from the matrix: rounding, or
+    /// rows that are not reciprocal.
     Stalled,
     /// The residual overflowed.
     Diverged,
@@ -95,16 +101,18 @@ pub struct Record {
     pub iteration: u64,
     /// Multiply-adds so far, all three channels.
     pub work: u64,
-    /// ‖r‖∞ by channel, W/m². r = M + ρFB − B of the radiosity; with [`Method::Progressive`] the unshot radiosity ΔB (see
-    /// `error_bound`).
+    /// ‖r‖∞ by channel, W/m². r = M + ρFB − B of the radiosity; with [`Method::Progressive`] the
+    /// unshot radiosity ΔB (see `error_bound`).
     pub residual_max: DVec3,
     /// Σ A_i|r_i| by channel, W.
     pub residual_flux: DVec3,
-    /// Largest channel's `residual_flux` as a share of its emitted flux: what the tolerance is held against.
+    /// Largest channel's `residual_flux` as a share of its emitted flux: what the tolerance is held
+    /// against.
     pub left: f64,
-    /// Bound on ‖B − B*‖∞ by channel, W/m²: ‖r‖∞ / (1 − max_i ρ_i Σ_j F_ij), since B* − B = (I − ρF)⁻¹ r. Infinite, that is
-    /// no bound, where the denominator is not positive. For the progressive solver, whose radiosity B holds ΔB already,
-    /// B* − B = (I − ρF)⁻¹ ρF ΔB, which the same expression bounds.
+    /// Bound on ‖B − B*‖∞ by channel, W/m²: ‖r‖∞ / (1 − max_i ρ_i Σ_j F_ij), since B* − B = (I −
+    /// ρF)⁻¹ r. Infinite, that is no bound, where the denominator is not positive. For the
+    /// progressive solver, whose radiosity B holds ΔB already, B* − B = (I − ρF)⁻¹ ρF ΔB, which the
+    /// same expression bounds.
     pub error_bound: DVec3,
 }
 
@@ -166,8 +174,8 @@ pub fn solve(
     run(method, system, options, None)
 }
 
-/// The same, showing every pass or shot to `observe`. A snapshot costs the shooting solvers n additions a shot, which are
-/// not counted as work.
+/// The same, showing every pass or shot to `observe`. A snapshot costs the shooting solvers n
+/// additions a shot, which are not counted as work.
 ///
 /// # Errors
 /// As [`solve`].

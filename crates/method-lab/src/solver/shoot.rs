@@ -5,17 +5,19 @@ use glam::DVec3;
 use super::{Observer, Options, Snapshot, Solution, Stop, System};
 use crate::enclosure::Matrix;
 
-/// The light that patch i has received and not passed on is r_i; its relaxation adds s = r_i / (1 − ρ_i F_ii) to B_i and
-/// ρ_k F_ki s to every r_k. In exact arithmetic r = M + ρFB − B throughout.
+/// The light that patch i has received and not passed on is r_i; its relaxation adds s = r_i / (1 −
+/// ρ_i F_ii) to B_i and ρ_k F_ki s to every r_k. In exact arithmetic r = M + ρFB − B throughout.
 ///
-/// `PROGRESSIVE` picks the largest flux A_i Σ_channels |r_i|, takes F_ki from the shooter's row by reciprocity, and counts
-/// unshot light as radiosity; else the largest |r_i| of any channel is picked and F_ki is read from the columns. The smaller
-/// index wins a tie. Choosing costs n comparisons a shot, not counted as work.
+/// `PROGRESSIVE` picks the largest flux A_i Σ_channels |r_i|, takes F_ki from the shooter's row by
+/// reciprocity, and counts unshot light as radiosity; else the largest |r_i| of any channel is
+/// picked and F_ki is read from the columns. The smaller index wins a tie. Choosing costs n
+/// comparisons a shot, not counted as work.
 ///
-/// Before it says that it converged, the residual is computed anew from the matrix. If it is larger than the running one said
-/// (rounding, rows that are not reciprocal), shooting goes on from there, as long as each such audit at least halves it. Shots
-/// since the last audit are summed apart: thousands of tiny shots added to a large B one by one would all round, and at ρ = 0.99
-/// that leaves a residual of 1e-12 for good.
+/// Before it says that it converged, the residual is computed anew from the matrix. If it is larger
+/// than the running one said (rounding, rows that are not reciprocal), shooting goes on from there,
+/// as long as each such audit at least halves it. Shots since the last audit are summed apart:
+/// thousands of tiny shots added to a large B one by one would all round, and at ρ = 0.99 that
+/// leaves a residual of 1e-12 for good.
 pub(super) fn shoot<const PROGRESSIVE: bool>(
     system: &System<'_>,
     options: &Options,

@@ -73,8 +73,9 @@ impl<'m> System<'m> {
     /// F (n × n), areas in m², exitances M in W/m² and reflectances ρ by channel.
     ///
     /// # Errors
-    /// [`SystemError::Length`] if a list has not one value per row; [`SystemError::Value`] if F_ij is negative or not finite, an
-    /// area is not positive, M is negative or not finite, ρ is outside 0..=1, or ρ_i F_ii ≥ 1 (a patch that keeps all its light).
+    /// [`SystemError::Length`] if a list has not one value per row; [`SystemError::Value`] if F_ij
+    /// is negative or not finite, an area is not positive, M is negative or not finite, ρ is
+    /// outside 0..=1, or ρ_i F_ii ≥ 1 (a patch that keeps all its light).
     pub fn from_parts(
         matrix: &'m Matrix,
         area: Vec<f64>,
@@ -170,7 +171,8 @@ impl<'m> System<'m> {
         &self.reflectance
     }
 
-    /// ‖ρF‖∞ = max_i ρ_i Σ_j F_ij by channel. Below 1 every solver converges, and the residual bounds the error.
+    /// ‖ρF‖∞ = max_i ρ_i Σ_j F_ij by channel. Below 1 every solver converges, and the residual
+    /// bounds the error.
     pub fn contraction(&self) -> DVec3 {
         self.contraction
     }
@@ -205,7 +207,8 @@ impl<'m> System<'m> {
             .collect()
     }
 
-    /// Bound on ‖B − B*‖∞ by channel from ‖r‖∞, W/m²; infinite where there is none (see [`Record::error_bound`]).
+    /// Bound on ‖B − B*‖∞ by channel from ‖r‖∞, W/m²; infinite where there is none (see
+    /// [`Record::error_bound`]).
     pub fn error_bound(&self, residual_max: DVec3) -> DVec3 {
         let bound = |r: f64, c: f64| {
             if r == 0.0 && c < 1.0 {
@@ -241,7 +244,8 @@ impl<'m> System<'m> {
         }
     }
 
-    /// Largest channel's share of the emitted flux; a channel that emits nothing has nothing to distribute.
+    /// Largest channel's share of the emitted flux; a channel that emits nothing has nothing to
+    /// distribute.
     pub(super) fn left(&self, flux: DVec3) -> f64 {
         let mut left: f64 = 0.0;
         for k in 0..3 {

@@ -7,10 +7,11 @@ use glam::DVec3;
 use super::room::{Room, Surface};
 use crate::enclosure::{Enclosure, Matrix};
 
-/// B after each of `times` gathers (ascending), W/m²: B⁰ = M, Bᵏ⁺¹_i = M_i + ρ_i Σ_j F_ij Bᵏ_j. Nothing says how far it is from
-/// the solution; [`crate::solver`] does.
+/// B after each of `times` gathers (ascending), W/m²: B⁰ = M, Bᵏ⁺¹_i = M_i + ρ_i Σ_j F_ij Bᵏ_j.
+/// Nothing says how far it is from the solution; [`crate::solver`] does.
 ///
-/// `matrix` must have a row for each patch of `enclosure`; rows past the shorter of both are left out.
+/// `matrix` must have a row for each patch of `enclosure`; rows past the shorter of both are left
+/// out.
 pub fn gather_times(matrix: &Matrix, enclosure: &Enclosure, times: &[u32]) -> Vec<Vec<DVec3>> {
     let patches = &enclosure.patches;
     let n = matrix.len().min(patches.len());
@@ -32,8 +33,9 @@ pub fn gather_times(matrix: &Matrix, enclosure: &Enclosure, times: &[u32]) -> Ve
     out
 }
 
-/// Radiosity at the four corners of every patch, in the order of its corners, W/m²: the plain mean over the patches of the same
-/// surface, plane and light that meet there. To be blended bilinearly over the patch (Gouraud, 1971).
+/// Radiosity at the four corners of every patch, in the order of its corners, W/m²: the plain mean
+/// over the patches of the same surface, plane and light that meet there. To be blended bilinearly
+/// over the patch (Gouraud, 1971).
 ///
 /// A lamp's edge stays sharp, and colour does not run round an edge of the room.
 pub fn vertex_radiosity(
@@ -41,7 +43,8 @@ pub fn vertex_radiosity(
     enclosure: &Enclosure,
     radiosity: &[DVec3],
 ) -> Vec<[DVec3; 4]> {
-    // Coordinates are sums of a few hundredths of a metre: a micrometre tells vertices apart and heals rounding.
+    // Coordinates are sums of a few hundredths of a metre: a micrometre tells vertices apart and
+    // heals rounding.
     let grid = |p: DVec3| [p.x, p.y, p.z].map(|x| (x * 1e6).round() as i64);
     type Key = (Surface, [i64; 3], [i64; 3], [u64; 3]);
     let key = |i: usize, corner: usize| -> Key {

@@ -73,7 +73,8 @@ impl Case {
         }
     }
 
-    /// The room's patches with this case's light and colours. Lamps reflect like the ceiling around them.
+    /// The room's patches with this case's light and colours. Lamps reflect like the ceiling around
+    /// them.
     pub fn enclosure(&self, room: &Room) -> Enclosure {
         let patches = room
             .patches

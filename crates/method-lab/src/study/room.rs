@@ -7,11 +7,12 @@ use crate::enclosure::Patch;
 /// Metres per coarse cell.
 const CELL: f64 = 0.25;
 
-/// Coarse cells of each segment along x, y, z. Box and lamp borders lie on segment borders only, so that they are the same in
-/// both densities. The room is 14 × 9 × 14 cells.
+/// Coarse cells of each segment along x, y, z. Box and lamp borders lie on segment borders only, so
+/// that they are the same in both densities. The room is 14 × 9 × 14 cells.
 const COARSE: [&[u32]; 3] = [&[1, 3, 1, 4, 4, 1], &[2, 4, 3], &[2, 3, 3, 4, 2]];
 
-/// Fine cells of the same segments: about 2.4 times as many (5760 = 2.4² · 1000), rounded so that the total is 5760.
+/// Fine cells of the same segments: about 2.4 times as many (5760 = 2.4² · 1000), rounded so that
+/// the total is 5760.
 const FINE: [&[u32]; 3] = [&[2, 7, 2, 10, 10, 3], &[5, 9, 7], &[5, 7, 7, 10, 5]];
 
 /// The boxes: surface, and by axis the first segment inside and the first one past it.
@@ -125,7 +126,8 @@ impl Room {
 
     /// Whether no box stands between two points of the room's surface.
     ///
-    /// Boxes are shrunk by a nanometre, so that a point does not hide behind the face that it lies on.
+    /// Boxes are shrunk by a nanometre, so that a point does not hide behind the face that it lies
+    /// on.
     pub fn sees(&self, a: DVec3, b: DVec3) -> bool {
         let d = b - a;
         self.boxes.iter().all(|[low, high]| {
@@ -191,7 +193,8 @@ impl Axis {
     }
 }
 
-/// A face of a cell: which axis it is across, whether it is at the high end, and the wall that it meets at the room's edge.
+/// A face of a cell: which axis it is across, whether it is at the high end, and the wall that it
+/// meets at the room's edge.
 type Face = (usize, bool, Surface);
 
 const FACES: [Face; 6] = [

@@ -176,7 +176,8 @@ fn element_points_lie_in_their_own_element() {
             strays += (found.element != Some(ElementId(e as u32))) as u32;
         }
     }
-    // The pull off the edges moves points by up to 0.1 % of the triangle, a few hundredths of an element.
+    // The pull off the edges moves points by up to 0.1 % of the triangle, a few hundredths of an
+    // element.
     assert!(strays as usize * 10 < d.elements().len(), "{strays}");
 }
 

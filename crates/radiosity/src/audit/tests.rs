@@ -76,8 +76,8 @@ fn a_furnace_keeps_what_it_emits() {
         assert_eq!(a.flux_behind, [0.0; 3]);
         assert_eq!((a.rows_open, a.rows_beyond, a.rays_nowhere), (0, 0, 0));
         assert!(a.within_bound, "rho {rho}: {a:?}");
-        // Every patch is as bright as every other, so rays have no spread; the relaxation's tolerance and rounding are left.
-        // 1e-4 × (1 − ρ) × E/(πL) = 1e-4, and 74 × 2⁻²⁴/(1 − ρ).
+        // Every patch is as bright as every other, so rays have no spread; the relaxation's
+        // tolerance and rounding are left. 1e-4 × (1 − ρ) × E/(πL) = 1e-4, and 74 × 2⁻²⁴/(1 − ρ).
         let rounding = 74.0 * 2f64.powi(-24) * (1.0 + 1.0 / (1.0 - rho as f64));
         assert!(a.bound < 1.2e-4 + 1.1 * rounding, "rho {rho}: {a:?}");
     }
@@ -85,11 +85,13 @@ fn a_furnace_keeps_what_it_emits() {
 
 #[test]
 fn an_open_box_loses_what_its_mouth_sees() {
-    // Black walls of M = πL that see one another and the mouth (area 1). What passes the mouth is what would arrive on a black
-    // lid: π L Σ A_i F_i,lid = πL × (1 × Σ_i F_lid,i) = πL, for the lid sees nothing but the five walls.
+    // Black walls of M = πL that see one another and the mouth (area 1). What passes the mouth is
+    // what would arrive on a black lid: π L Σ A_i F_i,lid = πL × (1 × Σ_i F_lid,i) = πL, for the
+    // lid sees nothing but the five walls.
     let a = audit_of(&open_cube(0.0, 1.0), Sky::Black, 400, 256);
     assert!((a.flux_emitted[0] / (5.0 * PI) - 1.0).abs() < 1e-6, "{a:?}");
-    // 400 rows of 256 rays whose shares are near 1/5: σ = √(0.16/102400)/0.2 = 0.6 % of the escaped light; three of these.
+    // 400 rows of 256 rays whose shares are near 1/5: σ = √(0.16/102400)/0.2 = 0.6 % of the escaped
+    // light; three of these.
     assert!((a.flux_escaped[0] / PI - 1.0).abs() < 0.02, "{a:?}");
     assert!(a.within_bound && a.bound < 0.01, "{a:?}");
     assert!(a.rows_open > 300 && a.rows_beyond == 0, "{a:?}");
@@ -98,8 +100,9 @@ fn an_open_box_loses_what_its_mouth_sees() {
 
 #[test]
 fn a_grey_open_box_gives_back_what_the_sky_sends_in() {
-    // A box with reflectance ρ under a uniform sky, and the same with its own emission chosen so that B = πL everywhere: M = (1 − ρ)πL.
-    // Then E = πL all over, and in and out through the mouth go πL each.
+    // A box with reflectance ρ under a uniform sky, and the same with its own emission chosen so
+    // that B = πL everywhere: M = (1 − ρ)πL. Then E = πL all over, and in and out through the mouth
+    // go πL each.
     let rho = 0.75;
     let a = audit_of(
         &open_cube(rho, 1.0 - rho),
@@ -120,7 +123,8 @@ fn a_grey_open_box_gives_back_what_the_sky_sends_in() {
 
 #[test]
 fn lamps_send_what_their_kind_says() {
-    // A point lamp over an endless floor: half of 4πI goes down; from 0.1 m over 10 m × 10 m nearly all of that arrives.
+    // A point lamp over an endless floor: half of 4πI goes down; from 0.1 m over 10 m × 10 m nearly
+    // all of that arrives.
     let mut scene = Scene::default();
     add_quad(
         &mut scene,
@@ -145,7 +149,8 @@ fn lamps_send_what_their_kind_says() {
     };
     let h = 0.1;
     let at = |z: f32| Vec3::new(0.0, 0.0, z);
-    // What a square of half side a takes of a lamp at height h over its middle: I × 4 atan(a²/(h √(2a² + h²))).
+    // What a square of half side a takes of a lamp at height h over its middle: I × 4 atan(a²/(h
+    // √(2a² + h²))).
     let square = |h: f64| 4.0 * (25.0 / (h * (50.0 + h * h).sqrt())).atan();
     let (emitted, front, _, sigma) = lamps(point(at(h), 2.0, None));
     assert!((emitted / (8.0 * PI) - 1.0).abs() < 1e-12);
@@ -160,7 +165,8 @@ fn lamps_send_what_their_kind_says() {
         (behind / (2.0 * square(0.1)) - 1.0).abs() < 0.01,
         "{behind}"
     );
-    // With a range of 1 m from 0.5 m: I ∫ 2π (1 − (h/(r cosθ))⁴) dcosθ from cosθ = h/r: 2π I (1 − q − q(1 − q³)/3), q = h/r = ½.
+    // With a range of 1 m from 0.5 m: I ∫ 2π (1 − (h/(r cosθ))⁴) dcosθ from cosθ = h/r: 2π I (1 − q
+    // − q(1 − q³)/3), q = h/r = ½.
     let (emitted, front, _, sigma) = lamps(point(at(0.5), 2.0, Some(1.0)));
     let exact = 4.0 * PI * (1.0 - 0.5 - 0.5 * (1.0 / 0.125 - 1.0) / 3.0 * 0.125);
     assert!(
@@ -197,7 +203,8 @@ fn lamps_send_what_their_kind_says() {
 
 #[test]
 fn backs_of_faces_take_light_and_are_named() {
-    // A lit room in which a single-sided plate hangs, front up, under the lamp: the floor looks at its black underside.
+    // A lit room in which a single-sided plate hangs, front up, under the lamp: the floor looks at
+    // its black underside.
     let mut scene = cube(0.5, Vec3::ZERO);
     scene
         .lights
@@ -245,7 +252,8 @@ fn a_crack_in_a_closed_room_is_found() {
     }
     scene.instances[3].name = "right".into();
     let a = audit_of(&scene, Sky::Black, 600, 256);
-    // The slit of 0.01 × 1 next to x = 1 passes πL/(1 − ρ) on nearly all of its area: 0.01 of B = 2π, of 6π emitted in all.
+    // The slit of 0.01 × 1 next to x = 1 passes πL/(1 − ρ) on nearly all of its area: 0.01 of B =
+    // 2π, of 6π emitted in all.
     assert!(
         a.flux_escaped[0] > 0.0 && a.flux_escaped[0] < 0.01 * 2.0 * PI * 1.5,
         "{a:?}"
@@ -266,8 +274,9 @@ fn a_crack_in_a_closed_room_is_found() {
 
 #[test]
 fn light_that_is_counted_twice_is_out_of_bound() {
-    // A floor under a lamp in a room, and on it a rug in the very same plane: both get the lamp's light, only one is ever hit by
-    // other patches' rays. Elements receive more than the lamp sends down.
+    // A floor under a lamp in a room, and on it a rug in the very same plane: both get the lamp's
+    // light, only one is ever hit by other patches' rays. Elements receive more than the lamp sends
+    // down.
     let mut scene = cube(0.5, Vec3::ZERO);
     scene
         .lights
@@ -281,7 +290,8 @@ fn light_that_is_counted_twice_is_out_of_bound() {
     );
     let a = audit_of(&scene, Sky::Black, 600, 256);
     assert!(!a.within_bound && a.imbalance < -0.05, "{a:?}");
-    // And a lamp so near to a wall that no element is where its light falls: what is missing is half of it, nearly.
+    // And a lamp so near to a wall that no element is where its light falls: what is missing is
+    // half of it, nearly.
     let mut scene = cube(0.5, Vec3::ZERO);
     scene
         .lights
@@ -292,7 +302,8 @@ fn light_that_is_counted_twice_is_out_of_bound() {
 
 #[test]
 fn the_bound_holds_and_is_not_idle() {
-    // Lit rooms of all kinds, coarse and fine: 24 balances, none beyond its bound, and the bound is not a hundred times too wide.
+    // Lit rooms of all kinds, coarse and fine: 24 balances, none beyond its bound, and the bound is
+    // not a hundred times too wide.
     let mut ratios = Vec::new();
     for rho in [0.2, 0.8, 0.95] {
         for (patches, rays) in [(60, 16), (200, 64), (800, 64), (300, 512)] {
@@ -328,7 +339,8 @@ fn the_bound_holds_and_is_not_idle() {
 
 #[test]
 fn a_lamp_that_is_half_there_sends_half() {
-    // A blended panel in a closed grey cube, its light sampled: π L A α is sent, all of it is absorbed in the end.
+    // A blended panel in a closed grey cube, its light sampled: π L A α is sent, all of it is
+    // absorbed in the end.
     let mut scene = cube(0.5, Vec3::ZERO);
     let mut panel = material(0.3, Vec3::splat(20.0));
     panel.alpha = mesh_ingest::AlphaMode::Blend;

@@ -4,7 +4,8 @@ use super::*;
 use crate::fixtures::{add_quad, add_triangles, cube, material};
 use crate::world::{World, WorldOptions};
 
-/// A unit octahedron split `level` times: vertices of the sphere, shared within each octant, with the sphere's normals.
+/// A unit octahedron split `level` times: vertices of the sphere, shared within each octant, with
+/// the sphere's normals.
 fn ball(level: u32, inside: bool) -> Scene {
     let mut scene = Scene::default();
     crate::fixtures::add_sphere(&mut scene, material(0.5, Vec3::ZERO), 1.0, level, inside);
@@ -51,7 +52,8 @@ fn points_of_a_sphere_lie_on_it_whatever_its_size_place_and_mirroring() {
             let centre = Vec3::Y * size as f32;
             for p in points(&scene, false) {
                 let r = p.origin - centre;
-                // Some ten roundings of coordinates up to twice the radius, and the offset: 1e-6 of these, each.
+                // Some ten roundings of coordinates up to twice the radius, and the offset: 1e-6 of
+                // these, each.
                 let off = (r.length() / size as f32 - 1.0).abs();
                 assert!(off < 6e-6, "{size} {mirror}: {off}");
                 assert!(p.normal.dot(r.normalize()) > 1.0 - 1e-6);
@@ -112,7 +114,8 @@ fn smoothed_right_angles_stay_flat() {
         let above = p.geometric.dot(p.origin - soup.triangles[k / 4][0]);
         assert!(above > 0.0 && above < 3e-6, "{above}");
     }
-    // A wide cap and a narrow side that share normals by area: 11° from the cap's, which alone would pass for a curve.
+    // A wide cap and a narrow side that share normals by area: 11° from the cap's, which alone
+    // would pass for a curve.
     let rim = Vec3::new(0.0, -0.2, 1.0).normalize();
     let mut scene = Scene::default();
     let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(0.5, 0.0, -0.2)];

@@ -11,10 +11,11 @@ use crate::sampling::{SphericalTriangle, sample_4d};
 use crate::world::SurfacePoint;
 
 impl DirectLight<'_, '_> {
-    /// Light that arrives at a point in space from all sides, straight from lamps, emitters and the bright parts of the sky.
+    /// Light that arrives at a point in space from all sides, straight from lamps, emitters and the
+    /// bright parts of the sky.
     ///
-    /// Calls `f` with the unit direction towards the light and with ∫ L dω of what comes from there (W/m² or lx on a surface that faces it),
-    /// for each of about `samples` samples a light.
+    /// Calls `f` with the unit direction towards the light and with ∫ L dω of what comes from there
+    /// (W/m² or lx on a surface that faces it), for each of about `samples` samples a light.
     pub fn for_each_arrival(
         &self,
         at: Vec3,

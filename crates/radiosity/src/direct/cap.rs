@@ -15,7 +15,8 @@ pub(super) struct Cap {
     pub axis: Vec3,
     /// sin² of the angle between the axis and the rim, in (0, 1].
     sin2: f32,
-    /// Radiance of the disc per unit of the light's intensity, 1/m² for lamps, 1/sr for suns; 0 beyond a lamp's range.
+    /// Radiance of the disc per unit of the light's intensity, 1/m² for lamps, 1/sr for suns; 0
+    /// beyond a lamp's range.
     radiance: f32,
     /// Where a lamp's sphere is: centre from the receiver, and radius.
     sphere: Option<(Vec3, f32)>,
@@ -63,10 +64,12 @@ impl Cap {
         }
     }
 
-    /// Irradiance, per unit of intensity, on a surface with this unit normal if nothing is in between: closed form.
+    /// Irradiance, per unit of intensity, on a surface with this unit normal if nothing is in
+    /// between: closed form.
     ///
-    /// A disc wholly above the horizon gives π L sin²σ cosθ. One that the horizon cuts: Snyder, *Area light sources for real-time graphics*,
-    /// 1996, as in Lagarde & de Rousiers, *Moving Frostbite to physically based rendering*, 2014, listing 9.
+    /// A disc wholly above the horizon gives π L sin²σ cosθ. One that the horizon cuts: Snyder,
+    /// *Area light sources for real-time graphics*, 1996, as in Lagarde & de Rousiers, *Moving
+    /// Frostbite to physically based rendering*, 2014, listing 9.
     pub(super) fn unoccluded(&self, normal: Vec3) -> f32 {
         let cos = normal.dot(self.axis).clamp(-1.0, 1.0);
         let sin = (1.0 - cos * cos).sqrt();
@@ -91,7 +94,8 @@ impl Cap {
         self.radiance
     }
 
-    /// A unit direction drawn evenly from the disc, and how far along it a shadow ray goes: to the lamp's surface.
+    /// A unit direction drawn evenly from the disc, and how far along it a shadow ray goes: to the
+    /// lamp's surface.
     pub(super) fn sample(&self, u: f32, v: f32) -> (Vec3, f32) {
         // 1 − cos is even over solid angle: the square of the radius on the unit disc, scaled.
         let p = concentric_disc(u, v);
@@ -133,7 +137,8 @@ mod tests {
 
     #[test]
     fn the_closed_form_is_the_mean_over_the_disc() {
-        // Above the horizon, cut by it, just touching it, almost all below, and from inside of the lamp.
+        // Above the horizon, cut by it, just touching it, almost all below, and from inside of the
+        // lamp.
         for (k, (position, radius)) in [
             (Vec3::new(0.3, 2.0, 0.0), 0.5),
             (Vec3::new(2.0, 0.2, 0.5), 0.9),
@@ -156,8 +161,9 @@ mod tests {
             }
             let sampled = sum / n as f64 * (cap.solid_angle() * cap.radiance()) as f64;
             let exact = cap.unoccluded(Vec3::Y) as f64;
-            // 65,536 Sobol points of an integrand with a kink: error about n^-3/4 = 2.4e-4 of the disc's whole flux; the sum in the closed
-            // form loses as much as it cancels, 1e-5 of that flux.
+            // 65,536 Sobol points of an integrand with a kink: error about n^-3/4 = 2.4e-4 of the
+            // disc's whole flux; the sum in the closed form loses as much as it cancels, 1e-5 of
+            // that flux.
             let whole = (cap.solid_angle() * cap.radiance()) as f64;
             assert!(
                 (sampled - exact).abs() < 3e-4 * whole,

@@ -1,8 +1,8 @@
 //! Which light a hit draws, patch by patch.
 //!
-//! A gathering ray's hit asks for one sample of direct light. What each light may bring to it hardly differs over a patch, so the sum over
-//! lights that the choice needs is made once a patch, when the first ray hits it. For each hit by itself it took five times as long as the
-//! shadow ray.
+//! A gathering ray's hit asks for one sample of direct light. What each light may bring to it
+//! hardly differs over a patch, so the sum over lights that the choice needs is made once a patch,
+//! when the first ray hits it. For each hit by itself it took five times as long as the shadow ray.
 
 use std::sync::OnceLock;
 
@@ -20,11 +20,12 @@ use crate::world::{SurfacePoint, luminance};
 /// Groups of emitters that a patch tells apart, unless some must be split further.
 const GROUPS: usize = 12;
 
-/// Every light that reaches as far as a patch is drawn with at least this share of the rest's chance, whatever the patch's elements say: the
-/// few of them do not see all of it.
+/// Every light that reaches as far as a patch is drawn with at least this share of the rest's
+/// chance, whatever the patch's elements say: the few of them do not see all of it.
 const LEAST: f32 = 0.01;
 
-/// Light that nothing was seen of counts by this share: something may stand between it and the elements' points, and not everywhere.
+/// Light that nothing was seen of counts by this share: something may stand between it and the
+/// elements' points, and not everywhere.
 const HIDDEN: f32 = 0.1;
 
 /// Patches whose elements' normals are within an angle of this cosine count as flat: 11°.
@@ -57,8 +58,9 @@ impl Tables {
 }
 
 impl<'w> DirectLight<'w, '_> {
-    /// Unbiased estimate of the direct irradiance at a point of `patch` with a single shadow ray, and the group of the light that was drawn:
-    /// [`sample_one`](Self::sample_one), with a choice made for all of the patch.
+    /// Unbiased estimate of the direct irradiance at a point of `patch` with a single shadow ray,
+    /// and the group of the light that was drawn: [`sample_one`](Self::sample_one), with a choice
+    /// made for all of the patch.
     pub fn sample_on(
         &self,
         cut: &Subdivision,
@@ -129,7 +131,8 @@ impl<'w> DirectLight<'w, '_> {
         let cells = (self.world.bright.iter().flat_map(|b| &b.cells).enumerate())
             .map(|(k, cell)| (Source::Sky(k as u32), cell.power));
         let emitters = (nodes.into_iter()).map(|(id, weight)| (Source::Emitters(id), weight));
-        // What each brings at most, or about as much as that; then what it does bring to the patch's elements, by a sample at each.
+        // What each brings at most, or about as much as that; then what it does bring to the
+        // patch's elements, by a sample at each.
         let mut weights: Vec<(Source, f32, f32)> = (lamps.chain(cells).chain(emitters))
             .filter(|s| s.1 > 0.0)
             .map(|(source, most)| {

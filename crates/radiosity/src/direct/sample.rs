@@ -11,7 +11,8 @@ use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, luminance};
 
 impl DirectLight<'_, '_> {
-    /// About what a lamp brings to a point if nothing is in between; 0 only where it brings nothing.
+    /// About what a lamp brings to a point if nothing is in between; 0 only where it brings
+    /// nothing.
     pub(super) fn weight_of_lamp(&self, light: &Light, point: &SurfacePoint) -> f32 {
         match Cap::of(light, point.position) {
             Some(cap) => luminance(light.intensity) * cap.unoccluded(point.normal),
@@ -32,7 +33,8 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// Takes one sample of a light at one point; `few` holds a group's emitters, where that is known.
+    /// Takes one sample of a light at one point; `few` holds a group's emitters, where that is
+    /// known.
     pub(super) fn sample(
         &self,
         term: &Term,
@@ -134,7 +136,8 @@ impl DirectLight<'_, '_> {
         });
     }
 
-    /// Factor of a lamp's intensity in the unit direction in which its light leaves: the spot's cone, and its profile.
+    /// Factor of a lamp's intensity in the unit direction in which its light leaves: the spot's
+    /// cone, and its profile.
     pub(super) fn directivity(&self, light: &Light, leaving: Vec3) -> f32 {
         let cone = match light.kind {
             LightKind::Spot {
@@ -143,7 +146,8 @@ impl DirectLight<'_, '_> {
                 outer,
                 ..
             } => {
-                // The cone of KHR_lights_punctual: linear in the cosine between the angles, squared.
+                // The cone of KHR_lights_punctual: linear in the cosine between the angles,
+                // squared.
                 let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
                 let cone = ((direction.dot(leaving) - outer.cos()) * scale).clamp(0.0, 1.0);
                 cone * cone
@@ -157,7 +161,8 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// A light that comes from one point, or from one direction, at `p` if nothing is in between; `None` where it is 0.
+    /// A light that comes from one point, or from one direction, at `p` if nothing is in between;
+    /// `None` where it is 0.
     fn arrival(&self, light: &Light, p: &SurfacePoint) -> Option<Arrival> {
         let from = |position: Vec3| (position - p.origin, 1.0, position - p.position);
         let (to, t_max, d) = match light.kind {

@@ -12,16 +12,19 @@ use crate::world::{SurfacePoint, luminance};
 /// Groups of at most so many emitters are computed in closed form.
 const FEW: usize = 2;
 
-/// Textures are read where light comes from when they are nearer than this many times the emitter's size. From there the point-to-point
-/// kernel varies over it by (1 ± 1/16)⁻², so that what glows on one side of it alone counts 12 % too little or too much at most; parts
-/// are cut until that happens in few.
+/// Textures are read where light comes from when they are nearer than this many times the emitter's
+/// size. From there the point-to-point kernel varies over it by (1 ± 1/16)⁻², so that what glows on
+/// one side of it alone counts 12 % too little or too much at most; parts are cut until that
+/// happens in few.
 const NEAR_TEXTURE: f32 = 8.0;
 
 impl DirectLight<'_, '_> {
-    /// Share of the receiver's sky that an emitter takes if nothing is in between: the form factor; 0 from behind.
+    /// Share of the receiver's sky that an emitter takes if nothing is in between: the form factor;
+    /// 0 from behind.
     pub(super) fn form_factor(&self, e: &Emitter, p: &SurfacePoint) -> f32 {
         let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
-        // On the emitter's own face: rounding puts the point above or below it, and a polygon about the point has F = ±1.
+        // On the emitter's own face: rounding puts the point above or below it, and a polygon about
+        // the point has F = ±1.
         let height = e.normal.dot(p.position - e.corners[0]).abs();
         if height <= self.world.offset(p.position) && e.normal.dot(p.geometric).abs() > 0.99 {
             let faces_away = e.normal.dot(p.geometric) > 0.0;
@@ -51,8 +54,9 @@ impl DirectLight<'_, '_> {
         if unoccluded <= 0.0 {
             return;
         }
-        // A point on the triangle, its weight ∝ the light that comes from there. The part below the horizon is cut off, as it is
-        // from the closed form: else few samples might all fall there and lose the light.
+        // A point on the triangle, its weight ∝ the light that comes from there. The part below the
+        // horizon is cut off, as it is from the closed form: else few samples might all fall there
+        // and lose the light.
         let (pieces, count) = above_horizon(e.corners, p);
         let seen = |k: usize| {
             (k < count)
@@ -114,7 +118,8 @@ impl DirectLight<'_, '_> {
         random: [f32; 4],
         tally: &mut Tally,
     ) {
-        // A few triangles, such as a far rectangle's two, have their closed form like one; the sample says what of it is seen.
+        // A few triangles, such as a far rectangle's two, have their closed form like one; the
+        // sample says what of it is seen.
         let range = &self.emitters.nodes[node as usize];
         let members = &self.emitters.emitters[range.start as usize..range.end as usize];
         let closed = members.len() <= FEW && !tally.plainly;
@@ -165,7 +170,8 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// Share of light from the point `q` of emitter `e` that gets to `p`. The ray ends just before the emitter, which must not hide itself.
+    /// Share of light from the point `q` of emitter `e` that gets to `p`. The ray ends just before
+    /// the emitter, which must not hide itself.
     pub(super) fn passed(&self, p: &SurfacePoint, q: Vec3, e: &Emitter) -> Vec3 {
         let to = q - p.origin;
         // Stop as far off the emitter's plane as a receiver there would start.
@@ -178,8 +184,9 @@ impl DirectLight<'_, '_> {
         self.world.transmitted(p.origin, to, t_max)
     }
 
-    /// Radiance that counts for the point `q` of `e` at `p`: from near what the texture says there, and from far the part's mean, which is
-    /// what arrives, without the noise of a texture read at a few points.
+    /// Radiance that counts for the point `q` of `e` at `p`: from near what the texture says there,
+    /// and from far the part's mean, which is what arrives, without the noise of a texture read at
+    /// a few points.
     pub(super) fn radiance_at(&self, e: &Emitter, q: Vec3, p: &SurfacePoint) -> Vec3 {
         let size2 = (e.corners[1] - e.corners[0])
             .length_squared()
@@ -225,6 +232,7 @@ fn above_horizon(corners: [Vec3; 3], p: &SurfacePoint) -> ([[Vec3; 3]; 2], usize
         }
     }
     let [a, b, c, d] = kept;
-    // Nothing above (only by rounding, since the closed form found light): its corners get weight 0.
+    // Nothing above (only by rounding, since the closed form found light): its corners get weight
+    // 0.
     ([[a, b, c], [a, c, d]], n.saturating_sub(2))
 }

@@ -7,7 +7,8 @@ use crate::world::luminance;
 
 /// One sample of a light.
 pub(super) struct Sample {
-    /// Irradiance that it stands for if nothing is in between, or, beside a closed form, its weight in it times the radiance.
+    /// Irradiance that it stands for if nothing is in between, or, beside a closed form, its weight
+    /// in it times the radiance.
     pub value: Vec3,
     /// Share of it that arrives, per channel.
     pub passed: Vec3,
@@ -37,12 +38,13 @@ pub(super) struct Tally {
     pub rays: u32,
     /// Sums of lights that are estimated sample by sample.
     plain: Sums,
-    /// Sums of those that have a closed form: (per unit radiance) the form, and the samples' weights in it.
+    /// Sums of those that have a closed form: (per unit radiance) the form, and the samples'
+    /// weights in it.
     closed: Sums,
     unoccluded: f32,
     weight: f32,
-    /// Take samples for what they are. The ratio has a bias of order 1/n at the edges of shadows, which is nothing for a lumel with its
-    /// many samples but not for the one of `sample_one`.
+    /// Take samples for what they are. The ratio has a bias of order 1/n at the edges of shadows,
+    /// which is nothing for a lumel with its many samples but not for the one of `sample_one`.
     pub plainly: bool,
     /// Group of the last sample.
     pub group: usize,
@@ -59,8 +61,8 @@ pub(super) struct Mark {
 }
 
 impl Mark {
-    /// Squared difference between what these samples and the further ones up to `later` say, times the shares of both. `unoccluded` is
-    /// what the closed form has as mean.
+    /// Squared difference between what these samples and the further ones up to `later` say, times
+    /// the shares of both. `unoccluded` is what the closed form has as mean.
     fn difference(&self, later: &Mark, unoccluded: f32) -> f32 {
         if self.n == 0 || later.n <= self.n {
             return 0.0;
@@ -151,7 +153,8 @@ impl Tally {
         self.assumed = (self.count >= scouts && !self.mixed()).then_some(self.last);
     }
 
-    /// Share of a sample's light that gets through, by a ray that `cast` casts unless it is taken for granted.
+    /// Share of a sample's light that gets through, by a ray that `cast` casts unless it is taken
+    /// for granted.
     #[inline]
     pub(super) fn passed(&mut self, cast: impl FnOnce() -> Vec3) -> Vec3 {
         self.assumed.unwrap_or_else(|| {
@@ -160,7 +163,8 @@ impl Tally {
         })
     }
 
-    /// Luminance of what arrives, and of what would if nothing were in the way, after samples at `n` points.
+    /// Luminance of what arrives, and of what would if nothing were in the way, after samples at
+    /// `n` points.
     pub(super) fn luminances(&self, n: u32) -> [f32; 2] {
         let (plain, closed) = self.scales(n);
         [
@@ -228,8 +232,8 @@ impl Tally {
         self.plain.add(s, s.value);
     }
 
-    /// A point whose closed form is `unoccluded` (per unit radiance), with a sample of weight `weight` in it; the sample's value is the
-    /// weight times the radiance.
+    /// A point whose closed form is `unoccluded` (per unit radiance), with a sample of weight
+    /// `weight` in it; the sample's value is the weight times the radiance.
     pub(super) fn weighted(&mut self, unoccluded: f32, weight: f32, s: &Sample) {
         if self.plainly {
             self.plain(s);
@@ -249,7 +253,8 @@ impl Tally {
 
     /// Adds the light to `out` and `parts`, after samples at `n` points.
     ///
-    /// `marks` are sums after about a quarter and about half of the samples, for [`DirectEstimate::doubt`].
+    /// `marks` are sums after about a quarter and about half of the samples, for
+    /// [`DirectEstimate::doubt`].
     pub(super) fn finish(
         self,
         n: u32,

@@ -10,29 +10,32 @@ use crate::world::{SurfacePoint, luminance};
 /// Lamps beyond this number share their points by what they bring, as emissive triangles do.
 const MANY_LAMPS: usize = 8;
 
-/// A group of emitters is always taken as one when it is seen under less than this angle (radius over distance). At 0.1 the
-/// point-to-point kernel varies by at most (1.1/0.9)² over it; the sampling of points inside averages that out.
+/// A group of emitters is always taken as one when it is seen under less than this angle (radius
+/// over distance). At 0.1 the point-to-point kernel varies by at most (1.1/0.9)² over it; the
+/// sampling of points inside averages that out.
 const FAR_GROUP: f32 = 0.1;
 
-/// A group is always split that the receiver is nearer to than this many times its radius. Further off, the nearest of its emitters is at a
-/// fifth of the way to its middle at least; at its border one may be next to the receiver, which the group's weight knows nothing of, and
-/// what it brings over a probability so small is a spark.
+/// A group is always split that the receiver is nearer to than this many times its radius. Further
+/// off, the nearest of its emitters is at a fifth of the way to its middle at least; at its border
+/// one may be next to the receiver, which the group's weight knows nothing of, and what it brings
+/// over a probability so small is a spark.
 const NEAR: f32 = 1.5;
 
 /// Marks groups that must be split; above any weight.
 const INSIDE: f32 = f32::MAX;
 
-/// Terms where there are more emitters than may count singly: so that each has several points, which see a shadow's edge that one point
-/// misses. From 32 to 12 the error of a panel of 10,000 squares over boxes fell from 3.2 to 2.6 %, for less work; 4 did no
-/// better (docs/emitters.md).
+/// Terms where there are more emitters than may count singly: so that each has several points,
+/// which see a shadow's edge that one point misses. From 32 to 12 the error of a panel of 10,000
+/// squares over boxes fell from 3.2 to 2.6 %, for less work; 4 did no better (docs/emitters.md).
 const GROUPS: usize = 12;
 
-/// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen nested groups about it.
+/// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen
+/// nested groups about it.
 const MOST_TERMS: usize = 256;
 
 impl<'w> DirectLight<'w, '_> {
-    /// How many lamps share the work, and by which parts: `None` where they are few and each gets all of it. A part is 0 only where
-    /// the lamp's range ends before the receiver.
+    /// How many lamps share the work, and by which parts: `None` where they are few and each gets
+    /// all of it. A part is 0 only where the lamp's range ends before the receiver.
     pub(super) fn shares_of_lamps(&self, first: &SurfacePoint, scale: f32) -> Option<Vec<f32>> {
         let lights = &self.world.scene.lights;
         if lights.len() <= MANY_LAMPS {
@@ -69,12 +72,15 @@ impl<'w> DirectLight<'w, '_> {
         Some(shares)
     }
 
-    /// Which emissive triangles count singly and which groups whole, at most `most` of both, with roughly how much each brings.
+    /// Which emissive triangles count singly and which groups whole, at most `most` of both, with
+    /// roughly how much each brings.
     ///
-    /// A group that the receiver lies within is always split: a point drawn from it may be arbitrarily near, and 1/d² of that is a spark.
+    /// A group that the receiver lies within is always split: a point drawn from it may be
+    /// arbitrarily near, and 1/d² of that is a spark.
     ///
-    /// Starts from all emitters as one group and splits the one whose light is spread widest, until what is left is either a single
-    /// triangle or far away, or there are enough (Walter and others, *Lightcuts*, 2005).
+    /// Starts from all emitters as one group and splits the one whose light is spread widest, until
+    /// what is left is either a single triangle or far away, or there are enough (Walter and
+    /// others, *Lightcuts*, 2005).
     pub(super) fn emitter_terms(
         &self,
         first: &SurfacePoint,
@@ -110,7 +116,8 @@ impl<'w> DirectLight<'w, '_> {
         }
         /// A node with its weight, and how much there is to gain from splitting it.
         type Candidate = (u32, f32, f32);
-        // Closed forms while they last; then a few groups with several points each, which see a shadow's edge that one point misses.
+        // Closed forms while they last; then a few groups with several points each, which see a
+        // shadow's edge that one point misses.
         let most = if self.emitters.len() <= most {
             most
         } else {

@@ -32,7 +32,8 @@ fn estimate(scene: &Scene, point: SurfacePoint, options: &DirectOptions) -> Dire
     with_light(scene, |l| l.irradiance(|_| point, 0.0, 1, options))
 }
 
-/// A black floor in z = 0 and room above it; large, so that a lamp over it is a small part of the scene and is sampled.
+/// A black floor in z = 0 and room above it; large, so that a lamp over it is a small part of the
+/// scene and is sampled.
 fn floor() -> Scene {
     let mut scene = Scene::default();
     add_quad(
@@ -58,7 +59,8 @@ fn add_panel(scene: &mut Scene, a: f32, b: f32, z: f32, radiance: f32, double_si
     );
 }
 
-/// Form factor of [`add_panel`]'s rectangle from the origin, axis up: four corner rectangles (Howell, catalogue B-3).
+/// Form factor of [`add_panel`]'s rectangle from the origin, axis up: four corner rectangles
+/// (Howell, catalogue B-3).
 fn panel_form_factor(a: f64, b: f64, z: f64) -> f64 {
     let (x, y) = (0.5 * a / z, 0.5 * b / z);
     let (p, q) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
@@ -231,13 +233,15 @@ fn an_edge_over_the_middle_hides_half() {
         for seed in 0..10 {
             let at = receiver(Vec3::ZERO, Vec3::Z);
             let e = with_light(&scene, |l| l.irradiance(|_| at, 0.0, seed, &options));
-            // Each of the two triangles has `penumbra` rays, each a coin of spread ½ of that triangle's light: the sum of both has
-            // ½/√2 of it over √penumbra. Four of these; stratification only helps.
+            // Each of the two triangles has `penumbra` rays, each a coin of spread ½ of that
+            // triangle's light: the sum of both has ½/√2 of it over √penumbra. Four of these;
+            // stratification only helps.
             let sigma = 2.0 * exact * 0.5 / 2f64.sqrt() / (options.penumbra as f64).sqrt();
             let off = (e.irradiance.x as f64 - exact).abs();
             assert!(off < 4.0 * sigma, "{} {exact} {sigma}", e.irradiance);
             assert!(e.rays <= 2 * options.penumbra);
-            // Once it has looked closely at both triangles, the estimator's own figure is that same bound.
+            // Once it has looked closely at both triangles, the estimator's own figure is that same
+            // bound.
             if e.rays == 2 * options.penumbra {
                 let claimed = (e.variance as f64).sqrt();
                 assert!((0.5..1.3).contains(&(claimed / sigma)), "{claimed} {sigma}");
@@ -344,8 +348,8 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
         let mut mean = 0.0;
         for seed in 0..64 {
             let e = l.irradiance(|_| at, 0.0, seed, &options);
-            // 32 groups of an 8th to a 6th of a unit seen from 2: the kernel cos²/d² varies by ±10 % over one, which some 64 samples in
-            // all bring to 0.1/√64 = 1.2 %; four times that.
+            // 32 groups of an 8th to a 6th of a unit seen from 2: the kernel cos²/d² varies by ±10
+            // % over one, which some 64 samples in all bring to 0.1/√64 = 1.2 %; four times that.
             close(e.irradiance, exact, 0.05);
             assert!(e.rays <= 4 * 16 + 32, "{} rays", e.rays);
             mean += e.irradiance.x as f64 / 64.0;
@@ -440,7 +444,8 @@ fn one_sample_is_right_on_average_under_an_edge_and_at_the_horizon() {
 
 #[test]
 fn a_choice_made_for_a_patch_is_right_on_average_at_its_points() {
-    // Two lamps and a panel, of which a board hides one or the other from parts of the floor's patches.
+    // Two lamps and a panel, of which a board hides one or the other from parts of the floor's
+    // patches.
     let mut scene = floor();
     add_panel(&mut scene, 2.0, 2.0, 1.0, 3.0, false);
     for (x, intensity) in [(1.0, 2.0), (-2.0, 5.0)] {
@@ -485,7 +490,8 @@ fn a_choice_made_for_a_patch_is_right_on_average_at_its_points() {
             let mean = sum / f64::from(n);
             (mean, (squares / f64::from(n) - mean * mean) / f64::from(n))
         };
-        // Against the choice that each point makes for itself, which other tests hold against closed forms.
+        // Against the choice that each point makes for itself, which other tests hold against
+        // closed forms.
         let (one, a) = mean(&|seed| light.sample_one(&at, seed).0.x);
         let (on, b) = mean(&|seed| light.sample_on(&cut, patch, &at, seed ^ 0x55).0.x);
         let z = (one - on) / (a + b).sqrt();
@@ -569,7 +575,8 @@ fn lamps_are_seen_as_expected_or_the_receiver_must_look() {
         // A lamp that nobody knows of, and one of which half is said.
         assert_eq!(ask(&aside, [0b01, 0b00], 0.0), None);
         assert_eq!(ask(&aside, [0b11, 0b10], 0.0), None);
-        // Each brings 5 cosθ/d² = 0.89 at the origin: what is less than asked for is not looked for.
+        // Each brings 5 cosθ/d² = 0.89 at the origin: what is less than asked for is not looked
+        // for.
         assert_eq!(ask(&here, [0b11, 0b00], 1.0), Some(0));
     });
 }

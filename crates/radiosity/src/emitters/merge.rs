@@ -1,7 +1,8 @@
 //! Makes few large triangles of many small ones that shine alike.
 //!
-//! A luminous ceiling may come as ten thousand triangles, for its tessellation or for the modeller's grid. It is one polygon all
-//! the same, and its light is known in closed form however many triangles it is cut into: what its outline needs, two for a rectangle.
+//! A luminous ceiling may come as ten thousand triangles, for its tessellation or for the
+//! modeller's grid. It is one polygon all the same, and its light is known in closed form however
+//! many triangles it is cut into: what its outline needs, two for a rectangle.
 
 use std::cmp::Ordering;
 
@@ -9,19 +10,21 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::Emitter;
 
-/// A union replaces its parts where it has at most this share of their triangles: where it has not, a fan or a strip is as good as
-/// what ear clipping makes of the outline.
+/// A union replaces its parts where it has at most this share of their triangles: where it has not,
+/// a fan or a strip is as good as what ear clipping makes of the outline.
 const WORTHWHILE: f64 = 0.5;
 
-/// Areas before and after may differ by this, relative: each triangle's is good to 1e-7 (`f32`), and corners that are taken for
-/// points on a straight edge lie 1e-6 of the scene's size off it. More means overlaps or a hole that was taken for another's, and all stays
-/// as it was.
+/// Areas before and after may differ by this, relative: each triangle's is good to 1e-7 (`f32`),
+/// and corners that are taken for points on a straight edge lie 1e-6 of the scene's size off it.
+/// More means overlaps or a hole that was taken for another's, and all stays as it was.
 const SAME_AREA: f64 = 1e-4;
 
-/// Replaces edge-connected, coplanar triangles of one kind by a triangulation of their outline, in place. O(n log n).
+/// Replaces edge-connected, coplanar triangles of one kind by a triangulation of their outline, in
+/// place. O(n log n).
 ///
-/// `kind` tells which may be joined (the same light, the same sides); `slack` is how far off a plane or a line, in metres, a
-/// corner may lie: not more than what shadow rays end short of an emitter, since they must not meet the surface itself.
+/// `kind` tells which may be joined (the same light, the same sides); `slack` is how far off a
+/// plane or a line, in metres, a corner may lie: not more than what shadow rays end short of an
+/// emitter, since they must not meet the surface itself.
 pub(super) fn merge_coplanar(
     emitters: &mut Vec<Emitter>,
     kind: impl Fn(&Emitter) -> u32,
@@ -63,7 +66,8 @@ const NONE: u32 = u32::MAX;
 struct Links(Vec<[u32; 3]>);
 
 impl Links {
-    /// Two triangles are neighbours where one edge is, to the bit, the other's the other way round, and no third has it.
+    /// Two triangles are neighbours where one edge is, to the bit, the other's the other way round,
+    /// and no third has it.
     fn find(emitters: &[Emitter], kind: &impl Fn(&Emitter) -> u32) -> Self {
         // (least corner, greatest corner, kind), then who has it and which way round.
         let mut edges: Vec<([u32; 6], u32, u32, u8, bool)> = Vec::with_capacity(3 * emitters.len());
@@ -95,7 +99,8 @@ fn bits(p: Vec3) -> [u32; 3] {
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
-/// A plane through triangles, which grows surer with each: a single small one's normal is off by its corners' rounding over its size.
+/// A plane through triangles, which grows surer with each: a single small one's normal is off by
+/// its corners' rounding over its size.
 struct Plane {
     /// Σ area × normal, and Σ area × centre.
     normal: DVec3,
@@ -167,7 +172,8 @@ fn grow(
     region
 }
 
-/// The region's outline cut into triangles; `None` where that is not worth while or the outline is no plain polygon with holes.
+/// The region's outline cut into triangles; `None` where that is not worth while or the outline is
+/// no plain polygon with holes.
 fn retriangulate(
     emitters: &[Emitter],
     links: &Links,
@@ -199,7 +205,8 @@ fn retriangulate(
         let d = p.as_dvec3() - origin;
         DVec2::new(x.dot(d), y.dot(d))
     };
-    // The one that goes round the other way than holes do is the outer one; a connected region has one.
+    // The one that goes round the other way than holes do is the outer one; a connected region has
+    // one.
     let area = |l: &Vec<Vec3>| -> f64 {
         (0..l.len())
             .map(|i| flat(&l[i]).perp_dot(flat(&l[(i + 1) % l.len()])))
@@ -252,7 +259,8 @@ fn retriangulate(
     ((after / before - 1.0).abs() <= SAME_AREA).then_some(out)
 }
 
-/// The loops of edges that have no neighbour in the region, counter-clockwise about it; `None` where one point has several.
+/// The loops of edges that have no neighbour in the region, counter-clockwise about it; `None`
+/// where one point has several.
 fn outline(emitters: &[Emitter], links: &Links, region: &[u32]) -> Option<Vec<Vec<Vec3>>> {
     let within = |k: u32| k != NONE && region.binary_search(&k).is_ok();
     let mut edges: Vec<([u32; 3], Vec3, Vec3)> = Vec::new();
@@ -287,8 +295,8 @@ fn outline(emitters: &[Emitter], links: &Links, region: &[u32]) -> Option<Vec<Ve
     Some(loops)
 }
 
-/// Leaves out corners that lie on the line between others (Douglas and Peucker, 1973), which no corner then lies farther from than
-/// `slack`.
+/// Leaves out corners that lie on the line between others (Douglas and Peucker, 1973), which no
+/// corner then lies farther from than `slack`.
 fn straighten(corners: &[Vec3], slack: &impl Fn(Vec3) -> f32) -> Vec<Vec3> {
     let n = corners.len();
     // Two corners that stay for certain: the first by position, and the farthest from it.

@@ -1,9 +1,10 @@
 //! Cuts textured emissive triangles where they are bright.
 //!
-//! A sign that glows in a large dark texture is one triangle to a renderer and a small lamp to a receiver: points spread
-//! over all of the triangle miss it most of the time, and its mean radiance says nothing about where its light comes
-//! from. So such triangles are cut into four similar parts, and these again, as long as radiance changes over them; black
-//! parts are left out. What remains are emitters of nearly one radiance each, which a hierarchy can tell near from far.
+//! A sign that glows in a large dark texture is one triangle to a renderer and a small lamp to a
+//! receiver: points spread over all of the triangle miss it most of the time, and its mean radiance
+//! says nothing about where its light comes from. So such triangles are cut into four similar
+//! parts, and these again, as long as radiance changes over them; black parts are left out. What
+//! remains are emitters of nearly one radiance each, which a hierarchy can tell near from far.
 
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
@@ -13,24 +14,27 @@ use super::Emitter;
 use crate::world::{World, luminance};
 use mesh_ingest::{Scene, Soup};
 
-/// Parts of all triangles at most: 5 MB of emitters. With a quarter as many a photograph over a wall is still cut to 16,000.
+/// Parts of all triangles at most: 5 MB of emitters. With a quarter as many a photograph over a
+/// wall is still cut to 16,000.
 const MOST_PARTS: usize = 1 << 16;
 
 /// Depth at most: 4⁶ parts of a triangle, 1/64 of its edge each.
 const MOST_LEVELS: u32 = 6;
 
-/// Finest parts looked at in all, and texture samples in all: half a second on one core, however many triangles share them.
+/// Finest parts looked at in all, and texture samples in all: half a second on one core, however
+/// many triangles share them.
 const MOST_CELLS: usize = 1 << 20;
 const MOST_SAMPLES: usize = 1 << 23;
 
 /// Texture samples a triangle may have whatever the number of triangles, and at most.
 const SAMPLES: std::ops::RangeInclusive<usize> = 4..=1 << 16;
 
-/// Samples that tell the mean of a few large texels, whose edges lie anyhow, to a tenth of a per cent.
+/// Samples that tell the mean of a few large texels, whose edges lie anyhow, to a tenth of a per
+/// cent.
 const WELL_KNOWN: usize = 1 << 14;
 
-/// Radiance that spreads (standard deviation over mean) by less is taken as even: a few points of the part tell its mean to
-/// a few per cent then, and cutting it would cost more than it gains.
+/// Radiance that spreads (standard deviation over mean) by less is taken as even: a few points of
+/// the part tell its mean to a few per cent then, and cutting it would cost more than it gains.
 const EVEN: f32 = 0.1;
 
 const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
@@ -85,7 +89,8 @@ fn look(scene: &Scene, soup: &Soup, triangle: u32, [a, b, c]: [Vec2; 3], n: u32)
     }
 }
 
-/// About how many texels cover the triangle, `most` at most: as many as [`Scene::mean_over`] takes samples.
+/// About how many texels cover the triangle, `most` at most: as many as [`Scene::mean_over`] takes
+/// samples.
 fn texels(scene: &Scene, soup: &Soup, triangle: u32, most: usize) -> u32 {
     let count = Cell::new(0u32);
     scene.mean_over(soup, triangle, WHOLE, most as u32, |_, _| {
@@ -99,11 +104,13 @@ fn texels(scene: &Scene, soup: &Soup, triangle: u32, most: usize) -> u32 {
 pub(crate) struct Brightness {
     /// Mean luminance.
     pub mean: f32,
-    /// Mean luminance of the light, not of the surface: ∫L²/∫L. That of the sign, where a sign glows in a dark texture.
+    /// Mean luminance of the light, not of the surface: ∫L²/∫L. That of the sign, where a sign
+    /// glows in a dark texture.
     pub bright: f32,
 }
 
-/// Brightness of the given triangles; dark ones have zeros. O(1) texture samples in all, and one a triangle.
+/// Brightness of the given triangles; dark ones have zeros. O(1) texture samples in all, and one a
+/// triangle.
 pub(crate) fn brightness(scene: &Scene, soup: &Soup, triangles: &[u32]) -> Vec<Brightness> {
     let textured = triangles
         .iter()
@@ -128,7 +135,8 @@ pub(crate) fn brightness(scene: &Scene, soup: &Soup, triangles: &[u32]) -> Vec<B
         .collect()
 }
 
-/// The four similar triangles between the corners and the middles of the edges, all wound like the whole.
+/// The four similar triangles between the corners and the middles of the edges, all wound like the
+/// whole.
 fn quarters<P>([a, b, c]: [P; 3]) -> [[P; 3]; 4]
 where
     P: Copy + std::ops::Add<Output = P> + std::ops::Mul<f32, Output = P>,
@@ -137,14 +145,16 @@ where
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// A triangle's radiance at every level of its quartering: level *l* has 4^l cells, and cell *i* those at 4*i* and on of the next.
+/// A triangle's radiance at every level of its quartering: level *l* has 4^l cells, and cell *i*
+/// those at 4*i* and on of the next.
 struct Pyramid {
     triangle: u32,
     levels: Vec<Vec<Look>>,
 }
 
 impl Pyramid {
-    /// Looks at the finest level and averages from there, so that the means of parts add up to that of the whole.
+    /// Looks at the finest level and averages from there, so that the means of parts add up to that
+    /// of the whole.
     fn build(world: &World, triangle: u32, most_levels: u32, samples: usize) -> Self {
         let (scene, soup) = (world.scene, world.soup);
         let texels = texels(scene, soup, triangle, samples);
@@ -154,7 +164,8 @@ impl Pyramid {
         for _ in 0..depth {
             parts = parts.into_iter().flat_map(quarters).collect();
         }
-        // Means count from afar: several samples for each texel that a cell's edge may cross, as far as there are.
+        // Means count from afar: several samples for each texel that a cell's edge may cross, as
+        // far as there are.
         let wanted = (4 * texels as usize).max(WELL_KNOWN).min(samples);
         let each = ((wanted >> (2 * depth)) as u32).isqrt().max(1);
         let finest: Vec<Look> = parts
@@ -181,16 +192,19 @@ impl Pyramid {
 
 /// A cell that may be cut.
 struct Cut {
-    /// Flux that is not where an even part would have it: spread × area. A cell has never more than the one it is part of.
+    /// Flux that is not where an even part would have it: spread × area. A cell has never more than
+    /// the one it is part of.
     gain: f32,
     pyramid: u32,
     level: u32,
     cell: u32,
 }
 
-/// The parts of `triangles`, whose emission varies, as emitters. Together they cover all that shines of each triangle.
+/// The parts of `triangles`, whose emission varies, as emitters. Together they cover all that
+/// shines of each triangle.
 ///
-/// The cells with the most flux in the wrong place are cut first, until [`MOST_PARTS`] are there. Deterministic.
+/// The cells with the most flux in the wrong place are cut first, until [`MOST_PARTS`] are there.
+/// Deterministic.
 pub(super) fn subdivide(world: &World, triangles: &[u32]) -> Vec<Emitter> {
     if triangles.is_empty() {
         return Vec::new();

@@ -98,7 +98,8 @@ fn polygon(p: &SurfacePoint, [o, x, y]: [Vec3; 3]) -> f64 {
     std::f64::consts::PI * form_factor_polygon(p.position.as_dvec3(), p.normal.as_dvec3(), &corners)
 }
 
-/// Mean, root mean square deviation from `exact` (both relative to it) and shadow rays of `n` estimates with different seeds.
+/// Mean, root mean square deviation from `exact` (both relative to it) and shadow rays of `n`
+/// estimates with different seeds.
 fn statistics(
     world: &World,
     emitters: &Emitters,
@@ -168,7 +169,8 @@ fn ten_thousand_triangles_in_one_plane_are_the_rectangle_exactly() {
 
 #[test]
 fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average() {
-    // Each square by itself, so that none can be joined: up and down by 0.03 mm, which changes no light.
+    // Each square by itself, so that none can be joined: up and down by 0.03 mm, which changes no
+    // light.
     let mut many = floor();
     add_grid(
         &mut many,
@@ -180,7 +182,8 @@ fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average(
     );
     with_emitters(&many, |world, emitters| {
         assert!(emitters.len() > 5000);
-        // Measured 0.5, 0.9, 1.2, 4.3 and 2.3 %: what drawing points of a group leaves. Half as much again.
+        // Measured 0.5, 0.9, 1.2, 4.3 and 2.3 %: what drawing points of a group leaves. Half as
+        // much again.
         for (p, noise) in receivers().iter().zip([0.007, 0.014, 0.018, 0.065, 0.034]) {
             let exact = polygon(p, panel(3.9));
             let n = 128;
@@ -189,7 +192,8 @@ fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average(
             // Four standard errors of the mean.
             let error = 4.0 * rms / f64::from(n).sqrt();
             assert!(bias.abs() < error, "{bias} ± {error} at {}", p.position);
-            // 4 × 16 shared points and one a term; close to the panel, where terms surround the receiver, up to 256 terms.
+            // 4 × 16 shared points and one a term; close to the panel, where terms surround the
+            // receiver, up to 256 terms.
             let limit = if p.position.z > 3.0 {
                 64.0 + 256.0
             } else {
@@ -233,7 +237,8 @@ fn lamps_all_over_a_hall_are_told_by_where_they_face() {
     with_emitters(&scene, |world, emitters| {
         assert_eq!(emitters.len(), 9996);
         for (p, noise) in receivers().iter().zip([0.04, 0.04, 0.05]) {
-            // Without shadows, which take 1 % at most of this light: the sum of ten thousand closed forms.
+            // Without shadows, which take 1 % at most of this light: the sum of ten thousand closed
+            // forms.
             let exact: f64 = emitters
                 .emitters
                 .iter()
@@ -244,7 +249,8 @@ fn lamps_all_over_a_hall_are_told_by_where_they_face() {
                 })
                 .sum();
             let (bias, rms, rays) = statistics(world, emitters, p, exact, 64);
-            // Measured 2.4, 2.5 and 3.2 %. By power alone, with no regard to where faces look, it was 7, 7 and 10 %.
+            // Measured 2.4, 2.5 and 3.2 %. By power alone, with no regard to where faces look, it
+            // was 7, 7 and 10 %.
             assert!(rms < noise, "{rms} at {}", p.position);
             assert!((-0.015..0.01).contains(&bias), "{bias} at {}", p.position);
             assert!(rays <= 64.0 + 32.0 + 32.0, "{rays} rays at {}", p.position);
@@ -290,7 +296,8 @@ fn picks_are_as_likely_as_they_say() {
     });
 }
 
-/// A panel of 4 × 2 m at z = 3.9 with a texture of `size` texels across: white where `bright`, black elsewhere.
+/// A panel of 4 × 2 m at z = 3.9 with a texture of `size` texels across: white where `bright`,
+/// black elsewhere.
 fn textured_panel(size: u32, bright: impl Fn(u32, u32) -> u8) -> Scene {
     let mut scene = floor();
     let pixels = (0..size * size)
@@ -338,7 +345,8 @@ fn a_small_sign_in_a_dark_texture_is_a_small_lamp() {
     let ([[u0, v0], [u1, v1]], corner) = (SIGN, at(SIGN[0][0], SIGN[0][1]));
     let sign = [corner, at(u1, v0) - corner, at(u0, v1) - corner];
     with_emitters(&scene, |world, emitters| {
-        // Cut down to the sign: its area to within the finest parts, 1/64 of the edge, about its rim.
+        // Cut down to the sign: its area to within the finest parts, 1/64 of the edge, about its
+        // rim.
         let area: f32 = emitters.emitters.iter().map(|e| e.area).sum();
         let rim = 2.0 * (sign[1].length() / 2.0 * 4.0 / 64.0 * 2.0 + sign[2].length() * 2.0 / 64.0);
         let own = sign[1].length() * sign[2].length();
@@ -353,7 +361,8 @@ fn a_small_sign_in_a_dark_texture_is_a_small_lamp() {
             ..emitters.emitters[0]
         });
         let whole = Emitters::new(whole.to_vec());
-        // Measured 0.24, 0.43, 0.40, 1.3 and 2.0 %: what drawing from groups of parts leaves. Half as much again.
+        // Measured 0.24, 0.43, 0.40, 1.3 and 2.0 %: what drawing from groups of parts leaves. Half
+        // as much again.
         for (p, noise) in receivers().iter().zip([0.004, 0.007, 0.006, 0.02, 0.03]) {
             let exact = polygon(p, sign);
             let (bias, rms, rays) = statistics(world, emitters, p, exact, 64);
@@ -361,7 +370,8 @@ fn a_small_sign_in_a_dark_texture_is_a_small_lamp() {
             assert!(rays <= 1.5 * rays_before.max(32.0), "{rays} {rays_before}");
             assert!(rms < noise, "{rms} at {}", p.position);
             assert!(before > 10.0 * rms, "{before} {rms} at {}", p.position);
-            // The finest parts know the sign's rim to 1/64 of the panel; from near the texture itself is read.
+            // The finest parts know the sign's rim to 1/64 of the panel; from near the texture
+            // itself is read.
             assert!(bias.abs() < 0.01, "{bias} at {}", p.position);
         }
     });
@@ -402,7 +412,8 @@ fn parts_cover_what_shines_and_send_what_it_sends() {
                 }
                 sent += flux;
             }
-            // Exactly: the mean of the texels, of which the panel's 8 m² hold each once (decoded by IEC 61966-2-1).
+            // Exactly: the mean of the texels, of which the panel's 8 m² hold each once (decoded by
+            // IEC 61966-2-1).
             let image = world.scene.images[0].as_ref().expect("a picture");
             let linear = |x: u8| match f64::from(x) / 255.0 {
                 x if x <= 0.04045 => x / 12.92,
@@ -410,7 +421,8 @@ fn parts_cover_what_shines_and_send_what_it_sends() {
             };
             let sum: f64 = image.pixels.iter().map(|p| linear(p[0])).sum();
             let exact = sum / image.pixels.len() as f64 * 8.0;
-            // 2^14 samples or four a texel: what they miss of the edges between texels of noise, 0.1 % and less; f32 sums.
+            // 2^14 samples or four a texel: what they miss of the edges between texels of noise,
+            // 0.1 % and less; f32 sums.
             assert!((sent / exact - 1.0).abs() < 2e-3, "{sent} {exact}");
         });
     }
@@ -471,7 +483,8 @@ fn an_outline_with_a_hole_and_a_corner_is_kept() {
                 - polygon(&p, part(0.25, 0.25, 0.75, 0.75))
                 - polygon(&p, part(0.875, 0.875, 1.0, 1.0));
             let (bias, rms, _) = statistics(world, emitters, &p, exact, 8);
-            // Exact but for the two small triangles at the corner, which are a group from afar and 1 % of the light.
+            // Exact but for the two small triangles at the corner, which are a group from afar and
+            // 1 % of the light.
             assert!(rms < 2e-3, "{bias} {rms} at {}", p.position);
         }
     });
@@ -535,7 +548,8 @@ fn bent_sheets_backs_and_other_lights_are_not_joined() {
 
 #[test]
 fn a_dim_triangle_with_a_bright_sign_is_sampled() {
-    // Under a luminous ceiling, whose light makes the border: the sign's mean is a hundredth of it, its texels are not.
+    // Under a luminous ceiling, whose light makes the border: the sign's mean is a hundredth of it,
+    // its texels are not.
     let mut scene = sign();
     let m = &mut scene.materials[1];
     m.emissive = Vec3::splat(20.0);

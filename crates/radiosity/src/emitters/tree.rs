@@ -13,7 +13,8 @@ pub(crate) struct Node {
     pub origin: Vec3,
     /// Σ luminance × area.
     pub power: f32,
-    /// All fronts face within an angle of this whose cosine is `cos_spread`: −1 where a side may face anywhere.
+    /// All fronts face within an angle of this whose cosine is `cos_spread`: −1 where a side may
+    /// face anywhere.
     pub axis: Vec3,
     pub cos_spread: f32,
     /// Emitters `[start, end)`.
@@ -30,12 +31,14 @@ impl Node {
         self.cos_spread > ALIKE && self.radius * self.radius < SMALL * SMALL * d2
     }
 
-    /// About how much irradiance (luminance × π) its emitters bring to a receiver; 0 only where they bring none.
+    /// About how much irradiance (luminance × π) its emitters bring to a receiver; 0 only where
+    /// they bring none.
     ///
-    /// power × cosθ cosθ'/d² (after Conty Estevez & Kulla, *Importance sampling of many lights with adaptive tree splitting*, 2018), where the
-    /// cosines are no less than those of any point and face of the node: a ball under the angle whose sine is s adds at most s to a
-    /// cosine that is above 0, and where the two together are not above 0 all of it is hidden. `scale` is the receiver's size in
-    /// metres; one with a normal of length 0 receives from all sides.
+    /// power × cosθ cosθ'/d² (after Conty Estevez & Kulla, *Importance sampling of many lights with
+    /// adaptive tree splitting*, 2018), where the cosines are no less than those of any point and
+    /// face of the node: a ball under the angle whose sine is s adds at most s to a cosine that is
+    /// above 0, and where the two together are not above 0 all of it is hidden. `scale` is the
+    /// receiver's size in metres; one with a normal of length 0 receives from all sides.
     #[inline]
     pub(crate) fn importance(&self, p: Vec3, normal: Vec3, scale: f32) -> f32 {
         let d2 = self.origin.distance_squared(p);
@@ -74,10 +77,12 @@ impl Node {
     }
 }
 
-/// A thousandth of a right angle for rounding, and so that nothing has a probability too small to divide by.
+/// A thousandth of a right angle for rounding, and so that nothing has a probability too small to
+/// divide by.
 const ROUNDING: f32 = 1e-3;
 
-/// A node is small when it is seen under less than this angle (radius over distance): 1/d² varies by a tenth to either side then.
+/// A node is small when it is seen under less than this angle (radius over distance): 1/d² varies
+/// by a tenth to either side then.
 const SMALL: f32 = 0.05;
 
 /// The cosine of an angle within which faces look alike: 18°.
@@ -127,7 +132,8 @@ fn ball(part: &[Emitter]) -> (Vec3, f32, Vec3) {
     (centre, radius, high - low)
 }
 
-/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since halves are equal.
+/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since
+/// halves are equal.
 fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
     let part = &mut emitters[start..end];
     let id = nodes.len();
@@ -140,7 +146,8 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
     let key = |e: &Emitter| e.corners[0][axis] + e.corners[1][axis] + e.corners[2][axis];
     let middle = part.len() / 2;
     part.select_nth_unstable_by(middle, |a, b| {
-        // Parts of one triangle may share a key and a triangle, never a first corner and all of the others.
+        // Parts of one triangle may share a key and a triangle, never a first corner and all of the
+        // others.
         (key(a).total_cmp(&key(b)))
             .then(a.triangle.cmp(&b.triangle))
             .then_with(|| order(&a.corners, &b.corners))

@@ -1,8 +1,8 @@
 use super::*;
 use std::f64::consts::PI;
 
-/// A rectangle a × b above the origin's tangent plane at height c, one corner straight above the point:
-/// F = 1/2π (A/√(1+A²) atan(B/√(1+A²)) + B/√(1+B²) atan(A/√(1+B²))), A = a/c, B = b/c
+/// A rectangle a × b above the origin's tangent plane at height c, one corner straight above the
+/// point: F = 1/2π (A/√(1+A²) atan(B/√(1+A²)) + B/√(1+B²) atan(A/√(1+B²))), A = a/c, B = b/c
 /// (Howell, *A catalog of radiation heat transfer configuration factors*, B-3).
 fn corner_rectangle(a: f64, b: f64, c: f64) -> f64 {
     let (x, y) = (a / c, b / c);
@@ -88,7 +88,8 @@ fn the_inside_of_a_cube_sums_to_one_wherever_one_stands() {
     }
 }
 
-/// Nodes and weights of the eight-point Gauss–Legendre rule on [−1, 1], positive half (Abramowitz & Stegun, table 25.4).
+/// Nodes and weights of the eight-point Gauss–Legendre rule on [−1, 1], positive half (Abramowitz &
+/// Stegun, table 25.4).
 const GAUSS: [(f64, f64); 4] = [
     (0.183_434_642_495_649_8, 0.362_683_783_378_362),
     (0.525_532_409_916_329, 0.313_706_645_877_887_27),
@@ -96,8 +97,8 @@ const GAUSS: [(f64, f64); 4] = [
     (0.960_289_856_497_536_3, 0.101_228_536_290_376_26),
 ];
 
-/// Points and weights on [0, 1] for functions that change within `layer` of either end and are smooth elsewhere: Gauss panels that
-/// double in width from the ends to the middle.
+/// Points and weights on [0, 1] for functions that change within `layer` of either end and are
+/// smooth elsewhere: Gauss panels that double in width from the ends to the middle.
 fn graded(layer: f64) -> Vec<(f64, f64)> {
     let mut borders = vec![0.0];
     let mut x = (layer / 16.0).min(0.25);
@@ -119,7 +120,8 @@ fn graded(layer: f64) -> Vec<(f64, f64)> {
     points
 }
 
-/// Mean over the rectangle `corner + s x + t y` with normal `n` of the form factor to `polygon`; `layers` as in [`graded`], one a side.
+/// Mean over the rectangle `corner + s x + t y` with normal `n` of the form factor to `polygon`;
+/// `layers` as in [`graded`], one a side.
 fn mean_factor(
     corner: DVec3,
     [x, y]: [DVec3; 2],
@@ -137,8 +139,9 @@ fn mean_factor(
     sum
 }
 
-/// Opposed rectangles a × b at distance c: F = 2/(πXY) {½ ln[(1+X²)(1+Y²)/(1+X²+Y²)] + X√(1+Y²) atan(X/√(1+Y²)) + Y√(1+X²)
-/// atan(Y/√(1+X²)) − X atan X − Y atan Y}, X = a/c, Y = b/c (Howell, *Catalog*, C-11).
+/// Opposed rectangles a × b at distance c: F = 2/(πXY) {½ ln[(1+X²)(1+Y²)/(1+X²+Y²)] + X√(1+Y²)
+/// atan(X/√(1+Y²)) + Y√(1+X²) atan(Y/√(1+X²)) − X atan X − Y atan Y}, X = a/c, Y = b/c (Howell,
+/// *Catalog*, C-11).
 fn opposed(a: f64, b: f64, c: f64) -> f64 {
     let (x, y) = (a / c, b / c);
     let (p, q) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
@@ -147,7 +150,8 @@ fn opposed(a: f64, b: f64, c: f64) -> f64 {
         * (log + x * q * (x / q).atan() + y * p * (y / p).atan() - x * x.atan() - y * y.atan())
 }
 
-/// Rectangles w × 1 and h × 1 at right angles with the common edge 1, from the one of depth w: Howell, *Catalog*, C-14.
+/// Rectangles w × 1 and h × 1 at right angles with the common edge 1, from the one of depth w:
+/// Howell, *Catalog*, C-14.
 fn perpendicular(w: f64, h: f64) -> f64 {
     let (w2, h2) = (w * w, h * h);
     let s = w2 + h2;
@@ -178,8 +182,9 @@ fn opposed_rectangles_match_the_catalogue_from_afar_to_near_contact() {
                 &above,
             );
             let exact = opposed(a, b, d);
-            // Panels that double in width, with the kernel's poles a panel's width off: 16 digits' worth of Gauss points gives about
-            // ((2 + √3))^−16 = 1e-9. The catalogue's formula cancels (1/XY)² terms: 1e-16 × (d²/ab)² × XY at the far end.
+            // Panels that double in width, with the kernel's poles a panel's width off: 16 digits'
+            // worth of Gauss points gives about ((2 + √3))^−16 = 1e-9. The catalogue's formula
+            // cancels (1/XY)² terms: 1e-16 × (d²/ab)² × XY at the far end.
             let rounding = 1e-15 * (d * d / (a * b)).max(1.0).powi(2);
             assert!(
                 (f / exact - 1.0).abs() < 2e-9 + rounding,
@@ -194,7 +199,8 @@ fn perpendicular_rectangles_match_the_catalogue_over_all_aspects() {
     assert!((perpendicular(1.0, 1.0) - 0.200_044).abs() < 5e-7);
     for w in [0.01, 0.1, 0.5, 1.0, 3.0, 10.0, 100.0] {
         for h in [0.01, 0.1, 1.0, 7.0, 100.0] {
-            // The floor w deep from x = 0, the wall on x = 0, h high, front towards +x; both from y = 0 to 1.
+            // The floor w deep from x = 0, the wall on x = 0, h high, front towards +x; both from y
+            // = 0 to 1.
             let wall = [
                 DVec3::ZERO,
                 DVec3::Y,
@@ -209,8 +215,9 @@ fn perpendicular_rectangles_match_the_catalogue_over_all_aspects() {
                 &wall,
             );
             let exact = perpendicular(w, h);
-            // Panels of relative width 1 reach down to 1e-10 of either side; the corner left out is 1e-10 of the mean, the catalogue's
-            // formula loses (1/w + 1/h + w + h)² of 1e-16 to cancellation.
+            // Panels of relative width 1 reach down to 1e-10 of either side; the corner left out is
+            // 1e-10 of the mean, the catalogue's formula loses (1/w + 1/h + w + h)² of 1e-16 to
+            // cancellation.
             let rounding = 1e-15 * (1.0 / w + 1.0 / h + w + h).powi(3);
             assert!(
                 (f / exact - 1.0).abs() < 2e-9 + rounding,
@@ -222,7 +229,8 @@ fn perpendicular_rectangles_match_the_catalogue_over_all_aspects() {
     }
 }
 
-/// Form factor from a point to a disc of radius `r` at height `z` about the axis, as `n` triangles with the disc's area.
+/// Form factor from a point to a disc of radius `r` at height `z` about the axis, as `n` triangles
+/// with the disc's area.
 fn disc_factor(point: DVec3, r: f64, z: f64, n: usize) -> f64 {
     let step = 2.0 * PI / n as f64;
     // The inscribed polygon's area is n/2 r² sin(2π/n).
@@ -243,14 +251,16 @@ fn disc_factor(point: DVec3, r: f64, z: f64, n: usize) -> f64 {
 fn a_disc_over_a_point_on_its_axis_and_off_it() {
     for z in [10.0, 1.0, 0.1, 1e-2] {
         for offset in [0.0, 0.5, 1.5, 4.0] {
-            // F = ½ (1 − (1 + H² − R²)/√(Z² − 4R²)) with H = z/a, R = r/a, Z = 1 + H² + R², a the offset (Howell, *Catalog*, B-12);
-            // multiplied through by a², so that a = 0 gives r²/(r² + z²).
+            // F = ½ (1 − (1 + H² − R²)/√(Z² − 4R²)) with H = z/a, R = r/a, Z = 1 + H² + R², a the
+            // offset (Howell, *Catalog*, B-12); multiplied through by a², so that a = 0 gives
+            // r²/(r² + z²).
             let (a2, h2): (f64, f64) = (offset * offset, z * z);
             let sum = a2 + h2 + 1.0;
             let exact = 0.5 * (1.0 - (a2 + h2 - 1.0) / (sum * sum - 4.0 * a2).sqrt());
             let f = disc_factor(DVec3::new(offset, 0.0, 0.0), 1.0, z, 1024);
-            // A polygon of the same area differs from the disc by the order of its angle squared, in strips at the rim that cancel but
-            // for the kernel's change across them: (2π/1024)² = 4e-5 of the light from within a strip's width.
+            // A polygon of the same area differs from the disc by the order of its angle squared,
+            // in strips at the rim that cancel but for the kernel's change across them: (2π/1024)²
+            // = 4e-5 of the light from within a strip's width.
             assert!(
                 (f - exact).abs() < 4e-5 * exact,
                 "z {z}, off {offset}: {f} {exact}"
@@ -267,7 +277,8 @@ fn coaxial_discs_match_the_catalogue() {
         (1.0, 2.0, 0.5),
         (0.3, 1.0, 1.0),
     ] {
-        // F12 = ½ (X − √(X² − 4 (R2/R1)²)), X = 1 + (1 + R2²)/R1², R = r/h (Howell, *Catalog*, C-41).
+        // F12 = ½ (X − √(X² − 4 (R2/R1)²)), X = 1 + (1 + R2²)/R1², R = r/h (Howell, *Catalog*,
+        // C-41).
         let (a, b): (f64, f64) = (r1 / h, r2 / h);
         let x = 1.0 + (1.0 + b * b) / (a * a);
         let exact = 0.5 * (x - (x * x - 4.0 * (b / a).powi(2)).sqrt());
@@ -301,7 +312,8 @@ fn a_needle_and_a_plate_without_end() {
             "{a} {b} {c}: {f} {exact}"
         );
     }
-    // Between infinite plates all that one sends arrives: what a plate 1e6 wide misses is (2c/w)² of it.
+    // Between infinite plates all that one sends arrives: what a plate 1e6 wide misses is (2c/w)²
+    // of it.
     let w = 1e6;
     let plate = facing_rectangle(w, w, 1.0).map(|p| p - DVec3::new(0.5 * w, 0.5 * w, 0.0));
     let f = form_factor_polygon(DVec3::ZERO, DVec3::Z, &plate);

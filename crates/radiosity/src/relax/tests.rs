@@ -21,8 +21,8 @@ fn random(i: usize, salt: u32) -> f64 {
 }
 
 impl Problem {
-    /// Red has the same reflectance `rho` everywhere (the slowest case), green varies up to it, blue has half of it. A tenth of the
-    /// patches gets light.
+    /// Red has the same reflectance `rho` everywhere (the slowest case), green varies up to it,
+    /// blue has half of it. A tenth of the patches gets light.
     fn new(rho: f64) -> Self {
         let scene = cube(0.5, glam::Vec3::ZERO);
         let soup = Soup::build(&scene);
@@ -59,7 +59,8 @@ impl Problem {
         }
     }
 
-    /// The solution by Gaussian elimination with partial pivoting of `I − Fρ`, each channel for itself.
+    /// The solution by Gaussian elimination with partial pivoting of `I − Fρ`, each channel for
+    /// itself.
     fn eliminate(&self) -> Vec<DVec3> {
         let n = self.area.len();
         let mut out = vec![DVec3::ZERO; n];
@@ -129,8 +130,8 @@ fn check(rho: f64, sweeps: u32) -> RelaxReport {
         error <= report.residual + 1e-10,
         "rho {rho}: error {error:e}, {report:?}"
     );
-    // No patch is left out: one has a 96th of the area, so its error may be 96 × 1e-8 of the mean, and the dimmest get a tenth of
-    // the mean.
+    // No patch is left out: one has a 96th of the area, so its error may be 96 × 1e-8 of the mean,
+    // and the dimmest get a tenth of the mean.
     for (a, b) in x.iter().zip(&exact) {
         assert!((*a - *b).abs().max_element() < 1e-5 * b.max_element().max(1e-3));
     }
@@ -151,7 +152,8 @@ fn bicgstab_alone_finds_the_solution() {
     for rho in [0.5, 0.9, 0.999] {
         let report = check(rho, 0);
         assert!(report.shots == 0 && report.iterations > 0, "{report:?}");
-        // Superlinear: the factor that shooting needs, ln 1e-8 / ln 0.999 = 18000 sweeps, plays no part.
+        // Superlinear: the factor that shooting needs, ln 1e-8 / ln 0.999 = 18000 sweeps, plays no
+        // part.
         assert!(report.iterations < 60, "{report:?}");
     }
 }
@@ -208,7 +210,8 @@ fn the_residual_bounds_the_error_on_the_way() {
                     error <= report.residual,
                     "rho {rho}, sweeps {sweeps}, limit {limit}: error {error:e}, {report:?}"
                 );
-                // A bound that is always huge would pass as well: for the constant channel it is nearly reached.
+                // A bound that is always huge would pass as well: for the constant channel it is
+                // nearly reached.
                 compared += (error > 0.01 * report.residual) as u32;
             }
             assert!(compared > 1, "rho {rho}, sweeps {sweeps}: {compared}");

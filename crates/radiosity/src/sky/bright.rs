@@ -7,15 +7,16 @@ use glam::Vec3;
 use super::Sky;
 use crate::world::luminance;
 
-/// What exceeds this many times the mean radiance is sampled. Gathering rays meet what is below often enough; above, one ray in so many
-/// would bring more light than all the others. Emissive surfaces have the same border.
+/// What exceeds this many times the mean radiance is sampled. Gathering rays meet what is below
+/// often enough; above, one ray in so many would bring more light than all the others. Emissive
+/// surfaces have the same border.
 const BORDER: f64 = 4.0;
 
 /// Cells at most. Each is a light of its own to every receiver.
 const CELLS: usize = 32;
 
-/// Cells narrower than this (half the diagonal of the box about their directions, about radians) are left whole: the cosine at a
-/// receiver changes little over them.
+/// Cells narrower than this (half the diagonal of the box about their directions, about radians)
+/// are left whole: the cosine at a receiver changes little over them.
 const NARROW: f32 = 0.08;
 
 /// What a sky sends beyond [`BORDER`] times its mean, in cells of neighbouring pixels.
@@ -174,8 +175,9 @@ impl BrightSky {
         out
     }
 
-    /// A direction into the cell, drawn in proportion to what comes from there, and the light of the whole cell as if all of it came
-    /// from there: Σ L Ω, W/m² or lx on a surface that faces it.
+    /// A direction into the cell, drawn in proportion to what comes from there, and the light of
+    /// the whole cell as if all of it came from there: Σ L Ω, W/m² or lx on a surface that faces
+    /// it.
     pub(crate) fn sample(&self, cell: &SkyCell, x: f32, y: f32) -> (Vec3, Vec3) {
         let running = &self.cumulative[cell.start..cell.end];
         let total = running[running.len() - 1];
@@ -263,7 +265,8 @@ mod tests {
         };
         let (_, bright) = BrightSky::split(map(32, 16, f));
         let bright = bright.expect("a band");
-        // ∫ L ω dω over the bright pixels, by the samples and by the pixels; 4096 samples of a smooth function.
+        // ∫ L ω dω over the bright pixels, by the samples and by the pixels; 4096 samples of a
+        // smooth function.
         let (mut sampled, mut exact) = (Vec3::ZERO, Vec3::ZERO);
         for cell in &bright.cells {
             for i in 0..4096 {
@@ -298,7 +301,8 @@ mod tests {
         let (_, bright) = BrightSky::split(sky.clone());
         let bright = bright.expect("a sun");
         let (d, _) = bright.sample(&bright.cells[0], 0.5, 0.5);
-        // The middle of the pixel by solid angle lies 2 % of a row off the middle by angle, and the lookup is bilinear.
+        // The middle of the pixel by solid angle lies 2 % of a row off the middle by angle, and the
+        // lookup is bilinear.
         assert!(luminance(sky.radiance(d)) > 0.97 * luminance(Vec3::new(1.0, 0.5, 0.25)) * 1e4);
     }
 }

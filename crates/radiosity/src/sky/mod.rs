@@ -14,8 +14,8 @@ pub enum Sky {
     Black,
     /// The same radiance from everywhere (W/(m² sr) or nit).
     Constant(Vec3),
-    /// A latitude-longitude map: column 0 begins at −X and runs through −Z, the middle is +X, row 0 is +Y (as three.js and
-    /// Blender have it); values are radiances.
+    /// A latitude-longitude map: column 0 begins at −X and runs through −Z, the middle is +X, row 0
+    /// is +Y (as three.js and Blender have it); values are radiances.
     Map {
         /// Width in pixels.
         width: u32,

@@ -88,8 +88,9 @@ fn from_afar_a_surface_sends_what_it_sends_on_average() {
         // Fields are light or dark; their mean is neither.
         differ += u32::from((pair[0] - pair[1]).abs().max_element() > 0.2 * pair[0].max_element());
     });
-    // 16,384 points of a Sobol sequence in 4,096 fields tell their share to a tenth of a percent; an element's mean is over some 16 fields, of which its border
-    // may cut more light ones or more dark ones.
+    // 16,384 points of a Sobol sequence in 4,096 fields tell their share to a tenth of a percent;
+    // an element's mean is over some 16 fields, of which its border may cut more light ones or more
+    // dark ones.
     let off = (afar / near - 1.0).abs().max_element();
     assert!(off < 0.02, "{near} {afar}");
     assert!(

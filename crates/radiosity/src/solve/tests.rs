@@ -49,8 +49,9 @@ fn a_furnace_is_as_bright_everywhere_as_the_geometric_series_says() {
         let s = solve_scene(&cube(rho, emitted), Sky::Black, &options(96, 64), &Silent);
         assert!(s.report.relaxation.converged, "{:?}", s.report);
         for (i, (d, x)) in s.direct_mean.iter().zip(&s.indirect).enumerate() {
-            // E = πL/(1−ρ), exact for any rays because rows sum to 1. What is left is the relaxation: its 1e-4 bounds the mean;
-            // the residual of a furnace is about uniform, so 1e-3 leaves a factor of ten for the worst patch.
+            // E = πL/(1−ρ), exact for any rays because rows sum to 1. What is left is the
+            // relaxation: its 1e-4 bounds the mean; the residual of a furnace is about uniform, so
+            // 1e-3 leaves a factor of ten for the worst patch.
             let exact = emitted * (std::f32::consts::PI / (1.0 - rho));
             let off = ((*d + *x - exact) / exact).abs().max_element();
             assert!(off < 1e-3, "rho {rho}, patch {i}: {} not {exact}", *d + *x);
@@ -100,15 +101,16 @@ fn a_plate_under_a_constant_sky_receives_pi_l() {
 fn a_closed_room_absorbs_what_its_lamp_sends() {
     let s = solve_scene(&lit_room(0.5), Sky::Black, &options(96, 1024), &Silent);
     let a = &s.report.audit;
-    // All of Φ = 4πI reaches the walls. Elements sample E at one random point each: 96 patches of up to 16 elements, E varying by
-    // some 10 % over one (2 × size/distance = 2 × 0.06/0.3 at worst), so 0.1/√1500 = 0.3 %; four times that.
+    // All of Φ = 4πI reaches the walls. Elements sample E at one random point each: 96 patches of
+    // up to 16 elements, E varying by some 10 % over one (2 × size/distance = 2 × 0.06/0.3 at
+    // worst), so 0.1/√1500 = 0.3 %; four times that.
     assert!(
         (a.flux_in[1] / (4.0 * PI * 3.0) - 1.0).abs() < 0.012,
         "{a:?}"
     );
     assert_eq!(a.flux_escaped, [0.0; 3]);
-    // Reciprocity holds within noise: each of some 96 columns has about 1024 rays, 3 % each, over columns 0.3 %, weighted by a
-    // light that varies about threefold: 1 %.
+    // Reciprocity holds within noise: each of some 96 columns has about 1024 rays, 3 % each, over
+    // columns 0.3 %, weighted by a light that varies about threefold: 1 %.
     assert!(a.imbalance.abs() < 0.01, "{a:?}");
     // Absorbed = Φ in all, by the same token.
     assert!(
@@ -244,7 +246,8 @@ fn links_of_a_cube_are_its_form_factors() {
         let area = cut.patches()[i].area as f64;
         from[face[i]] += area;
         squares[face[i]] += area * area;
-        // Closed: all rays end on patches, so the row sums to exactly 1, and what they see is the emission.
+        // Closed: all rays end on patches, so the row sums to exactly 1, and what they see is the
+        // emission.
         assert_eq!(links.row(i).len(), 1024);
         assert!(
             (links.all_sources(i) / std::f32::consts::PI - 1.0)
@@ -318,8 +321,8 @@ fn cancelled_links_stay_as_they_were() {
     }
 }
 
-/// Scenes for the bound: a closed room with a lamp, the same with a wall across it that leaves a slit, without its lid, and with dark
-/// shelves on one side.
+/// Scenes for the bound: a closed room with a lamp, the same with a wall across it that leaves a
+/// slit, without its lid, and with dark shelves on one side.
 fn bounded_scenes(rho: f32) -> [(&'static str, Scene); 4] {
     let lit = lit_room(rho);
     let mut divided = lit_room(rho);
@@ -384,8 +387,8 @@ fn the_residual_bounds_what_a_coarse_solve_leaves() {
     assert!(nearest > 0.9, "{nearest}");
 }
 
-/// A plate hovers over half of a floor that is long in the other direction. At a depth d under its rim, at a height h, a black slit lets through
-/// (1 − d/√(d² + h²))/2 of a uniform sky.
+/// A plate hovers over half of a floor that is long in the other direction. At a depth d under its
+/// rim, at a height h, a black slit lets through (1 − d/√(d² + h²))/2 of a uniform sky.
 #[test]
 fn patches_do_not_carry_light_into_a_gap() {
     let mut scene = Scene::default();
@@ -414,7 +417,8 @@ fn patches_do_not_carry_light_into_a_gap() {
             n += 1.0;
         }
         let depth = |d: f32| 0.5 * (1.0 - d / (d * d + h * h).sqrt()) * std::f32::consts::PI;
-        // An element is 7 cm wide, and lets in what its lit side gets; 180 of them along the rim with 1024 rays each see the sky by 400 rays and more.
+        // An element is 7 cm wide, and lets in what its lit side gets; 180 of them along the rim
+        // with 1024 rays each see the sky by 400 rays and more.
         let [most, least] = [depth(d - 0.075), depth(d + 0.075)];
         let got = sum / n;
         assert!(
@@ -478,7 +482,8 @@ fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
     let exact = mean(DirectOptions::every(1024, 1024));
     let few = mean(SolveOptions::default().direct);
     let adaptive = mean(DirectOptions::every(4, 8));
-    // Measured: −0.11 %, which is noise of both, and 5.0 % for going on only where the first four disagree.
+    // Measured: −0.11 %, which is noise of both, and 5.0 % for going on only where the first four
+    // disagree.
     assert!((few / exact - 1.0).abs() < 0.003, "{few} {exact}");
     assert!(adaptive / exact - 1.0 > 0.03, "{adaptive} {exact}");
 }

@@ -33,8 +33,9 @@ fn sheet(out: &mut Vec<[Vec3; 3]>, n: usize, m: usize, surface: impl Fn(f32, f32
     }
 }
 
-/// Two-storey hall of 30 × 12 × 10 m with columns, arches, a vaulted ceiling, hangings, pots and a few huge triangles:
-/// about 260,000 triangles of sizes from millimetres to the length of the hall, as in scanned or modelled atria.
+/// Two-storey hall of 30 × 12 × 10 m with columns, arches, a vaulted ceiling, hangings, pots and a
+/// few huge triangles: about 260,000 triangles of sizes from millimetres to the length of the hall,
+/// as in scanned or modelled atria.
 pub fn interior() -> Vec<[Vec3; 3]> {
     let mut t = vec![];
     // Shell: floor and long walls of two triangles each, end walls, vault.
@@ -131,7 +132,8 @@ pub fn interior() -> Vec<[Vec3; 3]> {
     t
 }
 
-/// `count` rays from points spread by area over `triangles`, cosine-distributed about a random side's normal.
+/// `count` rays from points spread by area over `triangles`, cosine-distributed about a random
+/// side's normal.
 ///
 /// `length`: infinity for gather rays; for shadow rays the distance to look.
 pub fn hemisphere_rays(triangles: &[[Vec3; 3]], count: usize, length: f32) -> Vec<Ray> {

@@ -1,4 +1,5 @@
-//! The tests with AVX2 intrinsics. Fused multiply-add is left alone: it would break the argument of the parent module.
+//! The tests with AVX2 intrinsics. Fused multiply-add is left alone: it would break the argument of
+//! the parent module.
 
 use std::arch::x86_64::*;
 
@@ -11,8 +12,9 @@ use crate::node::{Node, Pack, WIDTH};
 /// For machines with AVX2, found at run time.
 pub(crate) struct Avx2;
 
-// SAFETY of the unsafe blocks below: the trait's contract is that the machine has AVX2, which covers every intrinsic used;
-// pointers come from references to whole arrays of the width loaded, and unaligned loads are used throughout.
+// SAFETY of the unsafe blocks below: the trait's contract is that the machine has AVX2, which
+// covers every intrinsic used; pointers come from references to whole arrays of the width loaded,
+// and unaligned loads are used throughout.
 impl Kernel for Avx2 {
     #[inline(always)]
     unsafe fn boxes(node: &Node, ray: &Prepared, t_max: f32, t_near: &mut [f32; WIDTH]) -> u32 {

@@ -1,26 +1,30 @@
-//! The two inner tests, ray against eight boxes and ray against four triangles, in a portable and an AVX2 form.
+//! The two inner tests, ray against eight boxes and ray against four triangles, in a portable and
+//! an AVX2 form.
 //!
 //! # Why no ray leaks
-//! The triangle test is that of Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection" (JCGT 2013). Corners are
-//! moved to the ray's origin and sheared so that the ray is the z axis, by the same operations whatever triangle they
-//! belong to. Which side of an edge the ray passes is then the sign of a·d − b·c, and rounding is monotone: with the
-//! products rounded *separately* (no fused multiply-add) the sign comes out right, or the difference is zero. Where it is
-//! zero, `f64`, in which the products are exact, decides. So both neighbours of an edge see the same sign, and a ray
-//! between two triangles hits at least one.
+//! The triangle test is that of Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection" (JCGT
+//! 2013). Corners are moved to the ray's origin and sheared so that the ray is the z axis, by the
+//! same operations whatever triangle they belong to. Which side of an edge the ray passes is then
+//! the sign of a·d − b·c, and rounding is monotone: with the products rounded *separately* (no
+//! fused multiply-add) the sign comes out right, or the difference is zero. Where it is zero,
+//! `f64`, in which the products are exact, decides. So both neighbours of an edge see the same
+//! sign, and a ray between two triangles hits at least one.
 //!
-//! The box test must not reject what the triangle test would accept. Its slab distances err relatively, so the far side
-//! and the best hit so far are moved away by a factor ([`WIDEN`]; Ize, "Robust BVH Ray Traversal", JCGT 2013). Rays with a zero
-//! direction component divide to infinity; the one indeterminate case, an origin exactly on a slab, is NaN, and minima and
-//! maxima are arranged so that NaN counts as inside.
+//! The box test must not reject what the triangle test would accept. Its slab distances err
+//! relatively, so the far side and the best hit so far are moved away by a factor ([`WIDEN`]; Ize,
+//! "Robust BVH Ray Traversal", JCGT 2013). Rays with a zero direction component divide to infinity;
+//! the one indeterminate case, an origin exactly on a slab, is NaN, and minima and maxima are
+//! arranged so that NaN counts as inside.
 //!
 //! # Why a ray does not meet the sliver that it leaves
-//! The error of t grows with a triangle's aspect. Where it could reach an end of the ray (`T_ERROR`), the plane's distance
-//! in `f64` decides (`plane.rs`). It takes a hit away only from a ray that starts within a thousandth of the triangle's reach from
-//! it and moves off its plane; for all other rays the argument above stands as it is.
+//! The error of t grows with a triangle's aspect. Where it could reach an end of the ray
+//! (`T_ERROR`), the plane's distance in `f64` decides (`plane.rs`). It takes a hit away only from a
+//! ray that starts within a thousandth of the triangle's reach from it and moves off its plane; for
+//! all other rays the argument above stands as it is.
 //!
 //! # Why both forms agree
-//! Each operation (sub, mul, div, compare, min as `a < b ? a : b`) is the IEEE one, in the same order, and Rust never
-//! contracts a multiplication and an addition.
+//! Each operation (sub, mul, div, compare, min as `a < b ? a : b`) is the IEEE one, in the same
+//! order, and Rust never contracts a multiplication and an addition.
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) mod avx2;
@@ -32,23 +36,25 @@ use crate::ray::Ray;
 
 pub(crate) use plane::decide_range;
 
-/// Largest coordinate magnitude of corners and ray origins. Sheared differences reach 4e18, edge functions 3.2e37 and their
-/// sum 1e38, just inside the range of `f32`.
+/// Largest coordinate magnitude of corners and ray origins. Sheared differences reach 4e18, edge
+/// functions 3.2e37 and their sum 1e38, just inside the range of `f32`.
 pub const MAX_COORDINATE: f32 = 1e18;
 
-/// Factor on far distances: eight units in the last place. Two slab distances of three roundings each (subtraction,
-/// reciprocal, product) and the sheared corners (three more) can disagree by about seven; no leak was seen in 5e7 rays
-/// (`docs/visibility.md`).
+/// Factor on far distances: eight units in the last place. Two slab distances of three roundings
+/// each (subtraction, reciprocal, product) and the sheared corners (three more) can disagree by
+/// about seven; no leak was seen in 5e7 rays (`docs/visibility.md`).
 pub const WIDEN: f32 = 1.0 + 8.0 * f32::EPSILON;
 
-/// Below this magnitude of the determinant its reciprocal may overflow or the edge functions be denormal: `f64` takes over.
+/// Below this magnitude of the determinant its reciprocal may overflow or the edge functions be
+/// denormal: `f64` takes over.
 const SMALL_DETERMINANT: f32 = 1e-30;
 
-/// How far the `f32` t is trusted: it may err by `T_ERROR · (m·max(m, z)·s/|det| + Z)`, with m the largest sheared |x| or |y| of a
-/// corner, z the largest difference along the ray's main axis, Z the same in units of t, and s the span of the corners' t. A
-/// sheared coordinate errs by some 2⁻²⁴·max(m, z), an edge function by m times that, and the weights by that over the
-/// determinant, which a sliver makes small. Sixteen units of 2⁻²⁴: the worst of 370,000 triangles of aspect 1 to 1e6 took 2.3
-/// (`kernel/tests.rs`), and too many cost little, a wrong answer much.
+/// How far the `f32` t is trusted: it may err by `T_ERROR · (m·max(m, z)·s/|det| + Z)`, with m the
+/// largest sheared |x| or |y| of a corner, z the largest difference along the ray's main axis, Z
+/// the same in units of t, and s the span of the corners' t. A sheared coordinate errs by some
+/// 2⁻²⁴·max(m, z), an edge function by m times that, and the weights by that over the determinant,
+/// which a sliver makes small. Sixteen units of 2⁻²⁴: the worst of 370,000 triangles of aspect 1 to
+/// 1e6 took 2.3 (`kernel/tests.rs`), and too many cost little, a wrong answer much.
 pub(crate) const T_ERROR: f32 = 16.0 * 0.5 * f32::EPSILON;
 
 /// Instruction sets with a form of the tests.
@@ -117,8 +123,8 @@ impl Prepared {
         }
         let (mut t_min, mut t_max, mut t_scale) = (ray.t_min.max(0.0), ray.t_max, 1.0);
         if !(1e-6..=1e6).contains(&longest) {
-            // A very short direction would have infinite reciprocals in components that matter. Scale it to length about 1;
-            // powers of two change no digit.
+            // A very short direction would have infinite reciprocals in components that matter.
+            // Scale it to length about 1; powers of two change no digit.
             let exponent = (longest.to_bits() >> 23).clamp(1, 253);
             t_scale = f32::from_bits((254 - exponent) << 23);
             d = d.map(|x| x * t_scale);
@@ -163,7 +169,8 @@ pub(crate) struct Lanes {
 
 /// The two tests for one instruction set.
 pub(crate) trait Kernel {
-    /// Mask of the child boxes that the ray enters within `t_min..=t_max · WIDEN`, and the distances to them.
+    /// Mask of the child boxes that the ray enters within `t_min..=t_max · WIDEN`, and the
+    /// distances to them.
     ///
     /// # Safety
     /// The machine has the instruction set.
@@ -183,8 +190,8 @@ pub(crate) struct Sheared {
     pub z: [[f32; PACK]; 3],
 }
 
-/// Decides in `f64`, where the products of two `f32` are exact, whether the line meets the triangle in `lane`, and fills in its
-/// results. Whether that is within the ray is left to [`decide_range`].
+/// Decides in `f64`, where the products of two `f32` are exact, whether the line meets the triangle
+/// in `lane`, and fills in its results. Whether that is within the ray is left to [`decide_range`].
 #[cold]
 #[inline(never)]
 pub(crate) fn decide_exactly(s: &Sheared, lane: usize, lanes: &mut Lanes) -> bool {

@@ -1,21 +1,24 @@
 //! Where the ends of a ray decide: the distance to a triangle's plane in `f64`.
 //!
-//! A ray that leaves a sliver has that sliver on its line, at t just below zero. The `f32` weights err by 2⁻²⁴ times the
-//! sliver's aspect, and t by that share of its length: enough to make a hit of it. The signs of the edge functions, and with
-//! them the argument why no ray leaks, are left as they are; only t is found anew, from the corners as they were given.
+//! A ray that leaves a sliver has that sliver on its line, at t just below zero. The `f32` weights
+//! err by 2⁻²⁴ times the sliver's aspect, and t by that share of its length: enough to make a hit
+//! of it. The signs of the edge functions, and with them the argument why no ray leaks, are left as
+//! they are; only t is found anew, from the corners as they were given.
 
 use glam::{DVec3, Vec3};
 
 use super::{Lanes, Prepared, Sheared};
 use crate::node::Pack;
 
-/// A triangle that the plane's distance rules out is out only if it is so near to the ray's start, as a share of its farthest
-/// corner's distance. Elsewhere an edge-on triangle may be what closes the gap between two others, in the noise of all three,
-/// and must stay. Surface offsets are some 1e-6 and the noise 1e-7, so a thousandth covers both with room.
+/// A triangle that the plane's distance rules out is out only if it is so near to the ray's start,
+/// as a share of its farthest corner's distance. Elsewhere an edge-on triangle may be what closes
+/// the gap between two others, in the noise of all three, and must stay. Surface offsets are some
+/// 1e-6 and the noise 1e-7, so a thousandth covers both with room.
 const NEAR: f64 = 1e-3;
 
-/// Decides whether `lane`, whose line meets the triangle, meets it within the ray, and corrects its t and side. The answer
-/// depends on ray and triangle alone, but for the last comparison with `t_max`.
+/// Decides whether `lane`, whose line meets the triangle, meets it within the ray, and corrects its
+/// t and side. The answer depends on ray and triangle alone, but for the last comparison with
+/// `t_max`.
 #[cold]
 #[inline(never)]
 pub(crate) fn decide_range(
@@ -39,7 +42,8 @@ pub(crate) fn decide_range(
     if t.is_finite() {
         lanes.back = lanes.back & !(1 << lane) | u32::from(slope > 0.0) << lane;
         if t > t_min {
-            // Never outside the corners' range, which the boxes above hold: the tree's shape must not matter.
+            // Never outside the corners' range, which the boxes above hold: the tree's shape must
+            // not matter.
             let z = s.z.map(|c| c[lane]);
             let low = z[0].min(z[1]).min(z[2]);
             let high = z[0].max(z[1]).max(z[2]);
@@ -51,7 +55,8 @@ pub(crate) fn decide_range(
     lanes.t[lane] > ray.t_min && lanes.t[lane] <= t_max
 }
 
-/// Whether `p` lies within [`NEAR`] of the triangle: of its plane, and of the inner side of each edge.
+/// Whether `p` lies within [`NEAR`] of the triangle: of its plane, and of the inner side of each
+/// edge.
 fn is_near(corners: &[DVec3; 3], normal: DVec3, p: DVec3) -> bool {
     let reach = NEAR
         * corners

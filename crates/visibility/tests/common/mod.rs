@@ -56,8 +56,8 @@ pub fn ray(origin: Vec3, direction: Vec3) -> Ray {
     }
 }
 
-/// Casts against every triangle alone, each in a tree of its own, and keeps the nearest, lowest index first: what
-/// the tree must return, bit for bit.
+/// Casts against every triangle alone, each in a tree of its own, and keeps the nearest, lowest
+/// index first: what the tree must return, bit for bit.
 pub struct BruteForce(Vec<Bvh>);
 
 impl BruteForce {
@@ -241,7 +241,8 @@ pub enum Aim {
     Vertex,
     /// Along the surface: from just inside, nearly in the plane of a triangle.
     Grazing,
-    /// At a vertex from a point that shares one coordinate with it: one direction component is zero.
+    /// At a vertex from a point that shares one coordinate with it: one direction component is
+    /// zero.
     Axis,
 }
 
@@ -276,7 +277,8 @@ pub fn inside_ray(
         Aim::Axis => {
             let axis = r.below(3);
             let target = if origin[axis] != a[axis] { a } else { b };
-            // The origin takes one coordinate of the vertex where that stays inside: halfway towards it on the others.
+            // The origin takes one coordinate of the vertex where that stays inside: halfway
+            // towards it on the others.
             let mut d = target - origin;
             d[axis] = 0.0;
             if r.below(4) == 0 {

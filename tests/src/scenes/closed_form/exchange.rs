@@ -13,11 +13,12 @@ fn part(b: &mut GltfBuilder, name: &str, g: &Geometry, material: usize) {
     b.node(Node::of_mesh(name, mesh));
 }
 
-/// Two `a` × `b` rectangles (x, z) face to face `gap` apart about the y axis: `lamp` above emits `radiance` and reflects `rho[0]`,
-/// `plate` below reflects `rho[1]`.
+/// Two `a` × `b` rectangles (x, z) face to face `gap` apart about the y axis: `lamp` above emits
+/// `radiance` and reflects `rho[0]`, `plate` below reflects `rho[1]`.
 ///
-/// Black ones: the mean of E on `plate` is πL × [`form_factor_opposed`]. Where the gap is far less than the sides, away from the rim they are
-/// infinite plates: E = πL/(1 − ρ₁ρ₂) on `plate` and ρ₂ times that on `lamp`.
+/// Black ones: the mean of E on `plate` is πL × [`form_factor_opposed`]. Where the gap is far less
+/// than the sides, away from the rim they are infinite plates: E = πL/(1 − ρ₁ρ₂) on `plate` and ρ₂
+/// times that on `lamp`.
 pub fn opposed_plates(radiance: f32, [a, b]: [f32; 2], gap: f32, rho: [f32; 2]) -> Vec<u8> {
     let mut out = GltfBuilder::new();
     let lamp = out.material(&Material::emitter("lamp", [radiance; 3], [rho[0]; 3]));
@@ -30,8 +31,9 @@ pub fn opposed_plates(radiance: f32, [a, b]: [f32; 2], gap: f32, rho: [f32; 2]) 
     out.finish()
 }
 
-/// F of opposed a × b rectangles at distance c (Howell, *A catalog of radiation heat transfer configuration factors*, C-11):
-/// 2/(πXY) {½ ln[(1+X²)(1+Y²)/(1+X²+Y²)] + X√(1+Y²) atan(X/√(1+Y²)) + Y√(1+X²) atan(Y/√(1+X²)) − X atan X − Y atan Y}.
+/// F of opposed a × b rectangles at distance c (Howell, *A catalog of radiation heat transfer
+/// configuration factors*, C-11): 2/(πXY) {½ ln[(1+X²)(1+Y²)/(1+X²+Y²)] + X√(1+Y²)
+/// atan(X/√(1+Y²)) + Y√(1+X²) atan(Y/√(1+X²)) − X atan X − Y atan Y}.
 pub fn form_factor_opposed(a: f64, b: f64, c: f64) -> f64 {
     let (x, y) = (a / c, b / c);
     let (p, q) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
@@ -40,7 +42,8 @@ pub fn form_factor_opposed(a: f64, b: f64, c: f64) -> f64 {
         * (log + x * q * (x / q).atan() + y * p * (y / p).atan() - x * x.atan() - y * y.atan())
 }
 
-/// A black floor `plate`, `width` deep and 1 m wide, and along its edge a wall `lamp` of `height` × 1 m that emits `radiance`.
+/// A black floor `plate`, `width` deep and 1 m wide, and along its edge a wall `lamp` of `height` ×
+/// 1 m that emits `radiance`.
 ///
 /// Mean of E on `plate` = πL × [`form_factor_perpendicular`].
 pub fn perpendicular_plates(radiance: f32, width: f32, height: f32) -> Vec<u8> {
@@ -54,7 +57,8 @@ pub fn perpendicular_plates(radiance: f32, width: f32, height: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// F from a w × 1 rectangle to an h × 1 rectangle at right angles along the common edge 1 (Howell, C-14).
+/// F from a w × 1 rectangle to an h × 1 rectangle at right angles along the common edge 1 (Howell,
+/// C-14).
 pub fn form_factor_perpendicular(w: f64, h: f64) -> f64 {
     let (w2, h2) = (w * w, h * h);
     let s = w2 + h2;
@@ -65,7 +69,8 @@ pub fn form_factor_perpendicular(w: f64, h: f64) -> f64 {
     (atan(w) + atan(h) - atan(s.sqrt()) + 0.25 * log) / (PI * w)
 }
 
-/// The inside of a black 1 m cube whose ceiling emits: nodes `ceiling`, `floor` (mean E = 0.199825 πL), `walls` (0.200044 πL).
+/// The inside of a black 1 m cube whose ceiling emits: nodes `ceiling`, `floor` (mean E = 0.199825
+/// πL), `walls` (0.200044 πL).
 pub fn lit_cube(radiance: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let lamp = b.material(&Material::emitter("lamp", [radiance; 3], [0.0; 3]));
@@ -79,10 +84,11 @@ pub fn lit_cube(radiance: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// A black sphere `inner` of radius `r` < 1 that emits `radiance`, in a sphere `outer` of radius 1 that reflects `rho`; facets as of
-/// [`icosphere`] level 3.
+/// A black sphere `inner` of radius `r` < 1 that emits `radiance`, in a sphere `outer` of radius 1
+/// that reflects `rho`; facets as of [`icosphere`] level 3.
 ///
-/// With a = A₁/A₂ (which is returned, for the facets): F₁₂ = 1, F₂₁ = a, F₂₂ = 1 − a, so E₂ = a πL/(1 − ρ(1 − a)) and E₁ = ρE₂.
+/// With a = A₁/A₂ (which is returned, for the facets): F₁₂ = 1, F₂₁ = a, F₂₂ = 1 − a, so E₂ = a
+/// πL/(1 − ρ(1 − a)) and E₁ = ρE₂.
 pub fn concentric_spheres(radiance: f32, r: f32, rho: f32) -> (Vec<u8>, f64) {
     let inner = icosphere(Vec3::ZERO, r, 3);
     let outer = icosphere(Vec3::ZERO, 1.0, 3).flipped();
@@ -95,10 +101,11 @@ pub fn concentric_spheres(radiance: f32, r: f32, rho: f32) -> (Vec<u8>, f64) {
     (b.finish(), share)
 }
 
-/// CIE 171:2006, test case 5.8 (internal reflected component, diffuse surfaces): a closed cube of 4 m, reflectance `rho`, with an isotropic
-/// point source of 10,000 lm in its middle. Node `room`.
+/// CIE 171:2006, test case 5.8 (internal reflected component, diffuse surfaces): a closed cube of 4
+/// m, reflectance `rho`, with an isotropic point source of 10,000 lm in its middle. Node `room`.
 ///
-/// All of Φ is absorbed: mean E = Φ/(96 (1 − ρ)), of which Φρ/(96 (1 − ρ)) is reflected light (the report's table 20).
+/// All of Φ is absorbed: mean E = Φ/(96 (1 − ρ)), of which Φρ/(96 (1 − ρ)) is reflected light (the
+/// report's table 20).
 pub fn cie_171_5_8(rho: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [rho; 3]));
@@ -116,13 +123,16 @@ pub fn cie_171_5_8(rho: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// The idea of CIE 171:2006, test case 5.7 (diffuse reflection with internal obstruction), with measures of our own: the report's figure is
-/// not at hand, and its table 19 is wrong (Ashdown, *CIE 171:2006 – Errata*, 2016, who says to take the form factor to the unobstructed part
-/// of the reflecting surface, as is done here).
+/// The idea of CIE 171:2006, test case 5.7 (diffuse reflection with internal obstruction), with
+/// measures of our own: the report's figure is not at hand, and its table 19 is wrong (Ashdown,
+/// *CIE 171:2006 – Errata*, 2016, who says to take the form factor to the unobstructed part of the
+/// reflecting surface, as is done here).
 ///
-/// A floor `s2` (0 ≤ x ≤ 4, |z| ≤ 2, reflectance `rho`) under vertical sunlight of `lux`; a wall `s1_v` (x = 4, up to y = 3) and a canopy
-/// `s1_hz` (−3 ≤ x ≤ 0, y = 3, front down), both black and beside the sun; and a black screen across the floor (x = 2, up to y = `screen`;
-/// none where that is 0), which the sun passes edge on. E on wall and canopy is ρ·lux·F to what they see of the floor: [`cie_171_5_7_seen`].
+/// A floor `s2` (0 ≤ x ≤ 4, |z| ≤ 2, reflectance `rho`) under vertical sunlight of `lux`; a wall
+/// `s1_v` (x = 4, up to y = 3) and a canopy `s1_hz` (−3 ≤ x ≤ 0, y = 3, front down), both black and
+/// beside the sun; and a black screen across the floor (x = 2, up to y = `screen`; none where that
+/// is 0), which the sun passes edge on. E on wall and canopy is ρ·lux·F to what they see of the
+/// floor: [`cie_171_5_7_seen`].
 pub fn cie_171_5_7(lux: f32, rho: f32, screen: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [rho; 3]));
@@ -153,8 +163,9 @@ pub fn cie_171_5_7(lux: f32, rho: f32, screen: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// What the point (`x`, `y`, ·) of [`cie_171_5_7`] sees of the floor: intervals of the floor's x. The screen hides a strip behind it, all
-/// along z, since lines between points within |z| ≤ 2 stay within.
+/// What the point (`x`, `y`, ·) of [`cie_171_5_7`] sees of the floor: intervals of the floor's x.
+/// The screen hides a strip behind it, all along z, since lines between points within |z| ≤ 2 stay
+/// within.
 pub fn cie_171_5_7_seen(screen: f64, x: f64, y: f64) -> Vec<[f64; 2]> {
     if screen <= 0.0 {
         return vec![[0.0, 4.0]];
@@ -175,15 +186,16 @@ pub fn cie_171_5_7_seen(screen: f64, x: f64, y: f64) -> Vec<[f64; 2]> {
     parts.into_iter().filter(|[a, b]| b > a).collect()
 }
 
-/// A rectangle `a` × `b` (x, z) of radiance `radiance` at `height` over the middle of a black floor of 4 m.
+/// A rectangle `a` × `b` (x, z) of radiance `radiance` at `height` over the middle of a black floor
+/// of 4 m.
 pub fn panel_over_floor(radiance: f32, a: f32, b: f32, height: f32) -> Vec<u8> {
     let (x, z) = (0.5 * a, 0.5 * b);
     let corners = [(-x, -z), (x, -z), (x, z), (-x, z)].map(|(x, z)| Vec3::new(x, height, z));
     over_floor(radiance, &quad(corners).bare())
 }
 
-/// A disc of radius `r` (as a regular polygon of `n` sides and the disc's area) at `height` over the middle of a black floor of 4 m:
-/// E = [`disc_irradiance`].
+/// A disc of radius `r` (as a regular polygon of `n` sides and the disc's area) at `height` over
+/// the middle of a black floor of 4 m: E = [`disc_irradiance`].
 pub fn disc_over_floor(radiance: f32, r: f32, height: f32, n: u32) -> Vec<u8> {
     let step = 2.0 * PI / f64::from(n);
     let r = f64::from(r) * (step / step.sin()).sqrt();
@@ -216,16 +228,17 @@ fn over_floor(radiance: f32, lamp: &Geometry) -> Vec<u8> {
     b.finish()
 }
 
-/// E at distance `a` from the axis of a disc of radius `r` and radiance L at height `h`, in a plane parallel to it:
-/// πL/2 (1 − (a² + h² − r²)/√((a² + h² + r²)² − 4a²r²)) (Howell, B-12).
+/// E at distance `a` from the axis of a disc of radius `r` and radiance L at height `h`, in a plane
+/// parallel to it: πL/2 (1 − (a² + h² − r²)/√((a² + h² + r²)² − 4a²r²)) (Howell, B-12).
 pub fn disc_irradiance(radiance: f64, r: f64, h: f64, a: f64) -> f64 {
     let (a2, h2, r2) = (a * a, h * h, r * r);
     let s = a2 + h2 + r2;
     0.5 * PI * radiance * (1.0 - (a2 + h2 - r2) / (s * s - 4.0 * a2 * r2).sqrt())
 }
 
-/// A black wall (`wall`, 1 m × 1 m, both z sides free) on the middle of a black floor of `size` metres, for a uniform sky: on the
-/// wall E = πL/2 less what lies below the floor's rim (under `2/size` of it), on a floor without a wall E = πL.
+/// A black wall (`wall`, 1 m × 1 m, both z sides free) on the middle of a black floor of `size`
+/// metres, for a uniform sky: on the wall E = πL/2 less what lies below the floor's rim (under
+/// `2/size` of it), on a floor without a wall E = πL.
 pub fn wall_on_floor(size: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));

@@ -1,6 +1,7 @@
 //! Small scenes whose irradiance is known in closed form, and the forms.
 //!
-//! Every scene says what is where, in metres; floors lie at y = 0 and look up. E is in the units of the lights.
+//! Every scene says what is where, in metres; floors lie at y = 0 and look up. E is in the units of
+//! the lights.
 
 mod emissive_texture;
 mod exchange;
@@ -16,7 +17,8 @@ use crate::geometry::{Geometry, box_faces, cuboid, grid, icosphere, quad};
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 use crate::textures;
 
-/// A floor of `size` × `size` metres about the origin, black (so that nothing comes back), in `n` × `n` cells.
+/// A floor of `size` × `size` metres about the origin, black (so that nothing comes back), in `n` ×
+/// `n` cells.
 fn floor(b: &mut GltfBuilder, size: f32, n: u32) {
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let h = size / 2.0;
@@ -42,7 +44,8 @@ fn light(b: &mut GltfBuilder, light: Light, at: Vec3, along: Vec3) {
     });
 }
 
-/// A point light of `candela` at `height` over the middle of a black 4 m floor: see [`point_irradiance`].
+/// A point light of `candela` at `height` over the middle of a black 4 m floor: see
+/// [`point_irradiance`].
 pub fn point_over_floor(candela: f32, height: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     floor(&mut b, 4.0, 1);
@@ -60,10 +63,12 @@ pub fn point_irradiance(candela: f64, height: f64, r: f64) -> f64 {
     candela * height / (height * height + r * r).powf(1.5)
 }
 
-/// A spot of `candela` at `height` that shines straight down with half-angles `inner` and `outer` (radians).
+/// A spot of `candela` at `height` that shines straight down with half-angles `inner` and `outer`
+/// (radians).
 ///
-/// E = [`point_irradiance`] × (clamp((cosθ − cos outer)/(cos inner − cos outer), 0, 1))², the falloff that the
-/// extension's text recommends (Khronos, `KHR_lights_punctual`, "Inner and Outer Cone Angles").
+/// E = [`point_irradiance`] × (clamp((cosθ − cos outer)/(cos inner − cos outer), 0, 1))², the
+/// falloff that the extension's text recommends (Khronos, `KHR_lights_punctual`, "Inner and Outer
+/// Cone Angles").
 pub fn spot_over_floor(candela: f32, height: f32, inner: f32, outer: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     floor(&mut b, 4.0, 1);
@@ -76,7 +81,8 @@ pub fn spot_over_floor(candela: f32, height: f32, inner: f32, outer: f32) -> Vec
     b.finish()
 }
 
-/// Parallel light of `lux` travelling along `direction` on a black 4 m floor: E = lux · (−direction.y)/|direction|.
+/// Parallel light of `lux` travelling along `direction` on a black 4 m floor: E = lux ·
+/// (−direction.y)/|direction|.
 pub fn sun_over_floor(lux: f32, direction: Vec3) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     floor(&mut b, 4.0, 1);
@@ -84,7 +90,8 @@ pub fn sun_over_floor(lux: f32, direction: Vec3) -> Vec<u8> {
     b.finish()
 }
 
-/// A square emitter of side `side` and radiance `radiance` at `height` over a black 4 m floor: see [`polygon_irradiance`].
+/// A square emitter of side `side` and radiance `radiance` at `height` over a black 4 m floor: see
+/// [`polygon_irradiance`].
 pub fn rectangle_over_floor(radiance: f32, side: f32, height: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     floor(&mut b, 4.0, 1);
@@ -106,10 +113,12 @@ pub fn square(side: f64, height: f64) -> [DVec3; 4] {
     [(-s, -s), (s, -s), (s, s), (-s, s)].map(|(x, z)| DVec3::new(x, height, z))
 }
 
-/// E at `p` with unit normal `n` from a polygon of uniform radiance wholly above p's horizon, corners in either order.
+/// E at `p` with unit normal `n` from a polygon of uniform radiance wholly above p's horizon,
+/// corners in either order.
 ///
-/// E = L/2 · |Σ Γ_i · n|, Γ_i the angle under which edge i is seen times the unit normal of its plane with p (Lambert 1760;
-/// Baum, Rushmeier and Winget 1989). The angle is `atan2(|a×b|, a·b)`. NaN where p lies on an edge's line.
+/// E = L/2 · |Σ Γ_i · n|, Γ_i the angle under which edge i is seen times the unit normal of its
+/// plane with p (Lambert 1760; Baum, Rushmeier and Winget 1989). The angle is `atan2(|a×b|, a·b)`.
+/// NaN where p lies on an edge's line.
 pub fn polygon_irradiance(radiance: f64, corners: &[DVec3], p: DVec3, n: DVec3) -> f64 {
     let sum: f64 = (0..corners.len())
         .map(|i| {
@@ -121,11 +130,12 @@ pub fn polygon_irradiance(radiance: f64, corners: &[DVec3], p: DVec3, n: DVec3) 
     radiance / 2.0 * sum.abs()
 }
 
-/// A black box without a lid, `side` metres square and `depth` deep, under a uniform sky of radiance L; nothing else.
+/// A black box without a lid, `side` metres square and `depth` deep, under a uniform sky of
+/// radiance L; nothing else.
 ///
-/// Its fronts look inside; the mouth lies at y = 0. Every point inside sees the sky through the mouth only, so E is
-/// [`polygon_irradiance`] of [`mouth`], on the floor and on the walls alike. With a depth near 0 the floor's E tends to πL, and the
-/// top of a wall's to πL/2. One node `box`.
+/// Its fronts look inside; the mouth lies at y = 0. Every point inside sees the sky through the
+/// mouth only, so E is [`polygon_irradiance`] of [`mouth`], on the floor and on the walls alike.
+/// With a depth near 0 the floor's E tends to πL, and the top of a wall's to πL/2. One node `box`.
 pub fn sky_over_open_box(side: f32, depth: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -145,10 +155,12 @@ pub fn mouth(side: f64) -> [DVec3; 4] {
     square(side, 0.0)
 }
 
-/// Two 1 m squares that face each other at `gap` metres; the upper (`lamp`) emits `radiance`, the lower (`plate`) is black.
+/// Two 1 m squares that face each other at `gap` metres; the upper (`lamp`) emits `radiance`, the
+/// lower (`plate`) is black.
 ///
-/// In the middle E = [`polygon_irradiance`], which tends to πL as the gap closes; over the plate the mean is πL·F with F the
-/// form factor of opposed squares (0.199825 at gap 1; Howell, catalogue of configuration factors, C-11).
+/// In the middle E = [`polygon_irradiance`], which tends to πL as the gap closes; over the plate
+/// the mean is πL·F with F the form factor of opposed squares (0.199825 at gap 1; Howell, catalogue
+/// of configuration factors, C-11).
 pub fn facing_plates(radiance: f32, gap: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let lamp = b.material(&Material::emitter("lamp", [radiance; 3], [0.0; 3]));
@@ -170,11 +182,13 @@ pub fn form_factor_opposed_squares(d: f64) -> f64 {
     2.0 / (std::f64::consts::PI * x * x) * (log + 2.0 * x * s * (x / s).atan() - 2.0 * x * x.atan())
 }
 
-/// A sphere of radius 1 m seen from inside, its cap of z > `cap` emitting `radiance`, everything reflecting `rho`.
+/// A sphere of radius 1 m seen from inside, its cap of z > `cap` emitting `radiance`, everything
+/// reflecting `rho`.
 ///
-/// F_ij = A_j/(4πR²) for every pair, so B = M_e + ρ·mean(M_e)/(1−ρ) and E = mean(M_e)/(1−ρ) everywhere, M_e = πL on the
-/// cap. The mean is over the facets, whose areas [`sphere_interior`] returns the emitting share of; the sphere has
-/// `20·4^level` flat facets, so E deviates by the order of their angle squared (4^−level). Returns the GLB and that share.
+/// F_ij = A_j/(4πR²) for every pair, so B = M_e + ρ·mean(M_e)/(1−ρ) and E = mean(M_e)/(1−ρ)
+/// everywhere, M_e = πL on the cap. The mean is over the facets, whose areas [`sphere_interior`]
+/// returns the emitting share of; the sphere has `20·4^level` flat facets, so E deviates by the
+/// order of their angle squared (4^−level). Returns the GLB and that share.
 pub fn sphere_interior(radiance: f32, rho: f32, cap: f32, level: u32) -> (Vec<u8>, f64) {
     let whole = icosphere(Vec3::ZERO, 1.0, level).flipped();
     let high = |g: &Geometry, t: &[u32; 3]| {
@@ -192,10 +206,11 @@ pub fn sphere_interior(radiance: f32, rho: f32, cap: f32, level: u32) -> (Vec<u8
     (b.finish(), share)
 }
 
-/// Sunlight straight down through a horizontal MASK screen (2 m, checker of 8 × 8 squares) 1 m over a black 4 m floor.
+/// Sunlight straight down through a horizontal MASK screen (2 m, checker of 8 × 8 squares) 1 m over
+/// a black 4 m floor.
 ///
-/// Under a hole E = `lux`, under a square 0; holes are half of the screen. The square whose corner is at (−1, ·, −1)
-/// is opaque; squares are 25 cm. Node names: `floor`, `screen`.
+/// Under a hole E = `lux`, under a square 0; holes are half of the screen. The square whose corner
+/// is at (−1, ·, −1) is opaque; squares are 25 cm. Node names: `floor`, `screen`.
 pub fn masked_checker_screen(lux: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     floor(&mut b, 4.0, 1);
@@ -229,7 +244,8 @@ pub fn masked_checker_screen(lux: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// A wavy field of `2·side²` triangles (one million at side 708) under a sun, in one primitive: a load test, not a closed form.
+/// A wavy field of `2·side²` triangles (one million at side 708) under a sun, in one primitive: a
+/// load test, not a closed form.
 pub fn many_triangles(side: u32) -> Vec<u8> {
     let mut g = grid(
         Vec3::new(-10.0, 0.0, 10.0),
@@ -270,10 +286,12 @@ pub fn one_triangle() -> Vec<u8> {
     b.finish()
 }
 
-/// A lamp panel over a floor with a wall between two halves, `thickness` metres thick: light must not cross the wall.
+/// A lamp panel over a floor with a wall between two halves, `thickness` metres thick: light must
+/// not cross the wall.
 ///
-/// Both halves are 3 × 3 m, 2.5 m high and closed; only the one at x < 0 has a lamp. E is exactly 0 on the faces of
-/// node `dark_room`. Node names: `lit_room`, `dark_room`; the rooms' skins are `thickness` apart at x = 0.
+/// Both halves are 3 × 3 m, 2.5 m high and closed; only the one at x < 0 has a lamp. E is exactly 0
+/// on the faces of node `dark_room`. Node names: `lit_room`, `dark_room`; the rooms' skins are
+/// `thickness` apart at x = 0.
 pub fn two_rooms(thickness: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.7; 3]));

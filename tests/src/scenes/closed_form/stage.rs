@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 use crate::geometry::{box_faces, grid};
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
-/// A document under construction with a black material at hand. Everything is in metres and in world space.
+/// A document under construction with a black material at hand. Everything is in metres and in
+/// world space.
 #[derive(Debug, Clone)]
 pub struct Stage {
     /// What it writes.
@@ -29,7 +30,8 @@ impl Stage {
         Stage::default()
     }
 
-    /// A parallelogram `origin + s·u + t·v` with its front along u × v, as a node of this name. Its uv are (s, t).
+    /// A parallelogram `origin + s·u + t·v` with its front along u × v, as a node of this name. Its
+    /// uv are (s, t).
     pub fn panel(&mut self, name: &str, [origin, u, v]: [Vec3; 3], material: usize) -> &mut Stage {
         self.node_with_panel(name, [origin, u, v], material, None)
     }
@@ -80,7 +82,8 @@ impl Stage {
         self.faces(low, high, material, false)
     }
 
-    /// A closed room whose faces look in; each is named after the side on which it lies, as those of [`Stage::cube`].
+    /// A closed room whose faces look in; each is named after the side on which it lies, as those
+    /// of [`Stage::cube`].
     pub fn room(&mut self, low: Vec3, high: Vec3, material: usize) -> &mut Stage {
         self.faces(low, high, material, true)
     }
@@ -95,7 +98,8 @@ impl Stage {
         self
     }
 
-    /// A lamp at `at` that shines along `along`; members of `more` go into its definition (`range`, `extras`). Its name is that of its node.
+    /// A lamp at `at` that shines along `along`; members of `more` go into its definition (`range`,
+    /// `extras`). Its name is that of its node.
     pub fn lamp(
         &mut self,
         name: &str,

@@ -68,7 +68,8 @@ impl Kit {
         Kit::painted(Material::diffuse("paint", [rho; 3]))
     }
 
-    /// One whose surfaces reflect half of the light and emit as much: in a closed space all radiance is 1 and E = π.
+    /// One whose surfaces reflect half of the light and emit as much: in a closed space all
+    /// radiance is 1 and E = π.
     pub fn furnace() -> Kit {
         Kit::painted(Material::emitter("paint", [0.5; 3], [0.5; 3]))
     }
@@ -118,7 +119,8 @@ impl Kit {
         self
     }
 
-    /// A rectangular lamp of radiance 10 W/(m² sr) about `middle` that shines down; `half` its half sides along x and z. It reflects nothing.
+    /// A rectangular lamp of radiance 10 W/(m² sr) about `middle` that shines down; `half` its half
+    /// sides along x and z. It reflects nothing.
     pub fn lamp(&mut self, middle: Vec3, half: [f32; 2]) -> &mut Self {
         let [x, z] = [Vec3::X * half[0], Vec3::Z * half[1]];
         let glow = Material::emitter("lamp", [10.0; 3], [0.0; 3]);

@@ -1,9 +1,11 @@
-//! The leak suite: scenes whose walls, joints and props defeat lightmaps, each with the parts of its surfaces that must be dark and those
-//! that are lit beside them.
+//! The leak suite: scenes whose walls, joints and props defeat lightmaps, each with the parts of
+//! its surfaces that must be dark and those that are lit beside them.
 //!
-//! What is dark is so by construction: it lies in a space that solids or single skins close off from every source of light, with joints that
-//! overlap. So E is exactly 0 there, whatever the bake. What light reaches through an opening is for a path tracer to say ([`Kind::Dim`]).
-//! `tests/tests/leaks.rs` holds the dark parts against 0, `tools/leaks.py` everything against truth; `docs/leaks.md` has the tables.
+//! What is dark is so by construction: it lies in a space that solids or single skins close off
+//! from every source of light, with joints that overlap. So E is exactly 0 there, whatever the
+//! bake. What light reaches through an opening is for a path tracer to say ([`Kind::Dim`]).
+//! `tests/tests/leaks.rs` holds the dark parts against 0, `tools/leaks.py` everything against
+//! truth; `docs/leaks.md` has the tables.
 
 mod kit;
 mod outdoors;
@@ -28,10 +30,12 @@ pub struct LeakScene {
     pub sky: f32,
     /// Lumels a metre that it is baked with.
     pub texels_per_unit: f32,
-    /// Parts of its surfaces, and what light they get. The mean over those that are [`Kind::Lit`] is the yardstick.
+    /// Parts of its surfaces, and what light they get. The mean over those that are [`Kind::Lit`]
+    /// is the yardstick.
     pub regions: Vec<Region>,
-    /// A face goes on behind a wall so thin that bilinear lookups on its dark side reach lumels with a part on the lit side (some 1.6 lumels,
-    /// askew), or even that one lumel is on both sides. No value is right on both.
+    /// A face goes on behind a wall so thin that bilinear lookups on its dark side reach lumels
+    /// with a part on the lit side (some 1.6 lumels, askew), or even that one lumel is on both
+    /// sides. No value is right on both.
     pub shared_lumels: bool,
     /// E of every lit point, W/m², where it is the same for all (a furnace).
     pub even: Option<f64>,

@@ -19,7 +19,8 @@ fn in_the_open(k: Kit, name: &'static str, what: &'static str) -> LeakScene {
     }
 }
 
-/// Rooms of one skin whose corners have split normals, and such whose normals were averaged across them.
+/// Rooms of one skin whose corners have split normals, and such whose normals were averaged across
+/// them.
 pub(super) fn corner_normals() -> LeakScene {
     let mut k = Kit::new();
     k.ground(4.0, -0.02).sun(SUN);
@@ -74,7 +75,8 @@ const WALL: f32 = 0.15;
 /// The terrain under the barn: y = a x + b z + c.
 const SLOPE: [f32; 3] = [0.07, -0.05, 0.1];
 
-/// Four wall boxes that overlap at the corners and go down to `low`, and a roof of the same thickness `gap` above them.
+/// Four wall boxes that overlap at the corners and go down to `low`, and a roof of the same
+/// thickness `gap` above them.
 fn house(k: &mut Kit, frame: Affine3A, low: f32, wall: f32, gap: f32) {
     let Vec3 { x, y, z } = HOUSE;
     let (ox, oz) = (x + wall, z + wall);
@@ -94,7 +96,8 @@ fn hall(frame: Affine3A) -> Hull {
 
 fn house_regions(k: &mut Kit, frame: Affine3A, kind: Kind) {
     let Vec3 { x, z, .. } = HOUSE;
-    // Faces inside: those that look into the hall, as far as it reaches; their other ends are inside other walls.
+    // Faces inside: those that look into the hall, as far as it reaches; their other ends are
+    // inside other walls.
     for (node, inward) in [
         ("west", Vec3::X),
         ("east", Vec3::NEG_X),
@@ -175,7 +178,8 @@ pub(super) fn barn_on_terrain() -> LeakScene {
     let frame = turned(-12.0, Vec3::new(0.1, 0.0, 0.2));
     house(&mut k, frame, -0.6, WALL, -0.02);
     house_regions(&mut k, frame, Kind::Dark);
-    // What is below the slope looks out under the terrain, into the sky, and nobody sees it. 20 µm for the rounding of the slope's vertices.
+    // What is below the slope looks out under the terrain, into the sky, and nobody sees it. 20 µm
+    // for the rounding of the slope's vertices.
     let up = Vec3::new(-a, 1.0, -b).as_dvec3();
     let [x, y, z] = (-up.normalize()).to_array();
     let above = [x, y, z, (-f64::from(c) - 2e-5) / up.length()];
@@ -200,7 +204,8 @@ pub(super) fn barn_on_terrain() -> LeakScene {
     }
 }
 
-/// A hall of a modular kit: instances of one wall panel, one floor tile and one roof tile that meet edge to edge.
+/// A hall of a modular kit: instances of one wall panel, one floor tile and one roof tile that meet
+/// edge to edge.
 pub(super) fn modular() -> LeakScene {
     let mut k = Kit::new();
     k.ground(4.5, -0.15).sun(SUN);
@@ -248,7 +253,8 @@ pub(super) fn modular() -> LeakScene {
         k.place(&name, post, -90.0 * i as f32, Vec3::new(x, 0.0, z) + middle);
     }
     for (name, inward) in inner {
-        // Half-way through the walls: their inner faces, and of the tiles what lies between the walls.
+        // Half-way through the walls: their inner faces, and of the tiles what lies between the
+        // walls.
         let (x, z) = (width / 2.0, depth / 2.0);
         let within = span([-x - 1e-4, x + 1e-4], ALL, [-z - 1e-4, z + 1e-4]);
         k.region(Kind::Dark, &name, within).facing(inward);
@@ -330,7 +336,8 @@ pub(super) fn vault() -> LeakScene {
     k.ground(4.5, 0.0).sun(SUN);
     let (radius, spring, z, t) = (1.5, 1.1, 2.0, 0.05);
     let names = ["vault", "sides", "gables"];
-    // The inner arch stands on the inner walls; its facets' middles are 1.8 cm nearer to the axis than its edges.
+    // The inner arch stands on the inner walls; its facets' middles are 1.8 cm nearer to the axis
+    // than its edges.
     for (name, g) in names.iter().zip(vaulted(radius, spring, -0.05, z)) {
         k.part(name, &g.flipped());
         k.region(Kind::Dark, name, span(ALL, [0.0, FAR], ALL));

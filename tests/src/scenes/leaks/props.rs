@@ -14,7 +14,8 @@ fn lit_room() -> Kit {
     k
 }
 
-/// A staircase of boards along a wall, closed at the side and at the end: a cupboard without a door.
+/// A staircase of boards along a wall, closed at the side and at the end: a cupboard without a
+/// door.
 pub(super) fn stairs() -> LeakScene {
     let mut k = lit_room();
     let (count, run, rise) = (8u8, 0.28, 0.2);
@@ -268,12 +269,14 @@ pub(super) fn crates() -> LeakScene {
         }
         hulls.push(hull(frame, min.into(), max.into()));
     }
-    // A lining in the double-sided one, single-sided and inwards, a millimetre off: what a lidded chest has.
+    // A lining in the double-sided one, single-sided and inwards, a millimetre off: what a lidded
+    // chest has.
     let frame = places[4].1;
     let lining = block(frame, [-0.299, 0.001, -0.299], [0.299, 0.599, 0.299]).flipped();
     k.part("lining", &lining);
     k.region(Kind::Dark, "lining", Vec::new());
-    // The floor under them is no region: nobody sees it, and a baker may put there what suits the lit lumels beside it.
+    // The floor under them is no region: nobody sees it, and a baker may put there what suits the
+    // lit lumels beside it.
     for (i, (name, _)) in places.into_iter().enumerate() {
         let above = if i == 2 { 0.0 } else { 0.002 };
         k.region(Kind::Lit, name, span(ALL, [above, FAR], ALL));
@@ -291,7 +294,8 @@ pub(super) fn crates() -> LeakScene {
     }
 }
 
-/// Walls, boards and crates that stick in a closed room's walls and floor, all that can be seen declared as lit.
+/// Walls, boards and crates that stick in a closed room's walls and floor, all that can be seen
+/// declared as lit.
 fn crowded(k: &mut Kit) {
     let (half, height) = (2.0, 2.4);
     k.shell([-half, 0.0, -half], [half, height, half]);
@@ -364,8 +368,9 @@ pub(super) fn furnace() -> LeakScene {
     }
 }
 
-/// The same room with white walls and a lamp: what the lamp sends out is absorbed on surfaces that can be seen, so ∫ E dA = Φ/(1 − ρ), and
-/// light that bounces get lost in what is hidden counts ten times.
+/// The same room with white walls and a lamp: what the lamp sends out is absorbed on surfaces that
+/// can be seen, so ∫ E dA = Φ/(1 − ρ), and light that bounces get lost in what is hidden counts ten
+/// times.
 pub(super) fn white_room() -> LeakScene {
     let rho = 0.9;
     let mut k = Kit::of_reflectance(rho);

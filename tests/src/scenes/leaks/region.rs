@@ -2,7 +2,8 @@
 
 use glam::DVec3;
 
-/// A convex body as half-spaces x·a + y·b + z·c ≤ d, each `[a, b, c, d]` with a unit normal; metres, world space. None at all is everywhere.
+/// A convex body as half-spaces x·a + y·b + z·c ≤ d, each `[a, b, c, d]` with a unit normal;
+/// metres, world space. None at all is everywhere.
 pub type Hull = Vec<[f64; 4]>;
 
 /// Whether `p` lies in `hull` or on its surface.
@@ -53,7 +54,8 @@ impl Region {
         self.facing.is_none_or(|f| f.dot(normal) > 0.5)
     }
 
-    /// Area in m² of a convex polygon's part that lies in the region; the polygon's face must belong to it.
+    /// Area in m² of a convex polygon's part that lies in the region; the polygon's face must
+    /// belong to it.
     pub fn area(&self, polygon: &[DVec3]) -> f64 {
         let mut part = polygon.to_vec();
         for plane in &self.within {
@@ -80,7 +82,8 @@ impl Region {
     }
 }
 
-/// The part of a convex polygon on the inner (`side` 1) or outer (−1) side of a plane (Sutherland and Hodgman 1974).
+/// The part of a convex polygon on the inner (`side` 1) or outer (−1) side of a plane (Sutherland
+/// and Hodgman 1974).
 fn clip(polygon: &[DVec3], &[a, b, c, d]: &[f64; 4], side: f64) -> Vec<DVec3> {
     let depth = |p: DVec3| side * (d - p.dot(DVec3::new(a, b, c)));
     let mut out = Vec::with_capacity(polygon.len() + 1);

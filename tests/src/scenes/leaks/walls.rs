@@ -7,7 +7,8 @@ use super::{Hull, Kind, LeakScene};
 use crate::carve::Carver;
 use crate::geometry::{Geometry, cuboid, grid, prism, room};
 
-/// How deep walls go into floors, ceilings and each other, metres: past all rounding, and what artists do.
+/// How deep walls go into floors, ceilings and each other, metres: past all rounding, and what
+/// artists do.
 const SUNK: f32 = 0.05;
 
 /// A closed box of 1 mm board that floats in a lit room.
@@ -72,8 +73,9 @@ enum Wall {
     Sheet,
 }
 
-/// One shell with one floor, ceiling and pair of walls, and a wall across that makes two rooms of it; it stands 3° askew, so that it crosses
-/// lumels at every place of theirs. There is a lamp in the first room.
+/// One shell with one floor, ceiling and pair of walls, and a wall across that makes two rooms of
+/// it; it stands 3° askew, so that it crosses lumels at every place of theirs. There is a lamp in
+/// the first room.
 fn two_rooms(wall: &Wall) -> Kit {
     let mut k = Kit::new();
     let (half, height) = (2.0, 2.6);

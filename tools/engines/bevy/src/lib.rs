@@ -11,9 +11,10 @@
 //!     .run();
 //! ```
 //!
-//! What Bevy does with a texel v of a [`Lightmap`]: a surface of albedo a shows v × a × `lightmap_exposure` (of its material) × the
-//! camera's exposure. That is what a radiance in nit needs, and a Lumel lightmap holds R = E/π, the radiance of a white surface: no factor.
-//! Its rows run as Bevy's do: no flip.
+//! What Bevy does with a texel v of a [`Lightmap`]: a surface of albedo a shows v × a ×
+//! `lightmap_exposure` (of its material) × the camera's exposure. That is what a radiance in nit
+//! needs, and a Lumel lightmap holds R = E/π, the radiance of a white surface: no factor. Its rows
+//! run as Bevy's do: no flip.
 
 use bevy::gltf::GltfExtras;
 use bevy::light::GlobalAmbientLight;
@@ -25,8 +26,9 @@ use serde::Deserialize;
 /// Gives every baked node of every glTF that is spawned its lightmap.
 #[derive(Debug, Clone, Resource)]
 pub struct LumelPlugin {
-    /// Multiplies the light of baked surfaces only (`StandardMaterial::lightmap_exposure`). Leave it at 1 and set the camera's
-    /// [`Exposure`](bevy::camera::Exposure) where lamps are photometric; see the README for levels that are not.
+    /// Multiplies the light of baked surfaces only (`StandardMaterial::lightmap_exposure`). Leave
+    /// it at 1 and set the camera's [`Exposure`](bevy::camera::Exposure) where lamps are
+    /// photometric; see the README for levels that are not.
     pub exposure: f32,
     /// Load pages as KTX2 where the bake has them (`--ktx2`).
     pub ktx2: bool,
@@ -76,12 +78,14 @@ struct Ktx2 {
     uri: String,
 }
 
-/// The place in a node's extras, if there is one. Instances by `EXT_mesh_gpu_instancing`, which Bevy does not read, have a list of them.
+/// The place in a node's extras, if there is one. Instances by `EXT_mesh_gpu_instancing`, which
+/// Bevy does not read, have a list of them.
 fn place(extras: &str) -> Option<Place> {
     serde_json::from_str::<Extras>(extras).ok()?.lightmap
 }
 
-/// A node's extras are on its entity; its primitives are children with meshes. Nodes below it are children too, without.
+/// A node's extras are on its entity; its primitives are children with meshes. Nodes below it are
+/// children too, without.
 fn attach(
     mut commands: Commands,
     settings: Res<LumelPlugin>,

@@ -2,8 +2,8 @@
 //!
 //!     lumel-bevy out/level.glb picture.png --cam X,Y,Z,TX,TY,TZ,FOV [--exposure X] [--ktx2] [--size W,H] [--tone]
 //!
-//! Exposure is a plain factor on everything; without `--tone` a pixel is the sRGB form of radiance × exposure, clamped. Lamps of the file are
-//! out, so that only the lightmap lights.
+//! Exposure is a plain factor on everything; without `--tone` a pixel is the sRGB form of radiance
+//! × exposure, clamped. Lamps of the file are out, so that only the lightmap lights.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;

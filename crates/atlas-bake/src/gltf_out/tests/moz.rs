@@ -50,7 +50,8 @@ fn copies_of_an_instanced_node_are_left_out_and_keep_their_mesh() {
         ),
         (None, Some(1))
     );
-    // Where coordinates are on the page, the place is the page; where they are not, it is what it was.
+    // Where coordinates are on the page, the place is the page; where they are not, it is what it
+    // was.
     assert_eq!(
         j["nodes"][0]["extras"]["lightmap"][1]["offset"],
         json!([0.25, 0.0])
@@ -129,7 +130,8 @@ fn both_pictures_hold_the_page_over_its_largest_value() {
     for (found, want) in png.pixels().zip(&p.value) {
         assert_eq!(found.0, want.map(|x| (255.0 * x / 8.0).round() as u8));
     }
-    // As three.js reads it: m / 255 × 2^(e − 128). Of eight bits, at least 128 in the largest channel.
+    // As three.js reads it: m / 255 × 2^(e − 128). Of eight bits, at least 128 in the largest
+    // channel.
     let decoder = image::codecs::hdr::HdrDecoder::new(std::io::Cursor::new(&picture.rgbe)).unwrap();
     let mut exact = vec![0u8; 24 * 3 * 12];
     image::ImageDecoder::read_image(decoder, &mut exact).unwrap();

@@ -163,8 +163,8 @@ fn a_furnace_is_the_same_from_everywhere() {
     ];
     for p in bake_in(&scene, Sky::Black, &at, &OPTIONS) {
         assert!(p.valid && p.backfaces == 0.0);
-        // The solve stops where at most 1e-4 of the light is left to distribute. Directions add nothing to that: what they make of
-        // a constant is taken off.
+        // The solve stops where at most 1e-4 of the light is left to distribute. Directions add
+        // nothing to that: what they make of a constant is taken off.
         assert_sh(&p.sh, constant(Vec3::splat(1.5)), 1.5e-4 * ALL as f32);
     }
 }
@@ -206,8 +206,8 @@ fn a_sky_is_integrated_against_each_harmonic() {
         add(&mut expected, d, l * (4.0 * PI / f64::from(n * m)));
     }
     let p = bake_in(&nothing(), sky, &[Vec3::ZERO], &OPTIONS)[0];
-    // Independent rays would be off by 4π · 0.282 · σ/√4096 = 0.05 with σ near 0.9; the points are stratified in both
-    // dimensions, which for what is this smooth leaves less than a tenth.
+    // Independent rays would be off by 4π · 0.282 · σ/√4096 = 0.05 with σ near 0.9; the points are
+    // stratified in both dimensions, which for what is this smooth leaves less than a tenth.
     assert_sh(&p.sh, expected.map(|c| c.as_vec3()), 0.005);
 }
 
@@ -231,7 +231,8 @@ fn a_point_light_is_the_closed_form() {
         let flux = intensity / to.length_squared();
         // f32 rounding of sums of up to 10.
         assert_sh(&p.sh, from_one(to, flux), 1e-5);
-        // Facing the light E = I/d²; second order gives 17/16 of that (Ramamoorthi and Hanrahan 2001): (1 + 2 + 5/4)/4.
+        // Facing the light E = I/d²; second order gives 17/16 of that (Ramamoorthi and Hanrahan
+        // 2001): (1 + 2 + 5/4)/4.
         let e = p.sh.irradiance(to.normalize());
         assert!((e / flux - 17.0 / 16.0).abs().max_element() < 1e-5, "{e}");
         assert!(p.error < 1e-6);
@@ -319,8 +320,8 @@ fn a_spot_lights_its_cone_only() {
 
 #[test]
 fn a_small_bright_surface_fills_its_solid_angle() {
-    // A square of 1 m² at a distance of ½ m in front of its middle: one side of a cube about the probe, 4π/6 sr. Big black
-    // walls elsewhere make it one that gathering rays must not count.
+    // A square of 1 m² at a distance of ½ m in front of its middle: one side of a cube about the
+    // probe, 4π/6 sr. Big black walls elsewhere make it one that gathering rays must not count.
     let mut scene = nothing();
     let black = material(0.0, 0.0);
     add_box(
@@ -335,12 +336,13 @@ fn a_small_bright_surface_fills_its_solid_angle() {
     let p = bake_in(&scene, Sky::Black, &[Vec3::ZERO], &OPTIONS)[0];
     let expected = 6.0 * ALL / 6.0;
     let error = f64::from(p.error);
-    // Once, not twice: to rounding, as directions are drawn uniformly by solid angle, or to what the estimate says (four deviations).
+    // Once, not twice: to rounding, as directions are drawn uniformly by solid angle, or to what
+    // the estimate says (four deviations).
     let off = (f64::from(p.sh.0[0].x) - expected).abs();
     assert!(off < 4.0 * error + 1e-5 * expected, "{p:?}");
     assert!(error < 0.02 * expected, "{error}");
-    // E(n) − E(−n) = ∫ L ω·n dω is in the first order alone: form factor of the square, F = 4/π · k/√(1 + k²) · atan(k/√(1 + k²))
-    // with k = 1 (half a side over the distance), times π L.
+    // E(n) − E(−n) = ∫ L ω·n dω is in the first order alone: form factor of the square, F = 4/π ·
+    // k/√(1 + k²) · atan(k/√(1 + k²)) with k = 1 (half a side over the distance), times π L.
     let net = p.sh.irradiance(Vec3::Y) - p.sh.irradiance(Vec3::NEG_Y);
     let k = std::f64::consts::FRAC_1_SQRT_2;
     let e = 4.0 / PI * k * k.atan() * PI * 6.0;
@@ -370,8 +372,8 @@ fn light_bounces_into_probes() {
     let at = Vec3::new(0.0, -0.5, 0.0);
     let p = bake_in(&scene, Sky::Black, &[at], &OPTIONS)[0];
     let direct = from_one(Vec3::Y, Vec3::ONE);
-    // Mean radiance of the walls: M = ρE, E = Φ/A/(1 − ρ) with Φ = 4π, A = 24: L = ρ/(1 − ρ) · 4/24 = 1/6. As seen from here it
-    // differs from the mean by what the walls differ; 15 %.
+    // Mean radiance of the walls: M = ρE, E = Φ/A/(1 − ρ) with Φ = 4π, A = 24: L = ρ/(1 − ρ) · 4/24
+    // = 1/6. As seen from here it differs from the mean by what the walls differ; 15 %.
     let indirect = f64::from(p.sh.0[0].x - direct[0].x);
     assert!((indirect / (ALL / 6.0) - 1.0).abs() < 0.15, "{indirect}");
 }
@@ -387,7 +389,8 @@ fn probes_in_solid_things_are_found_and_filled() {
         Vec3::new(4.0, 2.0, 4.0),
         true,
     );
-    // It stands on the floor: looking down, rays from inside meet its bottom or the floor's front, which lie in one plane.
+    // It stands on the floor: looking down, rays from inside meet its bottom or the floor's front,
+    // which lie in one plane.
     let (low, high) = (Vec3::new(1.0, 0.0, 1.0), Vec3::new(2.0, 1.0, 3.0));
     add_box(&mut scene, &white, low, high, false);
     scene.lights = vec![lamp(
