@@ -9,12 +9,11 @@ use crate::parts::LIFT;
 use crate::planes::Plane;
 use crate::received::Received;
 
-/// Gives lumels of which nothing can be seen the light of their neighbours, `rings` deep, since
-/// bilinear lookups beside them read it.
+/// Fills hidden lumels with their neighbours' light, `rings` deep: bilinear lookups beside them read
+/// it.
 ///
-/// So do lumels behind a single-sided surface that their neighbours lie before: the first row of a
-/// wall that goes on into the ground, where it may see the sky from below. Such a surface shows the
-/// neighbour its front and the lumel its back.
+/// Lumels behind a surface that their neighbours are in front of are filled too, e.g. a wall's first
+/// row below ground, which may see the sky from below.
 pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
     let mut filled: Vec<bool> = map.received.iter().map(|r| r.open > 0.0).collect();
     let received = &map.received;

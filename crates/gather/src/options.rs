@@ -5,48 +5,48 @@ use radiosity::DirectOptions;
 /// How carefully light is gathered.
 #[derive(Debug, Clone, Copy)]
 pub struct GatherOptions {
-    /// Gathering rays a footprint gets at least; a multiple of `points`.
+    /// Gathering rays of a footprint at first; a multiple of `points`.
     pub rays: u32,
-    /// Points of the footprint that share those rays, at most 64, a power of two. Contacts smaller
-    /// than one part in so many go unseen.
+    /// Points of the footprint that share those rays: a power of two, at most 64. A contact that
+    /// covers less than one part in so many is missed.
     pub points: u32,
     /// Points of a footprint that an edge crosses; see
-    /// [`Gatherer::gather`](crate::Gatherer::gather). None are looked for with 0.
+    /// [`Gatherer::gather`](crate::Gatherer::gather). 0 switches the search for edges off.
     pub edge_points: u32,
-    /// Footprints whose first `points` disagree are such too, and those beside them are looked at
-    /// again. Else only those that lie in part inside or behind something.
+    /// Treat a footprint whose first `points` disagree as crossed by an edge, and look at its
+    /// neighbours again. Else only footprints that lie partly inside or behind something count.
     pub contacts: bool,
-    /// So many lumels from where it was found a shadow's edge is followed.
+    /// Follow the edge of a shadow for so many lumels from where it was found.
     pub follow: u32,
-    /// Rays that a lumel gets at most where neighbours say that `rays` are too few; a power of two
-    /// times `rays`.
+    /// Most rays of a lumel whose neighbours show that `rays` are too few; a power of two times
+    /// `rays`.
     pub most_rays: u32,
-    /// Good enough: estimated standard error of the indirect light over the total.
+    /// Cast more rays until the estimated standard error of the indirect light, over all light, is
+    /// at most this.
     pub error: f32,
     /// Direct light.
     pub direct: DirectOptions,
-    /// Shadow rays of each point to elements that direct light falls on; with 0 gathering rays find
-    /// them.
+    /// Shadow rays from each point to elements that direct light falls on. With 0 only gathering
+    /// rays find them.
     pub lit: u32,
-    /// Where lumels are interpolated instead.
+    /// Which lumels are interpolated instead of gathered.
     pub interpolation: Interpolation,
-    /// A ray's hit is near, and the ray goes on as a path, within this many patches' size. Less is
-    /// quicker, and blurs what stands close to each other.
+    /// Follow rays as paths where they hit something within this many patch sizes. Less is quicker
+    /// and blurs light between things that stand close together.
     pub near: f32,
-    /// Only what can be seen counts: sub-points inside closed things are left out of the mean, and
-    /// of a footprint that a wall divides into a bright and a dark part, the bright one is. Else
-    /// the mean is over all of the footprint, buried or not.
+    /// Leave out points inside closed bodies. If a wall splits the footprint, keep its largest
+    /// visible part. Else the mean is over all of the footprint.
     pub open_only: bool,
 }
 
-/// Which lumels are not gathered at, but lie between others that are.
+/// Which lumels are interpolated between gathered neighbours.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Interpolation {
-    /// Those on flat surfaces that nothing rises from within four lumels: their indirect light.
+    /// Lumels on flat surfaces with nothing above them within four lumels: their indirect light.
     #[default]
     Open,
-    /// Those that nothing stands right beside: their indirect light, and the direct light too where
-    /// no shadow's edge is near and shadow rays to lamps agree with the neighbours'.
+    /// Lumels with nothing right beside them: their indirect light. Also their direct light, where no
+    /// shadow edge is near and shadow rays to lamps agree with the neighbours'.
     Wide,
 }
 

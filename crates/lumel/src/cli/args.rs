@@ -258,11 +258,10 @@ pub(crate) struct Plan {
     /// Which scene of the document [default: its own default]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
     pub scene: Option<usize>,
-    /// Nodes named ..._LOD0, ..._LOD1 and so on are things of their own, not levels of detail of
-    /// one
+    /// Do not take nodes named ..._LOD0, ..._LOD1 and so on for levels of detail
     #[arg(long)]
     pub no_lods: bool,
-    /// They are levels of detail, whatever the file of settings says
+    /// Override `lods = false` in the settings file
     #[arg(long, conflicts_with = "no_lods")]
     pub lods: bool,
     /// Lumels per metre [default: by the scene's size]
@@ -281,7 +280,7 @@ pub(crate) struct Plan {
     /// Charts in whole blocks too, so that none is shared by two
     #[arg(long)]
     pub block_charts: bool,
-    /// Not so, whatever the file of settings says
+    /// Override `block-charts = true` in the settings file
     #[arg(long, conflicts_with = "block_charts")]
     pub no_block_charts: bool,
     /// The asset's TEXCOORD_1, or new charts [default: auto]
