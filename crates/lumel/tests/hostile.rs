@@ -225,7 +225,9 @@ fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
     lumel(["diff".as_ref(), exr.as_os_str(), exr.as_os_str()]).fails(2, &words);
     bake(&scene, &out, "-q --sky /dev/zero.hdr").fails(2, &["/dev/zero.hdr"]);
     std::os::unix::fs::symlink("/dev/zero", at("zero.hdr")).expect("linked");
-    for (name, found) in [("zero.hdr", "a device"), ("", "a folder")] {
+    // Without an ending it would be no file's name.
+    std::fs::create_dir(at("folder.hdr")).expect("made");
+    for (name, found) in [("zero.hdr", "a device"), ("folder.hdr", "a folder")] {
         let sky = at(name);
         let run = bake(&scene, &out, &format!("-q --sky {}", sky.display()));
         run.fails(2, &[found, "expected a regular file"]);
