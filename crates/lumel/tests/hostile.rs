@@ -226,7 +226,7 @@ fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
     bake(&scene, &out, "-q --sky /dev/zero.hdr").fails(2, &["/dev/zero.hdr"]);
     std::os::unix::fs::symlink("/dev/zero", at("zero.hdr")).expect("linked");
     // Without an ending it would be no file's name.
-    std::fs::create_dir(at("folder.hdr")).expect("made");
+    fs::create_dir(at("folder.hdr")).expect("made");
     for (name, found) in [("zero.hdr", "a device"), ("folder.hdr", "a folder")] {
         let sky = at(name);
         let run = bake(&scene, &out, &format!("-q --sky {}", sky.display()));

@@ -147,6 +147,9 @@ struct Group {
     after: f32,
 }
 
+/// Places of elements are told apart by this share of the size of what is split.
+const STEP: f32 = 1.0 / 65_536.0;
+
 /// What rises by less than this share of its size above a receiver lies in one plane with it.
 const GRAZING: f32 = 1e-3;
 
@@ -465,11 +468,16 @@ fn split(items: &mut [Item], start: usize, end: usize, nodes: &mut Vec<Node>) ->
     if part.len() <= LEAF {
         return id;
     }
-    let axis = (high - low).max_position();
+    // Elements lie on grids, so that many share a coordinate but for rounding. Places are compared in
+    // steps: else the tree, and with it what is drawn, would depend on a scene's scale and place.
+    let size = high - low;
+    let longest = size.max_element();
+    let axis = (0..3)
+        .find(|k| size[*k] >= (1.0 - STEP) * longest)
+        .unwrap_or(0);
+    let step = |item: &Item| ((item.origin[axis] - low[axis]) / (STEP * longest)).round() as u32;
     let middle = part.len() / 2;
-    part.select_nth_unstable_by(middle, |a, b| {
-        (a.origin[axis].total_cmp(&b.origin[axis])).then(a.element.cmp(&b.element))
-    });
+    part.select_nth_unstable_by_key(middle, |item| (step(item), item.element));
     split(items, start, start + middle, nodes);
     nodes[id].second = nodes.len() as u32;
     split(items, start + middle, end, nodes);
