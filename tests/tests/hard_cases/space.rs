@@ -149,7 +149,6 @@ fn the_same_bytes_for_one_thread_and_two() {
 }
 
 #[test]
-#[ignore = "half a minute in this profile; run by hand with --ignored"]
 fn a_million_triangles_make_no_million_patches() {
     let b = bake(&closed_form::many_triangles(708), &at(4.0));
     assert!(b.report.ingest.totals.triangles >= 1_000_000);

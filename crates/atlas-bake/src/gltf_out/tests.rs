@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::f32::consts::PI;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use gather::{SplitPrimitive, VertexLight};
 use glam::Vec2;
@@ -718,63 +718,4 @@ fn parts_that_do_not_fit_are_errors() {
     let mut light = vertex::graded(&loaded.scene);
     light.instances[1][0].pop();
     assert!(write_vertex_glb(&loaded.document, &loaded.scene, &light).is_err());
-}
-
-/// Every document under `LUMEL_SCENES` through both writers into `LUMEL_OUT`, for the Khronos
-/// validator. Not part of the suite: the scenes are not in the repository.
-#[test]
-#[ignore = "needs LUMEL_SCENES and LUMEL_OUT"]
-fn write_every_scene_for_the_validator() {
-    fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
-        let mut entries: Vec<_> = std::fs::read_dir(dir)
-            .unwrap()
-            .map(|e| e.unwrap().path())
-            .collect();
-        entries.sort();
-        for path in entries {
-            if path.is_dir() {
-                walk(&path, found);
-            } else if path.extension().is_some_and(|e| e == "gltf" || e == "glb") {
-                found.push(path);
-            }
-        }
-    }
-    let root = PathBuf::from(std::env::var_os("LUMEL_SCENES").unwrap());
-    let out = PathBuf::from(std::env::var_os("LUMEL_OUT").unwrap());
-    let mut found = Vec::new();
-    walk(&root, &mut found);
-    let mut log = String::new();
-    for path in found {
-        let name = path
-            .strip_prefix(&root)
-            .unwrap()
-            .display()
-            .to_string()
-            .replace(['/', ' '], "_");
-        let loaded = match load(&path, &LoadOptions::default()) {
-            Ok(loaded) => loaded,
-            Err(e) => {
-                log += &format!("{name}\tnot loaded\t{e}\n");
-                continue;
-            }
-        };
-        let (glb, stats) = write(&loaded, &torn(&loaded.scene));
-        std::fs::write(out.join(format!("{name}.torn.glb")), glb).unwrap();
-        let (glb, _) = write(
-            &loaded,
-            &whole(&loaded.scene, |v| {
-                Vec2::new((v % 8) as f32, (v % 7) as f32) / 8.0
-            }),
-        );
-        std::fs::write(out.join(format!("{name}.whole.glb")), glb).unwrap();
-        let (glb, vertex) = write_vertex_glb(
-            &loaded.document,
-            &loaded.scene,
-            &vertex::graded(&loaded.scene),
-        )
-        .unwrap();
-        std::fs::write(out.join(format!("{name}.vertex.glb")), glb).unwrap();
-        log += &format!("{name}\t{stats:?}\t{vertex:?}\n");
-    }
-    std::fs::write(out.join("log.tsv"), log).unwrap();
 }
