@@ -8,7 +8,7 @@ Steps : 1 `lumel-lab studies` writes each case as .glb and the baseline's radios
           black, unlimited bounces); 4 the same for the pixels of one picture, with fewer samples;
         5 every method's irradiance at those points and pixels, and its error.
 Output: DOCS/images/studies/NAME.png (pictures) and NAME.error.png (signed error of each), DOCS/images/studies/errors.csv (figures),
-        and the tables between the markers `<!-- begin X -->` and `<!-- end X -->` of DOCS/studies.md.  Solver tables: OUT/solvers*.csv.
+        and the tables, DOCS/tables/studies.md.  Solver tables: OUT/solvers*.csv.
 Errors: of the luminance of irradiance E, over points with E > 0.001 mean: relRMSE = sqrt(mean(((x − ref) / (ref + 0.01 mean ref))²)),
         p50 and p95 of the same in absolute value, bias = mean(x) / mean(ref) − 1: as score.py.
 Needs : LUMEL (the lumel binary), LUMEL_SHARED_TOOLS (truth.py, points.py, gltf_scene.py, score.py), numpy, Mitsuba, Pillow.  Truths are kept
@@ -318,20 +318,11 @@ def row_table(meshes):
     return "\n".join(out)
 
 
-def put(page, name, text):
-    begin, end = "<!-- begin %s -->" % name, "<!-- end %s -->" % name
-    a, b = page.find(begin), page.find(end)
-    if a < 0 or b < a:
-        print("no place for %s in the page" % name, file=sys.stderr)
-        return page
-    return page[:a + len(begin)] + "\n" + text.strip() + "\n" + page[b:]
-
-
 def main():
     ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ap.add_argument("--lab", default=os.path.join(common.HERE, "../target/release/lumel-lab"))
     ap.add_argument("--out", default="/tmp/lumel-studies")
-    ap.add_argument("--docs", default=os.path.join(common.HERE, "../docs"))
+    ap.add_argument("--docs", default=common.LAB)
     ap.add_argument("--cases", help="only these, by name")
     ap.add_argument("--count", type=int, default=1500)
     ap.add_argument("--spp", type=int, default=8192)
@@ -346,7 +337,6 @@ def main():
     start = time.perf_counter()
     os.makedirs(a.out, exist_ok=True)
     os.makedirs(os.path.join(a.docs, "images", "studies"), exist_ok=True)
-    page_path = os.path.join(a.docs, "studies.md")
     parts = {}
     r = common.run([a.lab, "studies", "--out", a.out])
     if r["code"] != 0:
@@ -384,13 +374,7 @@ def main():
     if not only:
         parts["time"] = "Whole run %.0f s; a bake by Lumel took %.1f to %.1f s (load average %.1f)." % (
             time.perf_counter() - start, min(baked), max(baked), os.getloadavg()[0])
-    # Read only now: someone may have edited the page meanwhile.
-    with open(page_path, encoding="utf-8") as f:
-        page = f.read()
-    for name, text in parts.items():
-        page = put(page, name, text)
-    with open(page_path, "w", encoding="utf-8") as f:
-        f.write(page)
+    common.write_tables(a.docs, "studies", parts)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,13 @@ Environment: LUMEL          the lumel binary (default ../target/release/lumel)
 import hashlib
 import json
 import os
+import re
 import resource
 import struct
 import subprocess
 import sys
 import tempfile
+import textwrap
 import threading
 import time
 
@@ -25,10 +27,28 @@ def _env(name, default):
                                         os.path.join(os.getcwd(), os.environ[name]) if name in os.environ else default))
 
 
+# The notebooks: prose, and beside it tables/, data/ and images/ that programs write.
+LAB = os.path.join(HERE, "..", "lab")
 LUMEL = _env("LUMEL", "../target/release/lumel")
 SHARED = _env("LUMEL_SHARED_TOOLS", "../../shared/tools")
 SCENES = _env("LUMEL_SCENES", "../../shared/scenes")
 REF = _env("LUMEL_REF", "/tmp/lumel-ref")
+
+
+def write_tables(lab, page, parts):
+    """LAB/tables/PAGE.md from parts (heading: Markdown); headings without a part keep what they hold"""
+    path = os.path.join(lab, "tables", page + ".md")
+    old = open(path, encoding="utf-8").read() if os.path.exists(path) else ""
+    sections = dict(s.split("\n", 1) for s in re.split(r"^## ", old, flags=re.M)[1:])
+    sections.update(parts)
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w", encoding="utf-8") as f:
+        f.write("# Tables of [%s.md](../%s.md)\n\nWritten by a program; edits here are lost. "
+                "The page says which, and on what machine.\n" % (page, page))
+        for name, text in sections.items():
+            lines = [textwrap.fill(s, 100, break_long_words=False, break_on_hyphens=False) if s[:1].isalpha() else s
+                     for s in text.strip().split("\n")]
+            f.write("\n## %s\n\n%s\n" % (name, "\n".join(lines)))
 
 
 def run(args, timeout=None, memory=None, cwd=None):

@@ -1,4 +1,4 @@
-"""Ten thousand emissive triangles against one equal rectangle: time and error of whole bakes (docs/emitters.md).
+"""Ten thousand emissive triangles against one equal rectangle: time and error of whole bakes (lab/emitters.md).
 
     python3 tools/emissive_triangles.py [--rho 0.5] [--quality draft,preview,production] [--only one,grid,...] [OUT]
 

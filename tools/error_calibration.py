@@ -2,7 +2,7 @@
 
 Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,quick,preview,error] [--lumel BINARY]
               [--truth bake|paths] [--references-only] [--pictures] [--docs DIR] [--work DIR]
-        python error_calibration.py --page-only          docs/error.md from the CSV
+        python error_calibration.py --page-only          lab/tables/error.md from the CSV
 Steps : for each scene of speed_scenes.py, at its density there, 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every
         setting is baked with `--layers direct,indirect,error,coverage`; 4 the error channel is held against (bake − reference), lumel by lumel.
         `--truth bake` (default): all lumels, against a bake of BINARY at `production`, kept by the content of the scene and its atlas, not by the binary: what
@@ -10,8 +10,8 @@ Steps : for each scene of speed_scenes.py, at its density there, 1 a draft bake 
         `--truth paths`: means over the areas of drawn lumels by a path tracer that shares no code with the baker, those of speed_error.py (chart edges
         too).  Only of lumels that lie wholly on the surface: of others the two do not take the same part.
         Settings: a preset; `error`: preview with the scene's own `--error` of the table below; 0.02: preview with that; draft+0.1.
-Output: a line a setting, then how the estimate's deciles fare;  docs/data/error_calibration.csv;  the tables of docs/error.md (between
-        <!-- generated:NAME --> and <!-- end -->);  with --pictures docs/images/error_*.png: estimated beside true error of a whole page.
+Output: a line a setting, then how the estimate's deciles fare;  lab/data/error_calibration.csv;  lab/tables/error.md;
+        with --pictures lab/images/error_*.png: estimated beside true error of a whole page.
 Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lit lumels; the estimate
         (channel error.Y) over the same. `report` is what the bake says itself, over its own light. The truth's own
         noise is taken off its square with --truth paths.
@@ -32,7 +32,7 @@ import common
 import reference
 import speed_scenes
 
-DOCS = os.path.join(common.HERE, "..", "docs")
+DOCS = common.LAB
 CSV = os.path.join(DOCS, "data", "error_calibration.csv")
 COLUMNS = ("scene truth setting wanted reached n lumels report_rms estimated true own ratio spearman p50_estimated p50_true "
            "bias within1 within2 deciles_estimated deciles_true mrays instructions versions atlas").split()
@@ -187,7 +187,7 @@ def read_rows():
 
 
 def page():
-    """the tables of docs/error.md from the CSV"""
+    """lab/tables/error.md from the CSV"""
     rows = read_rows()
     percent = lambda x: "%.2f %%" % (100 * float(x))      # noqa: E731
     name = lambda s: s if s[0].isalpha() else "`--error %s`" % s      # noqa: E731
@@ -209,11 +209,7 @@ def page():
                 cells = ["%.2f" % (100 * float(v)) for v in r["deciles_" + what].split()]
                 lines.append("| %s | %s | %s | %s |" % (speed_scenes.SCENES[r["scene"]]["title"], name(r["setting"]), what, " | ".join(cells)))
     parts["deciles"] = "\n".join(lines)
-    path = os.path.join(DOCS, "error.md")
-    text = open(os.path.join(common.HERE, "..", "docs", "error.md")).read()
-    for k, v in parts.items():
-        text = re.sub(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % k, lambda m: m.group(1) + "\n" + v + "\n\n" + m.group(2), text, flags=re.S)
-    open(path, "w").write(text)
+    common.write_tables(DOCS, "error", parts)
 
 
 def picture(scene, setting):

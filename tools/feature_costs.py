@@ -4,7 +4,7 @@ Usage : python feature_costs.py [--before OLD_LUMEL] [--runs 3] [--quality draft
 Steps : bakes assets/cornell_box.glb and assets/demo_level.glb plainly, with the binary LUMEL and, if given, with an older one (--before); then with one
         feature at a time. Time is the least of the runs' wall times, taken in turns; instructions are those of user code (`perf stat`), which a loaded
         machine does not change; -1 where perf is not there.
-Output: docs/data/feature_costs.csv, and docs/feature_costs.md between <!-- generated:NAME --> and <!-- end -->
+Output: lab/data/feature_costs.csv and lab/tables/feature_costs.md
 Needs : the lumel binary (LUMEL) built for release; perf for instructions
 """
 import argparse
@@ -21,8 +21,7 @@ import common
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ASSETS = os.path.join(HERE, "..", "assets")
-PAGE = os.path.join(HERE, "..", "docs", "feature_costs.md")
-CSV = os.path.join(HERE, "..", "docs", "data", "feature_costs.csv")
+CSV = os.path.join(common.LAB, "data", "feature_costs.csv")
 
 
 def rewrite(source, target, change):
@@ -154,10 +153,8 @@ def main():
         ratio = (f"{t / min(seconds[base]):.3f}", f"{n / counts[base]:.3f}") if base else ("", "")
         lines.append(f"| {name} | {base or ''} | {t:.2f} | {ratio[0]} | {n / 1e9:.2f} | {ratio[1]} |")
     open(CSV, "w").write("\n".join(rows) + "\n")
-    page = open(PAGE).read()
-    table = "\n".join(lines) + f"\n\n`{a.quality}`, least of {a.runs} runs taken in turns; load average at the start {load:.1f}.\n"
-    page = re.sub(r"(<!-- generated:costs -->\n).*?(<!-- end -->)", lambda m: m.group(1) + "\n" + table + "\n" + m.group(2), page, flags=re.S)
-    open(PAGE, "w").write(page)
+    table = "\n".join(lines) + f"\n\n`{a.quality}`, least of {a.runs} runs taken in turns; load average at the start {load:.1f}."
+    common.write_tables(common.LAB, "feature_costs", {"costs": table})
 
 
 if __name__ == "__main__":

@@ -6,8 +6,8 @@ Usage : python light_scenes.py [--scenes gi_demo,truck_town,house,lamp,emissive,
 Steps : for each scene (SCENES below): 1 a copy with the sun added; 2 a draft bake, whose atlas is flattened; 3 a draw of its lumels and their reference
         (light_truth.py), looked up under LUMEL_REF by content; 4 a bake of every quality; 5 errors, and with --pictures an error map and lumel's own
         preview of the lit level under --work
-Output: docs/data/light_scenes.csv      a row for every scene, quality and family of lumels; what was not run keeps its rows
-        docs/light_scenes.md            what stands between <!-- generated:NAME --> and <!-- end --> is written anew
+Output: lab/data/light_scenes.csv       a row for every scene, quality and family of lumels; what was not run keeps its rows
+        lab/tables/light_scenes.md     tables of lab/light_scenes.md
         WORK/SCENE.QUALITY.json         the worst lumels and the error by node
         Pictures show assets of others: they stay under --work and are not committed.
 Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; the measuring scenes (LUMEL_SCENES).
@@ -15,7 +15,6 @@ Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that 
 import argparse
 import json
 import os
-import re
 import sys
 
 import numpy as np
@@ -26,8 +25,7 @@ import reference
 import speed_page
 import speed_scenes
 
-DOCS = os.path.join(common.HERE, "..", "docs")
-CSV = os.path.join(DOCS, "data", "light_scenes.csv")
+CSV = os.path.join(common.LAB, "data", "light_scenes.csv")
 COLUMNS = ("scene quality family n relRMSE relRMSE_se p50 p95 p99 bias own truth_se zeros seconds lumels texels_per_unit sky sun options triangles threads "
            "load versions").split()
 MODEL = "light_truth 1"     # to be counted up whenever light_truth.py answers otherwise
@@ -57,7 +55,7 @@ SCENES = {
         title="EmissiveStrengthTest", file="features/EmissiveStrengthTest/EmissiveStrengthTest.glb", density=None, why="what `lumel bake` chooses: 70.7, and 11.3 for the backdrop", sky="0,0,0",
         light="five boxes of emissive strength 1 to 16, which are black otherwise", count=1000, target=0.001, seconds=80),
     "sponza": dict(
-        title="Sponza", file="sponza/sponza.glb", density=4.97, why="that of docs/speed_error.md: 20 cm a lumel", sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0, 0.0),
+        title="Sponza", file="sponza/sponza.glb", density=4.97, why="that of lab/speed_error.md: 20 cm a lumel", sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0, 0.0),
         light="a sky and a sun; leaves and chains are MASK", count=1000, target=0.0005, seconds=150),
 }
 
@@ -275,8 +273,8 @@ def spread(tri, nrm, face, px, r, c):
     return out
 
 
-def page(rows, docs):
-    """The generated parts of docs/light_scenes.md."""
+def page(rows):
+    """The tables of lab/light_scenes.md."""
     percent = lambda x, d=2: "%.*f %%" % (d, 100 * float(x))      # noqa: E731
     out = ["| scene | texels a metre, lumels | light |", "|---|---|---|"]
     seen = [n for n in SCENES if any(r["scene"] == n for r in rows)]
@@ -293,14 +291,7 @@ def page(rows, docs):
     parts["results"] = "\n".join(out)
     parts["setup"] = "%s; %s threads; load average at the start of the bakes %.1f to %.1f." % (
         ", ".join(sorted({r["versions"] for r in rows})), ", ".join(sorted({str(r["threads"]) for r in rows})), min(float(r["load"]) for r in rows), max(float(r["load"]) for r in rows))
-    path = os.path.join(docs, "light_scenes.md")
-    text = open(path).read()
-    for name, part in parts.items():
-        text, n = re.subn(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % name, lambda m: m.group(1) + "\n" + part + "\n\n" + m.group(2), text, flags=re.S)
-        if n != 1:
-            raise SystemExit("%s: %d places for generated:%s, expected one" % (path, n, name))
-    with open(path, "w") as f:
-        f.write(text)
+    common.write_tables(common.LAB, "light_scenes", parts)
 
 
 def main():
@@ -316,7 +307,7 @@ def main():
     ap.add_argument("--work", default="/tmp/light_scenes")
     a = ap.parse_args()
     if a.page_only:
-        return page(speed_page.read_csv(CSV), DOCS)
+        return page(speed_page.read_csv(CSV))
     if reference.gltf_scene is None:
         raise SystemExit("no truth.py and its companions in %s: set LUMEL_SHARED_TOOLS" % common.SHARED)
     unknown = set(a.scenes.split(",")) - set(SCENES)
@@ -336,7 +327,7 @@ def main():
         order = list(SCENES)
         rows.sort(key=lambda r: (order.index(r["scene"]), ["draft", "quick", "preview", "production"].index(r["quality"])))
         speed_page.write_csv(CSV, COLUMNS, rows)
-        page(speed_page.read_csv(CSV), DOCS)
+        page(speed_page.read_csv(CSV))
 
 
 if __name__ == "__main__":

@@ -12,10 +12,10 @@ Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its 
           (reference.py; their time is bounded in the scene table, --reference-time scales it, --refine adds to what is there); 3 all settings of lumel and
           Cycles in turn, lumel's twice: the whole bake, and equal work (`--no-vertex-colors --in-turn`, and what making charts and packing them took in
           that run is taken off: Cycles does neither); settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
-Output: docs/data/speed_error.csv       a row for every run and family of lumels, written after each run; what was not run keeps its rows, unless they
+Output: lab/data/speed_error.csv         a row for every run and family of lumels, written after each run; what was not run keeps its rows, unless they
                                         are of another atlas or, lumel's, of another binary
-        docs/images/speed_error.png .svg  one panel a scene;  docs/images/weakness_*.png
-        docs/speed_error.md             the parts between <!-- generated:NAME --> and <!-- end --> are written anew, the rest stays
+        lab/images/speed_error.png .svg   one panel a scene;  lab/images/weakness_*.png
+        lab/tables/speed_error.md       tables of lab/speed_error.md
 Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; bpy for Cycles, else its points are left out,
         with a warning.  The machine should be quiet: the load average goes into the CSV and onto the page.
 Time  : on a quiet machine of 2 cores with cached references about 25 minutes; --full adds the settings that take minutes each.
@@ -251,7 +251,7 @@ def main():
     ap.add_argument("--work", default="/tmp/lumel-speed")
     a = ap.parse_args()
     a.scenes, a.resume = a.scenes or ",".join(speed_scenes.FIVE), a.resume or a.final
-    docs = os.path.abspath(a.docs or (a.work if a.smoke else os.path.join(common.HERE, "..", "docs")))
+    docs = os.path.abspath(a.docs or (a.work if a.smoke else common.LAB))
     table = os.path.join(docs, "data", "speed_error.csv")
     if a.smoke:
         a.reference_time = min(a.reference_time, 0.1)

@@ -1,9 +1,8 @@
 """The page of speed_error.py: medians, Pareto fronts and ratios from the CSV's rows, as Markdown tables and plots.
 
-The page's prose is written by hand in docs/speed_error.md; only what stands between <!-- generated:NAME --> and <!-- end --> is replaced."""
+The prose is written by hand in lab/speed_error.md; the tables go to lab/tables/speed_error.md."""
 import csv
 import os
-import re
 import statistics
 
 import common
@@ -412,12 +411,4 @@ def write(rows, docs):
     rows = of_work(every, False)
     plot(rows, os.path.join(docs, "images", "speed_error.png"), os.path.join(docs, "images", "speed_error.svg"))
     parts = dict(setup=setup_text(rows), goals=goals_text(every), presets=presets_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))
-    page = os.path.join(docs, "speed_error.md")
-    own = os.path.join(common.HERE, "..", "docs", "speed_error.md")
-    text = open(own).read()
-    for name, part in parts.items():
-        text, n = re.subn(r"(<!-- generated:%s -->\n).*?(<!-- end -->)" % name, lambda m: m.group(1) + "\n" + part + "\n" + m.group(2), text, flags=re.S)
-        if n != 1:
-            raise SystemExit("%s: %d places for generated:%s, expected one" % (page, n, name))
-    with open(page, "w") as f:
-        f.write(text)
+    common.write_tables(docs, "speed_error", parts)

@@ -2,7 +2,7 @@
 
 Usage : python subdivide.py IN.glb OUT.glb [--parts 3]
 Note  : Corners on shared edges stay shared.  Every attribute is written as float, interpolated linearly; only triangle lists are split, Draco and meshopt are
-        not read.  For the cost of triangles at the same lumels (docs/profile.md):
+        not read.  For the cost of triangles at the same lumels (lab/profile.md):
         lumel bake LEVEL.glb -o once;  subdivide.py once/LEVEL.glb dense.glb;  lumel bake dense.glb --uv keep … against lumel bake once/LEVEL.glb --uv keep …
 """
 import argparse

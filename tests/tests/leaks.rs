@@ -2,11 +2,11 @@
 //!
 //! A lumel that a wall cuts holds one of its two sides, and a lumel in a wall is read from both, so
 //! light is seen in the dark up to a lumel and a half from a wall that is thinner than that. What
-//! lies deeper is exactly 0. `docs/leaks.md` says why no more is asked.
+//! lies deeper is exactly 0. `lab/leaks.md` says why no more is asked.
 //!
 //! Which texel stands for which surface is read from the written .glb by the path tracer's reader,
 //! which shares nothing with the baker. Distances from walls, dim scenes and black spots need a
-//! path-traced truth: `tools/leaks.py`, `docs/leaks.md`.
+//! path-traced truth: `tools/leaks.py`, `lab/leaks.md`.
 
 #![allow(
     clippy::print_stderr,

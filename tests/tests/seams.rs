@@ -7,7 +7,7 @@
 
 #![allow(
     clippy::print_stderr,
-    reason = "figures for docs/seams.md, with --nocapture"
+    reason = "figures for lab/seams.md, with --nocapture"
 )]
 
 use crate::common::{bake, lumels_of};

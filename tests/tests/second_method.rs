@@ -207,7 +207,7 @@ fn a_door_to_a_second_room_and_a_sealed_one() {
 ///
 /// What they hold may differ from the truth by twice that share of what the open part receives (and
 /// 4 s.e. of the path tracer). The errors that the bake claims for them are not looked at: where
-/// all points are buried it claims none, which is wrong (docs/second_method.md).
+/// all points are buried it claims none, which is wrong (lab/second_method.md).
 #[test]
 fn lumels_at_the_foot_of_a_block() {
     let written = &*CORNELL;
@@ -255,7 +255,7 @@ fn open_share(f: &Footprint, scene: &Scene) -> f64 {
     (0..1024).filter(open).count() as f64 / 1024.0
 }
 
-/// All lumels, for the record in docs/second_method.md:
+/// All lumels, for the record in lab/second_method.md:
 /// `[QUALITY=draft|preview] cargo test -p lumel-tests second_method:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes; for the record"]

@@ -2,7 +2,7 @@
 
 #![allow(
     clippy::print_stderr,
-    reason = "figures for docs/smooth.md, with --nocapture"
+    reason = "figures for lab/smooth.md, with --nocapture"
 )]
 
 use std::f64::consts::PI;

@@ -6,7 +6,7 @@ python tools/judge bake  --levels DIR --out OUT --binary LUMEL [--label before]
 python tools/judge table --out OUT [--seeds odd] [--label before --label after]
 python tools/judge sheet --out OUT --label after [--quality preview]
 python tools/judge check --path-trace target/release/path-trace
-python tools/judge page  --out OUT --label after --docs DIR
+python tools/judge page  --out OUT --label after [--docs DIR]
 """
 import argparse
 import os
@@ -17,6 +17,7 @@ if __package__ in (None, ""):
     import judge            # noqa: F401
     __package__ = "judge"
 
+LAB = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "lab")
 QUALITIES = ["draft", "quick", "preview", "production"]
 
 
@@ -45,7 +46,7 @@ def main():
         if name in ("sheet", "page"):
             c.add_argument("--count", type=int, default=12, help="crops of a family")
         if name == "page":
-            c.add_argument("--docs", required=True, help="where unseen_levels.md goes")
+            c.add_argument("--docs", default=LAB, help="folder of tables/unseen_levels.md and its pictures")
     c = sub.add_parser("check", help="the judge's tracer against known answers and path-trace")
     c.add_argument("--path-trace", required=True, help="binary of the tests' path tracer")
     c.add_argument("--scenes", help="folder that `path-trace --scenes` wrote")

@@ -78,7 +78,7 @@ class Camera:
 class Scene:
     corners: np.ndarray     # [T, 3, 3]
     normals: np.ndarray     # [T, 3, 3], unit; the face's where the file has none
-    curved: np.ndarray      # [T]: whether the normals describe a round surface (docs/smooth.md)
+    curved: np.ndarray      # [T]: whether the normals describe a round surface (lab/smooth.md)
     uv: list                # of [T, 3, 2], TEXCOORD_0 and 1
     colours: np.ndarray     # [T, 3, 4]
     material: np.ndarray    # [T]
@@ -262,7 +262,7 @@ def colour(value):
 
 
 def round_faces(face, normals, vertices):
-    """docs/smooth.md: faces whose normals are bent, none of whose corners is a smoothed edge"""
+    """lab/smooth.md: faces whose normals are bent, none of whose corners is a smoothed edge"""
     cosine = (normals * face[:, None]).sum(2)
     bent = (cosine < 0.999962).any(1)
     hard = np.zeros(vertices.max() + 1 if len(vertices) else 0, bool)

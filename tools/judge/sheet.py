@@ -94,15 +94,15 @@ def triple(out, row, path, width=320):
 
 
 def page(a):
-    """docs/unseen_levels.md: the table, and best, middle and worst view of each family"""
+    """lab/tables/unseen_levels.md: the table, and best, middle and worst view of each family"""
     rows = table.selected(a)
     label = a.label[-1] if a.label else rows[-1]["label"]
     quality = a.quality[0] if a.quality else "preview"
     folder = os.path.join(a.docs, "images", "unseen_levels")
     os.makedirs(folder, exist_ok=True)
-    text = ["# Levels that nobody tuned for", "",
+    text = ["# Tables of [unseen_levels.md](../unseen_levels.md)", "",
             "Written by `tools/judge page`; what each figure means: "
-            "[tools/judge](../tools/judge/README.md).",
+            "[tools/judge](../../tools/judge/README.md).",
             "Seeds: %s. Mean (largest) over views." % a.seeds, "", table.text(a), "",
             "## Pictures", "", "Build `%s`, `%s`: truth, bake, FLIP's map; the view with the least,"
             % (label, quality), "the middle and the largest FLIP of each family.", ""]
@@ -118,6 +118,9 @@ def page(a):
             triple(a.out, row, os.path.join(folder, name))
             text += ["%s: %s view %s, FLIP %.3f" % (
                 word.capitalize(), row["level"].split(":")[0], row["view"], float(row["flip"])),
-                "", "![%s %s](images/unseen_levels/%s)" % (family, word, name), ""]
-    open(os.path.join(a.docs, "unseen_levels.md"), "w").write("\n".join(text))
-    print(os.path.join(a.docs, "unseen_levels.md"))
+                "", "![%s %s](../images/unseen_levels/%s)" % (family, word, name), ""]
+    path = os.path.join(a.docs, "tables", "unseen_levels.md")
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w", encoding="utf-8") as f:
+        f.write("\n".join(text))
+    print(path)

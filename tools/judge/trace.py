@@ -5,7 +5,7 @@ and emits on its front, or on both sides if double-sided; the back of a single-s
 is black.  With coverage α (MASK: 0 or 1) and transmission τ a share (1 − α) + α τ c passes straight
 on and α (1 − τ) reflects.  Spheres (radius) and discs (angle) shine with uniform radiance and are
 seen by shadow rays only.  Where normals describe a round surface, light is gathered on that one
-(docs/smooth.md); further along a path faces are flat.
+(lab/smooth.md); further along a path faces are flat.
 Method: cosine-weighted directions and samples of emissive triangles joined by MIS (power
 heuristic), lamps drawn by resampling among candidates, unlimited bounces with Russian roulette
 from the first.  Samples of one pixel are an additive recurrence in four dimensions, shifted at

@@ -37,7 +37,7 @@ pub struct LightReport {
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 %
-    /// of the mean). Within a factor 1.5 of the true one on the scenes of docs/error.md. NaN (in
+    /// of the mean). Within a factor 1.5 of the true one on the scenes of lab/error.md. NaN (in
     /// JSON null) where no lumel is lit: nothing was measured.
     pub estimated_error: f64,
     /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled

@@ -39,7 +39,7 @@
 //! let (map, report) = bake_light(&gatherer, &layout, all, &Silent).expect("nobody cancels");
 //! assert_eq!(report.lumels, map.received().len() as u64);
 //! // E = π L / (1 − ρ) = 2π everywhere, and `mean` is E/π. Each lumel is within 0.6 % of it
-//! // (docs/measurements.md): the odd ray slips through an edge.
+//! // (lab/measurements.md): the odd ray slips through an edge.
 //! for channel in report.mean {
 //!     assert!((channel / 2.0 - 1.0).abs() < 0.006, "{channel}");
 //! }

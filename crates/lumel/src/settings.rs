@@ -190,7 +190,7 @@ pub struct Settings {
     /// What lumels hold of which a part lies inside or behind something.
     pub hidden: Hidden,
     /// Make bilinear lookups on both sides of chart borders agree, but for those of curved surfaces
-    /// (docs/seams.md).
+    /// (lab/seams.md).
     pub stitch: bool,
     /// Bake the scene with vertex colours too; without, no light is computed for it and its file is
     /// not written.
@@ -297,7 +297,7 @@ enum Start {
 
 impl Start {
     /// With an error to reach, as few rays as may do: the gather goes on by itself. To 0.03 from
-    /// `quick`, what it had overlooked was left out of the estimate (docs/ideas.md).
+    /// `quick`, what it had overlooked was left out of the estimate (lab/ideas.md).
     fn of(settings: &Settings) -> Start {
         let preset = match settings.quality {
             Quality::Draft => Start::Draft,
@@ -320,11 +320,11 @@ impl Settings {
     /// Patches, links and direct light of the solve.
     ///
     /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 %
-    /// (docs/measurements.md, which says what has changed since); rays a patch hardly mattered
+    /// (lab/measurements.md, which says what has changed since); rays a patch hardly mattered
     /// between 128 and 256, since the gather averages over many patches.
     pub(crate) fn solve_options(&self) -> SolveOptions {
         // A gather reads many elements: what is not known of each by itself hardly matters, and one
-        // light sampled at a hit is noisier than what its element has of all (docs/ideas.md).
+        // light sampled at a hit is noisier than what its element has of all (lab/ideas.md).
         let (patches, rays, points) = match self.quality {
             Quality::Draft => (2_600, 32, 4),
             Quality::Quick => (8_000, 24, 4),
@@ -390,7 +390,7 @@ impl Settings {
             interpolation,
             near,
             // Found by gathering rays alone, what lamps shine on made clouds on walls
-            // (docs/ideas.md).
+            // (lab/ideas.md).
             lit: 1,
             open_only: false,
         }

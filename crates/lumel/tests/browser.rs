@@ -49,7 +49,7 @@ impl Drop for Server {
 fn squares(options: &str) -> (TempDir, PathBuf) {
     let t = temp();
     // The shadow's edge lies on the border of two primitives, which stitching takes for a seam to
-    // be smoothed (docs/seams.md).
+    // be smoothed (lab/seams.md).
     let options = format!("--no-stitch {options}");
     // A name that has to be encoded in an address.
     let file = write(t.path().join("four squares #1.gltf"), scene());

@@ -294,7 +294,7 @@ const CROWDED: f32 = 0.2;
 /// light of their own.
 ///
 /// A patch half in a gap shines into it with what it has outside: at `preview`, lumels in gaps of
-/// the garage (docs/speed_error.md) had half as much light again and more, and of godot_gi_demo
+/// the garage (lab/speed_error.md) had half as much light again and more, and of godot_gi_demo
 /// three quarters. Patches a quarter as wide everywhere bring as much as this, for fourteen times
 /// the elements.
 fn find_crowded(cut: &Subdivision, buried: &[bool], close: &[bool]) -> Vec<bool> {

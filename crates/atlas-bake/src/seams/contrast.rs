@@ -14,7 +14,7 @@ use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 
 /// Misfit, over the light, at which agreement counts a quarter: about a step's, which is 0.125. At
 /// a third of this, a demo level's shadows leave 1 % of its seams 12 % apart; without end, lookups
-/// on a sphere are a sixth farther from the truth (docs/seams.md).
+/// on a sphere are a sixth farther from the truth (lab/seams.md).
 const BENT: f32 = 0.12;
 
 /// Agreement never counts less than this: a step that is smaller by a bit everywhere is seen less

@@ -25,7 +25,7 @@ use crate::seams::rows::{
 
 /// W: what agreement counts against leaving texels as they are, where light is even. At 1e5 kits'
 /// seams agree no better than they must, and lookups on spheres are a fifth further from the truth
-/// (docs/seams.md).
+/// (lab/seams.md).
 const AGREE: f32 = 2e4;
 
 /// Times as much in narrow charts, which have no light of their own to keep. Alike everywhere,

@@ -9,7 +9,7 @@ use rayon::slice::ParallelSliceMut;
 ///
 /// Degrees. Irradiance jumps across a crease, and bilinear filtering inside one chart would smear
 /// it; but low-poly terrain has creases everywhere, and a chart per facet would drown it in
-/// padding. See `docs/unwrap.md`.
+/// padding. See `lab/unwrap.md`.
 pub const CREASE_DEGREES: f64 = 40.0;
 
 /// Edges sharper than this are chart borders whatever the normals say (degrees).

@@ -34,7 +34,7 @@ const MOST_TRIANGLES: [usize; 2] = [2048, 8192];
 
 /// Of what two charts have in common, at most so much may become slits, as a share of the border
 /// that they are joined at. Without a limit, seams of Sponza differ by 57 % (99th percentile), with
-/// this by 24 %; at 0 they cover 1.4 % less of their page for 26 % (docs/seams.md).
+/// this by 24 %; at 0 they cover 1.4 % less of their page for 26 % (lab/seams.md).
 const SLITS: f64 = 0.3;
 
 /// What lies nearer is welded, and what lies farther is read by lookups of its own, lumels.

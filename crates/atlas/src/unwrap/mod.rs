@@ -40,7 +40,7 @@ pub use xatlas::Xatlas;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UnwrapperChoice {
-    /// The one that measures better (`docs/unwrap.md`): uvunwrap.
+    /// The one that measures better (`lab/unwrap.md`): uvunwrap.
     #[default]
     Auto,
     /// The `uvunwrap` crate.

@@ -34,7 +34,7 @@ const SAME_PLACE: f32 = 0.3;
 /// matters must find what the lumels found. What this, [`LEAST_WEIGHT`] and [`PART`] let in over
 /// the demo level (each triangle split in nine) was nearer to gathering with 2048 rays than
 /// gathering itself is, in the median and at the 95th percentile, with 16 rays (`draft`) and with
-/// 64 (`preview`); docs/profile.md has the figures.
+/// 64 (`preview`); lab/profile.md has the figures.
 const NEAR_PLACE: f32 = 0.75;
 
 /// Share of a lookup from lumels that can be trusted which is most of it.

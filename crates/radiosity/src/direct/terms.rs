@@ -26,7 +26,7 @@ const INSIDE: f32 = f32::MAX;
 
 /// Terms where there are more emitters than may count singly: so that each has several points,
 /// which see a shadow's edge that one point misses. From 32 to 12 the error of a panel of 10,000
-/// squares over boxes fell from 3.2 to 2.6 %, for less work; 4 did no better (docs/emitters.md).
+/// squares over boxes fell from 3.2 to 2.6 %, for less work; 4 did no better (lab/emitters.md).
 const GROUPS: usize = 12;
 
 /// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen

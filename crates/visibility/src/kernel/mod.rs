@@ -42,7 +42,7 @@ pub const MAX_COORDINATE: f32 = 1e18;
 
 /// Factor on far distances: eight units in the last place. Two slab distances of three roundings
 /// each (subtraction, reciprocal, product) and the sheared corners (three more) can disagree by
-/// about seven; no leak was seen in 5e7 rays (`docs/visibility.md`).
+/// about seven; no leak was seen in 5e7 rays (`lab/visibility.md`).
 pub const WIDEN: f32 = 1.0 + 8.0 * f32::EPSILON;
 
 /// Below this magnitude of the determinant its reciprocal may overflow or the edge functions be

@@ -5,7 +5,7 @@
 //! from every source of light, with joints that overlap. So E is exactly 0 there, whatever the
 //! bake. What light reaches through an opening is for a path tracer to say ([`Kind::Dim`]).
 //! `tests/tests/leaks.rs` holds the dark parts against 0, `tools/leaks.py` everything against
-//! truth; `docs/leaks.md` has the tables.
+//! truth; `lab/leaks.md` has the tables.
 
 mod kit;
 mod outdoors;
@@ -43,7 +43,7 @@ pub struct LeakScene {
     pub received: Option<f64>,
 }
 
-/// The scenes, in the order of `docs/leaks.md`.
+/// The scenes, in the order of `lab/leaks.md`.
 pub const LEAKS: &[fn() -> LeakScene] = &[
     walls::sealed_box,
     walls::box_on_floor,
