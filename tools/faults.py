@@ -29,7 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 DRAFT = ["--quality", "draft", "--texels-per-unit", "6"]
 TEMPORARY = ".lumel-tmp-"
-MIXED = "not of the bake that"
+MIXED = "these files do not match"
 
 
 class Faults:
@@ -54,7 +54,7 @@ class Faults:
     def mixed(self, out):
         """Whether `lumel report` says that files of two bakes lie in the folder."""
         run = self.report(out)
-        return MIXED in run.stderr or "is not as it was written" in run.stderr
+        return MIXED in run.stderr or "was changed after the bake" in run.stderr
 
     # What is said.
 

@@ -1,4 +1,4 @@
-//! A whole scene: its light gathered, at lumels and vertices, and put into pages.
+//! Bakes a whole scene: light at lumels and vertices, and pages.
 
 use atlas::Layout;
 use gather::{LightReport, VertexLight, VertexOptions, VertexReport, bake_light, bake_vertices};
@@ -10,15 +10,15 @@ use crate::page::Page;
 use crate::pages::Pages;
 use crate::seams::SeamReport;
 
-/// What was gathered, and what was made of it.
+/// What was gathered, and what became of it.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct BakeReport {
     /// Light at lumels.
     #[serde(flatten)]
     pub light: LightReport,
-    /// Light at vertices; `None` where it was left out.
+    /// Light at vertices; `None` if it was left out.
     pub vertices: Option<VertexReport>,
-    /// Seams between charts: how far lookups on their two sides differ.
+    /// Seams between charts: differences between lookups on the two sides.
     pub seams: SeamReport,
     /// Memory of pages and lumel lists, bytes.
     pub bytes: u64,
@@ -29,22 +29,22 @@ pub struct BakeReport {
 pub struct Baked {
     /// Lightmap pages.
     pub pages: Vec<Page>,
-    /// Pages of each group of light, without extra channels; they sum to `pages`. Empty where
-    /// groups are not kept apart.
+    /// Pages of each light group, without extra channels; they sum to `pages`. Empty without
+    /// groups.
     pub groups: Vec<Vec<Page>>,
-    /// Irradiance per instance, primitive and vertex of the primitive; empty where
-    /// [`BakeOptions::vertices`] leaves it out.
+    /// Irradiance by instance, primitive and vertex of the primitive; empty if
+    /// [`BakeOptions::vertices`] is `None`.
     pub vertices: VertexLight,
-    /// What was done.
+    /// Report of the bake.
     pub report: BakeReport,
 }
 
-/// Bakes a scene: gathers light at lumels, makes pages of it, and gathers light at vertices.
+/// Bakes a scene: gathers light at lumels, writes it to pages, and gathers light at vertices.
 ///
 /// Deterministic for any number of threads, see [`bake_light`].
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub fn bake(
     world: &World,
     emitters: &Emitters,

@@ -1,8 +1,7 @@
-//! How far one lightmap is from another: the figures of `lumel diff`.
+//! Error of one lightmap against another: the figures of `lumel diff`.
 //!
-//! The measures are those that `tools/compare.py` uses against a path-traced reference, so that
-//! figures from either can be set side by side. All are taken on luminance and none depends on the
-//! scale of the stored value, as long as both images have the same.
+//! All figures are computed on luminance. None depends on the scale of the stored value, as long as
+//! both images use the same.
 
 use serde::Serialize;
 
@@ -13,29 +12,30 @@ use crate::false_color::{encode_png, heat};
 /// Rec. 709 luminance weights.
 pub(crate) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Share of the reference's mean that is added to each reference value before dividing by it, so
-/// that black texels do not decide a relative error. `tools/compare.py` uses the same.
+/// Fraction of the reference's mean that is added to each reference value before dividing by it, so
+/// that black texels do not dominate relative errors.
 const FLOOR: f64 = 0.01;
 
-/// Relative error shown as black, and as white, by [`error_png`] (logarithmic between).
+/// Relative errors that [`error_png`] shows as black and as white; the scale between is
+/// logarithmic.
 const SHOWN: [f64; 2] = [1e-3, 1.0];
 
-/// Which texels [`diff`] counted.
+/// The texels that [`diff`] counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Counted {
-    /// Those with a positive `coverage.Y` in the reference, or in the map where the reference has
+    /// Texels with a positive `coverage.Y` in the reference, or in the map if the reference has
     /// none.
     Coverage,
-    /// Those that are not black in either image: there was no coverage channel.
+    /// Texels that are not black in either image, because there was no coverage channel.
     NonZero,
 }
 
-/// Error of a map against a reference. With x and y the luminances of map and reference, m the mean
-/// of y, and d = (x − y) / (y + 0.01 m), all over the counted lumels.
+/// Error of a map against a reference. All figures are over the counted lumels, with x and y the
+/// luminances of map and reference, m the mean of y, and d = (x − y) / (y + 0.01 m).
 ///
-/// A relative figure is infinite (null in JSON) where the reference is black throughout and the map
-/// is not.
+/// A relative figure is infinite (null in JSON) if the reference is black throughout and the map is
+/// not.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DiffReport {
     /// √mean(d²).
@@ -61,17 +61,17 @@ pub struct DiffReport {
     pub max_at: [u32; 2],
     /// Lumels compared.
     pub lumels: u64,
-    /// How they were chosen.
+    /// How lumels were chosen.
     pub counted: Counted,
-    /// Lumels left out because a sample of theirs is NaN or infinite in either image.
+    /// Lumels skipped because one of their samples is NaN or infinite in either image.
     pub non_finite: u64,
 }
 
 /// Compares `map` with `reference`.
 ///
 /// # Errors
-/// [`Error::SizeMismatch`] where the images differ in size; [`Error::Image`] where one has neither
-/// `R`, `G`, `B` nor `Y`.
+/// [`Error::SizeMismatch`] if the images differ in size; [`Error::Image`] if one has neither `R`,
+/// `G`, `B` nor `Y`.
 pub fn diff(reference: &ExrImage, map: &ExrImage) -> Result<DiffReport> {
     let p = Pairs::collect(reference, map)?;
     let n = p.x.len() as f64;
@@ -124,8 +124,9 @@ pub fn diff(reference: &ExrImage, map: &ExrImage) -> Result<DiffReport> {
     })
 }
 
-/// A PNG of |d| at every counted lumel: black at 0.1 % and below, through blue, green and yellow to
-/// red and, at 100 % and above, white; grey where nothing was counted. d as in [`DiffReport`].
+/// A PNG of |d| (see [`DiffReport`]) at every counted lumel. The colours run from black (0.1 % and
+/// below) through blue, green, yellow and red to white (100 % and above); uncounted texels are
+/// grey.
 ///
 /// # Errors
 /// As [`diff`].
@@ -140,11 +141,11 @@ pub fn error_png(reference: &ExrImage, map: &ExrImage) -> Result<Vec<u8>> {
     encode_png(reference.width, reference.height, &pixels)
 }
 
-/// Luminances at the counted lumels of two images of one size.
+/// Luminances at the counted lumels of two images of the same size.
 struct Pairs {
     x: Vec<f64>,
     y: Vec<f64>,
-    /// Index of each in the image.
+    /// Index of each lumel in the image.
     texel: Vec<usize>,
     mean: f64,
     counted: Counted,
@@ -192,7 +193,7 @@ impl Pairs {
     /// d of lumel `i`.
     fn relative(&self, i: usize) -> f64 {
         let e = self.x[i] - self.y[i];
-        // 0/0 is no error; a denominator of 0 is a reference that is black throughout.
+        // 0/0 counts as no error. The denominator is 0 if the reference is black throughout.
         if e == 0.0 {
             0.0
         } else {
@@ -221,8 +222,8 @@ fn luminance(image: &ExrImage, what: &str) -> Result<Vec<f64>> {
     }
 }
 
-/// Percentile `q` (0..=1) of ascending `sorted` by linear interpolation between ranks; 0 of
-/// nothing.
+/// Percentile `q` (0..=1) of ascending `sorted` by linear interpolation between ranks; 0 for an
+/// empty list.
 pub(crate) fn percentile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return 0.0;
@@ -253,7 +254,7 @@ mod tests {
         }
     }
 
-    /// The weights add up to 1 in f64 to within a few ulp, so figures computed by hand hold to
+    /// The luminance weights sum to 1 within a few ulp in f64, so hand-computed figures hold to
     /// 1e-12.
     fn close(a: f64, b: f64) {
         assert!((a - b).abs() <= 1e-12 * b.abs().max(1.0), "{a} is not {b}");
@@ -286,13 +287,13 @@ mod tests {
 
     #[test]
     fn coverage_decides_what_is_counted_and_dark_lumels_do_not_enter_the_lit_figure() {
-        // Covered: y = 0 (x = 0.1) and y = 2 (x = 2); mean 1, floor 0.01, so d = 10 and 0. The
-        // third is padding.
+        // Covered: y = 0 (x = 0.1) and y = 2 (x = 2). The mean is 1 and the floor 0.01, so d = 10
+        // and 0. The third is padding.
         let a = grey(&[0.0, 2.0, 9.0], Some(&[1.0, 0.5, 0.0]));
         let b = grey(&[0.1, 2.0, 1.0], None);
         let r = diff(&a, &b).unwrap();
         assert_eq!((r.lumels, r.counted), (2, Counted::Coverage));
-        // 0.1 is an f32: its own rounding is 1.5e-8 relative.
+        // 0.1 as f32 has a relative rounding error of 1.5e-8.
         assert!((r.rel_rmse - 10.0 / 2f64.sqrt()).abs() < 1e-6);
         assert_eq!(r.rel_rmse_lit, 0.0);
         assert_eq!(diff(&b, &a).unwrap().counted, Counted::Coverage);

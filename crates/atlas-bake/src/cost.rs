@@ -1,4 +1,4 @@
-//! What a gather will cost, from a few of its lumels, and stitching after it.
+//! Estimates the cost of a gather from a few lumels, and the cost of stitching.
 
 use std::time::{Duration, Instant};
 
@@ -10,46 +10,46 @@ use rayon::prelude::*;
 use crate::options::BakeOptions;
 use crate::seams::find_samples;
 
-/// Lumels of a round, for each thread: some milliseconds, so that of [`TRIES`] at a round one is
-/// likely to be left alone by what else runs on the machine. Rounds go on until [`ENOUGH`].
+/// Lumels per thread and round. A round takes some milliseconds, so that at least one of its
+/// [`TRIES`] is likely undisturbed by other processes. Rounds go on until [`ENOUGH`].
 const ROUND: usize = 48;
 
-/// How often a round is done; the shortest time counts.
+/// Repetitions of a round; the shortest time counts.
 const TRIES: usize = 3;
 
 /// Most rounds.
 const ROUNDS: usize = 24;
 
-/// Long enough for lumels of all sorts, and no burden beside reading and unwrapping a level.
+/// Long enough to sample all kinds of lumels, but short compared to reading and unwrapping a level.
 const ENOUGH: Duration = Duration::from_millis(500);
 
-/// What lumels cost.
+/// Cost of gathering.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct GatherCost {
-    /// Lumels that light is gathered at.
+    /// Lumels that are gathered.
     pub gathered: usize,
-    /// Lumels on flat open surfaces, whose indirect light is interpolated where it is steady.
+    /// Lumels on flat open surfaces, whose indirect light is interpolated where it varies smoothly.
     pub interpolated: usize,
-    /// Seconds that one of `gathered` takes, with the threads of the current rayon pool at work
-    /// together; as measured just now.
+    /// Measured seconds per gathered lumel, with all threads of the current rayon pool working.
     pub seconds: f64,
-    /// Rays, gathering and shadow rays together, that one of them casts in the mean.
+    /// Mean number of rays per gathered lumel, including shadow rays.
     pub rays: f64,
-    /// Points where lookups on two sides of a seam are compared.
+    /// Points where lookups on the two sides of a seam are compared.
     pub seam_samples: usize,
-    /// Channels, light and layers, that are stitched.
+    /// Number of stitched channels, including layers.
     pub stitched: usize,
 }
 
-/// Points where lookups on two sides of a seam would be compared: memory is needed for each.
+/// Points where lookups on the two sides of a seam would be compared; their number determines the
+/// memory of stitching.
 pub fn seam_samples(world: &World, layout: &Layout) -> usize {
     let lumels = Lumels::find(world.scene, world.soup, layout);
     find_samples(world, layout, &lumels).len()
 }
 
-/// Gathers at lumels here and there, and says how long that took.
+/// Gathers at lumels distributed over the scene and measures the time.
 ///
-/// `solution` may be a coarse one: it is the ways of rays that count, not the light.
+/// `solution` may be coarse: its paths of rays matter, not its light.
 pub fn gather_cost(
     world: &World,
     emitters: &Emitters,
@@ -77,7 +77,8 @@ pub fn gather_cost(
     }
     let gatherer = options.gatherer(world, emitters, solution);
     let gather = |k: usize| -> u64 {
-        // Multiples of the golden ratio: every stretch of them lies evenly over the level.
+        // Multiples of the golden ratio: every interval of them is evenly distributed over the
+        // level.
         let at = (k as f64 * 0.618_033_988_749_895).fract() * full.len() as f64;
         let (footprint, seed) = map.footprint(world, full[(at as usize).min(full.len() - 1)]);
         gatherer.gather(&footprint, seed).rays
@@ -87,7 +88,7 @@ pub fn gather_cost(
         let lumels = r * size..(r + 1) * size;
         lumels.into_par_iter().map(&gather).sum()
     };
-    // Once to wake threads and caches.
+    // Warms up threads and caches.
     round(0);
     let start = Instant::now();
     let (mut rounds, mut rays, mut seconds) = (0, 0, 0.0);

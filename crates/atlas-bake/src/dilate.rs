@@ -1,21 +1,20 @@
-//! Dilation: texels without a value of their own take their neighbours', so that bilinear lookups
-//! at chart borders read light and not the void.
+//! Dilation: empty texels take their neighbours' values, so that bilinear lookups at chart borders
+//! read light instead of black.
 
 use atlas::Rect;
 
 use crate::page::Page;
 use crate::seams::EMPTY;
 
-/// Fills empty texels of `rect` from filled ones, ring by ring, `rings` times. `charts` says which
-/// piece of surface a texel has its value from, [`EMPTY`] where it has none, and is updated;
-/// `readers`, which piece's lookups read a texel that has none. Reads and writes nothing outside
-/// `rect`.
+/// Fills empty texels of `rect` from filled ones, in `rings` rings. `charts` gives the piece of
+/// surface that a texel's value comes from, or [`EMPTY`], and is updated. `readers` gives the piece
+/// whose lookups read an empty texel. Nothing outside `rect` is read or written.
 ///
-/// A new texel is the mean of the filled ones beside, above and below it; only where there is none,
-/// of those at its corners. A corner is farther away, and what lies there may be another surface's.
+/// A new texel is the mean of its filled neighbours to the left, right, top and bottom; only if
+/// there are none, of the diagonal ones, which are farther away and may belong to another surface.
 ///
-/// A texel that lookups on one piece of surface read takes nothing of another, whose lumels may lie
-/// right beside it.
+/// A texel that is read by lookups on one piece takes no values from another, whose lumels may be
+/// direct neighbours.
 pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], readers: &[u32], rect: Rect, rings: u32) {
     let width = page.width as usize;
     let index = |x: u32, y: u32| y as usize * width + x as usize;
@@ -55,8 +54,7 @@ pub(crate) fn dilate(page: &mut Page, charts: &mut [u32], readers: &[u32], rect:
     }
 }
 
-/// Value and layers for one texel, and the piece of surface that the first of its neighbours
-/// belongs to.
+/// Value and layers for one texel, and the piece of surface of its first neighbour.
 struct Fill {
     value: [f32; 3],
     layers: Vec<f32>,
@@ -64,7 +62,7 @@ struct Fill {
 }
 
 impl Fill {
-    /// Writes it to texel `at`. Coverage stays: it says what is surface, and dilation adds none.
+    /// Stores the values in texel `at`. Coverage stays 0, because dilation adds no surface.
     fn store(self, page: &mut Page, at: usize) {
         page.value[at] = self.value;
         for (layer, v) in page.layers.iter_mut().zip(self.layers) {
@@ -75,7 +73,7 @@ impl Fill {
     }
 }
 
-/// Mean of the filled texels about (x, y) in `rect` that serve it; `None` where there is none.
+/// Mean of the usable filled texels around (x, y) in `rect`; `None` if there are none.
 fn mean_of_neighbours(
     page: &Page,
     charts: &[u32],
@@ -120,7 +118,7 @@ fn mean_of_neighbours(
     Some(fill)
 }
 
-/// The texels about (x, y) inside `rect`, and whether they are at a corner.
+/// The texels around (x, y) inside `rect`, and whether each is diagonal.
 fn neighbours(rect: Rect, x: u32, y: u32) -> impl Iterator<Item = (u32, u32, bool)> {
     (-1i64..=1).flat_map(move |dy| {
         (-1i64..=1).filter_map(move |dx| {
@@ -161,7 +159,7 @@ mod tests {
             h: 6,
         };
         dilate(&mut page, &mut charts, &[EMPTY; 64], rect, 2);
-        // Two rings about (3, 3), cut at the rectangle's left and top edge (2).
+        // Two rings around (3, 3), clipped at the rectangle's left and top edge (2).
         let filled = charts.iter().filter(|c| **c == 5).count();
         assert_eq!(filled, 16);
         assert_eq!(page.value[5 * 8 + 5], [2.0, 4.0, 6.0]);
@@ -171,7 +169,7 @@ mod tests {
     #[test]
     fn corners_count_only_where_nothing_is_nearer() {
         let (mut page, mut charts) = page();
-        // Two surfaces: one above the row, another one at a corner of (3, 3).
+        // Two surfaces: one above the row, the other diagonal to (3, 3).
         for (x, y, v, chart) in [(3, 2, 1.0, 0), (4, 4, 9.0, 1)] {
             page.value[y * 8 + x] = [v; 3];
             page.layers[0].1[y * 8 + x] = v;
@@ -189,7 +187,7 @@ mod tests {
         assert_eq!((page.value[3 * 8 + 3], charts[3 * 8 + 3]), ([1.0; 3], 0));
         assert_eq!(page.layers[0].1[3 * 8 + 3], 1.0);
         assert_eq!(page.value[5 * 8 + 5], [9.0; 3]);
-        // Unless it is the other one's lookups that read it.
+        // Unless lookups of the other surface read the texel.
         (page, charts) = (fresh, fresh_charts);
         readers[3 * 8 + 3] = 1;
         dilate(&mut page, &mut charts, &readers, rect, 1);

@@ -1,4 +1,4 @@
-//! What can go wrong between a solved scene and the files on disk.
+//! Errors between a solved scene and files on disk.
 
 use std::path::PathBuf;
 
@@ -11,53 +11,53 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// An output's name is not a plain file name, or names a folder that exists.
+    /// An output's name is not a plain file name, or is the name of an existing folder.
     #[error("{path} cannot be an output file: {why}", path = path.display())]
     OutputName {
         /// The name as given.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         why: &'static str,
     },
-    /// A file is not an OpenEXR image that can be read, or an image could not be encoded.
+    /// A file is not a readable OpenEXR image, or an image could not be encoded.
     #[error("{what}: {message}")]
     Image {
-        /// File or image concerned.
+        /// The file or image.
         what: String,
-        /// What the codec said.
+        /// The codec's message.
         message: String,
     },
-    /// Two images that must have one size have two.
-    #[error("sizes differ: {a_w}x{a_h} against {b_w}x{b_h}", a_w = a[0], a_h = a[1], b_w = b[0], b_h = b[1])]
+    /// Two images that must have the same size differ.
+    #[error("sizes differ: {a_w} x {a_h} and {b_w} x {b_h}", a_w = a[0], a_h = a[1], b_w = b[0], b_h = b[1])]
     SizeMismatch {
         /// Size of the first, texels.
         a: [u32; 2],
         /// Size of the second, texels.
         b: [u32; 2],
     },
-    /// Something is larger than this program is willing to handle.
+    /// A size exceeds this program's limit.
     #[error("{what} is {got}, more than the limit of {max}")]
     Limit {
         /// The quantity, with its unit.
         what: &'static str,
         /// Its value.
         got: u64,
-        /// The most that is accepted.
+        /// The limit.
         max: u64,
     },
-    /// The scene's document cannot be read (again).
+    /// The scene's document could not be read (again).
     #[error(transparent)]
     Document(#[from] mesh_ingest::Error),
-    /// The parts handed in do not belong together (a vertex out of range, a list of the wrong
-    /// length).
+    /// Arguments that do not fit together, e.g. a vertex out of range or a list of the wrong
+    /// length.
     #[error("{at}: {message}")]
     Inconsistent {
         /// Document path or the name of the part.
         at: String,
-        /// Expected and got.
+        /// What was expected and what was found.
         message: String,
     },
 }

@@ -1,8 +1,8 @@
-//! Lightmap pages as OpenEXR, and OpenEXR images back as numbers.
+//! Writes lightmap pages as OpenEXR, and reads OpenEXR images.
 //!
-//! The files are what every reader that Lumel was tried with accepts: half floats, scanlines, ZIP
-//! in blocks of 16 rows, one part, row 0 at the top (FACTS.md §1). Nothing in the header depends on
-//! time, place or machine, so equal pages give equal bytes for any number of threads.
+//! The format is one that every tested reader accepts: half floats, scanlines, ZIP in blocks of 16
+//! rows, one part, row 0 at the top. The header does not depend on time, place or machine, so equal
+//! pages give equal bytes for any number of threads.
 
 use std::collections::BTreeSet;
 use std::io::{BufReader, Cursor, Seek};
@@ -24,26 +24,25 @@ use crate::page::Page;
 /// Largest finite half: 2^16 − 2^5.
 pub const HALF_MAX: f32 = 65504.0;
 
-/// Name of the one custom attribute that Lumel writes (the crate keeps custom attributes in a hash
-/// map, so that two would come out in a random order).
+/// Name of the only custom attribute. The `exr` crate keeps custom attributes in a hash map, so two
+/// of them would be written in random order.
 const ATTRIBUTE: &str = "lumel";
 
-/// The most that [`read_exr`] unpacks, in bytes of `f32`: 16 channels of 8192².
+/// Most bytes of `f32` that [`read_exr`] unpacks: 16 channels of 8192².
 pub const READ_LIMIT: u64 = 16 * 8192 * 8192 * 4;
 
-/// More samples than a byte of a file can hold. DEFLATE packs even pictures best of EXR's ways: at
-/// most 258 bytes into two bits, which is 516 halves a byte. Twice that leaves room for what has
-/// not been thought of.
+/// Upper bound of samples per byte of a file. DEFLATE has the highest compression of EXR's methods:
+/// at most 258 bytes in two bits, i.e. 516 halves per byte. Doubled for safety.
 const SAMPLES_PER_BYTE: u64 = 1032;
 
-/// What [`write_lightmap_exr`] had to change to store a page as halves.
+/// Changes that [`write_lightmap_exr`] made to store a page as halves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 pub struct ExrStats {
     /// Samples beyond ±65504, stored as ±65504.
     pub clamped: u64,
     /// Samples that were NaN or infinite, stored as 0.
     pub non_finite: u64,
-    /// Samples of R, G or B below zero, stored as 0. Light is never negative; extra layers keep
+    /// Samples of R, G or B below zero, stored as 0. Light is never negative, but extra layers keep
     /// their sign.
     pub negative: u64,
 }
@@ -56,22 +55,21 @@ impl std::ops::AddAssign for ExrStats {
     }
 }
 
-/// What goes into the file beside the page's value.
+/// Optional contents of the file.
 #[derive(Debug, Clone, Default)]
 pub struct ExrOptions {
-    /// Text of the one custom attribute `lumel`, by custom JSON; none is written where this is
-    /// `None`.
+    /// Text of the custom attribute `lumel`, usually JSON; `None` writes no attribute.
     pub metadata: Option<String>,
     /// Write [`Page::coverage`] as channel `coverage.Y`.
     pub coverage: bool,
 }
 
-/// Encodes `page` as an OpenEXR file: `R`, `G`, `B`, then [`Page::layers`] as extra channels (all
-/// halves; channels in the file are sorted by name, as the format demands).
+/// Encodes `page` as an OpenEXR file: `R`, `G`, `B`, and [`Page::layers`] as extra channels. All
+/// are halves, and sorted by name in the file, as the format requires.
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where a channel's length is not `width × height`, the page is empty, or
-/// two channels share a name.
+/// [`Error::Inconsistent`] if a channel's length is not `width × height`, the page is empty, or two
+/// channels share a name.
 pub fn write_lightmap_exr(page: &Page, options: &ExrOptions) -> Result<(Vec<u8>, ExrStats)> {
     let texels = page.width as usize * page.height as usize;
     let expect = |name: &str, got: usize| {
@@ -81,7 +79,7 @@ pub fn write_lightmap_exr(page: &Page, options: &ExrOptions) -> Result<(Vec<u8>,
         Err(Error::Inconsistent {
             at: format!("lightmap channel {name}"),
             message: format!(
-                "expected {} x {} samples, more than none, got {got}",
+                "expected {} x {} samples and at least one, got {got}",
                 page.width, page.height
             ),
         })
@@ -123,7 +121,7 @@ pub fn write_lightmap_exr(page: &Page, options: &ExrOptions) -> Result<(Vec<u8>,
     if let Some(json) = &options.metadata {
         let text = Text::new_or_none(json).ok_or_else(|| Error::Inconsistent {
             at: "EXR attribute lumel".into(),
-            message: "text has characters beyond U+00FF".into(),
+            message: "its text has characters beyond U+00FF".into(),
         })?;
         attributes
             .other
@@ -159,9 +157,9 @@ pub fn write_lightmap_exr(page: &Page, options: &ExrOptions) -> Result<(Vec<u8>,
     Ok((bytes, stats))
 }
 
-/// Halves of `n` samples, with what had to be changed. `signed` samples may be negative.
+/// Converts `n` samples to halves and counts the changes. `signed` samples may be negative.
 fn to_half(n: usize, signed: bool, sample: impl Fn(usize) -> f32 + Sync) -> (Vec<f16>, ExrStats) {
-    // Counts are integers, so that their sum does not depend on how rayon splits the work.
+    // Integer counts do not depend on how rayon splits the work.
     let mut out = vec![f16::ZERO; n];
     let stats = out
         .par_iter_mut()
@@ -178,8 +176,8 @@ fn to_half(n: usize, signed: bool, sample: impl Fn(usize) -> f32 + Sync) -> (Vec
                 f16::ZERO
             } else {
                 s.clamped = u64::from(x.abs() > HALF_MAX);
-                // −0 and tiny negatives that round to −0 would make equal pages differ in their
-                // bytes.
+                // −0, and tiny negatives that round to −0, would make the bytes of equal pages
+                // differ.
                 let h = f16::from_f32(x.clamp(-HALF_MAX, HALF_MAX));
                 if h == f16::ZERO { f16::ZERO } else { h }
             };
@@ -199,7 +197,8 @@ pub struct ExrImage {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Name and `width × height` samples, row 0 at the top; in the file's order (sorted by name).
+    /// Name and `width × height` samples of each channel, row 0 at the top, in the file's order
+    /// (sorted by name).
     pub channels: Vec<(String, Vec<f32>)>,
 }
 
@@ -213,17 +212,17 @@ impl ExrImage {
     }
 }
 
-/// Reads the first part of an OpenEXR file, every channel as `f32`.
+/// Reads the first part of an OpenEXR file, with every channel as `f32`.
 ///
 /// # Errors
-/// [`Error::Io`] where the file cannot be opened, [`Error::Image`] where it is not an OpenEXR image
-/// of flat scanlines or tiles in a compression that is known, would unpack to more than 4 GiB, or
-/// to more than a file of its size can hold.
+/// [`Error::Io`] if the file cannot be opened. [`Error::Image`] if it is not an OpenEXR image of
+/// flat scanlines or tiles in a supported compression, or would unpack to more than 4 GiB or more
+/// than a file of its size can hold.
 pub fn read_exr(path: &Path) -> Result<ExrImage> {
     read_exr_within(path, READ_LIMIT)
 }
 
-/// As [`read_exr`], of an image that unpacks to at most `limit` bytes.
+/// As [`read_exr`], for an image that unpacks to at most `limit` bytes.
 ///
 /// # Errors
 /// As [`read_exr`].
@@ -236,13 +235,13 @@ pub fn read_exr_within(path: &Path, limit: u64) -> Result<ExrImage> {
         what: path.display().to_string(),
         message: e.to_string(),
     };
-    // The header is read first, on its own, so that a small file with a huge data window is refused
-    // before memory is asked for.
+    // The header is read first, so that a small file that claims huge dimensions is refused before
+    // memory is allocated.
     let file = open_regular(path).map_err(io)?;
     let stored = file.metadata().map_err(io)?.len();
     let mut file = BufReader::new(file);
     let meta = MetaData::read_from_buffered(&mut file, false).map_err(bad)?;
-    // Sizes come from the file, and their product need not fit.
+    // The product of sizes from the file may overflow.
     for header in &meta.headers {
         let (width, height) = (header.layer_size.0 as u64, header.layer_size.1 as u64);
         let channels = header.channels.list.len() as u64;
@@ -296,8 +295,7 @@ mod tests {
 
     fn page(width: u32, height: u32) -> Page {
         let n = (width * height) as usize;
-        // A cheap integer hash: values over the whole half range, nothing regular for the
-        // compressor.
+        // A cheap integer hash: values over the whole half range, incompressible.
         let x =
             |i: usize| (((i as u32).wrapping_mul(2_654_435_761) >> 8) as f32 / 1e4).min(60000.0);
         Page {
@@ -336,8 +334,8 @@ mod tests {
         assert_eq!(names, ["B", "G", "R", "coverage.Y", "direct.R", "error.Y"]);
         for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
             for (got, want) in back.channel(name).unwrap().iter().zip(&p.value) {
-                // Half has 11 significant bits: rounding to nearest errs by at most 2^-11 of the
-                // value (2^-25 below 2^-14).
+                // A half has 11 significant bits, so rounding to nearest errs by at most 2^-11 of
+                // the value (2^-25 below 2^-14).
                 assert!(
                     (got - want[c]).abs() <= want[c] * 2f32.powi(-11) + 2f32.powi(-25),
                     "{name}: {got} for {}",
@@ -439,8 +437,8 @@ mod tests {
         ));
     }
 
-    /// Sizes whose product wraps to 0 aborted the process; one that a short file only claims took
-    /// gigabytes.
+    /// A product of sizes that wrapped to 0 used to abort the process, and a size that a short file
+    /// only claimed used to allocate gigabytes.
     #[test]
     fn sizes_that_the_file_cannot_hold_are_refused_unallocated() {
         let dir = tempfile::tempdir().unwrap();
@@ -460,7 +458,7 @@ mod tests {
             }
             read_exr(&write_to(&dir, &bytes)).unwrap_err().to_string()
         };
-        // 2^30 x 2^30 pixels of four channels of four bytes: 2^64.
+        // 2^30 × 2^30 pixels of four 4-byte channels: 2^64 bytes.
         let wraps = claim([-(1 << 29), -(1 << 29), (1 << 29) - 1, (1 << 29) - 1]);
         assert!(
             wraps.contains("1073741824 x 1073741824 pixels of 4 channels"),

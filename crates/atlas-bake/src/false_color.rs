@@ -1,4 +1,4 @@
-//! PNG bytes and the colour scale of error and coverage pictures.
+//! PNG encoding and the colour scale of error and coverage pictures.
 
 use std::io::Cursor;
 
@@ -6,8 +6,8 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use crate::error::{Error, Result};
 
-/// Stops of the heat scale, evenly spaced: each is brighter than the one before, so that it
-/// survives in grey.
+/// Evenly spaced stops of the heat scale. Brightness increases monotonically, so the scale also
+/// works in greyscale.
 const STOPS: [[f32; 3]; 6] = [
     [0.0, 0.0, 0.0],
     [40.0, 40.0, 180.0],

@@ -1,9 +1,15 @@
-//! Pages of a lightmap: seams, dilation, and the files they are written to (EXR, KTX2, glTF, JSON,
-//! PNG).
+//! Lightmap pages: seams, dilation and file output (EXR, KTX2, glTF, JSON, PNG).
 //!
-//! [`bake()`] reads like the method's table of contents: light is gathered at lumels (crate
-//! `gather`), lumels become [`Page`]s, their seams are stitched, and vertices get light from the
-//! same lumels.
+//! In reading order:
+//!
+//! | read | to learn about |
+//! |---|---|
+//! | [`bake()`], [`BakeOptions`] | a whole bake: light is gathered at lumels (crate `gather`), lumels become pages, seams are stitched, and vertices get light from the same lumels |
+//! | [`Page`], [`Layer`], [`Directional`] | the channels of a page |
+//! | [`write_lightmap_exr`], [`read_exr`], [`write_lightmap_ktx2`] | image files |
+//! | [`write_lightmapped_glb`], [`write_vertex_glb`], [`Manifest`] | glTF output and its description |
+//! | [`diff`] | the error between two lightmaps |
+//! | [`OutputSet`] | writing many files as one transaction |
 //!
 //! ```
 //! use atlas_bake::{ExrOptions, Page, diff, read_exr, write_lightmap_exr};

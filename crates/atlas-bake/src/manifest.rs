@@ -1,4 +1,4 @@
-//! `level.lightmap.json`: where each node's light is, for engines that lose a glTF's extras.
+//! `level.lightmap.json`: each node's lightmap rectangle, for engines that drop glTF extras.
 
 use mesh_ingest::Scene;
 use serde::Serialize;
@@ -9,11 +9,19 @@ use serde_json::{Value, json};
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 
-/// What the R, G and B channels of a lightmap hold.
+/// Quantity in the R, G and B channels of a lightmap.
+///
+/// ```
+/// use atlas_bake::ValueKind;
+///
+/// assert_eq!(ValueKind::Irradiance.scale_to_irradiance(), Some(1.0));
+/// assert_eq!(ValueKind::Radiance.scale_to_irradiance(), Some(std::f64::consts::PI));
+/// assert_eq!(ValueKind::Radiosity.scale_to_irradiance(), None);
+/// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ValueKind {
-    /// R = E/π, the radiance of a white diffuse surface. What engines multiply with the albedo.
+    /// R = E/π, the radiance of a white diffuse surface, which engines multiply with the albedo.
     #[default]
     Radiance,
     /// E.
@@ -23,8 +31,8 @@ pub enum ValueKind {
 }
 
 impl ValueKind {
-    /// What a stored value is multiplied with to give irradiance; `None` where no factor does
-    /// (radiosity).
+    /// Factor from the stored value to irradiance; `None` for radiosity, for which there is no such
+    /// factor.
     pub fn scale_to_irradiance(self) -> Option<f64> {
         match self {
             ValueKind::Radiance => Some(std::f64::consts::PI),
@@ -34,23 +42,24 @@ impl ValueKind {
     }
 }
 
-/// A placement in the terms of an engine: page uv = mesh uv × scale + offset.
+/// A lightmap rectangle as a UV transform: page uv = mesh uv × scale + offset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct UvTransform {
-    /// Top left corner of the rectangle, as a share of the page.
+    /// Top left corner of the rectangle, as a fraction of the page.
     pub offset: [f64; 2],
-    /// Size of the rectangle, as a share of the page.
+    /// Size of the rectangle, as a fraction of the page.
     pub scale: [f64; 2],
 }
 
 impl UvTransform {
-    /// The whole page: coordinates that are on it already.
+    /// The whole page, for coordinates that are already those of the page.
     pub const PAGE: UvTransform = UvTransform {
         offset: [0.0; 2],
         scale: [1.0; 2],
     };
 
-    /// Of `placement` among `layout`'s pages; `None` where there is no such page or it is empty.
+    /// The transform of `placement` on `layout`'s pages; `None` if there is no such page or it is
+    /// empty.
     pub fn new(layout: &Layout, placement: &Placement) -> Option<UvTransform> {
         let [w, h] = layout.pages.get(placement.page as usize)?.map(f64::from);
         let r = placement.rect;
@@ -61,22 +70,22 @@ impl UvTransform {
     }
 }
 
-/// The manifest. Field order is the order in the file.
+/// The manifest. The order of fields is that of the file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub struct Manifest {
-    /// Format of this file; raised when a reader of the old one would go wrong.
+    /// Format version; raised when readers of the old version would misread the file.
     pub version: u32,
     /// Program and version.
     pub generator: String,
-    /// The glTF whose `TEXCOORD_1` belongs to the pages, beside this file.
+    /// The glTF file that has the lightmap coordinates, next to this file.
     pub scene: String,
-    /// What the pages hold.
+    /// Quantity in the pages.
     pub value: ValueKind,
-    /// Unit of the stored value: photometric or radiometric as the scene's lights are, which a glTF
-    /// does not say.
+    /// Unit of the stored value: photometric or radiometric, depending on the scene's lights. glTF
+    /// files do not say which.
     pub units: &'static str,
-    /// Stored value × this = irradiance; null where there is no such factor.
+    /// Factor from the stored value to irradiance; null if there is none.
     pub scale_to_irradiance: Option<f64>,
     /// Always `linear Rec.709`.
     pub color_space: &'static str,
@@ -84,14 +93,14 @@ pub struct Manifest {
     pub row_order: &'static str,
     /// The `TEXCOORD_n` with lightmap coordinates.
     pub tex_coord: u32,
-    /// Texels per metre asked for.
+    /// Requested texels per metre.
     pub texels_per_unit: f32,
     /// One per page.
     pub pages: Vec<ManifestPage>,
-    /// Channels of the pages beside R, G and B.
+    /// Channels of the pages in addition to R, G and B.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub channels: Vec<String>,
-    /// Groups of light with pages of their own, which sum to `pages`.
+    /// Light groups with their own pages, which sum to `pages`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<ManifestGroup>,
     /// One per instance that has a lightmap, in scene-graph order.
@@ -101,13 +110,13 @@ pub struct Manifest {
 /// A page file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ManifestPage {
-    /// Beside the manifest.
+    /// File name, next to the manifest.
     pub uri: String,
-    /// Texels.
+    /// Width in texels.
     pub width: u32,
-    /// Texels.
+    /// Height in texels.
     pub height: u32,
-    /// The same page as KTX2, where that was written.
+    /// The same page as KTX2, if that was written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ktx2: Option<ManifestKtx2>,
 }
@@ -115,20 +124,20 @@ pub struct ManifestPage {
 /// A page as KTX2.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ManifestKtx2 {
-    /// Beside the manifest.
+    /// File name, next to the manifest.
     pub uri: String,
-    /// How its texels are stored.
+    /// Texel format.
     pub format: Ktx2Format,
 }
 
-/// A group of light.
+/// A light group.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ManifestGroup {
     /// Its name.
     pub name: String,
-    /// Page files, of the size of the scene's, in the same order.
+    /// Page files with the same sizes and order as the scene's.
     pub pages: Vec<String>,
-    /// The same as KTX2, where that was written.
+    /// The same pages as KTX2, if those were written.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ktx2: Vec<String>,
 }
@@ -141,26 +150,26 @@ pub struct ManifestNode {
     pub node: usize,
     /// Its name, or empty.
     pub name: String,
-    /// Which `EXT_mesh_gpu_instancing` copy of the node.
+    /// Index of the `EXT_mesh_gpu_instancing` copy of the node.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub copy: Option<u32>,
     /// Index of the glTF mesh.
     pub mesh: usize,
-    /// Page number.
+    /// Page index.
     pub page: u32,
     /// Rectangle in texels of the page.
     pub rect: Rect,
-    /// The same as a transform of `TEXCOORD_1`.
+    /// The rectangle as a transform of `TEXCOORD_1`.
     #[serde(flatten)]
     pub uv: UvTransform,
 }
 
 impl Manifest {
-    /// Describes a finished bake; `page_uris` are the page files' names in order, `scene_uri` the
-    /// glTF's.
+    /// Describes a finished bake; `page_uris` are the names of the page files in order, `scene_uri`
+    /// that of the glTF.
     ///
     /// # Errors
-    /// [`Error::Inconsistent`] where `layout` and `page_uris` do not fit `scene`.
+    /// [`Error::Inconsistent`] if `layout` and `page_uris` do not fit `scene`.
     pub fn new(
         scene: &Scene,
         layout: &Layout,
@@ -216,7 +225,7 @@ impl Manifest {
         })
     }
 
-    /// Names the pages' KTX2 files, in order.
+    /// Adds the pages' KTX2 files, in order.
     pub fn set_ktx2(&mut self, format: Ktx2Format, uris: &[String]) {
         for (page, uri) in self.pages.iter_mut().zip(uris) {
             let uri = uri.clone();
@@ -224,8 +233,8 @@ impl Manifest {
         }
     }
 
-    /// Says that the glTF's coordinates are on the page already, as `MOZ_lightmap` has them (but
-    /// for instanced copies).
+    /// Declares that the glTF's coordinates are already those of the page, as `MOZ_lightmap`
+    /// requires (except for instanced copies).
     pub fn set_coordinates_on_page(&mut self) {
         for node in self.nodes.iter_mut().filter(|n| n.copy.is_none()) {
             node.uv = UvTransform::PAGE;
@@ -234,20 +243,20 @@ impl Manifest {
 
     /// The file's bytes: indented JSON with a final newline.
     pub fn to_json(&self) -> Vec<u8> {
-        // Serialising plain structs into memory cannot fail: no map has keys that are not strings.
+        // Serialising plain structs to memory cannot fail: no map has non-string keys.
         let mut bytes = serde_json::to_vec_pretty(self).unwrap_or_default();
         bytes.push(b'\n');
         bytes
     }
 }
 
-/// What a node's extras say of the KTX2 page, as [`ManifestKtx2`] does.
+/// A KTX2 page in a node's extras, like [`ManifestKtx2`].
 pub(crate) fn ktx2_json(format: Ktx2Format, uri: &str) -> Value {
     json!({"uri": uri, "format": format})
 }
 
-/// Checks that the plan fits the scene: a mesh atlas per mesh, a placement per instance, a name per
-/// page.
+/// Checks that the layout fits the scene: a mesh atlas per mesh, a placement per instance, a name
+/// per page.
 pub(crate) fn check(scene: &Scene, layout: &Layout, page_uris: &[String]) -> Result<()> {
     let lengths = [
         ("meshes", scene.meshes.len(), layout.meshes.len()),
@@ -269,13 +278,13 @@ pub(crate) fn check(scene: &Scene, layout: &Layout, page_uris: &[String]) -> Res
     {
         Some(i) => Err(Error::Inconsistent {
             at: format!("instance {i}"),
-            message: "it names a mesh that is not there".into(),
+            message: "its mesh does not exist".into(),
         }),
         None => Ok(()),
     }
 }
 
-/// [`UvTransform::new`] with the error that names the instance.
+/// [`UvTransform::new`] with an error that names the instance.
 pub(crate) fn uv_of(
     layout: &Layout,
     placement: &Placement,
@@ -283,7 +292,7 @@ pub(crate) fn uv_of(
 ) -> Result<UvTransform> {
     UvTransform::new(layout, placement).ok_or_else(|| Error::Inconsistent {
         at: format!("placement of instance {instance}"),
-        message: format!("there is no page {} or it is empty", placement.page),
+        message: format!("page {} is missing or empty", placement.page),
     })
 }
 

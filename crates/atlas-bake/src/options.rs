@@ -1,4 +1,4 @@
-//! How a scene is baked.
+//! Options of a bake.
 
 use gather::{GatherOptions, Gatherer, LightOptions, Wanted};
 use glam::Vec3;
@@ -11,82 +11,80 @@ use crate::manifest::ValueKind;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Layer {
-    /// `direct.R/G/B`: light straight from lamps and emitters.
+    /// `direct.R/G/B`: light that arrives directly from lamps and emitters.
     Direct,
     /// `indirect.R/G/B`: the rest.
     Indirect,
-    /// `radiosity.R/G/B`: what the lumel sends on, ρE/π.
+    /// `radiosity.R/G/B`: reflected radiance, ρE/π.
     Radiosity,
     /// `error.Y`: estimated standard error of the value's luminance.
     Error,
-    /// `coverage.Y`: share of the texel that lies on the surface.
+    /// `coverage.Y`: fraction of the texel covered by the surface.
     Coverage,
-    /// `ao.Y`: ambient occlusion, as openness: the cosine-weighted share of rays that meet nothing
-    /// within [`BakeOptions::ao_distance`].
+    /// `ao.Y`: ambient occlusion as openness, i.e. the cosine-weighted fraction of rays that hit
+    /// nothing within [`BakeOptions::ao_distance`].
     Ao,
-    /// `sun_mask.Y`: share of the light of directional lights that gets through, 0..=1; 0 on faces
-    /// turned away.
+    /// `sun_mask.Y`: visible fraction of the directional lights, 0..=1; 0 on faces turned away.
     SunMask,
 }
 
-/// What a lightmap keeps of the directions that light comes from, so that engines can light normal
-/// maps. Directions are in the axes of the glTF's world.
+/// Stored directionality of light, with which engines can light normal maps. Directions are in the
+/// glTF's world space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Directional {
-    /// Spherical harmonics of first order: `L0.R/G/B`, `L1x.…`, `L1y.…`, `L1z.…`, scaled so that a
+    /// First-order spherical harmonics: `L0.R/G/B`, `L1x.…`, `L1y.…`, `L1z.…`, scaled so that a
     /// surface with normal n gets L0 + L1x nx + L1y ny + L1z nz, in the unit of R, G, B.
     Sh1,
-    /// `dominant.X/Y/Z`: the mean direction of light, weighted by luminance. Its length is 1 where
-    /// all light comes from one side and less where it does not.
+    /// `dominant.X/Y/Z`: the mean direction of light, weighted by luminance. Its length is 1 if all
+    /// light comes from one direction, and less otherwise.
     Dominant,
 }
 
-/// How a scene is baked.
+/// Options of a bake.
 #[derive(Debug, Clone)]
 pub struct BakeOptions {
     /// Light at lumels.
     pub lumels: GatherOptions,
-    /// Light at vertices; `None` leaves it out: no ray is cast for it, and
+    /// Light at vertices. `None` leaves it out: no rays are cast for it, and
     /// [`Baked::vertices`](crate::Baked::vertices) is empty.
     pub vertices: Option<GatherOptions>,
-    /// Extra channels, in the order in which they are to be written.
+    /// Extra channels in the order in which they are written.
     pub layers: Vec<Layer>,
-    /// Texels around charts that take their neighbours' value.
+    /// Number of texels around charts that are dilated.
     pub padding: u32,
-    /// What R, G, B (and the light layers) hold.
+    /// Quantity in R, G, B and the light layers.
     pub value: ValueKind,
-    /// Keep the directions of light.
+    /// Directionality to store.
     pub directional: Option<Directional>,
-    /// How far [`Layer::Ao`] looks, metres; `None` for a tenth of the scene's diagonal.
+    /// Distance of [`Layer::Ao`], metres; `None` for a tenth of the scene's diagonal.
     pub ao_distance: Option<f32>,
-    /// What lumels hold of which a part lies inside or behind something.
+    /// Value of lumels that are partly inside or behind something.
     pub hidden: Hidden,
-    /// Make bilinear lookups on both sides of chart borders agree.
+    /// Whether bilinear lookups on both sides of chart borders are made to agree.
     pub stitch: bool,
-    /// Gather on until [`LightReport::estimated_error`](gather::LightReport::estimated_error) is at
-    /// most this; `None` stops where [`lumels`](Self::lumels) says.
+    /// Gather until [`LightReport::estimated_error`](gather::LightReport::estimated_error) is at
+    /// most this; `None` stops after [`lumels`](Self::lumels).
     pub error: Option<f32>,
     /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh
-    /// as it is.
+    /// unchanged.
     pub vertex_error: Option<f32>,
 }
 
-/// What lumels hold of which a part lies inside or behind something, or beyond a wall.
+/// Value of lumels that are partly inside, behind or beyond something.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Hidden {
-    /// The light of the part that can be seen; lumels of which nothing can be seen take their
-    /// neighbours'.
+    /// The light of the visible part; lumels without a visible part take their neighbours' light.
     #[default]
     Fill,
-    /// The mean over all of it, hidden parts being dark: what an area average over the texel says,
-    /// for measuring.
+    /// The mean over the whole lumel with hidden parts black: an area average over the texel, for
+    /// measurements.
     Mean,
 }
 
 impl BakeOptions {
-    /// Gathers at lumels as these options say.
+    /// A gatherer for lumels with these options.
     pub(crate) fn gatherer<'w, 'a>(
         &self,
         world: &'w World<'a>,
@@ -101,7 +99,7 @@ impl BakeOptions {
         Gatherer::new(world, solution, direct, options, self.wanted(world))
     }
 
-    /// How far the light at lumels is taken.
+    /// Options of the light at lumels.
     pub(crate) fn light(&self) -> LightOptions {
         LightOptions {
             rings: self.padding + 1,
@@ -109,7 +107,7 @@ impl BakeOptions {
         }
     }
 
-    /// What lumels are to keep beside their irradiance.
+    /// Quantities that lumels record in addition to irradiance.
     pub(crate) fn wanted(&self, world: &World) -> Wanted {
         Wanted {
             groups: world.groups.as_ref().map_or(0, |g| g.count),
@@ -121,7 +119,7 @@ impl BakeOptions {
     }
 }
 
-/// Of the box about the scene, metres.
+/// Diagonal of the scene's bounding box, metres.
 fn diagonal(world: &World) -> f32 {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for p in world.soup.seen_triangles().iter().flatten() {

@@ -1,9 +1,21 @@
 //! Output files that appear all together or not at all.
 //!
-//! Every file is written whole to a hidden temporary beside its target; [`OutputSet::commit`]
-//! renames them all at the end. A bake that fails or is cancelled drops the set and its
-//! temporaries; one that is killed leaves the old files whole, and temporaries that the next run in
-//! the same folder removes.
+//! Every file is first written to a hidden temporary file next to its target; [`OutputSet::commit`]
+//! renames all of them at the end. A bake that fails or is cancelled drops the set and deletes its
+//! temporary files. A bake that is killed leaves the old files intact; the next run in the same
+//! folder deletes its temporary files.
+//!
+//! ```
+//! use atlas_bake::OutputSet;
+//!
+//! let folder = tempfile::tempdir().expect("a temporary folder");
+//! let mut set = OutputSet::create(folder.path())?;
+//! set.add("a.txt", b"1")?;
+//! assert!(!folder.path().join("a.txt").exists());
+//! let done = set.commit()?;
+//! assert_eq!(done.written, [folder.path().join("a.txt")]);
+//! # Ok::<(), atlas_bake::Error>(())
+//! ```
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -14,15 +26,15 @@ use std::time::{Duration, Instant};
 use crate::error::{Error, Result};
 use crate::temporary::{Leftovers, Temporary, remove_stale};
 
-/// How long a set waits for another's renames, which take milliseconds.
+/// How long a set waits for the renames of another set, which normally take milliseconds.
 const TURN: Duration = Duration::from_secs(5);
 
-/// A set of files being written; nothing shows under the final names before [`OutputSet::commit`].
+/// Files that are being written; none has its final name before [`OutputSet::commit`].
 #[derive(Debug)]
 pub struct OutputSet {
     dir: PathBuf,
-    /// Folders that this set created, outermost first: removed again (where empty) if the set is
-    /// not committed.
+    /// Folders that this set created, outermost first. They are deleted (if empty) unless the set
+    /// is committed.
     created: Vec<PathBuf>,
     cleaned: BTreeSet<PathBuf>,
     files: Vec<(Temporary, PathBuf)>,
@@ -30,33 +42,33 @@ pub struct OutputSet {
     obsolete: Vec<PathBuf>,
 }
 
-/// What a commit did, each in the order in which files were added.
+/// Results of a commit, each in the order in which files were added.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Committed {
-    /// Files that are new or have other content than before.
+    /// Files that are new or have changed.
     pub written: Vec<PathBuf>,
-    /// Files that held the same bytes already and were left alone.
+    /// Files that already had the same contents and were not touched.
     pub unchanged: Vec<PathBuf>,
-    /// Files of an earlier run that were removed, see [`OutputSet::remove_obsolete`].
+    /// Files of an earlier run that were deleted, see [`OutputSet::remove_obsolete`].
     pub removed: Vec<PathBuf>,
 }
 
 impl Committed {
-    /// All files of the set, not those removed.
+    /// All files of the set, without deleted ones.
     pub fn files(&self) -> impl Iterator<Item = &Path> {
         (self.written.iter().chain(&self.unchanged)).map(PathBuf::as_path)
     }
 }
 
 impl OutputSet {
-    /// Begins a set in folder `dir`, which is created (with its parents) where it does not exist.
-    /// Temporaries that a killed run left there are removed; those of a run that is still alive are
-    /// told by their lock and kept.
+    /// Begins a set in folder `dir`, which is created (with its parents) if it does not exist.
+    /// Temporary files of killed runs are deleted there; those of running processes are recognised
+    /// by their lock and kept.
     ///
     /// # Errors
-    /// [`Error::Io`] where the folder cannot be made or read.
+    /// [`Error::Io`] if the folder cannot be created or read.
     pub fn create(dir: &Path) -> Result<OutputSet> {
-        // What `Path::parent` gives for a bare file name.
+        // `Path::parent` of a bare file name is empty.
         let dir = if dir.as_os_str().is_empty() {
             Path::new(".")
         } else {
@@ -74,12 +86,12 @@ impl OutputSet {
         Ok(set)
     }
 
-    /// Writes `bytes` to a temporary that will become `name` in the set's folder. A later file of
-    /// the same name wins.
+    /// Writes `bytes` to a temporary file that will become `name` in the set's folder. A later file
+    /// of the same name wins.
     ///
     /// # Errors
-    /// [`Error::OutputName`] where `name` is not a plain file name or names a folder; [`Error::Io`]
-    /// where writing fails.
+    /// [`Error::OutputName`] if `name` is not a plain file name or is a folder; [`Error::Io`] if
+    /// writing fails.
     pub fn add(&mut self, name: &str, bytes: &[u8]) -> Result<()> {
         let mut parts = Path::new(name).components();
         if !matches!(
@@ -94,8 +106,8 @@ impl OutputSet {
         self.write(self.dir.join(name), bytes)
     }
 
-    /// As [`add`](Self::add), for a file anywhere (a report or depfile that the user asked for by
-    /// path).
+    /// As [`add`](Self::add), for a file in any folder, e.g. a report or depfile at a path chosen
+    /// by the user.
     ///
     /// # Errors
     /// As [`add`](Self::add).
@@ -103,7 +115,7 @@ impl OutputSet {
         if path.file_name().is_none() {
             return Err(Error::OutputName {
                 path: path.into(),
-                why: "it has no file name",
+                why: "the path has no file name",
             });
         }
         let parent = parent_of(path);
@@ -111,7 +123,7 @@ impl OutputSet {
         self.write(path.to_owned(), bytes)
     }
 
-    /// What killed runs had left in the folders of this set.
+    /// Temporary files of killed runs that were found in the folders of this set.
     pub fn leftovers(&self) -> Leftovers {
         self.leftovers
     }
@@ -121,27 +133,27 @@ impl OutputSet {
         &self.dir
     }
 
-    /// Has `name` in the set's folder removed at commit, if it is there and not written by this
-    /// set: a page of an earlier bake that had more of them.
+    /// Deletes `name` from the set's folder at commit, unless this set writes it: for further pages
+    /// of an earlier bake.
     pub fn remove_obsolete(&mut self, name: &str) {
         self.obsolete.push(self.dir.join(name));
     }
 
-    /// Final paths, in the order in which the files were added.
+    /// Final paths in the order in which the files were added.
     pub fn paths(&self) -> impl Iterator<Item = &Path> {
         self.files.iter().map(|(_, path)| path.as_path())
     }
 
-    /// Flushes every temporary to the disk, then renames them all in the order in which they were
-    /// added, replacing what was there. A file that holds the same bytes already is left alone, its
-    /// time of change included, so that what is built from it need not be built again.
+    /// Flushes every temporary file to disk, then renames all of them in the order in which they
+    /// were added, replacing existing files. A file with unchanged contents is not touched, not
+    /// even its modification time, so that build steps that depend on it need not run again.
     ///
-    /// Each rename is atomic; the set is as nearly so as a file system allows: all that can be
-    /// known to fail is tried before the first rename.
+    /// Each rename is atomic. The whole set is nearly so: everything that can be checked in advance
+    /// is checked before the first rename.
     ///
     /// # Errors
-    /// [`Error::Io`] where a file cannot be flushed or renamed. If a flush fails nothing has
-    /// changed; if a rename fails, earlier ones of the set have been made.
+    /// [`Error::Io`] if a file cannot be flushed or renamed. If a flush fails, nothing has changed;
+    /// if a rename fails, earlier files of the set have been renamed.
     pub fn commit(mut self) -> Result<Committed> {
         let mut committed = Committed::default();
         let equal: Vec<bool> = (self.files.iter_mut())
@@ -159,8 +171,8 @@ impl OutputSet {
                 })?;
         }
         self.created.clear();
-        // One set at a time in a folder, so that two bakes of a name do not mix. Where folders
-        // cannot be locked, reports tell.
+        // Only one set at a time renames in a folder, so that two bakes with the same name do not
+        // mix. If folders cannot be locked, the report still reveals it.
         let _turn = take_turn(&self.dir);
         for ((file, path), same) in std::mem::take(&mut self.files).into_iter().zip(equal) {
             if same {
@@ -198,7 +210,7 @@ impl OutputSet {
         Ok(())
     }
 
-    /// Creates `dir` if need be and removes stale temporaries in it, once per folder.
+    /// Creates `dir` if necessary and deletes stale temporary files in it, once per folder.
     fn prepare(&mut self, dir: &Path) -> Result<()> {
         if self.cleaned.contains(dir) {
             return Ok(());
@@ -227,15 +239,13 @@ impl Drop for OutputSet {
     fn drop(&mut self) {
         self.files.clear();
         for dir in self.created.iter().rev() {
-            // Fails where another program has put something there meanwhile, which is as it should
-            // be.
+            // Fails, as it should, if another program has put something there in the meantime.
             let _ = fs::remove_dir(dir);
         }
     }
 }
 
-/// Waits until no other set is being renamed in `dir`, but not for ever: whoever holds the turn may
-/// have been stopped.
+/// Waits until no other set is renaming in `dir`, up to a limit, because the holder may be stopped.
 fn take_turn(dir: &Path) -> Option<File> {
     let folder = File::open(dir).ok()?;
     let start = Instant::now();
@@ -255,11 +265,11 @@ fn parent_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Whether `old` is an ordinary file with the content of `new`; `false` also where either cannot be
+/// Whether `old` is a regular file with the same contents as `new`; `false` if either cannot be
 /// read.
 fn same_content(new: &Path, old: &Path) -> bool {
     let compare = || -> std::io::Result<bool> {
-        // A link is replaced by a file, as it always was.
+        // A link is replaced by a file.
         let (a, b) = (fs::metadata(new)?, fs::symlink_metadata(old)?);
         if !b.is_file() || a.len() != b.len() {
             return Ok(false);
@@ -288,7 +298,7 @@ fn refuse_folder(path: &Path) -> Result<()> {
     if path.is_dir() {
         return Err(Error::OutputName {
             path: path.into(),
-            why: "a folder of that name exists",
+            why: "a folder with that name exists",
         });
     }
     Ok(())
@@ -413,7 +423,7 @@ mod tests {
                 "{name:?}"
             );
         }
-        // A folder that appears after the file was added is found before the first rename.
+        // A folder that appears after the file was added is noticed before the first rename.
         set.add("a", b"1").unwrap();
         set.add("b", b"1").unwrap();
         fs::create_dir(dir.path().join("b")).unwrap();
@@ -453,7 +463,7 @@ mod tests {
         assert_eq!(names(&dir.path().join("reports")), ["r.json"]);
     }
 
-    /// A temporary as a killed process leaves it: nobody holds its lock.
+    /// A temporary file of a killed process, i.e. without a lock.
     fn leave(dir: &Path, name: &str, bytes: &[u8]) {
         fs::write(dir.join(format!("{TEMPORARY_PREFIX}{name}")), bytes).unwrap();
     }
@@ -495,7 +505,8 @@ mod tests {
         assert_eq!(names(dir.path()), ["a", "b"]);
     }
 
-    /// A bake that had to end by force took the temporaries of another one in its folder along.
+    /// A bake that was ended by force used to delete the temporary files of another one in the same
+    /// folder.
     #[test]
     fn a_process_removes_its_own_temporaries_alone() {
         const CHILD: &str = "LUMEL_TEST_OWN_TEMPORARIES";

@@ -9,7 +9,7 @@ pub struct Page {
     pub height: u32,
     /// R = E/π per texel, linear Rec.709.
     pub value: Vec<[f32; 3]>,
-    /// Share of each texel that lies on a surface, 0..=1; 0 for padding and dilated texels.
+    /// Fraction of each texel covered by surface, 0..=1; 0 for padding and dilated texels.
     pub coverage: Vec<f32>,
     /// Extra channels in the order in which they are written: full channel name (`"direct.R"`) and
     /// one value per texel.
@@ -18,13 +18,13 @@ pub struct Page {
 
 impl Page {
     /// The extra channel called `name`, e.g. `"direct.R"` or `"error.Y"`: one value per texel.
-    /// `None` where it was not asked for.
+    /// `None` if it was not requested.
     pub fn channel(&self, name: &str) -> Option<&[f32]> {
         let layer = self.layers.iter().find(|(n, _)| n == name)?;
         Some(&layer.1)
     }
 
-    /// Memory, bytes.
+    /// Memory in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         (self.value.len() * (16 + 4 * self.layers.len())) as u64
     }

@@ -1,4 +1,4 @@
-//! Lumels into pages, and what each channel holds.
+//! Writes lumels to pages and fills each channel.
 
 use std::f32::consts::{FRAC_1_PI, PI};
 
@@ -13,7 +13,7 @@ use crate::options::{BakeOptions, Directional, Layer};
 use crate::page::Page;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
 
-/// What pages are made of.
+/// Inputs that pages are made from.
 pub(crate) struct Pages<'p, 'w, 'a> {
     pub world: &'w World<'a>,
     pub layout: &'p Layout,
@@ -27,21 +27,21 @@ pub(crate) struct Pages<'p, 'w, 'a> {
 struct Channel {
     name: String,
     range: Range,
-    /// Colour channel of the surface's reflectance that it is multiplied with in the end:
-    /// reflectance jumps where light does not.
+    /// Colour channel of the reflectance that the channel is finally multiplied with.
+    /// Multiplication comes last because reflectance jumps where light does not.
     tint: Option<usize>,
-    /// It holds light in the unit that was asked for.
+    /// Whether it holds light in the requested unit.
     in_unit: bool,
 }
 
-/// Lightmap pages, those of each group, and what was done about seams.
+/// Lightmap pages, those of each group, and the report on seams.
 pub(crate) type Made = (Vec<Page>, Vec<Vec<Page>>, SeamReport);
 
-/// Reflectance of the surface, while pages are made.
+/// Temporary channels with the surface's reflectance.
 const TINT: [&str; 3] = ["tint.R", "tint.G", "tint.B"];
 
 impl Pages<'_, '_, '_> {
-    /// The lightmap with its extra channels, and that of each group alone.
+    /// Makes the lightmap with its extra channels, and the lightmap of each group.
     pub(crate) fn make(&self) -> Made {
         let channels = self.channels();
         let (mut full, texels) = self.full(&channels);
@@ -57,7 +57,7 @@ impl Pages<'_, '_, '_> {
         (full, groups, stitcher.report())
     }
 
-    /// Light and extra channels, not tinted.
+    /// Light and extra channels without tint.
     fn full(&self, channels: &[Channel]) -> (Vec<Page>, Texels) {
         let mut values = Vec::new();
         self.fill(channels, |l, r, page, at| {
@@ -80,7 +80,7 @@ impl Pages<'_, '_, '_> {
         })
     }
 
-    /// The light of one group alone, not tinted.
+    /// The light of one group without tint.
     fn group(&self, group: usize) -> Vec<Page> {
         self.fill(&[], |_, r, page, at| {
             page.value[at] = (r.planes[group].sum() * FRAC_1_PI).to_array();
@@ -88,8 +88,8 @@ impl Pages<'_, '_, '_> {
         .0
     }
 
-    /// Multiplies what holds light that surfaces send on with their reflectance, and takes that
-    /// away from the channels.
+    /// Multiplies channels of reflected light with the surface's reflectance, and removes the tint
+    /// channels.
     fn apply_tint(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
         if !self.tinted() {
             return;
@@ -114,14 +114,14 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    /// Whether any channel is multiplied with the surface's reflectance.
+    /// Whether any channel is multiplied with the reflectance.
     fn tinted(&self) -> bool {
         self.options.value == ValueKind::Radiosity
             || self.options.layers.contains(&Layer::Radiosity)
     }
 
-    /// Takes light, which is E/π until here, to the pages' unit. Last of all, so that nothing
-    /// before it hangs on the unit.
+    /// Converts light from E/π to the pages' unit. This comes last, so that nothing before it
+    /// depends on the unit.
     fn apply_unit(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
         if self.options.value == ValueKind::Radiance {
             return;
@@ -146,7 +146,7 @@ impl Pages<'_, '_, '_> {
         match layer {
             Layer::Direct => out.extend((r.direct * scale).to_array()),
             Layer::Indirect => out.extend((r.indirect * scale).to_array()),
-            // Times reflectance, in the end.
+            // Multiplied with the reflectance at the end.
             Layer::Radiosity => out.extend(((r.direct + r.indirect) * FRAC_1_PI).to_array()),
             Layer::Error => {
                 let tint = match self.options.value {
@@ -209,8 +209,8 @@ impl Pages<'_, '_, '_> {
         named.chain(tint).collect()
     }
 
-    /// Pages with these extra channels, to which `put` gives each lumel's values, dilated beyond
-    /// the charts' borders.
+    /// Pages with these extra channels; `put` gives each lumel's values. Dilated beyond chart
+    /// borders.
     fn fill(
         &self,
         channels: &[Channel],
@@ -263,11 +263,11 @@ impl Pages<'_, '_, '_> {
         (pages, texels)
     }
 
-    /// By page and texel, which piece of surface's bilinear lookups read it; told only of texels
-    /// beside lumels that have no value of their own.
+    /// The piece of surface whose bilinear lookups read each texel, by page. Only set for texels
+    /// next to lumels that have no value of their own.
     ///
-    /// The packing sees to it that there is one such piece at most. Its lumels need not be the only
-    /// ones beside the texel.
+    /// Packing ensures that there is at most one such piece. Its lumels need not be the texel's
+    /// only neighbours.
     fn readers(&self, charts: &[Vec<u32>]) -> Vec<Vec<u32>> {
         let mut readers: Vec<Vec<u32>> = charts.iter().map(|c| vec![EMPTY; c.len()]).collect();
         for l in &self.lumels.lumels {
@@ -292,8 +292,8 @@ impl Pages<'_, '_, '_> {
         readers
     }
 
-    /// The texels that are an instance's alone. An asset's own charts may touch their rectangle's
-    /// border, and the layout leaves half of the padding around it.
+    /// The texels that belong to an instance alone. An asset's own charts may touch their
+    /// rectangle's border, so half of the padding around it is included.
     fn own_rect(&self, instance: usize) -> Rect {
         let placement = &self.layout.placements[instance];
         let rect = placement.rect;
@@ -312,7 +312,7 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    /// Numbers the charts of all instances; a lumel belongs to that of its first triangle.
+    /// Numbers the charts of all instances; a lumel belongs to the chart of its first triangle.
     fn chart_numbers(&self) -> impl Fn(&Lumel) -> u32 {
         let scene = self.world.scene;
         let first: Vec<u32> = (scene.instances.iter())
@@ -331,12 +331,12 @@ impl Pages<'_, '_, '_> {
     }
 }
 
-/// A bilinear lookup less than this from a texel's middle, along both axes, reads it: one texel,
-/// less what rounding of coordinates may be (twice that is what the packing allows for).
+/// A bilinear lookup reads a texel if it is less than this far from the texel's centre along both
+/// axes: one texel, less the rounding of coordinates (packing allows twice as much).
 const READ: f32 = 1.0 - 1e-3;
 
-/// Whether a triangle comes within `reach` of `middle` along both axes: no line parallel to a side
-/// of either parts it from that square.
+/// Whether a triangle comes within `reach` of `middle` along both axes, by the separating axis test
+/// between the triangle and that square.
 fn within(corners: &[Vec2; 3], middle: Vec2, reach: f32) -> bool {
     let p = corners.map(|c| c - middle);
     let parted = |axis: Vec2| {
@@ -350,7 +350,7 @@ fn within(corners: &[Vec2; 3], middle: Vec2, reach: f32) -> bool {
     !(parted(Vec2::X) || parted(Vec2::Y) || sides.iter().any(|s| parted(s.perp())))
 }
 
-/// Directional channels from ∫ L dω and ∫ L ω dω; `scale` takes irradiance to the pages' unit.
+/// Directional channels from ∫ L dω and ∫ L ω dω; `scale` converts irradiance to the pages' unit.
 ///
 /// Truncated after the first order, radiance gives E(n) = ¼ ∫ L dω + ½ n · ∫ L ω dω (Ramamoorthi &
 /// Hanrahan, *An efficient representation for irradiance environment maps*, 2001, with A0 = π and

@@ -4,29 +4,30 @@ use gather::probes::{Probe, ProbeGrid};
 use glam::DVec3;
 use serde::Serialize;
 
-/// Probes with all that a program needs to use them. Field order is the order in the file.
+/// Probes with everything that a program needs to use them. The order of fields is that of the
+/// file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub struct ProbeFile {
-    /// Format of this file; raised when a reader of the old one would go wrong.
+    /// Format version; raised when readers of the old version would misread the file.
     pub version: u32,
     /// Program and version.
     pub generator: String,
     /// Axes and unit of positions and directions.
     pub axes: &'static str,
-    /// What the coefficients are of.
+    /// Quantity of the coefficients.
     pub value: &'static str,
-    /// Unit of the radiance: photometric or radiometric as the scene's lights are, which a glTF
-    /// does not say.
+    /// Unit of the radiance: photometric or radiometric, depending on the scene's lights. glTF
+    /// files do not say which.
     pub units: &'static str,
     /// Always `linear Rec.709`.
     pub color_space: &'static str,
     /// Order of each probe's nine coefficients.
     pub basis: [&'static str; 9],
-    /// How the probes are arranged; absent for points of a list.
+    /// Arrangement of the probes; absent for a list of points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grid: Option<FilledGrid>,
-    /// The probes: of a grid, x runs fastest, then y; of a list, in its order.
+    /// The probes. In a grid, x varies fastest, then y; points of a list keep their order.
     pub probes: Vec<FileProbe>,
 }
 
@@ -47,9 +48,10 @@ pub struct FilledGrid {
 pub struct FileProbe {
     /// Metres, the glTF's world space.
     pub position: [f64; 3],
-    /// In the open. Of a grid, what is not has the light of what is next to it.
+    /// Whether the probe is in the open. An invalid probe of a grid has the light of its
+    /// neighbours.
     pub valid: bool,
-    /// Share of rays that met the backs of single-sided faces.
+    /// Fraction of rays that hit backfaces of single-sided materials.
     pub backfaces: f32,
     /// Estimated standard error of the luminance of the first coefficient.
     pub error: f32,
@@ -58,8 +60,7 @@ pub struct FileProbe {
 }
 
 impl ProbeFile {
-    /// `probes` at `positions` (the glTF's world space, metres), one each; `grid` where they are
-    /// one.
+    /// `probes` at `positions` (in the glTF's world space, metres); `grid` if they form one.
     pub fn new(positions: &[DVec3], probes: &[Probe], grid: Option<&ProbeGrid>) -> ProbeFile {
         let both = positions.iter().zip(probes);
         ProbeFile {
@@ -89,9 +90,9 @@ impl ProbeFile {
         }
     }
 
-    /// The file's bytes: JSON with a line for each member and each probe, and a final newline.
+    /// The file's bytes: JSON with one line per member and per probe, and a final newline.
     pub fn to_json(&self) -> Vec<u8> {
-        // Serialising plain structs into memory cannot fail: no map has keys that are not strings.
+        // Serialising plain structs to memory cannot fail: no map has non-string keys.
         let head = ProbeFile {
             generator: self.generator.clone(),
             probes: Vec::new(),
@@ -153,7 +154,7 @@ mod tests {
         );
         for (i, c) in probe.sh.0.iter().enumerate() {
             for k in 0..3 {
-                // Every f32 comes back as it was.
+                // Every f32 survives the round trip.
                 let x = p["sh"][i][k].as_f64().unwrap() as f32;
                 assert_eq!(x, c[k]);
             }

@@ -1,34 +1,41 @@
-//! Lists of points, from JSON.
+//! Parses lists of points from JSON.
 
 use gather::probes::MAX_PROBES;
 use glam::DVec3;
 use serde_json::Value;
 
-/// A list of points is not as it should be.
+/// A fault in a list of points.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{at}found {found}, expected {expected}")]
 pub struct PointsError {
-    /// Path of the element, with `: ` after it, or empty for the whole.
+    /// Path of the element followed by `: `, or empty for the whole file.
     pub at: String,
-    /// What is there.
+    /// What was found.
     pub found: String,
-    /// What should be.
+    /// What was expected.
     pub expected: String,
 }
 
-/// No coordinate may be further out, metres: as in the scenes that are read.
+/// Largest absolute coordinate, metres; the same limit as for scenes.
 const MAX_COORDINATE: f64 = 1e12;
 
-/// Longest text that a message quotes, characters.
+/// Longest text quoted in a message, characters.
 const QUOTED: usize = 40;
 
-/// Reads `{"points": [[x, y, z], …]}`, or the list alone: positions in the glTF's world space,
-/// metres. Other members of the object are not looked at.
+/// Reads `{"points": [[x, y, z], …]}`, or just the list: positions in the glTF's world space,
+/// metres. Other members of the object are ignored.
+///
+/// ```
+/// let points = atlas_bake::parse_points(b"[[0, 1.5, 0], [2, 1.5, 0]]").expect("a list of points");
+/// assert_eq!(points[1].x, 2.0);
+/// let error = atlas_bake::parse_points(b"[[0, 1]]").unwrap_err();
+/// assert_eq!(error.to_string(), "[0]: found a list of 2, expected three numbers, [x, y, z]");
+/// ```
 ///
 /// # Errors
-/// [`PointsError`] at the first thing that is wrong.
+/// [`PointsError`] with the first fault.
 pub fn parse_points(json: &[u8]) -> Result<Vec<DVec3>, PointsError> {
-    // Some editors put a byte order mark before UTF-8.
+    // Some editors write a byte order mark.
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
     let fault = |at: &str, found: String, expected: &str| PointsError {
         at: if at.is_empty() {
@@ -39,8 +46,8 @@ pub fn parse_points(json: &[u8]) -> Result<Vec<DVec3>, PointsError> {
         found,
         expected: expected.into(),
     };
-    let value: Value =
-        serde_json::from_slice(json).map_err(|e| fault("", format!("no JSON ({e})"), "JSON"))?;
+    let value: Value = serde_json::from_slice(json)
+        .map_err(|e| fault("", format!("invalid JSON ({e})"), "JSON"))?;
     let (name, list) = match &value {
         Value::Array(list) => ("", list),
         Value::Object(o) => match o.get("points") {
@@ -81,7 +88,7 @@ pub fn parse_points(json: &[u8]) -> Result<Vec<DVec3>, PointsError> {
     Ok(points)
 }
 
-/// A value in a message.
+/// Describes a value in a message.
 fn found(value: &Value) -> String {
     match value {
         Value::Object(_) => "an object".into(),
@@ -116,7 +123,7 @@ mod tests {
         for (text, message) in [
             (
                 "",
-                "found no JSON (EOF while parsing a value at line 1 column 0), expected JSON",
+                "found invalid JSON (EOF while parsing a value at line 1 column 0), expected JSON",
             ),
             (
                 "3",

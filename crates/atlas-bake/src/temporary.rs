@@ -1,4 +1,4 @@
-//! Files under other names until they are whole, each known by its lock to be somebody's.
+//! Temporary files, whose lock shows that their process is alive.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, TryLockError};
@@ -9,17 +9,18 @@ use tempfile::NamedTempFile;
 
 use crate::error::{Error, Result};
 
-/// How the name of every temporary begins.
+/// Prefix of the names of all temporary files.
 pub(crate) const TEMPORARY_PREFIX: &str = ".lumel-tmp-";
 
-/// How often a temporary is made anew that another process took for a stale one, which takes
-/// microseconds to go wrong once.
+/// Retries if another process deletes a new file as stale before it is locked. That window is a few
+/// microseconds long.
 const TRIES: usize = 100;
 
-/// Temporaries of this process. Another one's in the same folder are its own affair.
+/// Temporary files of this process.
 pub(crate) static OWN: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// Removes all temporaries of this process: for one that is about to end without dropping its sets.
+/// Deletes all temporary files of this process, for one that is about to end without dropping its
+/// sets.
 pub fn remove_own_temporaries() {
     let own = std::mem::take(&mut *OWN.lock().unwrap_or_else(PoisonError::into_inner));
     for path in own {
@@ -27,28 +28,28 @@ pub fn remove_own_temporaries() {
     }
 }
 
-/// A temporary that is known to be this process's for as long as it lives.
+/// A temporary file that is locked by this process.
 #[derive(Debug)]
 pub(crate) struct Temporary(Option<NamedTempFile>);
 
 impl Temporary {
-    /// A new one in `dir`, locked. The system drops the lock when the process dies, however it
-    /// dies: an unlocked temporary is a stale one. Where the file system knows no locks, nothing is
-    /// ever seen as stale.
+    /// Creates and locks a new file in `dir`. The system releases the lock when the process dies
+    /// for any reason, so an unlocked temporary file is stale. If the file system has no locks, no
+    /// file is considered stale.
     pub fn create(dir: &Path) -> std::io::Result<Temporary> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(TEMPORARY_PREFIX);
         #[cfg(unix)]
         {
-            // The default of temporaries is 0600; outputs are ordinary files, subject to the user's
-            // umask.
+            // Temporary files default to mode 0600, but outputs are ordinary files, subject to the
+            // user's umask.
             use std::os::unix::fs::PermissionsExt;
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
         for _ in 0..TRIES {
             let file = builder.tempfile_in(dir)?;
-            // Before the lock, somebody who tidies up may take it for a stale one: that lock, or
-            // its absence, says so.
+            // Another process may have considered it stale before it was locked; then it is locked
+            // by that process, or gone.
             let taken = matches!(
                 file.as_file().try_lock_shared(),
                 Err(TryLockError::WouldBlock)
@@ -88,16 +89,16 @@ fn own(change: impl FnOnce(&mut BTreeSet<PathBuf>) -> bool) {
     change(&mut OWN.lock().unwrap_or_else(PoisonError::into_inner));
 }
 
-/// What killed runs left behind.
+/// Temporary files of killed runs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Leftovers {
-    /// Temporaries that were removed.
+    /// Number of deleted files.
     pub files: u64,
-    /// Their size.
+    /// Their total size.
     pub bytes: u64,
 }
 
-/// Removes temporaries in `dir` that no living process holds a lock on.
+/// Deletes temporary files in `dir` that no living process has locked.
 pub(crate) fn remove_stale(dir: &Path) -> Result<Leftovers> {
     let mut found = Leftovers::default();
     let io = |source| Error::Io {
@@ -113,7 +114,7 @@ pub(crate) fn remove_stale(dir: &Path) -> Result<Leftovers> {
         if !ours || !entry.file_type().map_err(io)?.is_file() {
             continue;
         }
-        // Being unable to tidy up is no reason not to bake.
+        // Failing to clean up must not stop a bake.
         let Ok(file) = File::options().write(true).open(entry.path()) else {
             continue;
         };

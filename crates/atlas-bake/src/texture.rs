@@ -1,4 +1,4 @@
-//! Reading a material's textures at a vertex. (For points of world-space triangles there is
+//! Looks up a material's textures at a vertex. (For points of world-space triangles there is
 //! `Scene::base_color`.)
 
 use std::sync::LazyLock;
@@ -18,8 +18,8 @@ static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
     })
 });
 
-/// Emitted radiance of `primitive`, of `material`, where its corners `vertices` have weights
-/// `weights`.
+/// Emitted radiance of `primitive` with `material`, at barycentric `weights` of its corners
+/// `vertices`.
 pub(crate) fn emission_at(
     scene: &Scene,
     primitive: &Primitive,
@@ -41,7 +41,7 @@ pub(crate) fn emission_at(
         .truncate()
 }
 
-/// The texture's colour there; white where there is no texture, no image or no coordinates.
+/// The texture's colour there; white without a texture, an image or coordinates.
 pub(crate) fn texel(
     scene: &Scene,
     primitive: &Primitive,
@@ -98,8 +98,8 @@ pub(crate) fn sample(texture: &TextureRef, image: &Image, uv: Vec2) -> Vec4 {
     let p = p - 0.5;
     let (x, y) = (p.x.floor(), p.y.floor());
     let (fx, fy) = (p.x - x, p.y - y);
-    // Beyond 2^40 texels the fraction is lost anyway; the cast saturates far from overflow of the
-    // sums below.
+    // Beyond 2^40 texels the fraction is lost anyway. The clamp keeps the sums below from
+    // overflowing.
     let (x, y) = (x.clamp(-1e12, 1e12) as i64, y.clamp(-1e12, 1e12) as i64);
     fetch(x, y)
         .lerp(fetch(x + 1, y), fx)

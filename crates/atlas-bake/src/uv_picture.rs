@@ -1,4 +1,4 @@
-//! Pictures of charts: what lies where on a lightmap, and what is wrong with it.
+//! Pictures of charts: their places on a lightmap, and their faults.
 
 use atlas::{Bleeding, Layout, MeshAtlas, UvFault, for_each_texel};
 use glam::{Vec2, Vec3};
@@ -8,27 +8,28 @@ use patch_subdivision::raster::cover_triangle;
 use crate::error::Result;
 use crate::false_color::encode_png;
 
-/// What the colours of a picture tell.
+/// Meaning of the colours of a picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Paint {
-    /// Charts, each in a colour of its own.
+    /// One colour per chart.
     #[default]
     Charts,
-    /// Lumels per metre against those wanted: blue a quarter or less, grey as wanted, orange four
-    /// times or more.
+    /// Lumels per metre relative to the requested density: blue at a quarter or less, grey at 1,
+    /// orange at four times or more.
     Density,
 }
 
-/// Longest side of a picture to aim at, pixels: lumels are enlarged by a whole number up to this.
+/// Target size of the longest side of a picture, pixels: lumels are enlarged by an integer factor
+/// up to this.
 const SIDE: u32 = 2048;
 
 /// Longest side of any picture, pixels.
 const LONGEST: u32 = 4096;
 
-/// Pixels a side of the unit square where an asset's own coordinates are drawn.
+/// Side of the unit square in pixels, for pictures of an asset's own coordinates.
 const UNIT: f32 = 512.0;
 
-/// From how many pixels a lumel on their borders are drawn.
+/// Smallest size of a lumel, pixels, at which the lumel grid is drawn.
 const GRID_FROM: f32 = 8.0;
 
 const OUTSIDE: [u8; 3] = [8, 8, 10];
@@ -41,11 +42,11 @@ const MARK: [u8; 3] = [255, 255, 255];
 
 /// A triangle to draw.
 struct Piece {
-    /// In texels.
+    /// Corners in texels.
     corners: [Vec2; 3],
-    /// Triangles of one island share their colour and an outline.
+    /// Triangles of one island share a colour and an outline.
     island: u32,
-    /// Lumels per metre over those wanted.
+    /// Lumels per metre, relative to the requested density.
     density: f32,
     /// Seen from behind.
     mirrored: bool,
@@ -53,13 +54,14 @@ struct Piece {
 
 /// The lightmap rectangle of one mesh.
 ///
-/// Charts in colours of their own, darker where lumels reach beyond them, stripes where they are
-/// mirrored; red where two triangles overlap, orange where bilinear lookups read another chart's
-/// lumels; cross-hairs at the worst places of `faults`. `wanted` are lumels per metre, and `metres`
-/// what lengths of the mesh become in the world (see [`shape_of`](atlas::shape_of)).
+/// Charts have different colours, darker where lumels extend beyond them, and stripes where they
+/// are mirrored. Overlapping triangles are red, and texels where bilinear lookups read another
+/// chart's lumels are orange. Cross-hairs mark the worst places of `faults`. `wanted` is in lumels
+/// per metre, and `metres` scales lengths of the mesh to world space (see
+/// [`shape_of`](atlas::shape_of)).
 ///
 /// # Errors
-/// [`Error::Image`](crate::Error::Image) if the PNG cannot be made.
+/// [`Error::Image`](crate::Error::Image) if the PNG cannot be encoded.
 pub fn mesh_picture(
     mesh: &Mesh,
     atlas: &MeshAtlas,
@@ -100,10 +102,10 @@ pub fn mesh_picture(
     canvas.finish()
 }
 
-/// An asset's own `TEXCOORD_1` of a mesh as it stands in the file, whatever is wrong with it.
+/// An asset's own `TEXCOORD_1` of a mesh as in the file, including faults.
 ///
-/// The light frame is the unit square; triangles beyond it are magenta, overlaps red. Up to one
-/// unit around it is shown.
+/// The light frame is the unit square, with up to one unit around it. Triangles outside the square
+/// are magenta, overlaps red.
 ///
 /// # Errors
 /// As [`mesh_picture`].
@@ -152,7 +154,7 @@ pub fn own_uv_picture(mesh: &Mesh, faults: &[UvFault]) -> Result<Vec<u8>> {
     canvas.finish()
 }
 
-/// One page of the lightmap with all that lies on it, rectangles framed.
+/// One page of the lightmap with all its charts, and frames around the rectangles.
 ///
 /// # Errors
 /// As [`mesh_picture`].
@@ -183,7 +185,8 @@ pub fn page_picture(
             let chart = charts.chart[source.triangle as usize];
             pieces.push(Piece {
                 corners,
-                // Instances of one mesh in other colours; what is drawn of them is apart anyway.
+                // Gives instances of the same mesh different colours; the charts are disjoint
+                // anyway.
                 island: chart.wrapping_add((i as u32).wrapping_mul(100_003)),
                 density: density / layout.texels_per_unit,
                 mirrored: false,
@@ -202,7 +205,7 @@ pub fn page_picture(
     canvas.finish()
 }
 
-/// Numbers the pieces that hang together by edges.
+/// Assigns the same number to pieces that are connected by edges.
 fn join_islands(pieces: &mut [Piece]) {
     let mut edges: Vec<([[u32; 2]; 2], usize)> = Vec::with_capacity(pieces.len() * 3);
     for (i, piece) in pieces.iter().enumerate() {
@@ -234,7 +237,7 @@ fn join_islands(pieces: &mut [Piece]) {
 }
 
 impl Piece {
-    /// Its edges by their ends' bits, either direction the same.
+    /// Its edges as the bits of their ends, independent of direction.
     fn edges(&self) -> [[[u32; 2]; 2]; 3] {
         let end = |k: usize| {
             (self.corners[k % 3] + Vec2::ZERO)
@@ -248,12 +251,12 @@ impl Piece {
     }
 }
 
-/// Signed, x right and y down.
+/// Signed area, with x right and y down.
 fn area_of(c: &[Vec2; 3]) -> f32 {
     0.5 * (c[1] - c[0]).perp_dot(c[2] - c[0])
 }
 
-/// Calls mirrored what is the smaller part, as authors' programs have v up or down.
+/// Treats the smaller part as mirrored, because modelling programs differ in the direction of v.
 fn mirror_least(pieces: &mut [Piece]) {
     let sum: f64 = pieces.iter().map(|p| f64::from(area_of(&p.corners))).sum();
     if sum < 0.0 {
@@ -263,19 +266,19 @@ fn mirror_least(pieces: &mut [Piece]) {
     }
 }
 
-/// A picture in the making.
+/// A picture being drawn.
 struct Canvas {
     width: u32,
     height: u32,
     pixels: Vec<[u8; 3]>,
-    /// What lies at the top left corner, texels.
+    /// Position of the top left corner, texels.
     low: Vec2,
-    /// Pixels a texel.
+    /// Pixels per texel.
     scale: f32,
 }
 
 impl Canvas {
-    /// For a rectangle of lumels.
+    /// A canvas for a rectangle of lumels.
     fn of_texels(size: [u32; 2]) -> Canvas {
         let longest = size[0].max(size[1]).max(1);
         let scale = if longest > LONGEST {
@@ -322,7 +325,7 @@ impl Canvas {
         });
     }
 
-    /// Lumels, then charts on them.
+    /// Draws the lumels, then the charts on top.
     fn draw(&mut self, pieces: &[Piece], paint: Paint) {
         if self.scale >= 1.0 && self.low == Vec2::ZERO {
             for piece in pieces {
@@ -363,7 +366,7 @@ impl Canvas {
         }
     }
 
-    /// Paints what is covered twice.
+    /// Marks areas that are covered twice.
     fn overlaps(&mut self, pieces: &[Piece]) {
         let mut taken = vec![false; self.pixels.len()];
         let w = self.width as usize;
@@ -377,7 +380,7 @@ impl Canvas {
         }
     }
 
-    /// Paints triangles that leave the unit square.
+    /// Marks triangles that leave the unit square.
     fn out_of_range(&mut self, pieces: &[Piece]) {
         let beyond = |p: &Vec2| p.min_element() < -0.05 || p.max_element() > UNIT + 0.05;
         for piece in pieces.iter().filter(|p| p.corners.iter().any(beyond)) {
@@ -389,7 +392,7 @@ impl Canvas {
         }
     }
 
-    /// Paints the quarters of texels where lookups read another chart.
+    /// Marks the quarters of texels where lookups read another chart.
     fn bleeding(&mut self, pieces: &[Piece], size: [u32; 2]) {
         if self.scale < 2.0 {
             return;
@@ -403,7 +406,7 @@ impl Canvas {
             let (x0, y0) = (x as f32 * half, y as f32 * half);
             for py in y0 as i64..(y0 + half) as i64 {
                 for px in x0 as i64..(x0 + half) as i64 {
-                    // Half of the pixels: the chart stays visible.
+                    // Only every other pixel, so that the chart stays visible.
                     if (px + py) % 2 == 0 && self.at(px, py) != Some(OVERLAP) {
                         self.put(px, py, BLEEDING);
                     }
@@ -412,7 +415,7 @@ impl Canvas {
         }
     }
 
-    /// Borders of lumels, where these are large enough.
+    /// Draws the borders of lumels that are large enough.
     fn grid(&mut self) {
         if self.scale < GRID_FROM {
             return;
@@ -426,7 +429,7 @@ impl Canvas {
         }
     }
 
-    /// Edges that no two triangles of an island share.
+    /// Draws edges that belong to only one triangle of an island.
     fn outlines(&mut self, pieces: &[Piece]) {
         let mut edges: Vec<(u32, [[u32; 2]; 2])> = Vec::with_capacity(pieces.len() * 3);
         for piece in pieces {
@@ -440,7 +443,7 @@ impl Canvas {
     }
 
     fn frame(&mut self, low: Vec2, high: Vec2) {
-        // Through the middles of the pixels within.
+        // Through the centres of the pixels inside.
         let half = 0.5 / self.scale;
         let (low, inner) = (low + half, high - half);
         let (b, d) = (Vec2::new(inner.x, low.y), Vec2::new(low.x, inner.y));
@@ -492,8 +495,8 @@ fn dim(color: [u8; 3]) -> [u8; 3] {
 
 fn color_of(piece: &Piece, paint: Paint) -> [u8; 3] {
     let color = match paint {
-        // About a golden angle from one to the next: neighbours in number are far in hue. Red is
-        // kept for what is wrong.
+        // Steps near the golden angle give consecutive islands very different hues. Red is reserved
+        // for faults.
         Paint::Charts => hue((30 + piece.island.wrapping_mul(137) % 300) as f32),
         Paint::Density => {
             let t = (piece.density.log2() / 2.0).clamp(-1.0, 1.0);
@@ -513,7 +516,7 @@ fn color_of(piece: &Piece, paint: Paint) -> [u8; 3] {
     color.to_array().map(|c| c.round() as u8)
 }
 
-/// A pale colour of a hue in degrees.
+/// A pale colour with this hue in degrees.
 fn hue(degrees: f32) -> Vec3 {
     let part = |offset: f32| {
         let k = (offset + degrees / 60.0) % 6.0;

@@ -1,3 +1,3 @@
-//! Tests of the files that are written, in one program: linking is what costs.
+//! Tests of the written files as one program, because linking takes most of the time.
 
 mod occluders;

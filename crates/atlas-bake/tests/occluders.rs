@@ -1,4 +1,4 @@
-//! Occluders have no place in the lightmap, and stay as they were in what is written.
+//! Occluders have no place in the lightmap and are written unchanged.
 
 use atlas::{Layout, LayoutError, LayoutOptions, LayoutReport, layout};
 use atlas_bake::{Manifest, ValueKind, write_lightmapped_glb, write_vertex_glb};
@@ -6,8 +6,8 @@ use gather::VertexLight;
 use mesh_ingest::{LoadOptions, Loaded, Soup, load};
 use serde_json::{Value, json};
 
-/// Nodes: `both` (mesh 0: a wall and an occluder), `blocker` (mesh 0, occluder by node), `screen`
-/// (mesh 1, all occluder).
+/// Nodes: `both` (mesh 0: a wall and an occluder), `blocker` (mesh 0, an occluder by its node),
+/// `screen` (mesh 1, all occluders).
 fn level() -> Value {
     // 0,0,0 1,0,0 0,1,0 as floats.
     let corners: Vec<u8> = [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
@@ -69,7 +69,7 @@ fn only_what_receives_has_a_place() {
     assert_eq!((widths[0] > 0, widths[1], widths[2]), (true, 0, 0));
     assert_eq!(layout.meshes[1].size, [0, 0]);
     assert_eq!((report.instances, report.meshes.len()), (1, 1));
-    // The page is as large as it would be without occluders.
+    // The page is as large as without occluders.
     let mut alone = level();
     alone["scenes"][0]["nodes"] = json!([0]);
     alone["meshes"][0]["primitives"]
@@ -115,7 +115,7 @@ fn written_documents_keep_them_as_they_were() {
     );
     assert_eq!(written["meshes"][1], level["meshes"][1]);
 
-    // Light where something receives; nothing is asked of the rest.
+    // Only receivers need light.
     let light = VertexLight {
         instances: vec![
             vec![vec![[1.0, 2.0, 3.0]; 3], Vec::new()],
@@ -127,9 +127,9 @@ fn written_documents_keep_them_as_they_were() {
     let (glb, stats) = write_vertex_glb(&loaded.document, &loaded.scene, &light).unwrap();
     let written = json_of(&glb);
     assert_eq!(stats.vertices, 3);
-    // Light on occluders is not looked at: 3/π is the largest.
+    // Light on occluders is ignored, so 3/π is the largest.
     assert!((stats.scale - 3.0 / std::f32::consts::PI).abs() < 1e-6);
-    // The wall's mesh is shared with an occluder, so the wall has a copy.
+    // The wall shares its mesh with an occluder, so the wall's is a copy.
     let lit = written["nodes"][0]["mesh"].as_u64().unwrap() as usize;
     assert_ne!(lit, 0);
     assert_eq!(

@@ -1,11 +1,11 @@
-//! The parts of a bake, each by itself on inputs made once: form factors, solve, gather, and a bake
-//! from file to files in memory.
+//! The stages of a bake, each timed on inputs made once: form factors, solve, gather, and a whole
+//! bake from file to files in memory.
 //!
 //!     cargo bench --bench light                    all of them
 //!     cargo bench --bench light -- solve           one
 //!
-//! Rays alone: `cargo bench --bench traversal`. Scenes are the project's own in `assets/`, at
-//! densities that keep a run within seconds.
+//! For rays alone: `cargo bench --bench traversal`. The scenes are those in `assets/`, at densities
+//! that keep a run within seconds.
 #![allow(missing_docs, reason = "benches are not an interface")]
 
 use std::path::{Path, PathBuf};
@@ -25,7 +25,7 @@ fn main() {
     divan::main();
 }
 
-/// Scenes, with their sky's radiance and lumels per metre.
+/// Scenes with their sky radiance and lumels per metre.
 const SCENES: [(&str, [f32; 3], f32); 2] = [
     ("cornell_box", [0.0; 3], 8.0),
     ("demo_level", [0.25, 0.35, 0.5], 2.0),
@@ -44,7 +44,7 @@ fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../assets/{name}.glb"))
 }
 
-/// Calls `with` with a world that lives as long as that.
+/// Calls `with` with a world that borrows the loaded scene.
 fn with_world(name: &str, with: impl FnOnce(&World, &Emitters, &Layout)) {
     let loaded =
         mesh_ingest::load(&file(name), &LoadOptions::default()).expect("an asset of the project");
@@ -104,7 +104,7 @@ fn solve_draft(bencher: Bencher, name: &str) {
     });
 }
 
-/// Lumels and vertices from a solution that is there, as `draft` does them.
+/// Lumels and vertices from a finished solution, as `draft` does them.
 #[divan::bench(args = names(), sample_count = 3)]
 fn gather_draft(bencher: Bencher, name: &str) {
     with_world(name, |world, emitters, layout| {
@@ -158,7 +158,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
     });
 }
 
-/// All of a bake but writing.
+/// A whole bake without writing.
 #[divan::bench(args = names(), sample_count = 3)]
 fn whole_bake(bencher: Bencher, name: &str) {
     let (sky, density) = settings_of(name);

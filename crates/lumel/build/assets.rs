@@ -1,4 +1,4 @@
-//! Compresses what `lumel view` serves of its own and lists it for `src/view/assets.rs`.
+//! Compresses the files that `lumel view` serves and lists them for `src/view/assets.rs`.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -7,8 +7,7 @@ use std::{env, fs};
 
 use flate2::{Compression, write::GzEncoder};
 
-/// Name under `/static/`, and the file. All lie in one place there, whatever folders they come
-/// from.
+/// Names under `/static/` and their files. The names are flat, whatever folders the files are in.
 const FILES: &[(&str, &str)] = &[
     ("index.html", "web/index.html"),
     ("style.css", "web/style.css"),
@@ -20,7 +19,7 @@ const FILES: &[(&str, &str)] = &[
     ("controls.js", "web/controls.js"),
     ("panel.js", "web/panel.js"),
     ("pick.js", "web/pick.js"),
-    // A copy of the loader in tools/engines/three: a published crate has its own folder only.
+    // A copy of the loader in tools/engines/three: a published crate contains only its own folder.
     ("lumel-lightmap.js", "web/lumel-lightmap.js"),
     ("three.core.js", "vendor/three/build/three.core.js"),
     ("three.module.js", "vendor/three/build/three.module.js"),
@@ -40,8 +39,8 @@ const FILES: &[(&str, &str)] = &[
     ("THREE-LICENSE.txt", "vendor/three/LICENSE"),
 ];
 
-/// Module names of npm packages, and what a browser without an import map needs in their place. An
-/// import map would have to be an inline script, which the page's content policy forbids.
+/// npm module names and the paths that replace them in a browser without an import map. An import
+/// map would have to be an inline script, which the page's content security policy forbids.
 const IMPORTS: &[(&str, &str)] = &[
     ("from 'three'", "from './three.module.js'"),
     ("from '../utils/", "from './"),
@@ -75,7 +74,7 @@ pub(crate) fn write() {
     fs::write(out.join("assets.rs"), table).expect("OUT_DIR can be written");
 }
 
-/// The encoder's default header holds neither time nor name, so equal files give equal bytes.
+/// The encoder's default header has no time and no name, so equal files give equal bytes.
 fn compress(bytes: &[u8], to: &Path) {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
     encoder.write_all(bytes).expect("memory takes all");

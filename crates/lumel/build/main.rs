@@ -1,4 +1,4 @@
-//! What the binary needs of the tree that it is built from: a hash of its sources, and the viewer's
+//! Generates what the binary needs from the source tree: a hash of the sources and the viewer's
 //! files.
 
 #![allow(

@@ -1,14 +1,14 @@
 //! Puts a hash of the workspace's sources into `LUMEL_SOURCES`.
 //!
-//! A development build has the version of the last release. Records and caches of bakes must not
-//! take one's results for another's, so their keys hold this hash beside the version.
+//! A development build has the version number of the last release. Keys of records and caches
+//! therefore contain this hash besides the version.
 
 use std::path::{Path, PathBuf};
 
 pub(crate) fn write() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut files = vec![root.join("Cargo.lock")];
-    // Beside a published crate lie no others; their versions are in the lock file then.
+    // A published crate has no sibling crates; their versions are in the lock file.
     for folder in [
         "mesh-ingest",
         "visibility",
@@ -29,8 +29,7 @@ pub(crate) fn write() {
     for file in &files {
         println!("cargo::rerun-if-changed={}", file.display());
         if let Ok(bytes) = std::fs::read(file) {
-            // Line ends differ between checkouts on Windows and elsewhere; what is compiled does
-            // not.
+            // Checkouts on Windows have other line ends, but compile to the same program.
             hash.add(bytes.iter().copied().filter(|b| *b != b'\r'));
             hash.add([0]);
         }
@@ -38,7 +37,7 @@ pub(crate) fn write() {
     println!("cargo::rustc-env=LUMEL_SOURCES={:016x}", hash.0);
 }
 
-/// Adds the Rust files below `folder`, and the folder itself for new ones.
+/// Adds the Rust files below `folder`, and the folder itself so that new files are noticed.
 fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     println!("cargo::rerun-if-changed={}", folder.display());
     let Ok(entries) = std::fs::read_dir(folder) else {
@@ -54,7 +53,7 @@ fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// FNV-1a, 64 bits: tells sources apart, guards against nobody.
+/// FNV-1a, 64 bits: detects changes, but is not secure against forgery.
 struct Fnv(u64);
 
 impl Fnv {

@@ -1,8 +1,8 @@
-//! Bakes a level and writes the results: the least that a program needs.
+//! Bakes a level and writes the results with as little code as possible.
 //!
 //!     cargo run --release -p lumel --example 01_bake_a_file [SCENE.glb [FOLDER]]
 //!
-//! Look at what it wrote with `lumel view FOLDER`. Next: `02_choose_light`.
+//! View the results with `lumel view FOLDER`. Next: `02_choose_light`.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ fn main() -> Result<(), lumel::Error> {
         PathBuf::from,
     );
 
-    // Nothing else has to be chosen: the density of lumels follows from the scene's size.
+    // The other settings have defaults: the lumel density follows from the scene's size.
     let bake = Baker::new().quality(Quality::Draft).bake(&scene)?;
     let files = bake.write(&folder)?;
 

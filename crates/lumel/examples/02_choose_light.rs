@@ -1,9 +1,9 @@
-//! Chooses what lights a level, and keeps parts of the light apart.
+//! Chooses what lights a level, and bakes parts of the light separately.
 //!
 //!     cargo run --release -p lumel --example 02_choose_light
 //!
-//! The box's own lamp is dimmed to a half, and a bluish sky shines in through its open front. Light
-//! adds up, so the pages of the two groups sum to the whole lightmap. Next:
+//! The box's own lamp is dimmed to half, and a bluish sky shines in through the open front. Light
+//! is additive, so the pages of the two groups sum to the whole lightmap. Next:
 //! `03_progress_and_cancel`.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
@@ -12,7 +12,7 @@ use lumel::{Baker, Page, Quality};
 const SCENE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/cornell_box.glb");
 
 fn main() -> Result<(), lumel::Error> {
-    // What can be named: lights and nodes that bear them, emissive materials, `sky` and `sun`.
+    // Names to choose from: lights and their nodes, emissive materials, `sky` and `sun`.
     let inspection = Baker::new().texels_per_unit(DENSITY).inspect(SCENE)?;
     for source in &inspection.sources {
         println!("source {:?} ({:?})", source.name, source.kind);
@@ -23,7 +23,7 @@ fn main() -> Result<(), lumel::Error> {
         .texels_per_unit(DENSITY)
         .light("*", 0.5)
         .sky([0.2, 0.3, 0.5])
-        // Of several that name one source the last counts.
+        // The last match wins.
         .light("sky", 1.0)
         .group("outside", ["sky"])
         .bake(SCENE)?;
@@ -38,10 +38,10 @@ fn main() -> Result<(), lumel::Error> {
     Ok(())
 }
 
-/// Lumels per unit of the scene, which is a centimetre here.
+/// Lumels per unit of the scene; the unit is a centimetre here.
 const DENSITY: f32 = 0.1;
 
-/// Mean of R, G and B over the surface: texels count by how much of them lies on it.
+/// Mean of R, G and B over the surface; texels are weighted by their coverage.
 fn mean(pages: &[Page]) -> f64 {
     let (mut sum, mut weight) = (0.0, 0.0);
     for page in pages {

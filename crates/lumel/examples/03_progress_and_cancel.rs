@@ -1,4 +1,4 @@
-//! Follows a bake with a closure, and stops one from another thread.
+//! Follows a bake with a closure, and stops a bake from another thread.
 //!
 //!     cargo run --release -p lumel --example 03_progress_and_cancel
 //!
@@ -16,10 +16,10 @@ fn main() -> Result<(), Error> {
     stop()
 }
 
-/// Prints each phase once; the solve goes back and forth between its parts.
+/// Prints each phase once, although the solve alternates between its parts.
 fn follow() -> Result<(), Error> {
     let mut seen: Vec<Phase> = Vec::new();
-    // The closure may change what it captures: calls come one at a time.
+    // The closure may mutate its captures: calls come one at a time.
     let baker = Baker::new()
         .quality(Quality::Draft)
         .texels_per_unit(0.1)
@@ -36,12 +36,12 @@ fn follow() -> Result<(), Error> {
     Ok(())
 }
 
-/// Begins a bake that would take minutes, and stops it as soon as it gathers.
+/// Starts a bake that would take minutes, and stops it once it gathers.
 fn stop() -> Result<(), Error> {
     let token = CancelToken::new();
     let (gathering, wait) = mpsc::channel();
     let outcome = std::thread::scope(|scope| {
-        // A button's callback would hold a clone of the token like this one.
+        // The callback of a button would hold a clone like this one.
         let button = token.clone();
         scope.spawn(move || {
             if wait.recv().is_ok() {
@@ -53,7 +53,7 @@ fn stop() -> Result<(), Error> {
             .cancel_token(&token)
             .on_progress(move |progress| {
                 if progress.phase == Phase::Gather {
-                    // Nobody listens any more after the first time.
+                    // The receiver is gone after the first message.
                     let _ = gathering.send(());
                 }
             })

@@ -1,9 +1,9 @@
-//! Bakes from memory into memory: a glTF's bytes in, pages, vertex colours and glTF bytes out.
+//! Bakes from memory to memory: glTF bytes in; pages, vertex colours and glTF bytes out.
 //!
 //!     cargo run --release -p lumel --example 04_results_in_memory [PICTURE.png]
 //!
-//! The scene is a furnace: every wall emits L = 1 and reflects ρ = 0.5, so its light is L/(1 − ρ) =
-//! 2 at every place, whatever its shape. Next: `05_scene_in_code`.
+//! The scene is a furnace: every wall emits L = 1 and reflects ρ = 0.5, so the radiance is L/(1 −
+//! ρ) = 2 everywhere, whatever the shape. Next: `05_scene_in_code`.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::error::Error;
@@ -11,8 +11,8 @@ use std::error::Error;
 use lumel::{Baker, MemoryDocument, Page, Quality};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // From an archive, a network, another program: here from a file. A .gltf whose buffers and
-    // images are elsewhere would get them by `beside(folder)` or `resolve_with(|name| …)`.
+    // The bytes could come from an archive or the network. If a .gltf references buffers and
+    // images, `beside(folder)` or `resolve_with(|name| …)` provides them.
     let file = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../../assets/furnace_cube_50.glb"
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .texels_per_unit(8.0)
         .bake(&document)?;
 
-    // Lightmap: R = E/π by texel, what an engine multiplies with the albedo.
+    // Lightmap: R = E/π per texel, which an engine multiplies with the albedo.
     let page = &bake.pages()[0];
     let lumels =
         || (page.value.iter().zip(&page.coverage)).filter(|(_, coverage)| **coverage > 0.0);
@@ -38,7 +38,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         lumels().count()
     );
 
-    // Where each node finds its light on the page.
+    // Each node's rectangle on the page.
     for node in &bake.manifest()?.nodes {
         println!(
             "node {:?} on page {}: offset {:.3?}, scale {:.3?}",
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         );
     }
 
-    // The same at vertices: irradiance E, so π times as much.
+    // Vertices hold irradiance E, which is π times as much.
     for lit in bake.vertex_colors() {
         let mean = lit.irradiance.iter().map(|e| e[1]).sum::<f32>() / lit.irradiance.len() as f32;
         println!(
@@ -57,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         );
     }
 
-    // What `lumel bake` would write, as bytes.
+    // The files of `lumel bake`, as bytes.
     println!(
         "level.glb would have {} bytes, level.vertex.glb {}",
         bake.lightmapped_glb()?.len(),
@@ -71,7 +71,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The page as 8-bit sRGB: times `exposure`, what is above 1 cut off.
+/// The page as 8-bit sRGB, scaled by `exposure` and clipped at 1.
 fn to_png(page: &Page, exposure: f32) -> Result<image::RgbImage, &'static str> {
     let encode = |x: f32| {
         let x = (x * exposure).clamp(0.0, 1.0);

@@ -1,9 +1,9 @@
-//! Bakes many scenes that the program makes itself, with one baker.
+//! Bakes several generated scenes with one baker.
 //!
 //!     cargo run --release -p lumel --example 05_scene_in_code
 //!
-//! A lamp of I = 10 cd hangs over a black floor at three heights h. The foot of the lamp gets E =
-//! I/h², so its lumel R = E/π.
+//! A lamp of I = 10 cd hangs above a black floor at three heights h. The point below the lamp gets
+//! E = I/h², so its lumel is R = E/π.
 #![allow(clippy::print_stdout, reason = "an example shows what it finds")]
 
 use std::f32::consts::PI;
@@ -30,7 +30,7 @@ fn main() -> Result<(), lumel::Error> {
     Ok(())
 }
 
-/// A lamp `height` metres over the middle of a square of 2 m.
+/// A lamp `height` metres above the centre of a square of 2 m × 2 m.
 fn lamp_over_floor(height: f32) -> MemoryDocument {
     let mut scene = SceneBuilder::new();
     let black = scene.material(

@@ -1,4 +1,4 @@
-//! Bakes with options chained, progress by closure, and a token to stop them.
+//! Bakes with chained options, a progress closure and a cancellation token.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -19,20 +19,20 @@ use crate::settings::{
 };
 use crate::watch::{CancelToken, Progress, Watch, Watcher};
 
-/// Most worker threads that can be asked for.
+/// Most worker threads that can be requested.
 const MAX_THREADS: usize = 1024;
 
-/// Bakes scenes: options, who watches, and how many threads may work.
+/// Bakes scenes: options, a progress watcher and the number of threads.
 ///
-/// One baker bakes any number of scenes. Options have the names that the command line gives them
-/// and mean the same; they are checked when a bake starts.
+/// One baker can bake any number of scenes. Options have the same names and meanings as on the
+/// command line. They are checked when a bake starts.
 ///
 /// ```
 /// use lumel::{Baker, Quality};
 ///
 /// let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
 /// let bake = Baker::new().quality(Quality::Draft).texels_per_unit(2.0).bake(scene)?;
-/// // Every wall emits L = 1 and reflects half: the light there is L/(1 − 0.5) = 2.
+/// // Every wall emits L = 1 and reflects half, so the radiance is L/(1 − 0.5) = 2.
 /// let page = &bake.pages()[0];
 /// let covered = page.value.iter().zip(&page.coverage).filter(|(_, c)| **c > 0.0);
 /// for (value, _) in covered {
@@ -50,7 +50,7 @@ pub struct Baker<'a> {
     first_picture: Option<([u32; 2], Box<Show<'a>>)>,
 }
 
-/// Who gets the first picture.
+/// Receives the first picture.
 type Show<'a> = dyn Fn(Vec<u8>) -> Result<(), Error> + Send + Sync + 'a;
 
 impl fmt::Debug for Baker<'_> {
@@ -71,7 +71,7 @@ impl From<Settings> for Baker<'_> {
     }
 }
 
-/// Setters of one field of [`Settings`].
+/// Generates setters of single fields of [`Settings`].
 macro_rules! options {
     ($($(#[$doc:meta])* $name:ident($($value:ident: $type:ty),+) => |$s:ident| $set:expr;)+) => {
         impl Baker<'_> {
@@ -89,95 +89,91 @@ macro_rules! options {
 }
 
 options! {
-    /// How much work a bake is worth; [`Quality::Preview`] if nothing is said.
+    /// Trades bake time for accuracy; [`Quality::Preview`] by default.
     quality(quality: Quality) => |s| s.quality = quality;
-    /// Which scene of a document is baked, instead of its default one.
+    /// Bakes this scene of the document instead of its default scene.
     scene(index: usize) => |s| s.scene = Some(index);
-    /// Lumels per metre, instead of what the scene's size suggests.
+    /// Lumels per metre; by default derived from the scene's size.
     texels_per_unit(density: f32) => |s| s.texels_per_unit = Some(density);
-    /// Longest side of a page, texels, 8 to 16384; 2048 if nothing is said.
+    /// Longest side of a page, texels, 8 to 16384; 2048 by default.
     max_page(texels: u32) => |s| s.max_page = texels;
-    /// Whether names of nodes that end in `_LOD0`, `_LOD1`, … tell levels of detail; they do if
-    /// nothing is said.
+    /// Whether node names that end in `_LOD0`, `_LOD1`, … mark levels of detail; true by default.
     lods(yes: bool) => |s| s.lods = yes;
-    /// Texels between charts, at most 64; 2 if nothing is said.
+    /// Texels between charts, at most 64; 2 by default.
     padding(texels: u32) => |s| s.padding = texels;
-    /// Pages and instances' rectangles keep to blocks of so many texels, 1 to 64; 4 if nothing is
-    /// said, as BC formats want it.
+    /// Aligns pages and instance rectangles to blocks of this many texels, 1 to 64; 4 by default,
+    /// as BC formats require.
     block_align(texels: u32) => |s| s.block = texels;
-    /// Whether charts keep to blocks too.
+    /// Whether charts are aligned to blocks too.
     block_charts(yes: bool) => |s| s.block_charts = yes;
-    /// The asset's own `TEXCOORD_1`, or new charts.
+    /// Whether to use the asset's own `TEXCOORD_1` or new charts.
     uv(mode: UvMode) => |s| s.uv = mode;
-    /// What makes new charts.
+    /// The unwrapper that makes new charts.
     unwrapper(choice: UnwrapperChoice) => |s| s.unwrapper = choice;
-    /// A sky that sends the same radiance from everywhere: linear Rec.709, in the unit of the
-    /// scene's lights (nit, or W/(m² sr)).
+    /// A sky with the same radiance in all directions: linear Rec.709, in the unit of the scene's
+    /// lights (nit, or W/(m² sr)).
     sky(radiance: [f32; 3]) => |s| s.sky = SkySource::Color(radiance);
-    /// A sky from a latitude-longitude picture, Radiance HDR or EXR.
+    /// A sky from a latitude-longitude image, Radiance HDR or EXR.
     sky_file(file: impl Into<PathBuf>) => |s| s.sky = SkySource::File(file.into());
     /// Units of the file's lamps.
     units(units: Units) => |s| s.units = units;
-    /// Multiplies the sky, the scene's own too; at least 0.
+    /// Scales the sky, including the scene's own; at least 0.
     sky_intensity(factor: f32) => |s| s.sky_intensity = factor;
-    /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
+    /// Rotates the sky about +Y, degrees, counter-clockwise seen from above.
     sky_rotation(degrees: f32) => |s| s.sky_rotation = degrees;
-    /// Adds a sun beside the scene's own lights.
+    /// Adds a sun to the scene's own lights.
     sun(sun: Sun) => |s| s.suns.push(sun);
-    /// Multiplies what the sources called `name` (`*` and `?` are wild) give by `factor` ≥ 0; of
-    /// several that name one source the last counts. See [`LightScale::name`] for what sources are
-    /// called.
+    /// Scales the light of the sources called `name` (with wildcards `*` and `?`) by `factor` ≥ 0;
+    /// the last match wins. [`LightScale::name`] explains the names of sources.
     light(name: impl Into<String>, factor: f32) => |s| s.lights.push(LightScale { name: name.into(), factor });
-    /// Leaves the sources called `name` out.
+    /// Leaves out the sources called `name`.
     exclude_light(name: impl Into<String>) => |s| s.lights.push(LightScale { name: name.into(), factor: 0.0 });
-    /// What the lightmap holds; [`ValueKind::Radiance`] if nothing is said.
+    /// Quantity stored in the lightmap; [`ValueKind::Radiance`] by default.
     value(kind: ValueKind) => |s| s.value = kind;
-    /// Adds channels to pages.
+    /// Adds channels to the pages.
     layers(layers: impl IntoIterator<Item = Layer>) => |s| s.layers.extend(layers);
-    /// Keeps what normal maps need of the directions that light comes from.
+    /// Stores the light's directionality, for normal maps.
     directional(kind: Directional) => |s| s.directional = Some(kind);
-    /// Distance beyond which surfaces do not occlude each other in [`Layer::Ao`], metres.
+    /// Distance beyond which surfaces no longer occlude each other in [`Layer::Ao`], metres.
     ao_distance(metres: f32) => |s| s.ao_distance = Some(metres);
-    /// Light probes on a grid over the scene, so many metres apart.
+    /// Bakes light probes on a grid over the scene with this spacing, metres.
     probe_spacing(metres: f32) => |s| s.probes = Some(ProbeSource::Spacing(metres));
-    /// Light probes at the points of a JSON file, `{"points": [[x, y, z], …]}`.
+    /// Bakes light probes at the points of a JSON file, `{"points": [[x, y, z], …]}`.
     probe_file(file: impl Into<PathBuf>) => |s| s.probes = Some(ProbeSource::File(file.into()));
-    /// Estimated relative error to reach, instead of the quality's: 0.01 for 1 %.
+    /// Estimated relative error to reach, instead of the quality's fixed ray count: 0.01 for 1 %.
     error(relative: f32) => |s| s.error = Some(relative);
-    /// Reflectances above this count as this, above 0 and at most 1; 0.98 if nothing is said.
+    /// Clamps reflectances to this, above 0 and at most 1; 0.98 by default.
     max_reflectance(limit: f32) => |s| s.max_reflectance = limit;
-    /// What lumels hold of which a part lies inside or behind something.
+    /// Value of lumels that are partly inside or behind something.
     hidden(kind: Hidden) => |s| s.hidden = kind;
-    /// Whether lookups on both sides of charts' borders are made to agree; they are if nothing is
-    /// said.
+    /// Whether chart borders are stitched, so that lookups on both sides agree; true by default.
     stitch(yes: bool) => |s| s.stitch = yes;
-    /// Also writes every page as KTX2, in this format.
+    /// Also writes every page as KTX2 in this format.
     ktx2(format: Ktx2Format) => |s| s.ktx2 = Some(format);
-    /// Further conventions for the lightmap's place in the glTF.
+    /// Additional conventions for referencing the lightmap in the glTF.
     ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
-    /// Whether the scene with vertex colours is baked too; it is if nothing is said. Without it no
-    /// light is computed for vertices.
+    /// Whether the scene with vertex colours is baked too; true by default. If false, no light is
+    /// computed for vertices.
     vertex_colors(yes: bool) => |s| s.vertex_colors = yes;
-    /// Lets `..` and links in documents lead out of their folders.
+    /// Allows `..` and links in documents to lead out of their folders.
     allow_outside(yes: bool) => |s| s.bounds.allow_outside = yes;
-    /// Bytes that decoded pictures may take: the scene's together, and the sky's; 1 GiB if nothing
-    /// is said.
+    /// Most bytes of decoded images, for the scene's together and for the sky's; 1 GiB by default.
     max_image(bytes: u64) => |s| s.bounds.max_image = bytes;
-    /// Bytes that a bake may need by its estimate; it ends with [`Error::Memory`] before light is
-    /// computed where that is more.
+    /// Most bytes of memory that a bake may need by its estimate; beyond it ends with
+    /// [`Error::Memory`] before light is computed.
     memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }
 
 impl<'a> Baker<'a> {
-    /// The defaults of [`Settings`], nobody watching, all threads of the current rayon pool.
+    /// The defaults of [`Settings`], no watcher, all threads of the current rayon pool.
     pub fn new() -> Baker<'a> {
         Baker::default()
     }
 
-    /// Keeps the sources called so apart from the others, in pages of their own ([`Bake::groups`]);
-    /// what no group names is in a last one, `rest`. Names are as in [`light`](Self::light).
+    /// Bakes these sources into separate pages ([`Bake::groups`]); sources in no group go to a last
+    /// one, `rest`. Names are as in [`light`](Self::light).
     #[must_use]
     pub fn group<S: Into<String>>(
         mut self,
@@ -191,25 +187,25 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// Calls `watcher` with where the bake is: at the start of every phase, and up to some hundred
-    /// times a second.
+    /// Calls `watcher` with the progress at the start of every phase, and up to some hundred times
+    /// a second.
     ///
-    /// The calls come from worker threads, one at a time; work waits while one runs, so it should
-    /// be short. It must not bake with this baker itself.
+    /// The calls come from worker threads, one at a time. Work waits while a call runs, so it
+    /// should be short. The closure must not bake with this baker.
     #[must_use]
     pub fn on_progress(mut self, watcher: impl FnMut(Progress) + Send + 'a) -> Self {
         self.watcher = Some(Mutex::new(Box::new(watcher)));
         self
     }
 
-    /// Stops when `token` says so.
+    /// Lets `token` cancel bakes.
     #[must_use]
     pub fn cancel_token(mut self, token: &CancelToken) -> Self {
         self.token = Some(token.clone());
         self
     }
 
-    /// Works with so many threads, 1 to 1024, instead of those of the current rayon pool. The
+    /// Works with this many threads, 1 to 1024, instead of those of the current rayon pool. The
     /// result is the same, byte for byte.
     #[must_use]
     pub fn threads(mut self, threads: usize) -> Self {
@@ -217,16 +213,16 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// Keeps charts of large meshes there, and takes those of an earlier bake.
+    /// Caches the charts of large meshes in a folder and reuses those of earlier bakes.
     #[must_use]
     pub fn cache(mut self, cache: Cache) -> Self {
         self.cache = Some(cache);
         self
     }
 
-    /// Gives `show` a picture of the level as PNG, `size` pixels wide and high, as soon as its
-    /// light is solved: coarse, and there long before the bake. The bake waits while `show` runs,
-    /// and ends with its error.
+    /// Passes a PNG of the level, `size` pixels wide and high, to `show` as soon as the solve is
+    /// done. The picture is coarse, but available long before the bake. The bake waits while `show`
+    /// runs; if `show` fails, so does the bake.
     #[must_use]
     pub fn on_first_picture(
         mut self,
@@ -237,13 +233,13 @@ impl<'a> Baker<'a> {
         self
     }
 
-    /// All options as they are now.
+    /// The current settings.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// Bakes a scene: a path, or a [`MemoryDocument`](crate::MemoryDocument). Nothing is written;
-    /// the result is in memory.
+    /// Bakes a scene given as a path or a [`MemoryDocument`](crate::MemoryDocument). Nothing is
+    /// written; the result is in memory.
     ///
     /// # Errors
     /// [`Error`] by fault, with the exit code that the command line would return
@@ -277,7 +273,17 @@ impl<'a> Baker<'a> {
         self.work(|watch| bake_scene(scene, &self.settings, &provenance, &beside, watch))
     }
 
-    /// Charts, pages and cost of a bake without baking.
+    /// Plans charts and pages and estimates the cost of a bake, without baking.
+    ///
+    /// ```
+    /// use lumel::{Baker, Quality};
+    ///
+    /// let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
+    /// let plan = Baker::new().quality(Quality::Draft).texels_per_unit(2.0).estimate(scene)?;
+    /// assert_eq!(plan.layout.pages.len(), 1);
+    /// println!("about {:.1} s and {:.0} MB", plan.seconds, plan.bytes / 1e6);
+    /// # Ok::<(), lumel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`bake`](Self::bake).
@@ -286,7 +292,19 @@ impl<'a> Baker<'a> {
         self.work(|watch| estimate(file, &self.settings, watch))
     }
 
-    /// What would be baked and every problem found, without baking.
+    /// Lists what would be baked and every problem found, without baking.
+    ///
+    /// ```
+    /// use lumel::Baker;
+    ///
+    /// let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/cornell_box.glb");
+    /// let inspection = Baker::new().inspect(scene)?;
+    /// for source in &inspection.sources {
+    ///     println!("light source {:?}", source.name);
+    /// }
+    /// assert!(inspection.warnings.is_empty());
+    /// # Ok::<(), lumel::Error>(())
+    /// ```
     ///
     /// # Errors
     /// As [`bake`](Self::bake).
@@ -295,11 +313,11 @@ impl<'a> Baker<'a> {
         self.work(|watch| inspect(file, &self.settings, watch))
     }
 
-    /// Whether `dir` holds what baking `file` would write there, by content of inputs, settings and
-    /// program; only reads.
+    /// Whether `dir` already contains what baking `file` would write there. Compares contents of
+    /// inputs, settings and program; only reads.
     ///
     /// # Errors
-    /// Why not, in a few words for people.
+    /// The reason why not, as a short text for people.
     pub fn find_current(
         &self,
         file: impl AsRef<Path>,
@@ -323,13 +341,13 @@ impl<'a> Baker<'a> {
         };
         if !(1..=MAX_THREADS).contains(&threads) {
             return Err(Error::Setting(format!(
-                "{threads} threads were asked for, expected 1 to {MAX_THREADS}"
+                "found {threads} threads, expected 1 to {MAX_THREADS}"
             )));
         }
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
-            .map_err(|e| Error::Internal(format!("no threads can be started: {e}")))?;
+            .map_err(|e| Error::Internal(format!("cannot start threads: {e}")))?;
         pool.install(|| work(&watch))
     }
 }

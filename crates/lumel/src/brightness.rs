@@ -1,4 +1,4 @@
-//! Light that numbers cannot hold: refused before the bake, or told of after it.
+//! Light beyond the range of numbers: refused before the bake, or warned about after it.
 
 use atlas_bake::Page;
 use glam::Vec3;
@@ -7,19 +7,19 @@ use radiosity::Sky;
 
 use crate::error::Error;
 
-/// The brightest light that is baked: candela, lux or radiance, in any channel. The sun's disc has
-/// 1.6e9 nit and searchlights 1e9 candela; squares of a thousand times that, which estimates of
-/// errors need, are far within 32-bit numbers.
+/// The brightest light that is baked, in any channel: candela, lux or radiance. The sun's disc has
+/// 1.6e9 nit and searchlights 1e9 candela. The squares that error estimates need, of values a
+/// thousand times larger, are still far within the range of `f32`.
 pub(crate) const BRIGHTEST: f32 = 1e12;
 
-/// The largest half float: what an EXR of halves holds.
+/// The largest half float, which is the limit of EXR pages.
 const HALF: f32 = 65504.0;
 
-/// Clamped lumels beyond this share are worth a warning. A lamp at a wall makes a few, which show
-/// nothing but white either way.
+/// Clamped lumels are warned about from this fraction on. A lamp at a wall clamps a few lumels,
+/// which would look white anyway.
 const WORTH_TELLING: f64 = 0.01;
 
-/// Refuses sources that are brighter than [`BRIGHTEST`].
+/// Refuses sources brighter than [`BRIGHTEST`].
 ///
 /// # Errors
 /// [`Error::TooBright`], for the first of them.
@@ -46,14 +46,14 @@ pub(crate) fn check(scene: &Scene, sky: &Sky) -> Result<(), Error> {
     Ok(())
 }
 
-/// What to say about pages whose light halves cannot hold.
+/// The warning about pages with values beyond the half float range.
 pub(crate) fn clamped_warning(pages: &[Page]) -> Option<String> {
     let (mut lit, mut clamped, mut brightest) = (0u64, 0u64, 0f32);
     let covered = pages
         .iter()
         .flat_map(|page| page.value.iter().zip(&page.coverage));
     for (value, _) in covered.filter(|(_, coverage)| **coverage > 0.0) {
-        // NaN counts as too bright, which is where it comes from.
+        // NaN comes from overflow, so it counts as too bright.
         let beyond = value.iter().any(|x| x.is_nan() || *x > HALF);
         let most = value.iter().copied().fold(0.0, f32::max);
         lit += u64::from(beyond || most > 0.0);
@@ -64,8 +64,7 @@ pub(crate) fn clamped_warning(pages: &[Page]) -> Option<String> {
         return None;
     }
     Some(format!(
-        "{clamped} of {lit} lit lumels are brighter than {HALF}, the most that half floats hold, and are stored as that; the brightest would be \
-         {brightest:.3e}: dim all light to less than {:.1e} of what it is (--light '*=X', --sky-intensity)",
+        "{clamped} of {lit} lit lumels exceed {HALF}, the largest half float, and are clamped to it; the brightest is {brightest:.3e}: scale all light by less than {:.1e} (--light '*=X', --sky-intensity)",
         HALF / brightest
     ))
 }

@@ -1,7 +1,7 @@
-//! `--cache`: charts of large meshes, kept for the next bake.
+//! `--cache`: charts of large meshes, kept for later bakes.
 //!
-//! A file is named by a hash of the mesh, of how it is to be cut, and of the program: another
-//! program may cut otherwise.
+//! A file's name is a hash of the mesh, of the unwrapping options and of the program, because
+//! another version may unwrap differently.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -14,40 +14,40 @@ use serde::Serialize;
 
 use crate::record::PROGRAM;
 
-/// A folder where bakes keep what the next ones can use.
+/// A folder where bakes store charts for later bakes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cache {
-    /// The folder; it is made when it is needed.
+    /// The folder; created when needed.
     pub folder: PathBuf,
-    /// When all of it is larger than so many bytes, what was used least recently goes.
+    /// If the folder exceeds this size, bytes, the least recently used files are deleted.
     pub limit: u64,
 }
 
 impl Cache {
-    /// [`Cache::limit`] unless another is asked for: 8 GiB.
+    /// Default of [`Cache::limit`]: 8 GiB.
     pub const LIMIT: u64 = 8 << 30;
 }
 
-/// What a cache did for a bake.
+/// What the cache did for a bake.
 #[derive(Debug, Clone, Serialize)]
 pub struct CacheReport {
-    /// Meshes whose charts were found, and those whose charts were kept for the next bake.
+    /// Number of meshes whose charts were reused, and number whose charts were stored.
     pub charts: [u64; 2],
-    /// Older files that were removed, since the folder was larger than its limit.
+    /// Files deleted because the folder exceeded its limit.
     pub removed: u64,
-    /// What went wrong with the folder; the bake goes on without.
+    /// Problems with the folder; the bake continues without the cache.
     pub notes: Vec<String>,
 }
 
-/// Ends the names of a cache's files.
+/// Extension of cache files.
 const CHARTS: &str = "lumelcharts";
 
-/// Charts of meshes, a file each.
+/// Cached charts of meshes, one file per mesh.
 pub(crate) struct Charts<'a> {
     cache: &'a Cache,
     found: AtomicU64,
     kept: AtomicU64,
-    /// Why the first file that could not be written was not.
+    /// Why the first failed write failed.
     fault: Mutex<Option<String>>,
 }
 
@@ -61,7 +61,7 @@ impl<'a> Charts<'a> {
         }
     }
 
-    /// Another program may flatten otherwise.
+    /// The hash includes the program, because another version may unwrap differently.
     fn path(&self, key: &[u8; 32]) -> PathBuf {
         let mut h = blake3::Hasher::new();
         h.update(PROGRAM.as_bytes());
@@ -70,16 +70,19 @@ impl<'a> Charts<'a> {
         self.cache.folder.join(format!("{}.{CHARTS}", &hex[..32]))
     }
 
-    /// Keeps the folder within its limit, and says what was done.
+    /// Trims the folder to its limit and reports what was done.
     pub(crate) fn close(self) -> CacheReport {
         let mut notes: Vec<String> = self.fault.into_inner().ok().flatten().into_iter().collect();
         let folder = &self.cache.folder;
         let removed = match trim(folder, self.cache.limit) {
             Ok(removed) => removed,
-            // Nothing was ever kept, or the folder's fault is noted already.
+            // Either nothing was ever stored, or the folder's fault is noted already.
             Err(_) if !folder.is_dir() => 0,
             Err(e) => {
-                notes.push(format!("{}: old files stay: {e}", folder.display()));
+                notes.push(format!(
+                    "{}: cannot delete old files: {e}",
+                    folder.display()
+                ));
                 0
             }
         };
@@ -90,7 +93,7 @@ impl<'a> Charts<'a> {
         }
     }
 
-    /// Written beside its place and renamed, so that nobody sees half of it.
+    /// Writes to a temporary file and renames it, so that readers never see half a file.
     fn write(&self, path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         std::fs::create_dir_all(&self.cache.folder)?;
         let mut file = tempfile::Builder::new()
@@ -122,7 +125,8 @@ impl KeptCharts for Charts<'_> {
             }
             Err(e) => {
                 if let Ok(mut fault) = self.fault.lock() {
-                    let text = || format!("{}: nothing is kept: {e}", self.cache.folder.display());
+                    let text =
+                        || format!("{}: cannot cache charts: {e}", self.cache.folder.display());
                     fault.get_or_insert_with(text);
                 }
             }
@@ -130,14 +134,15 @@ impl KeptCharts for Charts<'_> {
     }
 }
 
-/// Marks a file as used now, for those that trim the folder; a file system that cannot is no fault.
+/// Marks a file as just used, for trimming. Failure is harmless, e.g. on file systems without
+/// access times.
 fn touch(path: &Path) {
     if let Ok(file) = std::fs::File::options().append(true).open(path) {
         let _ = file.set_modified(SystemTime::now());
     }
 }
 
-/// Removes files, the least recently used first, until all of them are within `limit`.
+/// Deletes the least recently used files until the total size is within `limit`.
 fn trim(folder: &Path, limit: u64) -> std::io::Result<u64> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder)? {

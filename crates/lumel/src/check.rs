@@ -1,4 +1,4 @@
-//! Whether settings make sense.
+//! Validation of settings.
 
 use std::ffi::OsStr;
 use std::path::Path;
@@ -10,12 +10,12 @@ use crate::error::Error;
 use crate::settings::{GltfExt, Settings};
 use crate::sources;
 
-/// Largest diameter of a sun, degrees. Beyond this, light has no direction to speak of, and a sky
-/// says it better.
+/// Largest diameter of a sun, degrees. Larger ones hardly have a direction and are better described
+/// by a sky.
 const MAX_SUN: f32 = 90.0;
 
-/// Refuses scenes whose names results cannot have: two names that are not UTF-8 would become one,
-/// and JSON cannot name the files.
+/// Refuses scenes whose file name is not UTF-8: two such names could become the same one, and JSON
+/// cannot name the files.
 ///
 /// # Errors
 /// [`Error::Name`].
@@ -28,7 +28,7 @@ pub(crate) fn check_name(scene: &Path) -> Result<(), Error> {
     }
 }
 
-/// Refuses settings that no bake can follow, before any work.
+/// Refuses settings that are out of range or contradict each other, before any work.
 ///
 /// # Errors
 /// [`Error::Setting`].
@@ -62,7 +62,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
     }
     if !settings.sky_rotation.is_finite() {
         return Err(Error::Setting(format!(
-            "sky rotation is {}, expected a number of degrees",
+            "sky rotation is {}, expected a finite number of degrees",
             settings.sky_rotation
         )));
     }
@@ -70,7 +70,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
         positive("the sun's illuminance", s.lux)?;
         if Vec3::from_array(s.direction).try_normalize().is_none() {
             return Err(Error::Setting(format!(
-                "the sun's direction is {:?}, expected a vector that is not zero",
+                "the sun's direction is {:?}, expected a non-zero vector",
                 s.direction
             )));
         }
@@ -85,7 +85,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
         positive("the vertex error", e)?;
         if !settings.vertex_colors {
             return Err(Error::Setting(format!(
-                "the vertex error is {e}, but vertex colours are left out (--no-vertex-colors, or vertex-colors = false in the file of settings): expected one or the other"
+                "the vertex error is {e}, but vertex colours are off (--no-vertex-colors, or vertex-colors = false in the settings file): expected only one of the two"
             )));
         }
     }
@@ -115,14 +115,14 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
         && !settings.block.is_multiple_of(format.block())
     {
         return Err(Error::Setting(format!(
-            "--ktx2 bc6h with --block-align {}: expected a multiple of {}, or graphics cards refuse the page",
+            "--ktx2 bc6h with --block-align {}: expected a multiple of {}, because GPUs reject other page sizes",
             settings.block,
             format.block()
         )));
     }
     if settings.ext.contains(&GltfExt::Moz) && settings.value == ValueKind::Radiosity {
         return Err(Error::Setting(
-            "--ext moz with --value radiosity: expected radiance or irradiance, which materials multiply with their albedo".into(),
+            "--ext moz with --value radiosity: expected radiance or irradiance, because materials multiply the lightmap with their albedo".into(),
         ));
     }
     Ok(())

@@ -1,22 +1,28 @@
 //! Dependency files for make and ninja.
 //!
-//! One rule with all targets, and an empty rule for each input, so that one that is deleted or
-//! renamed is no error but a reason to build. That is what compilers write with `-MP`; ninja's
-//! `deps = gcc` and make's `-include` read it.
+//! The file has one rule with all targets, and an empty rule for each input: a deleted or renamed
+//! input then triggers a build instead of an error. This is what compilers write with `-MP`, and
+//! what ninja's `deps = gcc` and make's `-include` read.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::error::Error;
 
-/// The text of a dependency file: `targets` are made from `inputs`.
+/// The text of a dependency file that makes `targets` depend on `inputs`.
 ///
-/// Paths are written as they are given. Each appears once, in the given order; an input that is a
-/// target too is left out.
+/// Paths are written as given, each once, in the given order. An input that is also a target is
+/// left out.
+///
+/// ```
+/// let text = lumel::depfile(&["out/a.exr".into()], &["a.glb".into()])?;
+/// assert!(text.starts_with("out/a.exr: \\\n  a.glb\n"));
+/// # Ok::<(), lumel::Error>(())
+/// ```
 ///
 /// # Errors
-/// [`Error::Setting`] for a path that is not UTF-8 or holds a line break, which neither program can
-/// read.
+/// [`Error::Setting`] for a path that is not UTF-8 or contains a line break, which neither program
+/// can read.
 pub fn depfile(targets: &[PathBuf], inputs: &[PathBuf]) -> Result<String, Error> {
     let mut seen = BTreeSet::new();
     let mut names = |paths: &[PathBuf]| -> Result<Vec<String>, Error> {
@@ -39,12 +45,12 @@ pub fn depfile(targets: &[PathBuf], inputs: &[PathBuf]) -> Result<String, Error>
     Ok(text)
 }
 
-/// A name as GCC escapes it: blanks and `#` get a backslash, and backslashes right before them are
-/// doubled; `$` is doubled.
+/// Escapes a name like GCC: spaces and `#` get a backslash, backslashes right before them are
+/// doubled, and `$` is doubled.
 fn escape(path: &Path) -> Result<String, Error> {
     let fail = |what: &str| {
         Error::Setting(format!(
-            "{path:?}: found {what} in a path, which a dependency file cannot hold"
+            "{path:?}: found {what} in a path, which dependency files cannot contain"
         ))
     };
     let name = path

@@ -1,4 +1,4 @@
-//! What can be said about a bake before it begins.
+//! Checks and warnings before a bake begins.
 
 use mesh_ingest::{Scene, Soup};
 use radiosity::Sky;
@@ -8,11 +8,11 @@ use crate::error::Error;
 use crate::settings::Settings;
 use crate::units::plain_blender;
 
-/// Most lumels that may be asked for: their pages alone, three halves a texel, are 6 GiB, and a
-/// bake needs some hundred bytes for each.
+/// Most lumels that a bake may have: their pages alone, three halves per texel, take 6 GiB, and a
+/// bake needs some hundred bytes per lumel.
 const MOST_LUMELS: f64 = (1_u64 << 30) as f64;
 
-/// Nothing shines: no lamp, no glowing material that a surface has, no sky.
+/// Warns if the scene is black: no lamp, no emissive material in use, no sky.
 pub(crate) fn no_light(scene: &Scene, soup: &Soup, sky: &Sky, document: &Value) -> Option<String> {
     let lamp = scene.lights.iter().any(|l| l.intensity.max_element() > 0.0);
     let glows = |m: &u32| {
@@ -23,29 +23,29 @@ pub(crate) fn no_light(scene: &Scene, soup: &Soup, sky: &Sky, document: &Value) 
         return None;
     }
     let how = if plain_blender(document) {
-        "tick Include > Data > Punctual Lights in Blender's exporter, which leaves lamps out, or"
+        "tick Include > Data > Punctual Lights in Blender's exporter, which omits lamps by default, or"
     } else {
         "export lamps or"
     };
     Some(format!(
-        "the lightmap will be black: no lamp, glowing material or sky shines; {how} give --sky 0.5 or --sun"
+        "the lightmap will be black: the scene has no lamp, emissive material or sky; {how} pass --sky 0.5 or --sun"
     ))
 }
 
-/// Blender's exporter leaves lamps out unless told otherwise.
+/// Warns about a Blender file without lamps: the exporter omits them by default.
 pub(crate) fn no_lamps(document: &Value) -> Option<String> {
     let used = document["extensionsUsed"].as_array();
     let lamps = used.is_some_and(|all| all.iter().any(|e| e == "KHR_lights_punctual"));
     (plain_blender(document) && !lamps).then(|| {
-        "the file has no lamps: if the level in Blender has some, tick Include > Data > Punctual Lights in its exporter"
+        "the file has no lamps: if the level has some in Blender, tick Include > Data > Punctual Lights in the exporter"
             .into()
     })
 }
 
-/// A density that no bake can follow, before it is tried.
+/// Refuses a density that would give more than [`MOST_LUMELS`].
 ///
 /// # Errors
-/// [`Error::Setting`] with the largest density that can.
+/// [`Error::Setting`] with the largest possible density.
 pub(crate) fn density(soup: &Soup, settings: &Settings) -> Result<(), Error> {
     let Some(wanted) = settings.texels_per_unit else {
         return Ok(());
@@ -57,11 +57,11 @@ pub(crate) fn density(soup: &Soup, settings: &Settings) -> Result<(), Error> {
     }
     let most = (MOST_LUMELS / area).sqrt();
     Err(Error::Setting(format!(
-        "--texels-per-unit {wanted}: found {lumels:.1e} lumels on the level's {area:.1} m², expected at most {MOST_LUMELS:.1e}: {most:.0} texels per unit"
+        "--texels-per-unit {wanted}: found {lumels:.1e} lumels for the level's {area:.1} m², expected at most {MOST_LUMELS:.1e}, i.e. {most:.0} texels per unit"
     )))
 }
 
-/// The instance that a page cannot hold at the density asked for.
+/// Warns about an instance that does not fit a page at the requested density.
 pub(crate) fn too_dense(scene: &Scene, soup: &Soup, settings: &Settings) -> Option<String> {
     let wanted = f64::from(settings.texels_per_unit?);
     let page = f64::from(settings.max_page).powi(2);
@@ -74,7 +74,7 @@ pub(crate) fn too_dense(scene: &Scene, soup: &Soup, settings: &Settings) -> Opti
         return None;
     }
     Some(format!(
-        "{:?} has {area:.1} m²: at {wanted} texels per unit it does not fit a page of {} texels; its density will be lowered to less than {:.1}; --max-page allows larger pages",
+        "{:?} has {area:.1} m² and does not fit a page of {} texels at {wanted} texels per unit; its density will be reduced to below {:.1}; --max-page allows larger pages",
         scene.instances[largest].name,
         settings.max_page,
         (page / area).sqrt(),

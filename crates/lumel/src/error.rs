@@ -1,9 +1,9 @@
-//! What can go wrong in a bake.
+//! Errors of a bake.
 
 use std::path::PathBuf;
 
-/// Failure of a bake, by fault; [`exit_code`](Error::exit_code) is what the command line returns
-/// for it.
+/// Failure of a bake, by fault. [`exit_code`](Error::exit_code) is the exit code of the command
+/// line.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -18,7 +18,7 @@ pub enum Error {
         /// Why.
         source: atlas::LayoutError,
     },
-    /// Results cannot be put into files.
+    /// Results cannot be written.
     #[error(transparent)]
     Output(#[from] atlas_bake::Error),
     /// The sky image cannot be used.
@@ -28,27 +28,27 @@ pub enum Error {
         file: PathBuf,
         /// Why.
         message: String,
-        /// It could not be read at all.
+        /// Whether the file could not be read at all.
         io: bool,
     },
-    /// The list of probes' points cannot be used.
+    /// The list of probe positions cannot be used.
     #[error("{}: {message}", file.display())]
     Probes {
         /// The list.
         file: PathBuf,
         /// Why.
         message: String,
-        /// It could not be read at all.
+        /// Whether the file could not be read at all.
         io: bool,
     },
-    /// A file of settings cannot be used.
+    /// A settings file cannot be used.
     #[error("{}{message}", file.display())]
     Config {
         /// The file.
         file: PathBuf,
-        /// Where in it and why: `:LINE:COLUMN: found …, expected …`.
+        /// Place and reason: `:LINE:COLUMN: found …, expected …`.
         message: String,
-        /// It could not be read at all.
+        /// Whether the file could not be read at all.
         io: bool,
     },
     /// Two images cannot be compared.
@@ -56,79 +56,79 @@ pub enum Error {
     Compare {
         /// The reference.
         a: PathBuf,
-        /// The other.
+        /// The image compared with it.
         b: PathBuf,
         /// Why.
         source: atlas_bake::Error,
     },
-    /// A folder holds no finished bake, or a broken one.
+    /// A folder contains no finished bake, or a broken one.
     #[error("{}: {message}", path.display())]
     Folder {
-        /// The folder, or the file in it.
+        /// The folder, or a file in it.
         path: PathBuf,
         /// Why.
         message: String,
-        /// It could not be read at all.
+        /// Whether it could not be read at all.
         io: bool,
     },
-    /// The viewer's port cannot be had.
+    /// The viewer's port is not available.
     #[error("port {port} of 127.0.0.1: {message}")]
     Port {
-        /// Which; 0 for any.
+        /// The port; 0 for any.
         port: u16,
         /// Why.
         message: String,
     },
-    /// A result would replace a file that is not the bake's.
-    #[error("{}: the bake would replace this file, and {why}; give another folder or name", file.display())]
+    /// A result would replace a file that does not belong to the bake.
+    #[error("{}: the bake would replace this file, but {why}; choose another folder or name", file.display())]
     Overwrite {
         /// The file.
         file: PathBuf,
-        /// Whose it is.
+        /// Whose file it is.
         why: String,
     },
-    /// A light is brighter than anything is.
+    /// A light is brighter than any real one.
     #[error(
         "{what} is {value:e}, expected at most {:e} (candela, lux or radiance)",
         crate::brightness::BRIGHTEST
     )]
     TooBright {
-        /// Which.
+        /// The light.
         what: String,
-        /// Its largest channel, as it was to be baked.
+        /// Its largest channel after scaling.
         value: f32,
     },
-    /// The bake would need more memory than it may take.
+    /// The bake would need more memory than allowed.
     #[error("the bake needs about {} MiB, expected at most {} MiB (--memory); {}", needed >> 20, allowed >> 20, what_fits(*fits))]
     Memory {
-        /// Estimate, bytes.
+        /// Estimated memory, bytes.
         needed: u64,
-        /// Bytes.
+        /// Allowed memory, bytes.
         allowed: u64,
         /// Lumels per metre that would fit, if any.
         fits: Option<f64>,
     },
-    /// The scene is larger than what the bake may take lets it be.
+    /// The scene is too large to be read within the allowed memory.
     #[error("{source} (--memory is {} MiB)", allowed >> 20)]
     TooLarge {
         /// What is too large.
         source: mesh_ingest::Error,
-        /// Bytes.
+        /// Allowed memory, bytes.
         allowed: u64,
     },
-    /// The scene's name cannot be part of other names.
-    #[error("{}: found a file name that is not UTF-8, expected one that results can be named after", file.display())]
+    /// The scene's name cannot become part of the results' names.
+    #[error("{}: found a file name that is not UTF-8, expected UTF-8, because results are named after the scene", file.display())]
     Name {
         /// The scene.
         file: PathBuf,
     },
-    /// A setting is out of its range.
+    /// A setting is out of range.
     #[error("{0}")]
     Setting(String),
-    /// The work was stopped.
-    #[error("cancelled; files of earlier bakes are as they were")]
+    /// The bake was cancelled.
+    #[error("cancelled; files of earlier bakes are unchanged")]
     Cancelled,
-    /// An invariant of Lumel's own does not hold.
+    /// An invariant of Lumel was violated.
     #[error("internal error: {0}")]
     Internal(String),
 }
@@ -141,8 +141,8 @@ fn what_fits(density: Option<f64>) -> String {
 }
 
 impl Error {
-    /// Exit code by DESIGN.md §1.1: 1 usage, 2 input/output, 3 invalid input, 4 unsupported
-    /// feature, 75 stopped and worth retrying.
+    /// Exit code: 1 wrong usage, 2 input/output failure, 3 invalid input, 4 unsupported feature, 70
+    /// bug in Lumel, 75 cancelled and worth retrying.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Ingest(e) => e.exit_code(),
@@ -171,7 +171,7 @@ impl Error {
             }
             Error::Setting(_) => 1,
             Error::Cancelled => 75,
-            // EX_SOFTWARE of sysexits.h: no promise of DESIGN.md covers a bug.
+            // EX_SOFTWARE of sysexits.h.
             Error::Internal(_) => 70,
         }
     }

@@ -1,4 +1,4 @@
-//! What a bake would make and cost, without baking.
+//! Plan and cost of a bake, without baking.
 
 use std::path::Path;
 use std::time::Instant;
@@ -20,75 +20,75 @@ use crate::probes;
 use crate::scene_input::SceneInput;
 use crate::settings::{Quality, Settings};
 
-/// A bake's plan and cost.
+/// The plan and cost of a bake.
 ///
-/// Pages and lumels are what the bake will have. Rays, time and memory are estimates, see
+/// Pages and lumels are exact. Rays, time and memory are estimates, see
 /// [`seconds`](Estimate::seconds).
 #[derive(Debug, Clone, Serialize)]
 pub struct Estimate {
     /// File name of the scene.
     pub scene: String,
-    /// Triangles that light meets.
+    /// Triangles that rays can hit.
     pub triangles: usize,
     /// Charts and pages.
     pub layout: LayoutReport,
-    /// Names of the files that would be written, with all pages.
+    /// Names of the files that would be written, including all pages.
     pub files: Vec<String>,
-    /// Points of seams, where lookups on two sides are compared.
+    /// Points on seams where the lookups of both sides are compared.
     pub seam_samples: usize,
-    /// Probes that would be baked.
+    /// Number of probes.
     pub probes: usize,
-    /// Rays, all kinds.
+    /// Number of rays of all kinds.
     pub rays: f64,
-    /// Million rays per second that this machine casts in this scene, with the threads of the
-    /// current pool, as measured just now.
+    /// Measured ray rate of this machine in this scene, million rays per second, with the threads
+    /// of the current pool.
     pub mrays_per_second: f64,
-    /// Seconds from reading to the last written file, within [`ESTIMATE_FACTOR`]: light was
-    /// gathered at some lumels to find out.
+    /// Seconds from reading the scene to writing the last file, within a factor of
+    /// [`ESTIMATE_FACTOR`]. Based on gathering at a few lumels.
     pub seconds: f64,
     /// Peak memory, bytes.
     pub bytes: f64,
 }
 
-/// Rays, and time, of all that is done at lumels and vertices over those of gathering alone at
-/// lumels that are not interpolated: more rays where edges and noise are, direct light of
-/// interpolated lumels, vertices (also where they are left out, which saves what the scene's
-/// triangles make of it). The geometric mean over the scenes of docs/pipeline.md (17 at draft, of
-/// which each is within a factor of 1.55; 12 at quick, 11 of them within 1.5; 7 at preview, within
-/// 1.5).
+/// Ratio of all rays (and time) spent on lumels and vertices to those of the first gathering at
+/// non-interpolated lumels. The rest goes to extra rays at edges and noise, direct light of
+/// interpolated lumels, and vertices. Vertices are included even if vertex colours are off, because
+/// the cost of the scene's triangles remains.
+///
+/// Geometric means over scenes of the project: 17 at draft, all within a factor of 1.55; 12 at
+/// quick, 11 of them within 1.5; 7 at preview, within 1.5.
 fn over_gather(quality: Quality) -> f64 {
     match quality {
         Quality::Draft => 1.5,
         Quality::Quick => 1.8,
-        // Production was not measured.
+        // Production was not measured; it uses preview's.
         Quality::Preview | Quality::Production => 1.35,
     }
 }
 
-/// The time of a bake that has the machine for itself is within this factor of the estimate, either
-/// way: that of rays, and what each takes.
+/// On an otherwise idle machine the bake time is within this factor of the estimate, either way.
+/// The uncertainty comes from the number of rays and the time per ray.
 pub const ESTIMATE_FACTOR: f64 = 2.0;
 
-/// Patches and rays of the solve that the gather is tried in: its light is not looked at.
+/// Patches and rays of the coarse solve that the trial gather uses; its light is discarded.
 const TRIAL: [u32; 2] = [2_000, 16];
 
-/// Time of a point of a seam over that of a ray: of finding it and setting its equation up, and of
-/// stitching it in up to four channels. Stitching takes the same number of steps whatever the
-/// equations are. By slow_dive_level's 175,000 points: 0.65 s of one thread at 1.6 million rays a
-/// second.
+/// Cost of a point of a seam in units of a ray: to find it and set up its equation, and to stitch
+/// it in up to four channels. Stitching runs a fixed number of steps. Measured on slow_dive_level
+/// with 175,000 points: 0.65 s on one thread at 1.6 million rays per second.
 const SEAM: [f64; 2] = [4.0, 8.0];
 
-/// Seconds that short trials are repeated for.
+/// Total time of short repeated trials, seconds.
 const ENOUGH: f64 = 0.5;
 
-/// Rays of the measurement.
+/// Rays of the measurement of the ray rate.
 const PROBES: usize = 1 << 16;
 
-/// Parts that they are cast in.
+/// Number of parts in which they are timed.
 const PARTS: usize = 8;
 
-/// Reads the scene, plans its lightmap, and casts some rays to tell how long a bake would take;
-/// writes nothing.
+/// Reads the scene, plans its lightmap and casts some rays to estimate the bake time; writes
+/// nothing.
 ///
 /// # Errors
 /// As [`bake`](crate::bake).
@@ -115,7 +115,7 @@ pub fn estimate(
         ..WorldOptions::default()
     };
     let world = World::build(scene, &soup, options)
-        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        .map_err(|e| Error::Internal(format!("cannot build the tree: {e}")))?;
     let planning = start.elapsed().as_secs_f64();
     let rate = rate(&world);
 
@@ -128,7 +128,8 @@ pub fn estimate(
     if solution.report.cancelled {
         return Err(Error::Cancelled);
     }
-    // Levels of many small things have many more patches than are asked for; the trial has fewer.
+    // Levels with many small objects have many more patches than requested, and more than the
+    // trial.
     let tried = &solution.report;
     let patches = |cut| {
         Subdivision::build(&soup, |t| world.two_sided(t as u32), cut)
@@ -138,7 +139,7 @@ pub fn estimate(
     let more = patches(&solve.cut) as f64 / patches(&trial.cut).max(1) as f64;
     let links = f64::from(tried.subdivision.patches) * more * f64::from(solve.rays);
     let solving = links + tried.shadow_rays as f64 * more;
-    // What is done with a ray takes longer than to cast it, and is the same in the trial.
+    // Processing a ray takes longer than casting it, and costs the same in the trial.
     let solve_seconds = trying * solving / ((tried.link_rays + tried.shadow_rays) as f64).max(1.0);
     let options = bake_options(settings);
     let gather = gather_cost(&world, &emitters, &solution, &plan, &options);
@@ -182,8 +183,8 @@ pub fn estimate(
     })
 }
 
-/// Does something up to four times, until [`ENOUGH`] seconds are gone: its result and the shortest
-/// time. What else the machine does slows some of them.
+/// Runs `work` up to four times, or until [`ENOUGH`] seconds have passed. Returns its result and
+/// the shortest time, because other processes slow some of the runs.
 fn fastest<T>(work: impl Fn() -> T) -> (T, f64) {
     let begin = Instant::now();
     let mut least = f64::INFINITY;
@@ -199,7 +200,7 @@ fn fastest<T>(work: impl Fn() -> T) -> (T, f64) {
     }
 }
 
-/// Rays per second from points all over the scene, by area, in directions all about.
+/// Rays per second, from points distributed over the scene by area, in all directions.
 fn rate(world: &World) -> f64 {
     let mut sum = 0.0f64;
     let ends: Vec<f64> = (world.soup.areas.iter())
@@ -212,7 +213,7 @@ fn rate(world: &World) -> f64 {
         return f64::INFINITY;
     }
     let cast = |i: usize| {
-        // Additive recurrences of the plastic number's powers (Roberts, *The Unreasonable
+        // Additive recurrences with powers of the plastic number (Roberts, *The Unreasonable
         // Effectiveness of Quasirandom Sequences*, 2018).
         let r = |k: i32| (0.5 + i as f64 * 1.134_724_138_401_519_5f64.powi(-k)).fract();
         let t = ends
@@ -232,8 +233,8 @@ fn rate(world: &World) -> f64 {
         let d: Vec3 = x * (side * c as f32) + y * (side * s as f32) + p.geometric * z;
         std::hint::black_box(world.incoming(p.origin, d));
     };
-    // The fastest of several parts, whose points all lie over the whole scene: what else the
-    // machine does slows some of them.
+    // The fastest of several parts, each distributed over the whole scene, because other processes
+    // slow some of them.
     let part = PROBES / PARTS;
     let rates = (0..PARTS).map(|k| {
         let start = Instant::now();

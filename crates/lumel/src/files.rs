@@ -1,4 +1,4 @@
-//! What a bake writes.
+//! The files that a bake writes.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ use crate::sources;
 /// An output file: name and bytes.
 pub type NamedFile = (String, Vec<u8>);
 
-/// Names of the files that a bake of `scene` writes, first page only; the report is the last.
+/// Names of the files that a bake of `scene` writes, with only the first page; the report is last.
 pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     let mut ends = vec!["lightmap.exr", "glb"];
@@ -42,10 +42,10 @@ pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     names
 }
 
-/// End of the name of the scene with vertex colours.
+/// Ending of the name of the scene with vertex colours.
 const VERTEX: &str = "vertex.glb";
 
-/// End of the name of the probes' file.
+/// Ending of the name of the probe file.
 const PROBES: &str = "probes.json";
 
 impl Bake {
@@ -59,7 +59,7 @@ impl Bake {
         self.numbered(&format!("group.{group}"), "exr")
     }
 
-    /// One name per page.
+    /// One name for each page.
     fn numbered(&self, what: &str, end: &str) -> Vec<String> {
         (0..self.layout.pages.len())
             .map(|i| match i {
@@ -74,7 +74,7 @@ impl Bake {
         format!("{}.report.json", self.stem)
     }
 
-    /// All output files by name, and the completed report (which is the last of them).
+    /// All output files with their names, and the completed report, which is the last file.
     ///
     /// # Errors
     /// [`Error::Output`].
@@ -82,8 +82,7 @@ impl Bake {
         self.files_beside(None)
     }
 
-    /// As [`files`](Bake::files), for a bake of which a picture is written too: the report records
-    /// its content.
+    /// As [`files`](Bake::files), for a bake with a preview picture: the report records its hash.
     ///
     /// # Errors
     /// [`Error::Output`].
@@ -130,7 +129,7 @@ impl Bake {
         files.push((glb.clone(), bytes));
         if stats.moz_left_out > 0 {
             report.warnings.push(format!(
-                "{} instances by EXT_mesh_gpu_instancing have no MOZ_lightmap: they share their node's materials",
+                "{} EXT_mesh_gpu_instancing copies have no MOZ_lightmap, because they share their node's materials",
                 stats.moz_left_out
             ));
         }
@@ -169,7 +168,7 @@ impl Bake {
         Ok((files, report))
     }
 
-    /// Adds pages as KTX2, and what they lose to the report.
+    /// Adds the pages as KTX2, and their compression errors to the report.
     fn write_ktx2(
         &self,
         format: Ktx2Format,
@@ -189,10 +188,10 @@ impl Bake {
         Ok(())
     }
 
-    /// Completes the record of what was read and written.
+    /// Completes the record of inputs and outputs.
     fn record(&self, files: &[NamedFile], preview: Option<&[u8]>, report: &mut Report) {
         let content = &mut report.content;
-        // Asked for now: writers read images that light does not need.
+        // Queried only now, because writers read images that light does not need.
         content.inputs = record::document_inputs(&report.scene, self.loaded.document.inputs());
         content.inputs.extend(self.option_inputs.iter().cloned());
         content.key = record::key(&report.settings, &report.origins, &content.inputs);
@@ -208,11 +207,11 @@ impl Bake {
             .collect();
     }
 
-    /// Writes all files into `dir`, together: until all are complete, files of an earlier bake stay
-    /// as they are.
+    /// Writes all files into `dir`. Until all are complete, files of an earlier bake stay
+    /// unchanged.
     ///
     /// # Errors
-    /// [`Error::Output`]; [`Error::Overwrite`] where one of them is a file that the scene was read
+    /// [`Error::Output`]; [`Error::Overwrite`] if one of them is a file that the scene was read
     /// from.
     pub fn write(&self, dir: impl AsRef<Path>) -> Result<Vec<PathBuf>, Error> {
         let (files, _) = self.files()?;
@@ -227,8 +226,8 @@ impl Bake {
         Ok(set.commit()?.files().map(Path::to_owned).collect())
     }
 
-    /// Every file that was read from disk and is there, where it was read: for a dependency file.
-    /// Complete once files were made.
+    /// Paths of all existing files that were read from disk, for a dependency file. Complete only
+    /// after the output files were made.
     pub fn input_paths(&self, settings: &Settings, provenance: &Provenance) -> Vec<PathBuf> {
         let mut all = self.loaded.document.inputs_on_disk();
         let scene = self.loaded.document.file();
@@ -237,11 +236,11 @@ impl Bake {
         all
     }
 
-    /// Pages of an earlier bake that had more of them would be left over; KTX2 files and vertex
-    /// colours of one that wrote them would show its light.
+    /// Deletes files of an earlier bake that this one does not replace: further pages, KTX2 files
+    /// and vertex colours. They would show outdated light.
     pub fn retire_pages(&self, set: &mut OutputSet) {
-        // Others make such files too, KTX2 from EXRs for one: only what the last report lists is
-        // Lumel's to remove.
+        // Other tools write such files too, e.g. KTX2 from EXR. Only files listed in the last
+        // report are deleted.
         let report = set.dir().join(self.report_name());
         let vertex = format!("{}.{VERTEX}", self.stem);
         for name in record::outputs_of(&report) {
@@ -258,22 +257,22 @@ impl Bake {
         }
     }
 
-    /// A picture of the lit level, PNG: from the document's first camera, or a place that sees much
-    /// of it.
+    /// A picture of the lit level as PNG, from the document's first camera or else from a place
+    /// that sees much of it.
     ///
     /// # Errors
     /// [`Error::Output`].
     pub fn preview(&self, size: [u32; 2]) -> Result<Vec<u8>, Error> {
         let scene = &self.loaded.scene;
-        // Built anew: a bake does not hold its tree, which a large level would pay for while files
-        // are written.
+        // Rebuilt, because keeping the tree during the bake would cost a large level memory while
+        // files are written.
         let soup = Soup::build(scene);
         let bvh = Bvh::build(
             soup.seen_triangles(),
             |t| scene.needs_alpha(soup.materials[t as usize]),
             &BuildOptions::default(),
         )
-        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        .map_err(|e| Error::Internal(format!("cannot build the tree: {e}")))?;
         let lit = LitScene {
             scene,
             soup: &soup,

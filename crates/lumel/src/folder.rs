@@ -1,4 +1,4 @@
-//! Folders that a bake was written to, as `lumel view` and `lumel report` read them.
+//! Folders written by `lumel bake`, as `lumel view` and `lumel report` read them.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -10,38 +10,47 @@ use serde_json::Value;
 use crate::error::Error;
 use crate::record;
 
-/// End of the name of a bake's manifest.
+/// Ending of a manifest's file name.
 const MANIFEST: &str = ".lightmap.json";
 
-/// Longest manifest or report that is read: one of a million instances is half of it.
+/// Longest manifest or report that is read, bytes: twice that of a million instances.
 pub(crate) const MAX_JSON: u64 = 512 << 20;
 
-/// The newest manifest that this program knows ([`atlas_bake::Manifest::version`]).
+/// The newest manifest version that this program supports ([`atlas_bake::Manifest::version`]).
 const MANIFEST_VERSION: u64 = 1;
 
 /// A folder with one or more finished bakes.
+///
+/// ```no_run
+/// let folder = lumel::BakeFolder::open("out".as_ref())?;
+/// for stem in folder.bakes() {
+///     std::fs::write(format!("{stem}.html"), lumel::report_page(&folder, &stem)?)?;
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct BakeFolder {
-    /// The folder, canonical: nothing outside of it is read.
+    /// The canonical path of the folder; nothing outside of it is read.
     dir: PathBuf,
-    /// Where a single bake was asked for, its stem.
+    /// The stem of the bake, if a single one was requested.
     only: Option<String>,
 }
 
-/// What viewers need of `level.lightmap.json`. Fields that later versions add are ignored.
+/// The fields of `level.lightmap.json` that viewers need. Fields added by later versions are
+/// ignored.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub struct FinishedManifest {
-    /// The glTF beside the manifest.
+    /// The glTF file next to the manifest.
     pub scene: String,
-    /// What the pages hold: `radiance`, `irradiance` or `radiosity`.
+    /// Quantity in the pages: `radiance`, `irradiance` or `radiosity`.
     pub value: String,
     /// Pages.
     pub pages: Vec<FinishedPage>,
-    /// Channels beside R, G and B.
+    /// Channels in addition to R, G and B.
     #[serde(default)]
     pub channels: Vec<String>,
-    /// Groups of light.
+    /// Light groups.
     #[serde(default)]
     pub groups: Vec<FinishedGroup>,
 }
@@ -49,11 +58,11 @@ pub struct FinishedManifest {
 /// A page file.
 #[derive(Debug, Clone, Deserialize)]
 pub struct FinishedPage {
-    /// Beside the manifest.
+    /// File name, next to the manifest.
     pub uri: String,
 }
 
-/// A group of light.
+/// A light group.
 #[derive(Debug, Clone, Deserialize)]
 pub struct FinishedGroup {
     /// Its name.
@@ -63,10 +72,10 @@ pub struct FinishedGroup {
 }
 
 impl BakeFolder {
-    /// Opens a folder that `lumel bake` wrote, or the one bake that a `*.lightmap.json` describes.
+    /// Opens a folder written by `lumel bake`, or the one bake that a `*.lightmap.json` describes.
     ///
     /// # Errors
-    /// [`Error::Folder`] where it cannot be read, or holds no bake.
+    /// [`Error::Folder`] if it cannot be read or contains no bake.
     pub fn open(path: &Path) -> Result<BakeFolder, Error> {
         let failed = |e: std::io::Error| folder_error(path, e.to_string(), true);
         let path_is_file = std::fs::metadata(path).map_err(failed)?.is_file();
@@ -74,7 +83,7 @@ impl BakeFolder {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             let Some(stem) = name.strip_suffix(MANIFEST) else {
                 let message = format!(
-                    "expected a folder that `lumel bake` wrote or its *{MANIFEST}, found another file"
+                    "found another file, expected a folder written by `lumel bake` or its *{MANIFEST}"
                 );
                 return Err(folder_error(path, message, false));
             };
@@ -94,7 +103,7 @@ impl BakeFolder {
         };
         if folder.bakes().is_empty() {
             let message = format!(
-                "found no bake, expected a *{MANIFEST} as `lumel bake SCENE -o {}` writes it",
+                "found no bake, expected a *{MANIFEST} as written by `lumel bake SCENE -o {}`",
                 path.display()
             );
             return Err(folder_error(path, message, false));
@@ -102,7 +111,7 @@ impl BakeFolder {
         Ok(folder)
     }
 
-    /// Stems of the bakes that are there now (`level` for `level.lightmap.json`), sorted.
+    /// Stems of the bakes currently in the folder (`level` for `level.lightmap.json`), sorted.
     pub fn bakes(&self) -> Vec<String> {
         let entries = std::fs::read_dir(&self.dir).into_iter().flatten().flatten();
         let mut stems: Vec<String> = entries
@@ -116,7 +125,7 @@ impl BakeFolder {
     /// Reads a bake's manifest.
     ///
     /// # Errors
-    /// [`Error::Folder`] where it is not there, is no manifest, or is of a later version.
+    /// [`Error::Folder`] if it does not exist, is not a manifest, or has a newer version.
     pub fn manifest(&self, stem: &str) -> Result<FinishedManifest, Error> {
         let name = format!("{stem}{MANIFEST}");
         let value = self.json(&name)?;
@@ -125,39 +134,37 @@ impl BakeFolder {
         if version != Some(MANIFEST_VERSION) {
             let found = value.get("version").map_or("none".into(), Value::to_string);
             return Err(bad(format!(
-                "found version {found} of the manifest, expected {MANIFEST_VERSION}"
+                "found manifest version {found}, expected at most {MANIFEST_VERSION}"
             )));
         }
         FinishedManifest::deserialize(&value).map_err(|e| bad(e.to_string()))
     }
 
-    /// Reads a bake's report, as JSON: its fields grow from version to version, and readers show
-    /// what is there.
+    /// Reads a bake's report as JSON, because its fields vary between versions.
     ///
     /// # Errors
-    /// [`Error::Folder`] where it is not there or no JSON.
+    /// [`Error::Folder`] if it does not exist or is not JSON.
     pub fn report(&self, stem: &str) -> Result<Value, Error> {
         self.json(&format!("{stem}.report.json"))
     }
 
-    /// What does not belong together in a bake, in words for people: files that are not as its
-    /// report says that they were written. A bake that was killed between two of its renames leaves
-    /// such a folder, and so does whoever edits a result.
+    /// Describes files that do not match the hashes in the bake's report. This happens after a bake
+    /// was killed between two renames, and when a result was edited.
     pub fn disagreement(&self, stem: &str) -> Option<String> {
         let report = self.file(&format!("{stem}.report.json"))?;
         let Some(strangers) = record::strangers(&self.dir, &report) else {
-            return Some(format!("{stem}.report.json is not as it was written"));
+            return Some(format!("{stem}.report.json was changed after the bake"));
         };
         (!strangers.is_empty()).then(|| {
             format!(
-                "not of the bake that {stem}.report.json tells of, or changed since: {}; bake again",
+                "these files do not match {stem}.report.json, because they were changed or belong to another bake: {}; bake again",
                 strangers.join(", ")
             )
         })
     }
 
-    /// The file called `name` in the folder; `None` where there is no such file, where the name
-    /// would lead out of the folder, or a link does.
+    /// The file called `name` in the folder; `None` if it does not exist or if the name or a link
+    /// leads out of the folder.
     pub fn file(&self, name: &str) -> Option<PathBuf> {
         if !is_plain(name) {
             return None;
@@ -166,13 +173,13 @@ impl BakeFolder {
         (path.parent() == Some(self.dir.as_path()) && path.is_file()).then_some(path)
     }
 
-    /// [`file`](Self::file), or the error that names what is missing.
+    /// [`file`](Self::file), or the error that names the missing file.
     ///
     /// # Errors
     /// [`Error::Folder`].
     pub fn expect_file(&self, name: &str) -> Result<PathBuf, Error> {
         self.file(name).ok_or_else(|| {
-            let message = "the bake names this file, but it is not there".into();
+            let message = "found no such file, but the bake references it".into();
             folder_error(&self.dir.join(name), message, false)
         })
     }
@@ -182,7 +189,7 @@ impl BakeFolder {
         &self.dir
     }
 
-    /// Reads a JSON file of the folder.
+    /// Reads a JSON file in the folder.
     pub(crate) fn json(&self, name: &str) -> Result<Value, Error> {
         let path = self.expect_file(name)?;
         let bytes = read_regular(&path, MAX_JSON).map_err(|e| {
@@ -193,7 +200,7 @@ impl BakeFolder {
     }
 }
 
-/// Whether a name is that of a file in the same folder, on every system.
+/// Whether a name denotes a file in the same folder on every system.
 fn is_plain(name: &str) -> bool {
     !name.is_empty() && name != "." && name != ".." && !name.contains(['/', '\\', ':', '\0'])
 }

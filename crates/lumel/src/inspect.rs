@@ -1,4 +1,4 @@
-//! `lumel inspect`: what a bake would do, and everything found wrong.
+//! `lumel inspect`: what a bake would do, and every problem found.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -23,32 +23,32 @@ use crate::settings::Settings;
 use crate::sources::{Source, SourceKind, Sources};
 use crate::warnings;
 
-/// What is known of a scene before it is baked.
+/// What is known about a scene before it is baked.
 #[derive(Debug, Clone, Serialize)]
 pub struct Inspection {
     /// File name.
     pub scene: String,
     /// What was read, dropped, clamped and left out.
     pub ingest: IngestReport,
-    /// World-space triangles left out: zero area, duplicates.
+    /// Triangles left out in world space: of zero area, duplicates.
     pub dropped_triangles: [u64; 2],
     /// Size of the scene, metres.
     pub extent: [f32; 3],
-    /// Surface area, m².
+    /// What was read, dropped, clamped and left out.
     pub area: f64,
     /// Emissive triangles.
     pub emissive_triangles: u64,
-    /// Materials in use that reflect more than the settings or their own limit allow.
+    /// Materials in use whose reflectance exceeds the settings' limit or their own.
     pub clamped_materials: u64,
-    /// Lights in words.
+    /// Descriptions of the lights.
     pub lights: Vec<String>,
-    /// All that gives light, by the names that options take.
+    /// All light sources, by the names that options take.
     pub sources: Vec<Source>,
-    /// The scene's own sky in words.
+    /// Description of the scene's own sky.
     pub environment: Option<String>,
     /// Charts and pages that a bake with these settings would have.
     pub layout: LayoutReport,
-    /// What a bake would warn about: nodes that lie in each other, and light that is missing.
+    /// Warnings that a bake would give: overlapping nodes, missing light.
     pub warnings: Vec<String>,
 }
 
@@ -64,8 +64,8 @@ pub fn inspect(
     inspect_and_draw(file, settings, None, monitor).map(|(inspection, ..)| inspection)
 }
 
-/// The same, with pictures of the charts where `paint` says what they are to show: PNG files, and
-/// how many pages and meshes have none because there are too many.
+/// As [`inspect`], and draws the charts as PNG files if `paint` is given. Also returns how many
+/// pages and meshes were skipped because there are too many.
 ///
 /// # Errors
 /// As [`bake`](crate::bake).
@@ -104,7 +104,7 @@ pub fn inspect_and_draw(
         None => (Vec::new(), 0),
     };
     let world = World::build(scene, &soup, WorldOptions::default())
-        .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+        .map_err(|e| Error::Internal(format!("cannot build the tree: {e}")))?;
     let mut warnings = warnings::of_geometry(&world, settings);
     if scene.environment.is_none() {
         let document = loaded.document.json();
@@ -131,12 +131,12 @@ pub fn inspect_and_draw(
     Ok((inspection, pictures, left))
 }
 
-/// Levels of detail and variants in a line; `None` where there are none.
+/// Describes levels of detail and variants in a line; `None` if there are none.
 pub fn describe_lods(groups: &[LodGroup]) -> Option<String> {
     let plural = if groups.len() == 1 { "" } else { "s" };
     (!groups.is_empty()).then(|| {
         format!(
-            "{} group{plural} of levels of detail or variants: {}; the first of each casts and receives, the others take its light",
+            "{} group{plural} of levels of detail or variants: {}; the first of each casts shadows and is lit, the others copy its light",
             groups.len(),
             some_of(groups.iter().map(LodGroup::describe))
         )
@@ -172,7 +172,7 @@ fn describe(light: &mesh_ingest::Light) -> String {
     }
 }
 
-/// Every name that options take, in alphabetical order, with what bears it.
+/// Every name that options take, in alphabetical order, with its sources.
 fn named(sources: &[Source]) -> BTreeMap<&str, Vec<String>> {
     let mut names: BTreeMap<&str, [usize; 3]> = BTreeMap::new();
     for s in sources {
@@ -205,13 +205,14 @@ fn describe_sky(sky: &mesh_ingest::Environment) -> String {
     }
 }
 
-/// Text for people, a line a call of `writeln!`, whatever names hold.
+/// Collects text for people. Each call of `writeln!` gives exactly one line, whatever names
+/// contain.
 #[derive(Default)]
 struct Lines(String);
 
 impl Lines {
     fn write_fmt(&mut self, line: std::fmt::Arguments<'_>) -> std::fmt::Result {
-        // `--json` has names in full.
+        // Only `--json` has names in full.
         let line = line.to_string();
         let line = printable_within(line.strip_suffix('\n').unwrap_or(&line), 500);
         writeln!(self.0, "{line}")
@@ -219,7 +220,7 @@ impl Lines {
 }
 
 impl Inspection {
-    /// For people.
+    /// The inspection as text for people.
     pub fn to_text(&self) -> String {
         let mut s = Lines::default();
         // Writing to a String cannot fail.
@@ -309,7 +310,7 @@ impl Inspection {
         }
         if self.dropped_triangles[0] > 0 {
             problems.push(format!(
-                "world triangles of zero area: {}",
+                "zero-area world triangles: {}",
                 self.dropped_triangles[0]
             ));
         }
@@ -337,7 +338,7 @@ impl Inspection {
     }
 }
 
-/// What is wrong with a mesh's own coordinates.
+/// Lists the faults of a mesh's own coordinates.
 fn write_faults(s: &mut Lines, m: &MeshReport) -> std::fmt::Result {
     if m.uv_faults.is_empty() {
         return Ok(());
@@ -359,9 +360,9 @@ fn write_faults(s: &mut Lines, m: &MeshReport) -> std::fmt::Result {
     Ok(())
 }
 
-/// A table of the meshes with most lumels.
+/// A table of the meshes with the most lumels.
 fn write_charts(s: &mut Lines, meshes: &[MeshReport]) -> std::fmt::Result {
-    /// More lines than this nobody reads; `--json` has them all.
+    /// Most lines that are worth reading; `--json` has all of them.
     const LINES: usize = 20;
     let lumels = |m: &MeshReport| {
         let texels = f64::from(m.size[0]) * f64::from(m.size[1]);

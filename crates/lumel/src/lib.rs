@@ -1,6 +1,6 @@
-//! Lumel bakes diffuse global illumination into glTF levels: light that arrives at every small
-//! square of every surface, straight from lamps and by way of all other surfaces, as pictures that
-//! an engine multiplies with the surfaces' colours.
+//! Lumel bakes diffuse global illumination into glTF levels. It computes the light that arrives at
+//! every lumel (lightmap texel) of every surface, both directly from light sources and by
+//! interreflection. The result is a lightmap that an engine multiplies with the surfaces' albedo.
 //!
 //! # A first bake
 //!
@@ -13,37 +13,42 @@
 //! # Ok::<(), lumel::Error>(())
 //! ```
 //!
-//! `out` then holds the lightmap (EXR), the level with lightmap coordinates, the level with vertex
-//! colours, a manifest and a report: the files of `lumel bake`, byte for byte. `docs/guide.md` of
-//! the project says what they are for, and how to look at them.
+//! The folder `out` then contains the same files that `lumel bake` writes: the lightmap (EXR), the
+//! level with lightmap coordinates, the level with vertex colours, a manifest and a report.
+//! `lumel view out` shows them.
 //!
-//! # In this order
+//! # Where to start
 //!
-//! | read | to learn | example |
+//! In teaching order:
+//!
+//! | read | to learn about | example |
 //! |---|---|---|
-//! | [`Baker`] | options, and one call that bakes | `01_bake_a_file` |
-//! | [`Baker::sky`], [`Baker::sun`], [`Baker::light`], [`Baker::group`], [`inspect`] | what lights a level, and what it can be called | `02_choose_light` |
-//! | [`Baker::on_progress`], [`CancelToken`], [`Error`] | watching, stopping, and what goes wrong, with exit codes | `03_progress_and_cancel` |
+//! | [`Baker`] | options and baking | `01_bake_a_file` |
+//! | [`Baker::sky`], [`Baker::sun`], [`Baker::light`], [`Baker::group`], [`inspect`] | light sources, their names and light groups | `02_choose_light` |
+//! | [`Baker::on_progress`], [`CancelToken`], [`Error`] | progress, cancellation, errors and exit codes | `03_progress_and_cancel` |
 //! | [`Bake::pages`], [`Bake::vertex_colors`], [`Bake::manifest`], [`MemoryDocument`] | results and scenes in memory | `04_results_in_memory` |
-//! | [`SceneBuilder`], [`Baker::find_current`] | scenes made in code, many scenes, baking only what changed | `05_scene_in_code` |
+//! | [`SceneBuilder`], [`Baker::find_current`] | generated scenes, many scenes, rebaking only what changed | `05_scene_in_code` |
+//! | [`BakeFolder`], [`report_page()`], [`Viewer`] | finished bakes on disk | |
 //!
-//! `cargo run --release -p lumel --example 01_bake_a_file` runs the first.
+//! `cargo run --release -p lumel --example 01_bake_a_file` runs the first example.
 //!
-//! # What holds
+//! # Guarantees
 //!
-//! - **Units.** Pages hold R = E/π, linear Rec.709: the radiance of a white diffuse surface, in nit
-//!   where lamps are in candela and lux, else in W/(m² sr). Lengths are metres, row 0 of a page is
-//!   the top one.
+//! - **Units.** Pages hold R = E/π, linear Rec.709: the radiance of a white diffuse surface. The
+//!   unit is nit if lamps are in candela and lux, else W/(m² sr). Lengths are metres. Row 0 of a
+//!   page is the top row.
 //! - **Determinism.** The same scene, settings and version give the same bytes for any number of
-//!   threads. [`Report::measured`] alone differs.
-//! - **Errors** have a type and say file, place, what was found and what was expected. The library
-//!   neither prints nor exits, and input does not make it panic.
+//!   threads. Only [`Report::measured`] differs.
+//! - **Errors** are typed and state the file, the place in it, what was found and what was
+//!   expected. The library neither prints nor exits, and no input makes it panic.
 //! - **Threads** are those of the current rayon pool, or [`Baker::threads`].
 //!
+//! # Lower levels
+//!
 //! [`Settings`] is the plain struct behind [`Baker`], for programs that read options from
-//! elsewhere; [`bake()`] takes it with a [`Monitor`]. The crates underneath ([`mesh_ingest`],
-//! [`visibility`], [`radiosity`], [`atlas`], [`gather`], [`atlas_bake`]) are the joints of the
-//! pipeline, for programs that want only a part.
+//! elsewhere; [`bake()`] takes it together with a [`Monitor`]. The stages of the pipeline are
+//! crates of their own: [`mesh_ingest`], [`visibility`], [`radiosity`], [`atlas`], [`gather`] and
+//! [`atlas_bake`].
 
 mod baker;
 mod brightness;

@@ -1,34 +1,34 @@
-//! Nodes that look like levels of detail of one thing and are not told as such.
+//! Detects nodes that look like unmarked levels of detail of the same object.
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup, level_by_name};
 use visibility::{BuildOptions, Bvh, closest_point};
 
-/// Extents along an axis that are alike: a ball of 20 triangles is 15 % smaller than its own fine
-/// one, and exporters' levels shrink or grow a little.
+/// Lowest ratio of two extents along an axis that counts as alike. A ball of 20 triangles is 15 %
+/// smaller than a finely tessellated one, and exporters shrink or grow levels a little.
 const ALIKE: f32 = 0.75;
 
-/// Middles of bounds no further apart than this share of the extent along each axis.
+/// Largest distance between centres of bounds along an axis, as a fraction of the extent.
 const CONCENTRIC: f32 = 0.1;
 
-/// Thinner than this share of its size is a panel; those that lie in each other coincide or cross,
-/// which is told otherwise.
+/// Objects thinner than this fraction of their size are panels. Coincident and crossing panels are
+/// reported elsewhere.
 const THIN: f32 = 0.05;
 
-/// Surface areas of two levels: a frame and what stands in it have others.
+/// Largest ratio of the surface areas of two levels. A frame and its contents differ by more.
 const AREAS: f64 = 2.0;
 
-/// So much of the diagonal is the surface of one level from that of another.
+/// Largest distance between the surfaces of two levels, as a fraction of the diagonal.
 const NEAR: f32 = 0.08;
 
-/// Points of a surface that are looked at, and how many of them may lie elsewhere.
+/// Number of sample points on a surface, and how many of them may lie elsewhere.
 const LOOKED_AT: usize = 32;
 const ELSEWHERE: usize = 4;
 
-/// Instances that look like levels of one thing, ascending.
+/// Instances that look like levels of the same object, ascending.
 pub(crate) type Likeness = Vec<usize>;
 
-/// An instance in the way of light.
+/// An instance that rays can hit.
 struct Thing {
     instance: usize,
     low: Vec3,
@@ -42,14 +42,14 @@ impl Thing {
     }
 }
 
-/// Groups of such instances. `named` says that names tell levels; what they tell is then known, and
-/// else not wanted, so that it is not looked at in either case.
+/// Groups of such instances. If `named`, node names mark levels, so named ones are known. If not,
+/// the user has turned names off, so named ones are not reported either.
 pub(crate) fn unmarked_levels(scene: &Scene, soup: &Soup, named: bool) -> Vec<Likeness> {
     let mut things = things(scene, soup, named);
     things.sort_by(|a, b| a.low.x.total_cmp(&b.low.x));
     let mut found: Vec<Likeness> = Vec::new();
     for (k, a) in things.iter().enumerate() {
-        // Bounds of what is like `a` begin within a share of its extent.
+        // Only bounds that begin within a fraction of `a`'s extent can be like `a`.
         let last = a.low.x + a.size().x;
         let after = things[k + 1..].iter().take_while(|b| b.low.x <= last);
         for b in after.filter(|b| are_alike(a, b) && lie_along(soup, a, b)) {
@@ -106,7 +106,7 @@ fn are_alike(a: &Thing, b: &Thing) -> bool {
         && a.area.max(b.area) <= AREAS * a.area.min(b.area)
 }
 
-/// Whether the surface of each lies along the other's.
+/// Whether each surface lies close to the other.
 fn lie_along(soup: &Soup, a: &Thing, b: &Thing) -> bool {
     let reach = NEAR * a.size().max(b.size()).length();
     [(a, b), (b, a)].into_iter().all(|(a, b)| {

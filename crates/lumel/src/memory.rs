@@ -1,4 +1,4 @@
-//! Memory: what a bake will need, and what it took.
+//! Memory: estimated and measured.
 
 use atlas::LayoutReport;
 use mesh_ingest::{Document, ImageSource, Loaded, Soup};
@@ -7,39 +7,38 @@ use radiosity::Sky;
 use crate::error::Error;
 use crate::settings::Settings;
 
-/// Peak memory in bytes: at rest, per triangle, per lumel, per ray between patches and per point of
-/// a seam. By nine bakes at draft, one of them of 2.9 million lumels and one of borders alone,
-/// which lie within -19 and +26 % of it (docs/pipeline.md).
+/// Peak memory in bytes: fixed, per triangle, per lumel, per link ray and per point of a seam.
+/// Fitted to nine bakes at draft, including one of 2.9 million lumels and one made only of chart
+/// borders; the fit is within −19 and +26 %.
 const BYTES: [f64; 5] = [20.0e6, TRIANGLE as f64, 520.0, 13.2, 350.0];
 
-/// Bytes that a triangle takes until it is baked.
+/// Bytes that a triangle takes before the bake.
 pub(crate) const TRIANGLE: u64 = 1700;
 
 /// Bytes of a decoded texel with its pyramid (`mesh_ingest::Pyramids`), and of a pixel of a sky.
 const TEXEL: f64 = 4.0 + 8.0 / 3.0;
 const SKY: f64 = 12.0;
 
-/// How often a document's own bytes are held: as they came, and in two results that are written
-/// together.
+/// Number of copies of a document's bytes: the input, and two results that are written together.
 pub(crate) const COPIES: u64 = 3;
 
-/// Of what is left for lumels, what would fit is offered with this much to spare: the estimate may
-/// be a quarter too low.
+/// Fraction of the remaining memory that a suggested density uses, because the estimate may be a
+/// quarter too low.
 const SPARE: f64 = 0.8;
 
 /// Peak memory that a bake will need, bytes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Need {
-    /// Whatever the density.
+    /// The part that does not depend on density.
     fixed: f64,
-    /// In proportion to the density's square.
+    /// The part proportional to the square of the density.
     lumels: f64,
-    /// In proportion to the density.
+    /// The part proportional to the density.
     seams: f64,
 }
 
 impl Need {
-    /// Of a level whose charts are planned; `seam_samples` are [`atlas_bake::seam_samples`].
+    /// Estimates a level whose charts are planned; `seam_samples` are [`atlas_bake::seam_samples`].
     pub(crate) fn of(
         loaded: &Loaded,
         sky: &Sky,
@@ -69,12 +68,12 @@ impl Need {
         }
     }
 
-    /// In all.
+    /// The total.
     pub(crate) fn bytes(&self) -> f64 {
         self.fixed + self.lumels + self.seams
     }
 
-    /// Refuses what needs more than the settings allow.
+    /// Refuses bakes that need more memory than the settings allow.
     ///
     /// # Errors
     /// [`Error::Memory`].
@@ -93,9 +92,9 @@ impl Need {
         })
     }
 
-    /// Which share of the density needs so many bytes; `None` where none does.
+    /// Factor on the density at which the bake needs `bytes`; `None` if there is none.
     fn share_that_fits(&self, bytes: f64) -> Option<f64> {
-        // lumels x² + seams x = left
+        // Solves lumels x² + seams x = left.
         let left = bytes - self.fixed;
         if left <= 0.0 || self.lumels <= 0.0 {
             return None;
@@ -105,7 +104,7 @@ impl Need {
     }
 }
 
-/// Bytes of the document's buffers and pictures, as they are stored.
+/// Stored bytes of the document's buffers and images.
 fn stored(document: &Document) -> u64 {
     let buffers = (0..document.buffer_count()).map(|i| document.buffer(i).len() as u64);
     let images = document.json()["images"].as_array().map_or(0, Vec::len);
@@ -116,7 +115,7 @@ fn stored(document: &Document) -> u64 {
     buffers.chain(linked).sum()
 }
 
-/// Peak resident set in bytes, where the system tells (Linux); `None` elsewhere.
+/// Peak resident set in bytes on Linux; `None` elsewhere.
 pub(crate) fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|l| l.starts_with("VmHWM:"))?;

@@ -2,10 +2,10 @@
 
 use mesh_ingest::Scene;
 
-/// More names than this nobody reads; the rest are counted.
+/// Most names that are worth reading; the rest are counted.
 const NAMES: usize = 5;
 
-/// At most five of these, and how many more there are.
+/// Lists at most five names and the number of further ones.
 pub(crate) fn some_of(names: impl IntoIterator<Item = String>) -> String {
     let all: Vec<String> = names.into_iter().collect();
     let shown = all[..all.len().min(NAMES)].join(", ");
@@ -15,7 +15,7 @@ pub(crate) fn some_of(names: impl IntoIterator<Item = String>) -> String {
     }
 }
 
-/// What people call an instance: its node's name, or its number where it has none.
+/// The name of an instance for people: its node's name, or its index if it has none.
 pub(crate) fn node_of(scene: &Scene, instance: usize) -> String {
     let instance = &scene.instances[instance];
     let mut name = match instance.name.as_str() {

@@ -1,12 +1,12 @@
-//! Where settings come from.
+//! Origin of settings.
 
 use serde::Serialize;
 
-/// Who gave a setting.
+/// Who set a setting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
-    /// The file of settings.
+    /// The settings file.
     File,
     /// The command line.
     Flag,

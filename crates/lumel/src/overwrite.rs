@@ -1,4 +1,4 @@
-//! Outputs that would replace what is not the bake's to replace.
+//! Protects files that do not belong to the bake from being replaced.
 
 use std::path::{Path, PathBuf};
 
@@ -8,10 +8,10 @@ use crate::error::Error;
 use crate::record::{self, Provenance, RecordedInput};
 use crate::settings::Settings;
 
-/// A file on disk, whatever path, link or spelling leads to it.
+/// Identity of a file on disk, independent of path, links and spelling.
 #[derive(PartialEq, Eq)]
 struct Identity {
-    /// Device and number; nothing else tells two names of one file.
+    /// Device and inode, the only way to recognise hard links.
     #[cfg(unix)]
     inode: (u64, u64),
     #[cfg(not(unix))]
@@ -19,7 +19,7 @@ struct Identity {
 }
 
 impl Identity {
-    /// `None` where there is no such file: nothing could be replaced then.
+    /// `None` if the file does not exist, so that nothing could be replaced.
     fn of(path: &Path) -> Option<Identity> {
         #[cfg(unix)]
         {
@@ -36,7 +36,7 @@ impl Identity {
     }
 }
 
-/// Fails if one of `outputs` is the same file as one of `inputs`, through links too.
+/// Fails if one of `outputs` is the same file as one of `inputs`, also through links.
 ///
 /// # Errors
 /// [`Error::Overwrite`].
@@ -64,7 +64,7 @@ pub(crate) fn refuse_inputs(outputs: &[PathBuf], inputs: &[PathBuf]) -> Result<(
     Ok(())
 }
 
-/// Every file on disk that the document names or that settings do, whether it was read yet or not:
+/// Every file on disk that the document or the settings name, whether it has been read yet or not:
 /// writers copy images that light does not need.
 pub(crate) fn all_inputs(
     document: &Document,
@@ -85,12 +85,12 @@ pub(crate) fn all_inputs(
     all
 }
 
-/// Files in `dir` that a bake of `scene` may replace or remove: `names`, and further pages of those
-/// that are there.
+/// Files in `dir` that a bake of `scene` may replace or delete: `names`, and further pages of those
+/// that exist.
 ///
 /// # Errors
-/// [`Error::Overwrite`] where the scene lies in `dir` itself, and a .glb there has the name of a
-/// result, but the report of no earlier bake says that it is one: an asset of the user's then.
+/// [`Error::Overwrite`] if the scene is in `dir` itself, and a .glb there has a result's name but
+/// is not in the report of an earlier bake: it may be the user's asset.
 pub fn outputs_in(dir: &Path, scene: &Path, names: &[String]) -> Result<Vec<PathBuf>, Error> {
     let mut all: Vec<PathBuf> = names.iter().map(|name| dir.join(name)).collect();
     let folder = match scene.parent() {
@@ -106,7 +106,7 @@ pub fn outputs_in(dir: &Path, scene: &Path, names: &[String]) -> Result<Vec<Path
         if let Some(name) = names.iter().find(foreign) {
             return Err(Error::Overwrite {
                 file: dir.join(name),
-                why: "it lies beside the scene and no earlier bake made it".into(),
+                why: "it is in the scene's folder and was not written by an earlier bake".into(),
             });
         }
     }

@@ -7,14 +7,14 @@ use mesh_ingest::{Scene, Soup};
 use crate::error::Error;
 use crate::files::NamedFile;
 
-/// Pages that are drawn: the first.
+/// Most pages that are drawn, starting with the first.
 const PAGES: usize = 8;
 
-/// Meshes that are drawn: those with something wrong, then those with most lumels. A level of a
-/// thousand meshes would fill a disk, and nobody looks at them all.
+/// Most meshes that are drawn: those with problems first, then those with the most lumels. A
+/// thousand pictures would fill a disk and would not be looked at.
 const MESHES: usize = 32;
 
-/// What is drawn from.
+/// Data that the pictures are drawn from.
 pub(crate) struct Drawn<'a> {
     pub scene: &'a Scene,
     pub soup: &'a Soup,
@@ -24,7 +24,7 @@ pub(crate) struct Drawn<'a> {
 }
 
 impl Drawn<'_> {
-    /// PNG files, and how many pages and meshes were left out. `stem` begins their names.
+    /// PNG files whose names begin with `stem`, and the number of skipped pages and meshes.
     pub(crate) fn pictures(
         &self,
         stem: &str,
@@ -50,8 +50,7 @@ impl Drawn<'_> {
         Ok((files, left))
     }
 
-    /// Meshes with lumels: index in the scene, name of the picture, report; those to look at first
-    /// come first.
+    /// Meshes with lumels, the most interesting first: index in the scene, picture name, report.
     fn meshes(&self) -> Vec<(usize, String, &MeshReport)> {
         let atlases = self.layout.meshes.iter().enumerate();
         let charted = atlases.filter(|(_, atlas)| atlas.size != [0, 0]);
@@ -59,7 +58,7 @@ impl Drawn<'_> {
         let mut list: Vec<_> = charted
             .zip(&self.report.meshes)
             .map(|((i, _), report)| {
-                // Copies of one mesh of the document are numbered.
+                // Scene meshes that come from the same mesh of the document are numbered.
                 let of = self
                     .scene
                     .meshes
@@ -88,7 +87,7 @@ impl Drawn<'_> {
         list
     }
 
-    /// The charts of one mesh, and its own coordinates where they were replaced.
+    /// The charts of one mesh, and its own coordinates if they were replaced.
     fn mesh(
         &self,
         mesh: usize,

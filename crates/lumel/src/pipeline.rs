@@ -1,4 +1,4 @@
-//! The bake from file to files.
+//! The bake from the input file to the output files.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -40,15 +40,15 @@ pub struct Bake {
     pub loaded: Loaded,
     /// Charts and pages.
     pub layout: Layout,
-    /// Light.
+    /// The light.
     pub baked: Baked,
     /// Light probes.
     pub probes: Option<ProbeFile>,
-    /// Report so far; [`files`](Bake::files) completes a copy of it.
+    /// The report so far; [`files`](Bake::files) completes a copy of it.
     pub report: Report,
     /// Names of the groups of [`Baked::groups`].
     pub(crate) group_names: Vec<String>,
-    /// Files that settings name.
+    /// Files that the settings name.
     pub(crate) option_inputs: Vec<RecordedInput>,
     pub(crate) stem: String,
     pub(crate) value: ValueKind,
@@ -92,7 +92,7 @@ impl Clock {
     }
 }
 
-/// Begins a phase: tells the monitor, and stops if it says so.
+/// Begins a phase: tells the monitor, and stops if the monitor asks to.
 fn begin(monitor: &dyn Monitor, phase: Phase) -> Result<(), Error> {
     monitor.progress(phase, 0, 0);
     if monitor.cancelled() {
@@ -101,7 +101,7 @@ fn begin(monitor: &dyn Monitor, phase: Phase) -> Result<(), Error> {
     Ok(())
 }
 
-/// A scene read and changed as settings say, before anything is planned.
+/// A scene that was read and changed by the settings, before planning.
 pub(crate) struct Prepared {
     pub loaded: Loaded,
     pub soup: Soup,
@@ -111,16 +111,16 @@ pub(crate) struct Prepared {
     pub early: Early,
 }
 
-/// What can be said before a bake begins.
+/// What is known before a bake begins.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Early {
     pub notes: Vec<String>,
     pub warnings: Vec<String>,
-    /// One of the warnings is that nothing shines.
+    /// One of the warnings is that the scene has no light.
     pub dark: bool,
 }
 
-/// Reads a scene, adds the settings' suns and sky, and switches and dims its lights.
+/// Reads a scene, adds the settings' suns and sky, and scales its lights.
 ///
 /// # Errors
 /// [`Error`], by fault.
@@ -163,8 +163,8 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
 
 /// Bakes the scene in `file`.
 ///
-/// The result is the same for any number of threads of the current rayon pool. `monitor` sees
-/// phases and may cancel.
+/// The result is the same for any number of threads of the current rayon pool. `monitor` is told
+/// the phases and may cancel.
 ///
 /// # Errors
 /// [`Error`], by fault.
@@ -172,7 +172,7 @@ pub fn bake(file: &Path, settings: &Settings, monitor: &dyn Monitor) -> Result<B
     bake_from(file, settings, &Provenance::default(), monitor)
 }
 
-/// As [`bake`]; the report also says where settings came from.
+/// As [`bake`], with a report that also records where settings came from.
 ///
 /// # Errors
 /// [`Error`], by fault.
@@ -185,47 +185,46 @@ pub fn bake_from(
     bake_beside(file, settings, provenance, &Beside::default(), monitor)
 }
 
-/// What a bake may do beside baking; the result is the same.
+/// Optional side effects of a bake that do not change the result.
 #[derive(Clone, Copy, Default)]
 pub struct Beside<'a> {
-    /// Where charts of large meshes are kept.
+    /// Where charts of large meshes are cached.
     pub cache: Option<&'a Cache>,
-    /// Who wants to see the level as soon as its light is solved, before lumels are gathered.
+    /// Receives a picture of the level as soon as the solve is done, before lumels are gathered.
     pub first_picture: Option<FirstPicture<'a>>,
-    /// Make charts and solve the light one after the other: each phase's time is then its own.
+    /// Make charts and solve the light one after the other, so that phase times do not overlap.
     pub in_turn: bool,
-    /// Files that will be written or removed ([`output_names`](crate::output_names),
-    /// [`outputs_in`](crate::outputs_in)): a bake that reads one of them ends with
-    /// [`Error::Overwrite`] before anything is planned.
+    /// Files that will be written or deleted ([`output_names`](crate::output_names),
+    /// [`outputs_in`](crate::outputs_in)). A bake that would read one of them ends with
+    /// [`Error::Overwrite`] before planning.
     pub outputs: &'a [PathBuf],
-    /// Gets what can be said before the work begins. The report has it too.
+    /// Receives remarks before the work begins. The report contains them too.
     pub tell: Option<&'a (dyn Fn(Remark<'_>) + Sync)>,
 }
 
-/// Something that is known before a bake begins.
+/// A remark that is known before a bake begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remark<'a> {
-    /// What was decided for the user: one of [`Report::notes`].
+    /// A decision that the bake made: one of [`Report::notes`].
     Note(&'a str),
-    /// What a user should look at: one of [`Report::warnings`].
+    /// A possible problem: one of [`Report::warnings`].
     Warning(&'a str),
 }
 
-/// A picture of the lit level from the solution on patches: coarse, with some noise near lamps and
-/// contacts, and there in a small part of a bake's time.
+/// A picture of the level lit by the solution on patches: coarse, with some noise near lamps and
+/// contacts, but available early in a bake.
 #[derive(Clone, Copy)]
 pub struct FirstPicture<'a> {
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// Gets the PNG, from a thread that bakes, which waits. An error ends the bake.
+    /// Receives the PNG on a worker thread, which waits. An error ends the bake.
     pub show: &'a (dyn Fn(Vec<u8>) -> Result<(), Error> + Sync),
 }
 
 /// As [`bake_from`], with a cache or a first picture.
 ///
 /// # Errors
-/// [`Error`], by fault; a cache that cannot be read or written is none, [`Measured::cache`] says
-/// so.
+/// [`Error`], by fault. Cache faults are not errors; [`Measured::cache`] lists them.
 pub fn bake_beside(
     file: &Path,
     settings: &Settings,
@@ -242,7 +241,7 @@ pub fn bake_beside(
     )
 }
 
-/// As [`bake_beside`], of a file or of what is in memory.
+/// As [`bake_beside`], for a file or a document in memory.
 pub(crate) fn bake_scene(
     scene: SceneInput<'_>,
     settings: &Settings,
@@ -256,8 +255,8 @@ pub(crate) fn bake_scene(
     check_name(file)?;
     sky::check_file(settings)?;
     probes::check_file(settings)?;
-    // Hashed before they are read: of a file that changes in between, the next run sees another
-    // content than is recorded here.
+    // Hashed before they are read: if a file changes in between, the next run sees a different
+    // hash.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
     let mut clock = Clock::new();
@@ -297,7 +296,7 @@ pub(crate) fn bake_scene(
         settings,
         first_picture: beside.first_picture.as_ref(),
     };
-    // One thread would change to and fro.
+    // A single thread would only alternate between the two.
     let bounded = settings.bounds.memory.is_some();
     let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
     let ((layout, layout_report), lit) = if in_turn {
@@ -397,7 +396,7 @@ pub(crate) fn bake_scene(
     })
 }
 
-/// A level that was read, and what is wanted of it.
+/// A level that was read, and the settings.
 struct Level<'l> {
     file: &'l Path,
     loaded: &'l Loaded,
@@ -406,7 +405,7 @@ struct Level<'l> {
     first_picture: Option<&'l FirstPicture<'l>>,
 }
 
-/// A level whose light is solved on patches.
+/// A level with a solution on patches.
 struct Lit<'l> {
     world: World<'l>,
     emitters: Emitters,
@@ -423,7 +422,7 @@ impl<'l> Level<'l> {
         plan_layout(self.file, scene, self.soup, self.settings, kept, monitor)
     }
 
-    /// Refuses, before light is computed, what would need more memory than the settings allow.
+    /// Refuses, before light is computed, a bake that needs more memory than allowed.
     fn check_memory(&self, planned: &(Layout, LayoutReport), sky: &Sky) -> Result<(), Error> {
         let (layout, report) = planned;
         let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
@@ -433,7 +432,7 @@ impl<'l> Level<'l> {
         need.check(self.settings, report)
     }
 
-    /// Builds the tree, solves the light, and shows the first picture of it.
+    /// Builds the tree, solves the light, and shows the first picture.
     fn light(
         &self,
         sky: Sky,
@@ -471,8 +470,9 @@ impl<'l> Level<'l> {
         })
     }
 
-    /// Both at once: neither needs anything of the other, and charts of few large meshes keep one
-    /// core busy. Of two errors the charts' is told, as if they came first.
+    /// Makes charts and solves light concurrently: they do not depend on each other, and charting a
+    /// few large meshes occupies only one core. If both fail, the charts' error is reported, as in
+    /// sequence.
     fn charts_and_light(
         &self,
         kept: Option<&dyn KeptCharts>,
@@ -508,12 +508,12 @@ impl<'l> Level<'l> {
             },
         );
         let outcome = match (charts, lit) {
-            // The other one's fault.
+            // The other side failed and cancelled this one.
             (Err(Error::Cancelled), Err(e)) => Err(e),
             (Err(e), _) | (_, Err(e)) => Err(e),
             (Ok(charts), Ok(lit)) => Ok((charts, lit)),
         }?;
-        // Whoever follows has seen every phase, in order.
+        // Monitors see every phase in order.
         begin(monitor, Phase::Solve)?;
         clock.phases.append(&mut own.phases);
         clock.last = Instant::now();
@@ -521,12 +521,12 @@ impl<'l> Level<'l> {
     }
 }
 
-/// The monitor of one of two things that are done at once.
+/// The monitor of one of two concurrent tasks.
 struct Side<'m> {
     monitor: &'m dyn Monitor,
-    /// The other one failed.
+    /// Set when the other task failed.
     stop: &'m AtomicBool,
-    /// Its progress is shown.
+    /// Whether this task's progress is shown.
     shown: &'m AtomicBool,
 }
 
@@ -548,7 +548,7 @@ impl Monitor for Side<'_> {
     }
 }
 
-/// What settings say about gathering and pages.
+/// Gathering and page options from the settings.
 pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
     BakeOptions {
         lumels: settings.lumel_options(),
@@ -565,7 +565,7 @@ pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
     }
 }
 
-/// The level lit by the solution on its patches, as a PNG.
+/// The level lit by the solution on patches, as a PNG.
 fn first_picture(
     loaded: &Loaded,
     world: &World,
@@ -618,7 +618,7 @@ fn light_probes(
     Ok((file, report))
 }
 
-/// Charts and pages of a scene, under the monitor.
+/// Plans charts and pages of a scene and reports progress.
 pub(crate) fn plan_layout(
     file: &Path,
     scene: &Scene,

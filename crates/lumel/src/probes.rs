@@ -1,4 +1,4 @@
-//! Light probes of a bake: where they are, and their file.
+//! Light probes of a bake: positions and output file.
 
 use std::io::ErrorKind;
 
@@ -10,20 +10,20 @@ use mesh_ingest::{Scene, Soup, check_regular, read_regular};
 use crate::error::Error;
 use crate::settings::{ProbeSource, Quality, Settings};
 
-/// Longest list that is read: three numbers in full and blanks for each of the most probes that
-/// there can be.
+/// Longest probe list that is read, bytes: room for three full numbers and whitespace for each of
+/// the maximum number of probes.
 const MAX_BYTES: u64 = 256 * MAX_PROBES as u64;
 
-/// Where a bake's probes are.
+/// Positions of a bake's probes.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ProbePlan {
     /// Positions in the glTF's world space, metres.
     pub positions: Vec<DVec3>,
-    /// How they are arranged, if they are.
+    /// Their arrangement, if they form a grid.
     pub grid: Option<ProbeGrid>,
 }
 
-/// As [`sky::check_file`](crate::sky::check_file), of a list of points.
+/// Like [`sky::check_file`](crate::sky::check_file), for a list of points.
 ///
 /// # Errors
 /// [`Error::Probes`].
@@ -38,17 +38,16 @@ pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
     })
 }
 
-/// Reads the list of points, where the source is one: before any work, which a bad file should not
-/// cost.
+/// Reads the list of points, if the source is one, before any expensive work.
 ///
 /// # Errors
-/// [`Error::Probes`] where the file cannot be read or is no list of points; [`Error::Setting`] for
-/// a distance that is none.
+/// [`Error::Probes`] if the file cannot be read or is not a list of points; [`Error::Setting`] for
+/// an invalid spacing.
 pub(crate) fn read(source: &ProbeSource) -> Result<Vec<DVec3>, Error> {
     match source {
         ProbeSource::Spacing(s) if s.is_finite() && *s > 0.0 => Ok(Vec::new()),
         ProbeSource::Spacing(s) => Err(Error::Setting(format!(
-            "the distance of probes is {s}, expected a number above 0"
+            "the probe spacing is {s}, expected a number above 0"
         ))),
         ProbeSource::File(path) => {
             let fail = |message: String, io: bool| Error::Probes {
@@ -65,10 +64,10 @@ pub(crate) fn read(source: &ProbeSource) -> Result<Vec<DVec3>, Error> {
     }
 }
 
-/// Plans the probes; `points` are what [`read`] gave.
+/// Plans the probes; `points` is the result of [`read`].
 ///
 /// # Errors
-/// [`Error::Setting`] where a grid would have too many.
+/// [`Error::Setting`] if a grid would have too many.
 pub(crate) fn plan(
     source: &ProbeSource,
     points: Vec<DVec3>,
@@ -90,7 +89,8 @@ pub(crate) fn plan(
         (low, high) = (Vec3::ZERO, Vec3::ZERO);
     }
     let place = |p: Vec3| p.as_dvec3() + scene.origin;
-    // Of the decimal that was given, not of its `f32`: positions are written in full.
+    // Uses the decimal number that was given instead of its `f32`, because positions are written in
+    // full.
     let spacing = spacing.to_string().parse().unwrap_or(f64::from(*spacing));
     let grid = ProbeGrid::over(place(low), place(high), spacing)
         .map_err(|e| Error::Setting(e.to_string()))?;
@@ -100,7 +100,7 @@ pub(crate) fn plan(
     })
 }
 
-/// How carefully probes of a quality are baked.
+/// Probe options of a quality.
 pub(crate) fn options(quality: Quality) -> ProbeOptions {
     let (rays, samples) = match quality {
         Quality::Draft => (256, 32),

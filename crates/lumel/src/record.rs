@@ -1,7 +1,7 @@
-//! What a bake read and wrote, by content, and whether it would do so again.
+//! Contents that a bake read and wrote, and whether another bake would do the same.
 //!
-//! The report holds the record. Nothing in it depends on the clock or on where files lie: it names
-//! inputs as the document does, and outputs by their file names.
+//! The report contains the record. It does not depend on the clock or on file locations: inputs are
+//! named as in the document, and outputs by file name.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,78 +14,79 @@ use crate::folder::MAX_JSON;
 use crate::origin::Origin;
 use crate::settings::{ProbeSource, Settings, SkySource};
 
-/// Which program made a result: its version, and a hash of its sources for builds between two
-/// versions.
+/// Identifies the program that made a result: its version, and a hash of its sources for builds
+/// between releases.
 pub(crate) const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("LUMEL_SOURCES"));
 
-/// Inputs and outputs of a bake by content.
+/// Inputs and outputs of a bake, by content.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct Record {
-    /// Hash of all that the results depend on: program, settings, names, and content of every
-    /// input. Empty until files are made.
+    /// Hash of everything that the results depend on: program, settings, names, and contents of all
+    /// inputs. Empty until files are made.
     pub key: String,
     /// Every file that was read.
     pub inputs: Vec<RecordedInput>,
-    /// Every file that was written, but the report itself.
+    /// Every file that was written, except the report itself.
     pub outputs: Vec<RecordedOutput>,
 }
 
 /// A file that a bake read.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RecordedInput {
-    /// What it was read as.
+    /// The file's role.
     pub kind: InputKind,
-    /// The scene's file name, or how the scene names the file; empty for files that options name.
+    /// The scene's file name, or the name by which the scene references the file; empty for files
+    /// that options name.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub uri: String,
-    /// Hash of its content; null where it was not there.
+    /// Hash of its contents; null if it did not exist.
     pub digest: Option<Digest>,
 }
 
-/// What a file is to a bake.
+/// The role of a file in a bake.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum InputKind {
     /// The glTF.
     Scene,
-    /// A file that the glTF names: buffer, image, measured lamp.
+    /// A file that the glTF references: buffer, image, IES profile.
     Linked,
-    /// The sky's picture.
+    /// The sky image.
     Sky,
-    /// The list of probes' points.
+    /// The list of probe positions.
     Probes,
-    /// The settings' file.
+    /// The settings file.
     Config,
 }
 
 /// A file that a bake wrote.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct RecordedOutput {
-    /// Its name in the output folder; [`PREVIEW`] for the picture, which may lie anywhere.
+    /// Its name in the output folder; [`PREVIEW`] for the preview picture, which may be anywhere.
     pub file: String,
-    /// Hash of its content.
+    /// Hash of its contents.
     pub digest: Digest,
 }
 
-/// Stands for the picture of `--preview` among outputs: no file name has a `/`.
+/// Represents the picture of `--preview` among outputs; file names cannot contain `/`.
 pub const PREVIEW: &str = "/preview";
 
-/// Where settings came from; part of the report, so that two bakes that got the same settings from
-/// different places differ.
+/// Where settings came from. Part of the report, so two bakes with equal settings from different
+/// origins have different reports.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Provenance {
-    /// The settings' file, if there was one, and its content.
+    /// The settings file, if there was one, and its hash.
     pub config: Option<(PathBuf, Digest)>,
-    /// Which settings are not defaults, and who gave them.
+    /// Settings that are not defaults, and who set them.
     pub origins: BTreeMap<String, Origin>,
 }
 
-/// Hash of a file's present content; `None` where it cannot be read.
+/// Hash of a file's current contents; `None` if it cannot be read.
 pub(crate) fn hash_file(path: &Path) -> Option<Digest> {
     Digest::of_reader(open_regular(path).ok()?).ok()
 }
 
-/// Files that settings name, hashed as they are now.
+/// Files that the settings name, hashed now.
 pub(crate) fn option_inputs(settings: &Settings, provenance: &Provenance) -> Vec<RecordedInput> {
     let mut out = Vec::new();
     let mut add = |kind, digest| {
@@ -107,7 +108,7 @@ pub(crate) fn option_inputs(settings: &Settings, provenance: &Provenance) -> Vec
     out
 }
 
-/// Files that the document read.
+/// Files that the document references.
 pub(crate) fn document_inputs(scene: &str, inputs: Vec<Input>) -> Vec<RecordedInput> {
     let inputs = inputs.into_iter().enumerate();
     inputs
@@ -129,13 +130,13 @@ pub(crate) fn key(
     origins: &BTreeMap<String, Origin>,
     inputs: &[RecordedInput],
 ) -> String {
-    // JSON keeps the parts apart, whatever names hold.
+    // JSON separates the parts unambiguously, whatever names contain.
     let parts = serde_json::json!(["lumel bake", PROGRAM, settings, origins, inputs]);
     Digest::of(parts.to_string().as_bytes()).to_string()
 }
 
-/// Names of the files that the report at `path` lists as written; none where it is no report, or
-/// not as it was written.
+/// Names of the output files listed in the report at `path`; empty if it is not a report or was
+/// changed.
 pub(crate) fn outputs_of(path: &Path) -> Vec<String> {
     let report = read_regular(path, MAX_JSON).unwrap_or_default();
     let v = crate::report::parse_sealed(&report);
@@ -143,8 +144,8 @@ pub(crate) fn outputs_of(path: &Path) -> Vec<String> {
     outputs.into_iter().flatten().map(|o| o.file).collect()
 }
 
-/// Files in `dir` that the report there says were written with it, and that are missing or hold
-/// something else now; `None` where there is no report, or it is not as it was written.
+/// Files in `dir` that its report lists but that are missing or have different contents; `None` if
+/// there is no report or it was changed.
 pub(crate) fn strangers(dir: &Path, report: &Path) -> Option<Vec<String>> {
     let report = read_regular(report, MAX_JSON).ok()?;
     let outputs = read_outputs(&crate::report::parse_sealed(&report)?["content"]["outputs"])?;
@@ -157,26 +158,26 @@ pub(crate) fn strangers(dir: &Path, report: &Path) -> Option<Vec<String>> {
     )
 }
 
-/// A finished bake that a new one would repeat.
+/// A finished bake that a new bake would repeat.
 #[derive(Debug)]
 pub struct Current {
-    /// The report, as it lies in the output folder.
+    /// The report file in the output folder.
     pub report: Vec<u8>,
-    /// Warnings of the report.
+    /// The report's warnings.
     pub warnings: Vec<String>,
-    /// Every file that the bake read and that is there.
+    /// Every existing file that the bake read.
     pub inputs: Vec<PathBuf>,
     /// Every file that the bake wrote into its folder.
     pub outputs: Vec<PathBuf>,
 }
 
-/// Whether the results in `dir` are what baking `scene` would give, by content: nothing else is
-/// read than the report there, and the files that it names.
+/// Whether the results in `dir` are what baking `scene` would give, by content. Reads only the
+/// report there and the files that it names.
 ///
-/// `preview` is where the picture is wanted, if it is.
+/// `preview` is the path of the preview picture, if one is wanted.
 ///
 /// # Errors
-/// Why not, in a few words for people.
+/// The reason why not, as a short text for people.
 pub fn find_current(
     scene: &Path,
     settings: &Settings,
@@ -187,14 +188,14 @@ pub fn find_current(
     let stem = scene.file_stem().unwrap_or_default().to_string_lossy();
     let report_path = dir.join(format!("{stem}.report.json"));
     let report = read_regular(&report_path, MAX_JSON)
-        .map_err(|_| "there is no report that can be read".to_owned())?;
-    let broken = || format!("{} is not as it was written", report_path.display());
+        .map_err(|_| "there is no readable report".to_owned())?;
+    let broken = || format!("{} was changed after the bake", report_path.display());
     let v = crate::report::parse_sealed(&report).ok_or_else(broken)?;
     let recorded = read_inputs(&v["content"]["inputs"]).ok_or_else(broken)?;
     let outputs = read_outputs(&v["content"]["outputs"]).ok_or_else(broken)?;
     let expected = key(settings, &provenance.origins, &recorded);
     if v["content"]["key"] != expected.as_str() {
-        return Err("settings or the program's version changed".into());
+        return Err("the settings or the program version changed".into());
     }
     let mut inputs = Vec::new();
     let mut options = Vec::new();
@@ -212,10 +213,9 @@ pub fn find_current(
         }
         inputs.extend(now.map(|_| file));
     }
-    // An option that names a file where there was none is another setting, but for the settings'
-    // file.
+    // A new option changes the settings, but a new settings file may not.
     if provenance.config.is_some() != options.contains(&InputKind::Config) {
-        return Err("the file of settings came or went".into());
+        return Err("a settings file was added or removed".into());
     }
     let mut written = Vec::new();
     for output in &outputs {
@@ -225,16 +225,16 @@ pub fn find_current(
             (true, None) => continue,
         };
         if hash_file(&file) != Some(output.digest) {
-            return Err(format!("{} is not as it was written", file.display()));
+            return Err(format!("{} was changed after the bake", file.display()));
         }
         if output.file != PREVIEW {
             written.push(file);
         }
     }
-    // Last, as a bake writes it.
+    // Last, in the order in which a bake writes files.
     written.push(report_path.clone());
     if preview.is_some() && !outputs.iter().any(|o| o.file == PREVIEW) {
-        return Err("no preview was made".into());
+        return Err("there is no preview".into());
     }
     let warnings = v["warnings"].as_array().ok_or_else(broken)?;
     Ok(Current {
@@ -245,7 +245,7 @@ pub fn find_current(
     })
 }
 
-/// Where a recorded input lies now; `None` where the record makes no sense.
+/// Current path of a recorded input; `None` if the record is invalid.
 pub(crate) fn locate(
     scene: &Path,
     settings: &Settings,

@@ -19,7 +19,7 @@ use crate::settings::Settings;
 
 /// What a bake read, did and found: `level.report.json`.
 ///
-/// Everything but [`measured`](Report::measured) is the same for the same input, settings and
+/// Except for [`measured`](Report::measured), it is the same for the same input, settings and
 /// version.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
@@ -29,19 +29,19 @@ pub struct Report {
     pub scene: String,
     /// Settings.
     pub settings: Settings,
-    /// Settings that are not defaults, and who gave them.
+    /// Settings that are not defaults, and who set them.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub origins: BTreeMap<String, Origin>,
-    /// What was read and written, by content.
+    /// Inputs and outputs, by content.
     pub content: Record,
     /// What was read, dropped, clamped and left out.
     pub ingest: IngestReport,
-    /// World-space triangles left out: zero area, duplicates.
+    /// Triangles left out in world space: of zero area, duplicates.
     pub dropped_triangles: [u64; 2],
-    /// Materials in use that somewhere reflect more than `settings.max_reflectance` or their own,
-    /// lower limit; it counts as the limit.
+    /// Materials in use whose reflectance was clamped to `settings.max_reflectance` or to a lower
+    /// limit of their own.
     pub clamped_materials: u64,
-    /// Groups of light, in order; empty where all light is together.
+    /// Light groups, in order; empty if light is not separated.
     pub groups: Vec<GroupReport>,
     /// Charts and pages.
     pub layout: LayoutReport,
@@ -49,59 +49,59 @@ pub struct Report {
     pub solve: SolveReport,
     /// The gather.
     pub gather: BakeReport,
-    /// Light probes, where any were asked for.
+    /// Light probes, if any were requested.
     pub probes: Option<ProbeReport>,
-    /// Samples clamped when written, by page.
+    /// Samples clamped while writing, by page.
     pub clamped: Vec<ExrStats>,
-    /// Pages stored as KTX2, groups' too, and what that cost; empty without `--ktx2`.
+    /// Pages stored as KTX2, including those of groups, and their compression errors; empty without
+    /// `--ktx2`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ktx2: Vec<StoredPage>,
-    /// What was decided for the user, who need not do anything about it.
+    /// Decisions that the bake made, which need no action.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// What a user should look at; `--strict` makes a bake with any of these fail.
+    /// Possible problems; any of them makes a bake fail under `--strict`.
     pub warnings: Vec<String>,
-    /// What differs from run to run.
+    /// Values that differ from run to run.
     pub measured: Measured,
 }
 
-/// A group of light as it was resolved.
+/// A light group after resolving names.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct GroupReport {
     /// Its name.
     pub name: String,
-    /// What is in it and not switched off.
+    /// Its sources that are not switched off.
     pub sources: Vec<String>,
 }
 
-/// A page as KTX2.
+/// A page stored as KTX2.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StoredPage {
     /// The file.
     pub file: String,
-    /// How it was stored, and what that changed.
+    /// Format and compression error.
     #[serde(flatten)]
     pub stored: Ktx2Report,
 }
 
-/// Times and memory of this run. Zeroed where results are compared.
+/// Times and memory of this run. Zeroed when results are compared.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Measured {
     /// Worker threads.
     pub threads: usize,
-    /// Wall time per phase, in order. Charts are made while the tree is built and the light is
-    /// solved, so that these times overlap and sum to more than all, unless there is one thread or
-    /// `--in-turn`.
+    /// Wall time per phase, in order. Charts are made while light is solved, so these times overlap
+    /// and sum to more than the total, unless there is one thread or `--in-turn` was given.
     pub phases: Vec<PhaseTime>,
-    /// Wall time of all, seconds.
+    /// Total wall time, seconds.
     pub seconds: f64,
     /// Million gathering, link and shadow rays per second over the phases that cast them.
     pub mrays_per_second: f64,
-    /// Peak resident memory, bytes; absent where the system does not tell.
+    /// Peak resident memory, bytes; absent where the system does not provide it.
     pub peak_bytes: Option<u64>,
-    /// What a cache did; null without one.
+    /// What the cache did; null without one.
     pub cache: Option<CacheReport>,
-    /// Hash of this file with zeros in the place of these digits.
+    /// Hash of this file, computed with zeros in place of these digits.
     pub digest: Blank,
 }
 
@@ -115,7 +115,7 @@ impl Serialize for Blank {
     }
 }
 
-/// No hash that anyone will meet.
+/// A placeholder that no real hash will equal.
 const ZEROS: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
 /// Wall time of one phase.
@@ -130,7 +130,7 @@ pub struct PhaseTime {
 impl Report {
     /// The file's bytes.
     pub fn to_json(&self) -> Vec<u8> {
-        // Plain structs with string keys always serialise.
+        // Serialising plain structs with string keys cannot fail.
         let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
         text.push('\n');
         let digest = Digest::of(text.as_bytes()).to_string();
@@ -141,8 +141,7 @@ impl Report {
     }
 }
 
-/// The JSON of a report that is byte for byte as [`Report::to_json`] wrote it; `None` for anything
-/// else.
+/// Parses a report that is byte for byte as [`Report::to_json`] wrote it; `None` for anything else.
 pub(crate) fn parse_sealed(report: &[u8]) -> Option<Value> {
     let text = std::str::from_utf8(report).ok()?;
     let v: Value = serde_json::from_str(text).ok()?;
@@ -154,7 +153,7 @@ pub(crate) fn parse_sealed(report: &[u8]) -> Option<Value> {
     (Digest::of(blank.as_bytes()) == digest).then_some(v)
 }
 
-/// That `materials` reflect more than they may; nothing where there is none.
+/// Warns about `materials` with clamped reflectance; `None` if there are none.
 pub(crate) fn clamped_warning(materials: u64) -> Option<String> {
     (materials > 0).then(|| {
         let reflect = match materials {
@@ -162,12 +161,12 @@ pub(crate) fn clamped_warning(materials: u64) -> Option<String> {
             n => format!("{n} materials reflect"),
         };
         format!(
-            "{reflect} more than --max-reflectance or extras.lumel.maxReflectance allows; what is above counts as the limit"
+            "{reflect} more than --max-reflectance or extras.lumel.maxReflectance allows; clamped to the limit"
         )
     })
 }
 
-/// What a user should know about the balance of energy; nothing where it is sound.
+/// Warnings about the energy balance; empty if it is sound.
 pub(crate) fn audit_warnings(audit: &Audit) -> Vec<String> {
     let mut out = Vec::new();
     let percent = |x: f64| 100.0 * x;
@@ -175,16 +174,16 @@ pub(crate) fn audit_warnings(audit: &Audit) -> Vec<String> {
         let (few, side) = if audit.imbalance > 0.0 {
             (
                 "less",
-                "a lamp nearer to a surface than the solve resolves loses light so",
+                "e.g. from a lamp nearer to a surface than the solve can resolve",
             )
         } else {
             (
                 "more",
-                "faces that lie in one another's plane receive light that none of them takes from the other",
+                "e.g. from coincident faces, which both receive the same light",
             )
         };
         out.push(format!(
-            "energy does not balance: surfaces account for {:.2} % {few} light than is emitted, sampling explains {:.2} % ({side})",
+            "energy does not balance: surfaces absorb {:.2} % {few} light than is emitted, but sampling noise explains only {:.2} % ({side})",
             percent(audit.imbalance.abs()),
             percent(audit.bound),
         ));
@@ -193,16 +192,16 @@ pub(crate) fn audit_warnings(audit: &Audit) -> Vec<String> {
     let behind = sum(audit.flux_behind) / sum(audit.flux_emitted).max(1e-300);
     if behind > LOST_BEHIND {
         let most = audit.beyond.first().map_or(String::new(), |n| {
-            format!(", most seen from {} near {:.3?}", n.node, n.at)
+            format!(", most of it seen from {} near {:.3?}", n.node, n.at)
         });
         out.push(format!(
-            "{:.1} % of the light ends on the backs of single-sided faces, which are black{most}",
+            "{:.1} % of the light ends on backfaces of single-sided materials, which are black{most}",
             percent(behind)
         ));
     }
     out
 }
 
-/// Share of the light that may end on backs of faces without a word: a floor's underside beyond a
-/// level's edge takes a little.
+/// Fraction of the light that may end on backfaces without a warning. The underside of a floor that
+/// extends beyond the level receives a little.
 const LOST_BEHIND: f64 = 0.05;

@@ -6,7 +6,7 @@ use crate::baker::Baker;
 use crate::error::Error;
 use crate::pipeline::Bake;
 
-/// Light at the vertices of one primitive of one node.
+/// Baked light at the vertices of one primitive of one node.
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct VertexColors<'b> {
@@ -14,42 +14,55 @@ pub struct VertexColors<'b> {
     pub node: usize,
     /// The node's name, or empty.
     pub name: &'b str,
-    /// Which `EXT_mesh_gpu_instancing` copy of the node.
+    /// Index of the `EXT_mesh_gpu_instancing` copy, if the node has any.
     pub copy: Option<u32>,
     /// Index of the glTF mesh.
     pub mesh: usize,
     /// Index among the mesh's primitives.
     pub primitive: usize,
-    /// Irradiance E (lx or W/m²), linear Rec.709: by vertex of the document's accessors, then of
-    /// vertices that splitting added (`Settings::vertex_error`). `E × albedo / π` is the radiance
-    /// that is seen.
+    /// Irradiance E (lx or W/m²), linear Rec.709: first the vertices of the document's accessors,
+    /// then those added by splitting (`Settings::vertex_error`). The outgoing radiance is
+    /// `E × albedo / π`.
     pub irradiance: &'b [[f32; 3]],
 }
 
 impl Bake {
-    /// Options for a bake: the same as [`Baker::new`].
+    /// Options for a bake; the same as [`Baker::new`].
     pub fn builder<'a>() -> Baker<'a> {
         Baker::new()
     }
 
-    /// Lightmap pages: R = E/π by texel unless [`Settings::value`](crate::Settings::value) says
-    /// otherwise, linear Rec.709, row 0 at the top, with coverage and the layers asked for
+    /// Lightmap pages: R = E/π per texel unless [`Settings::value`](crate::Settings::value) says
+    /// otherwise. Linear Rec.709, row 0 at the top, with coverage and the requested layers
     /// ([`Page::channel`]).
+    ///
+    /// ```
+    /// use lumel::{Baker, Quality};
+    ///
+    /// let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
+    /// let bake = Baker::new().quality(Quality::Draft).texels_per_unit(2.0).bake(scene)?;
+    /// for page in bake.pages() {
+    ///     assert_eq!(page.value.len(), (page.size[0] * page.size[1]) as usize);
+    ///     let lumels = page.coverage.iter().filter(|c| **c > 0.0).count();
+    ///     println!("{lumels} lumels on {} x {} texels", page.size[0], page.size[1]);
+    /// }
+    /// # Ok::<(), lumel::Error>(())
+    /// ```
     pub fn pages(&self) -> &[Page] {
         &self.baked.pages
     }
 
-    /// Light groups in the order of settings, `rest` last: name and pages. Their pages sum to
-    /// [`pages`](Self::pages).
+    /// Name and pages of each light group, in the order of the settings, `rest` last. Their pages
+    /// sum to [`pages`](Self::pages).
     pub fn groups(&self) -> impl Iterator<Item = (&str, &[Page])> {
         let pages = self.baked.groups.iter().map(|p| &p[..]);
         self.group_names.iter().map(String::as_str).zip(pages)
     }
 
-    /// Where each node's light lies on the pages, as `level.lightmap.json` has it.
+    /// The rectangle of each node on the pages, as in `level.lightmap.json`.
     ///
     /// # Errors
-    /// [`Error::Output`] where a node's place cannot be told.
+    /// [`Error::Output`] if a node's rectangle cannot be determined.
     pub fn manifest(&self) -> Result<Manifest, Error> {
         let glb = format!("{}.glb", self.stem);
         let scene = &self.loaded.scene;
@@ -62,9 +75,8 @@ impl Bake {
         )?)
     }
 
-    /// Light at vertices, of everything that receives light, in the order of instances and
-    /// primitives; nothing where [`Settings::vertex_colors`](crate::Settings::vertex_colors) leaves
-    /// it out.
+    /// Light at the vertices of everything that receives light, in the order of instances and
+    /// primitives; empty if [`Settings::vertex_colors`](crate::Settings::vertex_colors) is false.
     pub fn vertex_colors(&self) -> impl Iterator<Item = VertexColors<'_>> {
         let scene = &self.loaded.scene;
         let lit = self.baked.vertices.instances.iter().enumerate();
@@ -84,11 +96,10 @@ impl Bake {
         })
     }
 
-    /// The scene with lightmap coordinates and `extras.lightmap`, as `level.glb` holds it.
+    /// The scene with lightmap coordinates and `extras.lightmap`, as in `level.glb`.
     ///
     /// # Errors
-    /// [`Error::Output`] where the document's parts cannot be written, e.g. as an image's file has
-    /// gone.
+    /// [`Error::Output`] if the document cannot be written, e.g. because an image file was deleted.
     pub fn lightmapped_glb(&self) -> Result<Vec<u8>, Error> {
         let (document, scene) = (&self.loaded.document, &self.loaded.scene);
         let uris = self.page_names();
@@ -96,15 +107,15 @@ impl Bake {
         Ok(bytes)
     }
 
-    /// The scene with baked vertex colours, as `level.vertex.glb` holds it.
+    /// The scene with baked vertex colours, as in `level.vertex.glb`.
     ///
     /// # Errors
-    /// As [`lightmapped_glb`](Self::lightmapped_glb); [`Error::Setting`] where
-    /// [`Settings::vertex_colors`](crate::Settings::vertex_colors) leaves vertex colours out.
+    /// As [`lightmapped_glb`](Self::lightmapped_glb); [`Error::Setting`] if
+    /// [`Settings::vertex_colors`](crate::Settings::vertex_colors) is false.
     pub fn vertex_glb(&self) -> Result<Vec<u8>, Error> {
         if !self.report.settings.vertex_colors {
             return Err(Error::Setting(
-                "the bake left vertex colours out: expected Settings::vertex_colors".into(),
+                "the bake has no vertex colours: expected Settings::vertex_colors".into(),
             ));
         }
         let (document, scene) = (&self.loaded.document, &self.loaded.scene);

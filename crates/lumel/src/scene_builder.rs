@@ -1,23 +1,24 @@
-//! Scenes made in code: a small writer of glTF in memory.
+//! Generated scenes: a small glTF writer in memory.
 
 use mesh_ingest::MemoryDocument;
 use serde_json::{Value, json};
 
-/// Numbers of the glTF specification (§3.6.2, §3.6.1.1).
+/// Constants of the glTF specification (§3.6.2, §3.6.1.1).
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// What a surface does to light. The default is white, opaque, single-sided and does not shine.
+/// Material of a surface. The default is white, opaque, single-sided and not emissive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// Reflectance, linear RGB, 0..=1.
     pub reflectance: [f32; 3],
-    /// Radiance that its front sends out, ≥ 0: nit, or W/(m² sr), as lamps are photometric or
+    /// Emitted radiance of the front, ≥ 0: nit if lamps are photometric, W/(m² sr) if they are
     /// radiometric.
     pub emission: [f32; 3],
-    /// Whether both sides act. Single-sided ones block light from behind and are black there.
+    /// Whether both sides reflect and emit. A single-sided surface still blocks light from behind,
+    /// and its back is black.
     pub double_sided: bool,
 }
 
@@ -39,12 +40,12 @@ pub struct MaterialId(usize);
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MeshId(usize);
 
-/// Puts together a scene of indexed triangles and lamps, for programs that have no glTF.
+/// Builds a scene of indexed triangles and lamps, for programs that have no glTF.
 ///
-/// It writes what most levels need. Who wants textures or more writes a glTF by other means and
-/// bakes its bytes ([`MemoryDocument::new`]). Metres, +Y up, counter-clockwise triangles face the
-/// viewer. What is wrong with the numbers (an index beyond the positions, a NaN) is told when the
-/// scene is baked.
+/// It covers what most levels need. For textures and more, write a glTF by other means and bake its
+/// bytes ([`MemoryDocument::new`]). Units are metres, +Y is up, and counter-clockwise triangles
+/// face the viewer. Invalid numbers (an index out of range, a NaN) are reported when the scene is
+/// baked.
 ///
 /// ```
 /// use lumel::{SceneBuilder, Surface};
@@ -84,7 +85,7 @@ impl SceneBuilder {
         });
         let peak = surface.emission.iter().copied().fold(0.0, f32::max);
         if peak > 0.0 {
-            // The factor ends at 1; what is brighter needs the extension.
+            // emissiveFactor is at most 1; brighter emission needs KHR_materials_emissive_strength.
             let strength = peak.max(1.0);
             out["emissiveFactor"] = json!(surface.emission.map(|e| (e / strength).min(1.0)));
             if strength > 1.0 {
@@ -100,7 +101,7 @@ impl SceneBuilder {
         MaterialId(self.materials.len() - 1)
     }
 
-    /// Adds a mesh of flat triangles: corners as indices of `positions` (metres).
+    /// Adds a mesh of flat-shaded triangles, given as indices into `positions` (metres).
     pub fn mesh(
         &mut self,
         name: &str,
@@ -112,8 +113,7 @@ impl SceneBuilder {
         self.add_mesh(name, attributes, triangles, material)
     }
 
-    /// As [`mesh`](Self::mesh), round where `normals` (unit, one per position) differ within a
-    /// triangle.
+    /// As [`mesh`](Self::mesh), smooth-shaded by `normals` (unit, one per position).
     pub fn smooth_mesh(
         &mut self,
         name: &str,
@@ -127,21 +127,21 @@ impl SceneBuilder {
         self.add_mesh(name, attributes, triangles, material)
     }
 
-    /// Places a mesh, moved by `translation` (metres). Instances share the mesh's charts, and each
-    /// has light of its own.
+    /// Places a mesh with a translation (metres). Instances share the mesh's charts, but each has
+    /// its own lumels.
     pub fn place(&mut self, name: &str, mesh: MeshId, translation: [f32; 3]) {
         self.nodes
             .push(json!({"name": name, "mesh": mesh.0, "translation": translation}));
     }
 
-    /// Places a mesh by an affine matrix, column by column as glTF and glam (`to_cols_array`) have
-    /// it; the last row must be 0, 0, 0, 1.
+    /// Places a mesh by an affine column-major matrix, as in glTF and glam (`to_cols_array`); the
+    /// last row must be 0, 0, 0, 1.
     pub fn place_matrix(&mut self, name: &str, mesh: MeshId, matrix: [f32; 16]) {
         self.nodes
             .push(json!({"name": name, "mesh": mesh.0, "matrix": matrix}));
     }
 
-    /// Adds a lamp without extent that shines to all sides: candela (or W/sr) by colour.
+    /// Adds an isotropic point lamp: candela (or W/sr) per colour channel.
     pub fn point_light(&mut self, name: &str, position: [f32; 3], intensity: [f32; 3]) {
         let peak = intensity.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
         self.lights.push(json!({
@@ -153,7 +153,7 @@ impl SceneBuilder {
         }));
     }
 
-    /// The scene as a document in memory; the stem of `name` begins the names of results.
+    /// The scene as a document in memory; results are named after the stem of `name`.
     pub fn finish(self, name: &str) -> MemoryDocument {
         MemoryDocument::new(name, self.glb())
     }
@@ -174,7 +174,7 @@ impl SceneBuilder {
         if self.strong {
             used.push("KHR_materials_emissive_strength");
         }
-        // glTF has no empty lists.
+        // glTF forbids empty lists.
         let mut put = |key: &str, list: Vec<Value>| {
             if !list.is_empty() {
                 root[key] = Value::Array(list);
@@ -237,13 +237,13 @@ impl SceneBuilder {
         self.views.push(json!({
             "buffer": 0, "byteOffset": self.bin.len(), "byteLength": bytes.len(), "target": target,
         }));
-        // All that is stored is of four bytes, so the next view is aligned.
+        // Everything stored has a multiple of four bytes, so the next view is aligned.
         self.bin.extend_from_slice(bytes);
         self.views.len() - 1
     }
 }
 
-/// A .glb of a JSON and a binary chunk (glTF 2.0, §4.4).
+/// Packs a JSON and a binary chunk into a .glb (glTF 2.0, §4.4).
 fn container(mut json: Vec<u8>, bin: Vec<u8>) -> Vec<u8> {
     json.resize(json.len().next_multiple_of(4), b' ');
     let chunks = [(json, b"JSON"), (bin, b"BIN\0")];

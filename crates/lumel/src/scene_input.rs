@@ -1,4 +1,4 @@
-//! What is baked: a file, or a document in memory.
+//! Input of a bake: a file, or a document in memory.
 
 use std::path::{Path, PathBuf};
 
@@ -7,14 +7,14 @@ use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
 use crate::error::Error;
 use crate::settings::Settings;
 
-/// A glTF scene to bake: a file's path, or a document in memory. What takes one takes a `&str`, a
-/// `&Path` or a `&MemoryDocument`.
+/// A glTF scene to bake: a file's path, or a document in memory. Functions with this argument
+/// accept a `&str`, a `&Path` or a `&MemoryDocument`.
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub enum SceneInput<'a> {
     /// A .gltf or .glb.
     File(&'a Path),
-    /// The same in memory.
+    /// A document in memory.
     Memory(&'a MemoryDocument),
 }
 

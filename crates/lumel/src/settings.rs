@@ -1,4 +1,4 @@
-//! What a user may choose about a bake.
+//! Settings of a bake.
 
 use std::path::PathBuf;
 
@@ -12,58 +12,58 @@ use serde::Serialize;
 
 use crate::memory::{COPIES, TRIANGLE};
 
-/// How much work a bake is worth.
+/// How much time a bake takes for how much accuracy.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
-    /// For a look: some per cent of noise on walls, tens in dark corners.
+    /// A rough look: a few per cent of noise on open walls, tens of per cent in dark corners.
     Draft,
-    /// For changing lights: about twice a draft's time, a third of its error.
+    /// For moving lights around: about twice the time of a draft, a third of its error.
     Quick,
-    /// For work: around 1 %.
+    /// For everyday work: about 1 % error.
     #[default]
     Preview,
     /// For shipping.
     Production,
 }
 
-/// Light from beyond the scene.
+/// Light from outside the scene.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SkySource {
     /// The scene's own (`EXT_lights_image_based`), if it has one.
     #[default]
     None,
-    /// The same radiance from everywhere, linear Rec.709.
+    /// The same radiance in all directions, linear Rec.709.
     Color([f32; 3]),
-    /// A latitude-longitude picture, Radiance HDR or EXR.
+    /// A latitude-longitude image, Radiance HDR or EXR.
     File(#[serde(skip)] PathBuf),
 }
 
-/// Where light probes are.
+/// Positions of light probes.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProbeSource {
-    /// A list of points, JSON.
+    /// A list of points in a JSON file.
     File(#[serde(skip)] PathBuf),
-    /// A regular grid over the scene with this distance between neighbours, metres.
+    /// A regular grid over the scene with this spacing, metres.
     Spacing(f32),
 }
 
-/// A sun given beside the scene's own lights.
+/// A sun in addition to the scene's own lights.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Sun {
-    /// Direction in which its light travels, any length.
+    /// Direction in which its light travels, any non-zero length.
     pub direction: [f32; 3],
     /// Illuminance on a surface that faces it, lux (or W/m²).
     pub lux: f32,
-    /// Diameter of its disc, degrees; 0 for parallel light. The sun's is 0.533.
+    /// Angular diameter of its disc, degrees; 0 for parallel light. The real sun has 0.533.
     pub angle: f32,
 }
 
 impl Sun {
-    /// A sun of parallel light that travels in `direction` (any length but 0) and gives a surface
-    /// that faces it `lux` (or W/m²).
+    /// A sun of parallel light that travels in `direction` (any non-zero length) and gives a
+    /// surface facing it `lux` (or W/m²).
     pub fn new(direction: [f32; 3], lux: f32) -> Sun {
         Sun {
             direction,
@@ -72,8 +72,8 @@ impl Sun {
         }
     }
 
-    /// Gives it a disc of so many degrees across, 0 to 90, so that its shadows have soft edges.
-    /// Ours has 0.533.
+    /// Gives it a disc with this angular diameter, 0 to 90 degrees, for soft shadows. The real sun
+    /// has 0.533.
     #[must_use]
     pub fn angle(mut self, degrees: f32) -> Sun {
         self.angle = degrees;
@@ -81,138 +81,135 @@ impl Sun {
     }
 }
 
-/// Dims, brightens or switches off sources of light.
+/// Scales or switches off light sources.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LightScale {
-    /// Which: a name, with `*` for any characters and `?` for one. Lights go by their own or their
-    /// node's name, emissive surfaces by their material's, the sky as `sky`, suns of
-    /// [`Settings::suns`] as `sun`.
+    /// Name of the sources, with wildcards `*` (any characters) and `?` (one character). Lights go
+    /// by their own or their node's name, emissive surfaces by their material's, the sky is `sky`,
+    /// and suns of [`Settings::suns`] are `sun`.
     pub name: String,
-    /// Multiplies their light, finite and ≥ 0; what has 0 costs nothing.
+    /// Factor on their light, finite and ≥ 0; sources with 0 cost nothing.
     pub factor: f32,
 }
 
-/// Which units lamps of the file are in. Glowing materials and skies are radiances in W/(m² sr), or
-/// whatever unit the level's author chose.
+/// Units of the file's lamps. Emissive materials and skies are radiances in W/(m² sr), or whatever
+/// unit the level's author chose.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Units {
-    /// Those of the materials, but for what Blender's exporter is known to do.
+    /// The materials' units, with known scales of Blender's exporter detected and corrected.
     #[default]
     Auto,
-    /// Those of the materials.
+    /// The materials' units.
     Watt,
     /// Candela and lux beside materials in W/(m² sr): lamps are divided by 683 lm/W.
     Lumen,
 }
 
-/// A convention of some engine for where a glTF names its lightmap.
+/// An engine's convention for referencing the lightmap in a glTF.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GltfExt {
-    /// `MOZ_lightmap` on materials, with the picture in the .glb.
+    /// `MOZ_lightmap` on materials, with the pages embedded in the .glb.
     Moz,
 }
 
-/// Sources of light that are kept apart from the others.
+/// Light sources that are baked into separate pages.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LightGroup {
-    /// Part of the names of files: characters `A-Z a-z 0-9 . _ -`, unlike the others' even if case
-    /// is ignored.
+    /// Part of file names: characters `A-Z a-z 0-9 . _ -`, unique even if case is ignored.
     pub name: String,
     /// Names of its sources, as in [`LightScale::name`].
     pub sources: Vec<String>,
 }
 
-/// Everything a bake depends on besides the scene.
+/// Everything besides the scene that a bake depends on.
 ///
-/// Serialises into the report; what does not change the result (threads, paths) is left out there.
+/// Serialised into the report, without values that do not change the result (threads, paths).
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
     /// Preset.
     pub quality: Quality,
-    /// Which scene of the document; `None` for its default.
+    /// Index of the scene in the document; `None` for its default scene.
     pub scene: Option<usize>,
-    /// Whether names of nodes that end in `_LOD0`, `_LOD1`, … tell levels of detail; extras and
+    /// Whether node names that end in `_LOD0`, `_LOD1`, … mark levels of detail; extras and
     /// `MSFT_lod` always do.
     pub lods: bool,
-    /// Lumels per metre; `None` chooses by the scene's size.
+    /// Lumels per metre; `None` derives it from the scene's size.
     pub texels_per_unit: Option<f32>,
     /// Longest side of a page, texels.
     pub max_page: u32,
     /// Texels between charts.
     pub padding: u32,
-    /// Pages and rectangles of instances keep to blocks of so many texels; 1 for any size.
+    /// Pages and instance rectangles are aligned to blocks of this many texels; 1 for any size.
     pub block: u32,
-    /// Whether charts do so too.
+    /// Whether charts are aligned to blocks too.
     pub block_charts: bool,
-    /// Which lightmap coordinates to use.
+    /// Whether to use the asset's lightmap coordinates.
     pub uv: UvMode,
-    /// Which unwrapper makes new ones.
+    /// The unwrapper that makes new ones.
     pub unwrapper: UnwrapperChoice,
     /// The sky.
     pub sky: SkySource,
     /// Units of the file's lamps.
     pub units: Units,
-    /// Multiplies the sky.
+    /// Factor on the sky.
     pub sky_intensity: f32,
-    /// Turns the sky about +Y, degrees, counter-clockwise seen from above.
+    /// Rotation of the sky about +Y, degrees, counter-clockwise seen from above.
     pub sky_rotation: f32,
-    /// Further suns.
+    /// Additional suns.
     pub suns: Vec<Sun>,
-    /// Changes to sources of light; of several that name one source, the last counts.
+    /// Factors on light sources; the last match wins.
     pub lights: Vec<LightScale>,
-    /// Sources to be kept apart; what no group names is in a last one, `rest`. Empty keeps all
-    /// light together.
+    /// Light groups; sources in no group go to a last one, `rest`. Empty if light is not separated.
     pub groups: Vec<LightGroup>,
-    /// What the lightmap holds.
+    /// Quantity stored in the lightmap.
     pub value: ValueKind,
-    /// Write pages as KTX2 too, in this format.
+    /// Also write pages as KTX2 in this format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ktx2: Option<Ktx2Format>,
-    /// Further conventions for the lightmap's place in the glTF, beside the nodes' extras.
+    /// Conventions for referencing the lightmap in the glTF, in addition to the nodes' extras.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ext: Vec<GltfExt>,
     /// Extra channels.
     pub layers: Vec<Layer>,
-    /// What the lightmap keeps of the directions that light comes from.
+    /// How the light's directionality is stored.
     pub directional: Option<Directional>,
-    /// How far surfaces occlude each other for the layer of ambient occlusion, metres; `None`
-    /// chooses by the scene's size.
+    /// Distance up to which surfaces occlude each other in the ambient occlusion layer, metres;
+    /// `None` derives it from the scene's size.
     pub ao_distance: Option<f32>,
-    /// Light probes for things that move.
+    /// Light probes for moving objects.
     pub probes: Option<ProbeSource>,
-    /// Estimated relative error to reach, instead of the preset's.
+    /// Estimated relative error to reach, instead of the preset's fixed ray count.
     pub error: Option<f32>,
-    /// Reflectances above this count as this. A closed scene with ρ = 1 never loses its light;
-    /// fresh snow, the whitest thing that levels hold, reflects 0.9 to 0.98.
+    /// Reflectances are clamped to this. A closed scene with ρ = 1 never loses its light. Fresh
+    /// snow, the whitest material in levels, reflects 0.9 to 0.98.
     pub max_reflectance: f32,
-    /// What lumels hold of which a part lies inside or behind something.
+    /// Value of lumels that are partly inside or behind something.
     pub hidden: Hidden,
-    /// Make bilinear lookups on both sides of chart borders agree, but for those of curved surfaces
-    /// (lab/seams.md).
+    /// Whether bilinear lookups on both sides of chart borders are made to agree.
     pub stitch: bool,
-    /// Bake the scene with vertex colours too; without, no light is computed for it and its file is
-    /// not written.
+    /// Whether the scene with vertex colours is baked too. If false, no light is computed for it
+    /// and its file is not written.
     pub vertex_colors: bool,
-    /// Split edges of the vertex-lit scene until its relative error is about this.
+    /// Split edges of the scene with vertex colours until its relative error is about this.
     pub vertex_error: Option<f32>,
-    /// What is refused; no result depends on it.
+    /// What the bake refuses; the result does not depend on it.
     #[serde(skip)]
     pub bounds: Bounds,
 }
 
-/// What a bake refuses to read or to begin: for those who bake what others made. No file of
-/// settings can change them, since whoever made the scene may have made it too.
+/// What a bake refuses to read or to begin, for users who bake untrusted scenes. Settings files
+/// cannot change these bounds, because they may come from the same source as the scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bounds {
-    /// Let `..` and links in the document lead out of its folder. Absolute paths are never
+    /// Whether `..` and links in the document may lead out of its folder. Absolute paths are never
     /// followed.
     pub allow_outside: bool,
-    /// Bytes of decoded pictures: of all the scene's that light needs together, and of the sky's.
-    /// By their headers, before any is decoded.
+    /// Most bytes of decoded images: of those of the scene that light needs together, and of the
+    /// sky's. Checked from their headers before decoding.
     pub max_image: u64,
-    /// Bytes that the bake may need, by the estimate that [`estimate`](crate::estimate) makes.
+    /// Most bytes of memory that the bake may need, by [`estimate`](crate::estimate).
     pub memory: Option<u64>,
 }
 
@@ -227,8 +224,8 @@ impl Default for Bounds {
 }
 
 impl Bounds {
-    /// Ceilings for reading a scene. With a bound on memory, what is larger than it before anything
-    /// is computed is not read at all.
+    /// Limits for reading a scene. With a memory bound, inputs that already exceed it are not read
+    /// at all.
     pub(crate) fn limits(&self) -> Limits {
         let all = Limits::default();
         let memory = self.memory.unwrap_or(u64::MAX);
@@ -283,21 +280,21 @@ impl Default for Settings {
     }
 }
 
-/// What gathering begins with.
+/// How gathering starts.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Start {
     Draft,
     Quick,
-    /// Few rays, which rounds add to. Contacts and shadows' edges are looked for: of those that
-    /// were missed no estimate knows.
+    /// A few rays, which later rounds add to. Contacts and shadow edges are searched for, because
+    /// the error estimate does not see missed ones.
     Rounds,
     Preview,
     Production,
 }
 
 impl Start {
-    /// With an error to reach, as few rays as may do: the gather goes on by itself. To 0.03 from
-    /// `quick`, what it had overlooked was left out of the estimate (lab/ideas.md).
+    /// With a target error, starts with as few rays as possible, and rounds add more. From `quick`,
+    /// a target of 0.03 failed: the error estimate did not see contacts that `quick` had missed.
     fn of(settings: &Settings) -> Start {
         let preset = match settings.quality {
             Quality::Draft => Start::Draft,
@@ -319,12 +316,12 @@ impl Start {
 impl Settings {
     /// Patches, links and direct light of the solve.
     ///
-    /// From 6,000 to 24,000 patches the Cornell box's bias fell from −0.22 to −0.12 %
-    /// (lab/measurements.md, which says what has changed since); rays a patch hardly mattered
-    /// between 128 and 256, since the gather averages over many patches.
+    /// From 6,000 to 24,000 patches, the Cornell box's bias fell from −0.22 to −0.12 %. The number
+    /// of rays per patch hardly mattered between 128 and 256, because the gather averages over many
+    /// patches.
     pub(crate) fn solve_options(&self) -> SolveOptions {
-        // A gather reads many elements: what is not known of each by itself hardly matters, and one
-        // light sampled at a hit is noisier than what its element has of all (lab/ideas.md).
+        // A gather averages many elements, so the error of each hardly matters. Sampling a light at
+        // each hit is noisier than reading the element's light.
         let (patches, rays, points) = match self.quality {
             Quality::Draft => (2_600, 32, 4),
             Quality::Quick => (8_000, 24, 4),
@@ -337,9 +334,9 @@ impl Settings {
                 ..CutOptions::default()
             },
             rays,
-            // As many where a light is seen in part: to go on only where the first disagree takes
-            // what all see for all there is, more often than what none see for nothing that
-            // matters. A garage with a window was 2 % too bright by it.
+            // The same number of shadow rays whether the first agree or not. Casting more only if
+            // they disagree biases mostly visible lights towards fully visible; a garage with a
+            // window became 2 % too bright.
             direct: DirectOptions::every(points, points),
             resample: false,
             relax: RelaxOptions::default(),
@@ -347,7 +344,7 @@ impl Settings {
         }
     }
 
-    /// Gathering at lumels.
+    /// Gather options for lumels.
     pub(crate) fn lumel_options(&self) -> GatherOptions {
         let start = Start::of(self);
         let (rays, most, error, points, edge_points) = match start {
@@ -359,7 +356,7 @@ impl Settings {
         };
         let (base, penumbra, scouts) = match start {
             Start::Draft => (4, 16, 2),
-            // With 4 and 16 a room lit by a window had dots all over its walls.
+            // With 4 and 16, a room lit by a window had dots all over its walls.
             Start::Quick => (8, 32, 2),
             Start::Rounds => (16, 32, 4),
             Start::Preview => (16, 128, 4),
@@ -389,15 +386,14 @@ impl Settings {
             follow,
             interpolation,
             near,
-            // Found by gathering rays alone, what lamps shine on made clouds on walls
-            // (lab/ideas.md).
+            // With 0, only gathering rays find lit elements, which causes blotches on walls.
             lit: 1,
             open_only: false,
         }
     }
 
-    /// Gathering at vertices: they are interpolated over whole triangles, so noise shows less than
-    /// at lumels.
+    /// Gather options for vertices. Vertex light is interpolated over whole triangles, so noise is
+    /// less visible than at lumels.
     pub(crate) fn vertex_options(&self) -> GatherOptions {
         let rays = match self.quality {
             Quality::Draft => 16,
@@ -441,10 +437,10 @@ mod tests {
             let mut rays = 0;
             for error in [0.3, 0.1, 0.05, 0.02, 0.005] {
                 let options = options(quality, Some(error));
-                // Rounds add rays; the preset's own second looks would come before them.
+                // Rounds add rays, so the preset's own refinement must be off.
                 assert_eq!(options.most_rays, options.rays);
                 assert!(options.contacts && options.lit == 1 && options.follow > 0);
-                // A small error begins with no fewer rays, but for presets that have few.
+                // A small target error starts with no fewer rays, except for presets with few rays.
                 assert!(options.rays >= rays || quality < Quality::Preview);
                 rays = options.rays;
             }

@@ -1,4 +1,4 @@
-//! The sky of the settings, or else of the scene, as radiances.
+//! Radiances of the sky, from the settings or from the scene.
 
 use std::io::ErrorKind;
 use std::path::Path;
@@ -10,7 +10,7 @@ use radiosity::Sky;
 use crate::error::Error;
 use crate::settings::{Settings, SkySource};
 
-/// Refuses a sky's file that is none or too long: it is hashed before it is read.
+/// Checks that the sky's file exists and is not too long before it is hashed.
 ///
 /// # Errors
 /// [`Error::Sky`].
@@ -29,14 +29,14 @@ pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
     })
 }
 
-/// Bytes of a pixel once it is read: three floats.
+/// Bytes of a decoded pixel: three floats.
 const PIXEL: u64 = 12;
 
-/// The sky of the settings; where they give none, the scene's own `environment`. The settings'
-/// intensity and rotation apply to either.
+/// The settings' sky, or else the scene's own `environment`. The settings' intensity and rotation
+/// apply to either.
 ///
 /// # Errors
-/// [`Error::Sky`] where the image cannot be read or is not a picture of radiances.
+/// [`Error::Sky`] if the image cannot be read or does not contain radiances.
 pub(crate) fn load(
     settings: &Settings,
     factor: f32,
@@ -49,7 +49,7 @@ pub(crate) fn load(
         SkySource::None => match environment {
             None => return Ok(Sky::Black),
             Some(e) => {
-                // The document's own light is dimmed where it is.
+                // Light factors are already applied to the document's own sky.
                 intensity = settings.sky_intensity;
                 (e.width, e.height, e.pixels.clone())
             }
@@ -58,16 +58,16 @@ pub(crate) fn load(
     Ok(place_map(map, intensity, settings.sky_rotation))
 }
 
-/// A latitude-longitude map, times `intensity`, turned by `degrees` about +Y (counter-clockwise
-/// seen from above).
+/// A latitude-longitude map, scaled by `intensity` and rotated by `degrees` about +Y
+/// (counter-clockwise seen from above).
 ///
-/// A turn is a shift along the rows, which are linearly interpolated: light is kept, and blurred by
-/// less than a pixel unless the turn is a whole number of them.
+/// The rotation shifts rows with linear interpolation. It conserves light and blurs by less than a
+/// pixel; whole pixels are exact.
 fn place_map((width, height, mut pixels): Map, intensity: f32, degrees: f32) -> Sky {
     let shift = f64::from(degrees).rem_euclid(360.0) / 360.0 * f64::from(width);
     let (whole, part) = (shift.floor(), (shift - shift.floor()) as f32);
-    // Columns run clockwise seen from above, from −X over −Z to +X: what turns the other way moves
-    // left.
+    // Columns run clockwise seen from above, from −X over −Z to +X, so a counter-clockwise rotation
+    // shifts to the left.
     for row in pixels.chunks_exact_mut(width as usize) {
         row.rotate_left(whole as usize % width as usize);
         if part > 0.0 {
@@ -87,7 +87,7 @@ fn place_map((width, height, mut pixels): Map, intensity: f32, degrees: f32) -> 
 /// Width, height, and row-major radiances.
 type Map = (u32, u32, Vec<Vec3>);
 
-/// Reads a latitude-longitude picture of radiances that takes at most `limit` bytes.
+/// Reads a latitude-longitude image of radiances that takes at most `limit` bytes.
 fn read_map(path: &Path, limit: u64) -> Result<Map, Error> {
     let fail = |message: String, io: bool| Error::Sky {
         file: path.to_owned(),
@@ -120,7 +120,7 @@ fn read_map(path: &Path, limit: u64) -> Result<Map, Error> {
         if width.saturating_mul(height) > limit / PIXEL {
             return Err(fail(
                 format!(
-                    "found {width} x {height} pixels, expected at most {limit} bytes, {PIXEL} a pixel (--max-image)"
+                    "found {width} x {height} pixels at {PIXEL} bytes each, expected at most {limit} bytes (--max-image)"
                 ),
                 false,
             ));
@@ -149,7 +149,7 @@ fn read_map(path: &Path, limit: u64) -> Result<Map, Error> {
 mod tests {
     use super::*;
 
-    /// A scene's sky of 16 × 8 pixels with one lit.
+    /// A sky of 16 × 8 pixels of which one is not black.
     fn lit(column: u32, row: u32) -> Environment {
         let (width, height) = (16, 8);
         let mut pixels = vec![Vec3::ZERO; 128];
@@ -162,7 +162,7 @@ mod tests {
         }
     }
 
-    /// Where the centre of the pixel lies, as [`Environment`] says, turned by `degrees` about +Y.
+    /// Direction of the pixel's centre in an [`Environment`], rotated by `degrees` about +Y.
     fn direction(column: u32, row: u32, degrees: f32) -> Vec3 {
         use std::f32::consts::{PI, TAU};
         let a = TAU * ((column as f32 + 0.5) / 16.0 - 0.5);
@@ -179,8 +179,8 @@ mod tests {
     fn a_scenes_sky_shines_from_where_it_says() {
         for (column, row) in [(0, 3), (5, 0), (9, 7), (15, 4)] {
             let sky = load_with(&Settings::default(), &lit(column, row));
-            // The lookup is bilinear: the pixel's own value at its centre, within rounding of the
-            // angles, a quarter half-way to the next ones' corner.
+            // The lookup is bilinear: it returns the pixel's own value at its centre, within
+            // rounding of the angles, and a quarter of it at its corner.
             let at = sky.radiance(direction(column, row, 0.0));
             assert!(at.distance(Vec3::new(1.0, 2.0, 4.0)) < 1e-4, "{at}");
             let away = sky.radiance(direction((column + 8) % 16, row, 0.0));
@@ -202,8 +202,8 @@ mod tests {
             };
             let sum: Vec3 = pixels.iter().sum();
             assert!(sum.distance(Vec3::new(3.0, 6.0, 12.0)) < 1e-5, "{sum}");
-            // Between pixels the light is spread over two and read between them: half of it is left
-            // at the least.
+            // The shift spreads the light over two pixels and the lookup interpolates between them,
+            // so at least half of it remains.
             let at = sky.radiance(direction(6, 4, degrees)).x;
             let whole = (degrees / 22.5).fract() == 0.0;
             assert!(at >= if whole { 2.999 } else { 1.499 }, "{degrees}: {at}");

@@ -1,9 +1,9 @@
-//! Sources of light by name: switching and dimming them, and sorting them into groups.
+//! Light sources by name: scaling them, switching them off and sorting them into groups.
 //!
-//! A pattern is a name in which `*` stands for any characters and `?` for one; case counts. It
-//! means every source that bears such a name: a punctual light by its own or its node's name, an
-//! emissive material, the sky as `sky`, and suns of the command line as `sun`. What the document
-//! leaves unnamed goes by its place, `nodes[3]` or `materials[2]`.
+//! A pattern is a case-sensitive name in which `*` stands for any characters and `?` for one. It
+//! matches every source with such a name: a punctual light by its own or its node's name, an
+//! emissive material, the sky as `sky`, and suns of the command line as `sun`. Unnamed sources go
+//! by their place in the document, `nodes[3]` or `materials[2]`.
 
 use std::collections::BTreeSet;
 
@@ -18,27 +18,27 @@ use crate::error::Error;
 use crate::report::GroupReport;
 use crate::settings::{LightGroup, LightScale, Settings};
 
-/// The group of all that is in no other.
+/// The group of sources in no other group.
 pub(crate) const REST: &str = "rest";
 
-/// Most names that a message lists.
+/// Most names listed in a message.
 const LISTED: usize = 20;
 
-/// Longest name of a group, bytes: with the scene's own name before it, a file name must stay below
-/// 255 of them.
+/// Longest name of a group, bytes. A file name, which also contains the scene's name, must stay
+/// below 255.
 const MAX_GROUP_NAME: usize = 64;
 
-/// Most groups, [`REST`] among them: [`LightGroups`] counts in bytes.
+/// Most groups, including [`REST`]: [`LightGroups`] stores indices in a byte.
 const MAX_GROUPS: usize = 255;
 
-/// Something that gives light, as options name it.
+/// A light source, as options name it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Source {
-    /// What it is.
+    /// Its kind.
     pub kind: SourceKind,
-    /// Its name; of what has none, its place in the document.
+    /// Its name, or its place in the document if it has none.
     pub name: String,
-    /// The name of the node that carries a light, where that is another.
+    /// The name of the node that carries a light, if it differs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub node: Option<String>,
 }
@@ -55,7 +55,7 @@ pub enum SourceKind {
     Sky,
 }
 
-/// Where in a [`Scene`] a source is.
+/// Place of a source in a [`Scene`].
 #[derive(Debug, Clone, Copy)]
 enum Place {
     Light(usize),
@@ -68,20 +68,20 @@ pub(crate) struct Sources {
     sources: Vec<(Source, Place)>,
 }
 
-/// What [`Sources::apply`] leaves to be done by others.
+/// Results of [`Sources::apply`] that others have to use.
 #[derive(Debug, Default)]
 pub(crate) struct Chosen {
-    /// Groups of what still shines, with their names; `None` where none were asked for.
+    /// Groups of the remaining sources with their names; `None` if none were requested.
     pub groups: Option<(LightGroups, Vec<String>)>,
-    /// The same for people.
+    /// The groups, for the report.
     pub report: Vec<GroupReport>,
-    /// Multiplies the settings' sky; a scene's own environment is dimmed already.
+    /// Factor on the settings' sky; the scene's own environment is already scaled.
     pub sky_factor: f32,
 }
 
 impl Sources {
-    /// Finds the sources of a scene, in which the settings' suns are already. `document` is the
-    /// glTF's JSON; `sky` says whether the settings bring a sky.
+    /// Finds the sources of a scene that already contains the settings' suns. `document` is the
+    /// glTF's JSON; `sky` says whether the settings have a sky.
     pub(crate) fn find(scene: &Scene, document: &Value, sky: bool) -> Self {
         let mut sources = Vec::new();
         for (i, light) in scene.lights.iter().enumerate() {
@@ -122,15 +122,15 @@ impl Sources {
         Sources { sources }
     }
 
-    /// The sources, for people.
+    /// The sources, for reports.
     pub(crate) fn list(&self) -> Vec<Source> {
         self.sources.iter().map(|(s, _)| s.clone()).collect()
     }
 
-    /// Indices of the sources that a pattern of `option` means.
+    /// Indices of the sources that a pattern of `option` matches.
     ///
     /// # Errors
-    /// [`Error::Setting`], with the names there are, where it means none.
+    /// [`Error::Setting`] with the existing names, if there is no match.
     fn matching(&self, option: &str, pattern: &str) -> Result<Vec<usize>, Error> {
         let wild = WildMatch::new(pattern);
         let found: Vec<usize> = (0..self.sources.len())
@@ -141,14 +141,14 @@ impl Sources {
             .collect();
         if found.is_empty() {
             return Err(Error::Setting(format!(
-                "{option}: no source of light is named {pattern:?}; {}",
+                "{option}: no light source is named {pattern:?}; {}",
                 self.names()
             )));
         }
         Ok(found)
     }
 
-    /// All names in alphabetical order, at most [`LISTED`] of them, as the end of a sentence.
+    /// All names in alphabetical order, at most [`LISTED`], as the end of a sentence.
     fn names(&self) -> String {
         let all: BTreeSet<&str> = self
             .sources
@@ -167,7 +167,7 @@ impl Sources {
         format!("there are {}{more}", some.join(", "))
     }
 
-    /// What the report calls a source: its node where others bear the same name.
+    /// Name of a source in the report: its node's name if the source's own is not unique.
     fn label(&self, i: usize) -> String {
         let s = &self.sources[i].0;
         let alike = self
@@ -181,14 +181,14 @@ impl Sources {
         }
     }
 
-    /// Dims the scene's sources by the settings and removes those that are switched off; sorts the
-    /// rest into groups.
+    /// Scales the scene's sources by the settings, removes those that are switched off, and sorts
+    /// the rest into groups.
     ///
-    /// Groups may name what is switched off: it is only not there.
+    /// Groups may contain sources that are switched off.
     ///
     /// # Errors
-    /// [`Error::Setting`] where a pattern means nothing, a source is in two groups, or a light gets
-    /// too bright for `f32`.
+    /// [`Error::Setting`] if a pattern matches nothing, a source is in two groups, or a light
+    /// becomes too bright for `f32`.
     pub(crate) fn apply(&self, scene: &mut Scene, settings: &Settings) -> Result<Chosen, Error> {
         let factors = self.factors(&settings.lights)?;
         let owners = self.owners(&settings.groups)?;
@@ -204,7 +204,7 @@ impl Sources {
                     return Ok(y);
                 }
                 Err(Error::Setting(format!(
-                    "{:?} is {x} and becomes too bright for 32-bit numbers when multiplied by {factor}",
+                    "{:?} is {x} and overflows 32-bit floats when multiplied by {factor}",
                     source.name
                 )))
             };
@@ -230,7 +230,7 @@ impl Sources {
                 }
             }
         }
-        // Places of sources in `scene.lights` hold until here.
+        // Indices into `scene.lights` are valid until here.
         if !settings.groups.is_empty() {
             let lit: Vec<bool> = factors.iter().map(|f| *f > 0.0).collect();
             let (groups, names, report) = self.sort(scene, settings, &owners, &lit);
@@ -244,7 +244,7 @@ impl Sources {
         Ok(chosen)
     }
 
-    /// Per source, what multiplies it: the last of `lights` that means it, or 1.
+    /// Factor of each source: the last match in `lights`, or 1.
     fn factors(&self, lights: &[LightScale]) -> Result<Vec<f32>, Error> {
         let mut factors = vec![1.0; self.sources.len()];
         for l in lights {
@@ -260,7 +260,7 @@ impl Sources {
         Ok(factors)
     }
 
-    /// Per source, the index of the group that names it.
+    /// Index of the group of each source, if any.
     fn owners(&self, groups: &[LightGroup]) -> Result<Vec<Option<usize>>, Error> {
         let mut owners = vec![None; self.sources.len()];
         for (g, group) in groups.iter().enumerate() {
@@ -270,7 +270,7 @@ impl Sources {
                         Some(other) if other != g => {
                             let other: &LightGroup = &groups[other];
                             return Err(Error::Setting(format!(
-                                "{:?} is in the groups {} and {}, expected it in one of them",
+                                "{:?} is in the groups {} and {}, expected it in only one",
                                 self.label(i),
                                 other.name,
                                 group.name
@@ -284,8 +284,7 @@ impl Sources {
         Ok(owners)
     }
 
-    /// The groups of the sources that are lit, by places of the scene before any light is taken
-    /// out.
+    /// The groups of the remaining sources; indices are those before any light is removed.
     fn sort(
         &self,
         scene: &Scene,
@@ -323,7 +322,7 @@ impl Sources {
             if !report[g].sources.contains(&label) {
                 report[g].sources.push(label);
             }
-            // `check` admits no more than fit.
+            // `check` ensures that it fits.
             let g = g as u8;
             match *place {
                 Place::Light(i) => groups.lights[i] = g,
@@ -342,7 +341,7 @@ fn retain<T>(items: &mut Vec<T>, keep: &[bool]) {
     items.retain(|_| flags.next().copied().unwrap_or(true));
 }
 
-/// Materials that shine and that something in the scene wears, ascending.
+/// Emissive materials that the scene uses, ascending.
 fn glowing_materials(scene: &Scene) -> BTreeSet<usize> {
     scene
         .instances
@@ -357,7 +356,7 @@ fn glowing_materials(scene: &Scene) -> BTreeSet<usize> {
         .collect()
 }
 
-/// Checks what needs no scene: factors, and names of groups.
+/// Checks factors and names of groups, which needs no scene.
 ///
 /// # Errors
 /// [`Error::Setting`].
@@ -371,7 +370,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
         }
     }
     let groups = &settings.groups;
-    // One place is kept for what is in none of them.
+    // One index is reserved for the group `rest`.
     if groups.len() >= MAX_GROUPS {
         return Err(Error::Setting(format!(
             "found {} groups, expected at most {}",
@@ -381,17 +380,17 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
     }
     for (i, g) in groups.iter().enumerate() {
         check_name(&g.name)?;
-        // Files of names that differ only so would be one on Windows and macOS.
+        // Windows and macOS would treat such file names as the same.
         let twin = |h: &&LightGroup| h.name.eq_ignore_ascii_case(&g.name);
         if let Some(h) = groups[..i].iter().find(twin) {
             return Err(Error::Setting(format!(
-                "found the groups {} and {}, expected names that differ by more than case",
+                "found the groups {} and {}, expected names that do not differ only in case",
                 h.name, g.name
             )));
         }
         if g.sources.is_empty() {
             return Err(Error::Setting(format!(
-                "the group {} names no sources of light, expected at least one",
+                "the group {} names no light sources, expected at least one",
                 g.name
             )));
         }
@@ -399,7 +398,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
     Ok(())
 }
 
-/// A group's name becomes part of file names, beside the numbers of pages.
+/// A group's name becomes part of file names, next to page numbers.
 fn check_name(name: &str) -> Result<(), Error> {
     let sane = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
     let expected = if name.is_empty() || name.len() > MAX_GROUP_NAME || !name.chars().all(sane) {
@@ -407,9 +406,9 @@ fn check_name(name: &str) -> Result<(), Error> {
     } else if name.starts_with('.') || name.ends_with('.') {
         "no dot at either end".into()
     } else if name.chars().all(|c| c.is_ascii_digit()) {
-        "more than digits, which number a lightmap's pages".into()
+        "not only digits, because those number the lightmap's pages".into()
     } else if name.eq_ignore_ascii_case(REST) {
-        "another one: it is the group of what is in no other".into()
+        "another name: it is reserved for sources in no group".into()
     } else {
         return Ok(());
     };

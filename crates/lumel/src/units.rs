@@ -1,9 +1,9 @@
-//! Lamps in the units of glowing materials and the sky, whatever an exporter wrote.
+//! Converts lamps to the units of emissive materials and the sky, whatever an exporter wrote.
 //!
-//! Blender's exporter writes materials in W/(m² sr), and lamps by its *Lighting Mode*: *Standard*
-//! takes them times 683 (candela and lux), *Unitless* leaves them in W/sr and W/m², and *Raw*
-//! writes a lamp's watts where its W/sr belong. No file says which. But people type round figures,
-//! so the mode that gives back the roundest ones is the one.
+//! Blender's exporter writes materials in W/(m² sr). Its *Lighting Mode* decides the units of
+//! lamps: *Standard* multiplies them by 683 (candela and lux), *Unitless* leaves them in W/sr and
+//! W/m², and *Raw* writes a lamp's watts instead of W/sr. No file records the mode. But users type
+//! round figures, so the mode that gives the roundest figures is assumed.
 
 use std::f64::consts::PI;
 
@@ -12,22 +12,23 @@ use serde_json::Value;
 
 use crate::settings::Units;
 
-/// What Blender's exporter multiplies with: lumens a watt at 555 nm.
+/// Factor of Blender's exporter: lumens per watt at 555 nm.
 const LUMENS_PER_WATT: f64 = 683.0;
 
-/// How the generator of Blender's own exporter begins, and what Lumel's add-on adds to it.
+/// Beginning of the generator string of Blender's own exporter. Lumel's add-on appends its name to
+/// it.
 pub(crate) const BLENDER: &str = "Khronos glTF Blender I/O";
 const ADD_ON: &str = "Lumel add-on";
 
-/// Significant digits beyond which an intensity is a product and not a figure that someone typed;
+/// Significant digits from which an intensity is a product instead of a figure that someone typed;
 /// an `f32` holds 7.
 const MOST_DIGITS: u32 = 7;
 
-/// Fewer digits by this many, over all lamps, decide for a mode. One lamp whose product is round by
-/// chance does not: of seven-digit figures one in a hundred has five.
+/// A mode needs this many fewer digits, over all lamps, to be chosen. A single product that is
+/// round by chance does not suffice: one in a hundred seven-digit figures has only five.
 const CLEAR: u32 = 2;
 
-/// What an exporter did to lamps.
+/// How an exporter scaled lamps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
     Standard,
@@ -46,7 +47,7 @@ impl Mode {
         }
     }
 
-    /// Factor that brings a lamp into W/sr or W/m².
+    /// Factor that converts a lamp to W/sr or W/m².
     fn factor(self, sun: bool) -> f64 {
         match self {
             Mode::Standard => 1.0 / LUMENS_PER_WATT,
@@ -56,15 +57,18 @@ impl Mode {
     }
 }
 
-/// Whether Blender's exporter wrote the document by itself.
+/// Whether the document comes directly from Blender's exporter.
 pub(crate) fn plain_blender(document: &Value) -> bool {
     let generator = document["asset"]["generator"].as_str().unwrap_or_default();
     generator.starts_with(BLENDER) && !generator.contains(ADD_ON)
 }
 
-/// Brings the file's lamps into the units of its materials; says what was done, if anything was.
+/// Converts the file's lamps to the units of its materials; returns a note if anything was
+/// converted or is unclear.
 pub(crate) fn settle(scene: &mut Scene, document: &Value, units: Units) -> Option<String> {
-    let lumen = format!("lamps are taken as candela and lux: divided by {LUMENS_PER_WATT} to W");
+    let lumen = format!(
+        "lamps are in candela and lux and were divided by {LUMENS_PER_WATT} to convert them to W"
+    );
     match units {
         Units::Watt => None,
         Units::Lumen => {
@@ -78,8 +82,7 @@ pub(crate) fn settle(scene: &mut Scene, document: &Value, units: Units) -> Optio
             }
             let Some(mode) = recognise(&lamps) else {
                 return Some(
-                    "Blender exported this level, but not clear with which Lighting Mode: lamps \
-                     stay as they are; --units lumen if it was Standard, --units watt if Unitless"
+                    "Blender exported this level, but its Lighting Mode cannot be recognised, so lamps were not converted; pass --units lumen if it was Standard, --units watt if Unitless"
                         .into(),
                 );
             };
@@ -91,7 +94,7 @@ pub(crate) fn settle(scene: &mut Scene, document: &Value, units: Units) -> Optio
                     format!("Blender exported with Lighting Mode {name}: lamps are in W")
                 }
                 Mode::Raw => format!(
-                    "Blender exported with Lighting Mode {name}: lamps' watts divided by 4 pi to W/sr"
+                    "Blender exported with Lighting Mode {name}: lamps were divided by 4 pi to convert W to W/sr"
                 ),
             })
         }
@@ -106,7 +109,7 @@ fn scale(lights: &mut [Light], mode: Mode) {
     }
 }
 
-/// Intensities of the document's punctual lights, and which are suns.
+/// Intensities of the document's punctual lights, and whether they are suns.
 fn lamps(document: &Value) -> Vec<(f64, bool)> {
     let lights = &document["extensions"]["KHR_lights_punctual"]["lights"];
     (lights.as_array().into_iter().flatten())
@@ -117,7 +120,7 @@ fn lamps(document: &Value) -> Vec<(f64, bool)> {
         .collect()
 }
 
-/// The mode that makes the lamps' figures in Blender the roundest, if one clearly does.
+/// The mode that makes the figures in Blender the roundest, if one clearly does.
 fn recognise(lamps: &[(f64, bool)]) -> Option<Mode> {
     let typed = |mode: Mode| -> u32 {
         let figures = lamps.iter().map(|&(intensity, sun)| {
@@ -130,18 +133,18 @@ fn recognise(lamps: &[(f64, bool)]) -> Option<Mode> {
     let mut scores = Mode::ALL.map(|mode| (typed(mode), mode));
     scores.sort_by_key(|(digits, _)| *digits);
     let [(best, mode), (next, other), _] = scores;
-    // Suns alone are the same in both.
+    // Suns are the same in both.
     let same = lamps.iter().all(|l| mode.factor(l.1) == other.factor(l.1));
     let next = if same { scores[2].0 } else { next };
     (best + CLEAR <= next).then_some(mode)
 }
 
-/// Significant digits of what an `f32` stands for.
+/// Significant digits of the decimal that an `f32` stands for.
 fn digits(x: f64) -> u32 {
     let magnitude = x.abs().log10().floor();
     for n in 1..MOST_DIGITS {
         let unit = 10_f64.powf(magnitude + 1.0 - f64::from(n));
-        // Two roundings to f32 lie between the figure and here.
+        // The figure was rounded to f32 twice.
         if ((x / unit).round() * unit - x).abs() <= 2.0 * f64::from(f32::EPSILON) * x.abs() {
             return n;
         }
@@ -153,7 +156,7 @@ fn digits(x: f64) -> u32 {
 mod tests {
     use super::*;
 
-    /// What Blender's exporter writes of a lamp's figure.
+    /// The intensity that Blender's exporter writes for a figure.
     fn exported(typed: f64, sun: bool, mode: Mode) -> f64 {
         let lamp = if sun || mode == Mode::Raw {
             typed

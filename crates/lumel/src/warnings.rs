@@ -1,4 +1,4 @@
-//! What a bake warns about: what is wrong, which nodes it is about, and what to do.
+//! Warnings of a bake: the problem, the nodes concerned, and what to do.
 
 use std::collections::BTreeMap;
 
@@ -14,13 +14,13 @@ use crate::named::{node_of, some_of};
 use crate::report::{audit_warnings, clamped_warning};
 use crate::settings::Settings;
 
-/// Hidden lumels are warned about from this share of all on: less is what stands in floors.
+/// Fraction of hidden lumels from which on to warn. Props that intersect floors hide fewer.
 const MANY_HIDDEN: f64 = 0.05;
 
-/// Points of an instance that are looked at to tell whether all of it lies inside something.
+/// Number of sampled triangles that decide whether an instance is inside something.
 const LOOKED_AT: usize = 24;
 
-/// What geometry alone tells: known before a bake.
+/// Warnings from geometry alone, known before a bake.
 pub(crate) fn of_geometry(world: &World, settings: &Settings) -> Vec<String> {
     let (scene, soup) = (world.scene, world.soup);
     let like = unmarked_levels(scene, soup, settings.lods);
@@ -38,8 +38,8 @@ fn like_levels(scene: &Scene, like: &[Likeness]) -> Option<String> {
     };
     (!like.is_empty()).then(|| {
         format!(
-            "things that lie in each other with nearly the same size, like levels of detail or variants of one thing: {}; all of them cast shadows, so that the inner ones bake black: \
-             name them ..._LOD0, ..._LOD1, or give them extras.lumel.lod or variant (docs/extras.md)",
+            "objects of nearly the same size lie inside one another, like levels of detail or variants: {}; all of them cast shadows, so the inner ones bake black: \
+             name them ..._LOD0, ..._LOD1, or set extras.lumel.lod or extras.lumel.variant",
             some_of(like.iter().map(names))
         )
     })
@@ -63,7 +63,7 @@ fn coincident(scene: &Scene, soup: &Soup) -> Option<String> {
     });
     (!pairs.is_empty()).then(|| {
         format!(
-            "{} triangles coincide with others: {}; they get the same light, but what lies in one place twice flickers when it is drawn: delete one of the two, or tell them as variants \
+            "{} triangles coincide with others: {}; they get the same light, but will z-fight when drawn: delete one of the two, or mark them as variants \
              (extras.lumel.variant) if only one is shown at a time",
             soup.duplicates.len(),
             some_of(names)
@@ -71,7 +71,7 @@ fn coincident(scene: &Scene, soup: &Soup) -> Option<String> {
     })
 }
 
-/// Instances that lie wholly inside closed bodies, other than those that look like levels of
+/// Instances that are completely inside closed bodies, without those that look like levels of
 /// detail.
 fn inside(world: &World, like: &[Likeness]) -> Option<String> {
     let mut known = vec![false; world.scene.instances.len()];
@@ -84,13 +84,13 @@ fn inside(world: &World, like: &[Likeness]) -> Option<String> {
         let count = found.len();
         let (node, lie) = if count == 1 { ("node", "lies") } else { ("nodes", "lie") };
         format!(
-            "{count} {node} {lie} wholly inside closed bodies, where no light comes: {}; delete what nobody sees, or leave it without lumels (extras.lumel.density 0)",
+            "{count} {node} {lie} completely inside closed bodies, where no light arrives: {}; delete what is never visible, or give it no lumels (extras.lumel.density 0)",
             some_of(found)
         )
     })
 }
 
-/// Whether all of an instance lies inside a body, by some of its triangles.
+/// Whether all of an instance is inside a body, judged by a sample of its triangles.
 fn is_inside(world: &World, instance: usize) -> bool {
     let [first, end] = world.soup.instance_ranges[instance];
     let end = end.min(world.soup.seen() as u32);
@@ -105,7 +105,7 @@ fn is_inside(world: &World, instance: usize) -> bool {
             .all(|t| world.inside_a_body(&point(t)))
 }
 
-/// What a finished bake has to warn about.
+/// Inputs of a finished bake's warnings.
 pub(crate) struct Warned<'w> {
     pub loaded: &'w Loaded,
     pub world: &'w World<'w>,
@@ -114,7 +114,7 @@ pub(crate) struct Warned<'w> {
     pub solution: &'w Solution,
     pub baked: &'w Baked,
     pub settings: &'w Settings,
-    /// That the bake would be black was said before.
+    /// Whether the user was already told that the bake will be black.
     pub foretold: bool,
 }
 
@@ -133,8 +133,7 @@ impl Warned<'_> {
         let audit = &self.solution.report.audit;
         if !self.foretold && audit.flux_in.iter().all(|f| *f == 0.0) {
             out.push(
-                "no light reaches any surface: no lamp or emissive material shines on one; the lightmap is black"
-                    .into(),
+                "the lightmap is black: no lamp or emissive material reaches any surface".into(),
             );
         }
         out.extend(audit_warnings(audit));
@@ -144,7 +143,7 @@ impl Warned<'_> {
         out
     }
 
-    /// What was asked for and not reached.
+    /// Goals that were requested but not reached.
     fn not_reached(&self) -> Vec<String> {
         let mut out = Vec::new();
         let relaxation = &self.solution.report.relaxation;
@@ -157,7 +156,7 @@ impl Warned<'_> {
         let gather = &self.baked.report.light;
         if let (Some(wanted), Some(false)) = (self.settings.error, gather.error_reached) {
             out.push(format!(
-                "the error asked for, {} %, was not reached: the estimate is {:.2} %, and {} of {} lumels have as many samples as a lumel gets; a finer --texels-per-unit helps where things touch",
+                "the requested error of {} % was not reached: the estimate is {:.2} %, and {} of {} lumels have the maximum number of samples; a higher --texels-per-unit helps near contacts",
                 100.0 * wanted,
                 100.0 * gather.estimated_error,
                 gather.exhausted_lumels,
@@ -177,7 +176,7 @@ impl Warned<'_> {
         };
         many.then(|| {
             format!(
-                "{} of {} lumels lie inside or behind single-sided faces, most of them of {}; nothing to do where props stand in floors, else look for faces turned inside out",
+                "{} of {} lumels are inside geometry or behind single-sided faces, most of them on {}; this is harmless where props intersect floors, else check for inverted faces",
                 gather.hidden_lumels,
                 gather.lumels,
                 some_of(gather.hidden.iter().map(one))

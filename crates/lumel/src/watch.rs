@@ -1,4 +1,4 @@
-//! Progress by closure, and stopping from elsewhere.
+//! Progress by closure, and cancellation from elsewhere.
 
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -7,35 +7,35 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use radiosity::{Monitor, Phase};
 
-/// Where a bake is.
+/// Progress of a bake.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Progress {
-    /// What is being done. Phases come in the order of [`Phase`]; those that a bake does not need
-    /// are not seen.
+    /// The current phase. Phases come in the order of [`Phase`]; those that a bake does not need
+    /// are skipped.
     pub phase: Phase,
-    /// Units of the phase that are finished. What a unit is differs from phase to phase.
+    /// Finished units of the phase. The unit differs from phase to phase.
     pub done: u64,
-    /// Units of the phase in all; 0 where it just begins, or is too short to count.
+    /// Total units of the phase; 0 if it just began, or is too short to count.
     pub total: u64,
-    /// While solving, an upper bound on the share of the light that is still to be distributed.
+    /// During the solve, an upper bound on the fraction of the light that is not distributed yet.
     pub residual: Option<f64>,
 }
 
 impl Progress {
-    /// Share of the phase that is done, 0..=1; `None` where it is not counted.
+    /// Fraction of the phase that is done, 0..=1; `None` if it is not counted.
     ///
-    /// Some phases work in several passes and count each of them from 0. Phases take very different
-    /// times: the gather is most of nearly every bake.
+    /// Some phases have several passes, each counted from 0. Phases take very different times: the
+    /// gather takes most of nearly every bake.
     pub fn share(&self) -> Option<f64> {
         (self.total > 0).then(|| (self.done as f64 / self.total as f64).min(1.0))
     }
 }
 
-/// Stops bakes that were given it, from any thread. Clones are one and the same token.
+/// Cancels the bakes that it was given to, from any thread. Clones are the same token.
 ///
-/// A bake that is stopped returns [`Error::Cancelled`](crate::Error::Cancelled) within a fraction
-/// of a second and writes nothing.
+/// A cancelled bake returns [`Error::Cancelled`](crate::Error::Cancelled) within a fraction of a
+/// second and writes nothing.
 ///
 /// ```
 /// use lumel::{Baker, CancelToken, Error};
@@ -50,12 +50,12 @@ impl Progress {
 pub struct CancelToken(Arc<AtomicBool>);
 
 impl CancelToken {
-    /// A token that has stopped nothing yet.
+    /// A token that has not been cancelled.
     pub fn new() -> CancelToken {
         CancelToken::default()
     }
 
-    /// Stops every bake that has this token, now and later.
+    /// Cancels every bake that has this token, now and later.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
@@ -66,7 +66,7 @@ impl CancelToken {
     }
 }
 
-/// A closure that is told about progress.
+/// A closure that receives progress.
 pub(crate) type Watcher<'a> = Mutex<Box<dyn FnMut(Progress) + Send + 'a>>;
 
 /// A closure and a token as a monitor.
@@ -78,8 +78,8 @@ pub(crate) struct Watch<'b, 'a> {
 impl Watch<'_, '_> {
     fn tell(&self, progress: Progress) {
         if let Some(watcher) = self.watcher {
-            // A closure that panicked once may be called again: it is the caller's, and the panic
-            // goes on anyway.
+            // A closure that panicked may be called again: it is the caller's, and the panic
+            // continues anyway.
             let mut watcher = watcher.lock().unwrap_or_else(PoisonError::into_inner);
             watcher(progress);
         }

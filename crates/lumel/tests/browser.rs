@@ -1,7 +1,7 @@
-//! `lumel view` and the three.js loader in a real browser: pixels with known values, switches,
-//! keys, no complaint on the console.
+//! Tests `lumel view` and the three.js loader in a real browser: known pixel values, switches, keys
+//! and an empty console.
 //!
-//! Skipped, loudly, where no Chromium is installed.
+//! Skipped with a message if Chromium is not installed.
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
@@ -17,7 +17,7 @@ use image::RgbImage;
 use serde_json::json;
 use tempfile::TempDir;
 
-/// `lumel view` on a folder, ended when dropped.
+/// `lumel view` on a folder; ends when dropped.
 struct Server(Child, String);
 
 impl Server {
@@ -45,25 +45,25 @@ impl Drop for Server {
     }
 }
 
-/// The squares, baked with `options`.
+/// Bakes the squares with `options`.
 fn squares(options: &str) -> (TempDir, PathBuf) {
     let t = temp();
-    // The shadow's edge lies on the border of two primitives, which stitching takes for a seam to
-    // be smoothed (lab/seams.md).
+    // The shadow's edge coincides with the border of two primitives, which stitching would smooth
+    // as a seam.
     let options = format!("--no-stitch {options}");
-    // A name that has to be encoded in an address.
+    // This name needs percent-encoding in a URL.
     let file = write(t.path().join("four squares #1.gltf"), scene());
     let out = t.path().join("out");
     bake(&file, &out, &format!("--sun {} {options}", sun())).ok();
     (t, out)
 }
 
-/// From high above; the axis must not be exactly the camera's up.
+/// From high above; the view axis must not be exactly the camera's up vector.
 const ABOVE: &str = "0,9,0.01,0,0,0,60";
-/// From where the floor under the plate is seen.
+/// From here the floor under the plate is visible.
 const BESIDE: &str = "3,0.6,3,0,0,0,60";
 
-/// Waits until the page has drawn all that it was asked for.
+/// Waits until the page has drawn everything.
 fn settle(b: &mut Browser) {
     b.wait("document.body?.dataset.state === 'ready' && !lumel.stage.dirty && !lumel.busy()");
 }
@@ -75,8 +75,8 @@ fn pixel(b: &mut Browser, picture: &RgbImage, at: [f64; 3]) -> [u8; 3] {
     picture.get_pixel(x as u32, y as u32).0
 }
 
-/// Within one step of what eight bits show: half a step is the rounding, the rest a half float's
-/// (2^-11) and the graphics card's.
+/// Within one 8-bit step: half a step for rounding, the rest for the half float (2^-11) and the
+/// GPU.
 #[track_caller]
 fn assert_pixel(found: [u8; 3], linear: [f64; 3], what: &str) {
     let want = linear.map(shown);
@@ -106,7 +106,7 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
         assert_pixel(found, times(albedo, r), &format!("{at:?}"));
     }
 
-    // Each view and light by its button.
+    // Clicks the button of each view and light.
     let press = |b: &mut Browser, name: &str| {
         b.eval(&format!(
             "document.querySelector('#panel [data-name={name}]').click()"
@@ -132,14 +132,14 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
     assert_pixel(pixel(&mut b, &shot, at), [R; 3], "direct light");
     let shot = press(&mut b, "coverage");
     assert_pixel(pixel(&mut b, &shot, at), [1.0; 3], "covered");
-    // Nothing is uncertain here: the scale's lower end.
+    // The error is 0, which is the lower end of the scale.
     let shot = press(&mut b, "error");
     assert_pixel(pixel(&mut b, &shot, at), [0.0; 3], "no error");
     assert_eq!(
         b.eval("document.getElementById('legend').hidden"),
         json!(false)
     );
-    // Errors are the same in every light: who asks for a light sees the level in it.
+    // The error view does not depend on the light; choosing a light switches to the level view.
     let shot = press(&mut b, "all");
     assert_pixel(
         pixel(&mut b, &shot, at),
@@ -147,7 +147,7 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
         "the level again",
     );
     press(&mut b, "groups");
-    // Figures end where the buttons over them do.
+    // Figures must end where the buttons above them do.
     let inside = "document.getElementById('views').getBoundingClientRect().right + 0.5";
     let figures = format!(
         "[...document.querySelectorAll('#groups output')].every((o) => o.getBoundingClientRect().right <= {inside})"
@@ -163,7 +163,7 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
     );
     press(&mut b, "all");
 
-    // What is not there is grey, and says how to get it.
+    // Missing layers are greyed out and say how to get them.
     let ao = "document.querySelector('#views [data-name=ao]')";
     assert_eq!(
         b.eval(&format!(
@@ -184,7 +184,7 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
         "{report}"
     );
 
-    // A click says what is there.
+    // A click shows the figures of the point.
     let place = b.eval(&format!("lumel.project({}, 0, {})", at[0], at[2]));
     b.click(place[0].as_f64().expect("x"), place[1].as_f64().expect("y"));
     b.wait("!document.getElementById('readout').hidden && document.getElementById('readout').innerText.includes('R = E/π')");
@@ -281,7 +281,7 @@ fn a_closed_level_without_cameras_is_shown_from_within() {
     let names = "[...document.querySelectorAll('#cameras option')].map((o) => o.textContent)";
     assert_eq!(b.eval(names), json!(["inside", "outside"]));
     assert_eq!(within(&mut b), json!(true));
-    // From outside all corners are on the canvas.
+    // From outside all corners must be on the canvas.
     b.eval("{ const c = document.getElementById('cameras'); c.value = '-1'; c.dispatchEvent(new Event('change')); }");
     settle(&mut b);
     assert_eq!(within(&mut b), json!(false));
@@ -326,8 +326,8 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
     };
     let (_t, out) = squares("");
     let site = Site::start(&out);
-    // Lambertian materials are exact. The file's own, MeshStandardMaterial, give part of the light
-    // to a gloss: tools/engines/three/README.md.
+    // Lambertian materials are exact. The file's own MeshStandardMaterial turns part of the light
+    // into a specular lobe: tools/engines/three/README.md.
     for options in ["diffuse=1", "diffuse=1&manifest=1", "diffuse=1&plugin=1"] {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");

@@ -1,4 +1,4 @@
-//! `--cache` by the real binary: the bytes of a clean bake, whatever became of the folder.
+//! `--cache` with the real binary: same bytes as a clean bake, whatever happens to the folder.
 
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ fn charts_of_large_meshes_are_kept() {
     let (_, first, _) = run("filled", &with(""));
     let kept = first[1].as_u64().expect("a number");
     assert!(first[0] == 0 && kept > 0, "{first}");
-    // Another lamp, another kind of value: the same meshes.
+    // Another lamp and another quantity, but the same meshes.
     let other = "--value irradiance --light sun*=0.5";
     let (clean, none, _) = run("clean", other);
     assert_eq!(none, Value::Null);
@@ -33,7 +33,7 @@ fn charts_of_large_meshes_are_kept() {
     assert_eq!(found, json!([kept, 0]));
     assert!(stderr.contains("charts of"), "{stderr}");
     assert!(clean == cached, "charts from the cache change bytes");
-    // Damaged, cut short, empty: made anew.
+    // Damaged, truncated and empty files are replaced.
     let charts: Vec<PathBuf> = (names(&cache).into_iter())
         .filter(|n| n.ends_with(".lumelcharts"))
         .map(|n| cache.join(n))
@@ -49,7 +49,7 @@ fn charts_of_large_meshes_are_kept() {
         assert!(clean == cached, "damaged charts change bytes");
     }
     assert_eq!(std::fs::read(&charts[0]).expect("mended"), whole);
-    // Another distance between charts is another question.
+    // Another padding gives another hash.
     let (_, padded, _) = run("padded", &with("--padding 4"));
     assert_eq!(padded, json!([0, kept]));
 }
@@ -61,7 +61,7 @@ fn a_folder_that_cannot_be_written_costs_no_bake() {
     let out = t.path().join("out");
     let options = format!("--sky 0.5 --cache {}", file.display());
     let run = bake(&asset("demo_level.glb"), &out, &options).ok();
-    assert!(run.stderr.contains("nothing is kept"), "{}", run.stderr);
+    assert!(run.stderr.contains("cannot cache charts"), "{}", run.stderr);
     assert_eq!(std::fs::read(file).expect("it is there"), b"no folder");
 }
 
@@ -75,7 +75,7 @@ fn the_oldest_files_go_when_there_are_too_many() {
         names(&cache)
     };
     let first = run("first", "");
-    // Another distance between charts asks for others; there is room for those alone.
+    // Another padding needs new charts; the limit only has room for those.
     let size = |n: &String| std::fs::metadata(cache.join(n)).expect("it is there").len();
     let all: u64 = first.iter().map(size).sum();
     let second = run(

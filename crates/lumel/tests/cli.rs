@@ -1,5 +1,4 @@
-//! The real binary: files, streams and exit codes (DESIGN.md §1.1 and §1.2). Values are other
-//! tests' business.
+//! The real binary: files, streams and exit codes. Values are tested elsewhere.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -12,7 +11,7 @@ use serde_json::{Value, json};
 /// Three positions, (0 0 0), (1 0 0), (0 0 −1), as base64.
 const TRIANGLE: &str = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAAAAAAIC/";
 
-/// A document of one triangle, and no light.
+/// A document of one triangle without light.
 fn triangle() -> Value {
     json!({
         "asset": {"version": "2.0"},
@@ -67,7 +66,7 @@ fn json_is_all_that_stdout_gets_and_equals_the_file() {
     let out = t.path().join("out");
     let run = bake(&asset("furnace_cube_50.glb"), &out, "--json").ok();
     let file = &files(&out)["furnace_cube_50.report.json"];
-    // The printed report is made with the file's, so times agree too.
+    // The printed report is the file's, so even times agree.
     assert_eq!(parse(&run.stdout), parse(file));
 }
 
@@ -119,7 +118,7 @@ fn wrong_usage_is_1() {
         bake(&scene, &out, options).fails(1, &[]);
         assert!(!out.exists(), "{options} left a folder behind");
     }
-    // Not among the above, as `bake` gives this option itself.
+    // Not in the list above, because `bake` passes this option itself.
     for value in ["0", "-1", "nan", "inf", "many"] {
         let density = format!("--texels-per-unit={value}");
         let paths = [scene.to_str().expect("UTF-8"), out.to_str().expect("UTF-8")];
@@ -224,7 +223,7 @@ fn strict_makes_warnings_5_and_only_warnings() {
     let scene = write(t.path().join("dark.gltf"), triangle().to_string());
     let out = t.path().join("out");
     bake(&scene, &out, "-q --strict").fails(5, &["--strict"]);
-    // "Ran but found warnings": the results are there.
+    // Warnings under --strict still write the results.
     assert_eq!(names(&out), outputs("dark"));
     bake(&asset("furnace_cube_50.glb"), &out, "--strict").ok();
 }
@@ -232,7 +231,7 @@ fn strict_makes_warnings_5_and_only_warnings() {
 #[test]
 fn the_number_of_threads_changes_no_byte() {
     let t = temp();
-    // Charts and light at once, unless there is one thread or they are asked for in turn.
+    // Charts and light are computed concurrently unless there is one thread or `--in-turn`.
     let [one, two, in_turn] = ["1", "2", "2 --in-turn"].map(|n| {
         let out = t.path().join(n);
         let options = format!("--layers direct,indirect,error --sky 0.1 --threads {n}");
@@ -303,7 +302,7 @@ fn diff_tells_maps_apart_and_paints_where() {
     let words = [a.to_str(), b.to_str(), picture.to_str()].map(|w| w.expect("UTF-8"));
     let run = lumel(["diff", words[0], words[1], "--json", "--picture", words[2]]).ok();
     let report = parse(run.stdout);
-    // The sky adds light everywhere, and takes none.
+    // The sky only adds light.
     assert!(
         report["relRMSE"].as_f64().is_some_and(|x| x > 0.0),
         "{report}"
@@ -382,8 +381,8 @@ fn the_first_picture_shows_the_level_as_it_will_be() {
     let [first, last] =
         (found.remove(0)).map(|png| image::load_from_memory(&png).expect("a PNG").to_rgb8());
     assert_eq!(first.dimensions(), (640, 360));
-    // Means over blocks of 40 pixels: patches and single shadow rays are seen in less than that, a
-    // factor of π or a light that is missing is not.
+    // Means over blocks of 40 pixels hide patches and noise of shadow rays, but not a factor of π
+    // or a missing light.
     let mut worst = 0.0f64;
     for (bx, by) in (0..16).flat_map(|x| (0..9).map(move |y| (x, y))) {
         let mean = |picture: &image::RgbImage, side: u32| -> f64 {
@@ -395,7 +394,7 @@ fn the_first_picture_shows_the_level_as_it_will_be() {
         };
         worst = worst.max((mean(&first, 40) - mean(&last, 80)).abs());
     }
-    // 3.9 of 255 were found, since lumels are coarse here; half of the light less would be 50.
+    // The test finds 3.9 of 255, because lumels are coarse here; half the light would be 50.
     assert!(worst < 8.0, "{worst}");
 }
 
@@ -432,8 +431,8 @@ fn layers_are_further_channels() {
             get(&format!("indirect.{c}")),
         );
         for (i, &x) in all.iter().enumerate() {
-            // Three samples rounded to halves: each is off by at most 2^-11 of itself, or 2^-25
-            // where it is subnormal.
+            // Three samples rounded to halves: each is off by at most 2^-11 of its value, or 2^-25
+            // if subnormal.
             let slack = (x + direct[i].abs() + indirect[i].abs()) / 2048. + 3. / (1 << 25) as f32;
             let sum = direct[i] + indirect[i];
             assert!((x - sum).abs() <= slack, "{c} at {i}: {x} against {sum}");
@@ -457,8 +456,8 @@ fn irradiance_is_pi_times_radiance() {
     for ((name, r), (_, e)) in radiance.channels.iter().zip(&irradiance.channels) {
         assert!(r.iter().any(|&x| x > 0.), "{name} is dark");
         for (r, e) in r.iter().zip(e) {
-            // Both were rounded to halves: 2^-11 of the value each, 2^-25 where subnormal; f32
-            // arithmetic is far below.
+            // Both were rounded to halves: 2^-11 of the value each, 2^-25 if subnormal. f32
+            // arithmetic adds far less.
             let slack = pi * r / 1024. + (1. + pi) / (1 << 25) as f32;
             assert!((pi * r - e).abs() <= slack, "{name}: {r} and {e}");
         }
@@ -479,7 +478,7 @@ fn names_with_spaces_and_beyond_ascii_work() {
     assert_eq!(names(&out), expected);
 }
 
-/// What an engine does with a `uri` member of a glTF: decode it, then open the file.
+/// Decodes the `uri` member and opens the file, as an engine does.
 #[test]
 fn the_uri_in_extras_leads_to_the_map() {
     let t = temp();
@@ -489,8 +488,8 @@ fn the_uri_in_extras_leads_to_the_map() {
     bake(&scene, &out, "").ok();
     let baked = files(&out).remove("a #1%20.glb").expect("written");
     let text = String::from_utf8_lossy(&baked);
-    // A file name, as documented, and not a percent-encoded URI: tools of any language open it as
-    // it stands.
+    // The manifest has the plain file name, not a percent-encoded URI, so tools can open it
+    // directly.
     assert!(text.contains("\"uri\":\"a #1%20.lightmap.exr\""));
     assert!(out.join("a #1%20.lightmap.exr").is_file());
 }

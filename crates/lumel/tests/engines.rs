@@ -1,8 +1,8 @@
-//! Bakes in engines: what the loaders of tools/engines show of squares whose every pixel is known.
+//! Tests the loaders of tools/engines: squares with known pixels, rendered in each engine.
 //!
-//! Skipped, loudly, where an engine is not there: three.js comes with the repository and needs a
-//! Chromium; Babylon.js and PlayCanvas need npm packages too (`LUMEL_NPM`, tools/setup.sh); Bevy
-//! needs `LUMEL_BEVY`, the built program of tools/engines/bevy, and Vulkan; Blender needs
+//! Each engine's test is skipped with a message if the engine is missing. three.js is vendored and
+//! needs Chromium. Babylon.js and PlayCanvas also need npm packages (`LUMEL_NPM`, tools/setup.sh).
+//! Bevy needs `LUMEL_BEVY`, the binary built from tools/engines/bevy, and Vulkan. Blender needs
 //! `LUMEL_VENV`, a Python environment with bpy.
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
@@ -19,14 +19,15 @@ use lumel::atlas_bake::read_exr;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// A name that has to be encoded in an address, and whose `#` Bevy would take for a label.
+/// This name needs percent-encoding in a URL, and Bevy would parse its `#` as a label.
 const STEM: &str = "four squares #1";
-/// From high above, and from where the floor under the plate is seen.
+/// From high above, and from where the floor under the plate is visible.
 const VIEWS: [(&str, std::ops::Range<usize>); 2] =
     [("0,9,0.01,0,0,0,60", 0..5), ("3,0.6,3,0,0,0,60", 2..6)];
 
-/// The squares, baked with `options`: 16 lumels a metre, so that points are more than a block of
-/// BC6H from the edge of the shadow. That edge
+/// Bakes the squares with `options` at 16 lumels per metre, so that test points are more than a
+/// BC6H block from the shadow's edge. Stitching is off, because it would smooth that edge as a
+/// seam.
 fn squares(options: &str) -> (TempDir, PathBuf) {
     let t = temp();
     let file = write(t.path().join(format!("{STEM}.gltf")), scene());
@@ -50,8 +51,8 @@ fn bake_squares(file: &Path, out: &Path, options: &str) {
     lumel(a).ok();
 }
 
-/// Within one step of what eight bits show: half a step is the rounding, the rest the storage's
-/// (`share` of the value) and the card's.
+/// Within one 8-bit step: half a step for rounding, the rest for the storage format (`share` of the
+/// value) and the GPU.
 #[track_caller]
 fn assert_pixel(found: [u8; 3], linear: [f64; 3], storage: &Storage, what: &str) {
     let curve = storage.curve;
@@ -61,15 +62,15 @@ fn assert_pixel(found: [u8; 3], linear: [f64; 3], storage: &Storage, what: &str)
     assert!(near, "{what}: {found:?} is not {:.2?}", linear.map(curve));
 }
 
-/// How values come to be bytes on a screen.
+/// How values are stored and displayed.
 struct Storage {
-    /// Relative error that the page's format may have.
+    /// Largest relative error of the page's format.
     share: f64,
-    /// From linear to a byte.
+    /// Maps a linear value to a byte.
     curve: fn(f64) -> f64,
 }
 
-/// sRGB, with a relative error of the page.
+/// sRGB with the given relative error of the page.
 fn srgb(share: f64) -> Storage {
     Storage {
         share,
@@ -77,7 +78,7 @@ fn srgb(share: f64) -> Storage {
     }
 }
 
-/// Looks at all points through a page that says where they are.
+/// Checks all points through a page that reports their positions on screen.
 fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage) {
     for (cam, range) in VIEWS {
         b.open("about:blank");
@@ -104,7 +105,7 @@ fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage
     }
 }
 
-/// Whether the browser reads BC6H; says so where it does not.
+/// Whether the browser supports BC6H; prints a message if not.
 fn has_bc6h(b: &mut Browser, site: &Site, test: &str) -> bool {
     b.open(&format!("{}/three/lumel-ktx2.js", site.url));
     b.wait("document.body");
@@ -116,7 +117,7 @@ fn has_bc6h(b: &mut Browser, site: &Site, test: &str) -> bool {
     has == json!(true)
 }
 
-/// Whether npm packages are there; says so where they are not.
+/// Whether npm packages are installed; prints a message if not.
 fn installed(test: &str, packages: &[&str]) -> bool {
     let missing: Vec<_> = (packages.iter())
         .filter(|p| !npm_modules().join(p).is_dir())
@@ -145,7 +146,7 @@ fn ktx2_pages_are_listed_stored_well_and_retired() {
     assert_eq!(stored.len(), 2, "the page and the group's: {stored:?}");
     assert_eq!(stored[0]["file"], json!(page));
     assert_eq!(stored[0]["bytes"], json!(all[&page].len()));
-    // More than half of all blocks have one value, which is stored to a half's ten bits.
+    // More than half of all blocks are uniform, so they are exact to the ten bits of a half.
     let error = stored[0]["error"]["p50"].as_f64().expect("a number");
     assert!(error < 2f64.powi(-10), "{error}");
     let listed: Vec<&str> = (report["content"]["outputs"]
@@ -167,13 +168,13 @@ fn ktx2_pages_are_listed_stored_well_and_retired() {
     let extras = document(&all[&format!("{STEM}.glb")])["nodes"][0]["extras"]["lightmap"].clone();
     assert_eq!(extras["ktx2"], named);
 
-    // The next bake without it takes them away: they would show another light. A file of the user's
-    // own making stays.
+    // The next bake without KTX2 deletes them, because they would show outdated light. The user's
+    // own file stays.
     write(out.join("other.lightmap.ktx2"), b"mine");
     let file = t.path().join(format!("{STEM}.gltf"));
     bake_squares(&file, &out, "");
     let mut expected = outputs(STEM);
-    // Groups' EXRs have always stayed.
+    // EXR files of groups are never deleted.
     expected.extend([
         format!("{STEM}.group.day.exr"),
         "other.lightmap.ktx2".into(),
@@ -198,13 +199,13 @@ fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
     let d = document(&glb);
     let nodes = d["nodes"].as_array().expect("nodes");
     let meshes: Vec<u64> = nodes.iter().filter_map(|n| n["mesh"].as_u64()).collect();
-    // `flat` and `tilted` shared one; the other two have their own already.
+    // `flat` and `tilted` shared a mesh; the other two already had their own.
     assert_eq!(meshes.len(), 4);
     let apart: std::collections::BTreeSet<_> = meshes.iter().collect();
     assert_eq!(apart.len(), 4, "{meshes:?}");
     assert_eq!(d["meshes"].as_array().map(Vec::len), Some(4));
     let primitive = |n: usize, i: usize| &d["meshes"][meshes[n] as usize]["primitives"][i];
-    // Positions stay shared, coordinates do not, and both see one material.
+    // Positions stay shared, coordinates do not, and both primitives use one material.
     assert_eq!(
         primitive(0, 0)["attributes"]["POSITION"],
         primitive(1, 0)["attributes"]["POSITION"]
@@ -228,7 +229,7 @@ fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
         .copied()
         .fold(0.0f32, f32::max);
     let intensity = moz["intensity"].as_f64().expect("a number");
-    // The EXR has halves of it.
+    // The EXR stores it as halves.
     let expected = std::f64::consts::PI * f64::from(largest);
     assert!(
         (intensity / expected - 1.0).abs() < 1e-3,
@@ -238,7 +239,7 @@ fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
         let used = d["extensionsUsed"].as_array().expect("a list");
         assert!(used.contains(&json!(extension)), "{used:?}");
     }
-    // Extras and manifest say where coordinates are now: on the page.
+    // The coordinates now include the page rectangle, and extras and manifest say so.
     let whole = [json!([0.0, 0.0]), json!([1.0, 1.0])];
     let manifest =
         parse(std::fs::read(out.join(format!("{STEM}.lightmap.json"))).expect("it is written"));
@@ -258,7 +259,7 @@ fn moz_lightmap_gives_each_node_its_own_mesh_and_each_page_its_material() {
     lumel(a).fails(1, &["--ext moz", "radiance or irradiance"]);
 }
 
-/// The Khronos validator, where it is installed.
+/// Runs the Khronos validator if it is installed.
 fn validate(file: &Path) {
     if !installed("the glTF validator on MOZ_lightmap", &["gltf-validator"]) {
         return;
@@ -278,8 +279,8 @@ fn validate(file: &Path) {
 #[test]
 fn three_js_shows_ktx2_pages() {
     for (options, share) in [
-        // Half of rgb9e5's step is 2^-9 of the largest channel; BC6H's is of the block's, and all
-        // of these are of one value but at the shadow.
+        // Half a step of rgb9e5 is 2^-9 of the largest channel. For BC6H it is relative to the
+        // block, and all blocks but those at the shadow are uniform.
         ("--ktx2 rgb9e5", 1.0 / 512.0),
         ("--ktx2 bc6h --block-charts", 1.0 / 512.0),
     ] {
@@ -309,8 +310,8 @@ fn three_js_shows_moz_lightmap() {
     };
     let (_t, out) = squares("--ext moz");
     let site = Site::start(&out);
-    // Half a step of 255 of the page's largest value, which is that of these squares: as PNG, and
-    // less as RGBE.
+    // For PNG, half a step of 255 of the page's largest value, which is that of these squares; RGBE
+    // is more accurate.
     for query in ["diffuse=1&moz=1", "diffuse=1&moz=png", "diffuse=1"] {
         look(
             &mut b,
@@ -332,7 +333,7 @@ fn playcanvas_shows_closed_form_pixels() {
     let Some(mut b) = Browser::start(test, [640, 480]) else {
         return;
     };
-    // PlayCanvas shows the power 1/2.2 for sRGB, up to two steps of 255 from it.
+    // PlayCanvas approximates sRGB by the power 1/2.2, which is off by up to two steps of 255.
     let storage = Storage {
         share: 1.0 / 512.0,
         curve: |v| 255.0 * v.clamp(0.0, 1.0).powf(1.0 / 2.2),
@@ -363,7 +364,7 @@ fn babylon_shows_closed_form_pixels() {
     assert_eq!(b.errors, [""; 0]);
 }
 
-/// Where a point is in a picture of `size` from `cam`, as tools/engines/bevy looks at it.
+/// Projects a point into a picture of `size` from `cam`, with the camera of tools/engines/bevy.
 fn project(cam: &str, at: [f64; 3], size: [f64; 2]) -> [f64; 2] {
     let c: Vec<f64> = cam
         .split(',')

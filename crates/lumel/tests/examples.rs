@@ -1,12 +1,12 @@
-//! The examples run, and find what they say they find.
+//! Runs the examples and checks what they print.
 //!
-//! `cargo test` builds examples before tests; `cargo test --test all` does not, and then this test
+//! `cargo test` builds examples first. `cargo test --test all` does not, in which case this test
 //! says so.
 
 use std::path::PathBuf;
 use std::process::Command;
 
-/// The example's binary, beside the folder of this test's own.
+/// The example's binary, next to this test's own folder.
 fn binary(name: &str) -> PathBuf {
     let own = std::env::current_exe().expect("the test has a path");
     let profile = own.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
@@ -74,7 +74,7 @@ fn groups_sum_to_the_whole() {
     let rest = number(&text, "rest     mean");
     let whole = number(&text, "whole    mean");
     assert!(outside > 0.01 && rest > 0.01, "{text}");
-    // Four digits are printed, of three numbers.
+    // Three numbers, each printed with four digits.
     assert!((outside + rest - whole).abs() < 2e-4, "{text}");
 }
 
@@ -95,12 +95,11 @@ fn results_in_memory_are_the_furnaces_closed_form() {
     let dir = tempfile::tempdir().expect("a folder");
     let picture = dir.path().join("page.png");
     let text = run("04_results_in_memory", &[picture.to_str().expect("UTF-8")]);
-    // What preset `draft` may be off in a furnace: tests/closed_forms holds it to a tenth of this.
+    // The allowed error of preset `draft` in a furnace; tests/closed_forms tests a tenth of this.
     assert!(number(&text, "= 2:") < 0.01, "{text}");
     let times_pi = number(&text, "hold E =") / std::f64::consts::PI;
     assert!((times_pi - 2.0).abs() < 0.01, "{text}");
-    // The picture at exposure 0.25: 2 × 0.25 = 0.5 is 188 in sRGB; a texel that nothing reads may
-    // be black.
+    // At exposure 0.25, 2 × 0.25 = 0.5 is 188 in sRGB. Texels that no lookup reads may be black.
     let image = image::open(&picture).expect("a PNG").into_rgb8();
     let brightest = image.pixels().map(|p| p.0[1]).max();
     assert!(
@@ -118,8 +117,8 @@ fn a_lamp_over_a_floor_has_its_closed_form() {
         let found = number(&text, &line);
         let h: f64 = height.parse().expect("a number");
         let foot = 10.0 / (std::f64::consts::PI * h * h);
-        // A lumel of 1/32 m is brightest at its corner and holds its mean: (1 + r²/h²)^-2 over r ≤
-        // 1/32 m falls by at most 2 r²/h², 0.8 % for the lowest lamp. Three digits are printed.
+        // A lumel of 1/32 m holds its mean and is brightest at its corner: over r ≤ 1/32 m, (1 +
+        // r²/h²)^-2 falls by at most 2 r²/h², 0.8 % for the lowest lamp. Three digits are printed.
         assert!(
             (found / foot - 1.0).abs() < 0.01,
             "{line} {found}, expected {foot}"

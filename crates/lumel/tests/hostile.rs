@@ -1,5 +1,5 @@
-//! Inputs that broke the real binary: one error each, at once, and nothing of the user's is
-//! touched.
+//! Inputs that once broke the real binary: each gives one error at once, and the user's files stay
+//! untouched.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -10,13 +10,13 @@ use tempfile::TempDir;
 
 use crate::common::{Run, asset, bake, files, lumel, parse, temp, write};
 
-/// (0 0 0), (1 0 0), (0 0 −1): a triangle as bytes.
+/// The triangle (0 0 0), (1 0 0), (0 0 −1) as bytes.
 fn triangle() -> Vec<u8> {
     let floats = [0f32, 0., 0., 1., 0., 0., 0., 0., -1.];
     floats.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-/// A triangle with a buffer of its own, and a picture that light does not need.
+/// A triangle with its own buffer, and an image that light does not need.
 fn document(buffer: &str, picture: &str) -> Value {
     json!({
         "asset": {"version": "2.0"},
@@ -32,7 +32,7 @@ fn document(buffer: &str, picture: &str) -> Value {
     })
 }
 
-/// A folder with a scene whose buffer and picture have these names.
+/// A folder with a scene whose buffer and image have these names.
 fn level(buffer: &str, picture: &str) -> (TempDir, PathBuf) {
     let folder = temp();
     write(folder.path().join(buffer), triangle());
@@ -45,8 +45,8 @@ fn level(buffer: &str, picture: &str) -> (TempDir, PathBuf) {
     (folder, scene)
 }
 
-/// A bake into `out` is refused with exit code 2, names what it would replace, and changes nothing
-/// of `folder`.
+/// Asserts that a bake into `out` is refused with exit code 2, names the file that it would
+/// replace, and changes nothing in `folder`.
 #[track_caller]
 fn refused(folder: &Path, scene: &Path, out: &Path, options: &str, name: &str) {
     let before = snapshot(folder);
@@ -55,7 +55,7 @@ fn refused(folder: &Path, scene: &Path, out: &Path, options: &str, name: &str) {
     assert!(snapshot(folder) == before, "{options}: {run:?}");
 }
 
-/// Everything below a folder.
+/// All files below a folder.
 fn snapshot(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut all = Vec::new();
     for entry in fs::read_dir(folder).expect("readable") {
@@ -73,7 +73,7 @@ fn snapshot(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 #[test]
 fn files_that_the_scene_names_are_not_replaced() {
-    // By results, and by further pages of a bake that has only one now.
+    // Replaced by results, and by further pages of an earlier bake.
     for (buffer, picture, replaced) in [
         ("c.lightmap.exr", "p.png", "c.lightmap.exr"),
         ("c.bin", "c.report.json", "c.report.json"),
@@ -82,7 +82,7 @@ fn files_that_the_scene_names_are_not_replaced() {
         let (folder, scene) = level(buffer, picture);
         refused(folder.path(), &scene, folder.path(), "", replaced);
     }
-    // By what options name.
+    // Replaced by files that options name.
     let (folder, scene) = level("c.bin", "p.png");
     let out = folder.path().join("out");
     for option in ["--preview", "--first-picture", "--depfile", "--report"] {
@@ -92,7 +92,7 @@ fn files_that_the_scene_names_are_not_replaced() {
             refused(folder.path(), &scene, &out, &option, name);
         }
     }
-    // By results where the sky lies.
+    // The sky has the name of a result.
     let sky = folder.path().join("c.lightmap.exr");
     fs::copy(sky_picture(folder.path()), &sky).expect("copied");
     let option = format!("--sky {}", sky.display());
@@ -107,7 +107,7 @@ fn files_that_the_scene_names_are_not_replaced() {
 #[test]
 fn links_to_inputs_and_links_as_inputs_are_followed() {
     use std::os::unix::fs::symlink;
-    // The scene is a link to what the bake writes.
+    // The scene is a link to a result.
     let folder = temp();
     let out = folder.path().join("out");
     fs::create_dir(&out).expect("created");
@@ -115,13 +115,13 @@ fn links_to_inputs_and_links_as_inputs_are_followed() {
     let scene = folder.path().join("c.glb");
     symlink("out/c.glb", &scene).expect("linked");
     refused(folder.path(), &scene, &out, "", "out/c.glb");
-    // A result's name is another name of the buffer.
+    // A result's name is a hard link to the buffer.
     let (folder, scene) = level("c.bin", "p.png");
     let out = folder.path().join("out");
     fs::create_dir(&out).expect("created");
     fs::hard_link(folder.path().join("c.bin"), out.join("c.lightmap.json")).expect("linked");
     refused(folder.path(), &scene, &out, "", "c.lightmap.json");
-    // The buffer lies elsewhere, under the name of a result.
+    // The buffer is in another folder, but has the name of a result.
     let (folder, scene) = level("c.bin", "p.png");
     let out = folder.path().join("out");
     fs::create_dir(&out).expect("created");
@@ -137,11 +137,11 @@ fn a_glb_beside_the_scene_that_no_bake_made_is_not_replaced() {
     refused(folder.path(), &scene, folder.path(), "", "c.glb");
     fs::remove_file(own).expect("removed");
     bake(&scene, folder.path(), "-q --sky 1").ok();
-    // Its own result may go.
+    // Its own earlier result may be replaced.
     bake(&scene, folder.path(), "-q --sky 2").ok();
 }
 
-/// A lightmap of four channels, to be lied about.
+/// A lightmap with four channels, to be corrupted.
 fn sky_picture(folder: &Path) -> PathBuf {
     let out = folder.join("sky");
     bake(
@@ -153,8 +153,8 @@ fn sky_picture(folder: &Path) -> PathBuf {
     out.join("cornell_box.lightmap.exr")
 }
 
-/// 2^30 × 2^30 pixels of four channels of four bytes are 2^64 bytes, which wrapped to 0 and aborted
-/// the process.
+/// 2^30 × 2^30 pixels of four 4-byte channels are 2^64 bytes, which wrapped to 0 and aborted the
+/// process.
 #[test]
 fn an_exr_whose_size_wraps_is_one_error_in_every_command() {
     let folder = temp();
@@ -184,7 +184,6 @@ fn an_exr_whose_size_wraps_is_one_error_in_every_command() {
     assert!(!files(baked).contains_key("cornell_box.report.html"));
 }
 
-/// Whatever a name holds, a terminal obeys none of it.
 #[test]
 fn names_reach_the_terminal_escaped() {
     let (folder, scene) = level("c.bin", "p.png");
@@ -197,7 +196,7 @@ fn names_reach_the_terminal_escaped() {
     assert_eq!(run.stderr.lines().count(), 1, "{:?}", run.stderr);
 }
 
-/// Opening a pipe waits for a writer, and none of these had one; a device may not end.
+/// Opening a pipe without a writer blocks, and a device may never end.
 #[cfg(unix)]
 #[test]
 fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
@@ -225,15 +224,15 @@ fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
     lumel(["diff".as_ref(), exr.as_os_str(), exr.as_os_str()]).fails(2, &words);
     bake(&scene, &out, "-q --sky /dev/zero.hdr").fails(2, &["/dev/zero.hdr"]);
     std::os::unix::fs::symlink("/dev/zero", at("zero.hdr")).expect("linked");
-    // Without an ending it would be no file's name.
+    // Without an extension it would not be taken for a file name.
     fs::create_dir(at("folder.hdr")).expect("made");
     for (name, found) in [("zero.hdr", "a device"), ("folder.hdr", "a folder")] {
         let sky = at(name);
         let run = bake(&scene, &out, &format!("-q --sky {}", sky.display()));
         run.fails(2, &[found, "expected a regular file"]);
     }
-    // What a document names: its buffer, and a picture that light needs. One that light does not
-    // need is left alone.
+    // Files that the document references: its buffer, and an image that light needs. An image that
+    // light does not need is ignored.
     pipe("b.bin");
     write(at("c.bin"), triangle());
     let level = write(at("c.gltf"), document("b.bin", "a.json").to_string());
@@ -254,14 +253,14 @@ fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
     fs::remove_dir_all(&out).expect("written");
     fs::rename(at("a.toml"), at("c.lumel.toml")).expect("renamed");
     bake(&at("c.gltf"), &out, "-q").fails(2, &words);
-    // A report where the last one should lie: the bake replaces it.
+    // In place of the last report, which the bake replaces.
     fs::create_dir(&out).expect("created");
     let report = pipe("out/cornell_box.report.json");
     bake(&scene, &out, "-q --skip-if-unchanged").ok();
     assert!(fs::metadata(report).expect("written").is_file());
 }
 
-/// The .glb named a file that was not there, relative to another folder at that.
+/// The .glb used to keep the missing file's name, relative to the wrong folder.
 #[test]
 fn a_picture_that_is_lost_during_the_bake_is_an_error() {
     let (folder, scene) = level("c.bin", "p.png");
@@ -275,14 +274,14 @@ fn a_picture_that_is_lost_during_the_bake_is_an_error() {
     assert_eq!(error.exit_code(), 2);
     assert!(error.to_string().contains("p.png"), "{error}");
     assert!(!out.exists());
-    // One that was never there is left as it is named.
+    // A file that never existed stays referenced as it was.
     let baked = baker.bake(&scene).expect("light does not need it");
     baked.write(&out).expect("written");
     let gltf = fs::read(out.join("c.glb")).expect("written");
     assert!(String::from_utf8_lossy(&gltf).contains(r#""uri":"p.png""#));
 }
 
-/// These were baked black, or white all over, with "estimated error 0.00 %" and without a word.
+/// These were baked black or completely white, with "estimated error 0.00 %" and no warning.
 #[test]
 fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
     let folder = temp();
@@ -300,27 +299,23 @@ fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
     let run = bake(&scene, &out, "--sky 1e9").ok();
     let told = "lit lumels are brighter than 65504";
     assert!(run.stderr.contains(told), "{}", run.stderr);
-    // What halves hold is not warned of.
+    // Values within the half float range give no warning.
     let run = bake(&scene, &out, "--sky 1e3").ok();
     assert!(!run.stderr.contains("warning"), "{}", run.stderr);
-    // Of what has no light, nothing was measured.
+    // Without light there is no error estimate.
     let run = bake(&scene, &out, "--exclude-light *").ok();
-    assert!(
-        run.stderr.contains("no estimate of the error"),
-        "{}",
-        run.stderr
-    );
+    assert!(run.stderr.contains("no error estimate"), "{}", run.stderr);
     let report = parse(&files(&out)["cornell_box.report.json"]);
     assert_eq!(report["gather"]["median_error"], Value::Null);
     assert_eq!(report["gather"]["estimated_error"], Value::Null);
 }
 
-/// A hundred bytes may claim gigabytes; what a bake would take is known before light is computed.
+/// A hundred bytes may claim gigabytes, and the memory of a bake is known before light is computed.
 #[test]
 fn pictures_and_memory_have_budgets() {
     let folder = temp();
     let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
-    // The sky's header claims more than it holds, and more than is allowed.
+    // The header claims more pixels than the file has, and more than allowed.
     let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16384 +X 16384\n";
     let sky = write(folder.path().join("a.hdr"), head);
     let bake_sky = |options: &str| {
@@ -329,7 +324,7 @@ fn pictures_and_memory_have_budgets() {
     };
     bake_sky("").fails(3, &["16384 x 16384 pixels", "--max-image"]);
     bake_sky("--max-image 4G").fails(3, &["a.hdr"]);
-    // Neither read nor hashed: a terabyte of nothing.
+    // A sparse terabyte, which must be neither read nor hashed.
     let sparse = fs::File::create(folder.path().join("b.hdr")).expect("created");
     if sparse.set_len(1 << 40).is_ok() {
         let option = format!("-q --sky {}/b.hdr", folder.path().display());
@@ -376,7 +371,7 @@ fn pictures_and_memory_have_budgets() {
     assert!(!out.exists());
 }
 
-/// 7.7 million triangles from a few hundred bytes were made before they were counted.
+/// 7.7 million triangles used to be generated from a few hundred bytes before they were counted.
 #[test]
 fn instances_are_counted_before_they_are_made() {
     let folder = temp();
@@ -393,7 +388,7 @@ fn instances_are_counted_before_they_are_made() {
     run.fails(3, &["3000000 copies", "at most 631612 mesh instances"]);
 }
 
-/// Three million characters, and lines of their own that look like the program's.
+/// Names of three million characters, and names with lines that look like Lumel's own output.
 #[test]
 fn names_take_a_line_and_end() {
     let folder = temp();
@@ -417,7 +412,7 @@ fn names_take_a_line_and_end() {
     for text in [&run.stdout, &fails.stderr, &bakes.stderr] {
         let fake = |l: &str| l.starts_with("error: fake") || l == "  problems    none";
         let faked = text.lines().filter(|l| fake(l)).count();
-        // The report's own, of this sound scene.
+        // The note belongs to the report of this valid scene.
         assert!(
             faked <= usize::from(std::ptr::eq(text, &run.stdout)),
             "{faked}"
@@ -430,7 +425,7 @@ fn names_take_a_line_and_end() {
     }
 }
 
-/// Two of them were baked into the files of one.
+/// Two different names used to be baked into the same files.
 #[cfg(unix)]
 #[test]
 fn names_that_are_not_utf8_are_refused_and_line_breaks_in_names_escaped() {

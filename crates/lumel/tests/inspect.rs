@@ -1,5 +1,5 @@
-//! `lumel inspect` by the real binary: what it says of a level's own coordinates, and the pictures
-//! that it draws.
+//! `lumel inspect` with the real binary: faults in a level's own coordinates, and the pictures that
+//! it draws.
 
 use std::fs;
 use std::path::Path;
@@ -7,8 +7,8 @@ use std::path::Path;
 use crate::common::{lumel, names, temp};
 use serde_json::{Value, json};
 
-/// Two quads a metre wide as one mesh, the second drawn over half of the first in TEXCOORD_1, and a
-/// third, sound quad of a mesh of its own.
+/// Two 1 m quads in one mesh, the second overlapping half of the first in TEXCOORD_1, and a valid
+/// quad in its own mesh.
 fn level(dir: &Path) -> std::path::PathBuf {
     let quad = |x: f32| {
         [
@@ -92,7 +92,8 @@ fn json_and_text_say_what_is_wrong_and_where() {
     let u = fault["worst"]["uv"][0].as_f64().expect("a number");
     assert!((0.3..0.5).contains(&u), "{fault}");
     assert_eq!(one.get("uv_faults"), None);
-    // 20 lumels a metre all over; kept rectangles are multiples of four texels, 50 here becomes 52.
+    // 20 lumels per metre throughout. Kept rectangles are multiples of four texels, so 50 becomes
+    // 52.
     for (i, least) in layout["density"]
         .as_array()
         .expect("three")
@@ -133,7 +134,7 @@ fn json_and_text_say_what_is_wrong_and_where() {
     );
 }
 
-/// Share of a picture's pixels of a colour.
+/// Fraction of a picture's pixels with a colour.
 fn share(path: &Path, color: [u8; 3]) -> f64 {
     let picture = image::open(path).expect("a PNG").to_rgb8();
     let hits = picture.pixels().filter(|p| p.0 == color).count();
@@ -156,8 +157,8 @@ fn pictures_show_overlaps_in_red_and_only_there() {
     ];
     assert_eq!(names(&out), written);
     let red = |name: &str| share(&out.join(name), [255, 0, 0]);
-    // 0.2 × 0.4 of the unit square, drawn with a hundredth all round; outlines and cross-hairs
-    // cover some of it.
+    // 0.2 × 0.4 of the unit square, drawn with a margin of 1 %; outlines and hatching cover part of
+    // it.
     let found = red("level.mesh0.uv1.png");
     assert!((found - 0.08 / 1.02f64.powi(2)).abs() < 0.004, "{found}");
     for name in ["level.mesh0.png", "level.mesh1.png", "level.page0.png"] {
@@ -168,7 +169,7 @@ fn pictures_show_overlaps_in_red_and_only_there() {
     inspect(&scene, &[&options, "--uv=keep"]).ok();
     assert!(share(&kept.join("level.mesh0.png"), [255, 0, 0]) > 0.05);
 
-    // As wanted is grey: nothing is blue or orange.
+    // At the requested density nothing is blue or orange.
     let density = t.path().join("density");
     let options = format!("--pictures={}", density.display());
     inspect(&scene, &[&options, "--paint=density"]).ok();
@@ -182,7 +183,7 @@ fn pictures_show_overlaps_in_red_and_only_there() {
         "a colour where the density is right"
     );
 
-    // The same pictures every time.
+    // Pictures are deterministic.
     let again = t.path().join("again");
     inspect(&scene, &[&format!("--pictures={}", again.display())]).ok();
     for name in written {

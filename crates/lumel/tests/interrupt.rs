@@ -1,4 +1,4 @@
-//! The real binary, stopped in the middle: Ctrl-C, SIGTERM and SIGKILL (DESIGN.md §1.1).
+//! The real binary, stopped halfway: Ctrl-C, SIGTERM and SIGKILL.
 
 #![cfg(unix)]
 
@@ -12,7 +12,8 @@ use crate::common::{asset, bake, comparable, files, names, outputs, parse, temp,
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Bakes the small scene, then starts a long bake of another with the same name over it.
+/// Bakes the small scene, then starts a long bake of a scene with the same name into the same
+/// folder.
 struct Victim {
     folder: TempDir,
     before: std::collections::BTreeMap<String, Vec<u8>>,
@@ -50,7 +51,7 @@ impl Victim {
         }
     }
 
-    /// Waits until the log has a line on `phase`, which is written when the phase is over.
+    /// Waits for the log line of `phase`, which is written when the phase ends.
     fn wait_for(&mut self, phase: &str) {
         let mut line = String::new();
         while !line.trim_start().starts_with(phase) {
@@ -67,8 +68,7 @@ impl Victim {
         assert!(status.expect("kill is installed").success());
     }
 
-    /// Sends the signal and asserts what DESIGN.md §1.1 says of Ctrl-C: code 75 within a second,
-    /// old files whole.
+    /// Sends the signal and asserts exit code 75 within a second and intact old files.
     fn stops_on(mut self, signal: &str) {
         let asked = Instant::now();
         self.signal(signal);
@@ -81,8 +81,8 @@ impl Victim {
         };
         let took = asked.elapsed();
         assert_eq!(status.code(), Some(75));
-        // A second by contract; half a second more for a machine that runs other tests on every
-        // core meanwhile.
+        // The contract is one second; the extra half is for machines that run other tests on every
+        // core.
         assert!(took < Duration::from_millis(1500), "stopped after {took:?}");
         let mut rest = String::new();
         self.log.read_to_string(&mut rest).expect("UTF-8");
@@ -103,7 +103,7 @@ impl Victim {
 }
 
 impl Drop for Victim {
-    /// A failed assertion leaves no bake behind.
+    /// Stops the bake if an assertion fails.
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
@@ -146,7 +146,7 @@ fn a_stopped_bake_leaves_no_folder() {
         .spawn()
         .expect("the binary starts");
     let mut log = BufReader::new(child.stderr.take().expect("it is piped"));
-    // The first line comes with the end of the first step, so the handler is in place.
+    // The first line comes after the first step, so the handler is installed.
     log.read_line(&mut String::new()).expect("UTF-8");
     let sent = Command::new("kill")
         .args(["-s", "INT", &child.id().to_string()])
@@ -166,7 +166,7 @@ fn after_sigkill_old_files_are_whole_and_the_next_bake_works() {
     victim.nothing_changed();
     let out = victim.folder.path().join("out");
     bake(&victim.folder.path().join("small/level.glb"), &out, "").ok();
-    // The same scene and settings as before, hence the same bytes, but for the times in the report.
+    // The same scene and settings give the same bytes, except for times in the report.
     let mut after = files(&out);
     let report = after.remove("level.report.json").expect("written");
     assert_eq!(
@@ -179,8 +179,7 @@ fn after_sigkill_old_files_are_whole_and_the_next_bake_works() {
     }
 }
 
-/// Killed while files are written, a bake leaves each of them old or new, never in between, and
-/// what it leaves beside them goes with the next bake.
+/// Each file is old or new, never partial, and the next bake deletes left-over temporary files.
 #[test]
 fn sigkill_while_writing_tears_no_file() {
     let t = temp();
@@ -213,8 +212,7 @@ fn sigkill_while_writing_tears_no_file() {
         ])
         .spawn()
         .expect("the binary starts");
-    // Temporaries live for the time of a few fsyncs. Should the loop miss them, the bake ends,
-    // which is fine too.
+    // Temporary files exist only for a few fsyncs. If the loop misses them, the bake ends normally.
     while child.try_wait().expect("it is our child").is_none() {
         let entries = fs::read_dir(&out).expect("it exists").flatten();
         let mut written = entries.map(|e| e.file_name());
@@ -227,7 +225,7 @@ fn sigkill_while_writing_tears_no_file() {
         let whole = same(&torn[&name], &old[&name]) || same(&torn[&name], &new[&name]);
         assert!(whole, "{name} is neither the old one nor the new one");
     }
-    // One more that a killed bake may have left, so that the test does not hang on the race above.
+    // One more left-over file, so that the test does not depend on the race above.
     write(out.join(".lumel-tmp-left"), "half a file");
     bake(&scene, &out, "").ok();
     assert_eq!(names(&out), outputs("cornell_box"));
@@ -241,7 +239,7 @@ fn comparable_if_report(bytes: &[u8]) -> Value {
     v
 }
 
-/// As a kill between two renames leaves it.
+/// The state after a kill between two renames.
 #[test]
 fn files_of_two_bakes_in_a_folder_are_told_apart() {
     let folder = temp();
@@ -256,18 +254,18 @@ fn files_of_two_bakes_in_a_folder_are_told_apart() {
     write(out.join(json), &old[json]);
     let told = report().stderr;
     assert!(
-        told.contains("warning: not of the bake that") && told.contains(exr),
+        told.contains("warning: these files do not match") && told.contains(exr),
         "{told}"
     );
     let page = fs::read_to_string(out.join("cornell_box.report.html")).expect("written");
-    assert!(page.contains("not of the bake that"));
-    // A report that was touched tells nothing any more.
+    assert!(page.contains("these files do not match"));
+    // A report that was changed is not trusted.
     let mut bytes = old[json].clone();
     bytes.push(b' ');
     write(out.join(json), bytes);
     let told = report().stderr;
     assert!(
-        told.contains("cornell_box.report.json is not as it was written"),
+        told.contains("cornell_box.report.json was changed after the bake"),
         "{told}"
     );
 }

@@ -1,4 +1,4 @@
-//! The library as a program uses it: memory in and out, threads, tokens, errors by type.
+//! The library as a program uses it: input and output in memory, threads, tokens, typed errors.
 
 use std::io;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -34,15 +34,14 @@ fn baker<'a>() -> Baker<'a> {
     Baker::new().quality(Quality::Draft).texels_per_unit(8.0)
 }
 
-/// All files of a bake but the report, whose times differ; its record of contents stands for the
-/// rest of it.
+/// All files of a bake except the report, whose times differ; its record of contents stands for it.
 fn files(bake: &Bake) -> (Vec<(String, Vec<u8>)>, String) {
     let (mut files, report) = bake.files().expect("files");
     files.pop();
     (files, report.content.key)
 }
 
-/// The .glb as a .gltf beside its buffer, which has a blank in its name.
+/// The .glb as a .gltf with a separate buffer whose name contains a space.
 fn taken_apart(glb: &[u8]) -> (Vec<u8>, Vec<u8>) {
     let word =
         |at: usize| u32::from_le_bytes([glb[at], glb[at + 1], glb[at + 2], glb[at + 3]]) as usize;
@@ -63,13 +62,13 @@ fn memory_and_disk_give_the_same_bytes() {
     let document = MemoryDocument::new("level.glb", glb.clone());
     let bake = baker().bake(&document).expect("baked");
     assert_eq!(files(&bake), from_disk);
-    // Nothing on disk was read, so nothing is there to depend on.
+    // Nothing was read from disk, so there is nothing to depend on.
     assert!(
         bake.input_paths(&Default::default(), &Default::default())
             .is_empty()
     );
 
-    // The single results are those of `files`.
+    // The single results equal those of `files`.
     let (files, _) = &from_disk;
     let named = |end: &str| {
         &files
@@ -108,7 +107,7 @@ fn linked_files_come_from_a_folder_or_a_resolver() {
     });
     assert_eq!(files(&baker().bake(&resolved).expect("baked")), from_disk);
 
-    // Without either, the error names the file and what asks for it.
+    // Without either, the error names the file and who references it.
     let error = baker().bake(&document()).expect_err("no buffer");
     assert_eq!(error.exit_code(), 2);
     let text = error.to_string();
@@ -161,7 +160,7 @@ fn progress_counts_to_its_end() {
     baker.bake(&document).expect("baked");
     drop(baker);
     assert!(shares > 0 && residuals > 0);
-    // One thread counts in order, so the last word about a phase is that it is done.
+    // A single thread counts in order, so the last report of a phase says that it is done.
     assert_eq!(last.and_then(|p| p.share()), Some(1.0), "{last:?}");
 }
 
@@ -170,7 +169,7 @@ fn a_token_stops_all_bakes_that_have_it() {
     let document = scene().finish("level.glb");
     let token = CancelToken::new();
     let other = CancelToken::new();
-    // Stopped from within: at the first word about the solve.
+    // Cancelled from within, at the first report of the solve.
     let from_within = baker().cancel_token(&token).on_progress(|p| {
         if p.phase == Phase::Solve {
             token.cancel();
@@ -225,7 +224,8 @@ fn an_estimate_is_near_the_bake() {
         + report.solve.shadow_rays
         + report.gather.light.lumel_rays
         + report.gather.vertices.expect("vertices were baked").rays;
-    // What --dry-run promises. Its time hangs on what else the machine does, its rays do not.
+    // The accuracy promised for --dry-run. Time depends on the machine's load, the number of rays
+    // does not.
     let ratio = rays as f64 / estimate.rays;
     let within = 1.0 / lumel::ESTIMATE_FACTOR..lumel::ESTIMATE_FACTOR;
     assert!(
@@ -238,8 +238,7 @@ fn an_estimate_is_near_the_bake() {
 
 #[test]
 fn vertex_colours_are_there_for_all_that_receives_light() {
-    // A sun of 2 lx straight down: E = 2 everywhere on an open floor, in the lightmap and at
-    // vertices.
+    // A sun of 2 lx straight down: E = 2 everywhere on an open floor, in lumels and vertices.
     let mut empty = SceneBuilder::new();
     let material = empty.material(
         "black",
@@ -279,7 +278,7 @@ fn vertex_colours_are_there_for_all_that_receives_light() {
     );
     for l in &lit {
         assert_eq!((l.mesh, l.primitive, l.irradiance.len()), (0, 0, 4));
-        // The sun is exact up to f32 rounding of the fit.
+        // The sun is exact up to the f32 rounding of the fit.
         assert!(
             l.irradiance
                 .iter()

@@ -1,5 +1,5 @@
-//! Tests of the library and of the real binary, in one program: linking is what costs, and each
-//! file of its own would be linked with everything below it once more.
+//! Tests of the library and of the real binary as one program, because linking each file separately
+//! takes most of the time.
 
 mod browser;
 mod cache;

@@ -1,4 +1,4 @@
-//! The real binary as a step of a build: unchanged inputs, dependency files, ninja and make.
+//! The real binary as a build step: unchanged inputs, dependency files, ninja and make.
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
@@ -11,11 +11,11 @@ use crate::common::{Run, bake, comparable, files, lumel, names, outputs, parse, 
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// A document of one textured triangle: buffer, texture and a normal map that light does not need,
-/// each in a file of its own.
+/// A document of one textured triangle. Buffer, texture and a normal map that light does not need
+/// are separate files.
 fn textured(folder: &Path) -> PathBuf {
     let floats: Vec<u8> = [
-        0f32, 0., 0., 1., 0., 0., 0., 0., -1., // positions
+        0f32, 0., 0., 1., 0., 0., 0., 0., -1., // Positions.
         0., 0., 1., 0., 0., 1., // TEXCOORD_0
     ]
     .iter()
@@ -47,7 +47,7 @@ fn textured(folder: &Path) -> PathBuf {
     write(folder.join("level.gltf"), document.to_string())
 }
 
-/// A PNG of one colour, 1 × 1.
+/// A 1 × 1 PNG of one colour.
 fn png(rgb: [u8; 3]) -> Vec<u8> {
     let mut out = std::io::Cursor::new(Vec::new());
     let picture = image::RgbImage::from_pixel(1, 1, image::Rgb(rgb));
@@ -82,7 +82,7 @@ impl Level {
         )
     }
 
-    /// Whether a bake with these options finds that there is nothing to do.
+    /// Whether a bake with these options finds everything up to date.
     #[track_caller]
     fn skips(&self, options: &str) -> bool {
         let run = self.bake(&format!("--skip-if-unchanged {options}")).ok();
@@ -93,7 +93,7 @@ impl Level {
     }
 }
 
-/// Gives a file a time of change long ago, and says which.
+/// Sets a file's modification time far back, and returns it.
 fn age(path: &Path) -> SystemTime {
     let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000);
     let file = File::options().write(true).open(path).expect("it exists");
@@ -118,7 +118,7 @@ fn an_unchanged_bake_is_skipped_and_touches_nothing() {
         .map(|n| age(&level.path("out").join(n)))
         .collect();
     assert!(level.skips(""));
-    // By content, not by time.
+    // Times change, contents do not.
     for name in ["level.gltf", "level.bin", "a wall.png"] {
         let bytes = fs::read(level.path(name)).expect("it exists");
         write(level.path(name), bytes);
@@ -146,7 +146,7 @@ fn every_changed_input_is_noticed() {
     level.bake("").ok();
     for (name, bytes) in [
         ("a wall.png", png([1, 2, 3])),
-        // Not needed for light, but embedded in the results.
+        // Light does not need it, but the results embed it.
         ("normal.png", png([3, 2, 1])),
     ] {
         write(level.path(name), bytes);
@@ -161,8 +161,8 @@ fn every_changed_input_is_noticed() {
     write(level.scene.clone(), scene.replace("true", "false"));
     assert!(!level.skips(""));
     assert!(level.skips(""));
-    // A texture that goes away is an error of the bake, not of the check; one that light does not
-    // need is a warning.
+    // A missing texture is an error of the bake, not of the check; one that light does not need is
+    // a warning.
     fs::remove_file(level.path("normal.png")).expect("removed");
     assert!(!level.skips(""));
     assert!(level.skips(""), "what was not there still is not");
@@ -194,10 +194,10 @@ fn every_changed_setting_is_noticed() {
     assert!(with_sky().contains("baked"));
 }
 
-/// A Radiance picture of 2 × 1 pixels, uncompressed, with `x` as mantissas.
+/// A Radiance image of 2 × 1 pixels, uncompressed, with `x` as mantissas.
 fn hdr(x: u8) -> Vec<u8> {
     let mut out = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
-    // Small mantissas would be markers of runs.
+    // Small mantissas would be run-length markers.
     let m = 100 + x;
     out.extend([m, m, m, 128, m, m, m, 128]);
     out
@@ -243,7 +243,7 @@ fn a_bake_leaves_files_alone_that_stay_the_same() {
     let map = out.join("level.lightmap.exr");
     let vertex = out.join("level.vertex.glb");
     let old = [age(&map), age(&vertex)];
-    // Another value of a setting that does not bear on anything here.
+    // A setting that has no effect on this scene.
     level.bake("--max-reflectance 0.97").ok();
     assert_eq!([modified(&map), modified(&vertex)], old);
     level.bake("--sky-intensity 2").ok();
@@ -268,7 +268,7 @@ fn skipping_gives_the_exit_code_and_files_of_a_bake() {
         .iter()
         .map(|n| fs::read(extra(n)).expect("made"))
         .collect();
-    // The report's copy and the dependency file follow from the report; the picture does not.
+    // The report's copy and the dependency file are rewritten; the picture must be baked again.
     for name in ["r.json", "d.d"] {
         fs::remove_file(extra(name)).expect("removed");
         assert!(level.skips(&options), "{name}");
@@ -301,7 +301,7 @@ fn the_record_names_all_that_was_read_and_no_folder() {
     let mut sorted = recorded.clone();
     sorted.sort_unstable();
     assert_eq!(sorted, expected);
-    // The same from another folder.
+    // The same scene in another folder.
     let other = Level::new();
     other.bake("").ok();
     let again = parse(&files(&other.path("out"))["level.report.json"]);
@@ -329,7 +329,7 @@ fn a_depfile_names_targets_and_inputs() {
     assert!(text.starts_with("stamp:"), "{text}");
     level
         .bake(&format!("-q --depfile {}", level.scene.display()))
-        .fails(1, &["already an input"]);
+        .fails(1, &["also an input"]);
 }
 
 #[test]
@@ -365,7 +365,7 @@ fn settings_beside_the_scene_are_found_and_options_go_before_them() {
         (&s["max_reflectance"], &s["value"]),
         (&json!(0.25), &json!("radiance"))
     );
-    // An edit of the file is noticed, and it is among the dependencies.
+    // An edited settings file is noticed, and is a dependency.
     let depfile = level.path("d");
     let options = format!("--depfile {}", depfile.display());
     assert!(!level.skips(&options));
@@ -404,7 +404,7 @@ fn wrong_settings_are_3_and_say_where() {
         .fails(2, &["missing.toml"]);
 }
 
-/// Runs a build program in the level's folder, and returns what it printed.
+/// Runs a build tool in the level's folder, and returns its output.
 #[track_caller]
 fn build(program: &str, level: &Level) -> String {
     let out = Command::new(program)
@@ -428,7 +428,7 @@ fn is_installed(program: &str) -> bool {
     there
 }
 
-/// An example of docs/pipeline.md, with this binary in the place of `lumel`.
+/// An example of the documentation with this binary in place of `lumel`.
 fn example(language: &str) -> String {
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/pipeline.md");
     let page = fs::read_to_string(page).expect("the page exists");
@@ -442,8 +442,8 @@ fn example(language: &str) -> String {
     )
 }
 
-/// Touches a texture, edits one, deletes an output, and does nothing; `again` says whether the
-/// build ran the command.
+/// Touches a texture, edits one and deletes an output; `again` says whether the build tool ran the
+/// command.
 fn rebuilds_what_it_must(program: &str, level: &Level) {
     let ran = |text: &str| text.contains("baked level.gltf") || text.contains("unchanged: ");
     let out = level.path("out");
@@ -457,7 +457,7 @@ fn rebuilds_what_it_must(program: &str, level: &Level) {
     );
     let text = build(program, level);
     assert!(!ran(&text), "nothing changed: {text}");
-    // A second is what file systems and these programs tell apart for sure.
+    // File systems and build tools reliably distinguish one second.
     std::thread::sleep(Duration::from_millis(1100));
     let texture = level.path("a wall.png");
     let bytes = fs::read(&texture).expect("it exists");

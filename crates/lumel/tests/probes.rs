@@ -1,18 +1,18 @@
-//! Light probes through the real binary: `--probes`, its file, and what is refused.
+//! Light probes with the real binary: `--probes`, the output file, and refused inputs.
 
 use std::fs;
 
 use crate::common::{asset, bake, comparable, files, lumel, names, outputs, parse, temp, write};
 use serde_json::{Value, json};
 
-/// Nine coefficients of a radiance that is the same from everywhere.
+/// Nine coefficients of a constant radiance.
 fn constant(radiance: f64) -> Vec<f64> {
     let mut c = vec![0.0; 9];
     c[0] = radiance * (4.0 * std::f64::consts::PI).sqrt();
     c
 }
 
-/// Red of a probe's coefficients.
+/// The red channel of a probe's coefficients.
 #[track_caller]
 fn red(probe: &Value) -> Vec<f64> {
     let sh = probe["sh"].as_array().expect("coefficients");
@@ -52,15 +52,15 @@ fn points_of_a_file_come_back_with_light_in_their_order() {
     {
         assert_eq!(p["position"], *at);
     }
-    // The furnace: L = L_e/(1 − ρ) with L_e = 1 and ρ = ½. The solve
-    // stops where 1e-4 of the light is left to distribute.
+    // In the furnace L = L_e/(1 − ρ) with L_e = 1 and ρ = ½. The solve stops when 1e-4 of the light
+    // is undistributed.
     for p in &probes[..2] {
         assert_eq!(p["valid"], json!(true));
         for (x, y) in red(p).iter().zip(constant(2.0)) {
             assert!((x - y).abs() < 1e-4 * constant(2.0)[0], "{p}");
         }
     }
-    // From outside, a room of single-sided faces is nothing but backs.
+    // Outside a room of single-sided faces, a probe sees only backfaces.
     assert_eq!(probes[2]["valid"], json!(false));
     let report = parse(&got["furnace_cube_50.report.json"]);
     let r = &report["probes"];
@@ -126,7 +126,7 @@ fn lists_that_are_none_are_3_and_missing_ones_2() {
         ("[[0, 0]]", &["[0]", "a list of 2", "three numbers"]),
         ("{}", &["points: found nothing"]),
         ("[]", &["0 points"]),
-        ("{\"points\": [", &["no JSON", "line 1"]),
+        ("{\"points\": [", &["invalid JSON", "line 1"]),
     ] {
         let list = write(t.path().join("list.json"), text);
         let option = format!("-q --probes {}", list.display());

@@ -1,15 +1,15 @@
-//! Sources of light by name, through the real binary: `--light`, `--exclude-light`, `--group`,
-//! `--sun`, and what `inspect` and the report say of them.
+//! Light sources by name with the real binary: `--light`, `--exclude-light`, `--group`, `--sun`,
+//! and their lists in `inspect` and the report.
 
 use std::path::Path;
 
 use crate::common::{asset, bake, files, lumel, parse, temp, write};
 use serde_json::{Value, json};
 
-/// (−4 0 4), (4 0 4), (4 0 −4): a floor's half, as base64, seen from above.
+/// Half a floor that faces up, as base64: (−4 0 4), (4 0 4), (4 0 −4).
 const FLOOR: &str = "AACAwAAAAAAAAIBAAACAQAAAAAAAAIBAAACAQAAAAAAAAIDA";
 
-/// A grey triangle under two lamps of one name, a third, and a small glowing triangle that hangs
+/// A grey triangle under two lamps with the same name, a third lamp and a small emissive triangle
 /// above it.
 fn level() -> Value {
     let lamp = |name: &str, light: u32, x: f32| {
@@ -43,7 +43,7 @@ fn level() -> Value {
     })
 }
 
-/// The report of a bake of [`level`] with `options`, which hold no spaces of their own.
+/// The report of a bake of [`level`] with `options`, which are separated by spaces.
 #[track_caller]
 fn report(folder: &Path, options: &str) -> Value {
     let scene = write(folder.join("level.gltf"), level().to_string());
@@ -52,7 +52,7 @@ fn report(folder: &Path, options: &str) -> Value {
     parse(&files(&out)["level.report.json"])
 }
 
-/// Mean of R over the lightmap, by channel.
+/// Mean of each channel of R over the lightmap.
 fn mean(report: &Value) -> [f64; 3] {
     [0, 1, 2].map(|i| {
         let x = report["gather"]["mean"][i].as_f64();
@@ -98,7 +98,7 @@ fn lights_are_dimmed_by_name() {
         "--light *=0 --light fill*=2 --exclude-light neon",
     ));
     for c in 0..3 {
-        // Every step is linear in the light, and a half is exact in binary.
+        // Every step is linear in the light, and halving is exact in binary.
         assert!(
             (half[c] - 0.5 * all[c]).abs() <= 1e-6 * all[c],
             "{half:?} {all:?}"
@@ -106,8 +106,7 @@ fn lights_are_dimmed_by_name() {
         assert_eq!(dark[c], 0.0);
     }
     assert!(fill[0] == 0.0 && fill[1] == 0.0, "{fill:?}");
-    // The fill light is the only one with more blue than green, and its bounce is what it adds to
-    // either.
+    // Only the fill light has more blue than green, and its bounce adds equally to both.
     let blue = all[2] - all[1];
     assert!((fill[2] / blue - 2.0).abs() < 0.02, "{fill:?} {all:?}");
 }

@@ -1,5 +1,5 @@
-//! `--no-vertex-colors` by the real binary: the lightmap keeps every byte, and nothing is left that
-//! could be taken for light at vertices.
+//! `--no-vertex-colors` with the real binary: the lightmap keeps every byte, and no outdated vertex
+//! light remains.
 
 use crate::common::{asset, bake, files, lumel, names, outputs, parse, temp, write};
 use serde_json::{Value, json};
@@ -53,7 +53,7 @@ fn how_close_colours_of_nothing_are_is_wrong_usage() {
     config("vertex-colors = false\nvertex-error = 0.1");
     bake(&scene, &out, "").fails(1, &["0.1", "vertex-colors = false"]);
     assert!(!out.exists());
-    // Options go before the file.
+    // Options override the file.
     let settings = |options: &str| {
         bake(&scene, &out, options).ok();
         let mut report = parse(&files(&out)["box.report.json"]);
@@ -74,7 +74,7 @@ fn how_close_colours_of_nothing_are_is_wrong_usage() {
 fn colours_of_an_earlier_bake_go_and_those_of_others_stay() {
     let t = temp();
     let (scene, name) = (asset("cornell_box.glb"), "cornell_box.vertex.glb");
-    // No report says whose this is.
+    // No report lists this file as written.
     write(t.path().join(name), b"mine");
     bake(&scene, t.path(), OUT).ok();
     assert_eq!(files(t.path())[name], b"mine");

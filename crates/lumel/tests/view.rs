@@ -1,5 +1,4 @@
-//! `lumel view` and `lumel report` as commands: what they print, serve and write, and how they
-//! fail.
+//! The commands `lumel view` and `lumel report`: output, served files and failures.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -7,7 +6,7 @@ use std::process::Stdio;
 
 use crate::common::{asset, bake, command, files, lumel, names, outputs, temp};
 
-/// Status line, headers and body of a request made by hand.
+/// Sends a handwritten request; returns status line and headers, and body.
 fn request(address: &str, text: &str) -> (String, Vec<u8>) {
     let mut stream = TcpStream::connect(address).expect("the server listens");
     stream.write_all(text.as_bytes()).expect("it reads");
@@ -76,7 +75,7 @@ fn view_prints_its_address_and_serves_the_bake() {
         head.contains("\r\nConnection: close\r\n") && body.is_empty(),
         "{head}"
     );
-    // A body that nobody reads must not cost the answer.
+    // An unread request body must not cost the answer.
     let text = format!("POST / HTTP/1.1\r\nHost: {address}\r\nContent-Length: 65536\r\n\r\n");
     let (head, _) = request(&address, &(text + &"x".repeat(65536)));
     assert!(
@@ -93,8 +92,8 @@ fn view_prints_its_address_and_serves_the_bake() {
         let (head, _) = request(&address, &text);
         assert!(head.starts_with(&format!("HTTP/1.1 {status} ")), "{head}");
     }
-    // Browsers open connections ahead: however many say nothing, or half of something, others are
-    // answered.
+    // Idle connections, which browsers open in advance, and half-finished requests must not block
+    // others.
     let mut idle: Vec<TcpStream> = (0..100)
         .map(|_| TcpStream::connect(&address).expect("the server listens"))
         .collect();
@@ -105,7 +104,7 @@ fn view_prints_its_address_and_serves_the_bake() {
     for _ in 0..20 {
         assert!(get("/", &address, "").0.starts_with("HTTP/1.1 200"));
     }
-    // Idle ones end after 20 s; waiting for one would take that long.
+    // Idle connections end after 20 s; waiting for one would take that long.
     let took = start.elapsed();
     assert!(took < std::time::Duration::from_secs(10), "{took:?}");
     drop(idle);

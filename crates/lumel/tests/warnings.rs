@@ -1,4 +1,4 @@
-//! Warnings of the real binary: they name nodes and say what to do.
+//! Warnings of the real binary name the nodes and what to do.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,10 @@ use serde_json::{Value, json};
 
 use crate::common::{Run, bake, lumel, temp};
 
-/// A closed box about the origin by its half-sizes, with a name.
+/// A closed box about the origin: name and half-sizes.
 type Named<'a> = (&'a str, [f32; 3]);
 
-/// Writes boxes, a mesh each, and a lamp above them if `lit`.
+/// Writes boxes, one mesh each, and a lamp above them if `lit`.
 fn boxes(folder: &Path, boxes: &[Named], lit: bool) -> PathBuf {
     let corners: Vec<[f32; 3]> = (0..8u32)
         .map(|i| [0, 1, 2].map(|axis| (i >> axis & 1) as f32 * 2.0 - 1.0))
@@ -61,8 +61,8 @@ fn boxes(folder: &Path, boxes: &[Named], lit: bool) -> PathBuf {
     path
 }
 
-/// The warnings of a bake, after it has gone well; `inspect` finds those that geometry tells, word
-/// for word.
+/// The warnings of a successful bake; asserts that `inspect` gives the same warnings about
+/// geometry.
 fn warnings(parts: &[Named], lit: bool, options: &str) -> (Run, Vec<String>) {
     let t = temp();
     let scene = boxes(t.path(), parts, lit);
@@ -78,13 +78,16 @@ fn warnings(parts: &[Named], lit: bool, options: &str) -> (Run, Vec<String>) {
     let mut a = vec!["inspect".to_string(), scene.display().to_string()];
     a.extend(options.split_whitespace().map(String::from));
     let inspected = lumel(a).ok().stdout;
-    for w in list.iter().filter(|w| !w.contains("lumels lie inside")) {
+    for w in list
+        .iter()
+        .filter(|w| !w.contains("lumels are inside geometry"))
+    {
         assert!(inspected.contains(w.as_str()), "{w}\n{inspected}");
     }
     (run, list)
 }
 
-/// The one warning that holds `words`, which in turn holds each of `names`.
+/// The only warning that contains `words`; asserts that it contains each of `names`.
 #[track_caller]
 fn one<'w>(list: &'w [String], words: &str, names: &[&str]) -> &'w str {
     let mut found = list.iter().filter(|w| w.contains(words));
@@ -120,8 +123,7 @@ fn levels_that_nobody_told_are_named() {
         !list.iter().any(|w| w.contains("wholly inside")),
         "{list:?}"
     );
-    // Told by name they are as they should be, and where names do not count, the artist has said
-    // that they are no levels.
+    // Marked levels are fine. With `--no-lods` the user has said that names mean nothing.
     let told = [
         ("a_LOD0", [1.0; 3]),
         ("a_LOD1", [0.97; 3]),
@@ -139,7 +141,7 @@ fn levels_that_nobody_told_are_named() {
     assert!(!run.stderr.contains("levels of detail"), "{}", run.stderr);
     one(
         &list,
-        "wholly inside closed bodies",
+        "completely inside closed bodies",
         &["\"a_LOD0\"", "\"a_LOD1\""],
     );
 }
@@ -162,14 +164,14 @@ fn what_coincides_and_what_lies_inside_is_named() {
     let (_, list) = warnings(&parts, true, "");
     let w = one(
         &list,
-        "wholly inside closed bodies",
+        "completely inside closed bodies",
         &["\"doll0\"", "\"doll4\" and 2 more"],
     );
     assert!(w.starts_with("7 nodes lie") && !w.contains("doll5"), "{w}");
-    // Their lumels are dark, which the bake finds too, node by node.
+    // Their lumels are dark, which the bake reports too.
     one(
         &list,
-        "lumels lie inside or behind",
+        "lumels are inside geometry or behind",
         &["\"doll0\" (100 % of"],
     );
 }
@@ -189,7 +191,7 @@ fn a_black_bake_is_told_before_it_and_once() {
         .count();
     assert_eq!(count, 1, "{lines:?}");
     assert!(
-        !list.iter().any(|w| w.contains("no light reaches")),
+        !list.iter().any(|w| w.contains("the lightmap is black")),
         "{list:?}"
     );
 }

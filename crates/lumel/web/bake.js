@@ -1,7 +1,7 @@
-// What the server tells about a bake, and its planes of texels.
+// What the server knows about a bake, and its planes of texels.
 import { ClampToEdgeWrapping, DataTexture, DataUtils, HalfFloatType, LinearFilter, LinearSRGBColorSpace, RGBAFormat } from 'three';
 
-/** Layers that a bake may have, in the panel's order: name of the channels, what it is, the option that writes it. */
+/** Optional layers in the panel's order: channel name, title, kind, and the option that writes it. */
 export const LAYERS = [
   { name: 'direct', title: 'Direct', kind: 'light', option: '--layers direct' },
   { name: 'indirect', title: 'Indirect', kind: 'light', option: '--layers indirect' },
@@ -24,12 +24,12 @@ async function ask(url) {
   return response;
 }
 
-/** A finished bake: manifest, report, and textures as they are asked for. */
+/** A finished bake: manifest, report, and textures loaded on demand. */
 export class Bake {
   static async open(name) {
     const query = `bake=${encodeURIComponent(name)}`;
     const manifest = await (await ask(`/api/manifest?${query}`)).json();
-    // A bake without its report can be looked at all the same.
+    // A bake without a report can still be shown.
     const report = await ask(`/api/report?${query}`).then((r) => r.json(), () => undefined);
     return new Bake(name, manifest, report);
   }
@@ -38,7 +38,8 @@ export class Bake {
     Object.assign(this, { name, manifest, report, planes: new Map() });
     this.layers = new Set((manifest.channels ?? []).map((c) => c.slice(0, c.lastIndexOf('.'))));
     this.groups = (manifest.groups ?? []).map((g) => g.name);
-    // Stored value → radiance of a white surface, or of the surface itself where the lightmap holds that.
+    // Factor from the stored value to the radiance of a white surface (of the surface itself if the
+    // lightmap holds radiosity).
     this.outgoing = manifest.value === 'radiosity';
     this.factor = manifest.value === 'irradiance' ? 1 / Math.PI : 1;
   }
@@ -47,7 +48,7 @@ export class Bake {
     return `/files/${encodeURIComponent(this.manifest.scene)}`;
   }
 
-  /** A layer ('' for the light itself) of a page, of a group if one is named: texture with its halves, row 0 at v = 0. */
+  /** A layer ('' for the light) of a page, optionally of a group: a half-float texture, row 0 at v = 0. */
   plane(page, layer = '', group = undefined) {
     const key = JSON.stringify([page, layer, group]);
     if (!this.planes.has(key)) this.planes.set(key, this.load(page, layer, group));
@@ -85,8 +86,8 @@ export function luminance([r, g, b]) {
 }
 
 /**
- * Exposure and white point from the lightmap, as the picture of `lumel bake --preview` has them: the log-average of the middle nine
- * tenths becomes middle grey, the 99th percentile white (Reinhard et al. 2002).
+ * Exposure and white point from the lightmap, as in `lumel bake --preview`: the log-average of the
+ * middle 90 % becomes middle grey, the 99th percentile white (Reinhard et al. 2002).
  */
 export function measure(planes, factor) {
   const samples = [];
@@ -107,7 +108,7 @@ export function measure(planes, factor) {
   const middle = samples.slice(cut, Math.max(samples.length - cut, cut + 1));
   const floor = at(0.9) * 1e-3;
   const log = middle.reduce((sum, l) => sum + Math.log(Math.max(l, floor)), 0) / middle.length;
-  // Albedos of a half and less stand between the lightmap and the picture.
+  // Twice the exposure, because typical albedos are about a half.
   const exposure = (0.18 / Math.exp(log)) * 2;
   const mean = samples.reduce((a, b) => a + b, 0) / samples.length;
   return { exposure, white: Math.min(16, Math.max(0.3, at(0.99) * exposure * 0.5)), mean };

@@ -1,4 +1,4 @@
-// Orbit and walk.
+// Orbit and walk controls.
 import { Euler, Vector3 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
@@ -8,7 +8,7 @@ const MOVES = {
   Space: [0, 1, 0], KeyC: [0, -1, 0],
 };
 
-/** Radians a pixel while looking around. */
+/** Radians per pixel while looking around. */
 const TURN = 0.004;
 
 export class Controls {
@@ -26,11 +26,11 @@ export class Controls {
     canvas.addEventListener('pointermove', (e) => {
       if (this.mode === 'walk' && e.buttons !== 0) this.turn(e.movementX, e.movementY);
     });
-    // A window that loses the keyboard never sees the key go up.
+    // A window that loses focus gets no keyup events.
     window.addEventListener('blur', () => this.held.clear());
   }
 
-  /** Where the camera looks: orbits turn about it. */
+  /** The centre of orbits. */
   get target() {
     return this.orbit.target;
   }
@@ -39,7 +39,7 @@ export class Controls {
     this.mode = mode;
     this.orbit.enabled = mode === 'orbit';
     if (mode === 'orbit') {
-      // Orbiting goes on from where the walk ended, about a point straight ahead.
+      // Orbiting continues from the walk's position, about a point straight ahead.
       const ahead = new Vector3(0, 0, -1).applyQuaternion(this.stage.camera.quaternion);
       const distance = Math.min(this.target.distanceTo(this.stage.camera.position), 0.3 * this.stage.extent);
       this.lookAt(this.stage.camera.position.clone().addScaledVector(ahead, distance || 1));
@@ -47,7 +47,7 @@ export class Controls {
     this.held.clear();
   }
 
-  /** Orbits about `point` from now on. */
+  /** Makes `point` the centre of orbits. */
   lookAt(point) {
     this.target.copy(point);
     this.orbit.minDistance = 1e-4 * this.stage.extent;
@@ -71,7 +71,7 @@ export class Controls {
     this.moved();
   }
 
-  /** Takes a key of the walk; false for others. */
+  /** Handles a key of the walk mode; false for other keys. */
   key(event, down) {
     this.fast = event.shiftKey;
     if (this.mode !== 'walk' || !(event.code in MOVES)) return false;
@@ -80,7 +80,7 @@ export class Controls {
     return true;
   }
 
-  /** Walks for `seconds`. */
+  /** Moves the camera for a frame of `seconds`. */
   step(seconds) {
     if (this.mode !== 'walk' || this.held.size === 0) return;
     const { camera } = this.stage;
@@ -91,7 +91,7 @@ export class Controls {
       way.add(new Vector3(x, 0, z));
       rise += y;
     }
-    // A walk through a level of 30 m takes some ten seconds.
+    // Crossing a level of 30 m takes about ten seconds.
     const length = 0.06 * this.stage.extent * this.speed * (this.fast ? 4 : 1) * Math.min(seconds, 0.1);
     camera.position.addScaledVector(way.applyQuaternion(camera.quaternion).normalize(), way.lengthSq() > 0 ? length : 0);
     camera.position.y += Math.sign(rise) * length;

@@ -1,10 +1,10 @@
-// Which light is on the pages: a plane of the bake, or groups added up on the graphics card.
+// The light on the pages: a plane of the bake, or groups summed on the GPU.
 import {
   AddEquation, ClampToEdgeWrapping, CustomBlending, HalfFloatType, LinearFilter, Mesh, NoBlending, OneFactor, OrthographicCamera,
   PlaneGeometry, RGBAFormat, Scene, ShaderMaterial, WebGLRenderTarget,
 } from 'three';
 
-/** Adds up groups of light, each times a factor, into one texture per page. */
+/** Sums light groups, each with a factor, into one texture per page. */
 export class Mixer {
   constructor(renderer) {
     this.renderer = renderer;
@@ -12,7 +12,7 @@ export class Mixer {
     this.camera = new OrthographicCamera(-1, 1, 1, -1, 0, 1);
     this.material = new ShaderMaterial({
       uniforms: { plane: { value: null }, factor: { value: 1 } },
-      // uv as it is: row 0 of the planes becomes row 0 of the sum.
+      // uv without a flip, so row 0 of the planes becomes row 0 of the sum.
       vertexShader: 'varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }',
       fragmentShader:
         'uniform sampler2D plane; uniform float factor; varying vec2 at; void main() { gl_FragColor = vec4(texture2D(plane, at).rgb * factor, 1.0); }',
@@ -49,7 +49,7 @@ export class Mixer {
     terms.forEach(([plane, factor], i) => {
       this.material.uniforms.plane.value = plane;
       this.material.uniforms.factor.value = factor;
-      // The first replaces what was there.
+      // The first term overwrites, the others add.
       this.material.blending = i === 0 ? NoBlending : CustomBlending;
       this.material.needsUpdate = true;
       this.renderer.render(this.scene, this.camera);
@@ -65,7 +65,7 @@ export class Mixer {
   }
 }
 
-/** Puts the light that `state` asks for, and what its view needs beside it, on all pages. */
+/** Binds the light that `state` selects, and the data of its view, to all pages. */
 export async function applyLight(bake, pages, mixer, state, view) {
   await Promise.all(
     pages.map(async (uniforms, page) => {

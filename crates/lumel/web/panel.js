@@ -1,10 +1,10 @@
-// The panel beside the level: switches, the report's figures, and what this bake does not have.
+// The side panel: switches, figures of the report, and what this bake does not contain.
 import { ERROR_RANGE, HEAT, VIEW } from './shading.js';
 import { LAYERS } from './bake.js';
 
 export const $ = (id) => document.getElementById(id);
 
-/** An element with text; never HTML, since names in reports are other people's. */
+/** An element with text, never HTML, because names in reports are untrusted. */
 export function element(tag, text, attributes = {}) {
   const e = document.createElement(tag);
   if (text !== undefined) e.textContent = text;
@@ -12,10 +12,10 @@ export function element(tag, text, attributes = {}) {
   return e;
 }
 
-/** All that can be shown: name in the address, title, uniform, layer needed. */
+/** All views: name in the URL, title, uniform, required layer. */
 export const VIEWS = [
   { name: 'lit', title: 'Level', view: VIEW.lit },
-  { name: 'light', title: 'Light alone', view: VIEW.white },
+  { name: 'light', title: 'Light only', view: VIEW.white },
   { name: 'albedo', title: 'Albedo', view: VIEW.albedo },
   ...LAYERS.filter((l) => l.kind !== 'light').map((l) => ({
     name: l.name,
@@ -26,12 +26,12 @@ export const VIEWS = [
   })),
 ];
 
-/** Views of a bake, with `missing` where it lacks what they need. */
+/** Views of a bake; `missing` names the option that would add the required layer. */
 export function viewsOf(bake) {
   return VIEWS.map((v) => ({ ...v, missing: v.layer && !bake.layers.has(v.layer) ? v.option : undefined }));
 }
 
-/** Lights of a bake, likewise. */
+/** Lights of a bake, with `missing` as above. */
 export function lightsOf(bake) {
   const light = LAYERS.filter((l) => l.kind === 'light');
   return [
@@ -41,7 +41,7 @@ export function lightsOf(bake) {
   ];
 }
 
-/** Fills a group of buttons of which one is on. */
+/** Fills a group of radio buttons. */
 export function choices(parent, items, current, choose) {
   parent.replaceChildren(
     ...items.map((item, i) => {
@@ -58,7 +58,7 @@ export function choices(parent, items, current, choose) {
   );
 }
 
-/** A slider for each group of light. */
+/** A slider for each light group. */
 export function groupSliders(parent, groups, factors, changed) {
   parent.replaceChildren(
     ...groups.map((name) => {
@@ -76,12 +76,12 @@ export function groupSliders(parent, groups, factors, changed) {
   );
 }
 
-/** The colour scale of the view, where it has one. */
+/** The colour scale of the view, if it has one. */
 export function legend(view) {
   const box = $('legend');
   box.hidden = ![VIEW.error, VIEW.share, VIEW.direction].includes(view.view);
   if (box.hidden) return;
-  const title = element('div', { [VIEW.error]: 'estimated relative error', [VIEW.direction]: 'direction of light as 0.5 + 0.5 (x, y, z)' }[view.view] ?? view.title);
+  const title = element('div', { [VIEW.error]: 'estimated relative error', [VIEW.direction]: 'dominant light direction as 0.5 + 0.5 (x, y, z)' }[view.view] ?? view.title);
   const parts = [title];
   if (view.view !== VIEW.direction) {
     const bar = element('canvas', undefined, { width: '200', height: '1' });
@@ -105,13 +105,13 @@ const count = (x) => (Number.isFinite(x) ? x.toLocaleString('en') : undefined);
 
 const millions = (x) => `${(x / 1e6).toPrecision(3)} million`;
 
-/** The report's figures. A report of another version lacks some: those rows are left out. */
+/** The report's figures. Fields that a report of another version lacks are left out. */
 export function showReport(bake) {
   const r = bake.report;
   const box = $('report');
   box.replaceChildren(element('h2', 'Report'));
   if (!r) {
-    box.append(element('p', `no ${bake.name}.report.json beside the lightmap`, { class: 'dim' }));
+    box.append(element('p', `${bake.name}.report.json not found`, { class: 'dim' }));
     return;
   }
   const { layout, solve, gather, measured, settings } = r;
@@ -125,11 +125,11 @@ export function showReport(bake) {
     ['lumels per metre', layout?.texels_per_unit],
     ['pages', layout?.pages?.map((p) => p.join(' × ')).join(', ')],
     ['charts', count(layout?.charts)],
-    ['page filled', percent(layout?.coverage)],
+    ['page coverage', percent(layout?.coverage)],
     ['patches', count(solve?.subdivision?.patches)],
     ['residual', solve?.relaxation?.residual?.toExponential(1)],
     ['energy imbalance', audit && `${percent(audit.imbalance)} (bound ${percent(audit.bound)})`],
-    ['seams, 99 % below', percent(gather?.seams?.after?.p99)],
+    ['seam difference, 99 % below', percent(gather?.seams?.after?.p99)],
     ['rays', millions((gather?.lumel_rays ?? 0) + (solve?.link_rays ?? 0) + (solve?.shadow_rays ?? 0))],
     ['time', measured?.seconds !== undefined ? `${measured.seconds.toFixed(1)} s, ${measured.threads} threads` : undefined],
     ['memory', measured?.peak_bytes ? `${Math.round(measured.peak_bytes / 2 ** 20)} MiB` : undefined],
@@ -148,7 +148,7 @@ export function showReport(bake) {
   }
 }
 
-/** What a further bake could add. */
+/** Layers that another bake could add. */
 export function showMissing(bake) {
   const missing = [...lightsOf(bake), ...viewsOf(bake)].filter((x) => x.missing);
   const box = $('missing');
@@ -167,7 +167,7 @@ export function showMissing(bake) {
     item.append(element('code', option));
     list.append(item);
   }
-  box.append(element('h2', 'Not in this bake'), element('div', 'lumel bake writes it with', { class: 'dim' }), list);
+  box.append(element('h2', 'Not in this bake'), element('div', 'lumel bake writes these layers with', { class: 'dim' }), list);
 }
 
 export function message(text, error = false) {

@@ -1,4 +1,4 @@
-// What is under the pointer, in figures.
+// Figures of the point under the pointer.
 import { Raycaster, Vector2 } from 'three';
 import { luminance, texel } from './bake.js';
 
@@ -13,7 +13,7 @@ export function pick(stage, x, y) {
 /** Rows of the readout for a hit: [label, text]. */
 export async function describe(stage, hit) {
   const rows = [['node', hit.object.userData.lumelNode || '(no name)'], ['material', hit.object.material.name || '(no name)']];
-  rows.push(['at, metres', hit.point.toArray().map((x) => x.toFixed(2)).join(', ')]);
+  rows.push(['position, m', hit.point.toArray().map((x) => x.toFixed(2)).join(', ')]);
   const place = stage.places.get(hit.object)?.place;
   if (!place || !hit.uv1) {
     rows.push(['lightmap', 'none: this node is not baked']);

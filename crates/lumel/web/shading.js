@@ -1,23 +1,23 @@
-// How surfaces are drawn: three.js's Lambertian material with the light looked up by ourselves, so that what is shown is one
-// uniform's affair and never needs another program.
+// Surface shading: three.js's Lambertian material with our own lightmap lookup. A uniform chooses
+// what is shown, so views never need another program.
 import { DoubleSide, Vector2, Vector3, Vector4 } from 'three';
 import { diffuseMaterial } from './lumel-lightmap.js';
 
 /** Values of the uniform `lumelView`. */
 export const VIEW = { lit: 0, white: 1, albedo: 2, error: 3, share: 4, direction: 5, outgoing: 6 };
 
-/** Relative error at the ends of the colour scale, as `lumel diff --picture` has it. */
+/** Relative errors at the ends of the colour scale, as in `lumel diff --picture`. */
 export const ERROR_RANGE = [0.001, 1];
 
 /** sRGB stops of that scale. */
 export const HEAT = [[0, 0, 0], [40, 40, 180], [20, 150, 140], [220, 200, 30], [255, 90, 30], [255, 255, 255]];
 
-/** Uniforms that all surfaces share. */
+/** Uniforms shared by all surfaces. */
 export function sharedUniforms() {
   return {
     lumelView: { value: VIEW.lit },
     lumelExposure: { value: 1 },
-    // 0 for the values as they are, clipped.
+    // 0 shows values unchanged and clipped.
     lumelWhitePoint: { value: 0 },
     lumelGrid: { value: 0 },
     lumelTexels: { value: 0 },
@@ -33,9 +33,9 @@ export function sharedUniforms() {
 export function pageUniforms(width, height) {
   return {
     lumelLight: { value: null },
-    // What a view shows beside the light: error, coverage, …
+    // Data that a view shows besides the light: error, coverage, …
     lumelData: { value: null },
-    // All light, which errors are held against.
+    // The total light, to which errors are relative.
     lumelAll: { value: null },
     lumelSize: { value: new Vector2(width, height) },
   };
@@ -110,7 +110,7 @@ const FRAGMENT_TAIL = `
   if (lumelGrid > 0.5) {
     vec2 cell = vLumel * lumelSize;
     vec2 wide = fwidth(cell);
-    // Squares smaller than two pixels would only flicker.
+    // Squares below two pixels would flicker.
     float seen = 1.0 - smoothstep(0.25, 0.5, max(wide.x, wide.y));
     float odd = mod(floor(cell.x) + floor(cell.y), 2.0);
     outgoingLight = mix(outgoingLight, outgoingLight * 0.45 + vec3(0.02, 0.05, 0.1), odd * seen);
@@ -124,11 +124,11 @@ const FRAGMENT_TAIL = `
 `;
 
 /**
- * A material that shows `original` by its page's light, or evenly lit where `page` is missing.
+ * A material that shows `original` lit by its page, or uniformly lit if `page` is missing.
  *
  * @param {object} shared From `sharedUniforms`.
  * @param {object} [page] From `pageUniforms`.
- * @param {object} [place] Where in the page: `offset` and `scale`.
+ * @param {object} [place] Rectangle in the page: `offset` and `scale`.
  */
 export function bakedMaterial(original, shared, page, place) {
   const material = diffuseMaterial(original);
@@ -144,7 +144,7 @@ export function bakedMaterial(original, shared, page, place) {
       .replace('void main() {', FRAGMENT_HEAD)
       .replace('#include <opaque_fragment>', FRAGMENT_TAIL);
   };
-  // Same text for all: three.js may share programs.
+  // The source is the same for all pages, so three.js may share programs.
   material.customProgramCacheKey = () => (page ? 'lumel page' : 'lumel even');
   if (material.side === DoubleSide) material.forceSinglePass = true;
   return material;

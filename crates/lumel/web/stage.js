@@ -1,4 +1,4 @@
-// The level on the canvas: loads the glTF, gives its surfaces their pages, draws when something changed.
+// The level on the canvas: loads the glTF, assigns pages to surfaces, redraws after changes.
 import {
   Box3, Color, LinearSRGBColorSpace, LoadingManager, NoToneMapping, PerspectiveCamera, Raycaster, Scene, SRGBColorSpace, Texture, Vector3, WebGLRenderer,
 } from 'three';
@@ -6,10 +6,10 @@ import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { findPlacements, removeLights } from './lumel-lightmap.js';
 import { bakedMaterial, pageUniforms, sharedUniforms } from './shading.js';
 
-/** KTX2 textures need a decoder of half a megabyte, and Lumel's own input reader has none either: such surfaces are shown white. */
+/** KTX2 textures are shown white: a decoder takes half a megabyte, and Lumel does not read them either. */
 const noKtx2 = { load: (url, done) => done(new Texture()), loadAsync: async () => new Texture(), setPath() {}, detectSupport() {} };
 
-/** The view from within a level that has no camera; all other views that no camera has are from outside. */
+/** Index of the interior view of a level without cameras; other views without a camera are from outside. */
 export const INSIDE = -2;
 
 export class Stage {
@@ -17,7 +17,7 @@ export class Stage {
     this.canvas = canvas;
     this.renderer = new WebGLRenderer({ canvas, antialias: true });
     this.renderer.outputColorSpace = SRGBColorSpace;
-    // The surfaces' own program does that, so that figures shown as colours stay as they are.
+    // The surface shader tone-maps, so that false colours stay exact.
     this.renderer.toneMapping = NoToneMapping;
     this.scene = new Scene();
     this.scene.background = new Color().setRGB(0.022, 0.027, 0.038, LinearSRGBColorSpace);
@@ -29,7 +29,7 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** Loads a bake's glTF; what was shown goes. Returns how many meshes have and lack a lightmap. */
+  /** Loads a bake's glTF in place of the current one. Returns how many meshes have and lack a lightmap. */
   async load(bake) {
     const manager = new LoadingManager();
     const loader = new GLTFLoader(manager).setKTX2Loader(noKtx2);
@@ -48,7 +48,7 @@ export class Stage {
     const materials = new Map();
     this.root.traverse((object) => {
       if (!object.isMesh) {
-        // Points and lines have no light of their own to show.
+        // Points and lines have no light.
         if (object.isLine || object.isPoints) object.visible = false;
         return;
       }
@@ -90,8 +90,8 @@ export class Stage {
   }
 
   /**
-   * Where to stand in a level without cameras: at one end of a room about its middle, or before its open side. Returns where from and
-   * where to look, or nothing where no walls stand around the middle.
+   * A viewpoint in a level without cameras: at one end of the room around its centre, or in front of
+   * its open side. Returns eye and target, or nothing if there are no walls around the centre.
    */
   findRoom() {
     if (this.box.isEmpty()) return undefined;
@@ -110,7 +110,7 @@ export class Stage {
     return { center, eye, ahead: longest.to };
   }
 
-  /** Looks from one of the file's cameras, from inside of a level without any, or at all of it. Returns the point to orbit about. */
+  /** Looks from a camera of the file, from inside, or at the whole level. Returns the centre of orbits. */
   lookFrom(index) {
     const from = this.cameras[index];
     const center = this.box.isEmpty() ? new Vector3() : this.box.getCenter(new Vector3());
@@ -137,7 +137,7 @@ export class Stage {
     return center;
   }
 
-  /** Looks at `center` from the side `from`, so near that the whole level is just seen. */
+  /** Looks at `center` from the direction `from`, at the distance where the whole level fits the canvas. */
   frame(center, from) {
     this.resize();
     const { camera } = this;
@@ -152,11 +152,11 @@ export class Stage {
       at.sub(center).applyQuaternion(turn);
       distance = Math.max(distance, at.z + Math.abs(at.x) / side, at.z + Math.abs(at.y) / up);
     }
-    // A margin of a twentieth.
+    // With a margin of 5 %.
     camera.position.copy(center).addScaledVector(from, 1.05 * distance || 1);
   }
 
-  /** Near and far planes for where the camera is. */
+  /** Sets near and far planes for the camera's position. */
   clip() {
     const away = this.box.isEmpty() ? 0 : this.box.distanceToPoint(this.camera.position);
     this.camera.near = Math.max(1e-4 * this.extent, 0.3 * away);
@@ -169,7 +169,7 @@ export class Stage {
     this.dirty = true;
   }
 
-  /** Fits the canvas to its place on the page. */
+  /** Resizes the canvas to its place on the page. */
   resize() {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
     if (width === 0 || height === 0) return;

@@ -1,4 +1,4 @@
-// lumel view: the page. State lives in `state`, is written into the address, and every change ends in `apply`.
+// The page of `lumel view`. State lives in `state` and in the URL; every change ends in `apply`.
 import { Bake, listBakes, measure } from './bake.js';
 import { Controls } from './controls.js';
 import { Mixer, applyLight } from './light.js';
@@ -6,7 +6,7 @@ import { $, choices, element, groupSliders, legend, lightsOf, message, showMissi
 import { describe, pick } from './pick.js';
 import { INSIDE, Stage } from './stage.js';
 
-/** How often the page asks whether a bake was made anew, milliseconds. */
+/** Interval of polling for new bakes, milliseconds. */
 const WATCH = 2000;
 
 const DEFAULTS = { view: 'lit', light: 'all', tone: 'film', ev: 0, grid: 0, texels: 0, glow: 1, unbaked: 1, mode: 'orbit', panel: 1 };
@@ -14,7 +14,7 @@ const state = { ...DEFAULTS, bake: undefined, cam: undefined, groups: {} };
 
 let stage, controls, mixer, bake, stamp;
 let base = { exposure: 1, white: 1, mean: 0 };
-// Only the last of several changes at once is shown.
+// Of several concurrent changes only the last is shown.
 let turn = 0;
 let applied = 0;
 let opened = 0;
@@ -36,7 +36,7 @@ function readAddress() {
   }
 }
 
-/** The address shows what is seen, so that it can be reloaded or sent to a colleague. */
+/** Stores the state in the URL, so that a view can be reloaded or sent to a colleague. */
 function writeAddress() {
   const query = new URLSearchParams();
   query.set('bake', bake.name);
@@ -45,7 +45,7 @@ function writeAddress() {
   const { camera } = stage;
   const cam = [...camera.position.toArray(), ...controls.target.toArray(), camera.fov];
   query.set('cam', cam.map((x) => Number(x.toPrecision(6))).join(','));
-  // Commas and colons need no escapes there, and read better without.
+  // Commas and colons need no escapes in the fragment and are more readable.
   history.replaceState(null, '', `#${query.toString().replaceAll('%2C', ',').replaceAll('%3A', ':')}`);
 }
 
@@ -55,7 +55,7 @@ function noteAddress() {
   pending = setTimeout(writeAddress, 250);
 }
 
-/** Brings uniforms, textures and panel in line with the state. */
+/** Updates uniforms, textures and panel from the state. */
 async function apply() {
   const mine = ++turn;
   const views = viewsOf(bake);
@@ -83,7 +83,7 @@ async function apply() {
   applied = mine;
   const u = stage.shared;
   u.lumelView.value = view.view;
-  // Linear shows the values themselves at 0 stops; soft starts from the lightmap's own brightness.
+  // Linear shows the values at 0 stops; Soft starts from the lightmap's average brightness.
   const film = state.tone !== 'linear';
   u.lumelExposure.value = (film ? base.exposure : 1) * 2 ** state.ev;
   u.lumelWhitePoint.value = film ? base.white * 2 ** state.ev : 0;
@@ -96,7 +96,7 @@ async function apply() {
   noteAddress();
 }
 
-/** Views of figures are the same in every light: who asks for one wants to see it. */
+/** Data views do not depend on the light, so choosing a light switches to a view that shows it. */
 function chooseLight(name) {
   const showsLight = state.view === 'lit' || state.view === 'light';
   return set({ light: name, view: showsLight ? state.view : 'lit' });
@@ -163,14 +163,14 @@ function firstCamera() {
 }
 
 function lookFrom(index) {
-  // It tells of a place that may be out of sight now.
+  // The picked point may be out of sight now.
   $('readout').hidden = true;
   const target = stage.lookFrom(index);
   controls.target.copy(target);
   controls.lookAt(target);
 }
 
-/** Asks for the bakes; shows a new one in place of the old. */
+/** Polls the bakes and reloads one that was baked again. */
 async function watch() {
   try {
     const { bakes } = await listBakes();
@@ -184,7 +184,8 @@ async function watch() {
       document.body.dataset.state = 'ready';
     }
   } catch (error) {
-    // The server was ended: what is loaded can still be looked at. A file half read while a bake replaces it: the next look will do.
+    // The server has ended; the loaded level can still be viewed. A file may also have been read
+    // while a bake replaced it; the next poll will read it.
     if (error instanceof TypeError) {
       document.body.dataset.state = 'lost';
     }
@@ -197,7 +198,7 @@ function listen() {
   let pressed;
   canvas.addEventListener('pointerdown', (e) => (pressed = [e.clientX, e.clientY]));
   canvas.addEventListener('click', async (e) => {
-    // The end of a drag is no click.
+    // A click that ends a drag does not pick.
     if (!pressed || Math.hypot(e.clientX - pressed[0], e.clientY - pressed[1]) > 4) return;
     const hit = pick(stage, e.offsetX, e.offsetY);
     $('readout').hidden = !hit;
@@ -235,7 +236,7 @@ function listen() {
 
 function key(e) {
   if (e.ctrlKey || e.altKey || e.metaKey || $('help').open) return;
-  // Sliders and lists keep the keys that are theirs.
+  // Sliders and lists keep their own keys.
   const own = ['INPUT', 'SELECT', 'BUTTON'].includes(document.activeElement?.tagName) && /^(Arrow|Space|Home|End|Page)/.test(e.code);
   if (own || document.activeElement?.tagName === 'SELECT') return;
   if (controls.key(e, true)) {
@@ -282,13 +283,13 @@ async function start() {
   try {
     stage = new Stage($('stage'));
   } catch {
-    throw new Error('This browser gives no WebGL 2, which the page draws with.');
+    throw new Error('This page needs WebGL 2, which this browser does not provide.');
   }
   controls = new Controls(stage, noteAddress);
   controls.mode = 'orbit';
   mixer = new Mixer(stage.renderer);
   const bakes = await listStamp();
-  if (bakes.length === 0) throw new Error('The folder holds no bake any more.');
+  if (bakes.length === 0) throw new Error('The folder no longer contains a bake.');
   const name = bakes.some((b) => b.name === state.bake) ? state.bake : bakes[0].name;
   stamp = bakes.find((b) => b.name === name).stamp;
   await open(name, false);
@@ -305,7 +306,7 @@ async function start() {
   setTimeout(watch, WATCH);
 }
 
-/** For the console, and for tests. */
+/** For the console and tests. */
 globalThis.lumel = {
   state,
   get stage() {
@@ -313,7 +314,7 @@ globalThis.lumel = {
   },
   busy: () => applied !== turn,
   opened: () => opened,
-  /** Where on the page a point of the level is. */
+  /** Projects a point of the level to the page. */
   project(x, y, z) {
     const at = stage.camera.position.clone().set(x, y, z).project(stage.camera);
     const box = stage.canvas.getBoundingClientRect();

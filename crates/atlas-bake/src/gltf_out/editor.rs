@@ -1,5 +1,5 @@
-//! A document being changed: JSON edited in place, new data appended, everything written as one
-//! .glb.
+//! Edits a document: JSON is changed in place, new data is appended, and everything is written as
+//! one .glb.
 
 use std::collections::BTreeMap;
 
@@ -16,17 +16,17 @@ const ARRAY_BUFFER: u32 = 34962;
 /// `bufferView.target` of indices.
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// The document's JSON with views and accessors that were added to it.
+/// The document's JSON with added views and accessors.
 pub(super) struct Editor<'a> {
     pub document: &'a Document,
     pub json: Map<String, Value>,
-    /// Buffer views below this are the document's own.
+    /// Number of buffer views in the original document.
     own_views: usize,
-    /// Data of the others.
+    /// Data of the added views.
     added: Vec<Vec<u8>>,
 }
 
-/// What became of the document's images and compression.
+/// What happened to the document's images and compression.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Finished {
     pub images_embedded: u64,
@@ -41,7 +41,7 @@ impl<'a> Editor<'a> {
             .cloned()
             .ok_or_else(|| Error::Inconsistent {
                 at: "document".into(),
-                message: "its JSON is no object".into(),
+                message: "its JSON is not an object".into(),
             })?;
         let own_views = json
             .get("bufferViews")
@@ -67,11 +67,11 @@ impl<'a> Editor<'a> {
         push(&mut self.json, "bufferViews", view)
     }
 
-    /// Adds a vertex attribute: `elements` packed without gaps, `count` of them. `accessor` has the
-    /// type (`componentType`, `type`, perhaps `normalized`, a name, …); where the data lies and how
-    /// many there are is filled in here.
+    /// Adds a vertex attribute of `count` tightly packed `elements`. `accessor` gives the type
+    /// (`componentType`, `type`, and optionally `normalized`, a name, …); view and count are filled
+    /// in.
     ///
-    /// Elements are spread to multiples of four bytes, as the specification wants (§3.6.2.4).
+    /// Elements are padded to multiples of four bytes, as the specification requires (§3.6.2.4).
     pub fn add_attribute(
         &mut self,
         mut accessor: Map<String, Value>,
@@ -101,7 +101,7 @@ impl<'a> Editor<'a> {
         push(&mut self.json, "accessors", Value::Object(accessor))
     }
 
-    /// Adds a picture's file; returns its view.
+    /// Adds an image file; returns its view.
     pub fn add_picture(&mut self, bytes: Vec<u8>) -> usize {
         self.add_view(bytes, None, None)
     }
@@ -121,10 +121,11 @@ impl<'a> Editor<'a> {
         self.add_attribute(accessor, bytes, values.len())
     }
 
-    /// Adds a triangle list's indices, 16-bit where they fit.
+    /// Adds a triangle list's indices, as 16-bit numbers if they fit.
     pub fn add_indices(&mut self, triangles: &[[u32; 3]]) -> usize {
         let indices = triangles.as_flattened();
-        // The largest index of a type is the primitive restart value and not allowed (§3.7.2.1).
+        // The largest index of a type is the primitive restart value, which is not allowed
+        // (§3.7.2.1).
         let short = indices.iter().all(|&i| i < u32::from(u16::MAX));
         let (component, bytes): (u32, Vec<u8>) = if short {
             (
@@ -158,8 +159,7 @@ impl<'a> Editor<'a> {
         }
     }
 
-    /// Embeds images, writes compressed views plain, drops what nothing refers to, and assembles
-    /// the file.
+    /// Embeds images, decompresses views, drops unreferenced data, and assembles the file.
     pub fn finish(mut self) -> Result<(Vec<u8>, Finished)> {
         let done = self.embed_images()?;
         for view in elements_mut(&mut self.json, "bufferViews") {
@@ -168,7 +168,7 @@ impl<'a> Editor<'a> {
                 &["EXT_meshopt_compression", "KHR_meshopt_compression"],
             );
         }
-        // The placeholders of meshopt are marked so, and go together with it.
+        // meshopt marks its placeholder buffers, which are removed with it.
         for buffer in elements_mut(&mut self.json, "buffers") {
             remove_extensions(
                 buffer,
@@ -191,9 +191,8 @@ impl<'a> Editor<'a> {
         Ok((glb::assemble(&self.json, &bin)?, done))
     }
 
-    /// Turns files and data URIs into buffer views. An image that could not be read when the
-    /// document was, or is of no known kind, keeps its URI; one that is gone since then is an
-    /// error.
+    /// Turns image files and data URIs into buffer views. An image that could not be read at load
+    /// time or has an unknown format keeps its URI; one that disappeared since then is an error.
     fn embed_images(&mut self) -> Result<Finished> {
         let mut done = Finished::default();
         let count = self
@@ -237,9 +236,9 @@ impl<'a> Editor<'a> {
         Ok(done)
     }
 
-    /// Takes extensions that the document used and the output does not (compression written plain,
-    /// copies expanded) from the lists, and adds what it uses without having said so. What never
-    /// shows as an object, as quantisation, stays listed.
+    /// Removes extensions from the lists that only the input used (removed compression, expanded
+    /// copies), and adds those that the input used without listing. Extensions that never appear as
+    /// an object, e.g. quantisation, stay listed.
     fn prune_extension_lists(&mut self) {
         let mut gone = self
             .document
@@ -259,11 +258,11 @@ impl<'a> Editor<'a> {
         }
     }
 
-    /// One buffer from the views that are left, whose old indices `views` gives. Rewrites their
-    /// place in it.
+    /// Packs the remaining views into one buffer and updates their offsets. `views` gives their old
+    /// indices.
     fn pack(&mut self, views: &[usize]) -> Result<Vec<u8>> {
         let mut bin = Vec::new();
-        // Views of the same bytes stay views of the same bytes.
+        // Views of the same bytes keep sharing them.
         let mut placed: BTreeMap<(u64, u64, u64), usize> = BTreeMap::new();
         for (new, &old) in views.iter().enumerate() {
             let (bytes, offset, key) = if old < self.own_views {
@@ -286,8 +285,8 @@ impl<'a> Editor<'a> {
             let start = match key.and_then(|k| placed.get(&k)) {
                 Some(&start) => start,
                 None => {
-                    // An accessor is aligned by the sum of its own offset and its view's
-                    // (§3.6.2.4): the latter stays the same modulo 4.
+                    // An accessor's alignment depends on the sum of its own offset and its view's
+                    // (§3.6.2.4), so the view's stays the same modulo 4.
                     let mut start = bin.len().next_multiple_of(4) + offset % 4;
                     if start < bin.len() {
                         start += 4;
@@ -311,7 +310,7 @@ impl<'a> Editor<'a> {
         Ok(bin)
     }
 
-    /// One buffer; it keeps the name, extras and extensions of the document's first.
+    /// Writes one buffer with the name, extras and extensions of the document's first.
     fn write_buffers(&mut self, length: usize) {
         if !has_array(&self.json, "bufferViews") {
             self.json.shift_remove("buffers");
@@ -329,7 +328,7 @@ impl<'a> Editor<'a> {
     }
 }
 
-/// Removes the named extensions of `object`, and its `extensions` if none are left.
+/// Removes the named extensions of `object`, and its `extensions` if it becomes empty.
 pub(super) fn remove_extensions(object: &mut Map<String, Value>, names: &[&str]) {
     let Some(extensions) = object.get_mut("extensions").and_then(Value::as_object_mut) else {
         return;

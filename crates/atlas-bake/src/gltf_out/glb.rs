@@ -4,7 +4,8 @@ use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
 
-/// Assembles a .glb. `bin` is padded with zeros, the JSON with spaces, to whole words.
+/// Assembles a .glb. `bin` is padded with zeros and the JSON with spaces to multiples of four
+/// bytes.
 pub(super) fn assemble(json: &Map<String, Value>, bin: &[u8]) -> Result<Vec<u8>> {
     let mut text = serde_json::to_vec(json).map_err(|e| Error::Inconsistent {
         at: "glTF JSON".into(),
@@ -35,7 +36,7 @@ pub(super) fn assemble(json: &Map<String, Value>, bin: &[u8]) -> Result<Vec<u8>>
     Ok(out)
 }
 
-/// The media type of an image file, by its first bytes.
+/// The media type of an image file, from its first bytes.
 pub(super) fn sniff_image(bytes: &[u8]) -> Option<&'static str> {
     let at =
         |offset: usize, magic: &[u8]| bytes.get(offset..).is_some_and(|b| b.starts_with(magic));

@@ -1,4 +1,4 @@
-//! Small steps through glTF JSON that skip what is absent or of the wrong type.
+//! Helpers for glTF JSON that skip members that are absent or of the wrong type.
 
 use serde_json::{Map, Value};
 
@@ -60,7 +60,7 @@ pub(super) fn indices_of(object: Option<&mut Value>, f: &mut dyn FnMut(&mut Valu
     }
 }
 
-/// The object under `key`, made if it is absent or something else.
+/// The object under `key`, created if it is absent or not an object.
 pub(super) fn object_at<'a>(
     object: &'a mut Map<String, Value>,
     key: &str,
@@ -75,7 +75,7 @@ pub(super) fn object_at<'a>(
     }
 }
 
-/// Appends to array `key`, made if need be; returns the new element's index.
+/// Appends to array `key`, which is created if necessary; returns the new element's index.
 pub(super) fn push(object: &mut Map<String, Value>, key: &str, value: Value) -> usize {
     let slot = object.entry(key).or_insert(Value::Null);
     match slot {
@@ -90,7 +90,8 @@ pub(super) fn push(object: &mut Map<String, Value>, key: &str, value: Value) -> 
     }
 }
 
-/// Sets `extras.<key>`. Extras that are no object (a number, a string) move to `extras.original`.
+/// Sets `extras.<key>`. Extras that are not an object (a number, a string) move to
+/// `extras.original`.
 pub(super) fn set_extra(object: &mut Map<String, Value>, key: &str, value: Value) {
     let mut extras = match object.get_mut("extras").map(Value::take) {
         None | Some(Value::Null) => Map::new(),

@@ -1,5 +1,5 @@
-//! `level.glb`: the input with lightmap coordinates in `TEXCOORD_1` and each node's place in its
-//! extras.
+//! `level.glb`: the input with lightmap coordinates in `TEXCOORD_1` and each node's rectangle in
+//! its extras.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,11 +19,11 @@ use crate::ktx2::Ktx2Format;
 use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
 use crate::page::Page;
 
-/// What writing a glTF changed beside the coordinates.
+/// Changes that writing a glTF made besides coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct GltfStats {
-    /// Primitives whose vertices were split at chart borders (or unpacked from Draco) and written
-    /// anew.
+    /// Primitives that were rewritten because vertices were split at chart borders or unpacked from
+    /// Draco.
     pub primitives_rewritten: u64,
     /// Vertices of baked primitives before.
     pub vertices_before: u64,
@@ -35,45 +35,46 @@ pub struct GltfStats {
     pub sets_replaced: u64,
     /// Materials copied so that only those primitives read the moved set.
     pub materials_copied: u64,
-    /// Meshes copied because instances are too unlike to share charts
+    /// Meshes copied because their instances differ too much to share charts
     /// ([`separate_unlike`](atlas::separate_unlike)).
     pub meshes_copied: u64,
-    /// Meshes copied so that each lit node's coordinates are on its page, for `MOZ_lightmap`.
+    /// Meshes copied for `MOZ_lightmap`, whose coordinates must be those of the page.
     pub moz_meshes: u64,
     /// Materials copied for `MOZ_lightmap`.
     pub moz_materials: u64,
-    /// Instances by `EXT_mesh_gpu_instancing`, which share their node's materials and so have no
-    /// `MOZ_lightmap`.
+    /// `EXT_mesh_gpu_instancing` copies without `MOZ_lightmap`, because they share their node's
+    /// materials.
     pub moz_left_out: u64,
-    /// Images that came as files or data URIs and lie in the .glb now.
+    /// Images that were files or data URIs and are now embedded.
     pub images_embedded: u64,
-    /// Images that could not be read or are of no known kind, and keep their URI.
+    /// Images that could not be read or have an unknown format, and keep their URI.
     pub images_left: u64,
 }
 
-/// What a lightmapped .glb says beside coordinates and places.
+/// Optional contents of a lightmapped .glb.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct GlbOptions<'a> {
-    /// What pages hold.
+    /// Quantity in the pages.
     pub value: ValueKind,
-    /// Pages that exist as KTX2 too: their format and names, in order; none, or one per page.
+    /// Format and names of pages that are also stored as KTX2, in order; no names, or one per page.
     pub ktx2: Option<(Ktx2Format, &'a [String])>,
-    /// The pages, if `MOZ_lightmap` is to be written. Coordinates lie on their page then, and
-    /// places in extras are the whole page.
+    /// The pages, if `MOZ_lightmap` is to be written. Coordinates are then those of the page, and
+    /// the rectangle in extras is the whole page.
     pub moz: Option<&'a [Page]>,
 }
 
-/// Writes `document` with the lightmap coordinates of `layout`: see DESIGN.md §1.2. `page_uris` are
-/// the page files' names in order.
+/// Writes `document` with the lightmap coordinates of `layout`. `page_uris` are the names of the
+/// page files in order.
 ///
-/// Nodes and primitives that receive no light (occluders) stay as they are.
+/// Nodes and primitives that receive no light (occluders) stay unchanged.
 ///
-/// Texture v runs down, as in glTF: page uv = `TEXCOORD_1` × scale + offset, v = 0 at row 0 of the
-/// page.
+/// Texture v points down, as in glTF: page uv = `TEXCOORD_1` × scale + offset, v = 0 at row 0 of
+/// the page.
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where the layout does not fit the scene or the scene not the document,
-/// [`Error::Document`] where the document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
+/// [`Error::Inconsistent`] if the layout does not fit the scene or the scene does not fit the
+/// document, [`Error::Document`] if the document's data cannot be read, [`Error::Limit`] beyond 4
+/// GiB.
 pub fn write_lightmapped_glb(
     document: &Document,
     scene: &Scene,
@@ -91,8 +92,8 @@ pub fn write_lightmapped_glb(
 /// As [`write_lightmapped_glb`], with further conventions.
 ///
 /// # Errors
-/// As there; [`Error::Inconsistent`] too where `options` has not one entry per page, or
-/// `MOZ_lightmap` is asked for pages that hold radiosity, from which no irradiance follows.
+/// As there; also [`Error::Inconsistent`] if `options` does not have one entry per page, or if
+/// `MOZ_lightmap` is requested for radiosity pages, from which irradiance cannot be derived.
 pub fn write_lightmapped_glb_with(
     document: &Document,
     scene: &Scene,
@@ -248,17 +249,17 @@ pub fn write_lightmapped_glb_with(
     Ok((glb, stats))
 }
 
-/// Where a mesh of the scene goes.
+/// The mesh of the JSON that a mesh of the scene is written to.
 #[derive(Clone, Copy)]
 struct Target {
-    /// The document's mesh: its own, or a copy where an earlier one took that.
+    /// The document's mesh: the original, or a copy if another mesh of the scene uses the original.
     mesh: usize,
-    /// Whether an earlier one is there already whose coordinates, the document's own, serve this
-    /// one too.
+    /// Whether an earlier mesh was already written there, with the document's own coordinates,
+    /// which serve this one too.
     there: bool,
 }
 
-/// Targets by mesh of the scene; `None` where no instance has lumels.
+/// Targets by mesh of the scene; `None` if no instance has lumels.
 fn targets(
     editor: &mut Editor<'_>,
     scene: &Scene,
@@ -294,7 +295,7 @@ fn targets(
     targets
 }
 
-/// Replaces attributes, morph targets and indices of `own` by those of `split`, plain and as a
+/// Replaces attributes, morph targets and indices of `own` by those of `split`, as an uncompressed
 /// triangle list.
 fn rewrite(
     editor: &mut Editor<'_>,
@@ -334,8 +335,8 @@ fn rewrite(
     own.insert("indices".into(), indices.into());
 }
 
-/// Makes `uv` set 1 of `own`, and set 0 too where there is none (sets must be consecutive,
-/// §3.7.2.1). Returns the set to which a `TEXCOORD_1` that a material reads has moved.
+/// Stores `uv` as set 1 of `own`, and also as set 0 if there is none, because sets must be
+/// consecutive (§3.7.2.1). Returns the set that a `TEXCOORD_1` used by a material moved to.
 fn put_coordinates(
     editor: &mut Editor<'_>,
     own: &mut Map<String, Value>,

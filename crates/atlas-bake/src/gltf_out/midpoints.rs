@@ -1,4 +1,4 @@
-//! Vertices in the middle of others: attributes of a primitive whose triangles were split.
+//! Attributes of vertices that were added at midpoints by splitting triangles.
 
 use std::borrow::Cow;
 
@@ -7,15 +7,15 @@ use mesh_ingest::{DataType, Primitive, RawAccessor, RawPrimitive};
 
 use super::split::Repeated;
 
-/// How the middle of two elements is found.
+/// How two elements are averaged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Blend {
-    /// Component by component, integers rounded.
+    /// Componentwise, with integers rounded.
     Mean,
-    /// The mean of the first three, made unit again; a fourth is the first parent's (a tangent's
-    /// handedness).
+    /// The normalised mean of the first three components; a fourth (a tangent's handedness) is the
+    /// first parent's.
     Direction,
-    /// The first parent's: numbers that name something.
+    /// The first parent's element, for numbers that identify something.
     First,
 }
 
@@ -29,12 +29,12 @@ fn blend_of(name: &str, raw: &RawAccessor<'_>) -> Blend {
     }
 }
 
-/// Whether the primitive's vertices move: their middles would not move with them.
+/// Whether the primitive's vertices move (skin, morph targets). Midpoints would not follow them.
 pub(super) fn deforms(raw: &RawPrimitive<'_>) -> bool {
     !raw.targets.is_empty() || raw.attribute("JOINTS_0").is_some()
 }
 
-/// Elements of `raw` and after them the middles of `parents`, packed.
+/// Elements of `raw` followed by the midpoints of `parents`, packed.
 pub(super) fn extended(name: &str, raw: &RawAccessor<'_>, parents: &[[u32; 2]]) -> Vec<u8> {
     let size = raw.element_size();
     let blend = blend_of(name, raw);
@@ -57,7 +57,7 @@ pub(super) fn extended(name: &str, raw: &RawAccessor<'_>, parents: &[[u32; 2]]) 
         if blend == Blend::Direction {
             let length = values.iter().take(3).map(|x| x * x).sum::<f64>().sqrt();
             let unit = full_scale(raw);
-            // Opposite directions have none between them: the first parent's stays.
+            // Opposite directions have no mean, so the first parent's is used.
             if length.is_nan() || length <= 1e-3 * unit {
                 continue;
             }
@@ -73,8 +73,9 @@ pub(super) fn extended(name: &str, raw: &RawAccessor<'_>, parents: &[[u32; 2]]) 
     bytes
 }
 
-/// What colours are computed from, own colours and texture coordinates, with those of the added
-/// vertices: with the primitive's own vertices otherwise, and without triangles.
+/// The attributes that colours are computed from (own colours and texture coordinates), including
+/// those of added vertices. Other attributes cover only the original vertices, and triangles are
+/// empty.
 pub(super) fn looks<'a>(primitive: &'a Primitive, parents: &[[u32; 2]]) -> Cow<'a, Primitive> {
     if parents.is_empty() {
         return Cow::Borrowed(primitive);
@@ -97,7 +98,7 @@ pub(super) fn looks<'a>(primitive: &'a Primitive, parents: &[[u32; 2]]) -> Cow<'
     Cow::Owned(out)
 }
 
-/// What a normalised integer stores for 1.
+/// The integer that represents 1 in a normalised accessor.
 fn full_scale(raw: &RawAccessor<'_>) -> f64 {
     match raw.component {
         DataType::I8 => 127.0,
@@ -131,9 +132,9 @@ fn write(component: DataType, x: f64, out: &mut [u8]) {
     }
 }
 
-/// All of the document's triangles, in its order, those of `split` in their parts. One that ingest
-/// dropped as a repetition is split like the one that it repeats; any other that it dropped has no
-/// area and stays.
+/// All of the document's triangles in order, with those of `split` replaced by their parts. A
+/// triangle that ingest dropped as a duplicate is split like its original; any other dropped
+/// triangle has zero area and stays.
 pub(super) fn triangles(
     primitive: &Primitive,
     raw: &RawPrimitive<'_>,
@@ -211,7 +212,7 @@ mod tests {
     fn middles_of_middles_and_numbers_that_name_something() {
         let bytes = [0, 100, 201, 255];
         let weights = raw(DataType::U8, true, Dimensions::Scalar, &bytes);
-        // 50, then the middle of 50 and 201: 125.5 is rounded away from zero.
+        // 50, then the midpoint of 50 and 201: 125.5 is rounded away from zero.
         assert_eq!(
             extended("_PAINT", &weights, &[[0, 1], [4, 2]])[4..],
             [50, 126]
@@ -234,7 +235,7 @@ mod tests {
             source_triangles: vec![0, 3],
             ..Primitive::default()
         };
-        // The second has no area; the third repeats the first, turned over.
+        // The second has zero area; the third is the first with reversed winding.
         let raw = RawPrimitive {
             vertex_count: 4,
             attributes: Vec::new(),

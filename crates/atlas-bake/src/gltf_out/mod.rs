@@ -1,9 +1,9 @@
 //! glTF output: the input document with lightmap coordinates, or with baked vertex colours.
 //!
-//! Both writers edit the document's own JSON, so that whatever they do not know passes through
-//! untouched, and append their data; a last step drops accessors and buffer views that nothing
-//! refers to any more (only where every extension is known, see `refs`), embeds images and writes
-//! one .glb with one binary chunk. Compressed views are written plain.
+//! Both writers edit the document's own JSON, so that everything they do not know passes through
+//! unchanged, and append their data. A last step drops unreferenced accessors and buffer views
+//! (only if every extension is known, see `refs`), embeds images and writes one .glb with one
+//! binary chunk. Compressed views are written uncompressed.
 
 mod editor;
 mod glb;

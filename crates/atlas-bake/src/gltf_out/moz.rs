@@ -1,16 +1,15 @@
-//! `MOZ_lightmap`: the lightmap named by materials, for loaders that know the extension (Hubs, and
-//! three.js with a plug-in).
+//! `MOZ_lightmap`: lightmaps referenced by materials, for loaders that support the extension (Hubs,
+//! and three.js with a plug-in).
 //!
-//! The extension is a texture, its coordinate set and an intensity on a *material*, while a
-//! lightmap's place belongs to a *node*. So each lit node gets a mesh of its own here, whose
-//! `TEXCOORD_1` is on the page already (Hubs ignores `KHR_texture_transform` in the extension), and
-//! each material a copy for each page that it is seen on. Positions, normals and indices stay
-//! shared: what is copied is JSON, and what is added eight bytes a vertex and node.
+//! The extension stores a texture, its coordinate set and an intensity on a *material*, but a
+//! lightmap's rectangle belongs to a *node*. So each lit node gets its own mesh, whose `TEXCOORD_1`
+//! is already in page coordinates (Hubs ignores `KHR_texture_transform` in the extension), and each
+//! material gets a copy for each page that it appears on. Positions, normals and indices stay
+//! shared: the copies are JSON, and the added data is 8 bytes per vertex and node.
 //!
-//! glTF has no picture with more than eight bits a channel, so each page is there twice: as PNG for
-//! all, and as Radiance RGBE by `MOZ_texture_rgbe` for those who know that. Both are divided by the
-//! page's largest value, with which the intensity is multiplied, so that either gives the same
-//! light.
+//! glTF has no images with more than 8 bits per channel, so each page is stored twice: as PNG, and
+//! as Radiance RGBE with `MOZ_texture_rgbe` for loaders that support it. Both are divided by the
+//! page's largest value, and the intensity is multiplied by it.
 //!
 //! Based on: Hubs, pull request 2375 "Add support for MOZ_lightmap"; three.js, "Light maps contain
 //! linear irradiance".
@@ -33,31 +32,31 @@ use crate::page::Page;
 const LIGHTMAP: &str = "MOZ_lightmap";
 const RGBE: &str = "MOZ_texture_rgbe";
 
-/// glTF's numbers for LINEAR and CLAMP_TO_EDGE: charts have no room for smaller levels, nor for
-/// what lies over the border.
+/// glTF's constants for LINEAR and CLAMP_TO_EDGE: chart padding is too small for mipmaps and for
+/// wrapping.
 const SAMPLER: (u32, u32) = (9729, 33071);
 
-/// Coordinates that [`apply`] places: by mesh and primitive of the JSON.
+/// Coordinates to be replaced by [`apply`], by mesh and primitive of the JSON.
 pub(super) type Coordinates = BTreeMap<(usize, usize), Vec<[f32; 2]>>;
 
 /// A node with a lightmap.
 pub(super) struct Lit {
     pub node: usize,
-    /// Its mesh in the JSON, before it gets its own.
+    /// Its mesh in the JSON before the mesh is copied.
     pub mesh: usize,
     pub page: usize,
     pub uv: UvTransform,
 }
 
-/// What [`apply`] made.
+/// Number of copies that [`apply`] made.
 #[derive(Default)]
 pub(super) struct Copied {
     pub meshes: u64,
     pub materials: u64,
 }
 
-/// Puts `lit` nodes' lightmaps on materials. `scale` is what a stored value is multiplied with to
-/// give irradiance.
+/// Adds the lightmaps of `lit` nodes to their materials. `scale` converts stored values to
+/// irradiance.
 pub(super) fn apply(
     editor: &mut Editor<'_>,
     lit: &[Lit],
@@ -75,7 +74,7 @@ pub(super) fn apply(
     let mut shared = other_users(&editor.json, lit);
     let mut materials = BTreeMap::new();
     for node in lit {
-        // The last of a mesh's nodes may have the mesh itself, if nobody else shows it.
+        // The last lit node of a mesh may use the original, if no other node shows it.
         let users = shared.entry(node.mesh).or_insert(0);
         let mesh = if *users == 1 {
             node.mesh
@@ -122,8 +121,7 @@ pub(super) fn apply(
     Ok(copied)
 }
 
-/// How many copies each mesh serves: as many as it has lit nodes, and one more where others show it
-/// too.
+/// Number of copies of each mesh: its lit nodes, plus one if other nodes show it too.
 fn other_users(json: &Map<String, Value>, lit: &[Lit]) -> BTreeMap<usize, usize> {
     let ours: BTreeSet<usize> = lit.iter().map(|l| l.node).collect();
     let mut users = BTreeMap::new();
@@ -142,7 +140,7 @@ fn other_users(json: &Map<String, Value>, lit: &[Lit]) -> BTreeMap<usize, usize>
     users
 }
 
-/// What materials say of a page.
+/// A page as materials reference it.
 struct Texture {
     index: usize,
     intensity: f64,
@@ -169,7 +167,7 @@ fn add_texture(editor: &mut Editor<'_>, page: &Page, i: usize, scale: f64) -> Re
     })
 }
 
-/// A copy of material `from`, or of the default material, with the lightmap.
+/// A copy of material `from` (or of the default material) with the lightmap.
 fn copy_material(json: &mut Map<String, Value>, from: Option<usize>, page: &Texture) -> usize {
     let from = from.and_then(|m| element(json, "materials", m).cloned());
     let mut own = from.unwrap_or_default();
@@ -187,7 +185,7 @@ fn missing(at: String) -> Error {
     }
 }
 
-/// A page over its largest value, as files.
+/// A page divided by its largest value, as image files.
 pub(super) struct Picture {
     pub png: Vec<u8>,
     pub rgbe: Vec<u8>,
@@ -196,7 +194,7 @@ pub(super) struct Picture {
 
 impl Picture {
     pub(super) fn new(page: &Page) -> Result<Picture> {
-        // As the EXR has it: light is finite and not negative.
+        // As in the EXR, light is finite and not negative.
         let storable = |x: f32| {
             if x.is_finite() {
                 x.clamp(0.0, HALF_MAX)
@@ -231,16 +229,15 @@ impl Picture {
     }
 }
 
-/// A value whose RGBE bytes are those that three.js reads nearest to `v`: m / 255 × 2^e, where the
-/// encoder cuts m / 256 × 2^e off.
+/// A value whose encoded RGBE bytes three.js reads as the nearest to `v`: three.js decodes m / 255
+/// × 2^e, but the encoder truncates m / 256 × 2^e.
 fn rgbe_exact(v: [f32; 3]) -> [f32; 3] {
     let largest = v[0].max(v[1]).max(v[2]);
-    // Below this the exponent's byte runs out.
+    // Below this the exponent byte underflows.
     if largest < 1e-30 {
         return [0.0; 3];
     }
-    // 2^e ≤ largest < 2^(e + 1), and 255 of 255 is 2^e itself, which the page's largest value
-    // needs.
+    // 2^e ≤ largest < 2^(e + 1), and 255/255 is 2^e itself, which the page's largest value needs.
     let mut e = ((largest.to_bits() >> 23) & 255) as i32 - 127;
     let byte = |x: f32, e: i32| (f64::from(x) * 255.0 / f64::from(e).exp2()).round();
     if byte(largest, e) > 255.0 {

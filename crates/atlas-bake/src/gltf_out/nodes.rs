@@ -1,17 +1,17 @@
-//! What writers leave on nodes.
+//! Extras that writers add to nodes.
 
 use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-/// Name of the node extra with a lightmap's place.
+/// Name of the node extra with a lightmap's rectangle.
 pub const LIGHTMAP_EXTRA: &str = "lightmap";
 
 /// Name of the extra with the scale of baked vertex colours, on `asset` and on every baked node.
 pub const VERTEX_LIGHT_EXTRA: &str = "vertexLight";
 
 /// Values of the instances of each node: one, or a list by `EXT_mesh_gpu_instancing` copy with null
-/// where a copy has none.
+/// for copies without a value.
 pub(super) fn by_node(
     values: impl Iterator<Item = (usize, Option<u32>, Value)>,
 ) -> BTreeMap<usize, Value> {

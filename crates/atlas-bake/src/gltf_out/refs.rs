@@ -1,4 +1,4 @@
-//! Who refers to accessors and buffer views by index, and what may be dropped when nobody does.
+//! References to accessors and buffer views, and garbage collection of unreferenced ones.
 
 use std::collections::BTreeSet;
 
@@ -6,9 +6,8 @@ use serde_json::{Map, Value};
 
 use super::json::{elements_mut, has_array, indices_of};
 
-/// Extensions whose references are all known here: none to accessors or buffer views but those that
-/// the walks below visit. With any other extension in a document nothing is re-indexed, since it
-/// may refer to anything.
+/// Extensions whose references are all visited below. If a document has any other extension,
+/// nothing is re-indexed, because it may contain unknown references.
 const KNOWN: [&str; 21] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
@@ -37,7 +36,7 @@ fn is_known(name: &str) -> bool {
     KNOWN.contains(&name) || name.starts_with("KHR_materials_")
 }
 
-/// Names of all extensions that the document uses anywhere or declares.
+/// Names of all extensions that the document uses or declares.
 pub(super) fn extensions(json: &Map<String, Value>) -> BTreeSet<String> {
     let mut names = present(json);
     for list in ["extensionsUsed", "extensionsRequired"] {
@@ -51,12 +50,12 @@ pub(super) fn extensions(json: &Map<String, Value>) -> BTreeSet<String> {
     names
 }
 
-/// Names of the extensions that appear in some `extensions` object.
+/// Names of the extensions that appear in an `extensions` object.
 pub(super) fn present(json: &Map<String, Value>) -> BTreeSet<String> {
     fn walk(object: &Map<String, Value>, names: &mut BTreeSet<String>) {
         for (key, value) in object {
             match value {
-                // `extras` may hold anything, an object called "extensions" among it.
+                // `extras` may contain anything, including an object called "extensions".
                 _ if key == "extras" => {}
                 Value::Object(inner) => {
                     if key == "extensions" {
@@ -141,11 +140,11 @@ fn visit_views(json: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
     }
 }
 
-/// Drops accessors and buffer views that nothing refers to and re-indexes the rest, in their order.
-/// Returns for each buffer view that is left its old index.
+/// Drops unreferenced accessors and buffer views and re-indexes the rest, preserving their order.
+/// Returns the old index of each remaining buffer view.
 ///
-/// Does nothing (and returns the identity) where the document has an extension that may refer to
-/// them in ways not known here.
+/// Does nothing (and returns the identity) if the document has an extension that may contain
+/// unknown references.
 pub(super) fn collect_garbage(json: &mut Map<String, Value>) -> Vec<usize> {
     let views = json
         .get("bufferViews")
@@ -243,7 +242,7 @@ mod tests {
         };
         assert_eq!(ids("accessors"), [1, 3, 5, 6, 7, 8, 9, 10]);
         assert_eq!(ids("bufferViews"), [1, 3, 4, 6, 7]);
-        // Every reference still names the element with its old id.
+        // Every reference still leads to the element with its old id.
         let accessor = |v: &Value| {
             json["accessors"][v.as_u64().unwrap() as usize]["id"]
                 .as_u64()
@@ -267,7 +266,7 @@ mod tests {
             10
         );
         let draco = &p["extensions"]["KHR_draco_mesh_compression"];
-        // The attributes of a Draco extension are ids within its stream, not accessors.
+        // Attributes of a Draco extension are ids within its stream, not accessors.
         assert_eq!(
             (&draco["bufferView"], &draco["attributes"]["POSITION"]),
             (&json!(4), &json!(0))

@@ -1,4 +1,4 @@
-//! Vertices of one primitive as the lightmap's charts need them.
+//! Splits a primitive's vertices at the borders of lightmap charts.
 
 use std::collections::HashMap;
 
@@ -15,13 +15,14 @@ pub(super) struct Split {
     pub source: Vec<u32>,
     /// Lightmap coordinates of each new vertex, 0..=1 of the mesh's rectangle.
     pub uv: Vec<[f32; 2]>,
-    /// All of the document's triangles, in its order; those without a lumel too.
+    /// All of the document's triangles in order, including those without lumels.
     pub triangles: Vec<[u32; 3]>,
-    /// Nothing is split and no index changes: the document's own attributes and indices can stay.
+    /// Whether nothing is split and no index changes, so that the document's own attributes and
+    /// indices can stay.
     pub identity: bool,
 }
 
-/// Checks that `atlas` is of `primitive`, whose raw form has `vertices` vertices and `triangles`
+/// Checks that `atlas` fits `primitive`, whose raw form has `vertices` vertices and `triangles`
 /// triangles.
 fn check(
     primitive: &Primitive,
@@ -78,15 +79,15 @@ fn check(
     Ok(())
 }
 
-/// Whether each triangle that ingest dropped has its vertices in one chart, so that it can stay as
-/// it is.
+/// Whether each triangle that ingest dropped has its vertices in one chart, so that it can stay
+/// unchanged.
 fn stay_in_their_chart(
     primitive: &Primitive,
     atlas: &PrimitiveAtlas,
     raw: &RawPrimitive<'_>,
 ) -> bool {
     if raw.triangles.len() == primitive.triangles.len() {
-        return true; // none was dropped
+        return true; // No triangle was dropped.
     }
     let mut chart_of: Vec<Option<u32>> = vec![None; raw.vertex_count];
     for (t, chart) in atlas.triangles.iter().zip(&atlas.chart) {
@@ -101,13 +102,13 @@ fn stay_in_their_chart(
 }
 
 impl Split {
-    /// Brings the document's triangles together with `atlas`, whose coordinates are texels of a
+    /// Combines the document's triangles with `atlas`, whose coordinates are in texels of a
     /// rectangle of `size`.
     ///
-    /// A triangle that ingest dropped keeps its place: a duplicate uses the corners of the triangle
-    /// that it repeats; any other has no area, and no extent in the lightmap either: its corners
-    /// get one point, that of some copy of one of its vertices. `kept` coordinates, which are the
-    /// document's own, stay as they are.
+    /// A triangle that ingest dropped keeps its place. A duplicate uses the corners of its
+    /// original. Any other has zero area and is collapsed to a point of the lightmap: that of a
+    /// copy of one of its vertices. `kept` coordinates, which are the document's own, stay
+    /// unchanged.
     pub fn new(
         primitive: &Primitive,
         atlas: &PrimitiveAtlas,
@@ -138,7 +139,7 @@ impl Split {
         for (&number, &corners) in primitive.source_triangles.iter().zip(&atlas.triangles) {
             triangles[number as usize] = Some(corners);
         }
-        // Atlas vertices that no triangle names are left out; the others keep their order.
+        // Atlas vertices without triangles are left out; the others keep their order.
         let mut new_of_atlas = vec![NONE; atlas.xref.len()];
         for &v in atlas.triangles.iter().flatten() {
             new_of_atlas[v as usize] = 0;
@@ -180,9 +181,8 @@ impl Split {
         Ok(split)
     }
 
-    /// Copies of three vertices that lie in one point of the lightmap: where the first of them that
-    /// has a copy lies. `made` remembers the copies by vertex and place, so that many such
-    /// triangles do not make many.
+    /// Copies of three vertices at the same lightmap point: that of the first vertex that has a
+    /// copy. `made` remembers copies by vertex and point, so that many such triangles share them.
     fn collapse(
         &mut self,
         triangle: [u32; 3],
@@ -207,7 +207,7 @@ impl Split {
         })
     }
 
-    /// A new vertex that copies vertex `v`, made if there is none.
+    /// A new vertex that copies vertex `v`, added if there is none.
     fn copy(&mut self, v: u32, copy_of: &mut [u32]) -> u32 {
         let slot = &mut copy_of[v as usize];
         if *slot == u32::MAX {
@@ -219,14 +219,14 @@ impl Split {
     }
 }
 
-/// Finds the kept triangle that a dropped one repeats.
+/// Finds the original of a dropped duplicate triangle.
 pub(super) struct Repeated<'a> {
     primitive: &'a Primitive,
     by_vertices: HashMap<[u32; 3], usize>,
 }
 
 impl<'a> Repeated<'a> {
-    /// `any`: whether there is any dropped triangle to ask for.
+    /// `any`: whether there are dropped triangles to look up.
     pub fn new(primitive: &'a Primitive, any: bool) -> Repeated<'a> {
         let mut by_vertices = HashMap::new();
         if any {
@@ -242,8 +242,7 @@ impl<'a> Repeated<'a> {
         }
     }
 
-    /// The kept triangle of the same vertices, and for each corner of `triangle` which corner of
-    /// that it is.
+    /// The kept triangle with the same vertices, and its corner for each corner of `triangle`.
     pub fn find(&self, triangle: [u32; 3]) -> Option<(usize, [usize; 3])> {
         let mut key = triangle;
         key.sort_unstable();
@@ -254,7 +253,7 @@ impl<'a> Repeated<'a> {
     }
 }
 
-/// Elements `source` of `raw` in that order.
+/// Elements `source` of `raw`, in that order.
 pub(super) fn gather(raw: &RawAccessor<'_>, source: &[u32]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(source.len() * raw.element_size());
     for &v in source {
@@ -263,8 +262,7 @@ pub(super) fn gather(raw: &RawAccessor<'_>, source: &[u32]) -> Vec<u8> {
     bytes
 }
 
-/// Adds attribute `name` with elements `source` of `raw`; `template` is the accessor that it comes
-/// from.
+/// Adds attribute `name` with elements `source` of `raw`; `template` is the original accessor.
 pub(super) fn add_gathered(
     editor: &mut Editor<'_>,
     name: &str,
@@ -286,8 +284,7 @@ pub(super) fn add_gathered(
     editor.add_attribute(accessor, bytes, source.len())
 }
 
-/// Least and greatest of each of three components, as stored (§3.6.2.5: integers are not normalised
-/// here).
+/// Minimum and maximum of three components, as stored (§3.6.2.5: integers are not normalised here).
 fn bounds(raw: &RawAccessor<'_>, source: &[u32]) -> (Value, Value) {
     let stored = RawAccessor {
         normalized: false,
@@ -297,7 +294,7 @@ fn bounds(raw: &RawAccessor<'_>, source: &[u32]) -> (Value, Value) {
     let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for v in source {
         for (c, x) in stored[*v as usize].into_iter().enumerate() {
-            // f32::min and max pass over NaN.
+            // f32::min and max ignore NaN.
             (min[c], max[c]) = (min[c].min(x), max[c].max(x));
         }
     }

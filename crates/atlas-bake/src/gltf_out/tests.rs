@@ -122,8 +122,8 @@ const QUAD: [[f32; 3]; 4] = [
 const UV0: [[f32; 2]; 4] = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
 const UV1: [[f32; 2]; 4] = [[0.25, 0.75], [0.75, 0.75], [0.75, 0.25], [0.25, 0.25]];
 
-/// A layout in which every triangle is a chart of its own with corners of its own, and instances
-/// lie side by side.
+/// A layout in which every triangle is a separate chart with separate corners. Instances are side
+/// by side.
 fn torn(scene: &Scene) -> Layout {
     let meshes: Vec<MeshAtlas> = scene
         .meshes
@@ -167,7 +167,7 @@ fn torn(scene: &Scene) -> Layout {
     side_by_side(scene, meshes)
 }
 
-/// A layout that splits nothing and uses `uv` of each vertex times 64 texels.
+/// A layout without splits that uses `uv` of each vertex times 64 texels.
 fn whole(scene: &Scene, uv: impl Fn(usize) -> Vec2) -> Layout {
     let atlas = |p: &mesh_ingest::Primitive| PrimitiveAtlas {
         xref: (0..p.positions.len() as u32).collect(),
@@ -219,7 +219,7 @@ fn write(loaded: &Loaded, layout: &Layout) -> (Vec<u8>, GltfStats) {
 }
 
 /// A quad with every kind of attribute and a morph target, indexed, two nodes, an animation, a
-/// skin, a camera and odd extras.
+/// skin, a camera and unusual extras.
 fn rich() -> (Value, Vec<u8>) {
     let mut b = Builder::default();
     let position = b.floats(&QUAD);
@@ -240,7 +240,7 @@ fn rich() -> (Value, Vec<u8>) {
         [0.0, 0.0, 0.3],
         [0.0, 0.0, 0.4],
     ]);
-    // The third triangle has no area, the fourth repeats the first, turned.
+    // The third triangle has zero area; the fourth is the first with reversed winding.
     let indices = b.indices(&[0, 1, 2, 0, 2, 3, 0, 0, 1, 1, 2, 0]);
     let times = b.floats(&[[0.0], [1.0]]);
     let moves = b.floats(&[[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]);
@@ -292,7 +292,7 @@ fn base64_of_png(bytes: &[u8]) -> String {
     text
 }
 
-/// The value of each attribute at each corner of each triangle: what must survive any re-indexing.
+/// The value of each attribute at each corner of each triangle, which must survive re-indexing.
 fn corners(
     loaded: &Loaded,
     mesh: usize,
@@ -327,8 +327,8 @@ fn every_attribute_and_every_triangle_survives_the_split() {
     let (json, bin) = rich();
     let loaded = fixture.load(&json, &bin);
     let (glb, stats) = write(&loaded, &torn(&loaded.scene));
-    // Two triangles of three corners each; the flat one uses a copy of 0 and has one of 1 in the
-    // same point; the repeated one uses all of the first's corners.
+    // Two triangles of three corners each. The zero-area one uses a copy of 0 and gets one of 1 at
+    // the same point; the duplicate uses all corners of the first.
     assert_eq!(
         (
             stats.primitives_rewritten,
@@ -353,7 +353,7 @@ fn every_attribute_and_every_triangle_survives_the_split() {
             .len(),
         9
     );
-    // The old set 1 moved to 2, since the material's occlusion reads it.
+    // The old set 1 moved to 2, because the material's occlusion texture reads it.
     let old = corners(&loaded, 0, 0, &[])
         .into_iter()
         .find(|(n, _)| n == "TEXCOORD_1")
@@ -415,7 +415,7 @@ fn all_that_is_not_light_is_left_as_it_was() {
     nodes[0]["extras"]["lightmap"] = place(0.0);
     nodes[1]["extras"] = json!({"original": "text", "lightmap": place(0.5)});
     assert_eq!(out["nodes"], nodes);
-    // Accessors are re-indexed: the animation's data must be the same, its structure too.
+    // Accessors are re-indexed, but the animation's data and structure must be the same.
     assert_eq!(
         out["animations"][0]["channels"],
         json["animations"][0]["channels"]
@@ -442,7 +442,7 @@ fn all_that_is_not_light_is_left_as_it_was() {
         ),
         (&json!([1]), &json!(0), &json!(0))
     );
-    // The points go on reading set 1 with the old material; the quad has a copy that reads set 2.
+    // The points still read set 1 with the old material; the quad has a copy that reads set 2.
     assert_eq!((stats.sets_moved, stats.materials_copied), (1, 1));
     assert_eq!(
         (&out["materials"][0], &primitive[0]["material"]),
@@ -460,7 +460,7 @@ fn all_that_is_not_light_is_left_as_it_was() {
         back.document.image_bytes(0).unwrap(),
         loaded.document.image_bytes(0).unwrap()
     );
-    // 100 unused scalars are gone.
+    // The 100 unused scalars are gone.
     let counts: Vec<_> = out["accessors"]
         .as_array()
         .unwrap()
@@ -477,7 +477,7 @@ fn an_unsplit_primitive_keeps_its_accessors_and_only_gains_coordinates() {
     let fixture = Fixture::new();
     let (json, bin) = rich();
     let loaded = fixture.load(&json, &bin);
-    // The asset's own set 1, so nothing at all changes.
+    // With the asset's own set 1, nothing changes.
     let (glb, stats) = write(&loaded, &whole(&loaded.scene, |v| Vec2::from(UV1[v])));
     assert_eq!(
         (
@@ -500,7 +500,7 @@ fn an_unsplit_primitive_keeps_its_accessors_and_only_gains_coordinates() {
     assert_eq!(names(&back), names(&loaded));
     assert_eq!(corners(&back, 0, 0, &[]), corners(&loaded, 0, 0, &[]));
     assert_eq!(back.document.json()["materials"], json["materials"]);
-    // Other coordinates: one accessor more.
+    // Other coordinates add one accessor.
     let (glb, stats) = write(&loaded, &whole(&loaded.scene, |v| Vec2::from(UV0[v])));
     assert_eq!((stats.primitives_rewritten, stats.sets_moved), (0, 1));
     let back = fixture.reload(&glb);
@@ -540,8 +540,7 @@ fn a_mesh_without_coordinates_gets_both_sets_and_a_strip_becomes_a_list() {
 fn quantised_vertices_stay_quantised_and_aligned() {
     let fixture = Fixture::new();
     let mut b = Builder::default();
-    // i16 positions of 6 bytes, in a view with a stride of 8; u8 coordinates of 2 bytes in a stride
-    // of 4.
+    // i16 positions of 6 bytes in a view with stride 8; u8 coordinates of 2 bytes with stride 4.
     let places: [[i16; 3]; 4] = [[-5, 0, 0], [5, 0, 0], [5, 7, 0], [-5, 7, 0]];
     let bytes: Vec<u8> = places
         .iter()
@@ -634,7 +633,7 @@ fn instanced() -> (Value, Vec<u8>) {
     let position = b.floats(&QUAD);
     let indices = b.indices(&[0, 1, 2, 0, 2, 3]);
     let at = b.floats(&[[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]]);
-    // A quarter turn about z as normalised bytes, not quite unit.
+    // A quarter turn about z as normalised bytes, which is not exactly unit.
     let turns = b.raw(
         &[0, 0, 0, 127, 0, 0, 90, 90, 0, 0, 0, 127],
         5120,

@@ -1,5 +1,5 @@
-//! Making room in `TEXCOORD_1`: texture coordinates that a material needs move to a free set, and
-//! the material follows.
+//! Frees `TEXCOORD_1`: coordinates that a material uses move to another set, and the material is
+//! updated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::json::{element, element_mut, elements_mut, index, push};
 
-/// The set that lightmap coordinates take.
+/// The coordinate set used for the lightmap.
 pub(super) const LIGHTMAP_SET: u64 = 1;
 
 /// Number of consecutive `TEXCOORD_n` in `attributes`, from 0.
@@ -17,7 +17,7 @@ pub(super) fn sets(attributes: &Map<String, Value>) -> usize {
         .unwrap_or(0)
 }
 
-/// Whether some texture of one of the primitive's materials (variants among them) reads set 1.
+/// Whether a texture of one of the primitive's materials (including variants) reads set 1.
 pub(super) fn needs_set_1(json: &Map<String, Value>, primitive: &Map<String, Value>) -> bool {
     materials_of(primitive)
         .into_iter()
@@ -35,7 +35,7 @@ fn reads_set_1(json: &Map<String, Value>, material: usize) -> bool {
     found
 }
 
-/// Materials that `primitive` names.
+/// Materials that `primitive` references.
 fn materials_of(primitive: &Map<String, Value>) -> Vec<usize> {
     let variants = primitive
         .get("extensions")
@@ -52,7 +52,7 @@ fn materials_of(primitive: &Map<String, Value>) -> Vec<usize> {
         .collect()
 }
 
-/// Calls `f` on each of these materials' slots.
+/// Calls `f` on each material reference of `primitive`.
 pub(super) fn material_slots(primitive: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
     if let Some(slot) = primitive.get_mut("material") {
         f(slot);
@@ -70,11 +70,11 @@ pub(super) fn material_slots(primitive: &mut Map<String, Value>, f: &mut dyn FnM
     }
 }
 
-/// Calls `f` on every `texCoord` that is written in a textureInfo of `material`, its
-/// `KHR_texture_transform` override included.
+/// Calls `f` on every explicit `texCoord` of a textureInfo in `material`, including
+/// `KHR_texture_transform` overrides.
 ///
-/// A textureInfo is known by its name, which ends in `Texture` in the core and in every extension
-/// of materials, and by its `index`.
+/// A textureInfo is recognised by its name, which ends in `Texture` in the core and in every
+/// material extension, and by its `index`.
 fn texture_infos(material: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value)) {
     for (key, value) in material {
         let Some(object) = value.as_object_mut() else {
@@ -99,9 +99,9 @@ fn texture_infos(material: &mut Map<String, Value>, f: &mut dyn FnMut(&mut Value
     }
 }
 
-/// Lets the materials of the primitives in `moves` (mesh and primitive index → the set that now
-/// holds what `TEXCOORD_1` held) read the moved set. A material that other primitives go on using
-/// as it is, or with another set, is copied. Returns the number of copies.
+/// Makes the materials of the primitives in `moves` read the moved set (`moves` maps mesh and
+/// primitive index to the new set of the former `TEXCOORD_1`). A material that other primitives use
+/// unchanged, or with another set, is copied. Returns the number of copies.
 pub(super) fn follow(
     json: &mut Map<String, Value>,
     moves: &BTreeMap<(usize, usize), usize>,
@@ -109,7 +109,7 @@ pub(super) fn follow(
     if moves.is_empty() {
         return 0;
     }
-    // Who wants which set of each material that reads set 1.
+    // The sets requested of each material that reads set 1.
     let mut wanted: BTreeMap<usize, BTreeSet<Option<usize>>> = BTreeMap::new();
     let meshes = json
         .get("meshes")

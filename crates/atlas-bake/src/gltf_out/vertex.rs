@@ -1,20 +1,20 @@
-//! `level.vertex.glb`: the input with its light in vertex colours, drawn without lighting.
+//! `level.vertex.glb`: the input with its light in vertex colours, rendered unlit.
 //!
-//! An unlit renderer shows `COLOR_0 × baseColorFactor × baseColorTexture`, so for the picture to be
-//! the outgoing radiance ρR + L_e (with R = E/π and ρ = factor × texture × the input's own
-//! `COLOR_0`, c) divided by the file's one scale s,
+//! An unlit renderer shows `COLOR_0 × baseColorFactor × baseColorTexture`. The picture should be
+//! the outgoing radiance ρR + L_e, divided by one scale s for the whole file, where R = E/π, ρ =
+//! factor × texture × c, and c is the input's own `COLOR_0`. Therefore
 //!
-//! - a surface that does not glow gets `COLOR_0 = c R / s`, factor and texture staying in the
-//!   material;
-//! - a glowing surface without a base texture gets `COLOR_0 = (factor c R + L_e) / s` and a white
-//!   factor: exact at the vertices;
-//! - a glowing surface with a base texture t gets
-//!   `COLOR_0 = (c R + L_e / max(factor t, 0.05)) / s`, all at the vertex: the glow is then tinted
-//!   by the texture between vertices.
+//! - a surface without emission gets `COLOR_0 = c R / s`, and the material keeps factor and
+//!   texture;
+//! - an emissive surface without a base texture gets `COLOR_0 = (factor c R + L_e) / s` and a white
+//!   factor, which is exact at the vertices;
+//! - an emissive surface with a base texture t gets
+//!   `COLOR_0 = (c R + L_e / max(factor t, 0.05)) / s`, evaluated at the vertex; between vertices
+//!   the texture tints the emission.
 //!
-//! s is the largest value of all, but at most 16 times the 99th percentile of cR, so that a hot
-//! spot or a lamp does not take the precision of the 16-bit colours from the rest; values beyond s
-//! are clamped and counted. `_IRRADIANCE` has E itself, in full.
+//! s is the largest value, but at most 16 times the 99th percentile of cR, so that a highlight or a
+//! lamp does not cost the rest of the 16-bit colours precision. Values beyond s are clamped and
+//! counted. `_IRRADIANCE` stores E itself at full precision.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f32::consts::PI;
@@ -33,29 +33,30 @@ use super::split::{accessor_of, add_gathered};
 use crate::error::{Error, Result};
 use crate::texture;
 
-/// Most that the scale exceeds the 99th percentile of reflected radiance: leaves 4096 steps of 16
-/// bits below it.
+/// Largest ratio of the scale to the 99th percentile of reflected radiance; it leaves 4096 16-bit
+/// steps below that percentile.
 const HEADROOM: f32 = 16.0;
 
-/// Least reflectance by which emission is divided, so that black texels do not blow it up.
+/// Lower bound of the reflectance that emission is divided by, because black texels would give huge
+/// values.
 const LEAST_REFLECTANCE: f32 = 0.05;
 
-/// What [`write_vertex_glb`] did.
+/// Report of [`write_vertex_glb`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct VertexStats {
-    /// Radiance (nit or W/(m² sr)) that a colour of 1 stands for.
+    /// Radiance (nit or W/(m² sr)) of a colour of 1.
     pub scale: f32,
-    /// Vertices that got a colour, all instances together.
+    /// Vertices with a colour, over all instances.
     pub vertices: u64,
     /// Vertices with a component beyond `scale`, stored as 1.
     pub clamped: u64,
     /// Vertices whose light was NaN, infinite or negative, stored as 0.
     pub unusable: u64,
-    /// Meshes that were copied, since two instances cannot share colours.
+    /// Meshes copied because two instances cannot share colours.
     pub meshes_copied: u64,
     /// Vertices that splitting added.
     pub vertices_added: u64,
-    /// Nodes made out of `EXT_mesh_gpu_instancing` copies.
+    /// Nodes added for `EXT_mesh_gpu_instancing` copies.
     pub nodes_added: u64,
 }
 
@@ -65,8 +66,9 @@ pub struct VertexStats {
 /// baked node: radiance = `COLOR_0` × base colour × scale.
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where `light` does not fit the scene or the scene not the document,
-/// [`Error::Document`] where the document's data cannot be read, [`Error::Limit`] beyond 4 GiB.
+/// [`Error::Inconsistent`] if `light` does not fit the scene or the scene does not fit the
+/// document, [`Error::Document`] if the document's data cannot be read, [`Error::Limit`] beyond 4
+/// GiB.
 pub fn write_vertex_glb(
     document: &Document,
     scene: &Scene,
@@ -177,7 +179,7 @@ fn check(scene: &Scene, all: &VertexLight) -> Result<()> {
     Ok(())
 }
 
-/// By material of the scene: whether it glows.
+/// Whether each material of the scene is emissive.
 fn glowing(scene: &Scene) -> Vec<bool> {
     scene
         .materials
@@ -186,7 +188,7 @@ fn glowing(scene: &Scene) -> Vec<bool> {
         .collect()
 }
 
-/// R at a vertex, black where E is unusable.
+/// R at a vertex, black if E is unusable.
 fn radiance(e: [f32; 3]) -> Vec3 {
     let e = Vec3::from(e);
     if e.is_finite() {
@@ -201,7 +203,7 @@ fn own_color(primitive: &Primitive, v: usize) -> Vec3 {
     primitive.colors.get(v).map_or(Vec3::ONE, |c| c.truncate())
 }
 
-/// What `COLOR_0` × scale has to be at vertex `v`.
+/// Required value of `COLOR_0` × scale at vertex `v`.
 fn target(scene: &Scene, primitive: &Primitive, glows: bool, v: usize, e: [f32; 3]) -> Vec3 {
     let reflected = own_color(primitive, v) * radiance(e);
     if !glows {
@@ -220,7 +222,7 @@ fn target(scene: &Scene, primitive: &Primitive, glows: bool, v: usize, e: [f32; 
     }
 }
 
-/// The file's scale; 1 in the dark.
+/// The file's scale; 1 if there is no light.
 fn scale_of(scene: &Scene, all: &VertexLight) -> f32 {
     let glows = glowing(scene);
     let (mut reflected, mut largest) = (Vec::new(), 0f32);
@@ -256,21 +258,21 @@ struct Writer<'a> {
     editor: Editor<'a>,
     scene: &'a Scene,
     stats: VertexStats,
-    /// By mesh of the scene: the document's mesh with compressed primitives unpacked, shared by all
-    /// instances.
+    /// The document's meshes with compressed primitives unpacked, by mesh of the scene and shared
+    /// by all instances.
     bases: Vec<Option<Map<String, Value>>>,
-    /// The unlit form of each of the scene's materials.
+    /// The unlit version of each material of the scene.
     materials: BTreeMap<usize, usize>,
     glowing: Vec<bool>,
 }
 
 impl Writer<'_> {
-    /// Whether the primitive gets colours on instances that are no occluders.
+    /// Whether the primitive gets colours on instances that are not occluders.
     fn receives(&self, primitive: &Primitive) -> bool {
         !self.scene.materials[primitive.material].occluder_only
     }
 
-    /// The document's meshes all of whose nodes are baked.
+    /// The document's meshes that only baked nodes use.
     fn meshes_of_baked_nodes_only(&self) -> BTreeSet<usize> {
         let instances = &self.scene.instances;
         let baked: BTreeSet<usize> = (0..instances.len())
@@ -297,8 +299,8 @@ impl Writer<'_> {
         meshes
     }
 
-    /// Makes an unlit form of every material that a baked primitive uses: in place unless something
-    /// else uses it too.
+    /// Makes an unlit version of every material that a baked primitive uses: in place unless
+    /// something else uses it too.
     fn convert_materials(&mut self, in_place: &BTreeSet<usize>) {
         let baked: BTreeSet<(usize, usize)> = self
             .scene
@@ -344,7 +346,8 @@ impl Writer<'_> {
             );
             object_at(&mut unlit, "extensions").insert("KHR_materials_unlit".into(), json!({}));
             if self.glowing[material] {
-                // The glow is in the colours; a renderer without unlit must not add it again.
+                // The emission is in the colours; a renderer without unlit support must not add it
+                // again.
                 unlit.shift_remove("emissiveFactor");
                 unlit.shift_remove("emissiveTexture");
                 if of.base_texture.is_none() {
@@ -366,7 +369,7 @@ impl Writer<'_> {
         }
     }
 
-    /// The document's form of a mesh with compressed primitives unpacked.
+    /// The document's mesh with compressed primitives unpacked.
     fn base(&mut self, mesh: usize) -> Result<Map<String, Value>> {
         if let Some(base) = &self.bases[mesh] {
             return Ok(base.clone());
@@ -423,7 +426,8 @@ impl Writer<'_> {
         let mesh = self.scene.instances[instance].mesh;
         let mut lit = self.base(mesh)?;
         let gltf_mesh = self.scene.meshes[mesh].gltf_mesh;
-        // Where any of a mesh's primitives deforms none is split: they would come apart.
+        // If one primitive of a mesh deforms, none is split, because cracks would open between
+        // them.
         let mut splits = false;
         if light.split.get(instance).is_some_and(|s| !s.is_empty()) {
             splits = true;
@@ -481,7 +485,7 @@ impl Writer<'_> {
         let attributes = object_at(slot, "attributes");
         for (name, accessor) in &raw.attributes {
             if name == "COLOR_0" || name == "_IRRADIANCE" {
-                continue; // replaced
+                continue; // Replaced below.
             }
             let template = accessor_of(attributes, name);
             let elements = midpoints::extended(name, accessor, &split.parents);
@@ -501,8 +505,8 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Normalised 16-bit colours; with alpha where the primitive has colours of its own, as any of
-    /// them may be transparent.
+    /// Normalised 16-bit colours, with alpha if the primitive has its own colours, which may be
+    /// transparent.
     fn add_colors(&mut self, primitive: &Primitive, light: &[[f32; 3]]) -> usize {
         let glows = self.glowing[primitive.material];
         let with_alpha = primitive.colors.iter().any(|c| c.w != 1.0);
@@ -512,7 +516,7 @@ impl Writer<'_> {
         for (v, &e) in light.iter().enumerate() {
             let color = target(self.scene, primitive, glows, v, e) / scale;
             self.stats.vertices += 1;
-            // A rounding of the division is no clamp.
+            // Rounding of the division does not count as clamping.
             self.stats.clamped += u64::from(color.max_element() > 1.0 + f32::EPSILON);
             self.stats.unusable += u64::from(e.iter().any(|x| !(x.is_finite() && *x >= 0.0)));
             let alpha = primitive.colors.get(v).filter(|_| with_alpha).map(|c| c.w);
@@ -526,7 +530,7 @@ impl Writer<'_> {
         self.editor.add_attribute(accessor, bytes, light.len())
     }
 
-    /// Gives every node its mesh; the copies of instanced nodes become children.
+    /// Assigns each node its mesh; copies of instanced nodes become children.
     fn place(&mut self, mesh_of: &[Option<usize>]) -> Result<()> {
         let scale = json!({"scale": self.stats.scale});
         let instances = &self.scene.instances;
@@ -556,8 +560,8 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Replaces the `EXT_mesh_gpu_instancing` of `own` by child nodes. Copies that are not baked
-    /// (null in `meshes`, or beyond its end) keep the document's mesh.
+    /// Replaces the `EXT_mesh_gpu_instancing` of `own` by child nodes. Unbaked copies (null in
+    /// `meshes`, or beyond its end) keep the document's mesh.
     fn expand(
         &mut self,
         node: usize,
@@ -608,7 +612,7 @@ impl Writer<'_> {
                     continue;
                 };
                 let value = if *key == "rotation" {
-                    // Quantised quaternions are not quite unit, which a node's must be.
+                    // Quantised quaternions are not exactly unit, but a node's rotation must be.
                     let length = x.iter().map(|x| x * x).sum::<f64>().sqrt();
                     if length > 0.0 {
                         json!(x.map(|x| x / length))
@@ -633,7 +637,7 @@ impl Writer<'_> {
     }
 }
 
-/// E with what is unusable made black, so that the file holds no NaN.
+/// E with unusable values set to 0, so that the file contains no NaN.
 fn light_only(light: &[[f32; 3]]) -> Vec<[f32; 3]> {
     light
         .iter()

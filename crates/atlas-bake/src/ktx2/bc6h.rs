@@ -1,23 +1,23 @@
-//! BC6H, unsigned: blocks of 4×4 texels, 16 bytes each.
+//! Unsigned BC6H: blocks of 4×4 texels, 16 bytes each.
 
 use block_compression::{BC6HSettings, CompressionVariant, encode};
 use half::f16;
 use rayon::prelude::*;
 
-/// Texels on a block's side.
+/// Side of a block, texels.
 const SIDE: usize = 4;
 
-/// On bakes of the Cornell box and the demo level (356 × 580 and 536 × 536 texels; docs/engines.md)
-/// `basic` took 0.31 and 0.44 s of one core at a relative error of 0.48 and 2.33 %, `very_slow`
-/// eight times as long at 0.46 and 2.16 %, `fast` 0.13 and 0.19 s at 0.64 and 2.66 %.
+/// Measured on bakes of the Cornell box and the demo level (356 × 580 and 536 × 536 texels), one
+/// core: `basic` takes 0.31 and 0.44 s for a relative error of 0.48 and 2.33 %; `very_slow` takes
+/// eight times as long for 0.46 and 2.16 %; `fast` takes 0.13 and 0.19 s for 0.64 and 2.66 %.
 const VARIANT: CompressionVariant = CompressionVariant::BC6H(BC6HSettings::basic());
 
-/// Blocks of an image in rows, row 0 first; blocks that reach beyond its right or lower border
-/// repeat the last texels.
+/// Encodes an image in rows of blocks, row 0 first. Blocks that extend beyond the right or lower
+/// border repeat the last texels.
 ///
-/// `value` is in 0..=65504. Texels without coverage that are black are free: nobody looks them up,
-/// since padding has filled what lookups reach. They take the mean of their block's others, so that
-/// the block spends its bits on those.
+/// `value` is in 0..=65504. Black texels without coverage are free: dilation has filled everything
+/// that lookups read. They take the mean of the rest of their block, so that the block spends its
+/// bits on the others.
 pub(super) fn encode([width, height]: [u32; 2], value: &[[f32; 3]], coverage: &[f32]) -> Vec<u8> {
     let (w, h) = (width as usize, height as usize);
     let blocks = [w.div_ceil(SIDE), h.div_ceil(SIDE)];
@@ -64,9 +64,8 @@ pub(super) fn encode([width, height]: [u32; 2], value: &[[f32; 3]], coverage: &[
     out
 }
 
-/// The image that [`encode`]'s blocks hold, by a decoder that is not of the encoder's crate (whose
-/// own, of version 0.11.0, gave wrong values for blocks that this one and graphics cards read
-/// right).
+/// Decodes the blocks of [`encode`] with a decoder of another crate. The encoder crate's own
+/// decoder (version 0.11.0) returned wrong values for blocks that this one and GPUs read correctly.
 pub(super) fn decode([width, height]: [u32; 2], data: &[u8]) -> Vec<[f32; 3]> {
     let (w, h) = (width as usize, height as usize);
     let blocks = w.div_ceil(SIDE);

@@ -1,7 +1,7 @@
-//! The file around the texels.
+//! The KTX2 container.
 //!
-//! Based on: Khronos, KTX File Format Specification, version 2.0, §3 to §5. Structures and the
-//! format's description are those of the crate `ktx2`; here they are put in order and padded.
+//! Based on: Khronos, KTX File Format Specification, version 2.0, §3 to §5. Structures and the data
+//! format descriptor come from the crate `ktx2`; this module orders and pads them.
 
 use ktx2::dfd::{Basic, Block};
 use ktx2::{Format, Header, Index, LevelIndex};
@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 /// A KTX2 file with one level.
 ///
 /// # Errors
-/// [`Error::Image`] where the crate cannot describe the format, which would be its fault.
+/// [`Error::Image`] if the crate cannot describe the format, which would be a bug there.
 pub(super) fn assemble(
     format: Ktx2Format,
     [width, height]: [u32; 2],
@@ -67,8 +67,7 @@ pub(super) fn assemble(
     Ok(out)
 }
 
-/// Keys in the order of their code points, each with its length before it and padded to four bytes
-/// (§3.11).
+/// Keys in code point order, each preceded by its length and padded to four bytes (§3.11).
 fn key_values() -> Vec<u8> {
     let mut out = Vec::new();
     for (key, value) in [

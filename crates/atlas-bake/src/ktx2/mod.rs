@@ -1,12 +1,12 @@
-//! Lightmap pages as KTX2: what engines ship, on the graphics card as it lies in the file.
+//! Lightmap pages as KTX2, which engines can upload to the GPU without conversion.
 //!
-//! Two formats: BC6H (unsigned; a byte a texel, each block of 4×4 packed with loss) and
-//! shared-exponent rgb9e5 (four bytes a texel, nine bits a channel). Files hold one level and no
-//! supercompression. Smaller levels would mix charts with what lies beside them, since padding is
-//! made for bilinear lookups in the first level alone; and which supercompression a loader knows
-//! differs. Row 0 is at the top (`KTXorientation` "rd"), as in the EXR.
+//! There are two formats: unsigned BC6H (1 byte per texel, lossy blocks of 4×4) and shared-exponent
+//! rgb9e5 (4 bytes per texel, nine bits per channel). Files have one level and no supercompression.
+//! Mipmaps would mix charts with their neighbours, because padding only serves bilinear lookups in
+//! the first level, and loaders support different supercompression schemes. Row 0 is at the top
+//! (`KTXorientation` "rd"), as in the EXR.
 //!
-//! What storing cost is measured on every page and reported.
+//! The compression error of every page is measured and reported.
 
 mod bc6h;
 mod container;
@@ -25,40 +25,40 @@ use crate::error::{Error, Result};
 use crate::exr_io::{ExrImage, ExrStats};
 use crate::page::Page;
 
-/// A page as it was stored.
+/// How a page was stored.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ktx2Report {
     /// Format.
     pub format: Ktx2Format,
     /// Size of the file in bytes.
     pub bytes: u64,
-    /// Samples that could not be stored as they are.
+    /// Samples that had to be changed.
     pub clamped: ExrStats,
-    /// What a reader finds against what was baked, on the luminance of covered lumels; `rel_rmse`
-    /// is the figure to look at.
+    /// Error of the stored page against the baked one, on the luminance of covered lumels; see
+    /// `rel_rmse` first.
     pub error: DiffReport,
-    /// Peak signal to noise ratio, dB, over all channels of covered lumels: 20 lg(largest value /
-    /// √mean((x − y)²)); null where nothing differs. It tells little of dark parts of a lightmap
-    /// with bright spots.
+    /// Peak signal-to-noise ratio, dB, over all channels of covered lumels: 20 lg(largest value /
+    /// √mean((x − y)²)); null if nothing differs. It says little about dark parts of a lightmap
+    /// with highlights.
     pub psnr: Option<f64>,
 }
 
-/// Encodes R, G and B of `page`; extra channels stay with the EXR. Equal pages give equal bytes for
-/// any number of threads.
+/// Encodes R, G and B of `page`; extra channels exist only in the EXR. Equal pages give equal bytes
+/// for any number of threads.
 ///
-/// NaN, infinite and negative samples become 0, samples above [`Ktx2Format::max`] become it; both
-/// are counted. Texels without a surface that padding did not reach (black, no coverage) may take
-/// other values, where that helps the block they are in.
+/// NaN, infinite and negative samples become 0, and samples above [`Ktx2Format::max`] are clamped
+/// to it; both are counted. Texels that neither have a surface nor were dilated (black, no
+/// coverage) may take other values if that helps their block.
 ///
 /// # Errors
-/// [`Error::Inconsistent`] where the page is empty or its lists are not of its size.
+/// [`Error::Inconsistent`] if the page is empty or its lists do not match its size.
 pub fn write_lightmap_ktx2(page: &Page, format: Ktx2Format) -> Result<(Vec<u8>, Ktx2Report)> {
     let texels = page.width as usize * page.height as usize;
     if texels == 0 || page.value.len() != texels || page.coverage.len() != texels {
         return Err(Error::Inconsistent {
             at: "lightmap page for KTX2".into(),
             message: format!(
-                "expected {} x {} values and coverages, more than none, got {} and {}",
+                "expected {} x {} values and coverages and at least one, got {} and {}",
                 page.width,
                 page.height,
                 page.value.len(),
@@ -94,7 +94,7 @@ pub fn write_lightmap_ktx2(page: &Page, format: Ktx2Format) -> Result<(Vec<u8>, 
     Ok((bytes, report))
 }
 
-/// Values in 0..=max, and what had to be changed for that.
+/// Values clamped to 0..=max, and counts of the changes.
 fn storable(value: &[[f32; 3]], max: f32) -> (Vec<[f32; 3]>, ExrStats) {
     let mut stats = ExrStats::default();
     let mut one = |x: f32| {
@@ -113,7 +113,7 @@ fn storable(value: &[[f32; 3]], max: f32) -> (Vec<[f32; 3]>, ExrStats) {
     (out, stats)
 }
 
-/// As [`diff`] takes it.
+/// The page as an image for [`diff`].
 fn image([width, height]: [u32; 2], value: &[[f32; 3]], coverage: Option<&[f32]>) -> ExrImage {
     let channel = |c: usize| value.iter().map(|v| v[c]).collect();
     let mut channels = vec![

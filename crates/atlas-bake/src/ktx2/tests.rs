@@ -2,7 +2,7 @@ use ktx2::{Format, Reader};
 
 use super::*;
 
-/// Smooth light with a bright spot and an edge, over a range of 10^4.
+/// Smooth light with a highlight and an edge, over a range of 10^4.
 fn page(width: u32, height: u32) -> Page {
     let n = width * height;
     let at = |i: u32| {
@@ -20,8 +20,8 @@ fn page(width: u32, height: u32) -> Page {
     }
 }
 
-/// Texels of a file: the container by `ktx2`, BC6H by `bcdec_rs`, rgb9e5 by its definition. That
-/// graphics cards agree on BC6H is seen in crates/lumel/tests/engines.rs.
+/// Texels of a file: the container is read by `ktx2`, BC6H by `bcdec_rs`, and rgb9e5 by its
+/// definition. crates/lumel/tests/engines.rs checks BC6H on GPUs.
 fn read(bytes: &[u8]) -> Vec<[f32; 3]> {
     let file = Reader::new(bytes).unwrap();
     let h = file.header();
@@ -72,17 +72,16 @@ fn what_another_reader_finds_is_what_the_report_says() {
         assert_eq!(report.error, again.unwrap(), "{format:?}");
         assert_eq!(report.bytes, bytes.len() as u64);
         assert_eq!(report.clamped, ExrStats::default());
-        // Both keep smooth light: rgb9e5 to half a step of 2^-8 of the largest channel, BC6H about
-        // as well but for blocks on the edge and beside the spot. The bound is only there to catch
-        // a page that is turned, shifted or scaled, which gives above 0.5.
+        // Both formats preserve smooth light: rgb9e5 to half a step of 2^-8 of the largest channel,
+        // BC6H similarly except for blocks at the edge and the highlight. The bound only catches a
+        // page that is flipped, shifted or scaled, which gives more than 0.5.
         assert!(report.error.rel_rmse < 0.05, "{format:?}: {report:?}");
         assert!(report.psnr.is_some_and(|x| x > 40.0), "{report:?}");
     }
 }
 
-/// Blocks with one region of 4-bit indices (mode 11 of the format: bits 00011, endpoints of 10
-/// bits, then 63 bits of indices), put together by hand from the Khronos Data Format Specification
-/// 1.3, §16 (BPTC).
+/// Blocks with one region of 4-bit indices (mode 11: bits 00011, 10-bit endpoints, then 63 bits of
+/// indices), assembled by hand from the Khronos Data Format Specification 1.3, §16 (BPTC).
 #[test]
 fn the_decoder_reads_a_block_made_by_hand() {
     let endpoints: [[u32; 3]; 2] = [[480, 100, 0], [600, 100, 1023]];
@@ -92,7 +91,7 @@ fn the_decoder_reads_a_block_made_by_hand() {
         bits |= u128::from(*e) << at;
         at += 10;
     }
-    // Texel 0 has three bits of index, the first of them always 0; the others four.
+    // Texel 0 has a 3-bit index, because its top bit is always 0; the others have four.
     let index = |i: usize| if i == 0 { 0 } else { i as u128 };
     at = 65;
     for i in 0..16 {
@@ -101,8 +100,8 @@ fn the_decoder_reads_a_block_made_by_hand() {
     }
     assert_eq!(at, 128);
     let back = bc6h::decode([4, 4], &bits.to_le_bytes());
-    // Unquantised to 16 bits: 0 and 1023 stay the ends, the rest (x 2^16 + 2^15) / 2^10; weights of
-    // 64; then times 31/64, as bits of a half.
+    // Endpoints are expanded to 16 bits: 0 and 1023 map to the ends, the rest to (x 2^16 + 2^15) /
+    // 2^10. Weights are in 64ths. The result times 31/64 is the bit pattern of a half.
     let wide = |x: u32| match x {
         0 => 0,
         1023 => 0xFFFF,
@@ -138,7 +137,7 @@ fn shared_exponents_round_to_the_nearest_step() {
     ] {
         let word = rgb9e5::encode([x, 0.5 * x, 0.0]);
         let back = rgb9e5::decode(word);
-        // Half a step of 9 bits below the largest, or of the smallest step that there is.
+        // Half a step of 9 bits below the largest channel, or of the smallest step.
         let half = (x * 2f32.powi(-9)).max(2f32.powi(-25));
         assert!((back[0] - x).abs() <= half, "{x}: {back:?}");
         assert!((back[1] - 0.5 * x).abs() <= half, "{x}: {back:?}");
@@ -198,7 +197,7 @@ fn what_cannot_be_stored_is_clamped_and_counted() {
             assert_eq!(back[1], [1.0; 3]);
         }
     }
-    // A page of nothing but the largest comes back as it was.
+    // A page of only the largest value is exact.
     p.value = vec![[f32::MAX; 3]; 16];
     for format in [Ktx2Format::Bc6h, Ktx2Format::Rgb9e5] {
         let (bytes, _) = write_lightmap_ktx2(&p, format).unwrap();
@@ -208,8 +207,8 @@ fn what_cannot_be_stored_is_clamped_and_counted() {
 
 #[test]
 fn texels_that_nobody_sees_cost_their_block_nothing() {
-    // A chequerboard, which none of the format's partitions is: the dark fields are free at first,
-    // then surfaces that are black.
+    // A chequerboard, which matches none of the format's partitions. The dark fields are free at
+    // first, then black surfaces.
     let mut p = page(32, 32);
     let lit = |i: usize| (i % 32 + i / 32).is_multiple_of(2);
     for i in 0..p.value.len() {

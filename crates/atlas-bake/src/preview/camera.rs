@@ -1,4 +1,4 @@
-//! Where to look from: the document's camera, or a view that shows much of the level.
+//! Chooses a camera: the document's, or one that shows much of the level.
 
 use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3};
 use mesh_ingest::{Document, Scene, Soup};
@@ -11,7 +11,7 @@ use super::tone::luminance;
 /// Vertical field of view of chosen cameras, radians (60°).
 const FIELD: f32 = std::f32::consts::FRAC_PI_3;
 
-/// Rays of the pictures by which views are judged.
+/// Resolution of the pictures by which views are judged.
 const SKETCH: [u32; 2] = [32, 18];
 
 /// A pinhole camera in recentred world space.
@@ -19,7 +19,7 @@ const SKETCH: [u32; 2] = [32, 18];
 pub struct Camera {
     /// The eye.
     pub position: Vec3,
-    /// Unit direction of sight.
+    /// Unit view direction.
     pub forward: Vec3,
     /// Unit direction up in the picture, perpendicular to `forward`.
     pub up: Vec3,
@@ -44,7 +44,7 @@ impl Rays {
 }
 
 impl Camera {
-    /// At `position`, looking at `target`, upright.
+    /// An upright camera at `position`, looking at `target`.
     pub fn look_at(position: Vec3, target: Vec3) -> Camera {
         let forward = (target - position).normalize_or(-Vec3::Z);
         let right = forward.cross(Vec3::Y).normalize_or(Vec3::X);
@@ -69,7 +69,7 @@ impl Camera {
     }
 }
 
-/// The first perspective camera in the document's scene (depth first), if there is one.
+/// The first perspective camera in the document's scene (depth first), if any.
 pub fn scene_camera(document: &Document, scene: &Scene) -> Option<Camera> {
     let json = document.json();
     let nodes = json.get("nodes")?.as_array()?;
@@ -93,8 +93,7 @@ pub fn scene_camera(document: &Document, scene: &Scene) -> Option<Camera> {
             .map(|i| (i, DAffine3::IDENTITY))
             .collect(),
     };
-    // Each node is in a scene at most once; the bound only guards against documents that break
-    // this.
+    // Each node is in a scene at most once; the bound guards against documents that violate this.
     for _ in 0..=nodes.len() {
         let (i, parent) = stack.pop()?;
         let Some(node) = nodes.get(i) else { continue };
@@ -144,10 +143,10 @@ fn local_transform(node: &Value) -> DAffine3 {
 
 /// A camera that shows much of the level.
 ///
-/// Candidates stand on a grid within the level, where no wall is near and few backs of faces are
-/// seen, and on a ring around it. Each is scored by the entropy of what it shows (after Vázquez et
-/// al., "Viewpoint Selection using Viewpoint Entropy", 2001): of surfaces by their share of the
-/// picture, and of their brightness.
+/// Candidates are on a grid within the level, where no wall is near and few backfaces are visible,
+/// and on a ring around it. Each is scored by viewpoint entropy (after Vázquez et al., "Viewpoint
+/// Selection using Viewpoint Entropy", 2001), both of surfaces, by their fraction of the picture,
+/// and of their brightness.
 pub fn choose_camera(lit: &LitScene<'_>) -> Camera {
     let Some((low, high)) = bulk(lit.soup) else {
         return Camera::look_at(Vec3::Z, Vec3::ZERO);
@@ -173,7 +172,7 @@ pub fn choose_camera(lit: &LitScene<'_>) -> Camera {
         }
         for yaw in 0..12 {
             let (sin, cos) = (yaw as f32 * std::f32::consts::TAU / 12.0).sin_cos();
-            // A little downwards, as people look at rooms.
+            // Slightly downwards, as people look at rooms.
             candidates.push(Camera::look_at(
                 position,
                 position + Vec3::new(cos, -0.2, sin),
@@ -184,13 +183,13 @@ pub fn choose_camera(lit: &LitScene<'_>) -> Camera {
         .par_iter()
         .map(|c| score(lit, c, length))
         .collect();
-    // The first of equals, so that the choice does not depend on anything else.
+    // The first of equal scores, for determinism.
     let best = (0..scores.len()).fold(0, |best, i| if scores[i] > scores[best] { i } else { best });
     candidates[best]
 }
 
-/// The box that holds most of the detail: the 1st to 99th percentile of corners on each axis, so
-/// that an endless ground plane does not count.
+/// The box that contains most of the detail: the 1st to 99th percentile of vertices on each axis,
+/// so that a huge ground plane does not count.
 fn bulk(soup: &Soup) -> Option<(Vec3, Vec3)> {
     const AT_MOST: usize = 100_000;
     let step = soup.seen().div_ceil(AT_MOST).max(1);
@@ -211,7 +210,7 @@ fn bulk(soup: &Soup) -> Option<(Vec3, Vec3)> {
     Some((bounds[0], bounds[1]))
 }
 
-/// Whether one could stand there: nothing very near, and not inside something.
+/// Whether a viewer could stand there: not too near anything and not inside anything.
 fn is_open(lit: &LitScene<'_>, position: Vec3, length: f32) -> bool {
     let mut backs = 0;
     for k in 0..26 {
@@ -239,7 +238,7 @@ fn is_open(lit: &LitScene<'_>, position: Vec3, length: f32) -> bool {
     backs <= 6
 }
 
-/// How much a view shows.
+/// Score of a view.
 fn score(lit: &LitScene<'_>, camera: &Camera, length: f32) -> f32 {
     let rays = camera.rays(SKETCH);
     let seen: Vec<Seen> = (0..SKETCH[0] * SKETCH[1])
@@ -256,7 +255,7 @@ fn score(lit: &LitScene<'_>, camera: &Camera, length: f32) -> f32 {
     if hits.is_empty() {
         return 0.0;
     }
-    // A face's side is told by its primitive and the axis that it looks along.
+    // Faces are grouped by primitive and by the axis that they face most.
     let things = hits.iter().map(|s| {
         let source = lit.soup.sources[s.triangle as usize];
         let n = lit.soup.normals[s.triangle as usize];
@@ -272,7 +271,7 @@ fn score(lit: &LitScene<'_>, camera: &Camera, length: f32) -> f32 {
         .map(|s| luminance(s.color))
         .fold(0.0, f32::max)
         .max(f32::MIN_POSITIVE);
-    // Stops below the brightest; beyond twelve all is black.
+    // Stops below the brightest; everything beyond twelve counts as black.
     let stops = hits.iter().map(|s| {
         [
             ((brightest / luminance(s.color).max(brightest * 2.5e-4)).log2()) as u32,
@@ -286,7 +285,7 @@ fn score(lit: &LitScene<'_>, camera: &Camera, length: f32) -> f32 {
     (entropy(things.collect()) + entropy(stops.collect())) * share * (1.0 - near).powi(2)
 }
 
-/// Σ −p log₂ p over the shares of equal entries.
+/// Σ −p log₂ p over the fractions of equal entries.
 fn entropy(mut keys: Vec<[u32; 3]>) -> f32 {
     keys.sort_unstable();
     let n = keys.len() as f32;

@@ -1,8 +1,8 @@
-//! Pictures of a finished bake, for people: the level as an engine would show it, and the pages
+//! Pictures of a finished bake for people: the level as an engine would show it, and the pages
 //! themselves.
 //!
-//! Nothing is measured here; the rest of the program does not depend on it. Deterministic for any
-//! number of threads.
+//! Nothing is measured here, and the rest of the program does not depend on it. Deterministic for
+//! any number of threads.
 
 mod camera;
 mod seen;
@@ -24,14 +24,14 @@ use tone::Exposure;
 /// Samples along each side of a pixel.
 const SUPERSAMPLING: u32 = 2;
 
-/// sRGB colours of the sky at the top and at the bottom of the picture: neutral, and clearly no
-/// surface.
+/// sRGB colours of the background at the top and bottom of the picture: neutral, and not mistakable
+/// for a surface.
 const BACKDROP: [[f32; 3]; 2] = [[58.0, 66.0, 80.0], [22.0, 24.0, 29.0]];
 
-/// Renders `lit` from `camera` as a PNG of `size` pixels, exposed automatically.
+/// Renders `lit` from `camera` as a PNG of `size` pixels with automatic exposure.
 ///
 /// # Errors
-/// [`crate::Error::Image`] where the PNG cannot be encoded.
+/// [`crate::Error::Image`] if the PNG cannot be encoded.
 pub fn render_preview(lit: &LitScene<'_>, camera: &Camera, size: [u32; 2]) -> Result<Vec<u8>> {
     let [width, height] = size.map(|s| s.clamp(1, 8192));
     let fine = [width * SUPERSAMPLING, height * SUPERSAMPLING];
@@ -48,7 +48,7 @@ pub fn render_preview(lit: &LitScene<'_>, camera: &Camera, size: [u32; 2]) -> Re
             }
         });
     let exposure = Exposure::measure(samples.iter().filter(|s| s.alpha > 0.0).map(|s| s.color));
-    // Each sample is brought to display range before the mean, or bright edges would stay jagged.
+    // Samples are tone-mapped before averaging; otherwise bright edges would stay jagged.
     let pixels: Vec<[u8; 3]> = (0..width as usize * height as usize)
         .into_par_iter()
         .map(|i| {
@@ -70,7 +70,7 @@ pub fn render_preview(lit: &LitScene<'_>, camera: &Camera, size: [u32; 2]) -> Re
 /// A page as a PNG, exposed by its covered texels.
 ///
 /// # Errors
-/// [`crate::Error::Inconsistent`] where the page's length is not its size.
+/// [`crate::Error::Inconsistent`] if the page's lists do not match its size.
 pub fn lightmap_png(page: &Page) -> Result<Vec<u8>> {
     let covered = page
         .value
@@ -86,11 +86,11 @@ pub fn lightmap_png(page: &Page) -> Result<Vec<u8>> {
     encode_png(page.width, page.height, &pixels)
 }
 
-/// One channel of `page` as a PNG from black (`range[0]` and below) through blue, green, yellow and
-/// red to white (`range[1]`): error, coverage.
+/// One channel of `page` (e.g. error or coverage) as a PNG, from black (`range[0]` and below)
+/// through blue, green, yellow and red to white (`range[1]`).
 ///
 /// # Errors
-/// [`crate::Error::Inconsistent`] where `values` are not one per texel.
+/// [`crate::Error::Inconsistent`] if `values` does not have one value per texel.
 pub fn heat_png(page: &Page, values: &[f32], range: [f32; 2]) -> Result<Vec<u8>> {
     let span = (range[1] - range[0]).max(f32::MIN_POSITIVE);
     let pixels: Vec<_> = values.iter().map(|x| heat((x - range[0]) / span)).collect();

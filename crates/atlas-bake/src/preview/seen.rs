@@ -1,4 +1,4 @@
-//! A baked level as rays see it.
+//! A baked level, traced by rays.
 
 use atlas::{Layout, Placement};
 use glam::{Vec2, Vec3};
@@ -9,39 +9,38 @@ use visibility::{Bvh, Hit, HitFilter, Ray};
 use crate::manifest::ValueKind;
 use crate::page::Page;
 
-/// Surfaces that one ray looks through (culled backs, glass).
+/// Most surfaces that a ray passes through (culled backfaces, glass).
 const MAX_LAYERS: usize = 32;
 
-/// A baked level as rays see it.
+/// A baked level for tracing.
 #[derive(Clone, Copy)]
 pub struct LitScene<'a> {
     /// The scene.
     pub scene: &'a Scene,
     /// Its triangles.
     pub soup: &'a Soup,
-    /// The tree over `soup`, built with the triangles flagged whose material [needs
-    /// alpha](Scene::needs_alpha).
+    /// The tree over `soup`; triangles whose material [needs alpha](Scene::needs_alpha) are
+    /// flagged.
     pub bvh: &'a Bvh,
     /// The light.
     pub light: PictureLight<'a>,
 }
 
-/// Where a picture's light comes from.
+/// Source of a picture's light.
 #[derive(Clone, Copy)]
 pub enum PictureLight<'a> {
-    /// A finished bake, read as an engine does it.
+    /// A finished bake, read like an engine does.
     Pages {
-        /// Where the light lies.
+        /// The lightmap layout.
         layout: &'a Layout,
         /// The pages.
         pages: &'a [Page],
-        /// What they hold.
+        /// Quantity in the pages.
         value: ValueKind,
     },
-    /// The solution on patches, before anything is gathered: coarse, with some noise near lamps and
-    /// contacts.
+    /// The solution on patches, before the gather: coarse, with some noise near lamps and contacts.
     Solved {
-        /// Its world, over the same soup.
+        /// The world over the same soup.
         world: &'a World<'a>,
         /// The solution.
         solution: &'a Solution,
@@ -50,20 +49,20 @@ pub enum PictureLight<'a> {
     },
 }
 
-/// What a ray brings back.
+/// Result of a ray.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Seen {
     /// Radiance towards the eye.
     pub color: Vec3,
-    /// Share of the ray that ended at surfaces.
+    /// Fraction of the ray that ended at surfaces.
     pub alpha: f32,
-    /// Distance to the first surface that was seen; infinite where there is none.
+    /// Distance to the first visible surface; infinite if there is none.
     pub distance: f32,
-    /// The triangle there.
+    /// The triangle at that distance.
     pub triangle: u32,
 }
 
-/// Lets rays through where a mask is cut out.
+/// Lets rays pass through alpha masks.
 struct Masks<'a>(&'a Scene, &'a Soup);
 
 impl HitFilter for Masks<'_> {
@@ -73,7 +72,7 @@ impl HitFilter for Masks<'_> {
 }
 
 impl LitScene<'_> {
-    /// Outgoing radiance where a ray ended, and opacity. `seed`: which way chance goes.
+    /// Outgoing radiance and opacity at a ray's hit. `seed` drives stochastic choices.
     fn shade(&self, ray: &Ray, hit: &Hit, seed: u32) -> (Vec3, f32) {
         let (triangle, u, v) = (hit.triangle, hit.u, hit.v);
         let base = self.scene.base_color(self.soup, triangle, u, v);
@@ -104,8 +103,8 @@ impl LitScene<'_> {
         (reflected + glow, base.w)
     }
 
-    /// The stored value at a point of a triangle, bilinear as an engine reads it; black where there
-    /// is no lightmap.
+    /// The stored value at a point of a triangle, with bilinear filtering; black without a
+    /// lightmap.
     fn stored(&self, layout: &Layout, pages: &[Page], hit: &Hit) -> Vec3 {
         let &Hit { triangle, u, v, .. } = hit;
         let look = || {
@@ -135,7 +134,7 @@ impl LitScene<'_> {
         look().unwrap_or(Vec3::ZERO)
     }
 
-    /// Follows a ray; backs of single-sided faces are not seen, as in an engine.
+    /// Traces a ray; like in an engine, backfaces of single-sided materials are culled.
     pub(super) fn look(&self, origin: Vec3, direction: Vec3, seed: u32) -> Seen {
         let mut seen = Seen {
             distance: f32::INFINITY,

@@ -6,8 +6,8 @@ use visibility::{BuildOptions, Bvh};
 use super::*;
 use crate::manifest::ValueKind;
 
-/// A 2 × 2 wall at z = 0 that faces +z, its lightmap left half 1 and right half 3, base colour (1,
-/// 0.5, 0).
+/// A 2 × 2 wall at z = 0 that faces +z. The left half of its lightmap is 1, the right half 3, and
+/// its base colour is (1, 0.5, 0).
 fn wall() -> (Scene, Layout, Vec<Page>) {
     let positions = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
         .map(|[x, y]: [f32; 2]| Vec3::new(x, y, 0.0));
@@ -103,9 +103,9 @@ fn rays_read_the_lightmap_as_an_engine_does() {
     let at = |x: f32| lit.look(Vec3::new(x, 0.1, 5.0), -Vec3::Z, 0).color;
     assert!((at(-0.5) - Vec3::new(1.0, 0.5, 0.0)).abs().max_element() < 1e-5);
     assert!((at(0.5) - Vec3::new(3.0, 1.5, 0.0)).abs().max_element() < 1e-5);
-    // Texel centres next to the step are at ∓1/8: half way between both.
+    // Texel centres next to the step are at ∓1/8, so x = 0 is half-way between.
     assert!((at(0.0) - Vec3::new(2.0, 1.0, 0.0)).abs().max_element() < 1e-5);
-    // From behind, a single-sided wall is not there.
+    // From behind, a single-sided wall is invisible.
     assert_eq!(lit.look(Vec3::new(0.5, 0.1, -5.0), Vec3::Z, 0).alpha, 0.0);
     let irradiance = LitScene {
         light: PictureLight::Pages {
@@ -155,7 +155,7 @@ fn the_chosen_camera_sees_the_front_and_the_picture_is_the_same_for_any_number_o
     assert!(one == picture(3));
     let image = image::load_from_memory(&one).unwrap().to_rgb8();
     assert_eq!(image.dimensions(), (64, 36));
-    // The wall's blue is 0, the backdrop's is not.
+    // The wall has no blue, the background does.
     assert!(image.pixels().any(|p| p.0[2] == 0 && p.0[0] > 60));
 }
 

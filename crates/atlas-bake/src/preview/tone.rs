@@ -1,4 +1,4 @@
-//! From radiance to what a screen shows.
+//! Tone mapping.
 
 use glam::Vec3;
 
@@ -8,12 +8,12 @@ use crate::compare::LUMINANCE;
 /// Tone Reproduction for Digital Images", 2002).
 const KEY: f32 = 0.18;
 
-/// How radiance is scaled and compressed.
+/// Scale and compression of radiance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Exposure {
-    /// Multiplies radiance.
+    /// Factor on radiance.
     scale: f32,
-    /// Scaled radiance that becomes white.
+    /// Scaled radiance that maps to white.
     white: f32,
 }
 
@@ -22,7 +22,7 @@ pub(super) fn luminance(c: Vec3) -> f32 {
 }
 
 impl Exposure {
-    /// From the luminances of a picture: the middle nine tenths give the exposure, the 99th
+    /// Measures the luminances of a picture: the middle 90 % give the exposure, and the 99th
     /// percentile becomes white.
     pub fn measure(colors: impl Iterator<Item = Vec3>) -> Exposure {
         let mut y: Vec<f32> = colors
@@ -38,7 +38,7 @@ impl Exposure {
         y.sort_unstable_by(f32::total_cmp);
         let at = |q: f64| y[((y.len() - 1) as f64 * q) as usize];
         let middle = &y[y.len() / 20..(y.len() - y.len() / 20).max(y.len() / 20 + 1)];
-        // What is a thousandth of the bright parts is black to the eye and must not drive the
+        // Anything below a thousandth of the bright parts looks black and must not affect the
         // exposure.
         let floor = at(0.9) * 1e-3;
         let sum: f64 = middle.iter().map(|y| f64::from(y.max(floor)).ln()).sum();
@@ -50,8 +50,8 @@ impl Exposure {
         }
     }
 
-    /// sRGB-encoded 0..=1: Reinhard's curve with a white point, per channel so that highlights
-    /// bleach.
+    /// sRGB-encoded colour in 0..=1: Reinhard's curve with a white point, per channel so that
+    /// highlights desaturate.
     pub fn display(&self, color: Vec3) -> Vec3 {
         let x = color.max(Vec3::ZERO) * self.scale;
         if !x.is_finite() {

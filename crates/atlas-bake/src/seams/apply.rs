@@ -1,4 +1,4 @@
-//! The same least squares for every channel of the pages.
+//! Applies the same least-squares solve to every channel of the pages.
 
 use glam::Vec3;
 use radiosity::luminance;
@@ -6,24 +6,24 @@ use radiosity::luminance;
 use crate::page::Page;
 use crate::seams::solve::{Channel, Stitcher};
 
-/// What values an extra channel can have.
+/// Range of values of an extra channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Range {
-    /// 0 and more.
+    /// 0 and above.
     Light,
     /// 0..=1.
     Share,
-    /// Any.
+    /// Any value.
     Signed,
-    /// No quantity of the surface's: left as it is.
+    /// Not a quantity of the surface: left unchanged.
     Untouched,
 }
 
-/// Makes lookups agree in all channels of `full`, whose extra channels have these ranges, and in
-/// the pages of groups.
+/// Stitches all channels of `full`, whose extra channels have these ranges, and the pages of
+/// groups.
 ///
-/// What sums to the light goes on doing so. The operator is linear, so that only clamping to bounds
-/// and parts that would become negative have to be made up for, by all parts in proportion.
+/// Channels that sum to the light keep doing so. The solve is linear; only clamping to bounds and
+/// negative parts break the sum, and that difference is distributed over all parts in proportion.
 pub(crate) fn stitch(
     stitcher: &mut Stitcher,
     full: &mut [Page],
@@ -108,7 +108,7 @@ pub(crate) fn stitch(
     stitcher.finish(&was, full, clamped);
 }
 
-/// Makes parts positive, and sum to `whole`.
+/// Makes parts non-negative, with sum `whole`.
 fn share(whole: Vec3, parts: &mut [Vec3]) {
     for c in 0..3 {
         let sum: f32 = parts.iter().map(|p| p[c].max(0.0)).sum();
@@ -119,7 +119,7 @@ fn share(whole: Vec3, parts: &mut [Vec3]) {
     }
 }
 
-/// Where the channels of direct and of indirect light begin, if there are both.
+/// Indices of the first channels of direct and indirect light, if both exist.
 fn direct_and_indirect(pages: &[Page]) -> Option<[usize; 2]> {
     let layers = &pages.first()?.layers;
     let first = |name: &str| layers.iter().position(|l| l.0 == name);

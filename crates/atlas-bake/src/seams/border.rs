@@ -1,4 +1,4 @@
-//! Borders of charts: edges of lightmap triangles beyond which the chart does not go on.
+//! Borders of charts: edges of lightmap triangles at which the chart ends.
 
 use glam::{Vec2, Vec3};
 use radiosity::World;
@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use atlas::{Layout, Lumels};
 
-/// A straight piece of a chart's border.
+/// A straight piece of a chart border.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Piece {
     /// Ends, metres, recentred.
@@ -15,13 +15,13 @@ pub(crate) struct Piece {
     pub texels: [Vec2; 2],
     /// Page.
     pub page: u32,
-    /// Soup triangle whose edge it is a part of.
+    /// Soup triangle that the piece belongs to.
     pub triangle: u32,
-    /// Barycentrics of world corners 1 and 2 at the ends.
+    /// Barycentric coordinates (of world corners 1 and 2) at the ends.
     pub weights: [Vec2; 2],
-    /// Into the triangle: unit, in its plane, across the edge.
+    /// Unit vector into the triangle, in its plane and perpendicular to the edge.
     pub inward: Vec3,
-    /// Of the triangle above the edge, metres.
+    /// Altitude of the triangle above the edge, metres.
     pub altitude: f32,
     /// Length of the whole edge, metres.
     pub edge: f32,
@@ -29,17 +29,17 @@ pub(crate) struct Piece {
     pub texel: f32,
 }
 
-/// Texels of a piece at most. What is cut short has a small box, however long and slanting the edge
-/// is. Where charts lie upon each other, borders together may be longer than pages have texels;
-/// pieces are then as much longer as keeps them fewer.
+/// Longest piece, texels. Short pieces have small bounding boxes, however long and slanted the edge
+/// is. If overlapping charts have more border than the pages have texels, pieces become longer, so
+/// that their number stays bounded.
 const LONGEST: f32 = 16.0;
 
 /// The borders of all charts of all instances, in the order of the soup's triangles.
 ///
-/// An edge is inside of its chart if another triangle of the chart has an edge with the same two
-/// places in the lightmap, whether or not they share vertices. Triangles without extent in the
-/// lightmap have no lookups of their own and no borders. There are at most as many pieces as edges
-/// and a sixteenth of the pages' texels.
+/// An edge is interior if another triangle of the chart has an edge with the same two lightmap
+/// positions, whether or not they share vertices. Triangles without area in the lightmap have no
+/// lookups and no borders. There are at most as many pieces as edges plus a sixteenth of the pages'
+/// texels.
 pub(crate) fn border_pieces(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Piece> {
     let edges: Vec<[u32; 3]> = (0..world.scene.instances.len())
         .into_par_iter()
@@ -59,10 +59,10 @@ pub(crate) fn border_pieces(world: &World, layout: &Layout, lumels: &Lumels) -> 
     out
 }
 
-/// Chart, places of the ends in ascending order, triangle, corner where the edge starts.
+/// Chart, end positions in ascending order, triangle, corner where the edge starts.
 type Edge = (u32, [u32; 2], [u32; 2], u32, u32);
 
-/// Page, triangle and corner where each edge starts that is a border.
+/// Page, triangle and starting corner of each edge that is a border.
 fn instance_edges(
     world: &World,
     layout: &Layout,
@@ -77,7 +77,7 @@ fn instance_edges(
         let source = world.soup.sources[t as usize];
         let primitive = &atlas.primitives[source.primitive as usize];
         let corners = lumels.page_corners(t);
-        // NaN where the triangle receives no light.
+        // NaN if the triangle receives no light.
         let extent = area(corners).abs();
         if extent.is_nan() || extent == 0.0 {
             continue;

@@ -1,17 +1,19 @@
-//! How far stitching may change a texel at most.
+//! Limits on how far stitching may change a texel.
 
 use glam::Vec4;
 
 use crate::seams::rows::Row;
 
-/// Least and greatest change that the seams at hand give reason for, for four channels at once.
+/// Lower and upper bounds of the change that the seams justify, for four channels at once.
 ///
-/// No whole lumel moves further than what lookups that read it or its neighbours differed before,
-/// nor out of the range of what those lookups read on both sides and it had itself: nothing becomes
-/// brighter or darker than all that lies about. What is `seen` by a share only, 0 if dilated, has
-/// more room, and so has what lies in a `narrow` chart. Nothing goes below `floor`. Texels beyond
-/// those that seams read, `steps` from them, have the bounds of the neighbours (`even`) by which
-/// they are reached.
+/// - A fully covered lumel changes by at most the initial difference of the lookups that read it or
+///   its neighbours. It also stays within the range of those lookups on both sides and its own
+///   value, so that nothing becomes brighter or darker than its surroundings.
+/// - Partially covered lumels (`seen` < 1; 0 if dilated) and lumels in `narrow` charts have wider
+///   bounds.
+/// - Nothing goes below `floor`.
+/// - Texels that seams do not read, `steps` away from those that they do, take the bounds of the
+///   neighbours (`even`) through which they are reached.
 pub(super) fn bounds(
     rows: &[Row],
     even: &[(u32, u32, f32)],
@@ -30,8 +32,7 @@ pub(super) fn bounds(
             let terms = row.texels.iter().zip(&row.weights);
             terms.filter(|(_, w)| **w != 0.0).map(|(&t, _)| t as usize)
         };
-        // What is only dilated, or inside of something, sets no bounds of its own if there is
-        // better.
+        // Dilated and hidden texels only set bounds if there are no others.
         let any = reads().any(|t| seen[t] > 0.0);
         let (lo, hi) = reads()
             .filter(|&t| seen[t] > 0.0 || !any)
@@ -44,8 +45,8 @@ pub(super) fn bounds(
             most[t] = most[t].max(difference);
         }
     }
-    // What lies beside a texel along the seam counts too: a value between two others of one grid
-    // may be outermost in the other.
+    // Neighbours along the seam count too: an intermediate value in one grid may be an extreme in
+    // the other.
     let own = (low.clone(), high.clone(), most.clone());
     for &(i, j, _) in even {
         for (i, j) in [(i as usize, j as usize), (j as usize, i as usize)] {
@@ -56,7 +57,7 @@ pub(super) fn bounds(
             }
         }
     }
-    // In ascending order of the nearer texel, whose bounds are then known.
+    // In ascending order of distance, so that the nearer texel's bounds are known.
     for &(i, j, _) in even {
         let (i, j) = (i as usize, j as usize);
         if steps[j] == steps[i] + 1 {
@@ -66,19 +67,19 @@ pub(super) fn bounds(
         }
     }
     for i in 0..values.len() {
-        // A lumel of which little is surface stands for a slope that goes on past the border, where
-        // its centre lies.
+        // The centre of a barely covered lumel lies beyond the border, so its value extrapolates a
+        // slope.
         let room = (high[i] - low[i]) * (1.0 - seen[i]);
-        // The difference itself is what one side alone would make up for. With twice of it, fingers
-        // of a chart between two slits, which cannot agree with both, took lookups on a sphere a
-        // fifth further from the truth, and nothing agreed better. A strip between others has to
-        // make up for several differences, and has no light of its own to keep.
+        // The initial difference is what one side alone would have to make up. With twice that,
+        // parts of a chart between two slits, which cannot agree with both, moved lookups on a
+        // sphere a fifth further from the truth without better agreement. A narrow strip has to
+        // make up for several differences, and has no light of its own to preserve.
         let most = match narrow[i] {
             true => Vec4::INFINITY,
             false => most[i] / seen[i].max(1e-3),
         };
-        // Light is positive: what would be cut off later must be known while the others can make up
-        // for it.
+        // Light is not negative. A clamp must be known here, while other texels can still
+        // compensate for it.
         let dark = (floor - values[i]).min(Vec4::ZERO);
         low[i] = (low[i] - room - values[i]).max(-most).max(dark);
         high[i] = (high[i] + room - values[i]).min(most);

@@ -1,10 +1,10 @@
-//! What two grids cannot both represent.
+//! Light that the texel grids of the two sides cannot both represent.
 //!
-//! Along a seam, bilinear lookups are piecewise linear, with knots where texels' centres are: at
-//! differing places on its two sides. Both can be made to agree only by making both straight. Where
-//! light bends along the seam, as where a shadow's edge crosses it, that draws the shadow out by
-//! texels, and takes lumels away from what they are. The error of linear interpolation, an eighth
-//! of the second difference, says how much there is to bend.
+//! Along a seam, bilinear lookups are piecewise linear with knots at texel centres, which differ
+//! between the two sides. Both can only agree if both are straight. Where light bends along the
+//! seam, e.g. at a crossing shadow edge, forced agreement smears the shadow over several texels and
+//! moves lumels away from their true values. The error of linear interpolation, an eighth of the
+//! second difference, measures this.
 
 use glam::Vec2;
 
@@ -12,21 +12,21 @@ use crate::page::Page;
 use crate::seams::pairs::Sample;
 use crate::seams::rows::{EMPTY, Texels, light_at, lookup};
 
-/// Misfit, over the light, at which agreement counts a quarter: about a step's, which is 0.125. At
-/// a third of this, a demo level's shadows leave 1 % of its seams 12 % apart; without end, lookups
-/// on a sphere are a sixth farther from the truth (lab/seams.md).
+/// Misfit, relative to the light, at which agreement has a quarter of its weight; a step of all the
+/// light has 0.125. With a third of this value, the shadows of a demo level leave 1 % of its seams
+/// 12 % apart. Without a limit, lookups on a sphere are a sixth farther from the truth.
 const BENT: f32 = 0.12;
 
-/// Agreement never counts less than this: a step that is smaller by a bit everywhere is seen less
-/// than one that stays.
+/// Lower bound of the weight: a step that is reduced everywhere is less visible than one that
+/// remains.
 const LEAST: f32 = 0.1;
 
-/// What agreement counts where this misfit, over the light, has to be expected: 1 to [`LEAST`].
+/// Weight of agreement at this misfit, relative to the light: 1 down to [`LEAST`].
 pub(super) fn faith(misfit: f32) -> f32 {
     (1.0 + (misfit / BENT).powi(4)).powi(-2).max(LEAST)
 }
 
-/// An eighth of the greatest second difference along the seam over five texels, of either side.
+/// An eighth of the largest second difference along the seam, over five texels of either side.
 pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
     let mut most = 0f32;
     for k in 0..2 {
@@ -53,7 +53,7 @@ pub(super) fn misfit(s: &Sample, pages: &[Page], texels: &Texels) -> f32 {
     most
 }
 
-/// A lookup's light, if it reads nothing but this chart.
+/// Light of a lookup, if it only reads this chart.
 fn light_in(page: &Page, charts: &[u32], chart: u32, at: Vec2) -> Option<f32> {
     let mut sum = 0.0;
     for (t, w) in lookup(page, at) {
@@ -69,7 +69,7 @@ fn light_in(page: &Page, charts: &[u32], chart: u32, at: Vec2) -> Option<f32> {
 mod tests {
     use super::*;
 
-    /// A page of columns of these values, all one chart.
+    /// A page whose columns have these values, all in one chart.
     fn columns(values: &[f32]) -> (Vec<Page>, Texels) {
         let (width, height) = (values.len() as u32, 4);
         let n = values.len() * 4;
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn a_slope_is_no_misfit_and_a_step_is_an_eighth_of_itself() {
         let (pages, texels) = columns(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]);
-        // Rounding of luminance's weights.
+        // The tolerance is the rounding of the luminance weights.
         assert!(misfit(&sample(4.2), &pages, &texels) < 1e-6);
         let (pages, texels) = columns(&[1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0]);
         let found = misfit(&sample(4.5), &pages, &texels);

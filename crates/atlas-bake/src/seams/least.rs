@@ -1,33 +1,33 @@
-//! The least of a quadratic function within bounds, as near as a fixed number of steps comes to it.
+//! Minimises a quadratic function within bounds, with a fixed number of steps.
 //!
-//! Every step moves all texels down their own slope, clamps them, and carries on in the direction
-//! of the step before. Its work is one pass over the matrix, whatever the equations are, and no
-//! texel waits for another: the same bits for any number of threads. Differences between lookups,
-//! which pull hardest, go first, so that stopping early costs little of what one sees. An
-//! interior-point method on sparse factors, which was here before, found the least itself, but one
-//! level's factors took more memory and time than all the rest of its bake together.
+//! Every step moves all texels down their gradient, clamps them, and adds momentum. A step costs
+//! one pass over the matrix, whatever the equations are. No texel waits for another, so the result
+//! has the same bits for any number of threads. Large weights, i.e. differences between lookups,
+//! converge first, so stopping early costs little visible quality. An earlier interior-point method
+//! on sparse factors found the exact minimum, but for one level its factors took more memory and
+//! time than the whole rest of the bake.
 //!
 //! Based on: Beck, Teboulle, *A fast iterative shrinkage-thresholding algorithm for linear inverse
-//! problems*, 2009 (with a step length for each unknown, and bounds for the shrinkage).
+//! problems*, 2009 (with one step length per unknown, and bounds for the shrinkage).
 
 use glam::Vec4;
 use rayon::prelude::*;
 
 use crate::seams::matrix::{Matrix, TOGETHER};
 
-/// Steps. 99 % of seams then differ by less than 0.7 % in all scenes measured but Sponza in a hard
-/// sun (1.9 %); 100 steps leave 1.5 times as much, 400 two thirds (lab/seams.md).
+/// Number of steps. 99 % of seams then differ by less than 0.7 % in all measured scenes but Sponza
+/// in direct sun (1.9 %). 100 steps leave 1.5 times this difference, 400 two thirds of it.
 pub(super) const STEPS: u32 = 200;
 
-/// Makes ½ xᵀA x − `right`ᵀx small between bounds, from x = 0, for four channels, each as if it
-/// were alone.
+/// Approximately minimises ½ xᵀA x − `right`ᵀx within bounds, starting at x = 0, for four
+/// independent channels.
 ///
-/// Bounds must hold 0. What comes out lies within them, and is 0 where it would be no number.
+/// Bounds must contain 0. The result is within them, and 0 instead of NaN.
 pub(super) fn least(matrix: &Matrix, right: &[Vec4], [low, high]: &[Vec<Vec4>; 2]) -> Vec<Vec4> {
     let steps = matrix.steps();
     let mut x = vec![Vec4::ZERO; right.len()];
     let mut before = x.clone();
-    // Where x would be had it carried on.
+    // The extrapolated position.
     let mut ahead = x.clone();
     let mut momentum = 1f32;
     for _ in 0..STEPS {
@@ -54,8 +54,8 @@ pub(super) fn least(matrix: &Matrix, right: &[Vec4], [low, high]: &[Vec<Vec4>; 2
 mod tests {
     use super::*;
 
-    /// A chain of texels whose neighbours are tied by weights from 1 to 1e4 and pulled apart, in
-    /// four channels that differ in pulls and bounds.
+    /// A chain of texels whose neighbours are tied by weights from 1 to 1e4 and pulled apart. The
+    /// four channels have different pulls and bounds.
     fn chain(n: usize) -> (Matrix, Vec<Vec4>, [Vec<Vec4>; 2]) {
         let mut seed = 7u32;
         let mut random = || {
@@ -93,7 +93,7 @@ mod tests {
         for ((x, low), high) in found.iter().zip(&bounds[0]).zip(&bounds[1]) {
             assert!((x.cmpge(*low) & x.cmple(*high)).all(), "{low} {x} {high}");
         }
-        // Another method, which takes its time: value by value to the best within its bounds.
+        // A slow reference method: minimises each value in turn within its bounds.
         let mut slow = vec![Vec4::ZERO; 60];
         for _ in 0..100_000 {
             for i in 0..60 {
@@ -122,7 +122,7 @@ mod tests {
         let found = least(&matrix, &right, &bounds);
         for (found, clean) in found.iter().zip(&clean) {
             assert!(found.is_finite());
-            // Nor does a channel change that nothing pulls at.
+            // A channel without pull does not change.
             assert_eq!(found.w, 0.0);
             assert_eq!((found.x, found.z), (clean.x, clean.z));
         }

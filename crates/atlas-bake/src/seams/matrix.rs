@@ -4,21 +4,21 @@ use rayon::prelude::*;
 
 use crate::seams::rows::Row;
 
-/// A of ½ xᵀA x − bᵀx, by texels. Unknowns are the same for every channel, and so is A.
+/// A of ½ xᵀA x − bᵀx, by texel. Unknowns and A are the same for every channel.
 pub(super) struct Matrix {
-    /// Where each texel's entries begin; one more than there are texels.
+    /// Start of each texel's entries, plus the end of the last.
     starts: Vec<usize>,
-    /// Texels that entries tie it to, itself too, in ascending order.
+    /// Texels of the entries, including the diagonal, in ascending order.
     columns: Vec<u32>,
     values: Vec<f32>,
 }
 
-/// Texels that a thread takes at a time, at least.
+/// Fewest texels per thread.
 pub(super) const TOGETHER: usize = 1024;
 
 impl Matrix {
-    /// Sums up rows, what holds single texels, and what ties neighbours. Memory and time are linear
-    /// in their number.
+    /// Sums up the rows, the weights on single texels, and the weights between neighbours. Memory
+    /// and time are linear in their number.
     pub(super) fn new(rows: &[Row], hold: &[f32], even: &[(u32, u32, f32)]) -> Self {
         let each = |found: &mut dyn FnMut(u32, u32, f32)| {
             for (i, &hold) in hold.iter().enumerate() {
@@ -30,7 +30,7 @@ impl Matrix {
                 found(i, j, -weight);
                 found(j, i, -weight);
             }
-            // Samples that lie near to each other read the same texels.
+            // Nearby samples read the same texels.
             for rows in rows.chunk_by(|x, y| x.texels == y.texels) {
                 for (a, &i) in rows[0].texels.iter().enumerate() {
                     for (b, &j) in rows[0].texels.iter().enumerate() {
@@ -56,8 +56,7 @@ impl Matrix {
             entries[*at] = (j, value);
             *at += 1;
         });
-        // What ties the same two texels becomes one entry. The order of sums is that of the
-        // equations.
+        // Terms between the same two texels are summed to one entry, in the order of the equations.
         let (mut columns, mut values) = (Vec::new(), Vec::new());
         let mut from = 0;
         for i in 0..n {
@@ -77,15 +76,15 @@ impl Matrix {
         }
     }
 
-    /// What a texel's entries are: the other's number, the value.
+    /// The entries of a texel: the other texel and the value.
     pub(super) fn entries(&self, texel: usize) -> impl Iterator<Item = (usize, f32)> {
         let range = self.starts[texel]..self.starts[texel + 1];
         let columns = self.columns[range.clone()].iter().map(|&c| c as usize);
         columns.zip(self.values[range].iter().copied())
     }
 
-    /// 1 / Σ |a_ij| of each texel i: a step so long down the slope never overshoots, since
-    /// diag(Σ |a_ij|) − A is diagonally dominant. 0 where nothing is known.
+    /// 1 / Σ |a_ij| of each texel i. A gradient step of this length never overshoots, because
+    /// `diag(Σ |a_ij|) − A` is diagonally dominant. 0 for texels without entries.
     pub(super) fn steps(&self) -> Vec<f32> {
         (0..self.starts.len() - 1)
             .into_par_iter()

@@ -1,36 +1,36 @@
-//! How far lookups on the two sides of seams differ.
+//! Measures how far lookups on the two sides of seams differ.
 
 use serde::Serialize;
 
-/// Differences of lookups on both sides: |a − b| over their mean + 1 % of the map's mean, by
-/// luminance. Weighted by the seams' length in texels.
+/// Distribution of differences between the two sides: |a − b| relative to their mean + 1 % of the
+/// map's mean, by luminance and weighted by the seams' length in texels.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct SeamError {
-    /// Half of all seams differ by less.
+    /// Median of the differences.
     pub median: f64,
-    /// All but 1 % do.
+    /// 99th percentile of the differences.
     pub p99: f64,
-    /// Greatest.
+    /// Largest difference.
     pub max: f64,
 }
 
-/// What was done about seams.
+/// Report on seams.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct SeamReport {
-    /// Points of seams that were looked at.
+    /// Points of seams that were compared.
     pub samples: u64,
     /// Length of all seams, metres.
     pub metres: f64,
-    /// Differences as lumels were gathered and charts dilated.
+    /// Differences after gathering and dilation.
     pub before: SeamError,
-    /// Differences in the map as it is; the same as `before` where nothing was stitched.
+    /// Differences in the final map; the same as `before` without stitching.
     pub after: SeamError,
-    /// Root mean square change of lumels within two texels of a seam, over their value + 1 % of the
-    /// map's mean, weighted by coverage.
+    /// Root mean square change of lumels within two texels of a seam, relative to their value + 1 %
+    /// of the map's mean, weighted by coverage.
     pub moved_near: f64,
-    /// The same of all others.
+    /// The same for all other lumels.
     pub moved_elsewhere: f64,
-    /// Values of lumels that would have become negative and are 0.
+    /// Lumel values that would have become negative and were set to 0.
     pub clamped: u64,
 }
 

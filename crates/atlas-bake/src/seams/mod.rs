@@ -1,19 +1,19 @@
-//! Seams: where a surface goes on but its lightmap does not, bilinear lookups on both sides are
-//! made to agree.
+//! Seams: where a surface continues across a chart border, bilinear lookups on both sides are made
+//! to agree.
 //!
-//! A chart's border cuts through texels, differently on its two sides, so that two lookups at one
-//! point of the surface mix differing lumels: one sees a line. This module finds the places
-//! ([`border`], [`pairs`]), measures how far lookups differ ([`measure`]), and changes texels as
-//! little as it can until they agree ([`solve`]), less where two grids cannot ([`contrast`]), and
-//! not beyond the values at hand ([`bounds`]). Equations are summed up in one sparse matrix
-//! ([`matrix`]), and a fixed number of steps goes towards their least ([`least`]): stitching's
-//! share of a bake is known before.
+//! A chart border cuts through texels differently on its two sides, so two lookups at the same
+//! point of the surface mix different lumels, and a line becomes visible. This module finds such
+//! places ([`border`], [`pairs`]), measures the differences ([`measure`]), and changes texels as
+//! little as possible until the lookups agree ([`solve`]). It demands less agreement where the two
+//! grids cannot represent the same light ([`contrast`]), and stays within the range of nearby
+//! values ([`bounds`]). The equations form one sparse matrix ([`matrix`]), which is minimised with
+//! a fixed number of steps ([`least`]), so that the time for stitching is predictable.
 //!
 //! Based on: Ray, Nivoliers, Lefebvre, Lévy, *Invisible seams*, 2010 (agreement of bilinear lookups
 //! as linear constraints on texels); Iwanicki, *Lighting technology of The Last of Us*, 2013 (least
-//! squares over samples of lightmap seams). Ours: corrections that are relative to the light and
-//! die out within a chart, seams between instances and across T-junctions, and a test whether light
-//! may jump.
+//! squares over samples of lightmap seams). Additions: corrections that are relative to the light
+//! and fade out within a chart, seams between instances and across T-junctions, and a test whether
+//! light may be discontinuous.
 
 mod apply;
 mod border;

@@ -1,4 +1,4 @@
-//! Places where the same point of a surface lies at two places of the lightmap.
+//! Finds points of surfaces that have two places in the lightmap.
 
 use atlas::{Layout, Lumels};
 use glam::{Vec2, Vec3};
@@ -11,77 +11,78 @@ use crate::seams::tree::BoxTree;
 /// A point of a seam.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
-    /// Page and place on it, texels, of either side. Texel (c, r) has its centre at (c + ½, r + ½).
+    /// Page and position on it, texels, of either side. Texel (c, r) has its centre at (c + ½, r +
+    /// ½).
     pub sides: [(u32, Vec2); 2],
-    /// Where a texel of the denser side along the seam leads to on either page, texels.
+    /// On either page, the step that corresponds to one texel of the denser side along the seam,
+    /// texels.
     pub along: [Vec2; 2],
-    /// Length of the seam that it stands for, texels of the denser side.
+    /// Length of the seam that it represents, texels of the denser side.
     pub texels: f32,
-    /// The same in metres.
+    /// The same length in metres.
     pub metres: f32,
 }
 
-/// Borders this far apart still meet, in texels of the denser side: a twentieth of a texel is no
-/// gap that one sees.
+/// Largest gap between borders that meet, in texels of the denser side. A gap of this size is
+/// invisible.
 const TEXELS_APART: f32 = 0.05;
 
-/// Nor may it be more than this share of the shorter edge, or small things would meet their own far
-/// side.
+/// Largest gap as a fraction of the shorter edge, because small objects would otherwise meet their
+/// own far side.
 const EDGES_APART: f32 = 0.01;
 
-/// Sine of the angle between edges that run along each other; at 1 : 100 of [`EDGES_APART`] they
-/// could hardly differ more.
+/// Largest sine of the angle between edges that run along each other; at the ratio of 1 : 100 of
+/// [`EDGES_APART`] they hardly differ more.
 const EDGES_ASKEW: f32 = 0.02;
 
-/// Cosine of 8°: normals that differ by more describe a crease, where light truly jumps.
+/// Cosine of 8°: a larger angle between normals is a crease, where light is discontinuous.
 const SAME_FACING: f32 = 0.990;
 
-/// Cosine of 65°: across a sharper fold each side has its own horizon, and light truly jumps
-/// whatever the shading normals say. The same angle at which the unwrapping parts charts.
+/// Cosine of 65°: across a sharper fold each side has its own horizon, so light is discontinuous
+/// whatever the shading normals are. The unwrapper splits charts at the same angle.
 const SHARPEST_FOLD: f32 = 0.423;
 
-/// Two triangles that lie on the same side of their common edge (a fold back, a double layer) are
-/// not each other's continuation: cosine between their directions away from it, at most.
+/// Largest cosine between the directions of two triangles away from their common edge. Triangles on
+/// the same side of the edge (a fold back, a double layer) do not continue each other.
 const FOLDED_BACK: f32 = 0.5;
 
-/// The same place on one page: lookups there agree by themselves, texels.
+/// Positions on a page closer than this, texels, are the same place, where lookups agree anyway.
 const SAME_PLACE: f32 = 1e-3;
 
-/// Distance of samples along a seam, texels of the denser side. Lookups of either side have a knot
-/// per texel: two samples between knots are the least that sees a zigzag.
+/// Distance of samples along a seam, texels of the denser side. Lookups of either side have one
+/// knot per texel; with fewer than two samples between knots, a zigzag would go unnoticed.
 const SPACING: f32 = 0.125;
 
-/// Samples for each texel of the pages, at most; where seams are longer than half of a texel for
-/// each, samples lie farther apart. A level of 1,067 charts with lightmap coordinates of its own
-/// has 0.7.
+/// Most samples per texel of the pages; if seams are longer than half a texel per texel, samples
+/// are farther apart. A level of 1,067 charts with its own lightmap coordinates has 0.7.
 const MOST_SAMPLES: f64 = 4.0;
 
-/// Boxes that are looked at for each piece, at most. Pieces have 5 to 30 near them; thousands where
-/// as many surfaces coincide.
+/// Most boxes that are examined per piece. Pieces have 5 to 30 boxes nearby; thousands only where
+/// many surfaces coincide.
 const MOST_NEAR: usize = 1024;
 
-/// Times that a piece may meet others over its own length, at most, and how many of them. Where two
-/// kits coincide, a border is met twice.
+/// Most times that a piece may meet others over its own length. Where two kits coincide, a border
+/// meets two others.
 const MOST_LAYERS: f32 = 4.0;
 const MOST_MET: usize = 64;
 
-/// What two pieces have in common.
+/// The common stretch of two pieces.
 struct Stretch {
     pieces: [usize; 2],
-    /// Where it begins and ends, in parameters of either piece.
+    /// Its ends, in parameters of either piece.
     ends: [[f32; 2]; 2],
-    /// Length of it, texels of the denser side.
+    /// Its length, texels of the denser side.
     texels: f32,
-    /// The same in metres.
+    /// Its length in metres.
     metres: f32,
 }
 
-/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces, whatever
-/// coincides.
+/// Finds the seams and samples them. Deterministic; O(n log n) in border pieces, even if many
+/// coincide.
 ///
-/// Of every two borders that run along each other, their common stretch is sampled where the
-/// surface goes on across it and nothing stands upon it. Where very many coincide, only some of
-/// them are: see [`MOST_NEAR`] and [`MOST_LAYERS`].
+/// For every two borders that run along each other, their common stretch is sampled if the surface
+/// continues across it and nothing stands on it. Where very many borders coincide, only some are
+/// sampled: see [`MOST_NEAR`] and [`MOST_LAYERS`].
 pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> Vec<Sample> {
     let pieces = border_pieces(world, layout, lumels);
     let boxes: Vec<[Vec3; 2]> = pieces
@@ -128,7 +129,7 @@ pub(crate) fn find_samples(world: &World, layout: &Layout, lumels: &Lumels) -> V
         .collect()
 }
 
-/// How far from this piece another one may lie to meet it, metres.
+/// Largest distance at which another piece meets this one, metres.
 fn apart(world: &World, p: &Piece) -> f32 {
     // Rounding of two instances' transforms.
     let rounding = 4.0 * world.offset(p.world[0]);
@@ -137,7 +138,7 @@ fn apart(world: &World, p: &Piece) -> f32 {
         .max(rounding)
 }
 
-/// What two pieces have in common, if they can be a seam.
+/// The common stretch of two pieces, if they can form a seam.
 fn stretch(world: &World, pieces: &[Piece], pair: [usize; 2]) -> Option<Stretch> {
     let [p, q] = pair.map(|i| &pieces[i]);
     let [n, m] = [p, q].map(|p| world.soup.normals[p.triangle as usize]);
@@ -182,12 +183,12 @@ fn stretch(world: &World, pieces: &[Piece], pair: [usize; 2]) -> Option<Stretch>
     })
 }
 
-/// Where the two pieces' parameters lead on their pages, texels.
+/// Positions of the two pieces' parameters on their pages, texels.
 fn places(pieces: [&Piece; 2], params: [f32; 2]) -> [Vec2; 2] {
     [0, 1].map(|k| pieces[k].texels[0].lerp(pieces[k].texels[1], params[k]))
 }
 
-/// Samples of a stretch, `spacing` texels apart at most.
+/// Samples of a stretch, at most `spacing` texels apart.
 fn sample(world: &World, pieces: [&Piece; 2], s: &Stretch, spacing: f32, out: &mut Vec<Sample>) {
     let [a, b] = s.ends.map(|params| places(pieces, params));
     let along = [b[0] - a[0], b[1] - a[1]].map(|v| v / s.texels);
@@ -207,16 +208,15 @@ fn sample(world: &World, pieces: [&Piece; 2], s: &Stretch, spacing: f32, out: &m
     }
 }
 
-/// Lookups start this far to either side of a seam when they ask whether something stands upon it,
-/// in texels.
+/// Distance from the seam, texels, at which the test rays for obstacles on the seam start and end.
 const BESIDE: f32 = 0.5;
 
-/// And this high above the surface, as a share of the distance from the seam. What is lower casts
-/// no shadow that a lumel would show.
+/// Height of these rays above the surface, as a fraction of the distance from the seam. Lower
+/// obstacles cast no shadow that a lumel would show.
 const ABOVE: f32 = 0.4;
 
-/// Whether the surface goes on from one piece to the other: normals agree, and nothing is in
-/// between. Sides that are buried are known by their lumels later.
+/// Whether the surface continues from one piece to the other: normals agree and nothing stands in
+/// between. Buried sides are recognised later by their lumels.
 fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let normals = [0, 1].map(|k| {
         let w = pieces[k].weights[0].lerp(pieces[k].weights[1], params[k]);
@@ -230,8 +230,8 @@ fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let beside = pieces.map(|p| (BESIDE * p.texel).min(p.altitude.max(0.1 * p.texel)));
     let geometric = pieces.map(|p| world.soup.normals[p.triangle as usize]);
     let cosine = geometric[0].dot(geometric[1]);
-    // The line from slope to slope of a ridge would cut its top off: tan(φ/2) of the angle φ
-    // between them lifts it over.
+    // A straight ray from slope to slope would cut through the top of a ridge; tan(φ/2) of the
+    // angle φ between them raises it above.
     let top = geometric[0].cross(geometric[1]).length() / (1.0 + cosine).max(0.1);
     let mut ends = [Vec3::ZERO; 2];
     for k in 0..2 {

@@ -5,45 +5,45 @@ use radiosity::luminance;
 
 use crate::page::Page;
 
-/// Weight in a lookup that is as good as none.
+/// Weights of a lookup below this are neglected.
 const LITTLE: f32 = 1e-3;
 
-/// A chart is narrow if at most this share of its lumels is left alone by seams. At 0.6 half a
-/// sphere is.
+/// A chart is narrow if at most this fraction of its lumels is not part of any seam. At 0.6, half a
+/// sphere would count.
 const NARROW: f32 = 0.3;
 
-/// What is known of texels beside their light, by page.
+/// Data of texels besides their light, by page.
 pub(crate) struct Texels {
-    /// Piece of surface that a texel belongs to, [`EMPTY`] where it has no value.
+    /// Piece of surface that a texel belongs to, or [`EMPTY`].
     pub chart: Vec<Vec<u32>>,
-    /// Lumels of which nothing lies in the open.
+    /// Lumels without a visible part.
     pub hidden: Vec<Vec<bool>>,
 }
 
 /// No piece of surface.
 pub(crate) const EMPTY: u32 = u32::MAX;
 
-/// One sample's two lookups: Σ weights × texels is a − b.
+/// The two lookups of one sample: Σ weights × texels is a − b.
 pub(super) struct Row {
     pub texels: [u32; 8],
     pub weights: [f32; 8],
-    /// W ℓ / σ², less where light bends.
+    /// W ℓ / σ², reduced where light bends.
     pub agree: f32,
-    /// Misfit over σ, infinite for lips of a slit.
+    /// Misfit over σ, infinite for the two sides of a slit.
     pub misfit: f32,
     /// σ.
     pub scale: f32,
     /// ℓ.
     pub texels_long: f32,
-    /// Whether both sides lie in the open, as far as their lumels say. What lies inside adapts to
-    /// what does not, but is nothing to report.
+    /// Whether both sides are in the open, judged by their lumels. Hidden parts adapt to visible
+    /// ones, but are not reported.
     pub counts: bool,
 }
 
 impl Row {
-    /// Whether its two lookups read a texel in common. A chart that is slit open by less than a
-    /// lookup's reach is such a place: its lips differ by the slope times their distance, and could
-    /// agree only if the slope went.
+    /// Whether the two lookups have a texel in common. This happens at slits in a chart that are
+    /// narrower than a lookup's footprint: the sides differ by slope times distance, and could only
+    /// agree if the slope vanished.
     pub(super) fn shares_texels(&self) -> bool {
         let (a, b) = self.texels.split_at(4);
         let (of_a, of_b) = self.weights.split_at(4);
@@ -53,7 +53,7 @@ impl Row {
         })
     }
 
-    /// Whether one of its lookups reads nothing but narrow pieces.
+    /// Whether one of the lookups reads only narrow pieces.
     pub(super) fn in_narrow(&self, narrow: &[bool]) -> bool {
         [0, 4].into_iter().any(|side| {
             (side..side + 4)
@@ -67,7 +67,7 @@ impl Row {
         terms.map(|(&t, &w)| values[t as usize] * w).sum()
     }
 
-    /// Texels that it reads, with weights.
+    /// The texels that it reads, with weights.
     pub(super) fn terms(&self) -> impl Iterator<Item = (usize, f32)> {
         let terms = self.texels.iter().zip(&self.weights);
         terms
@@ -93,7 +93,7 @@ impl TexelList {
         }
     }
 
-    /// Its number, a new one if it has none.
+    /// Number of a texel, which is added if it has none.
     pub(super) fn number(&mut self, place: (u32, u32)) -> u32 {
         let number = &mut self.numbers[place.0 as usize][place.1 as usize];
         if *number == u32::MAX {
@@ -109,7 +109,7 @@ impl TexelList {
     }
 }
 
-/// Texels that a bilinear lookup at `at` reads, with weights; the page's edge repeats.
+/// The texels that a bilinear lookup at `at` reads, with weights; the page's edge is repeated.
 pub(crate) fn lookup(page: &Page, at: Vec2) -> [(usize, f32); 4] {
     let corner = (at - 0.5).floor();
     let f = at - 0.5 - corner;
@@ -124,8 +124,8 @@ pub(crate) fn lookup(page: &Page, at: Vec2) -> [(usize, f32); 4] {
     ]
 }
 
-/// Whether the charts of these texels are narrow: strips and flakes of which hardly a lumel is not
-/// a border's.
+/// Whether the charts of these texels are narrow, i.e. strips and slivers that consist almost only
+/// of borders.
 pub(super) fn narrow(list: &TexelList, steps: &[u8], pages: &[Page], texels: &Texels) -> Vec<bool> {
     let charts = (texels.chart.iter().flatten())
         .filter(|&&c| c != EMPTY)
@@ -156,7 +156,7 @@ pub(super) fn narrow(list: &TexelList, steps: &[u8], pages: &[Page], texels: &Te
         .collect()
 }
 
-/// The four texels next to one.
+/// The four direct neighbours of a texel.
 pub(super) fn beside(pages: &[Page], (p, at): (u32, u32)) -> [Option<(u32, u32)>; 4] {
     let page = &pages[p as usize];
     let (x, y) = (at % page.width, at / page.width);
@@ -172,7 +172,7 @@ pub(super) fn light_at(page: &Page, at: usize) -> f32 {
     luminance(page.value[at].into())
 }
 
-/// Mean light of the surface.
+/// Mean light over the surface.
 pub(super) fn mean_light(pages: &[Page]) -> f32 {
     let (mut sum, mut area) = (0f64, 0f64);
     for page in pages {

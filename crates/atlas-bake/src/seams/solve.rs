@@ -1,14 +1,14 @@
-//! Least squares: texels change as little as they can until lookups on both sides of seams agree.
+//! Least squares: texels change as little as possible while lookups on both sides of seams agree.
 //!
-//! With d the change of texels and a(·), b(·) the bilinear lookups of sample s on its two sides,
-//! least is
+//! Let d be the change of the texels, and a and b the bilinear lookups of sample s on its two
+//! sides. We minimise
 //!
 //! Σ_s W ℓ_s ((a_s − b_s) / σ_s)² + Σ_i c_i (d_i / σ_i)² + Σ_(i,j) G ((d_i − d_j) / σ_ij)²
 //!
-//! where W falls a little with the light's contrast along the seam ([`contrast`](super::contrast)),
-//! ℓ is the seam's length in texels, c the texel's coverage and σ the light there over the mean,
-//! plus 1 %: errors are seen relative to it. The third sum, over neighbours in a chart, lets
-//! changes die out over a few texels instead of making a step beside the seam.
+//! W decreases with the light's contrast along the seam ([`contrast`](super::contrast)), ℓ is the
+//! seam's length in texels, and c the texel's coverage. σ is the local light relative to the mean,
+//! plus 1 %, because visible errors are relative to it. The third sum, over neighbours in a chart,
+//! makes changes fade out over a few texels instead of forming a step next to the seam.
 
 use glam::Vec4;
 
@@ -23,52 +23,52 @@ use crate::seams::rows::{
     EMPTY, Row, TexelList, Texels, beside, light_at, lookup, mean_light, narrow,
 };
 
-/// W: what agreement counts against leaving texels as they are, where light is even. At 1e5 kits'
-/// seams agree no better than they must, and lookups on spheres are a fifth further from the truth
-/// (lab/seams.md).
+/// W: weight of agreement against unchanged texels, where light is even. At 1e5, the seams of kits
+/// agree better than needed, and lookups on spheres are a fifth further from the truth.
 const AGREE: f32 = 2e4;
 
-/// Times as much in narrow charts, which have no light of their own to keep. Alike everywhere,
-/// Sponza's seams stay 1.4 % apart.
+/// Factor on W in narrow charts, which have no light of their own to preserve. Without it, Sponza's
+/// seams stay 1.4 % apart.
 const AGREE_NARROW: f32 = 10.0;
 
-/// G: what an even change counts against a small one. Changes die out over √G texels: at 2 lumels
-/// off the seam move six times as far as at ½, and at 0.2 single texels take what seams need.
+/// G: weight of smooth changes against small ones. Changes fade out over √G texels. At 2, lumels
+/// away from the seam change six times as much as at ½; at 0.2, single texels take up all of the
+/// change.
 const EVEN: f32 = 0.5;
 
-/// c of texels of which nothing is seen but by lookups across the border: dilated ones, and lumels
-/// inside of something.
+/// c of texels that are only visible through lookups across the border: dilated ones, and lumels
+/// inside something.
 const FREE: f32 = 0.02;
 
-/// Texels next to those that seams read may change up to this many steps away: a hundredth of what
-/// happens at the seam is left there.
+/// Texels up to this many steps from those that seams read may change; at that distance a hundredth
+/// of the change is left.
 const REACH: u8 = 3;
 
 /// The equations of a layout's seams, for any channel of its pages.
 pub(crate) struct Stitcher {
     rows: Vec<Row>,
-    /// Page and index of each texel that takes part.
+    /// Page and index of each participating texel.
     places: Vec<(u32, u32)>,
     /// c / σ².
     hold: Vec<f32>,
-    /// Neighbours and G / σ².
+    /// Pairs of neighbours, and G / σ².
     even: Vec<(u32, u32, f32)>,
     /// Whether a texel must not change.
     still: Vec<bool>,
     /// Steps from a seam.
     steps: Vec<u8>,
-    /// Coverage, 0 for lumels inside of something: nobody sees their own place.
+    /// Coverage, or 0 for lumels inside something, which are not visible themselves.
     seen: Vec<f32>,
     /// Whether nearly all lumels of the chart take part in seams.
     narrow: Vec<bool>,
-    /// Light plus 1 % of the mean, which changes are measured against.
+    /// Light plus 1 % of the mean, to which changes are relative.
     light: Vec<f32>,
-    /// Mean light of the surface.
+    /// Mean light over the surface.
     mean: f32,
     report: SeamReport,
 }
 
-/// Values on all pages, of one channel.
+/// Values of one channel on all pages.
 pub(crate) struct Channel<'a> {
     /// Value of a texel: page, index.
     pub value: Box<dyn Fn(usize, usize) -> f32 + Sync + 'a>,
@@ -77,7 +77,7 @@ pub(crate) struct Channel<'a> {
 }
 
 impl Stitcher {
-    /// Sets the equations up. `pages` hold the light itself, dilated.
+    /// Sets up the equations. `pages` hold the light itself, dilated.
     pub(crate) fn new(samples: &[Sample], pages: &[Page], texels: &Texels) -> Self {
         let mean = mean_light(pages);
         let mut list = TexelList::new(pages);
@@ -86,7 +86,7 @@ impl Stitcher {
         let mut rows = Vec::with_capacity(samples.len());
         for s in samples {
             let sides = s.sides.map(|(page, at)| lookup(&pages[page as usize], at));
-            // Whether the lumel that says most about this side lies inside of something.
+            // Whether the lumel with the largest weight on this side is inside something.
             let at_hidden = |k: usize| {
                 let page = s.sides[k].0 as usize;
                 let mut most = (0.0, false);
@@ -146,7 +146,7 @@ impl Stitcher {
         stitcher
     }
 
-    /// Adds what lies around the texels that seams read, and all equations but the seams'.
+    /// Adds the texels around those that seams read, and all equations except the seams'.
     fn surround(&mut self, mut list: TexelList, pages: &[Page], texels: &Texels, mean: f32) {
         let chart = |(p, at): (u32, u32)| texels.chart[p as usize][at as usize];
         self.steps = vec![0; list.places.len()];
@@ -176,10 +176,10 @@ impl Stitcher {
         self.light = (list.places.iter())
             .map(|&place| light(place) + 0.01 * mean)
             .collect();
-        // What nobody sees in its own place is measured against the light of the lookups that read
-        // it: a dilated texel of the dark side must not hold the lit one down. So is what has no
-        // inside, by the sum of both sides, which is as dear for one as for the other: against its
-        // own light the dark side would win, and a lamp's rim in the sun turn black.
+        // Texels that are not visible themselves are relative to the light of the lookups that read
+        // them, so that a dilated texel of the dark side does not hold the lit side down. Hidden
+        // texels are relative to the sum of both sides. Relative to its own light, the dark side
+        // would win, and the rim of a lamp in the sun would turn black.
         let mut scales = self.light.clone();
         for row in &self.rows {
             for t in row.texels.map(|t| t as usize) {
@@ -193,7 +193,7 @@ impl Stitcher {
         self.hold = (list.places.iter().zip(&self.seen).zip(&scales))
             .map(|((&place, &seen), scale)| {
                 let (p, at) = (place.0 as usize, place.1 as usize);
-                // What got no light at all stays dark.
+                // Texels without any light stay black.
                 self.still
                     .push(light(place) <= 0.0 && !texels.hidden[p][at]);
                 seen.max(FREE) / (scale / mean).powi(2)
@@ -214,7 +214,7 @@ impl Stitcher {
                         self.even.push((i as u32, j, weight));
                     }
                     Some(_) => {}
-                    // Beyond reach nothing changes.
+                    // Nothing changes beyond the reach.
                     None => {
                         self.hold[i] += weight;
                     }
@@ -233,7 +233,7 @@ impl Stitcher {
         self.places = list.places;
     }
 
-    /// Differences of lookups in these pages' light.
+    /// Differences of lookups of these pages' light.
     fn error(&self, pages: &[Page]) -> SeamError {
         let light: Vec<f32> = (self.places.iter())
             .map(|&(p, at)| light_at(&pages[p as usize], at as usize))
@@ -262,8 +262,8 @@ impl Stitcher {
         &self.places
     }
 
-    /// Changes that bring each channel's lookups together, in the order of
-    /// [`places`](Self::places). Channels are solved four at a time, each as if it were alone.
+    /// Changes that make each channel's lookups agree, in the order of [`places`](Self::places).
+    /// Channels are independent and solved four at a time.
     pub(crate) fn solve(&self, channels: &[Channel<'_>]) -> Vec<Vec<f32>> {
         let matrix = Matrix::new(&self.rows, &self.hold, &self.even);
         let mut changes = Vec::new();
@@ -288,7 +288,7 @@ impl Stitcher {
         least(matrix, &right, &bounds)
     }
 
-    /// What texels are in up to four channels, and how far they may change there.
+    /// Values of the texels in up to four channels, and the bounds of their changes.
     fn values_and_bounds(&self, channels: &[Channel<'_>]) -> (Vec<Vec4>, [Vec<Vec4>; 2]) {
         let values: Vec<Vec4> = (self.places.iter())
             .map(|&(p, at)| {
@@ -318,8 +318,7 @@ impl Stitcher {
         (values, bounds)
     }
 
-    /// Takes notes of what became of the light: `was` at [`places`](Self::places), and the pages as
-    /// they are.
+    /// Records the change of the light, from `was` at [`places`](Self::places) to the final pages.
     pub(crate) fn finish(&mut self, was: &[f32], pages: &[Page], clamped: u64) {
         self.report.after = self.error(pages);
         self.report.clamped = clamped;
@@ -327,7 +326,7 @@ impl Stitcher {
         let (mut near_area, mut all_area) = (0f64, 0f64);
         for (i, &(p, at)) in self.places.iter().enumerate() {
             let page = &pages[p as usize];
-            // Nobody sees what lies inside of something.
+            // Hidden lumels are not visible themselves.
             let coverage = f64::from(self.seen[i]);
             let moved = (light_at(page, at as usize) - was[i]) / self.light[i];
             let square = coverage * f64::from(moved).powi(2);
@@ -346,7 +345,7 @@ impl Stitcher {
         self.report.moved_elsewhere = root(far, all_area - near_area);
     }
 
-    /// What was found and done.
+    /// The report on seams.
     pub(crate) fn report(&self) -> SeamReport {
         self.report
     }
@@ -358,7 +357,7 @@ mod tests {
 
     use super::*;
 
-    /// A sample of which the second side lies `apart` texels right of the first, on a page of one
+    /// A sample whose second side is `apart` texels to the right of the first, on a page with one
     /// chart.
     fn agreement(apart: f32) -> f32 {
         let page = Page {
@@ -382,8 +381,8 @@ mod tests {
         Stitcher::new(&[sample], &[page], &texels).rows[0].agree
     }
 
-    /// Two strips of a lumel's height whose long borders meet on both sides, as a ledge's do: 1 and
-    /// a hundredth of it.
+    /// Two strips, one lumel high, whose long borders meet on both sides like those of a ledge;
+    /// their light is 1 and 0.01.
     fn strips() -> (Vec<Sample>, Vec<Page>, Texels) {
         let (width, height) = (24u32, 16u32);
         let n = (width * height) as usize;
@@ -442,15 +441,15 @@ mod tests {
         let (stitcher, after) = stitched(&samples, &pages, &texels);
         assert!(stitcher.report.before.p99 > 1.0, "{:?}", stitcher.report);
         assert!(stitcher.narrow.iter().all(|&narrow| narrow));
-        // What is promised of seams; 0.13 with the bounds of charts that have an inside.
+        // The promised agreement; with the bounds of charts that are not narrow it would be 0.13.
         let found = stitcher.error(&after);
         assert!(found.p99 < 0.01, "{found:?}");
     }
 
     #[test]
     fn strips_in_and_out_of_a_hard_sun_agree() {
-        // Patches of sun three lumels long, a thousand times as bright as their shade, out of step
-        // on both sides: bounds are met all along.
+        // Patches of sun, three lumels long and a thousand times brighter than their shade, offset
+        // between the sides, so that bounds are active everywhere.
         let (samples, mut pages, texels) = strips();
         for (i, v) in pages[0].value.iter_mut().enumerate() {
             let (x, y) = (i % 24, i / 24);

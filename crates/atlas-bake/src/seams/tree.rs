@@ -1,12 +1,12 @@
-//! A tree of boxes to look border pieces up in.
+//! A bounding box tree for border pieces.
 //!
-//! Halved at the median, so that its depth is log₂ n whatever coincides. (obvhs, which builds the
-//! tree for rays, pairs boxes by cost; seams are pairs of equal boxes, and kits rows of them, which
-//! it merges pair by pair.)
+//! Splitting at the median keeps the depth at log₂ n even if boxes coincide. obvhs, which builds
+//! the tree for rays, merges pairs of boxes by cost; seams consist of pairs of equal boxes, and
+//! kits of rows of them, which it would merge pair by pair.
 
 use glam::Vec3;
 
-/// Boxes of a leaf at most.
+/// Most boxes per leaf.
 const LEAF: usize = 4;
 
 /// Boxes by place.
@@ -18,7 +18,7 @@ pub(crate) struct BoxTree {
 }
 
 impl BoxTree {
-    /// A tree of boxes, each a least and a greatest corner. O(n log n).
+    /// Builds a tree of boxes, each given by its lower and upper corner. O(n log n).
     pub(crate) fn build(boxes: &[[Vec3; 2]]) -> BoxTree {
         let mut tree = BoxTree {
             nodes: Vec::new(),
@@ -57,8 +57,8 @@ impl BoxTree {
         self.split(boxes, right, 2 * node + 2);
     }
 
-    /// Calls `found` with boxes that may meet this one, in no order that means anything, until it
-    /// says `false`.
+    /// Calls `found` with boxes that may overlap this one, in unspecified order, until it returns
+    /// `false`.
     pub(crate) fn meet(&self, low: Vec3, high: Vec3, found: &mut impl FnMut(u32) -> bool) {
         if !self.order.is_empty() {
             self.visit(0, 0, self.order.len(), [low, high], found);
@@ -99,7 +99,7 @@ mod tests {
             let low = Vec3::new(x, y, z);
             [low, low + 0.1 * r]
         };
-        // Some twice: equal boxes are the rule here.
+        // Some boxes twice, because pairs of equal boxes are common.
         let boxes: Vec<_> = (0..500).map(|i| at(i % 400)).collect();
         let tree = BoxTree::build(&boxes);
         for q in 1000..1100 {

@@ -12,8 +12,8 @@ use super::config::{self, ConfigArgs, Layered};
 
 /// Bakes diffuse global illumination into glTF levels.
 ///
-/// Exit codes: 0 ok, 1 wrong usage, 2 input/output failure, 3 invalid input, 4 unsupported feature,
-/// 5 warnings under --strict, 75 stopped (Ctrl-C).
+/// Exit codes: 0 success, 1 wrong usage, 2 input/output failure, 3 invalid input, 4 unsupported
+/// feature, 5 warnings under --strict, 75 stopped (Ctrl-C).
 #[derive(Debug, Parser)]
 #[command(version, name = "lumel", max_term_width = 110)]
 pub(crate) struct Arguments {
@@ -25,19 +25,19 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Bake a level: lightmap (EXR), lightmapped glTF, vertex-coloured glTF, manifest and report
     Bake(Box<Bake>),
-    /// Show what would be baked, and every problem found; writes nothing but the pictures asked for
+    /// Show what would be baked and every problem found; writes only the pictures you ask for
     Inspect(Box<Inspect>),
-    /// Error between two lightmaps
+    /// Measure the error between two lightmaps
     Diff(Diff),
-    /// Print a file of settings to start from: every key with its default, for SCENE.lumel.toml
+    /// Print a settings file to start from: every key with its default, for SCENE.lumel.toml
     Config,
-    /// Print a shell's completions, e.g. `lumel completions bash > /etc/bash_completion.d/lumel`
+    /// Print shell completions, e.g. `lumel completions bash > /etc/bash_completion.d/lumel`
     Completions(Completions),
     /// Print the manual page of lumel or of one of its commands, e.g. `lumel man bake | man -l -`
     Man(Man),
-    /// Look at a finished bake in a browser: a page on this machine alone
+    /// Show a finished bake in the browser; the server answers this machine only
     View(super::view::View),
-    /// A finished bake as one HTML page, with its lightmaps, errors, curves and problems
+    /// Write a finished bake as one HTML page: lightmaps, errors, convergence curves and problems
     Report(super::report::Report),
 }
 
@@ -54,141 +54,140 @@ pub(crate) struct Bake {
     pub bounds: BoundsArgs,
     #[command(flatten)]
     pub config: ConfigArgs,
-    /// How much work the bake is worth [default: preview]
+    /// Trade bake time for accuracy [default: preview]
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
-    /// Gather until the estimated relative error (root mean square over lit lumels) is below X,
-    /// e.g. 0.02; a warning says where it cannot be reached [default: as many rays as --quality
-    /// has]
+    /// Keep gathering until the estimated relative error (root mean square over lit lumels) is
+    /// below X, e.g. 0.02; warns where that is out of reach [default: the fixed ray count of
+    /// --quality]
     #[arg(long, value_name = "X")]
     pub error: Option<f32>,
-    /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr
+    /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr image
     #[arg(long, value_name = "COLOR|FILE")]
     pub sky: Option<String>,
-    /// Units of the file's lamps, beside glowing materials in W/(m² sr) [default: auto]
+    /// Units of the file's lamps relative to emissive materials in W/(m² sr) [default: auto]
     #[arg(long, value_enum)]
     pub units: Option<UnitsArg>,
-    /// Multiplies the sky [default: 1]
+    /// Multiply the sky by X [default: 1]
     #[arg(long, value_name = "X")]
     pub sky_intensity: Option<f32>,
-    /// Turns a sky map about +Y, degrees, counter-clockwise seen from above [default: 0]
+    /// Rotate a sky map about +Y by DEG degrees, counter-clockwise seen from above [default: 0]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     pub sky_rotation: Option<f32>,
-    /// A sun: direction in which its light travels, illuminance in lux, and its disc's diameter
-    /// (0.533 for ours; without it, shadows are sharp), e.g. 0.3,-1,0.2,100000,0.533; may be
-    /// repeated
+    /// Add a sun: the direction its light travels in, its illuminance in lux and the angular
+    /// diameter of its disc (0.533 for the real sun; without it shadows are sharp), e.g.
+    /// 0.3,-1,0.2,100000,0.533; repeatable
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun: Vec<Sun>,
-    /// Multiply a source of light: a light or its node, an emissive material, `sky` or `sun`; `*`
-    /// and `?` are wild, the last that fits counts (`inspect` lists names); may be repeated
+    /// Scale a light source: a light or its node, an emissive material, `sky` or `sun`. `*` and `?`
+    /// are wildcards; the last match wins; `inspect` lists the names; repeatable
     #[arg(long, value_name = "NAME=X", value_parser = parse_light)]
     pub light: Vec<LightScale>,
-    /// Leave a source of light out, whatever --light says; may be repeated
+    /// Leave a light source out, regardless of --light; repeatable
     #[arg(long, value_name = "NAME")]
     pub exclude_light: Vec<String>,
-    /// Keep sources of light apart under a name of your own; what no group names becomes the group
-    /// `rest`; may be repeated
+    /// Bake light sources into a separate group with the given name; sources in no group go to the
+    /// group `rest`; repeatable
     #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
     pub group: Vec<LightGroup>,
-    /// What the lightmap holds [default: radiance]
+    /// Quantity stored in the lightmap [default: radiance]
     #[arg(long, value_enum)]
     pub value: Option<ValueArg>,
-    /// Extra channels in the EXR
+    /// Extra EXR channels
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LAYER,…")]
     pub layers: Vec<LayerArg>,
-    /// Keep what normal maps need of the directions that light comes from
+    /// Store the light's directionality, for normal maps
     #[arg(long, value_enum)]
     pub directional: Option<DirectionalArg>,
-    /// Distance beyond which surfaces do not occlude each other in the layer `ao` [default: by the
-    /// scene's size]
+    /// Distance beyond which surfaces no longer occlude each other in the layer `ao` [default: from
+    /// the scene's size]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
-    /// Write the lightmap's pages as KTX2 too, for graphics cards: R, G and B, one level
+    /// Also write the lightmap pages as KTX2 for GPUs: R, G and B, one mip level
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub ktx2: Option<Ktx2Arg>,
-    /// Name the lightmap in the .glb by this convention too, beside the nodes' extras
+    /// Also reference the lightmap in the .glb by this convention, in addition to the nodes' extras
     #[arg(long, value_enum, value_delimiter = ',')]
     pub ext: Vec<ExtArg>,
-    /// Light probes for things that move, into SCENE.probes.json: at the points of a file
-    /// {"points": [[x, y, z], …]}, or on a grid with this distance in metres
+    /// Bake light probes for moving objects into SCENE.probes.json: at the points in a file
+    /// {"points": [[x, y, z], …]}, or on a grid with this spacing in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
-    /// Reflectances above this count as this [default: 0.98]
+    /// Clamp reflectances to X [default: 0.98]
     #[arg(long, value_name = "X")]
     pub max_reflectance: Option<f32>,
-    /// Lumels that lie partly inside or behind something [default: fill]
+    /// Value of lumels that are partly inside or behind something [default: fill]
     #[arg(long, value_enum)]
     pub hidden: Option<HiddenArg>,
-    /// Leave the borders of charts as they were gathered
+    /// Do not stitch chart borders
     #[arg(long)]
     pub no_stitch: bool,
-    /// Stitch the borders of charts, whatever the file of settings says
+    /// Override `stitch = false` in the settings file
     #[arg(long, conflicts_with = "no_stitch")]
     pub stitch: bool,
-    /// Bake the lightmap alone: no light at vertices, and no SCENE.vertex.glb
+    /// Bake only the lightmap: no vertex light and no SCENE.vertex.glb
     #[arg(long)]
     pub no_vertex_colors: bool,
-    /// Bake vertex colours too, whatever the file of settings says
+    /// Override `vertex-colors = false` in the settings file
     #[arg(long, conflicts_with = "no_vertex_colors")]
     pub vertex_colors: bool,
-    /// Split edges in the scene with vertex colours until its relative error is about X
+    /// Split edges of the vertex-coloured scene until its relative error is about X
     #[arg(long, value_name = "X", conflicts_with = "no_vertex_colors")]
     pub vertex_error: Option<f32>,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// Make charts and solve the light one after the other, not at once: for measuring, each
-    /// phase's time in the report is then its own. The results are the same
+    /// Make charts and solve the light one after the other instead of concurrently, so that the
+    /// report's phase times do not overlap. The results are the same
     #[arg(long)]
     pub in_turn: bool,
-    /// Keep the charts of large meshes in this folder, for later bakes of the same meshes. The
-    /// results are the same
+    /// Cache the charts of large meshes in this folder; later bakes of the same meshes reuse them.
+    /// The results are the same
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Remove what was used least recently from the cache's folder when it is larger than this,
-    /// e.g. 500M or 20G [default: 8G]
+    /// Delete the least recently used files when the cache folder exceeds this size, e.g. 500M or
+    /// 20G [default: 8G]
     #[arg(long, value_name = "BYTES", requires = "cache", value_parser = parse_bytes)]
     pub cache_size: Option<u64>,
-    /// Write a picture of the lit level (from its first camera, if it has one)
+    /// Render the lit level to a picture, from its first camera if it has one
     #[arg(long, value_name = "FILE.png")]
     pub preview: Option<PathBuf>,
-    /// Write a coarse picture of the lit level as soon as its light is solved, long before the bake
-    /// is done
+    /// Render a coarse picture of the lit level as soon as the solve is done, long before the bake
+    /// is
     #[arg(long, value_name = "FILE.png")]
     pub first_picture: Option<PathBuf>,
-    /// Write the report here too
+    /// Also write the report to this file
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Write a dependency file for make or ninja: results: everything that was read
+    /// Write a dependency file for make or ninja, listing every file that was read
     #[arg(long, value_name = "FILE")]
     pub depfile: Option<PathBuf>,
-    /// The dependency file's target, instead of all results: a stamp, or the one name that the
-    /// build knows; may be repeated
+    /// Target named in the dependency file instead of all results, e.g. a stamp file; repeatable
     #[arg(long, value_name = "PATH", requires = "depfile")]
     pub depfile_target: Vec<PathBuf>,
-    /// Print what the bake would do, its pages, lumels, memory and time, and write nothing
+    /// Print the bake's plan (pages, lumels, memory and time) and write nothing
     #[arg(long)]
     pub dry_run: bool,
-    /// Do nothing if the results are there and whole, and inputs, settings and version are those
-    /// that they were made with, by content
+    /// Do nothing if the existing results are intact and were made from the same inputs, settings
+    /// and version; compares contents, not time stamps
     #[arg(long)]
     pub skip_if_unchanged: bool,
-    /// Print the report on standard output
+    /// Print the report to standard output
     #[arg(long)]
     pub json: bool,
-    /// Exit with code 5 if there was any warning
+    /// Exit with code 5 if there are warnings
     #[arg(long)]
     pub strict: bool,
-    /// Do not, whatever the file of settings says
+    /// Override `strict = true` in the settings file
     #[arg(long, conflicts_with = "strict")]
     pub no_strict: bool,
-    /// How progress is shown on standard error
+    /// How to show progress on standard error
     #[arg(long, value_enum, default_value = "auto")]
     pub progress: ProgressArg,
-    /// Say nothing but errors
+    /// Print errors only
     #[arg(short, long)]
     pub quiet: bool,
-    /// Say more
+    /// Print details
     #[arg(short, long, conflicts_with = "quiet")]
     pub verbose: bool,
 }
@@ -196,9 +195,9 @@ pub(crate) struct Bake {
 /// How progress is shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProgressArg {
-    /// One bar on a terminal, a line for each finished phase elsewhere
+    /// A progress bar on a terminal, else a line for each finished phase
     Auto,
-    /// Four lines a second for programs: progress 42.0 % gather, 12 s left
+    /// Four lines a second for other programs to parse: progress 42.0 % gather, 12 s left
     Lines,
 }
 
@@ -215,8 +214,8 @@ pub(crate) struct Inspect {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Write pictures of the lightmap's charts into this folder: of the pages, and of the meshes
-    /// with something wrong or most lumels
+    /// Write pictures of the lightmap's charts into this folder: one for each page, and one for
+    /// each mesh with problems or many lumels
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// What the pictures show
@@ -224,19 +223,20 @@ pub(crate) struct Inspect {
     pub paint: PaintArg,
 }
 
-/// What is refused. Not in the file of settings: whoever made the scene may have made that too.
+/// What a bake refuses. Deliberately not in the settings file, which may come from the same
+/// untrusted source as the scene.
 #[derive(Debug, Args)]
 pub(crate) struct BoundsArgs {
-    /// Let `..` and links in the document lead to files outside of its folder, which the results
-    /// then hold; absolute paths never do
+    /// Let `..` and links in the document lead outside its folder; the results then contain such
+    /// files. Absolute paths are always refused
     #[arg(long)]
     pub allow_outside: bool,
-    /// Refuse pictures that take more memory than this once decoded, the scene's together or the
-    /// sky's, e.g. 4G [default: 1G]
+    /// Refuse images that take more memory than this when decoded, all of the scene's together or
+    /// the sky's, e.g. 4G [default: 1G]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub max_image: Option<u64>,
-    /// Refuse, before light is computed, a bake that would need more memory than this by its
-    /// estimate (within a factor of 1.3), e.g. 4G
+    /// Refuse a bake whose estimated memory (within a factor of 1.3) exceeds this, before any light
+    /// is computed, e.g. 4G
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub memory: Option<u64>,
 }
@@ -252,19 +252,19 @@ impl From<&BoundsArgs> for Bounds {
     }
 }
 
-/// What decides the atlas.
+/// Options that decide the atlas.
 #[derive(Debug, Args)]
 pub(crate) struct Plan {
-    /// Which scene of the document [default: its own default]
+    /// Index of the scene in the document [default: the document's default scene]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
     pub scene: Option<usize>,
-    /// Do not take nodes named ..._LOD0, ..._LOD1 and so on for levels of detail
+    /// Do not treat nodes named ..._LOD0, ..._LOD1 and so on as levels of detail
     #[arg(long)]
     pub no_lods: bool,
     /// Override `lods = false` in the settings file
     #[arg(long, conflicts_with = "no_lods")]
     pub lods: bool,
-    /// Lumels per metre [default: by the scene's size]
+    /// Lumels per metre [default: from the scene's size]
     #[arg(long, value_name = "X")]
     pub texels_per_unit: Option<f32>,
     /// Longest side of a page in texels [default: 2048]
@@ -273,20 +273,20 @@ pub(crate) struct Plan {
     /// Texels between charts [default: 2]
     #[arg(long, value_name = "N")]
     pub padding: Option<u32>,
-    /// Pages and instances' rectangles in whole blocks of N x N texels (4 for BC formats; 1 for any
+    /// Align pages and instance rectangles to blocks of N x N texels (4 for BC formats, 1 for any
     /// size) [default: 4]
     #[arg(long, value_name = "N")]
     pub block_align: Option<u32>,
-    /// Charts in whole blocks too, so that none is shared by two
+    /// Align charts to blocks too, so that no two charts share a block
     #[arg(long)]
     pub block_charts: bool,
     /// Override `block-charts = true` in the settings file
     #[arg(long, conflicts_with = "block_charts")]
     pub no_block_charts: bool,
-    /// The asset's TEXCOORD_1, or new charts [default: auto]
+    /// Use the asset's TEXCOORD_1 or make new charts [default: auto]
     #[arg(long, value_enum)]
     pub uv: Option<UvArg>,
-    /// What makes new charts [default: auto]
+    /// Unwrapper that makes new charts [default: auto]
     #[arg(long, value_enum)]
     pub unwrapper: Option<UnwrapperArg>,
 }
@@ -295,7 +295,7 @@ pub(crate) struct Plan {
 pub(crate) struct Diff {
     /// The reference
     pub a: PathBuf,
-    /// The lightmap held against it
+    /// The lightmap to compare with it
     pub b: PathBuf,
     /// Print JSON
     #[arg(long)]
@@ -307,21 +307,22 @@ pub(crate) struct Diff {
 
 #[derive(Debug, Args)]
 pub(crate) struct Completions {
-    /// Which shell
+    /// The shell
     #[arg(value_enum)]
     pub shell: clap_complete::Shell,
 }
 
 #[derive(Debug, Args)]
 pub(crate) struct Man {
-    /// Which command [default: lumel itself]
+    /// The command [default: lumel itself]
     pub command: Option<String>,
-    /// Write the pages of all commands into this folder instead
+    /// Write the pages of all commands into this folder
     #[arg(short, long, value_name = "DIR", conflicts_with = "command")]
     pub output: Option<PathBuf>,
 }
 
-/// Declares a clap enum that mirrors one of the library's, so that the library needs no clap.
+/// Declares a clap enum that mirrors one of the library's, so that the library does not depend on
+/// clap.
 macro_rules! mirror {
     ($name:ident => $target:ty { $($(#[$meta:meta])* $variant:ident => $value:expr, $help:literal;)+ }) => {
         #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -335,30 +336,30 @@ macro_rules! mirror {
 }
 
 mirror!(QualityArg => Quality {
-    Draft => Quality::Draft, "For a look";
-    Quick => Quality::Quick, "For changing lights";
-    Preview => Quality::Preview, "For work";
-    Production => Quality::Production, "For shipping";
+    Draft => Quality::Draft, "Rough look: a few per cent of noise on open walls";
+    Quick => Quality::Quick, "Moving lights around: twice draft's time, a third of its error";
+    Preview => Quality::Preview, "Everyday work: about 1 % error";
+    Production => Quality::Production, "Final bake for shipping";
 });
 mirror!(ValueArg => ValueKind {
-    Radiance => ValueKind::Radiance, "R = E/pi, what engines multiply with the albedo";
-    Irradiance => ValueKind::Irradiance, "E";
+    Radiance => ValueKind::Radiance, "R = E/pi, which engines multiply with the albedo";
+    Irradiance => ValueKind::Irradiance, "E, irradiance";
     Radiosity => ValueKind::Radiosity, "B = reflectance x E";
 });
 mirror!(Ktx2Arg => Ktx2Format {
-    Bc6h => Ktx2Format::Bc6h, "BC6H, unsigned: a byte a texel, for desktop cards";
-    Rgb9e5 => Ktx2Format::Rgb9e5, "Shared exponent: four bytes a texel, for all cards";
+    Bc6h => Ktx2Format::Bc6h, "BC6H, unsigned: 1 byte per texel, for desktop GPUs";
+    Rgb9e5 => Ktx2Format::Rgb9e5, "Shared exponent: 4 bytes per texel, for all GPUs";
 });
 mirror!(ExtArg => GltfExt {
-    Moz => GltfExt::Moz, "MOZ_lightmap on materials: meshes and materials are copied for instances, pictures lie in the .glb";
+    Moz => GltfExt::Moz, "MOZ_lightmap on materials: copies meshes and materials for each instance and embeds the pages in the .glb";
 });
 mirror!(UvArg => UvMode {
-    Auto => UvMode::Auto, "Keep a usable TEXCOORD_1, else make charts";
-    Keep => UvMode::Keep, "Keep a TEXCOORD_1 that overlaps or has holes too, with warnings; make charts where it cannot be used at all";
+    Auto => UvMode::Auto, "Use TEXCOORD_1 where it is valid, else make charts";
+    Keep => UvMode::Keep, "Use TEXCOORD_1 even if it overlaps or has holes, with warnings; make charts only where it is unusable";
     Generate => UvMode::Generate, "Always make charts";
 });
 mirror!(UnwrapperArg => UnwrapperChoice {
-    Auto => UnwrapperChoice::Auto, "The one that measured better: uvunwrap";
+    Auto => UnwrapperChoice::Auto, "The one that measures best: uvunwrap";
     Uvunwrap => UnwrapperChoice::UvUnwrap, "The uvunwrap crate";
     Xatlas => UnwrapperChoice::Xatlas, "The xatlas-rs crate";
     Box => UnwrapperChoice::Box, "Projection along the axes";
@@ -368,27 +369,27 @@ mirror!(LayerArg => Layer {
     Indirect => Layer::Indirect, "indirect.R, .G, .B";
     Radiosity => Layer::Radiosity, "radiosity.R, .G, .B: reflected radiance";
     Error => Layer::Error, "error.Y: estimated standard error of the luminance";
-    Coverage => Layer::Coverage, "coverage.Y: share of the texel on the surface";
+    Coverage => Layer::Coverage, "coverage.Y: fraction of the texel covered by the surface";
     Ao => Layer::Ao, "ao.Y: ambient occlusion (openness), see --ao-distance";
     #[value(name = "sun_mask")]
-    SunMask => Layer::SunMask, "sun_mask.Y: share of directional lights' light that gets through";
+    SunMask => Layer::SunMask, "sun_mask.Y: visible fraction of the directional lights";
 });
 mirror!(UnitsArg => Units {
-    Auto => Units::Auto, "Those of the materials; what Blender's exporter did to lamps is recognised and put right";
-    Watt => Units::Watt, "Those of the materials: W/sr and W/m², or all in candela, lux and nit";
-    Lumen => Units::Lumen, "Candela and lux: lamps are divided by 683 lm/W";
+    Auto => Units::Auto, "The materials' units; detects and corrects the scale that Blender's exporter gave lamps";
+    Watt => Units::Watt, "The materials' units: W/sr and W/m², or candela and lux if materials are in nit";
+    Lumen => Units::Lumen, "Candela and lux beside materials in W/(m² sr): divides lamps by 683 lm/W";
 });
 mirror!(PaintArg => Paint {
-    Charts => Paint::Charts, "Charts, and where they overlap, are mirrored or too near to each other";
-    Density => Paint::Density, "Lumels per metre: blue too few, orange too many";
+    Charts => Paint::Charts, "Charts, with overlapping, mirrored and too closely packed ones marked";
+    Density => Paint::Density, "Lumels per metre: blue is too low, orange too high";
 });
 mirror!(HiddenArg => Hidden {
-    Fill => Hidden::Fill, "Hold the light of the part that can be seen, or else their neighbours'";
-    Mean => Hidden::Mean, "Hold the mean over all of them, hidden parts being dark";
+    Fill => Hidden::Fill, "Light of the visible part; of the neighbours if nothing is visible";
+    Mean => Hidden::Mean, "Mean over the whole lumel, counting hidden parts as black";
 });
 mirror!(DirectionalArg => Directional {
     Sh1 => Directional::Sh1, "Spherical harmonics of first order";
-    Dominant => Directional::Dominant, "One direction";
+    Dominant => Directional::Dominant, "One dominant direction";
 });
 
 /// Comma-separated finite numbers.
@@ -410,12 +411,12 @@ fn parse_sun(text: &str) -> Result<Sun, String> {
             })
         }
         _ => Err(
-            "expected X,Y,Z,LUX or X,Y,Z,LUX,DEGREES: a direction that is not zero, an illuminance above 0, a diameter".into(),
+            "expected X,Y,Z,LUX or X,Y,Z,LUX,DEGREES: a non-zero direction, an illuminance above 0, an angular diameter".into(),
         ),
     }
 }
 
-/// NAME=FACTOR; a name may hold `=`.
+/// Parses NAME=FACTOR; the name may contain `=`.
 fn parse_light(text: &str) -> Result<LightScale, String> {
     let (name, factor) = text
         .rsplit_once('=')
@@ -431,7 +432,7 @@ fn parse_light(text: &str) -> Result<LightScale, String> {
     }
 }
 
-/// GROUP=NAME,NAME,…; of a name with a comma, write the comma as `?`.
+/// Parses GROUP=NAME,NAME,…; a comma in a name is written as `?`.
 fn parse_group(text: &str) -> Result<LightGroup, String> {
     let (name, sources) = text
         .split_once('=')
@@ -446,7 +447,7 @@ fn parse_group(text: &str) -> Result<LightGroup, String> {
     })
 }
 
-/// A number of bytes, with K, M, G or T for powers of 1024.
+/// Parses a byte count with an optional suffix K, M, G or T (powers of 1024).
 fn parse_bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let shift = match text.chars().last().map(|c| c.to_ascii_uppercase()) {
@@ -466,7 +467,7 @@ fn parse_bytes(text: &str) -> Result<u64, String> {
         .ok_or("expected a whole number of bytes, or one with K, M, G or T".into())
 }
 
-/// A number is a distance, anything else a file.
+/// Parses a number as a spacing and anything else as a file.
 fn parse_probes(text: &str) -> Result<ProbeSource, String> {
     match text.trim().parse::<f32>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(ProbeSource::Spacing(x)),
@@ -480,7 +481,7 @@ pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
         && hex.len() == 6
         && let Ok(v) = u32::from_str_radix(hex, 16)
     {
-        // A hex colour is what a colour picker shows, so sRGB.
+        // Hex colours come from colour pickers, so they are sRGB.
         let linear = |shift: u32| {
             let x = (v >> shift & 255) as f32 / 255.0;
             if x <= 0.04045 {
@@ -498,7 +499,7 @@ pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
         Some(_) => Err(format!(
             "--sky {text}: expected one number, R,G,B (each at least 0), #rrggbb or a file"
         )),
-        // A name without an ending is a colour's, or a slip: no file of either kind is called so.
+        // Without an extension this is a colour name or a typo: every supported image has one.
         None if Path::new(text).extension().is_none() => Err(format!(
             "--sky {text}: expected one number, R,G,B (0.25,0.35,0.5), #rrggbb (#88aaff), or a .hdr or .exr file"
         )),
@@ -506,12 +507,12 @@ pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
     }
 }
 
-/// What a pair of flags says.
+/// The value of a pair of opposite flags.
 fn either(yes: bool, no: bool) -> Option<bool> {
     (yes || no).then_some(yes)
 }
 
-/// What a repeated option says, if it was given.
+/// The values of a repeatable option if it was given.
 fn given<T: Clone>(values: &[T]) -> Option<Vec<T>> {
     (!values.is_empty()).then(|| values.to_vec())
 }
@@ -538,7 +539,7 @@ impl Plan {
 }
 
 impl Bake {
-    /// Defaults, then the file of settings, then options.
+    /// Defaults, overridden by the settings file, overridden by options.
     ///
     /// # Errors
     /// [`lumel::Error::Setting`], [`lumel::Error::Config`].
@@ -560,8 +561,7 @@ impl Bake {
             s.sky_rotation = x
         });
         out.put(Flag, "sun", given(&self.sun), |s, x| s.suns = x);
-        // Of several that fit a source the last counts: options go before the file, and what is
-        // left out before what is dimmed.
+        // The last match wins, so options come after the file and exclusions after factors.
         out.put(Flag, "light", given(&self.light), |s, x| s.lights.extend(x));
         out.put(Flag, "exclude-light", given(&self.exclude_light), |s, x| {
             s.lights.extend(x.into_iter().map(config::excluded))
@@ -602,7 +602,7 @@ impl Bake {
         out.put(Flag, "stitch", stitch, |s, x| s.stitch = x);
         let colors = either(self.vertex_colors, self.no_vertex_colors);
         if self.no_vertex_colors {
-            // Of a file that says how close they are to be, options go before it.
+            // Overrides a `vertex-error` of the settings file, which would ask for vertex colours.
             out.settings.vertex_error = None;
             out.provenance.origins.remove("vertex-error");
         }
@@ -618,7 +618,7 @@ impl Bake {
 }
 
 impl Inspect {
-    /// The library's settings: what of them decides the atlas.
+    /// The library's settings that decide the atlas.
     ///
     /// # Errors
     /// [`lumel::Error::Config`].

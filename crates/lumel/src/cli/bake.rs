@@ -18,10 +18,9 @@ use super::unchanged::{self, dependencies};
 /// Size of the preview picture.
 const PREVIEW: [u32; 2] = [1280, 720];
 
-/// Size of the first picture: it should be there at once.
+/// Small, because the first picture should appear at once.
 const FIRST: [u32; 2] = [640, 360];
 
-/// Bakes and writes.
 pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     let Layered {
         settings,
@@ -42,7 +41,7 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
                 lumel::Error::Setting(format!("--threads is {n}, expected 1 to 1024")).into(),
             );
         }
-        // Fails only if a pool exists already, and none does.
+        // Fails only if a pool exists, and none does yet.
         let _ = rayon::ThreadPoolBuilder::new()
             .num_threads(n)
             .build_global();
@@ -79,7 +78,7 @@ fn check_outputs(
             Some(p) if !p.as_os_str().is_empty() => p,
             _ => Path::new("."),
         };
-        // A folder that is not there yet holds nothing that could be replaced.
+        // A folder that does not exist contains nothing to replace.
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         folder.join(path.file_name().unwrap_or_default())
     };
@@ -91,7 +90,7 @@ fn check_outputs(
     let own_report = outputs.last().cloned();
     if outputs.contains(&place(&a.scene)) {
         return Err(lumel::Error::Setting(format!(
-            "{}: the bake would replace its own scene; give another folder with -o",
+            "{}: the bake would replace its own scene; choose another folder with -o",
             a.scene.display()
         )));
     }
@@ -101,7 +100,7 @@ fn check_outputs(
     };
     if let Some(path) = points.filter(|p| outputs.contains(&place(p))) {
         return Err(lumel::Error::Setting(format!(
-            "{}: the bake would replace its own list of probes; give another folder with -o",
+            "{}: the bake would replace its own list of probes; choose another folder with -o",
             path.display()
         )));
     }
@@ -109,7 +108,7 @@ fn check_outputs(
     taken.push(place(&a.scene));
     taken.extend(points.map(|p| place(p)));
     taken.extend(provenance.config.iter().map(|(path, _)| place(path)));
-    // The report may be asked for where it goes anyway.
+    // `--report` may name the place where the report goes anyway.
     let report = a
         .report
         .iter()
@@ -122,7 +121,7 @@ fn check_outputs(
         let path = place(path);
         if taken.contains(&path) {
             return Err(lumel::Error::Setting(format!(
-                "{}: this file is already an input or another output of the bake",
+                "{}: this file is also an input or another output of the bake",
                 path.display()
             )));
         }
@@ -141,7 +140,7 @@ fn all_outputs(a: &Bake, settings: &Settings) -> Result<Vec<PathBuf>, lumel::Err
     Ok(all)
 }
 
-/// Writes the first picture, by itself and at once: it is no result.
+/// Writes the first picture on its own and at once: it is not one of the results.
 fn show_first(a: &Bake, png: &[u8], start: Instant, display: &Display) -> Result<(), lumel::Error> {
     let Some(path) = &a.first_picture else {
         return Ok(());
@@ -158,20 +157,19 @@ fn show_first(a: &Bake, png: &[u8], start: Instant, display: &Display) -> Result
     Ok(())
 }
 
-/// Bakes and writes.
 fn bake(
     a: &Bake,
     settings: &Settings,
     provenance: &Provenance,
     display: &Display,
 ) -> Result<Report, Failure> {
-    // Made first: a folder that cannot be written should not cost a bake. Dropped without a commit,
-    // it goes again.
+    // Created first, so that an unwritable folder does not cost a bake. It disappears again if
+    // dropped without a commit.
     let mut set = OutputSet::create(&a.output)?;
     let left = set.leftovers();
     if left.files > 0 {
         display.say(&format!(
-            "  removed   {} temporary files of bakes that were killed, {:.1} MiB",
+            "  removed   {} temporary files left by killed bakes, {:.1} MiB",
             left.files,
             left.bytes as f64 / f64::from(1 << 20)
         ));
@@ -219,7 +217,7 @@ fn bake(
     let seams = &bake.report.gather.seams;
     if a.verbose && seams.samples > 0 {
         display.say(&format!(
-            "  seams     {:.1} m, 99 % of it differ by less than {:.2} % (before stitching {:.2} %)",
+            "  seams     {:.1} m, 99 % of it within {:.2} % (before stitching {:.2} %)",
             seams.metres,
             100.0 * seams.after.p99,
             100.0 * seams.before.p99
@@ -227,7 +225,7 @@ fn bake(
     }
     if let Some(p) = &bake.report.probes {
         display.say(&format!(
-            "  probes    {}, {} of them inside or behind things",
+            "  probes    {}, {} of them inside or behind geometry",
             p.probes, p.invalid
         ));
     }
@@ -239,7 +237,7 @@ fn bake(
     let (files, report) = bake.files_beside(preview.as_ref().map(|(_, bytes)| &bytes[..]))?;
     for page in &report.ktx2 {
         display.say(&format!(
-            "  ktx2      {}: {:.2} % root mean square from what was baked, {:.1} % at the 99th percentile, {} KiB",
+            "  ktx2      {}: compression error {:.2} % root mean square, {:.1} % at the 99th percentile, {} KiB",
             page.file,
             100.0 * page.stored.error.rel_rmse,
             100.0 * page.stored.error.p99,
@@ -247,11 +245,9 @@ fn bake(
         ));
     }
     if settings.ktx2 == Some(lumel::Ktx2Format::Bc6h) && !settings.block_charts {
-        // No warning: on the project's own levels it is up to a tenth of the error above, and
-        // keeping them apart costs up to a tenth of the page.
-        display.say(
-            "            charts share blocks of 4 x 4 texels; --block-charts keeps them apart",
-        );
+        // Not a warning: on the project's own levels this loss is at most a tenth of the error
+        // above, and separate blocks cost up to a tenth of the page.
+        display.say("            charts share 4 x 4 texel blocks; --block-charts separates them");
     }
     if interrupt::cancelled() {
         return Err(lumel::Error::Cancelled.into());
@@ -293,7 +289,7 @@ fn say_cache(cache: &lumel::CacheReport, display: &Display) {
     let [found, kept] = cache.charts;
     if found + kept > 0 {
         display.say(&format!(
-            "  cache     charts of {found} meshes taken, of {kept} kept"
+            "  cache     charts of {found} meshes reused, of {kept} stored"
         ));
     }
     for note in &cache.notes {
@@ -314,21 +310,21 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
             100.0 * light.estimated_error
         )
     } else {
-        "no estimate of the error: no lumel has light that could be wrong".into()
+        "no error estimate: no lumel receives light".into()
     };
     display.say(&format!(
         "baked {} in {:.2} s, {error}: {out}",
         report.scene, report.measured.seconds
     ));
-    display.say(&format!("to look at it: lumel view {out}"));
+    display.say(&format!("view it with: lumel view {out}"));
 }
 
-/// What tells someone who knows how Lumel works whether it did.
+/// Figures for readers who know how Lumel works.
 fn details(report: &Report, display: &Display) {
     let m = &report.measured;
     let audit = &report.solve.audit;
     display.say(&format!(
-        "  solve     {} patches, {} elements, {} rays a patch, {} shots, {} iterations, rows {:.4} mean, {:.4} least",
+        "  solve     {} patches, {} elements, {} rays per patch, {} shots, {} iterations, row sums {:.4} mean, {:.4} min",
         report.solve.subdivision.patches,
         report.solve.subdivision.elements,
         report.solve.rays_per_patch,
@@ -338,7 +334,7 @@ fn details(report: &Report, display: &Display) {
         audit.row_sum_min,
     ));
     display.say(&format!(
-        "  energy    emitted {:.4}, absorbed {:.4}, lost behind {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} % of at most {:.3} %",
+        "  energy    emitted {:.4}, absorbed {:.4}, lost on backfaces {:.4}, escaped {:.4} (sum of RGB), imbalance {:.3} % (bound {:.3} %)",
         audit.flux_emitted.iter().sum::<f64>(),
         audit.flux_absorbed.iter().sum::<f64>(),
         audit.flux_behind.iter().sum::<f64>(),
@@ -351,9 +347,10 @@ fn details(report: &Report, display: &Display) {
             0 => String::new(),
             n => format!(", {n} added by splitting"),
         };
-        // Large percentiles, where one triangle spans light and dark, are in the report alone.
+        // The high percentiles come from single triangles that span light and dark; only the report
+        // lists them.
         display.say(&format!(
-            "  vertices  {} with a colour of their own{added}; half of them within {:.1} % of the lightmap",
+            "  vertices  {} with separate colours{added}; half of them within {:.1} % of the lightmap",
             v.points,
             100.0 * v.difference.median,
         ));

@@ -1,7 +1,6 @@
 //! `SCENE.lumel.toml`: options of `bake` and `inspect` kept beside the scene.
 //!
-//! Keys are the long names of options. Paths are relative to the file. docs/pipeline.md describes
-//! them, [`TEMPLATE`] lists them all.
+//! Keys are the long option names. Paths are relative to the file. [`TEMPLATE`] lists every key.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -22,13 +21,13 @@ use super::args::{
     UvArg, ValueArg, parse_sky,
 };
 
-/// All keys, as comments, with their defaults: what `lumel config` prints.
+/// All keys with their defaults, commented out: the output of `lumel config`.
 pub(crate) const TEMPLATE: &str = include_str!("template.toml");
 
-/// Longest file that is read: settings of a page or two are a thousandth of it.
+/// Longest file that is read, bytes: a thousand times the length of real settings.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// A file of settings.
+/// The contents of a settings file and where it is.
 #[derive(Debug)]
 pub(crate) struct ConfigFile {
     path: PathBuf,
@@ -36,17 +35,17 @@ pub(crate) struct ConfigFile {
     options: FileOptions,
 }
 
-/// Settings and who gave them, from defaults upwards.
+/// Settings, and who set each of them.
 #[derive(Debug, Default)]
 pub(crate) struct Layered {
     pub settings: Settings,
     pub provenance: Provenance,
-    /// `--strict`, of either.
+    /// `--strict`, from either source.
     pub strict: bool,
 }
 
 impl Layered {
-    /// Notes and applies what `who` says about option `key`, if anything.
+    /// Applies a value that `who` gave for option `key`, if any, and records its origin.
     pub(crate) fn put<T>(
         &mut self,
         who: Origin,
@@ -61,20 +60,20 @@ impl Layered {
     }
 }
 
-/// Which file to take settings from.
+/// Options that choose the settings file.
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct ConfigArgs {
-    /// Take settings from this file [default: SCENE.lumel.toml beside the scene, if it is there];
-    /// options go before it
+    /// Read settings from this file; options override it [default: SCENE.lumel.toml beside the
+    /// scene, if it exists]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Take no settings from any file
+    /// Ignore settings files
     #[arg(long, conflicts_with = "config")]
     pub no_config: bool,
 }
 
 impl ConfigArgs {
-    /// Defaults, and over them the file's settings.
+    /// Defaults, overridden by the file's settings.
     ///
     /// # Errors
     /// [`lumel::Error::Config`].
@@ -126,7 +125,7 @@ impl ConfigFile {
     }
 }
 
-/// Parses; errors begin with `:LINE:COLUMN: ` and say what was found and expected.
+/// Parses; errors begin with `:LINE:COLUMN: ` and say what was found and what was expected.
 fn parse(text: &str) -> Result<FileOptions, String> {
     toml::from_str(text).map_err(|e| {
         let place = e.span().map_or(String::new(), |span| {
@@ -139,7 +138,7 @@ fn parse(text: &str) -> Result<FileOptions, String> {
     })
 }
 
-/// The words of an error of `serde` in ours.
+/// Rewords an error message of `serde` in the style of Lumel's.
 fn plain(message: &str) -> String {
     let message = message.trim_end().replace('\n', "; ");
     if let Some(rest) = message.strip_prefix("unknown field `")
@@ -172,12 +171,12 @@ fn plain(message: &str) -> String {
         }
     }
     if let Some(key) = message.strip_prefix("missing field ") {
-        return format!("found no {key}, expected it here");
+        return format!("found no key {key}, expected it here");
     }
     message
 }
 
-/// What a file may say. Every key is an option's long name; `None` leaves it to the default.
+/// All keys of the file, by the long option name; `None` leaves the default.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 struct FileOptions {
@@ -314,12 +313,12 @@ impl FileOptions {
     }
 }
 
-/// A source of light that is left out.
+/// A factor of 0, as `--exclude-light` gives.
 pub(crate) fn excluded(name: String) -> LightScale {
     LightScale { name, factor: 0.0 }
 }
 
-/// One of the words that an option takes.
+/// One of the values that an option takes.
 #[derive(Debug)]
 struct Choice<T>(T);
 
@@ -385,7 +384,7 @@ fn factor<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
     not_negative(deserializer).map(|x| x.unwrap_or(1.0))
 }
 
-/// A sky: a number, three, or a word.
+/// A sky: one number, three numbers, a hex colour or a file name.
 #[derive(Debug)]
 struct SkyValue(SkySource);
 
@@ -435,7 +434,7 @@ impl<'de> Deserialize<'de> for SkyValue {
     }
 }
 
-/// Probes: a distance or a file.
+/// Probes: a grid spacing or a file name.
 #[derive(Debug)]
 struct ProbesValue(ProbeSource);
 
@@ -446,7 +445,7 @@ impl<'de> Deserialize<'de> for ProbesValue {
             type Value = ProbesValue;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a distance above 0 or a file name")
+                f.write_str("a spacing above 0 or a file name")
             }
 
             fn visit_i64<E: de::Error>(self, x: i64) -> Result<ProbesValue, E> {
@@ -491,7 +490,7 @@ impl From<SunTable> for Sun {
     }
 }
 
-/// One `[[light]]`; of several that fit a source the last counts.
+/// One `[[light]]`; the last match wins.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct LightTable {
@@ -526,7 +525,7 @@ impl From<GroupTable> for LightGroup {
     }
 }
 
-/// Settings that are not defaults and who gave them, one per line.
+/// Settings that are not defaults and who set them, one per line.
 pub(crate) fn describe(origins: &BTreeMap<String, Origin>) -> String {
     let list = |who: Origin| {
         let keys: Vec<&str> = (origins.iter())

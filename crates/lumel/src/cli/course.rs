@@ -1,8 +1,8 @@
-//! How far a whole bake is, over all of its phases.
+//! Progress of a whole bake across its phases.
 
 use lumel::{Phase, Quality, Settings};
 
-/// Parts of a bake that are weighed against each other.
+/// Parts of a bake with separate weights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd)]
 enum Stage {
     Plan,
@@ -14,10 +14,10 @@ enum Stage {
 
 const STAGES: usize = 5;
 
-/// Share of the gather that its first pass takes; the second fills in what is interpolated.
+/// Share of the gather spent in its first pass; the second fills in interpolated lumels.
 const FIRST_PASS: f64 = 0.75;
 
-/// Lumels that are refined, of those gathered. A bake that refines more makes the stage longer.
+/// Refined lumels as a share of gathered ones. The stage grows if a bake refines more.
 const REFINED: f64 = 0.4;
 
 impl Stage {
@@ -32,26 +32,27 @@ impl Stage {
     }
 }
 
-/// Turns the progress of phases into one share of the bake that never falls.
+/// Combines the progress of all phases into one fraction that never decreases.
 #[derive(Debug)]
 pub(super) struct Course {
-    /// What each stage takes, in percent of the gather.
+    /// Expected time of each stage, percent of the gather's.
     weights: [f64; STAGES],
     stage: Stage,
-    /// Of the stage, 0..=1.
+    /// Progress within the stage, 0..=1.
     within: f64,
-    /// Units of the stage's finished passes, and of the one that runs: done, total.
+    /// Work units of the stage's finished passes and of the current pass: done, total.
     finished: f64,
     pass: (f64, f64),
     passes: u32,
-    /// Units of the gather.
+    /// Work units of the gather.
     gathered: f64,
     share: f64,
 }
 
 impl Course {
-    /// Weights are what bakes of the Cornell box, the demo level and godot_room took at draft and
-    /// preview (November 2026); they need not fit, since each stage is measured as it runs.
+    /// Weights are times measured on bakes of the Cornell box, the demo level and godot_room at
+    /// draft and preview (November 2026). They need not be accurate: each stage is corrected as it
+    /// runs.
     pub(super) fn new(settings: &Settings) -> Course {
         let mut weights = match settings.quality {
             Quality::Draft => [5.0, 25.0, 100.0, 0.0, 50.0],
@@ -76,11 +77,11 @@ impl Course {
         }
     }
 
-    /// Share of the bake that is done, 0..=1, after `done` of `total` units of a phase.
+    /// Fraction of the bake done, 0..=1, after `done` of `total` work units of a phase.
     pub(super) fn see(&mut self, phase: Phase, done: u64, total: u64) -> f64 {
         let stage = Stage::of(phase);
         if stage < self.stage {
-            // Work of several threads may report an old phase once more.
+            // Threads may report an earlier phase late.
             return self.share;
         }
         if stage > self.stage {
@@ -120,7 +121,7 @@ impl Course {
                 let known = self.finished + total;
                 (self.finished + done) / known.max(REFINED * self.gathered)
             }
-            // How many passes there will be is not known: each gets half of what is left.
+            // The number of passes is unknown, so each pass gets half of what is left.
             _ => 1.0 - 0.5_f64.powi(self.passes as i32 - 1) * (1.0 - 0.5 * share),
         };
         self.within = self.within.max(within.min(1.0));
@@ -131,8 +132,8 @@ impl Course {
 mod tests {
     use super::*;
 
-    /// Phases as a preview of the Cornell box reported them, with the seconds at which they began
-    /// and ended.
+    /// Phases as a preview of the Cornell box reported them, with their start and end times in
+    /// seconds.
     const CORNELL: &[(Phase, u64, f64, f64)] = &[
         (Phase::Direct, 20_000, 0.2, 1.6),
         (Phase::Links, 248_288, 1.7, 2.39),
@@ -145,7 +146,7 @@ mod tests {
         (Phase::Vertices, 900, 20.0, 20.4),
     ];
 
-    /// As [`CORNELL`], of godot_room, whose second pass of the gather is short.
+    /// As [`CORNELL`], for godot_room, whose second gather pass is short.
     const ROOM: &[(Phase, u64, f64, f64)] = &[
         (Phase::Links, 1_009_872, 1.6, 2.3),
         (Phase::Gather, 192_254, 2.86, 30.03),
@@ -155,7 +156,7 @@ mod tests {
         (Phase::Vertices, 2_571, 64.78, 65.44),
     ];
 
-    /// Share after each tenth of each phase, with its time.
+    /// The fraction after each tenth of each phase, with its time.
     fn follow(events: &[(Phase, u64, f64, f64)]) -> Vec<(f64, f64)> {
         let mut course = Course::new(&Settings::default());
         let mut out = Vec::new();
@@ -179,13 +180,12 @@ mod tests {
         }
     }
 
-    /// Issue 26: the time to go does not jump back by more than a fifth.
     #[test]
     fn time_to_go_does_not_jump_back_by_more_than_a_fifth() {
         for events in [CORNELL, ROOM] {
             let course = follow(events);
             let left = course.iter().map(|(t, s)| (t, t * (1.0 - s) / s));
-            // Before a twentieth of the bake nothing is shown.
+            // Nothing is shown in the first twentieth of the bake.
             let shown: Vec<(f64, f64)> = (left.zip(&course))
                 .filter(|(_, (_, share))| *share >= super::super::progress::TELL_FROM)
                 .map(|((t, left), _)| (*t, left))

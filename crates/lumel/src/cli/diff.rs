@@ -7,7 +7,6 @@ use lumel::atlas_bake::{OutputSet, diff, error_png, read_exr};
 use super::Failure;
 use super::args::Diff;
 
-/// Compares two lightmaps.
 pub(crate) fn run(a: &Diff) -> Result<(), Failure> {
     let (reference, map) = (read_exr(&a.a)?, read_exr(&a.b)?);
     let report = diff(&reference, &map).map_err(|source| lumel::Error::Compare {
@@ -61,7 +60,7 @@ pub(crate) fn run(a: &Diff) -> Result<(), Failure> {
     if report.non_finite > 0 {
         writeln!(
             out,
-            "left out  {} lumels that are not finite",
+            "skipped   {} lumels that are not finite",
             report.non_finite
         )?;
     }

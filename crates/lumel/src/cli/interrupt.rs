@@ -1,4 +1,4 @@
-//! Ctrl-C: work is asked to stop, and a second later the process ends, whatever it is doing.
+//! Ctrl-C: asks the work to stop, and ends the process one second later at the latest.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -9,7 +9,7 @@ use lumel::Monitor;
 use lumel::atlas_bake::remove_own_temporaries;
 
 static CANCELLED: AtomicBool = AtomicBool::new(false);
-/// Files are being renamed: milliseconds that should not be cut in two.
+/// Set while files are renamed: a few milliseconds that must not be interrupted.
 static COMMITTING: AtomicBool = AtomicBool::new(false);
 static FINISHED: AtomicBool = AtomicBool::new(false);
 static OUTPUT: Mutex<Option<PathBuf>> = Mutex::new(None);
@@ -28,19 +28,19 @@ impl Monitor for Cancel {
     }
 }
 
-/// Runs `work` with Ctrl-C (and SIGTERM) under control. This process's temporaries, and `output`
-/// where it is empty, are removed should it have to end by force.
+/// Runs `work` while handling Ctrl-C and SIGTERM. If the process has to end by force, its temporary
+/// files are removed, and `output` too if it is empty.
 pub(crate) fn under_control<T>(output: Option<PathBuf>, work: impl FnOnce() -> T) -> T {
     if let Ok(mut slot) = OUTPUT.lock() {
         *slot = output;
     }
-    // Failure to install only means that the system's own handling stays.
+    // If installing fails, the system's default handling remains.
     let _ = ctrlc::set_handler(|| {
         if CANCELLED.swap(true, Ordering::Relaxed) {
             return;
         }
-        // Most steps look at the flag many times a second. Building the tree and reading a large
-        // file do not.
+        // Most steps check the flag many times a second. Building the tree and reading a large file
+        // do not.
         std::thread::spawn(|| {
             let asked = Instant::now();
             while asked.elapsed() < Duration::from_millis(800) || COMMITTING.load(Ordering::Relaxed)
@@ -51,7 +51,7 @@ pub(crate) fn under_control<T>(output: Option<PathBuf>, work: impl FnOnce() -> T
                 }
             }
             remove_temporaries();
-            let message = b"\nerror: cancelled; files of earlier bakes are as they were\n";
+            let message = b"\nerror: cancelled; files of earlier bakes are unchanged\n";
             let _ = std::io::Write::write_all(&mut std::io::stderr(), message);
             std::process::exit(75);
         });
@@ -61,7 +61,7 @@ pub(crate) fn under_control<T>(output: Option<PathBuf>, work: impl FnOnce() -> T
     result
 }
 
-/// Runs the renames of a commit, which a pending Ctrl-C waits for.
+/// Runs the renames of a commit; a pending Ctrl-C waits for them.
 pub(crate) fn committing<T>(work: impl FnOnce() -> T) -> T {
     COMMITTING.store(true, Ordering::Relaxed);
     let result = work();
@@ -72,7 +72,7 @@ pub(crate) fn committing<T>(work: impl FnOnce() -> T) -> T {
 fn remove_temporaries() {
     remove_own_temporaries();
     if let Some(dir) = OUTPUT.lock().ok().and_then(|slot| slot.clone()) {
-        // Only an empty folder goes.
+        // Removes the folder only if it is empty.
         let _ = std::fs::remove_dir(&dir);
     }
 }

@@ -1,5 +1,4 @@
-//! What the grammar says of itself: completions, manual pages, and a file of settings to start
-//! from.
+//! Text generated from the grammar: completions, manual pages and a settings template.
 
 use std::io::Write;
 
@@ -10,7 +9,7 @@ use lumel::atlas_bake::OutputSet;
 use super::args::{Arguments, Completions, Man};
 use super::{Failure, config, interrupt};
 
-/// Month of the release, on manual pages: that of CHANGELOG.md.
+/// Month of the release, printed on manual pages; the same as in CHANGELOG.md.
 const RELEASED: &str = "2026-11";
 
 /// `lumel config`.
@@ -22,7 +21,7 @@ pub(crate) fn config() -> Result<(), Failure> {
 
 /// `lumel completions SHELL`.
 pub(crate) fn completions(a: &Completions) -> Result<(), Failure> {
-    // Into memory first: the generator panics where a pipe is closed.
+    // Generated in memory first: the generator panics if a pipe is closed.
     let mut text = Vec::new();
     clap_complete::generate(a.shell, &mut Arguments::command(), "lumel", &mut text);
     Ok(std::io::stdout().lock().write_all(&text)?)
@@ -64,8 +63,8 @@ fn pages() -> Result<Vec<(String, Vec<u8>)>, Failure> {
     let mut out = Vec::new();
     let mut add = |name: String, command: clap::Command| -> Result<(), Failure> {
         let mut page = Vec::new();
-        // Built commands are shown as `lumel-bake`. The heading names the page and where it
-        // belongs; without these, clap_mangen leaves blanks.
+        // Built commands are named `lumel-bake`. Without a title and a manual name, clap_mangen
+        // leaves blanks in the page's heading.
         Page::new(command)
             .title(name.to_uppercase())
             .date(RELEASED)

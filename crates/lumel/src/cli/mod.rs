@@ -1,4 +1,4 @@
-//! Commands, and the one place that prints and exits.
+//! The commands, and the only code that prints and exits.
 
 mod args;
 mod bake;
@@ -24,13 +24,13 @@ use lumel::mesh_ingest::printable_within;
 
 use args::{Arguments, Command};
 
-/// Why a command ends without success.
+/// Why a command failed.
 pub(crate) enum Failure {
-    /// The pipeline's.
+    /// The pipeline failed.
     Lumel(lumel::Error),
-    /// Done, but `--strict` and there were warnings.
+    /// The bake succeeded, but `--strict` was given and there were this many warnings.
     Strict(usize),
-    /// Standard output is gone; nobody is left to tell.
+    /// Standard output is closed, so nothing can be reported.
     Output(std::io::Error),
 }
 
@@ -52,12 +52,12 @@ impl From<std::io::Error> for Failure {
     }
 }
 
-/// Parses the command line, runs the command, reports its failure on stderr in one message.
+/// Parses the command line, runs the command and reports a failure on stderr in one message.
 pub(crate) fn run() -> ExitCode {
     let arguments = match Arguments::try_parse() {
         Ok(a) => a,
         Err(e) => {
-            // --help and --version are no errors; clap's own code for wrong usage is 2, ours is 1.
+            // --help and --version are not errors. clap's own code for wrong usage is 2, ours is 1.
             let code = u8::from(e.use_stderr());
             let _ = e.print();
             return ExitCode::from(code);
@@ -82,11 +82,11 @@ pub(crate) fn run() -> ExitCode {
         Err(Failure::Strict(n)) => {
             let _ = writeln!(
                 std::io::stderr(),
-                "error: --strict was given and the bake has warnings: {n}"
+                "error: the bake has warnings (--strict): {n}"
             );
             ExitCode::from(5)
         }
-        // `lumel inspect … | head` has seen enough.
+        // A reader such as `head` may close the pipe early.
         Err(Failure::Output(e)) if e.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(Failure::Output(e)) => {
             let _ = writeln!(std::io::stderr(), "error: standard output: {e}");
@@ -95,7 +95,7 @@ pub(crate) fn run() -> ExitCode {
     }
 }
 
-/// Warns on stderr of bakes in `folder` whose files do not belong together.
+/// Warns on stderr about bakes in `folder` whose files do not belong together.
 fn warn_of_strangers(folder: &lumel::BakeFolder) {
     for stem in folder.bakes() {
         if let Some(text) = folder.disagreement(&stem) {
@@ -104,22 +104,23 @@ fn warn_of_strangers(folder: &lumel::BakeFolder) {
     }
 }
 
-/// Longest line that is said: a path of the longest that systems allow fits.
+/// Longest line printed, bytes: fits the longest path that systems allow.
 const LINE: usize = 5000;
 
-/// One line for people, without what a terminal obeys: names of documents and files are in it.
+/// One line of text without control characters: names in documents and of files may contain them.
 fn line(text: &str) -> Cow<'_, str> {
     printable_within(text, LINE)
 }
 
-/// An error's message. Its further lines are indented; any other line break is a name's.
+/// An error message. Its own further lines are indented; other line breaks come from names and are
+/// removed.
 fn lines(text: &str) -> String {
     let mut parts = text.split("\n  ").map(line);
     let first = parts.next().unwrap_or_default().into_owned();
     parts.fold(first, |all, part| all + "\n  " + &part)
 }
 
-/// Writes all or nothing.
+/// Writes all pictures or none.
 fn write_pictures(dir: &Path, pictures: &[lumel::NamedFile]) -> Result<usize, Failure> {
     let mut set = OutputSet::create(dir)?;
     for (name, bytes) in pictures {
@@ -143,7 +144,7 @@ fn inspect(a: &args::Inspect) -> Result<(), Failure> {
     if let (Some(dir), (written, left)) = (&a.pictures, drawn) {
         let more = match left {
             0 => String::new(),
-            n => format!("; {n} more pages and meshes have none"),
+            n => format!("; {n} more pages and meshes were skipped"),
         };
         let at = dir.display();
         let _ = writeln!(std::io::stderr(), "wrote {written} pictures to {at}{more}");

@@ -1,4 +1,4 @@
-//! Progress: one bar for the whole bake on a terminal, a line per step elsewhere.
+//! Progress: one bar for the whole bake on a terminal, else a line per phase.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
@@ -11,22 +11,22 @@ use super::args::{Bake, ProgressArg};
 use super::course::Course;
 use super::interrupt;
 
-/// Share of a bake before which the time to go is a guess, and is not told.
+/// Fraction of the bake before which the remaining time is a guess and is not shown.
 pub(super) const TELL_FROM: f64 = 0.05;
 
-/// Time between lines of progress.
+/// Interval between lines of progress.
 const LINES_EVERY: Duration = Duration::from_millis(250);
 
-/// The bar's length: tenths of a percent.
+/// Length of the bar, tenths of a percent.
 const BAR: u64 = 1000;
 
-/// Shows where a bake is.
+/// Shows the progress of a bake.
 pub(crate) struct Display {
     quiet: bool,
-    /// Residuals of the solve too.
+    /// Also shows residuals of the solve.
     verbose: bool,
     bar: Option<ProgressBar>,
-    /// Lines for a program that shows progress itself.
+    /// Prints lines for a program that shows progress itself.
     lines: bool,
     state: Mutex<State>,
 }
@@ -35,7 +35,7 @@ struct State {
     phase: Option<Phase>,
     since: Instant,
     residual: Option<f64>,
-    /// Warnings that were told before the end.
+    /// Warnings that were printed during the bake.
     warned: Vec<String>,
     start: Instant,
     course: Course,
@@ -43,7 +43,7 @@ struct State {
 }
 
 impl State {
-    /// Share that is done, and the time to go in words, once it can be told.
+    /// The fraction done and, once it can be estimated, the remaining time in words.
     fn see(&mut self, phase: Phase, done: u64, total: u64) -> (f64, Option<String>) {
         let share = self.course.see(phase, done, total);
         let left = self.start.elapsed().as_secs_f64() * (1.0 - share) / share;
@@ -61,7 +61,7 @@ impl State {
 }
 
 impl Display {
-    /// `quiet` shows nothing.
+    /// With `quiet` it shows nothing.
     pub(crate) fn new(a: &Bake, settings: &Settings) -> Self {
         let (quiet, progress) = (a.quiet, a.progress);
         let lines = !quiet && progress == ProgressArg::Lines;
@@ -87,7 +87,7 @@ impl Display {
         }
     }
 
-    /// Says a line that stays.
+    /// Prints a line that stays on the screen.
     pub(crate) fn say(&self, line: &str) {
         if self.quiet {
             return;
@@ -103,7 +103,7 @@ impl Display {
         }
     }
 
-    /// Says a warning, once.
+    /// Prints a warning, unless it was printed before.
     pub(crate) fn warn(&self, text: &str) {
         let Ok(mut s) = self.state.lock() else { return };
         if s.warned.iter().any(|w| w == text) {
@@ -127,8 +127,7 @@ impl Display {
         if s.phase == phase {
             return;
         }
-        // Work of several threads may report an old phase once more; only the solve goes back and
-        // forth.
+        // Threads may report an earlier phase late. Only the solve really goes back and forth.
         let line = s.phase.map(|old| {
             let residual = s
                 .residual
@@ -150,7 +149,7 @@ impl Display {
     }
 }
 
-/// Two digits of a time, for people.
+/// A time with two digits.
 pub(super) fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 10.0 => format!("{s:.1} s"),
@@ -160,7 +159,7 @@ pub(super) fn duration(seconds: f64) -> String {
     }
 }
 
-/// The whole bake's bar and share, the phase, and the time to go.
+/// Style of the bar: the bar and percentage of the whole bake, the phase, the remaining time.
 fn style() -> ProgressStyle {
     ProgressStyle::with_template("  [{bar:32}] {percent:>3} %  {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_bar())

@@ -12,7 +12,7 @@ use super::Failure;
 /// Options of `lumel report`.
 #[derive(Debug, Args)]
 pub(crate) struct Report {
-    /// A folder that `lumel bake` wrote, or one bake's .lightmap.json in it
+    /// A folder written by `lumel bake`, or the .lightmap.json of one bake in it
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
     /// The page [default: SCENE.report.html in that folder; - for standard output]
@@ -26,7 +26,7 @@ pub(crate) fn run(a: &Report) -> Result<(), Failure> {
     let bakes = folder.bakes();
     if a.output.is_some() && bakes.len() > 1 {
         return Err(lumel::Error::Setting(format!(
-            "{}: -o names one page, and the folder holds several bakes ({}); give one of their .lightmap.json instead",
+            "{}: -o names one page, but the folder contains several bakes ({}); pass the .lightmap.json of one of them instead",
             a.folder.display(),
             bakes.join(", ")
         ))
@@ -68,6 +68,6 @@ fn say(done: &Committed) {
         let _ = writeln!(out, "wrote {}", path.display());
     }
     for path in &done.unchanged {
-        let _ = writeln!(out, "{} is as it was", path.display());
+        let _ = writeln!(out, "{} is unchanged", path.display());
     }
 }

@@ -11,8 +11,7 @@ use super::args::Bake;
 use super::interrupt;
 use super::progress::Display;
 
-/// Whether there is nothing to bake; then everything that a bake would leave behind is there, and
-/// has been said.
+/// Whether nothing needs to be baked. If so, all side results are restored and the user is told.
 pub(crate) fn skip(
     a: &Bake,
     settings: &Settings,
@@ -31,14 +30,14 @@ pub(crate) fn skip(
         Ok(current) => current,
         Err(why) => {
             if a.verbose {
-                display.say(&format!("  baking as {why}"));
+                display.say(&format!("  baking because {why}"));
             }
             return Ok(false);
         }
     };
     restore(a, &current)?;
     display.say(&format!(
-        "unchanged: {} is as {} would be baked",
+        "unchanged: {} is up to date with {}",
         a.output.display(),
         a.scene.display()
     ));
@@ -51,9 +50,9 @@ pub(crate) fn skip(
     Ok(true)
 }
 
-/// Writes what the report's record does not cover and follows from it: the report's copy, and the
-/// dependency file, which ninja deletes once it has read it. Files that hold the same already stay
-/// untouched.
+/// Writes the results that the report's record does not cover: the copy of the report, and the
+/// dependency file, which ninja deletes after reading it. Files with equal contents are not
+/// touched.
 fn restore(a: &Bake, current: &Current) -> Result<(), Failure> {
     if a.report.is_none() && a.depfile.is_none() {
         return Ok(());
@@ -71,7 +70,7 @@ fn restore(a: &Bake, current: &Current) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The dependency file's bytes.
+/// The contents of the dependency file.
 pub(crate) fn dependencies(
     a: &Bake,
     outputs: Vec<PathBuf>,

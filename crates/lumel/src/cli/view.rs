@@ -11,10 +11,10 @@ use super::Failure;
 /// Options of `lumel view`.
 #[derive(Debug, Args)]
 pub(crate) struct View {
-    /// A folder that `lumel bake` wrote, or one bake's .lightmap.json in it
+    /// A folder written by `lumel bake`, or the .lightmap.json of one bake in it
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// Port of 127.0.0.1 [default: any that is free]
+    /// Port on 127.0.0.1 [default: any free port]
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub port: u16,
     /// Open the page in the browser
@@ -26,7 +26,7 @@ pub(crate) struct View {
 pub(crate) fn run(a: &View) -> Result<(), Failure> {
     let viewer = Viewer::bind(&a.folder, a.port)?;
     let url = viewer.url();
-    // The address is the result: a script reads it from standard output.
+    // Scripts read the address from standard output.
     let mut out = std::io::stdout().lock();
     writeln!(out, "{url}")?;
     out.flush()?;
@@ -34,7 +34,7 @@ pub(crate) fn run(a: &View) -> Result<(), Failure> {
     let mut note = std::io::stderr().lock();
     let _ = writeln!(
         note,
-        "showing {} ({}); Ctrl-C ends it",
+        "showing {} ({}); press Ctrl-C to stop",
         a.folder.display(),
         viewer.bakes().join(", ")
     );
@@ -43,13 +43,13 @@ pub(crate) fn run(a: &View) -> Result<(), Failure> {
     {
         let _ = writeln!(
             note,
-            "no browser could be started ({e}): open the address above"
+            "could not start a browser ({e}): open the address above"
         );
     }
     drop(note);
     super::warn_of_strangers(viewer.folder());
-    // Ctrl-C is how it is meant to end, so that is a success. Nothing is left to put in order.
-    // Where no handler can be installed, the system's own ends the program too.
+    // Ctrl-C is the normal way to end the viewer, so it exits with success. If the handler cannot
+    // be installed, the system's default ends the program too.
     let _ = ctrlc::set_handler(|| std::process::exit(0));
     viewer.serve();
     Ok(())

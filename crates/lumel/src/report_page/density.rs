@@ -1,5 +1,5 @@
-//! The histogram of lumels per metre, measured on the glTF that was written: what an engine will
-//! get, whoever moved charts about.
+//! The histogram of lumels per metre. It is measured on the written glTF, so it shows what an
+//! engine gets.
 
 use glam::DVec3;
 use mesh_ingest::{LoadOptions, Scene};
@@ -10,10 +10,9 @@ use super::html::{list, note, number, percent, short};
 use super::svg::{histogram, mark};
 use crate::error::Error;
 
-/// Bins over the decades that are in use.
+/// Number of bins over the decades in use.
 const BINS: usize = 60;
 
-/// The section.
 pub(super) fn section(source: &Source<'_>) -> String {
     let mut out = String::new();
     let density = list(source.report, "/layout/density");
@@ -22,7 +21,7 @@ pub(super) fn section(source: &Source<'_>) -> String {
             (low.as_f64(), middle.as_f64(), high.as_f64())
     {
         out += &format!(
-            "<p>Least {}, median {}, most {}, by area.</p>\n",
+            "<p>Minimum {}, median {}, maximum {}, weighted by area.</p>\n",
             short(low),
             short(middle),
             short(high)
@@ -31,7 +30,7 @@ pub(super) fn section(source: &Source<'_>) -> String {
     let wanted = number(source.report, "/layout/texels_per_unit");
     match measure(source) {
         Ok(samples) => out + &chart(&samples, wanted),
-        Err(why) => out + &note(&format!("The histogram could not be made: {why}")),
+        Err(why) => out + &note(&format!("No histogram: {why}")),
     }
 }
 
@@ -91,9 +90,9 @@ fn chart(samples: &[[f64; 2]], wanted: Option<f64>) -> String {
     let least = samples.iter().map(|s| s[0]).fold(f64::INFINITY, f64::min);
     let most = samples.iter().map(|s| s[0]).fold(0.0, f64::max);
     if samples.is_empty() || !(least > 0.0 && most.is_finite()) {
-        return note("No triangle has a place in the lightmap.");
+        return note("No triangle has lightmap coordinates.");
     }
-    // Whole factors of two, so that labels are round.
+    // Whole factors of two give round labels.
     let (low, high) = (
         least.log2().floor(),
         most.log2().ceil().max(least.log2().floor() + 1.0),
@@ -123,7 +122,7 @@ fn chart(samples: &[[f64; 2]], wanted: Option<f64>) -> String {
             .map(|s| s[1])
             .sum();
         out += &note(&format!(
-            "{} of the area is within a factor √2 of the {} asked for.",
+            "{} of the area is within a factor of √2 of the requested {}.",
             percent(near / all),
             short(wanted)
         ));

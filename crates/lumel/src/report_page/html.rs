@@ -1,8 +1,8 @@
-//! Text and tables as HTML. All that is not our own goes through [`escape`].
+//! Text and tables as HTML. Every string from outside goes through [`escape`].
 
 use serde_json::Value;
 
-/// Text as HTML: nothing in it is markup any more, in an attribute neither.
+/// Escapes text for HTML content and attributes.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -12,7 +12,7 @@ pub(super) fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\'' => out.push_str("&#39;"),
-            // Not allowed in HTML, and names in glTF hold anything.
+            // HTML forbids control characters, but names in glTF may contain them.
             c if c.is_control() && !matches!(c, '\n' | '\t') => out.push('\u{FFFD}'),
             c => out.push(c),
         }
@@ -20,13 +20,13 @@ pub(super) fn escape(text: &str) -> String {
     out
 }
 
-/// A cell: text to be escaped, left- or right-aligned.
+/// A cell with text to be escaped, aligned left or right.
 pub(super) enum Cell {
     Text(String),
     Number(String),
 }
 
-/// A table with a head; nothing where there are no rows.
+/// A table with a head; empty if there are no rows.
 pub(super) fn table(head: &[&str], rows: &[Vec<Cell>]) -> String {
     let Some(first) = rows.first() else {
         return String::new();
@@ -72,17 +72,17 @@ pub(super) fn list<'v>(value: &'v Value, pointer: &str) -> &'v [Value] {
         .map_or(&[], Vec::as_slice)
 }
 
-/// The text of a field, or nothing.
+/// The text of a field; empty if it is missing.
 pub(super) fn text<'v>(value: &'v Value, field: &str) -> &'v str {
     value.get(field).and_then(Value::as_str).unwrap_or_default()
 }
 
-/// A share as per cent with three significant digits.
+/// A fraction as a percentage with three significant digits.
 pub(super) fn percent(x: f64) -> String {
     format!("{} %", short(100.0 * x))
 }
 
-/// Three significant digits, in plain notation where that is short.
+/// Three significant digits, in plain notation if that is short.
 pub(super) fn short(x: f64) -> String {
     if x == 0.0 {
         return "0".into();
@@ -101,7 +101,7 @@ pub(super) fn count(x: f64) -> String {
     let mut out = String::new();
     for (i, c) in digits.chars().enumerate() {
         if i > 0 && (digits.len() - i) % 3 == 0 {
-            // A space that does not break.
+            // A non-breaking space.
             out.push('\u{A0}');
         }
         out.push(c);

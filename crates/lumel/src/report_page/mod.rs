@@ -1,5 +1,5 @@
-//! `lumel report`: a finished bake as one HTML file that needs nothing else, no network and no
-//! script.
+//! `lumel report`: a finished bake as one self-contained HTML file, without scripts or network
+//! access.
 
 mod density;
 mod html;
@@ -14,24 +14,22 @@ use crate::error::Error;
 use crate::folder::{BakeFolder, FinishedManifest};
 use html::escape;
 
-/// What the sections draw from.
+/// The data that the sections are made from.
 struct Source<'a> {
     folder: &'a BakeFolder,
     stem: &'a str,
     manifest: &'a FinishedManifest,
-    /// The report, as JSON: a field that another version does not have leaves out a line, not the
-    /// page.
+    /// The report as JSON: if another version lacks a field, the page lacks a line.
     report: &'a Value,
 }
 
-/// The page about the bake called `stem` in `folder`, HTML in UTF-8.
+/// The page about the bake called `stem` in `folder`: HTML, UTF-8.
 ///
-/// The same bake gives the same bytes. Two runs of one bake differ where their reports do: in times
-/// and memory.
+/// The same bake gives the same bytes. Pages of two runs differ only in times and memory.
 ///
 /// # Errors
-/// [`Error::Folder`] where manifest, report or a page is missing or broken, [`Error::Output`] where
-/// an EXR cannot be read.
+/// [`Error::Folder`] if the manifest, the report or a page is missing or broken, [`Error::Output`]
+/// if an EXR cannot be read.
 pub fn report_page(folder: &BakeFolder, stem: &str) -> Result<String, Error> {
     let manifest = folder.manifest(stem)?;
     let report = folder.report(stem)?;

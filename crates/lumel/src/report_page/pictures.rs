@@ -9,18 +9,17 @@ use super::html::{escape, note};
 use super::svg::{histogram, percent_mark};
 use crate::error::Error;
 
-/// Texels that all pictures together may have, which keeps the page within some ten megabytes: PNG
-/// needs about two bytes for each.
+/// Most texels that all pictures may have together. PNG takes about two bytes per texel, so the
+/// page stays within about 10 MB.
 const BUDGET: f64 = 4e6;
 
-/// Longest side of a picture, and the shortest that it is brought down to.
+/// Largest side of a picture, and the least that it is scaled down to, texels.
 const SIDE: [f64; 2] = [1024.0, 128.0];
 
-/// Pages shown of each kind; further ones look much the same.
+/// Most pages shown of each kind.
 const PAGES: usize = 12;
 
-/// Relative error at the ends of the colour scale, as `lumel diff --picture` and the viewer have
-/// it.
+/// Relative errors at the ends of the colour scale, as in `lumel diff --picture` and the viewer.
 const RANGE: [f64; 2] = [1e-3, 1.0];
 
 /// Bins of the histogram of errors, over [`RANGE`].
@@ -32,11 +31,11 @@ pub(super) struct Maps {
     pub error: String,
 }
 
-/// Draws what the bake has.
+/// Draws the pictures that the bake has data for.
 pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
     let pages = &source.manifest.pages;
     let shown = pages.len().min(PAGES);
-    // Lightmap, error and groups share the budget.
+    // The lightmap, the error and the groups share the budget.
     let kinds = 2 + source.manifest.groups.len();
     let side = (BUDGET / (shown.max(1) * kinds) as f64)
         .sqrt()
@@ -67,16 +66,16 @@ pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
             );
         }
     }
-    let mut text = note("Tone-mapped, each by its own brightness. Row 0 is at the top.");
+    let mut text = note("Tone-mapped with separate exposures. Row 0 is at the top.");
     text += &wall(&lightmaps);
     if pages.len() > PAGES {
         text += &note(&format!(
-            "{} further pages are not shown.",
+            "{} more pages are not shown.",
             pages.len() - PAGES
         ));
     }
     if pages.is_empty() {
-        text += &note("This bake has no pages: no mesh receives light.");
+        text += &note("This bake has no pages because no mesh receives light.");
     }
     if !groups.is_empty() {
         text += &format!("<h3>Light groups</h3>\n{}", wall(&groups));
@@ -90,7 +89,7 @@ pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
 fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> Result<String, Error> {
     if pictures.is_empty() {
         return Ok(note(
-            "This bake has no layer of errors: lumel bake … --layers error writes it.",
+            "This bake has no error layer. lumel bake … --layers error writes one.",
         ));
     }
     let shares: Vec<f64> = bins.iter().map(|b| b / f64::max(lumels, 1.0)).collect();
@@ -105,7 +104,7 @@ fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> Result<String, Er
         })
         .collect();
     let mut out = note(
-        "Estimated standard error of each lumel's luminance over that luminance. What holds no lumel is black.",
+        "Estimated standard error of each lumel's luminance, relative to that luminance. Texels without a lumel are black.",
     );
     out += &scale()?;
     out += &wall(pictures);
@@ -119,7 +118,7 @@ fn error_section(pictures: &str, bins: &[f64], lumels: f64) -> Result<String, Er
     Ok(out)
 }
 
-/// The colours of the pictures over [`RANGE`], with their figures.
+/// The colour scale over [`RANGE`], with labels.
 fn scale() -> Result<String, Error> {
     const STEPS: u32 = 240;
     let bar = Page {
@@ -131,7 +130,7 @@ fn scale() -> Result<String, Error> {
     let png = STANDARD.encode(heat_png(&bar, &values, [0.0, (STEPS - 1) as f32])?);
     let [low, high] = RANGE.map(percent_mark);
     Ok(format!(
-        "<div class=\"scale\"><img alt=\"scale from {low} to {high}\" src=\"data:image/png;base64,{png}\"><span>{low} and less</span><span>1 %</span><span>10 %</span><span>{high} and more</span></div>\n"
+        "<div class=\"scale\"><img alt=\"scale from {low} to {high}\" src=\"data:image/png;base64,{png}\"><span>≤ {low}</span><span>1 %</span><span>10 %</span><span>≥ {high}</span></div>\n"
     ))
 }
 
@@ -153,7 +152,7 @@ fn figure(png: &[u8], caption: &str) -> String {
 
 const WEIGHTS: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Channels that the pictures need.
+/// The channels that the pictures are made from.
 struct Channels<'a> {
     rgb: [&'a [f32]; 3],
     coverage: Option<&'a [f32]>,
@@ -171,8 +170,8 @@ fn channels(image: &ExrImage) -> Option<Channels<'_>> {
     })
 }
 
-/// The page with at most `side` texels a side: each is the mean of a block, of the covered ones
-/// where the bake says which. Its one layer, if any, is the error.
+/// The page scaled down to at most `side` texels. Each texel is the mean over a block, weighted by
+/// coverage if the bake has it. Its only layer, if any, is the error.
 fn shrink(image: &ExrImage, side: usize) -> Page {
     let (w, h) = (image.width as usize, image.height as usize);
     let Some(c) = channels(image) else {
@@ -217,7 +216,7 @@ fn shrink(image: &ExrImage, side: usize) -> Page {
     page
 }
 
-/// Place of a relative error on the scale, 0..=1.
+/// Position of a relative error on the scale, 0..=1.
 fn on_scale(error: f64, luminance: f64) -> f64 {
     let relative = if error > 0.0 {
         error / luminance.max(1e-30)
@@ -244,7 +243,7 @@ fn relative_error(page: &Page) -> Option<Vec<f32>> {
     )
 }
 
-/// Adds a page's lumels, by coverage where it is known.
+/// Adds a page's lumels to the bins, weighted by coverage if it is known.
 fn count_errors(image: &ExrImage, bins: &mut [f64], lumels: &mut f64) {
     let Some(c) = channels(image) else { return };
     let Some(error) = c.error else { return };
@@ -283,7 +282,8 @@ mod tests {
         let page = shrink(&image, 2);
         assert_eq!((page.width, page.height), (2, 1));
         assert_eq!((page.value[0], page.value[1]), ([1.0; 3], [5.0; 3]));
-        // 10 % lies two thirds up from 0.1 to 100 %, 1 % a third; errors of f32 are 1e-7.
+        // On the scale from 0.1 % to 100 %, 1 % lies at one third and 10 % at two thirds. f32
+        // errors are 1e-7.
         let t = relative_error(&page).unwrap();
         assert!(
             (t[0] - 2.0 / 3.0).abs() < 1e-5 && (t[1] - 1.0 / 3.0).abs() < 1e-5,

@@ -1,19 +1,18 @@
-//! What a user should look at, with the nodes that it is about.
+//! What a user should look at, with the nodes concerned.
 
 use serde_json::Value;
 
 use super::html::{Cell, count, list, note, number, percent, short, table, text};
 
-/// So many rows of each kind are in the page; the rest is counted.
+/// Most rows of each kind in the page; further ones are only counted.
 const ROWS: usize = 100;
 
-/// So many of them are seen at once.
+/// Rows of each kind that are visible without unfolding.
 const OPEN: usize = 8;
 
-/// Share of the light on backs of faces from which on the baker warns.
+/// Fraction of the light absorbed by backfaces from which the baker warns.
 const LOST_BEHIND: f64 = 0.05;
 
-/// The section.
 pub(super) fn section(report: &Value) -> String {
     let mut out = String::new();
     let warnings: Vec<Vec<Cell>> = (list(report, "/warnings").iter())
@@ -29,12 +28,12 @@ pub(super) fn section(report: &Value) -> String {
         left_out(report),
     );
     out += &titled(
-        "Lightmap coordinates of the asset",
-        &["mesh", "node", "severity", "fault", "what became of them"],
+        "Lightmap coordinates of the asset (TEXCOORD_1)",
+        &["mesh", "node", "severity", "fault", "what the bake did"],
         uv_faults(report),
     );
     out += &titled(
-        "Meshes whose density is not the scene's",
+        "Meshes with another density than the scene",
         &["mesh", "node", "why", "lumels per metre"],
         adjusted(report),
     );
@@ -42,23 +41,19 @@ pub(super) fn section(report: &Value) -> String {
     if !gaps.is_empty() {
         out += &titled(
             "Gaps in a scene that is nearly closed",
-            &["node", "patches", "least row sum", "near"],
+            &["node", "patches", "lowest row sum", "near"],
             gaps,
         );
         out += &note(
-            "From these patches some light gets out between faces that hardly anything else gets through.",
+            "Almost no light escapes from this scene, but some rays of these patches leave it between faces.",
         );
     }
     out += &backs(report);
-    out += &titled(
-        "Repaired while reading",
-        &["what", "how often"],
-        counts(report),
-    );
+    out += &titled("Repaired on import", &["what", "how often"], counts(report));
     out
 }
 
-/// Nodes that see backs of faces: folded away unless enough light is lost there for a warning.
+/// Nodes that see backfaces. The list is folded unless the baker warns about the lost light.
 fn backs(report: &Value) -> String {
     let rows = rows_of_nodes(report, "/solve/audit/beyond");
     if rows.is_empty() {
@@ -70,21 +65,18 @@ fn backs(report: &Value) -> String {
     };
     let emitted = sum("/solve/audit/flux_emitted");
     let lost = sum("/solve/audit/flux_behind") / emitted.max(1e-300);
-    let head = ["node", "patches", "least row sum", "near"];
+    let head = ["node", "patches", "lowest row sum", "near"];
     let text = note(&format!(
-        "Single-sided faces are black on their backs. {} of the light ends there; from {} on the baker warns. Trunks that stand in a floor and what else reaches into things look at backs without harm. A room in this list has faces turned inside out, or none.",
+        "Backfaces of single-sided materials are black. {} of the light ends there; the baker warns from {}. Objects that intersect others, like tree trunks in a floor, see backfaces without harm. A room in this list has inverted or missing faces.",
         percent(lost),
         percent(LOST_BEHIND)
     ));
-    let title = format!("Nodes that look at backs of faces ({})", rows.len());
+    let title = format!("Nodes that see backfaces ({})", rows.len());
     if lost > LOST_BEHIND {
-        return format!(
-            "{}{text}",
-            titled("Nodes that look at backs of faces", &head, rows)
-        );
+        return format!("{}{text}", titled("Nodes that see backfaces", &head, rows));
     }
     format!(
-        "<details><summary>{title}, nothing to worry about</summary>\n{text}{}</details>\n",
+        "<details><summary>{title}, harmless</summary>\n{text}{}</details>\n",
         table(&head, &rows)
     )
 }
@@ -101,7 +93,7 @@ fn titled(title: &str, head: &[&str], mut rows: Vec<Vec<Cell>>) -> String {
         let more = table(head, &folded);
         out += &format!("<details><summary>{} more</summary>\n{more}", folded.len());
         if all > ROWS {
-            out += &note(&format!("… and {} that are not listed", all - ROWS));
+            out += &note(&format!("… and {} more", all - ROWS));
         }
         out += "</details>\n";
     }
@@ -142,7 +134,7 @@ fn uv_faults(report: &Value) -> Vec<Vec<Cell>> {
         for fault in list(mesh, "/uv_faults") {
             let [a, b] = mesh_and_node(mesh);
             let severity = text(fault, "severity");
-            // A note is no problem.
+            // Notes are not problems.
             if severity == "note" {
                 continue;
             }
@@ -208,7 +200,7 @@ fn counts(report: &Value) -> Vec<Vec<Cell>> {
         }
     };
     add(
-        "triangles without area",
+        "zero-area triangles",
         number(report, "/dropped_triangles/0").unwrap_or(0.0),
     );
     add(
@@ -216,12 +208,12 @@ fn counts(report: &Value) -> Vec<Vec<Cell>> {
         number(report, "/dropped_triangles/1").unwrap_or(0.0),
     );
     add(
-        "materials that reflect more than allowed",
+        "materials above the reflectance limit",
         number(report, "/clamped_materials").unwrap_or(0.0),
     );
     for (field, what) in [
-        ("clamped", "samples beyond what halves hold"),
-        ("non_finite", "samples that were not finite"),
+        ("clamped", "samples clamped to the half float range"),
+        ("non_finite", "non-finite samples"),
         ("negative", "negative samples"),
     ] {
         let pages = list(report, "/clamped").iter();

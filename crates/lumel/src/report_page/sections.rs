@@ -1,4 +1,4 @@
-//! The sections made from the report's figures alone.
+//! The sections made only from the report's figures.
 
 use serde_json::Value;
 
@@ -10,7 +10,7 @@ fn row(name: &str, value: Option<String>) -> Option<Vec<Cell>> {
     Some(vec![Cell::Text(name.into()), Cell::Number(value?)])
 }
 
-/// Figures that people look for first.
+/// The most important figures.
 pub(super) fn summary(source: &Source<'_>) -> String {
     let r = source.report;
     let n = |pointer: &str| number(r, pointer);
@@ -27,7 +27,7 @@ pub(super) fn summary(source: &Source<'_>) -> String {
                 .map(str::to_owned),
         ),
         row(
-            "estimated error, median of lumels",
+            "estimated error, median over lumels",
             n("/gather/median_error").map(percent),
         ),
         row(
@@ -51,7 +51,7 @@ pub(super) fn summary(source: &Source<'_>) -> String {
                 .zip(n("/ingest/totals/triangles_instanced"))
                 .map(|(a, b)| format!("{}, {}", count(a), count(b))),
         ),
-        row("the lightmap holds", Some(source.manifest.value.clone())),
+        row("lightmap quantity", Some(source.manifest.value.clone())),
         row(
             "light groups",
             (!source.manifest.groups.is_empty()).then(|| {
@@ -80,14 +80,14 @@ pub(super) fn summary(source: &Source<'_>) -> String {
     table(&[], &rows)
 }
 
-/// Residual and flux over the solve, and where the energy went.
+/// Residual and flux during the solve, and the energy balance.
 pub(super) fn solve(report: &Value) -> String {
     let mut out = String::new();
     let n = |pointer: &str| number(report, pointer);
     let rows: Vec<_> = [
         row("patches", n("/solve/subdivision/patches").map(count)),
         row("elements", n("/solve/subdivision/elements").map(count)),
-        row("rays a patch", n("/solve/rays_per_patch").map(count)),
+        row("rays per patch", n("/solve/rays_per_patch").map(count)),
         row(
             "shots in the last pass",
             n("/solve/relaxation/shots").map(count),
@@ -97,10 +97,10 @@ pub(super) fn solve(report: &Value) -> String {
             n("/solve/relaxation/iterations").map(count),
         ),
         row(
-            "residual: light not yet distributed, at most",
+            "residual (upper bound of undistributed light)",
             n("/solve/relaxation/residual").map(percent),
         ),
-        row("rows, mean sum", n("/solve/audit/row_sum_mean").map(short)),
+        row("row sum, mean", n("/solve/audit/row_sum_mean").map(short)),
     ]
     .into_iter()
     .flatten()
@@ -120,7 +120,7 @@ pub(super) fn solve(report: &Value) -> String {
     let parts = [
         ("emitted", "emitted"),
         ("absorbed", "absorbed"),
-        ("behind", "lost on backs"),
+        ("behind", "lost on backfaces"),
         ("escaped", "escaped"),
     ];
     let rows: Vec<_> = (parts.iter())
@@ -146,8 +146,8 @@ pub(super) fn solve(report: &Value) -> String {
                 .pointer("/solve/audit/within_bound")
                 .and_then(Value::as_bool)
             {
-                Some(false) => "more than sampling explains",
-                _ => "within what sampling explains",
+                Some(false) => "more than sampling noise explains",
+                _ => "within sampling noise",
             };
             out += &note(&format!(
                 "Imbalance {}, {verdict} ({}).",
@@ -159,15 +159,15 @@ pub(super) fn solve(report: &Value) -> String {
     out
 }
 
-/// The way of the solve: residual and flux over its steps.
+/// Progress of the solve: residual and flux by step.
 fn history(report: &Value) -> String {
     let history = list(report, "/solve/history");
     if history.len() < 2 {
         return note(
-            "This report has no history of the solve: it is of an earlier version, or no light was to be distributed.",
+            "This report has no history of the solve: it is from an earlier version, or the scene has no light.",
         );
     }
-    // Each relaxation counts its shots from 0. With groups of light, each pass has one for each
+    // Each relaxation counts its shots from 0. With light groups, each pass has one relaxation per
     // group.
     let shots = |h: &Value| h.get("shots").and_then(Value::as_f64).unwrap_or(0.0);
     let mut starts = vec![0];
@@ -193,26 +193,26 @@ fn history(report: &Value) -> String {
             })
             .collect()
     };
-    let steps = "rounds of shots and iterations, over all passes";
+    let steps = "rounds of shots and iterations of all passes";
     let mut out = String::from(
-        "<h3>Residual: light still to be distributed, as a share of all that arrives</h3>\n",
+        "<h3>Residual: undistributed light, relative to all light that arrives</h3>\n",
     );
     out += &lines("Residual of the solve", steps, &curve("residual"), true);
-    out += "<h3>Indirect flux that has arrived, W or lm, sum of R, G and B</h3>\n";
+    out += "<h3>Indirect flux received, W or lm, sum of R, G and B</h3>\n";
     out += &lines("Indirect flux", steps, &curve("flux"), false);
     let mut remark = String::from(
-        "Each pass casts more rays and starts from the answer of the one before: the residual jumps where better links replace coarse ones.",
+        "Each pass casts more rays and starts from the previous solution. The residual jumps when more accurate links replace coarse ones.",
     );
     if groups.len() > 1 {
-        remark += " In each pass groups of light are solved one after the other.";
+        remark += " In each pass light groups are solved one after the other.";
     }
     out + &note(&remark)
 }
 
-/// How far lookups on both sides of borders differ.
+/// How far lookups on the two sides of chart borders differ.
 pub(super) fn seams(report: &Value) -> String {
     let Some(seams) = report.pointer("/gather/seams").filter(|s| s.is_object()) else {
-        return note("Seams were not measured (--no-stitch, or a report of an earlier version).");
+        return note("Seams were not measured (--no-stitch, or a report from an earlier version).");
     };
     let of = |when: &str, name: &str| -> Option<Vec<Cell>> {
         let get = |field: &str| {
@@ -231,7 +231,7 @@ pub(super) fn seams(report: &Value) -> String {
         .collect();
     let mut out = table(
         &[
-            "difference across borders",
+            "difference across chart borders",
             "median",
             "99th percentile",
             "largest",
@@ -241,7 +241,7 @@ pub(super) fn seams(report: &Value) -> String {
     let places = number(seams, "/samples").zip(number(seams, "/metres"));
     if let Some((samples, metres)) = places {
         out += &note(&format!(
-            "{} places on {} m of borders.",
+            "Sampled at {} points on {} m of chart borders.",
             count(samples),
             short(metres)
         ));
@@ -249,7 +249,7 @@ pub(super) fn seams(report: &Value) -> String {
     let moved = number(seams, "/moved_near").zip(number(seams, "/moved_elsewhere"));
     if let Some((near, elsewhere)) = moved {
         out += &note(&format!(
-            "Stitching changed lumels at borders by {} and others by {} (root mean square).",
+            "Stitching changed lumels at borders by {} and other lumels by {} (root mean square).",
             percent(near),
             percent(elsewhere)
         ));
@@ -274,12 +274,12 @@ pub(super) fn time(report: &Value) -> String {
     let mib = |b: f64| format!("{:.1} MiB", b / 1048576.0);
     let rows: Vec<_> = [
         row(
-            "time in all",
+            "total time",
             n("/measured/seconds").map(|s| format!("{} s", short(s))),
         ),
         row("threads", n("/measured/threads").map(count)),
         row(
-            "million rays a second",
+            "million rays per second",
             n("/measured/mrays_per_second").map(short),
         ),
         row(
@@ -307,6 +307,6 @@ pub(super) fn settings(report: &Value) -> String {
                 super::html::escape(&json)
             )
         }
-        None => note("The report names no settings."),
+        None => note("The report lists no settings."),
     }
 }

@@ -2,18 +2,18 @@
 
 use super::html::{escape, short};
 
-/// Width and height of charts, with room for labels.
+/// Width and height of charts with room for labels.
 const SIZE: [f64; 2] = [640.0, 220.0];
 const LEFT: f64 = 64.0;
-/// Half of a label like "100 %" sticks out.
+/// Half the width of a label such as "100 %", which extends past the axis.
 const RIGHT: f64 = 26.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 38.0;
 
-/// Height of the row of names over a chart of several lines.
+/// Height of the legend above a chart of several lines.
 const LEGEND: f64 = 18.0;
 
-/// A line of a chart. Lines of one name are one thing in several pieces.
+/// A line of a chart. Lines with the same name are pieces of one curve.
 pub(super) struct Line<'a> {
     pub name: &'a str,
     /// `la`, `lb` or `lc`.
@@ -21,8 +21,8 @@ pub(super) struct Line<'a> {
     pub points: Vec<[f64; 2]>,
 }
 
-/// A chart of lines over a linear x; y is logarithmic if `log`. Points that a logarithm does not
-/// take are left out. Names are shown where there is more than one.
+/// A line chart over a linear x; y is logarithmic if `log`, which leaves out non-positive points.
+/// The legend appears if there is more than one name.
 pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -> String {
     let map = |y: f64| if log { y.log10() } else { y };
     let sound = |p: &[f64; 2]| p[0].is_finite() && map(p[1]).is_finite();
@@ -42,8 +42,8 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
     };
     let (x0, x1) = range(&|p| p[0]);
     let (low, high) = range(&|p| map(p[1]));
-    // Marks at whole decades, or at 1, 2 or 5 times a power of ten; the chart begins and ends at
-    // one.
+    // Ticks at whole decades, or at 1, 2 or 5 times a power of ten. The chart begins and ends at a
+    // tick.
     let step = if log {
         ((high.ceil() - low.floor()) / 6.0).ceil().max(1.0)
     } else {
@@ -100,7 +100,7 @@ pub(super) fn lines(title: &str, x_title: &str, lines: &[Line<'_>], log: bool) -
             "<path class=\"{}\" stroke-width=\"2\" d=\"M{x:.1} {TOP:.1}h16\"/>",
             line.class,
         );
-        // Some seven units a letter; a long name would run into the next.
+        // About seven units per letter; a longer name would overlap the next.
         let room = ((wide - 30.0) / 7.0).max(1.0) as usize;
         let name: String = line.name.chars().take(room).collect();
         out += &text(x + 22.0, TOP + 4.0, "start", &name);
@@ -115,7 +115,7 @@ fn round_step(least: f64) -> f64 {
     step.into_iter().find(|s| *s >= least).unwrap_or(10.0 * ten)
 }
 
-/// A figure at an axis: no zeros that say nothing.
+/// A figure at an axis, without trailing zeros.
 pub(super) fn mark(x: f64) -> String {
     let figure = short(x);
     if figure.contains('e') || !figure.contains('.') {
@@ -127,12 +127,12 @@ pub(super) fn mark(x: f64) -> String {
         .to_owned()
 }
 
-/// A share at an axis.
+/// A fraction at an axis, as a percentage.
 pub(super) fn percent_mark(x: f64) -> String {
     format!("{} %", mark(100.0 * x))
 }
 
-/// A histogram: heights of bins, and labels at borders of bins (index, text).
+/// A histogram: bin heights, and labels at bin borders (index, text).
 pub(super) fn histogram(
     title: &str,
     bins: &[f64],

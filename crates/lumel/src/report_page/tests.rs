@@ -4,7 +4,7 @@ use tempfile::TempDir;
 
 use super::*;
 
-/// A bake of one page by hand, with `layers`, and what `change` does to its report.
+/// A handmade bake of one page with `layers`, whose report is edited by `change`.
 fn bake(layers: &[&str], change: impl FnOnce(&mut Value)) -> (TempDir, BakeFolder) {
     let t = tempfile::tempdir().unwrap();
     let n = 16;
@@ -60,13 +60,13 @@ fn bake(layers: &[&str], change: impl FnOnce(&mut Value)) -> (TempDir, BakeFolde
     (t, folder)
 }
 
-/// Every element that is opened is closed, in order; nothing is in an attribute that was not put
-/// there.
+/// Asserts that every opened element is closed in order, and that attributes contain no injected
+/// markup.
 #[track_caller]
 fn assert_well_formed(page: &str) {
     const VOID: [&str; 3] = ["meta", "img", "rect"];
     let mut open: Vec<&str> = Vec::new();
-    // Style sheets are text of their own.
+    // Style sheets are not HTML.
     let (head, rest) = page.split_once("<style>").unwrap();
     let body = rest.split_once("</style>").unwrap().1;
     for part in [head, body] {
@@ -120,7 +120,7 @@ fn all_sections_are_there_and_names_are_text() {
         "overlap",
         "skinned",
         "<polyline",
-        "within what sampling explains",
+        "within sampling noise",
         "group &lt;i&gt;lamps",
         "Lumels by estimated error",
         "1.0 MiB",
@@ -128,14 +128,14 @@ fn all_sections_are_there_and_names_are_text() {
         assert!(page.contains(words), "{words}");
     }
     assert!(!page.contains("mirrored"), "notes are no problems");
-    // Lightmap, its group, error, the error's scale.
+    // The lightmap, its group, the error, the error's scale.
     assert_eq!(page.matches("<img ").count(), 4);
-    // Nothing from elsewhere.
+    // Nothing may be loaded from outside.
     assert!(!page.contains("http:") && !page.contains("https:") && !page.contains("src=\"/"));
     assert_eq!(report_page(&folder, "b").unwrap(), page);
 }
 
-/// With two groups each pass of the solve has two relaxations, which are no one curve.
+/// With two groups each pass of the solve has two relaxations, which must be separate curves.
 #[test]
 fn groups_have_curves_of_their_own() {
     let (_t, folder) = bake(&[], |report| {
@@ -153,11 +153,11 @@ fn groups_have_curves_of_their_own() {
     });
     let page = report_page(&folder, "b").unwrap();
     assert_well_formed(&page);
-    // Three relaxations, two charts; the third is day's again.
+    // Three relaxations in two charts; the third one is of the group "day" again.
     assert_eq!(page.matches("<polyline class=\"la\"").count(), 4);
     assert_eq!(page.matches("<polyline class=\"lb\"").count(), 2);
     assert_eq!(page.matches(">&lt;i&gt;rest</text>").count(), 2);
-    assert!(page.contains("groups of light are solved one after the other"));
+    assert!(page.contains("light groups are solved one after the other"));
 }
 
 #[test]
@@ -178,8 +178,7 @@ fn long_lists_are_folded_and_harmless_backs_too() {
         let at = page.find(name).expect(name);
         page[..at].matches("<details>").count() > page[..at].matches("</details>").count()
     };
-    // Of six units emitted 0.06 are 1 %, which is no matter; 0.6 are 10 %, of which the baker
-    // warns.
+    // Of 6 units emitted, 0.06 is 1 %, which is harmless; 0.6 is 10 %, which the baker warns about.
     let harmless = with(0.06);
     assert_well_formed(&harmless);
     assert!(folded(&harmless, "n0.") && harmless.contains("1.00 % of the light ends there"));

@@ -26,9 +26,9 @@ fn material(name: &str, emissive: f32) -> Material {
     }
 }
 
-/// Lamps "lamp" on nodes "left" and "right", an unnamed one on an unnamed node, a sun of the
-/// command line; materials "wall" (dark), "neon", "spare" (which nothing wears) and an unnamed one
-/// that shine.
+/// Lamps "lamp" on the nodes "left" and "right", an unnamed lamp on an unnamed node and a sun of
+/// the command line; the materials "wall" (dark), and "neon", "spare" (unused) and an unnamed one,
+/// which are emissive.
 fn scene() -> (Scene, Value) {
     let wears = |material| Primitive {
         material,
@@ -98,7 +98,7 @@ fn apply(settings: &Settings) -> Result<(Scene, Chosen), String> {
     chosen.map(|c| (scene, c)).map_err(|e| e.to_string())
 }
 
-/// Names and intensities of the lights, and emissions of the materials, that are left.
+/// Names and intensities of the remaining lights, and emissions of the remaining materials.
 fn shining(scene: &Scene) -> (Vec<(String, f32)>, Vec<f32>) {
     let lights = scene.lights.iter();
     (
@@ -142,7 +142,7 @@ fn a_light_goes_by_its_own_and_its_nodes_name() {
 fn the_last_pattern_counts_so_that_one_light_can_be_seen_alone() {
     let (s, c) = apply(&with(&[scale("*", 0.0), scale("left", 1.0)], &[])).unwrap();
     let alone = vec![("lamp".to_owned(), 2.0)];
-    // "spare", which nothing wears, is no source and stays as it is.
+    // "spare" is unused, so it is not a source and stays as it is.
     assert_eq!(shining(&s), (alone, vec![0.0, 0.0, 1.0, 0.0, 0.0]));
     assert_eq!(c.sky_factor, 0.0);
     assert!(c.groups.is_none() && c.report.is_empty());
@@ -194,7 +194,7 @@ fn groups_are_those_of_what_still_shines() {
     let (g, names) = c.groups.unwrap();
     assert_eq!(names, ["in", "out", REST]);
     assert_eq!((g.count, g.sky), (3, 1));
-    // right, the unnamed light, the sun.
+    // The light on "right", the unnamed light, the sun.
     assert_eq!(g.lights, [0, 2, 1]);
     assert_eq!(g.materials, [0, 0, 0, 2, 0]);
     let of = |i: usize| c.report[i].sources.join(" ");
@@ -225,9 +225,9 @@ fn a_source_in_two_groups_is_refused_by_name() {
     let e = apply(&with(&[], &both)).unwrap_err();
     assert_eq!(
         e,
-        "\"right\" is in the groups a and b, expected it in one of them"
+        "\"right\" is in the groups a and b, expected it in only one"
     );
-    // Twice in one group is once.
+    // A source may be named twice in the same group.
     assert!(apply(&with(&[], &[group("a", &["lamp", "l*"])])).is_ok());
 }
 
@@ -265,7 +265,7 @@ fn factors_that_are_none_are_refused() {
         assert!(apply(&with(&[scale("*", bad)], &[])).is_err(), "{bad}");
     }
     let e = apply(&with(&[scale("lamp", 3e38)], &[])).unwrap_err();
-    assert!(e.contains("too bright"), "{e}");
+    assert!(e.contains("overflows"), "{e}");
 }
 
 #[test]

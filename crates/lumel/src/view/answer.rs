@@ -1,5 +1,5 @@
-//! What the viewer's server answers: from a request's parts to status, headers and body, without a
-//! socket.
+//! Answers of the viewer's server: from the parts of a request to status, headers and body, without
+//! a socket.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -15,37 +15,35 @@ use super::plane::Planes;
 use crate::error::Error;
 use crate::folder::BakeFolder;
 
-/// What of a request matters.
+/// The parts of a request that matter.
 #[derive(Debug, Default, Clone, Copy)]
 pub(super) struct Ask<'a> {
     /// `GET`, `HEAD`, …
     pub method: &'a str,
-    /// Path and query as they came.
+    /// Path and query as received.
     pub target: &'a str,
     /// The header `Host`.
     pub host: Option<&'a str>,
     /// The header `Range`.
     pub range: Option<&'a str>,
-    /// The client unpacks gzip.
+    /// Whether the client accepts gzip.
     pub gzip: bool,
 }
 
-/// A body.
 pub(super) enum Body {
     Bytes(Cow<'static, [u8]>),
-    /// Bytes of an open file, from where it stands.
+    /// The rest of an open file from its current position, and its length in bytes.
     File(File, u64),
 }
 
-/// An answer.
 pub(super) struct Reply {
     pub status: u16,
     pub headers: Vec<(&'static str, String)>,
     pub body: Body,
 }
 
-/// Sent with all answers. The page runs nothing but its own scripts and reaches nothing but this
-/// server; `blob:` is how the glTF reader hands embedded textures to the browser.
+/// Headers of every answer. The page may run only its own scripts and reach only this server.
+/// `blob:` is how the glTF loader hands embedded textures to the browser.
 const POLICY: [(&str, &str); 4] = [
     (
         "Content-Security-Policy",
@@ -53,7 +51,7 @@ const POLICY: [(&str, &str); 4] = [
     ),
     ("X-Content-Type-Options", "nosniff"),
     ("Cross-Origin-Resource-Policy", "same-origin"),
-    // Files change with every bake, and asking again costs nothing here.
+    // Files change with every bake, and revalidating is cheap on the same machine.
     ("Cache-Control", "no-cache"),
 ];
 
@@ -95,14 +93,14 @@ pub(super) struct Answers {
 }
 
 impl Answers {
-    /// The answer to `ask`. Never fails: what is wrong is an answer too.
+    /// Answers `ask`. Errors become answers too.
     pub fn answer(&self, ask: &Ask<'_>) -> Reply {
-        // A page of another site may point a name of its own at this machine and read what its own
-        // origin answers. It cannot fake the name, though.
+        // A page of another site can point its own host name at this machine (DNS rebinding) and
+        // read the answers. It cannot forge the `Host` header.
         if !ask.host.is_some_and(is_local) {
             return Reply::text(
                 403,
-                "refused: this server answers to 127.0.0.1 and localhost only\n",
+                "refused: this server only answers to 127.0.0.1 and localhost\n",
             );
         }
         if !matches!(ask.method, "GET" | "HEAD") {
@@ -116,7 +114,7 @@ impl Answers {
             "/api/bakes" => Ok(self.bakes()),
             "/api/report" => self.about(&query, BakeFolder::report),
             "/api/manifest" => self.about(&query, |f, bake| {
-                // Read as a manifest first: the page need not check what the server does.
+                // Parsed before it is served, so that the page need not validate it.
                 f.manifest(bake)?;
                 f.json(&format!("{bake}.lightmap.json"))
             }),
@@ -131,11 +129,11 @@ impl Answers {
                 }
             }
         };
-        // The page shows the message; it is the one that the command line would print.
+        // The page shows the message, which is the one that the command line prints.
         outcome.unwrap_or_else(|e| Reply::text(500, e.to_string()))
     }
 
-    /// Bakes in the folder, each with a stamp that changes when one of its files does.
+    /// The bakes in the folder, each with a stamp that changes when one of its files does.
     fn bakes(&self) -> Reply {
         let bakes: Vec<Value> = (self.folder.bakes().iter())
             .map(|name| json!({"name": name, "stamp": self.stamp(name)}))
@@ -178,7 +176,7 @@ impl Answers {
         }
     }
 
-    /// The bake that a query names, if it is in the folder.
+    /// The bake that a query names, if the folder contains it.
     fn bake(&self, query: &Query<'_>) -> Option<String> {
         let bake = query.get("bake")?;
         self.folder.bakes().contains(&bake).then_some(bake)
@@ -214,7 +212,7 @@ impl Answers {
         })
     }
 
-    /// A file of the folder, or a part of it.
+    /// A file of the folder, or a range of it.
     fn file(&self, name: &str, range: Option<&str>) -> Reply {
         match self.folder.file(name) {
             Some(path) => send(&path, name, range)
@@ -224,7 +222,7 @@ impl Answers {
     }
 }
 
-/// An own file.
+/// One of the viewer's own files.
 fn own(name: &str, gzip: bool) -> Reply {
     let Some(packed) = compressed(name) else {
         return Reply::not_found(name);
@@ -258,14 +256,14 @@ fn send(path: &Path, name: &str, range: Option<&str>) -> std::io::Result<Reply> 
     })
 }
 
-/// One range of bytes, first and last, of a file of `size` (RFC 9110 §14.1.2). `None` for what a
-/// server may ignore: other units, several ranges, nonsense; `Err` for a range that has nothing of
-/// the file.
+/// Parses one byte range (first and last) of a file of `size` bytes (RFC 9110 §14.1.2). `None` for
+/// headers that a server may ignore: other units, several ranges, malformed ones. `Err` for a range
+/// beyond the file.
 fn parse_range(header: &str, size: u64) -> Option<Result<(u64, u64), ()>> {
     let (first, last) = header.strip_prefix("bytes=")?.split_once('-')?;
     let number = |s: &str| s.trim().parse::<u64>().ok();
     if first.trim().is_empty() {
-        // The last so many.
+        // A suffix range: the last n bytes.
         let n = number(last)?;
         return Some(if n == 0 || size == 0 {
             Err(())
@@ -288,7 +286,7 @@ fn parse_range(header: &str, size: u64) -> Option<Result<(u64, u64), ()>> {
     })
 }
 
-/// Whether a `Host` names this machine to itself. Any port: tunnels change it.
+/// Whether a `Host` is a loopback name. Any port is accepted, because tunnels change it.
 fn is_local(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if port.bytes().all(|b| b.is_ascii_digit()) => name,
@@ -304,14 +302,14 @@ impl Query<'_> {
     fn get(&self, key: &str) -> Option<String> {
         let pairs = self.0.split('&').filter_map(|p| p.split_once('='));
         let value = pairs.filter(|(k, _)| *k == key).map(|(_, v)| v).next()?;
-        // URLSearchParams writes a space as +, and + as %2B.
+        // URLSearchParams writes a space as + and a plus as %2B.
         let value = value.replace('+', " ");
         Some(percent_decode_str(&value).decode_utf8_lossy().into_owned())
     }
 }
 
 impl Body {
-    /// Reader and length.
+    /// The reader and its length in bytes.
     pub fn open(self) -> (Box<dyn Read + Send>, u64) {
         match self {
             Body::Bytes(b) => {

@@ -1,27 +1,27 @@
-//! The viewer's own files, compressed, in the binary.
+//! The viewer's own files, embedded and compressed.
 
 use std::io::Read;
 
 use flate2::read::GzDecoder;
 
-/// Name under `/static/` and gzip bytes, as `build.rs` lists them.
+/// Names under `/static/` and gzip bytes, as listed by `build.rs`.
 const ASSETS: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/assets.rs"));
 
-/// The gzip bytes of an own file.
+/// The gzip bytes of an embedded file.
 pub(super) fn compressed(name: &str) -> Option<&'static [u8]> {
     ASSETS.iter().find(|a| a.0 == name).map(|a| a.1)
 }
 
-/// An own file as it was, for clients that do not unpack.
+/// An embedded file decompressed, for clients that do not accept gzip.
 pub(super) fn plain(packed: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
-    // Packed by our own build script: what fails here is memory, and then an empty answer is as
-    // good as any.
+    // The build script compressed it, so this can only fail for lack of memory; an empty answer
+    // will do.
     let _ = GzDecoder::new(packed).read_to_end(&mut bytes);
     bytes
 }
 
-/// Media type by the end of a name.
+/// Media type by file extension.
 pub(super) fn media_type(name: &str) -> &'static str {
     match name.rsplit_once('.').map(|(_, end)| end) {
         Some("html") => "text/html; charset=utf-8",
@@ -46,7 +46,7 @@ mod tests {
     fn every_import_of_an_own_script_is_an_own_file() {
         for (name, packed) in ASSETS.iter().filter(|a| a.0.ends_with(".js")) {
             let text = String::from_utf8(plain(packed)).unwrap();
-            // Only statements: three's comments show imports of their own.
+            // Only statements count: three.js's comments contain imports too.
             let code = text
                 .lines()
                 .filter(|l| !l.trim_start().starts_with(['*', '/']));

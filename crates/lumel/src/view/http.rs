@@ -1,8 +1,7 @@
-//! HTTP/1.1 on threads, as little as a page on this machine needs: a request and its answer, then
-//! the connection ends.
+//! A minimal threaded HTTP/1.1 server: one request per connection.
 //!
-//! Browsers open connections ahead and leave them idle. Each has a thread of its own here, so none
-//! waits for another, and nothing is kept alive, so a page never queues behind a connection that
+//! Browsers open connections in advance and leave them idle. Each connection has its own thread, so
+//! idle ones delay nobody. Nothing is kept alive, so a page never queues behind a connection that
 //! the browser holds open.
 
 use std::collections::VecDeque;
@@ -14,24 +13,24 @@ use std::time::{Duration, Instant};
 
 use super::answer::{Answers, Ask, Reply};
 
-/// Connections at once; for a further one, the one that was silent for longest ends. Browsers open
-/// six to a host, and some ahead.
+/// Most connections at once. Beyond this, the one that has been idle for longest is closed.
+/// Browsers open six per host, and some in advance.
 const CONNECTIONS: usize = 64;
-/// Bytes of request line and headers. Browsers send about one KiB, and up to eight with cookies of
-/// other servers on this host.
+/// Most bytes of request line and headers. Browsers send about 1 KiB, or up to 8 KiB with cookies
+/// from other servers on this host.
 const HEAD: usize = 16 << 10;
-/// Headers of a request; browsers send about twenty.
+/// Most headers of a request; browsers send about twenty.
 const HEADERS: usize = 100;
-/// How long a connection may take to say what it wants. An idle one ends here; browsers open
-/// another when they need it.
+/// How long a connection may take to send its request. Browsers reopen idle connections that are
+/// closed.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// How long a client may stop reading, as a browser does while a debugger holds it.
+/// How long a client may stop reading, e.g. while a debugger pauses the browser.
 const WRITE_PATIENCE: Duration = Duration::from_secs(60);
-/// How long a client has to close its end, and how much of what it still sends is read meanwhile:
-/// closing with bytes unread makes the system drop the answer too.
+/// How long to wait for a client to close its end, and how many bytes to read meanwhile: closing a
+/// socket with unread bytes makes the system discard the answer.
 const LINGER: (Duration, usize) = (Duration::from_secs(1), 1 << 20);
 
-/// Counts connections, and knows which of them have not asked for anything yet.
+/// Counts connections and tracks those that have not sent a request yet.
 #[derive(Default)]
 struct Gate {
     state: Mutex<State>,
@@ -46,15 +45,15 @@ struct State {
     next: u64,
 }
 
-/// One connection's place, given back when dropped.
+/// A connection's slot, released when dropped.
 struct Pass {
     gate: Arc<Gate>,
     number: u64,
 }
 
 impl Gate {
-    /// Waits for a place. Where all are taken, the connection that has been silent for longest
-    /// ends: whoever opens many and says nothing must not keep others out.
+    /// Waits for a slot. If all are taken, the connection that has been idle for longest is closed,
+    /// so that a client that opens many and sends nothing cannot block others.
     fn enter(self: &Arc<Gate>, stream: &TcpStream) -> Pass {
         let mut state = self.lock();
         if state.open >= CONNECTIONS
@@ -68,7 +67,7 @@ impl Gate {
         state.open += 1;
         state.next += 1;
         let number = state.next;
-        // Without descriptors left it cannot be ended early, and ends by itself.
+        // Without free descriptors it cannot be closed early and will time out.
         state
             .silent
             .extend(stream.try_clone().ok().map(|s| (number, s)));
@@ -84,7 +83,7 @@ impl Gate {
 }
 
 impl Pass {
-    /// The connection has said what it wants.
+    /// Records that the connection has sent its request.
     fn asked(&self) {
         self.gate.lock().silent.retain(|(n, _)| *n != self.number);
     }
@@ -98,7 +97,7 @@ impl Drop for Pass {
     }
 }
 
-/// Answers connections until `stopping`, which is looked at after each.
+/// Answers connections until `stopping`, which is checked after each.
 pub(super) fn serve(listener: &TcpListener, answers: &Arc<Answers>, stopping: &AtomicBool) {
     let gate = Arc::new(Gate::default());
     loop {
@@ -107,22 +106,23 @@ pub(super) fn serve(listener: &TcpListener, answers: &Arc<Answers>, stopping: &A
             return;
         }
         let Ok((stream, _)) = accepted else {
-            // The client is gone again, or this process has no descriptors left: others will close.
+            // Either the client has gone, or the process is out of descriptors and must wait for
+            // some to close.
             std::thread::sleep(Duration::from_millis(20));
             continue;
         };
         let pass = gate.enter(&stream);
         let answers = answers.clone();
-        // Where no thread can be had the connection is dropped, and the browser tries again.
+        // If no thread can be started, the connection is dropped and the browser retries.
         let _ = std::thread::Builder::new().spawn(move || {
-            // A client that went away is no failure of ours.
+            // A client that disconnects is not an error.
             let _ = connection(&stream, &answers, &pass);
             drop(pass);
         });
     }
 }
 
-/// One request.
+/// Handles one request.
 fn connection(stream: &TcpStream, answers: &Answers, pass: &Pass) -> io::Result<()> {
     stream.set_nodelay(true)?;
     stream.set_write_timeout(Some(WRITE_PATIENCE))?;
@@ -136,7 +136,7 @@ fn connection(stream: &TcpStream, answers: &Answers, pass: &Pass) -> io::Result<
     Ok(())
 }
 
-/// Reads until a point in time, however slowly bytes drip in.
+/// Reads until a deadline, however slowly bytes arrive.
 struct Until<'a> {
     stream: &'a TcpStream,
     deadline: Instant,
@@ -166,7 +166,7 @@ fn exchange(
     loop {
         let n = reader.read(&mut head[filled..])?;
         if n == 0 {
-            // Opened ahead and not needed, or ended in the middle.
+            // Opened in advance and not needed, or closed halfway.
             return Ok(());
         }
         filled += n;
@@ -202,7 +202,7 @@ fn answer(request: &httparse::Request<'_, '_>, method: &str, answers: &Answers) 
     })
 }
 
-/// Writes an answer, its body only if asked for.
+/// Writes an answer, with its body if `with_body`.
 fn send(writer: &mut impl Write, with_body: bool, reply: Reply) -> io::Result<()> {
     let Reply {
         status,
@@ -212,7 +212,8 @@ fn send(writer: &mut impl Write, with_body: bool, reply: Reply) -> io::Result<()
     let (mut body, length) = body.open();
     let mut head = format!("HTTP/1.1 {status} {}\r\n", reason(status));
     for (name, value) in &headers {
-        // No value may end its line: none does today, and none shall by a name in some manifest.
+        // A header value must not contain a line break. None does today, but some come from
+        // manifests.
         if !value.contains(['\r', '\n']) {
             head.push_str(&format!("{name}: {value}\r\n"));
         }
@@ -227,7 +228,7 @@ fn send(writer: &mut impl Write, with_body: bool, reply: Reply) -> io::Result<()
     writer.flush()
 }
 
-/// What people read after the number.
+/// The reason phrase of a status.
 fn reason(status: u16) -> &'static str {
     match status {
         200 => "OK",

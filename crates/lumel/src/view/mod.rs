@@ -1,8 +1,7 @@
-//! `lumel view`: a page on this machine that shows a finished bake.
+//! `lumel view`: a local page that shows a finished bake.
 //!
-//! The server answers on 127.0.0.1 alone, reads nothing but the files of one folder and its own,
-//! and changes nothing. The page (`web/`) draws with three.js, whose files lie in `vendor/three` as
-//! npm has them.
+//! The server listens on 127.0.0.1, reads only the files of one folder and its own, and changes
+//! nothing. The page (`web/`) draws with three.js, which is vendored unchanged in `vendor/three`.
 
 mod answer;
 mod assets;
@@ -28,11 +27,11 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Opens `path`, a folder that `lumel bake` wrote or one bake's `*.lightmap.json`, and binds
-    /// `port` of 127.0.0.1 (0 for any that is free). Requests wait until [`serve`](Viewer::serve).
+    /// Opens `path` (a folder written by `lumel bake`, or one bake's `*.lightmap.json`) and binds
+    /// `port` of 127.0.0.1 (0 for any free port). Requests wait until [`serve`](Viewer::serve).
     ///
     /// # Errors
-    /// [`Error::Folder`] where there is no bake, [`Error::Port`] where the port cannot be had.
+    /// [`Error::Folder`] if there is no bake, [`Error::Port`] if the port is not available.
     pub fn bind(path: &Path, port: u16) -> Result<Viewer, Error> {
         let folder = BakeFolder::open(path)?;
         let failed = |e: std::io::Error| Error::Port {
@@ -52,7 +51,7 @@ impl Viewer {
         })
     }
 
-    /// Where the page is.
+    /// The address of the page.
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
     }
@@ -67,16 +66,16 @@ impl Viewer {
         self.answers.folder.bakes()
     }
 
-    /// Answers requests until [`stop`](Viewer::stop), each connection on a thread of its own.
+    /// Answers requests until [`stop`](Viewer::stop), each connection on its own thread.
     pub fn serve(&self) {
         http::serve(&self.listener, &self.answers, &self.stopping);
     }
 
-    /// Ends [`serve`](Viewer::serve), from another thread. Answers that are on their way are still
-    /// sent.
+    /// Makes [`serve`](Viewer::serve) return; call it from another thread. Answers in progress are
+    /// completed.
     pub fn stop(&self) {
         self.stopping.store(true, Ordering::SeqCst);
-        // Whoever waits for a connection gets one.
+        // Wakes up the thread that waits for a connection.
         let _ = TcpStream::connect(self.address);
     }
 }

@@ -1,8 +1,7 @@
-//! Channels of a lightmap as a browser's graphics card takes them.
+//! Channels of a lightmap in the form that WebGL takes.
 //!
-//! The server unpacks the EXR itself: WebGL wants four halves a texel, any layer of a file is then
-//! one request, and the page needs no EXR reader, of which three.js's would unpack all channels for
-//! each layer.
+//! The server decodes the EXR itself. WebGL needs four halves per texel, and each request asks for
+//! one layer. three.js's EXR loader would decode every channel for each layer.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -14,11 +13,11 @@ use rayon::prelude::*;
 
 use crate::error::Error;
 
-/// Files are unpacked once for all their layers, and kept until another is asked for, unless they
-/// are larger than this, bytes.
+/// A decoded file is kept for requests of its other layers until another file is requested, unless
+/// it is larger than this, bytes.
 const KEEP: usize = 512 << 20;
 
-/// The last file unpacked.
+/// The file decoded last.
 #[derive(Debug, Default)]
 pub(super) struct Planes {
     last: Mutex<Option<(Key, Arc<ExrImage>)>>,
@@ -31,16 +30,16 @@ type Key = (PathBuf, Option<SystemTime>, u64);
 pub(super) struct Plane {
     pub width: u32,
     pub height: u32,
-    /// RGBA halves, little-endian, row 0 at the top; A is 1. Layers of one channel are grey.
+    /// RGBA halves, little-endian, row 0 at the top; A is 1. Single-channel layers are grey.
     pub bytes: Vec<u8>,
 }
 
 impl Planes {
-    /// A layer of the file at `path`: `""` for R, G, B, else the part of the channels' names before
-    /// the dot. `None` where the file has no such layer.
+    /// A layer of the file at `path`: `""` for R, G, B, else the channel names' part before the
+    /// dot. `None` if the file has no such layer.
     ///
     /// # Errors
-    /// [`Error::Output`] where the file cannot be read.
+    /// [`Error::Output`] if the file cannot be read.
     pub fn read(&self, path: &Path, layer: &str) -> Result<Option<Plane>, Error> {
         let image = self.image(path)?;
         Ok(plane(&image, layer))
@@ -53,13 +52,13 @@ impl Planes {
             meta.as_ref().and_then(|m| m.modified().ok()),
             meta.map_or(0, |m| m.len()),
         );
-        // Held while reading, so that a page that asks for six layers at once does not unpack six
-        // times. A panic in there leaves nothing half done.
+        // Held while reading, so that a page that requests six layers at once does not decode the
+        // file six times. A panic inside leaves a consistent state.
         let mut last = self.last.lock().unwrap_or_else(|e| e.into_inner());
         if let Some((_, image)) = last.as_ref().filter(|(k, _)| *k == key) {
             return Ok(image.clone());
         }
-        // Freed before the next one is read.
+        // Freed before the next file is read, to halve the peak.
         *last = None;
         let image = Arc::new(read_exr(path)?);
         let bytes = image.channels.len() * image.width as usize * image.height as usize * 4;

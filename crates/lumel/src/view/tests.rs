@@ -5,8 +5,8 @@ use tempfile::TempDir;
 
 use super::*;
 
-/// A folder with a bake of one page of 2 × 1 texels and a group, beside a file that must not be
-/// seen.
+/// A folder with a bake of one page of 2 × 1 texels and a group, next to a file that must stay
+/// unreachable.
 fn folder() -> (TempDir, Answers) {
     let t = tempfile::tempdir().unwrap();
     let dir = t.path().join("out");
@@ -115,7 +115,7 @@ fn nothing_outside_of_the_folder_is_served() {
         assert_eq!(status, 404, "{path}");
         assert!(!body.starts_with(b"secret"), "{path}");
     }
-    // A manifest from who knows where names files too.
+    // A manifest may come from an untrusted source.
     let (status, body) = get(&a, "/api/plane?bake=a%20b&page=0&group=out");
     assert_eq!(status, 500, "{}", String::from_utf8_lossy(&body));
     assert!(!body.starts_with(b"secret"));

@@ -1,4 +1,4 @@
-//! A headless Chromium, spoken to in its DevTools protocol over pipes: no driver, no Node, no port.
+//! Controls a headless Chromium by its DevTools protocol over pipes: no driver, no Node, no port.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
@@ -12,13 +12,13 @@ use image::RgbImage;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// How long a test may take with its browser, from the start. Only a hang is longer: a test needs
-/// about ten seconds, with software rendering on a loaded machine some more.
+/// Most time that a test may spend on its browser. A test needs about ten seconds, and more with
+/// software rendering on a loaded machine.
 const PATIENCE: Duration = Duration::from_secs(45);
-/// How long one answer may take after that, so that what a page says can still be asked.
+/// Most time for one answer after that, so that a page's errors can still be read.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// A page in a browser of its own.
+/// A page in its own browser.
 pub struct Browser {
     child: Child,
     input: ChildStdin,
@@ -26,12 +26,12 @@ pub struct Browser {
     last: u64,
     deadline: Instant,
     session: Option<String>,
-    /// What the page complained about: errors on its console, exceptions, refused or missing files.
+    /// Faults of the page: console errors, exceptions, refused or missing files.
     pub errors: Vec<String>,
     _profile: TempDir,
 }
 
-/// The browser, if one is installed: `LUMEL_CHROMIUM`, or a usual name on the path.
+/// The browser: `LUMEL_CHROMIUM`, or a usual name on the path.
 fn find() -> Option<PathBuf> {
     if let Some(path) = std::env::var_os("LUMEL_CHROMIUM") {
         return Some(path.into());
@@ -50,14 +50,15 @@ fn find() -> Option<PathBuf> {
 }
 
 impl Browser {
-    /// Starts one with a window of that size; says so and gives nothing where none is installed.
+    /// Starts a browser with a window of this size; prints a message and returns `None` if none is
+    /// installed.
     pub fn start(test: &str, [width, height]: [u32; 2]) -> Option<Browser> {
         let Some(program) = find().filter(|_| cfg!(unix)) else {
             eprintln!("SKIPPED {test}: no Chromium on the path (LUMEL_CHROMIUM names one)");
             return None;
         };
         let profile = tempfile::tempdir().expect("a temporary folder");
-        // The protocol goes over descriptors 3 and 4, to which a shell turns our pipes.
+        // The protocol uses descriptors 3 and 4; a shell redirects our pipes to them.
         let mut child = Command::new("sh")
             .args(["-c", "exec \"$0\" \"$@\" 3<&0 4>&1 0</dev/null 1>/dev/null"])
             .arg(program)
@@ -132,12 +133,12 @@ impl Browser {
         );
     }
 
-    /// Goes to an address.
+    /// Loads a URL.
     pub fn open(&mut self, url: &str) {
         self.call("Page.navigate", json!({"url": url}));
     }
 
-    /// The value of an expression in the page, a promise's when it is kept.
+    /// Evaluates an expression in the page, awaiting a promise.
     #[track_caller]
     pub fn eval(&mut self, expression: &str) -> Value {
         let answer = self.call(
@@ -165,7 +166,7 @@ impl Browser {
         }
     }
 
-    /// What the page looks like.
+    /// A screenshot of the page.
     pub fn screenshot(&mut self) -> RgbImage {
         let answer = self.call("Page.captureScreenshot", json!({"format": "png"}));
         let png = STANDARD
@@ -184,7 +185,7 @@ impl Browser {
         }
     }
 
-    /// Presses (`down`) or lets go a key, e.g. `("g", "KeyG")`.
+    /// Presses (`down`) or releases a key, e.g. `("g", "KeyG")`.
     pub fn key(&mut self, key: &str, code: &str, down: bool) {
         let kind = if down { "keyDown" } else { "keyUp" };
         self.call(
@@ -219,7 +220,7 @@ impl Browser {
         }
     }
 
-    /// Keeps what an event complains about.
+    /// Records an event that reports a fault.
     fn note(&mut self, event: &Value) {
         let params = &event["params"];
         match event["method"].as_str() {
@@ -234,10 +235,9 @@ impl Browser {
             Some("Runtime.exceptionThrown") => {
                 self.errors.push(params["exceptionDetails"].to_string())
             }
-            // The browser's own advice on drivers is no fault of the page.
+            // The browser's own remarks about drivers are not faults of the page.
             Some("Log.entryAdded") if params["entry"]["level"] == "error" => {
-                // Asked for by the browser itself where a bare script is opened; sooner or later,
-                // as it likes.
+                // The browser requests the favicon of a bare script at any time.
                 let url = params["entry"]["url"].as_str().unwrap_or_default();
                 if !url.ends_with("/favicon.ico") {
                     self.errors.push(params["entry"].to_string())

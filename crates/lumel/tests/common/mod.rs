@@ -1,4 +1,4 @@
-//! Runs the real binary in folders of its own.
+//! Runs the real binary in temporary folders.
 
 #[allow(clippy::print_stderr, reason = "says what it skips")]
 pub mod browser;
@@ -13,26 +13,25 @@ use std::process::{Command, Stdio};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// What a run of the binary left behind.
+/// Result of a run of the binary.
 #[derive(Debug)]
 pub struct Run {
-    /// Exit code; `None` where a signal ended it.
+    /// Exit code; `None` after a signal.
     pub code: Option<i32>,
     pub stdout: String,
     pub stderr: String,
 }
 
 impl Run {
-    /// The run, if it went well.
+    /// Asserts success.
     #[track_caller]
     pub fn ok(self) -> Run {
         assert_eq!(self.code, Some(0), "stderr: {}", self.stderr);
         self
     }
 
-    /// Asserts a failure with `code`: nothing on stdout, and one message that holds each of
-    /// `words`. Meant for runs with `-q` or of commands without progress, where nothing else may be
-    /// on stderr.
+    /// Asserts a failure with `code`, empty stdout, and one message that contains each of `words`.
+    /// For runs with `-q` or of commands without progress, which print nothing else on stderr.
     #[track_caller]
     pub fn fails(&self, code: i32, words: &[&str]) {
         assert_eq!(self.code, Some(code), "stderr: {}", self.stderr);
@@ -50,7 +49,7 @@ impl Run {
     }
 }
 
-/// The binary, not yet started.
+/// The command, not yet started.
 pub fn command() -> Command {
     let mut c = Command::new(env!("CARGO_BIN_EXE_lumel"));
     c.stdin(Stdio::null());
@@ -70,7 +69,8 @@ pub fn lumel<I: IntoIterator<Item = S>, S: AsRef<OsStr>>(arguments: I) -> Run {
     }
 }
 
-/// `lumel bake SCENE -o OUT`, as cheap as it gets, with further `options` (separated by spaces).
+/// `lumel bake SCENE -o OUT` with the cheapest settings and further `options` (separated by
+/// spaces).
 pub fn bake(scene: &Path, out: &Path, options: &str) -> Run {
     let mut a: Vec<&OsStr> = vec!["bake".as_ref(), scene.as_ref(), "-o".as_ref(), out.as_ref()];
     a.extend(CHEAP.iter().map(OsStr::new));
@@ -78,7 +78,7 @@ pub fn bake(scene: &Path, out: &Path, options: &str) -> Run {
     lumel(a)
 }
 
-/// Options that keep a bake of the Cornell box at a tenth of a second.
+/// With these options, a bake of the Cornell box takes a tenth of a second.
 const CHEAP: [&str; 4] = ["--quality", "draft", "--texels-per-unit", "4"];
 
 /// A scene of `assets/`.
@@ -88,7 +88,7 @@ pub fn asset(name: &str) -> PathBuf {
         .join(name)
 }
 
-/// Names and bytes of the files in a folder, hidden ones too.
+/// Names and contents of the files in a folder, including hidden ones.
 pub fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries = std::fs::read_dir(dir).expect("the folder exists");
     entries
@@ -106,7 +106,7 @@ pub fn names(dir: &Path) -> Vec<String> {
     files(dir).into_keys().collect()
 }
 
-/// The five files that a bake of `stem.glb` with one page writes (DESIGN.md §1.2), sorted.
+/// The five files that a bake of `stem.glb` with one page writes, sorted.
 pub fn outputs(stem: &str) -> Vec<String> {
     [
         "glb",
@@ -119,12 +119,12 @@ pub fn outputs(stem: &str) -> Vec<String> {
     .to_vec()
 }
 
-/// A folder of the test's own.
+/// A temporary folder.
 pub fn temp() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-/// Writes a file, and returns its path.
+/// Writes a file and returns its path.
 pub fn write(path: PathBuf, bytes: impl AsRef<[u8]>) -> PathBuf {
     std::fs::write(&path, bytes).expect("temporary folders can be written to");
     path
@@ -136,7 +136,7 @@ pub fn parse(bytes: impl AsRef<[u8]>) -> Value {
     serde_json::from_slice(bytes.as_ref()).expect("JSON")
 }
 
-/// A report without what differs from run to run.
+/// A report without the values that differ between runs.
 pub fn comparable(report: impl AsRef<[u8]>) -> Value {
     let mut v = parse(report);
     let gone = v.as_object_mut().and_then(|o| o.shift_remove("measured"));

@@ -1,31 +1,31 @@
-//! A scene whose every pixel is known: white or coloured squares under a sun, none of which sees
-//! another's front.
+//! A scene with known pixels: white or coloured squares under a sun, none of which sees another's
+//! front.
 
 use serde_json::{Value, json};
 
-/// Illuminance of the sun over π: what a square that faces it holds.
+/// R of a square that faces the sun: the sun's illuminance over π.
 pub const R: f64 = 0.6;
 
 /// Linear albedo of the squares.
 pub const ALBEDO: [f64; 3] = [0.8, 0.5, 0.2];
 
-/// Linear albedo of the right half of the shadowed floor, a primitive of its own.
+/// Linear albedo of the right half of the shadowed floor, which is a separate primitive.
 pub const OTHER: [f64; 3] = [0.1, 0.9, 0.4];
 
-/// `--sun` for [`R`]: straight down.
+/// The `--sun` that gives [`R`]: straight down.
 pub fn sun() -> String {
     format!("0,-1,0,{}", R * std::f64::consts::PI)
 }
 
-/// Where to look, and the radiance there: point, albedo, R.
+/// Test points: position, albedo, R.
 pub fn points() -> Vec<([f64; 3], [f64; 3], f64)> {
     vec![
-        // `flat` faces the sun, `tilted` is the same mesh and stands 60° from it.
+        // `flat` faces the sun; `tilted` is the same mesh at 60° to it.
         ([-4.0, 0.0, 0.3], ALBEDO, R),
         ([4.0, 0.0, 0.0], ALBEDO, R * 0.5),
-        // Of `floor`, two primitives, a plate shades the quarter x > 0, z > 0: seen from above it
-        // is that quarter that is missing, so points lie in the others, and one under the plate is
-        // found by looking from the side.
+        // A plate shadows the quarter x > 0, z > 0 of `floor`, which has two primitives. From
+        // above, the plate hides that quarter, so the points there are in the other quarters; the
+        // point under the plate is visible from the side.
         ([-0.5, 0.0, -0.5], ALBEDO, R),
         ([-0.5, 0.0, 0.5], ALBEDO, R),
         ([0.5, 0.0, -0.5], OTHER, R),
@@ -62,7 +62,7 @@ pub fn scene() -> String {
     let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
     let material = |name: &str, c: [f64; 3]| json!({"name": name, "pbrMetallicRoughness": {"baseColorFactor": [c[0], c[1], c[2], 1.0], "metallicFactor": 0.0}});
     let part = |indices: u32, material: u32| json!({"attributes": {"POSITION": 0, "NORMAL": 1}, "indices": indices, "material": material});
-    // 60° about z, away from the others.
+    // 60° about z, facing away from the others.
     let (s, c) = (-(30f64.to_radians().sin()), 30f64.to_radians().cos());
     let scene: Value = json!({
         "asset": {"version": "2.0"},
@@ -72,7 +72,7 @@ pub fn scene() -> String {
             {"name": "flat", "mesh": 0, "translation": [-4.0, 0.0, 0.0]},
             {"name": "tilted", "mesh": 0, "translation": [4.0, 0.0, 0.0], "rotation": [0.0, 0.0, s, c]},
             {"name": "floor", "mesh": 1},
-            // Its child has no lightmap of its own to inherit.
+            // Its child must not inherit a lightmap.
             {"name": "plate", "mesh": 2, "translation": [0.5, 0.75, 0.5], "scale": [0.5, 1.0, 0.5]},
         ],
         "meshes": [
@@ -98,7 +98,7 @@ pub fn scene() -> String {
     scene.to_string()
 }
 
-/// A linear value as the byte that an sRGB screen shows (IEC 61966-2-1).
+/// The sRGB byte of a linear value (IEC 61966-2-1).
 pub fn shown(linear: f64) -> f64 {
     let x = linear.clamp(0.0, 1.0);
     255.0

@@ -1,4 +1,4 @@
-//! A plain web server on a free port of this machine.
+//! A simple web server on a free local port.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
@@ -6,15 +6,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Where `npm install` was run for engines that are not in the repository: `LUMEL_NPM`, or where
-/// tools/setup.sh does it.
+/// The folder of `npm install` for engines that are not vendored: `LUMEL_NPM`, or where
+/// tools/setup.sh puts it.
 pub fn npm_modules() -> PathBuf {
     let folder = std::env::var_os("LUMEL_NPM").unwrap_or_else(|| "/opt/lumel-npm".into());
     PathBuf::from(folder).join("node_modules")
 }
 
-/// What a user's own server would serve: the loaders, three.js as npm has it, others from where
-/// they are installed, and a bake. It ends with the test's process.
+/// Serves the loaders, three.js, engines from npm, and a bake. It ends with the test process.
 pub struct Site {
     pub url: String,
 }
@@ -46,7 +45,7 @@ impl Site {
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
                 let folders = folders.clone();
-                // Browsers open connections that they do not use yet: each waits on its own thread.
+                // Browsers open connections in advance, so each gets its own thread.
                 std::thread::spawn(move || respond(&stream, &*folders));
             }
         });
@@ -54,7 +53,7 @@ impl Site {
     }
 }
 
-/// One request, whose head is read to its end.
+/// Answers one request after reading its head.
 fn respond(mut stream: &TcpStream, folders: &[(String, PathBuf)]) -> std::io::Result<()> {
     stream.set_read_timeout(Some(Duration::from_secs(60)))?;
     let mut lines = BufReader::new(stream).lines();

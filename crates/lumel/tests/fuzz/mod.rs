@@ -1,9 +1,8 @@
-//! Damaged inputs by the thousand: whatever is read, the end is a result that holds what is
-//! promised, or one error.
+//! Thousands of damaged inputs: each must give either a valid result or one error.
 //!
-//! In brief with the other tests; `tools/fuzz.sh MINUTES` runs the same for as long as it is told,
-//! from another seed each time, and says what it did. What it finds lies beside the program under
-//! `fuzz/`, and is to become a test where its cause is.
+//! A short run is part of the other tests. `tools/fuzz.sh MINUTES` runs longer, with another seed
+//! each time, and prints a summary. Failing inputs are stored next to the binary under `fuzz/`;
+//! each should become a test in the crate with the fault.
 
 mod mutate;
 mod seeds;
@@ -22,15 +21,14 @@ use mutate::Random;
 use seeds::Level;
 use targets::{Outcome, Place};
 
-/// What any one input may take. The slowest seed takes 50 ms; the rest is for machines that do
-/// other things too.
+/// Most time per input. The slowest seed takes 50 ms; the rest is for loaded machines.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// How long and from where.
+/// Length and seed of a run.
 struct Plan {
-    /// Executions of a target when nothing is said.
+    /// Executions per target by default.
     brief: usize,
-    /// Time for each target, from `LUMEL_FUZZ_SECONDS`.
+    /// Seconds per target, from `LUMEL_FUZZ_SECONDS`.
     seconds: Option<f64>,
     seed: u64,
 }
@@ -47,7 +45,7 @@ impl Plan {
 }
 
 thread_local! {
-    /// Inputs are small: handing parts of them to other threads takes longer than reading them.
+    /// Inputs are so small that distributing them over threads takes longer than reading them.
     static ALONE: rayon::ThreadPool = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .use_current_thread()
@@ -59,7 +57,7 @@ fn alone<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     ALONE.with(|pool| pool.install(work))
 }
 
-/// Runs `target` on what `damage` makes, and fails at the end with all that went wrong.
+/// Runs `target` on inputs from `damage`, and fails at the end with all faults.
 fn run(
     name: &str,
     brief: usize,
@@ -82,7 +80,7 @@ fn run(
         }
         let input = damage(&mut random);
         if plan.seconds.is_some() {
-            // For what ends the process or never comes back.
+            // Kept for the case that the process dies or hangs.
             std::fs::write(found.join(format!("{name}.last")), &input).expect("written");
         }
         let began = Instant::now();
@@ -107,8 +105,8 @@ fn run(
         ));
     }
     assert!(wrong.is_empty(), "{name}: {wrong:#?}");
-    // A target that refuses everything looks at nothing; one that refuses nothing is given no
-    // damage.
+    // A target that refuses everything tests nothing; one that refuses nothing gets undamaged
+    // input.
     assert!(
         read > 0 && read < done,
         "{name}: {read} of {done} were read"
@@ -129,8 +127,8 @@ fn place() -> (tempfile::TempDir, Place) {
     (folder, place)
 }
 
-/// Small documents of the folder that `LUMEL_FUZZ_SEEDS` names: compressed ones, for instance,
-/// which nothing here can make.
+/// Small documents in the folder `LUMEL_FUZZ_SEEDS`, e.g. compressed ones, which the tests cannot
+/// generate.
 fn further() -> Vec<Vec<u8>> {
     let folder = std::env::var_os("LUMEL_FUZZ_SEEDS").map(PathBuf::from);
     let entries = folder.and_then(|f| std::fs::read_dir(f).ok());
@@ -141,13 +139,13 @@ fn further() -> Vec<Vec<u8>> {
         .map(|e| e.path())
         .collect();
     paths.retain(|p| p.extension().is_some_and(|e| e == "glb"));
-    // The seed decides what is done, not the order on disk.
+    // Only the seed may decide the order, not the file system.
     paths.sort();
     let read = paths.iter().filter_map(|p| std::fs::read(p).ok());
     read.filter(|bytes| bytes.len() < 100_000).collect()
 }
 
-/// Damages the bytes of one of `seeds`.
+/// Damages bytes of one of `seeds`.
 fn of_bytes(seeds: Vec<Vec<u8>>) -> impl FnMut(&mut Random) -> Vec<u8> {
     move |random| {
         let (seed, other) = (random.pick(&seeds), random.pick(&seeds));
@@ -155,7 +153,7 @@ fn of_bytes(seeds: Vec<Vec<u8>>) -> impl FnMut(&mut Random) -> Vec<u8> {
     }
 }
 
-/// Damages the tree of a document.
+/// Damages a document's JSON tree.
 fn of_tree(level: Level) -> impl FnMut(&mut Random) -> Vec<u8> {
     move |random| {
         let json = mutate::tree(random, &level.json);
@@ -164,7 +162,7 @@ fn of_tree(level: Level) -> impl FnMut(&mut Random) -> Vec<u8> {
     }
 }
 
-/// Damages the tree of some JSON, or its text.
+/// Damages a JSON tree or its text.
 fn of_json(text: &[u8]) -> impl FnMut(&mut Random) -> Vec<u8> + use<> {
     let value: Value = serde_json::from_slice(text).expect("a sound seed");
     let text = text.to_vec();

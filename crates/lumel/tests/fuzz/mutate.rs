@@ -1,5 +1,4 @@
-//! Damage: to bytes, and to JSON as a tree, so that what comes out is still JSON and says something
-//! else.
+//! Damages bytes, and JSON as a tree, so that the result is still JSON.
 
 use serde_json::{Map, Value, json};
 
@@ -15,7 +14,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// 0 to n − 1; 0 of nothing.
+    /// 0 to n − 1; 0 if n is 0.
     pub fn below(&mut self, n: usize) -> usize {
         (self.next() % n.max(1) as u64) as usize
     }
@@ -25,7 +24,7 @@ impl Random {
     }
 }
 
-/// Whole numbers that readers get wrong.
+/// Integers at the edges of types.
 const WORDS: [u32; 10] = [
     0,
     1,
@@ -39,7 +38,7 @@ const WORDS: [u32; 10] = [
     0xffff_ffff,
 ];
 
-/// Damages `bytes` in one to eight places, mostly few; `other` is a seed to splice from.
+/// Damages `bytes` in one to eight places, usually few; `other` is a seed to splice from.
 pub fn bytes(random: &mut Random, bytes: &[u8], other: &[u8]) -> Vec<u8> {
     let mut out = bytes.to_vec();
     let most = random.below(8);
@@ -77,7 +76,7 @@ pub fn bytes(random: &mut Random, bytes: &[u8], other: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Numbers that are no index, no count, no coordinate or no number of theirs.
+/// Numbers that are invalid as indices, counts or coordinates.
 fn number(random: &mut Random) -> Value {
     match random.below(14) {
         0..=4 => json!(random.below(6)),
@@ -93,7 +92,7 @@ fn number(random: &mut Random) -> Value {
     }
 }
 
-/// Values and members in `v`, itself included.
+/// Number of values in `v`, including itself.
 fn size(v: &Value) -> usize {
     1 + match v {
         Value::Array(list) => list.iter().map(size).sum(),
@@ -102,7 +101,7 @@ fn size(v: &Value) -> usize {
     }
 }
 
-/// Value number `n` of `v` in the order of the text.
+/// The `n`th value of `v` in textual order.
 fn nth<'v>(v: &'v mut Value, n: &mut usize) -> Option<&'v mut Value> {
     if *n == 0 {
         return Some(v);
@@ -115,7 +114,7 @@ fn nth<'v>(v: &'v mut Value, n: &mut usize) -> Option<&'v mut Value> {
     }
 }
 
-/// Damages a document in one to six places, mostly few.
+/// Damages a document in one to six places, usually few.
 pub fn tree(random: &mut Random, document: &Value) -> Value {
     let mut out = document.clone();
     let most = random.below(6);
@@ -175,7 +174,7 @@ fn nudged(random: &mut Random, x: f64) -> Value {
     }
 }
 
-/// A member that documents have elsewhere.
+/// Inserts a member that other objects of documents have.
 fn add_member(random: &mut Random, members: &mut Map<String, Value>, copy: Value) {
     const KEYS: [&str; 24] = [
         "children",

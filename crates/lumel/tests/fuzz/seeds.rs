@@ -1,4 +1,4 @@
-//! What is damaged: small sound inputs of every kind, made here.
+//! Seeds: small valid inputs of every kind.
 
 use std::fmt::Write;
 use std::io::Cursor;
@@ -6,7 +6,7 @@ use std::io::Cursor;
 use image::{ImageFormat, RgbImage};
 use serde_json::{Value, json};
 
-/// A document and the bytes that its views lie in.
+/// A document and its binary buffer.
 #[derive(Clone)]
 pub struct Level {
     pub json: Value,
@@ -64,8 +64,8 @@ impl Level {
     }
 }
 
-/// A floor, a wall above it, a lamp and a glowing square: textured, masked, instanced, animated and
-/// morphed in places.
+/// A floor, a wall, a lamp and an emissive square, partly textured, masked, instanced, animated and
+/// morphed.
 pub fn level() -> Level {
     let mut level = Level {
         json: json!({
@@ -132,7 +132,7 @@ pub fn level() -> Level {
     level
 }
 
-/// A square whose texture has these bytes, and a lamp that is measured by these.
+/// A square whose texture has these bytes, and a lamp with this IES profile.
 pub fn with_files(picture: &[u8], ies: &[u8]) -> Level {
     let mut level = level();
     let view = level.view(picture);
@@ -143,7 +143,7 @@ pub fn with_files(picture: &[u8], ies: &[u8]) -> Level {
     level
 }
 
-/// A picture of four by four.
+/// A 4 × 4 image.
 pub fn picture(format: ImageFormat) -> Vec<u8> {
     let picture = RgbImage::from_fn(4, 4, |x, y| image::Rgb([60 * x as u8, 60 * y as u8, 128]));
     let mut out = Cursor::new(Vec::new());
@@ -153,7 +153,7 @@ pub fn picture(format: ImageFormat) -> Vec<u8> {
     out.into_inner()
 }
 
-/// A measured lamp, LM-63.
+/// An IES profile (LM-63).
 pub fn ies() -> Vec<u8> {
     let mut s = String::from(
         "IESNA:LM-63-2002\n[TEST] none\nTILT=NONE\n1 1000 2.0 5 3 1 2 0.1 0.1 0\n1.0 1.0 50\n",
@@ -166,19 +166,19 @@ pub fn ies() -> Vec<u8> {
     s.into_bytes()
 }
 
-/// A sky of four by two pixels, Radiance HDR without runs.
+/// A 4 × 2 sky, Radiance HDR without run-length encoding.
 pub fn hdr() -> Vec<u8> {
     let mut out = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y 2 +X 4\n".to_vec();
     out.extend((0..8u8).flat_map(|k| [100 + k, 90, 80, 128]));
     out
 }
 
-/// Points for probes.
+/// Probe positions.
 pub fn points() -> Vec<u8> {
     br#"{"points": [[0, 1, 0], [1.5e0, -2, 3], [1, 1, 1]], "name": "p"}"#.to_vec()
 }
 
-/// A file of settings.
+/// A settings file.
 pub fn settings() -> Vec<u8> {
     b"quality = \"draft\"\ntexels-per-unit = 2.0\nsky = [0.1, 0.2, 0.3]\nlayers = [\"ao\", \"direct\"]\n\
       light = [{ name = \"lamp*\", factor = 0.5 }]\nsun = [{ direction = [0, -1, 0], lux = 10 }]\n\

@@ -1,4 +1,4 @@
-//! What damaged inputs are given to, and what must hold afterwards.
+//! Targets of damaged inputs, and the invariants to check.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -13,10 +13,10 @@ use lumel::{Bake, BakeFolder, Baker, Error, Quality, report_page};
 use super::seeds::{self, Level};
 use crate::common;
 
-/// Sound: it was read. Else the exit code of the one error that it led to.
+/// Success, or the exit code of the only error.
 pub type Outcome = Result<(), i32>;
 
-/// Where targets put files.
+/// A folder for the targets' files.
 pub struct Place(pub PathBuf);
 
 impl Place {
@@ -27,7 +27,7 @@ impl Place {
     }
 }
 
-/// Small: what a few kilobytes can honestly ask for.
+/// Limits that a few kilobytes of input can reach.
 fn options() -> LoadOptions {
     LoadOptions {
         limits: Limits {
@@ -43,7 +43,7 @@ fn options() -> LoadOptions {
     }
 }
 
-/// Reads a document and holds it against what [`lumel::mesh_ingest::Scene`] promises.
+/// Reads a document and checks the guarantees of [`lumel::mesh_ingest::Scene`].
 pub fn load(_: &Place, glb: &[u8]) -> Outcome {
     let document = MemoryDocument::new("level.glb", glb);
     let loaded =
@@ -52,7 +52,7 @@ pub fn load(_: &Place, glb: &[u8]) -> Outcome {
     Ok(())
 }
 
-/// What every error owes: some lines that end, and a code that is documented.
+/// Checks an error: a few short lines and a documented exit code.
 fn told(message: &str, code: i32) -> i32 {
     assert!(
         !message.is_empty() && message.len() < 40_000,
@@ -93,12 +93,12 @@ fn sound(loaded: &Loaded) {
     }
 }
 
-/// As [`load`], of a picture.
+/// As [`load`], for an image.
 pub fn picture(place: &Place, bytes: &[u8]) -> Outcome {
     load(place, &seeds::with_files(bytes, &seeds::ies()).glb())
 }
 
-/// As [`load`], of a measured lamp.
+/// As [`load`], for an IES profile.
 pub fn ies(place: &Place, bytes: &[u8]) -> Outcome {
     let picture = seeds::picture(image::ImageFormat::Png);
     load(place, &seeds::with_files(&picture, bytes).glb())
@@ -123,7 +123,7 @@ fn baker<'a>() -> Baker<'a> {
     baker.threads(1).memory(256 << 20).max_image(1 << 22)
 }
 
-/// A sky for a level of few triangles.
+/// A sky for a level with few triangles.
 pub fn hdr(place: &Place, bytes: &[u8]) -> Outcome {
     let sky = place.write("a.hdr", bytes);
     let level = MemoryDocument::new("level.glb", bare().glb());
@@ -131,7 +131,7 @@ pub fn hdr(place: &Place, bytes: &[u8]) -> Outcome {
     checked(&baker.bake(&level).map_err(|e| fails(&e))?)
 }
 
-/// A square alone.
+/// A single square.
 fn bare() -> Level {
     let mut level = seeds::level();
     level.json["scenes"][0]["nodes"] = serde_json::json!([0]);
@@ -145,8 +145,8 @@ pub fn bake(_: &Place, glb: &[u8]) -> Outcome {
     checked(&bake)
 }
 
-/// Light is finite and not negative, energy balances or the report says that it does not, and what
-/// is written can be read.
+/// Checks that light is finite and not negative, that energy balances or the report says otherwise,
+/// and that the output can be read back.
 fn checked(bake: &Bake) -> Outcome {
     for page in bake.pages() {
         let values = page.value.iter().flatten();
@@ -162,14 +162,14 @@ fn checked(bake: &Bake) -> Outcome {
     for (name, bytes) in files.iter().filter(|(name, _)| name.ends_with(".glb")) {
         let written = MemoryDocument::new(name.as_str(), bytes.clone());
         if let Err(e) = load_memory(&written, &LoadOptions::default()) {
-            // Its only image may be one that light never needed.
+            // The missing image may be one that light does not need.
             assert_eq!(e.exit_code(), 2, "{name}: {e}");
         }
     }
     Ok(())
 }
 
-/// A finished bake of [`bare`] in the place's folder, for targets that damage one of its files.
+/// A finished bake of [`bare`] in the place's folder; targets damage one of its files.
 pub fn finished(place: &Place) -> Vec<(String, Vec<u8>)> {
     let level = MemoryDocument::new("level.glb", bare().glb());
     let baker = baker().sky([0.5; 3]).layers([lumel::Layer::Direct]);
@@ -181,12 +181,12 @@ pub fn finished(place: &Place) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// Damaged manifest.
+/// A damaged manifest.
 pub fn manifest(place: &Place, bytes: &[u8]) -> Outcome {
     folder(&place.write("level.lightmap.json", bytes))
 }
 
-/// Damaged report.
+/// A damaged report.
 pub fn report(place: &Place, bytes: &[u8]) -> Outcome {
     place.write("level.report.json", bytes);
     folder(&place.0.join("level.lightmap.json"))
@@ -196,17 +196,17 @@ fn folder(manifest: &Path) -> Outcome {
     let folder = BakeFolder::open(manifest).map_err(|e| fails(&e))?;
     let _ = folder.disagreement("level");
     let page = report_page(&folder, "level").map_err(|e| fails(&e))?;
-    // Whatever names hold, the page has no script and no tag of theirs.
+    // Whatever names contain, the page has no script and no tags from them.
     assert!(!page.contains("<script") && page.ends_with("</html>\n"));
     Ok(())
 }
 
-/// A request to a viewer that runs at `address`; it must answer, or end the connection.
+/// A request to a viewer at `address`, which must answer or close the connection.
 pub fn request(address: &str, bytes: &[u8]) -> Outcome {
     let mut stream = TcpStream::connect(address).expect("the server listens");
     let patience = Some(Duration::from_secs(5));
     stream.set_read_timeout(patience).expect("supported");
-    // The server may have answered and gone before all is written.
+    // The server may answer and close before everything is sent.
     let _ = stream.write_all(bytes);
     let _ = stream.shutdown(std::net::Shutdown::Write);
     let mut answer = Vec::new();
@@ -222,7 +222,7 @@ pub fn request(address: &str, bytes: &[u8]) -> Outcome {
     }
 }
 
-/// The real binary with a damaged file of settings.
+/// The real binary with a damaged settings file.
 pub fn settings(place: &Place, bytes: &[u8]) -> Outcome {
     let file = place.write("a.toml", bytes);
     let scene = place.0.join("bare.glb");

@@ -50,8 +50,7 @@ fn copies_of_an_instanced_node_are_left_out_and_keep_their_mesh() {
         ),
         (None, Some(1))
     );
-    // Where coordinates are on the page, the place is the page; where they are not, it is what it
-    // was.
+    // With page coordinates the rectangle is the whole page; otherwise it is unchanged.
     assert_eq!(
         j["nodes"][0]["extras"]["lightmap"][1]["offset"],
         json!([0.25, 0.0])
@@ -70,7 +69,7 @@ fn coordinates_lie_on_the_page_and_all_materials_of_a_primitive_are_copied() {
     let attributes = json!({"POSITION": b.floats(&QUAD), "TEXCOORD_0": b.floats(&UV0)});
     let indices = b.indices(&[0, 1, 2, 0, 2, 3]);
     let variants = json!({"KHR_materials_variants": {"mappings": [{"material": 0, "variants": [0]}, {"material": 1, "variants": [1]}]}});
-    // The first primitive has no material of its own but variants, the second is plain.
+    // The first primitive has no material but variants; the second is plain.
     let (json, bin) = b.finish(json!({"scenes": [{"nodes": [0, 1]}],
         "extensionsUsed": ["KHR_materials_variants"],
         "extensions": {"KHR_materials_variants": {"variants": [{"name": "day"}, {"name": "night"}]}},
@@ -82,7 +81,8 @@ fn coordinates_lie_on_the_page_and_all_materials_of_a_primitive_are_copied() {
     let loaded = fixture.load(&json, &bin);
     let uv = |v: usize| Vec2::from(UV1[v]);
     let (glb, stats) = write_moz(&loaded, &whole(&loaded.scene, uv));
-    // None, a and b; the second node shares them, and one of the two takes the mesh itself.
+    // Default, a and b. The second node shares them, and one of the two nodes uses the original
+    // mesh.
     assert_eq!((stats.moz_meshes, stats.moz_materials), (1, 3));
     let back = fixture.reload(&glb);
     let j = back.document.json();
@@ -102,13 +102,13 @@ fn coordinates_lie_on_the_page_and_all_materials_of_a_primitive_are_copied() {
                 "{m}"
             );
         }
-        // Two rectangles of 64 texels beside each other on a page of 128: half as wide each.
+        // Two rectangles of 64 texels side by side on a page of 128, so each is half as wide.
         let raw = back.document.primitive_raw(mesh, 0).unwrap();
         let found = raw.attribute("TEXCOORD_1").unwrap().to_floats::<2>(0.0);
         let want = UV1.map(|[u, v]| [shift + 0.5 * u, v]);
         assert_eq!(found, want);
     }
-    // Its own stay as they were.
+    // Its own coordinates are unchanged.
     assert_eq!(
         (&j["materials"][0], &j["materials"][1]),
         (&json!({"name": "a"}), &json!({"name": "b"}))
@@ -121,7 +121,7 @@ fn both_pictures_hold_the_page_over_its_largest_value() {
     p.value[5] = [f32::NAN, -1.0, 1e9];
     p.value[6] = [1e-6, 0.0, 2e-7];
     let picture = Picture::new(&p).unwrap();
-    // As the EXR has it: halves end at 65504.
+    // As in the EXR, halves end at 65504.
     assert_eq!(picture.largest, 65504.0);
     p.value[5] = [0.0; 3];
     let picture = Picture::new(&p).unwrap();
@@ -130,13 +130,13 @@ fn both_pictures_hold_the_page_over_its_largest_value() {
     for (found, want) in png.pixels().zip(&p.value) {
         assert_eq!(found.0, want.map(|x| (255.0 * x / 8.0).round() as u8));
     }
-    // As three.js reads it: m / 255 × 2^(e − 128). Of eight bits, at least 128 in the largest
-    // channel.
+    // As three.js decodes it: m / 255 × 2^(e − 128). The largest channel's mantissa is at least
+    // 128.
     let decoder = image::codecs::hdr::HdrDecoder::new(std::io::Cursor::new(&picture.rgbe)).unwrap();
     let mut exact = vec![0u8; 24 * 3 * 12];
     image::ImageDecoder::read_image(decoder, &mut exact).unwrap();
     for (bytes, want) in exact.chunks_exact(12).zip(&p.value) {
-        // The crate gives m / 256 × 2^(e − 128).
+        // The crate decodes m / 256 × 2^(e − 128).
         let found: Vec<f32> = bytes
             .chunks_exact(4)
             .map(|b| f32::from_ne_bytes(b.try_into().unwrap()) * 256.0 / 255.0)

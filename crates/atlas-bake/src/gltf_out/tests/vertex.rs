@@ -42,10 +42,11 @@ fn vertex_colours_times_material_times_scale_are_the_outgoing_radiance() {
     assert_eq!(out["nodes"][0]["children"].as_array().unwrap().len(), 3);
     assert!(out["nodes"][0].get("mesh").is_none());
     assert_eq!(back.scene.instances.len(), 4);
-    // Order in the graph: the row's children, then the other. Their places are those of the copies.
+    // Order in the graph: the row's children, then the other node. Their transforms are those of
+    // the copies.
     for (i, instance) in back.scene.instances.iter().enumerate() {
         let before = loaded.scene.instances[i].transform;
-        // Bytes of 90/127 are a unit quaternion to 0.3 %, and ingest normalises as we do.
+        // Bytes of 90/127 are a unit quaternion to 0.3 %, and ingest normalises it as well.
         assert!(
             instance.transform.abs_diff_eq(before, 1e-6),
             "{i}: {} for {before}",
@@ -54,7 +55,7 @@ fn vertex_colours_times_material_times_scale_are_the_outgoing_radiance() {
         let mesh = &back.scene.meshes[instance.mesh];
         let raw = back.document.primitive_raw(mesh.gltf_mesh, 0).unwrap();
         let colors = raw.attribute("COLOR_0").unwrap().to_floats::<4>(1.0);
-        // Half a step of 16 bits.
+        // The tolerance is half a 16-bit step.
         let want = (i + 1) as f32 / 4.0;
         assert!(
             colors
@@ -108,7 +109,7 @@ fn meshes_that_deform_are_not_split() {
     };
     let loaded = fixture.load(&json, &bin);
     assert_eq!(split(&loaded), (4, 0));
-    // Without what deforms it the same mesh is.
+    // The same mesh without skin and morph targets is split.
     let mut rigid = json.clone();
     let primitive = rigid["meshes"][0]["primitives"][0].as_object_mut().unwrap();
     primitive.remove("targets");

@@ -7,7 +7,7 @@ fn layered(text: &str) -> Layered {
     out
 }
 
-/// The template with its examples switched on: lines that begin with `#` and a key or a table.
+/// The template with its examples enabled: lines that begin with `#` and a key or a table.
 fn switched_on() -> String {
     let key = |l: &str| l.starts_with(|c: char| c.is_ascii_lowercase() || c == '[' || c == '"');
     let lines = TEMPLATE.lines().filter_map(|l| l.strip_prefix('#'));
@@ -29,7 +29,7 @@ fn the_template_is_valid_and_names_every_key() {
     }
 }
 
-/// What the template calls defaults are defaults: lines without "e.g.".
+/// Checks the lines without "e.g.".
 #[test]
 fn the_templates_defaults_are_the_defaults() {
     let text = switched_on();
@@ -107,7 +107,7 @@ fn errors_say_where_what_and_what_was_expected() {
         ("max-page = 1.5", &[":1:12: ", "1.5"]),
         ("sky = [1, 2]", &[":1:7: ", "[1.0, 2.0]", "three numbers"]),
         ("sky = true", &[":1:7: ", "true", "[R, G, B]"]),
-        ("probes = 0", &[":1:10: ", "0", "a distance above 0"]),
+        ("probes = 0", &[":1:10: ", "0", "a spacing above 0"]),
         ("[[sun]]\ndirection = [0, 1]\nlux = 1", &[":2:13: ", "3"]),
         ("[[sun]]\ndirection = [0, 1, 0]", &["lux"]),
         (
