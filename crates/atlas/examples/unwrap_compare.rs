@@ -1,14 +1,16 @@
-//! Measures the unwrappers on glTF scenes and on hard meshes made here, and prints a table.
+//! Compares the unwrappers on glTF scenes and on generated hard meshes, and prints a table.
 //!
 //! ```sh
-//! cargo run --release -p lumel-atlas --example unwrap_compare -- ../shared/scenes    # every .glb and .gltf below
-//! cargo run --release -p lumel-atlas --example unwrap_compare -- --hard              # the meshes of tests/nasty.rs
+//! cargo run --release -p lumel-atlas --example unwrap_compare -- FOLDER    # every .glb and .gltf below
+//! cargo run --release -p lumel-atlas --example unwrap_compare -- --hard    # the meshes of tests/nasty.rs
 //! ```
 //! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default).
-//! Columns: charts, area over page area (rectangles of all instances), L² stretch (area-weighted
-//! mean over meshes), texels under two charts, triangles turned over, slits (length of smooth edges
-//! whose two sides are in one chart and less than two lumels apart, over that of all smooth borders
-//! of charts), page size, seconds (all meshes, all threads), what fell back to another unwrapper.
+//!
+//! Columns: charts; area relative to page area (rectangles of all instances); L² stretch
+//! (area-weighted mean over meshes); texels under two charts; inverted triangles; slits (length of
+//! smooth edges whose two sides are in one chart and less than two lumels apart, relative to all
+//! smooth chart borders); page size; seconds (all meshes, all threads); meshes that fell back to
+//! another unwrapper.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -78,11 +80,11 @@ fn row(
     texels_per_unit: Option<f32>,
     density: f64,
 ) {
-    // The layout reads only areas from the soup and computes what is missing.
+    // The layout only reads areas from the soup and computes missing ones.
     let soup = Soup::default();
     let options = LayoutOptions {
         texels_per_unit,
-        // Twice the lumels per metre are four times the lumels.
+        // Twice the lumels per metre give four times the lumels.
         lumel_budget: (200_000.0 * density * density) as u64,
         unwrapper,
         uv_mode: UvMode::Generate,
@@ -157,7 +159,7 @@ fn collect(path: &Path, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// The meshes of the tests at their full size.
+/// The meshes of the tests at full size.
 fn hard_scenes() -> Vec<(String, Scene)> {
     nasty::nasty(true)
         .into_iter()

@@ -1,8 +1,7 @@
-//! Measures how the time of unwrappers grows with a mesh: bad cases, made here, of ever more
-//! triangles.
+//! Measures how the time of unwrappers grows with mesh size, on generated worst cases.
 //!
 //! ```sh
-//! cargo run --release -p lumel-atlas --example unwrap_cost -- xatlas 1000 60000     # from, to: doubled at each step
+//! cargo run --release -p lumel-atlas --example unwrap_cost -- xatlas 1000 60000     # from, to; doubles each step
 //! ```
 #![allow(clippy::print_stdout, reason = "an example's output is its purpose")]
 
@@ -46,7 +45,7 @@ fn main() {
     }
 }
 
-/// Bad cases of about `n` triangles.
+/// Worst cases of about `n` triangles.
 fn meshes(n: u32) -> Vec<(&'static str, Mesh)> {
     vec![
         ("loose triangles", loose(n)),
@@ -98,7 +97,7 @@ fn loose(n: u32) -> Mesh {
     )
 }
 
-/// Every vertex is in some thirty triangles.
+/// Every vertex is in about thirty triangles.
 fn shared(n: u32) -> Mesh {
     let (mut r, vertices) = (Random(2), (n / 10).max(4));
     let positions = (0..vertices).map(|_| r.place()).collect();
@@ -115,7 +114,7 @@ fn shared(n: u32) -> Mesh {
     mesh(positions, triangles.collect())
 }
 
-/// Cards of two triangles, as leaves are made.
+/// Cards of two triangles, like foliage.
 fn cards(n: u32) -> Mesh {
     let (mut r, mut positions, mut triangles) = (Random(4), Vec::new(), Vec::new());
     for k in 0..n / 2 {
@@ -127,7 +126,7 @@ fn cards(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// A square sheet with noise of so many times its cells.
+/// A square sheet with noise of `noise` cells.
 fn sheet(n: u32, noise: f32) -> Mesh {
     let (mut r, side) = (Random(5), ((n / 2) as f32).sqrt() as u32);
     let positions =

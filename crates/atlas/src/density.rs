@@ -1,34 +1,34 @@
-//! How many lumels each mesh gets.
+//! Lumel density of each mesh.
 
 use glam::{DAffine3, DMat3, DVec3};
 use mesh_ingest::{Mesh, Scene, Soup};
 use rayon::prelude::*;
 
-/// Largest share of the lumel budget that one huge instance may take in a scene of more than
+/// Largest fraction of the lumel budget that one huge instance may take in a scene of more than
 /// [`HUGE_FROM`] instances.
 const HUGE_SHARE: f64 = 0.25;
-/// Share that all huge instances may take together.
+/// Fraction that all huge instances may take together.
 const HUGE_TOTAL: f64 = 0.5;
-/// An instance is huge if it exceeds its share and is this many times as large as all smaller
+/// An instance is huge if it exceeds its fraction and is this many times as large as all smaller
 /// instances together.
 const HUGE_RATIO: f64 = 2.0;
-/// Scenes of so few instances are rooms made of few meshes, not levels on a ground plane.
+/// Scenes with fewer instances are rooms made of few meshes, not levels on a ground plane.
 const HUGE_FROM: usize = 4;
 /// The rest of the scene gets at most this many times the density of a huge instance.
 const HUGE_CONTRAST: f64 = 32.0;
-/// Lumels that every instance gets at least: a rectangle of 4 × 4.
+/// Minimum lumels per instance: a rectangle of 4 × 4.
 const FLOOR_LUMELS: f64 = 16.0;
-/// Share of the budget that the floor may take, when there are very many small instances.
+/// Fraction of the budget that this minimum may take if there are very many small instances.
 const FLOOR_SHARE: f64 = 0.25;
-/// A mesh whose instances differ in size is given lumels for at most this many times their mean
+/// A mesh with instances of different sizes gets lumels for at most this many times their mean
 /// area.
 const UNEVEN: f64 = 4.0;
 
 /// Density of one mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshDensity {
-    /// Shape of the representative instance, the one that wants most lumels: lengths after this map
-    /// are metres ([`shape_of`]).
+    /// Shape of the representative instance, i.e. the one that needs the most lumels. It maps
+    /// lengths to metres ([`shape_of`]).
     pub linear: DMat3,
     /// World area of that instance, m².
     pub area: f64,
@@ -36,22 +36,22 @@ pub struct MeshDensity {
     pub instances: usize,
     /// Lumels per metre on the representative instance.
     pub texels_per_unit: f32,
-    /// What that instance's own factor contributes ([`mesh_ingest::Instance::density`]).
+    /// Density factor of that instance ([`mesh_ingest::Instance::density`]).
     pub factor: f32,
-    /// Why this differs from the scene's density.
+    /// Why it differs from the scene's density.
     pub adjusted: Option<Adjusted>,
 }
 
-/// Why a mesh's density is its own.
+/// Why a mesh's density differs from the scene's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Adjusted {
     /// Lowered: the instance is far larger than the rest of the scene.
     Huge,
-    /// Lowered: its largest instance is far larger than its others, and all share one size of
-    /// rectangle.
+    /// Lowered: its largest instance is far larger than the others, and all share one rectangle
+    /// size.
     Uneven,
-    /// Raised, so that it gets a handful of lumels at all.
+    /// Raised, so that it gets a few lumels at all.
     Small,
 }
 
@@ -64,13 +64,12 @@ pub struct DensityPlan {
     pub meshes: Vec<MeshDensity>,
 }
 
-/// Densities for all meshes; `wanted` is honoured for all, else they follow from the budget of
-/// `lumels`.
+/// Densities of all meshes: `wanted` if given, else from the budget of `lumels`.
 ///
-/// The default density is the one with which all instances together get about `lumels` lumels
-/// (within 12 %). It is a [preferred number](preferred), so that charts stay as they are while a
-/// level grows. Huge instances count only with their share, and nodes' own factors not at all: a
-/// factor on one node does not change the others.
+/// The default density gives all instances together about `lumels` lumels (within 12 %). It is a
+/// [preferred number](preferred), so that charts stay unchanged while a level grows. Huge instances
+/// count only with their allowed fraction. Density factors of nodes do not count, so a factor on
+/// one node does not change the others.
 pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> DensityPlan {
     let mut meshes = survey(scene, soup);
     if let Some(texels_per_unit) = wanted {
@@ -84,7 +83,7 @@ pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> Den
     }
     let budget = (lumels.max(1)) as f64;
     let count: usize = meshes.iter().map(|m| m.instances).sum();
-    // Area that each mesh's instances are charged with.
+    // Area that counts for each mesh's instances.
     let charged: Vec<f64> = meshes
         .iter()
         .map(|m| (m.largest).min(UNEVEN * m.total / m.instances.max(1) as f64))
@@ -131,7 +130,7 @@ pub fn plan(scene: &Scene, soup: &Soup, wanted: Option<f32>, lumels: u64) -> Den
     }
 }
 
-/// Meshes of one instance that dwarf everything smaller.
+/// Meshes with a single instance that dwarfs everything smaller.
 fn huge_meshes(meshes: &[Surveyed], charged: &[f64], count: usize) -> Vec<usize> {
     if count <= HUGE_FROM {
         return Vec::new();
@@ -147,8 +146,7 @@ fn huge_meshes(meshes: &[Surveyed], charged: &[f64], count: usize) -> Vec<usize>
     for i in order {
         smaller -= charged[i] * meshes[i].instances as f64;
         let alone = meshes[i].instances == 1;
-        // What is left of the scene after taking away those found is what the share is measured
-        // against.
+        // The fraction is relative to the scene without those found so far.
         if !(alone && smaller > 0.0 && charged[i] > HUGE_RATIO * smaller) {
             break;
         }
@@ -157,14 +155,14 @@ fn huge_meshes(meshes: &[Surveyed], charged: &[f64], count: usize) -> Vec<usize>
     huge
 }
 
-/// A mesh with its instances summed up.
+/// A mesh with totals over its instances.
 struct Surveyed {
     density: MeshDensity,
     /// World area of its largest instance, m².
     largest: f64,
     /// World area of all its instances, m².
     total: f64,
-    /// The same, each multiplied with the square of its factor.
+    /// The same, each multiplied by the square of its density factor.
     demand: f64,
 }
 
@@ -194,7 +192,8 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
                 let receiving = (first..end).filter(|&t| !scene.only_occludes(soup, t));
                 receiving.map(|t| f64::from(soup.areas[t as usize])).sum()
             });
-            // The soup leaves out duplicates; an instance that lies on another still needs lumels.
+            // The soup omits duplicates, but an instance that coincides with another still needs
+            // lumels.
             Some(if listed > 0.0 {
                 listed
             } else {
@@ -234,7 +233,8 @@ fn survey(scene: &Scene, soup: &Soup) -> Vec<Surveyed> {
         let square = |factor: f32| f64::from(factor).powi(2);
         let demand = area * square(instance.density);
         mesh.demand += demand;
-        // A hair more is the same: rotations must not decide which instance represents the mesh.
+        // Small differences count as equal, so that rounding of rotations does not decide which
+        // instance represents the mesh.
         if mesh.instances == 1 || demand > mesh.area * square(mesh.factor) * (1.0 + 1e-4) {
             mesh.area = area;
             mesh.factor = instance.density;
@@ -261,12 +261,19 @@ fn world_area(scene: &Scene, mesh: &Mesh, linear: DMat3) -> f64 {
         .sum()
 }
 
-/// What a transform does to lengths and angles, without its rotation and mirroring: the upper
-/// triangular R of M = Q R with a positive diagonal. A mesh mapped by R has the world's shape, and
-/// its UVs do not depend on how it is turned.
+/// Effect of a transform on lengths and angles, without rotation and mirroring: the upper
+/// triangular R of M = Q R with a positive diagonal. A mesh mapped by R has its world-space shape,
+/// so its UVs do not depend on its orientation.
 ///
 /// Entries are rounded to 1e-5 of the largest, so that a rotated copy of a mesh gets exactly the
-/// same.
+/// same R.
+///
+/// ```
+/// use glam::{DAffine3, DMat3, DVec3};
+///
+/// let turned = DAffine3::from_rotation_y(0.7) * DAffine3::from_scale(DVec3::new(2.0, 1.0, 1.0));
+/// assert_eq!(atlas::shape_of(&turned), DMat3::from_diagonal(DVec3::new(2.0, 1.0, 1.0)));
+/// ```
 pub fn shape_of(transform: &DAffine3) -> DMat3 {
     let m = transform.matrix3;
     let (a, b, c) = (m.x_axis, m.y_axis, m.z_axis);
@@ -278,14 +285,14 @@ pub fn shape_of(transform: &DAffine3) -> DMat3 {
     let q2 = b.normalize_or_zero();
     let (r13, r23) = (q1.dot(c), q2.dot(c));
     let r33 = (c - q1 * r13 - q2 * r23).length();
-    // Rounding noise of node transforms is 1e-7.
+    // Rounding noise of node transforms is about 1e-7.
     rounded(DMat3::from_cols_array(&[
         r11, 0.0, 0.0, r12, r22, 0.0, r13, r23, r33,
     ]))
 }
 
-/// A shape in lumels: what it makes of metres, times lumels per metre. Rounded again, as densities
-/// have the rounding of `f32`: 9 a metre and 0.009 a millimetre are the same.
+/// A shape times lumels per metre. Rounded again because densities are `f32`: 9 per metre and 0.009
+/// per millimetre must give the same.
 pub(crate) fn shape_in_lumels(shape: DMat3, texels_per_unit: f32) -> DMat3 {
     rounded(shape * f64::from(texels_per_unit))
 }
@@ -307,10 +314,11 @@ fn rounded(m: DMat3) -> DMat3 {
     )
 }
 
-/// The preferred number of the series R20 (ISO 3:1973) nearest to `x` > 0, by ratio: steps of 12 %.
+/// The number of the R20 series of preferred numbers (ISO 3:1973) nearest to `x` > 0, by ratio:
+/// steps of 12 %.
 ///
-/// With steps a level's density, and with it all its charts, stays the same until its surface has
-/// grown by a quarter. Three digits would change them with every crate that is added.
+/// With these steps a level's density, and with it all its charts, stays the same until its surface
+/// has grown by a quarter. With three digits it would change with every added crate.
 pub fn preferred(x: f64) -> f32 {
     const R20: [f64; 21] = [
         1.0, 1.12, 1.25, 1.4, 1.6, 1.8, 2.0, 2.24, 2.5, 2.8, 3.15, 3.55, 4.0, 4.5, 5.0, 5.6, 6.3,

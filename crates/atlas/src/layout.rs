@@ -1,4 +1,4 @@
-//! The whole lightmap's plan: densities, charts per mesh, rectangles per instance, pages.
+//! Layout of the whole lightmap: densities, charts by mesh, rectangles by instance, pages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -18,28 +18,30 @@ use crate::unwrap::{
 };
 use crate::uv_check::{OwnUvs, Severity, UvFault, UvMode, check_uvs};
 
-/// A lightmap with more lumels than this is warned about where a density was asked for: it bakes
-/// for minutes. The default budget is a twentieth.
+/// A requested density that gives more lumels than this is warned about, because the bake takes
+/// minutes. The default budget is a twentieth of it.
 const MANY_LUMELS: f64 = 4e6;
 
-/// How to lay a scene out.
+/// Options of a layout.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LayoutOptions {
-    /// Lumels per metre on every mesh, times its node's own factor; `None`: from the budget.
+    /// Lumels per metre on every mesh, multiplied by its node's density factor; `None` derives it
+    /// from the budget.
     pub texels_per_unit: Option<f32>,
-    /// Lumels to aim at where no density is given.
+    /// Target number of lumels if no density is given.
     pub lumel_budget: u64,
     /// Longest side of a page in texels, ≥ 8.
     pub max_page: u32,
     /// Texels between charts, see [`UnwrapOptions::padding`].
     pub padding: u32,
-    /// Rectangles and pages keep to blocks of so many texels, see [`UnwrapOptions::block`].
+    /// Rectangles and pages are aligned to blocks of this many texels, see
+    /// [`UnwrapOptions::block`].
     pub block: u32,
-    /// Charts do so too, see [`UnwrapOptions::block_charts`].
+    /// Whether charts are aligned to blocks too, see [`UnwrapOptions::block_charts`].
     pub block_charts: bool,
     /// Whether to use the asset's own coordinates.
     pub uv_mode: UvMode,
-    /// Which unwrapper makes new ones.
+    /// The unwrapper for new coordinates.
     pub unwrapper: UnwrapperChoice,
 }
 
@@ -58,118 +60,118 @@ impl Default for LayoutOptions {
     }
 }
 
-/// How far a layout is.
+/// Progress of a layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LayoutProgress {
-    /// Triangles whose mesh is done.
+    /// Triangles of finished meshes.
     pub done: usize,
     /// Triangles of all meshes.
     pub total: usize,
 }
 
-/// Why there is no layout.
+/// Why a layout failed.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LayoutError {
     /// The progress callback asked to stop.
     #[error("cancelled")]
     Cancelled,
-    /// An option is out of its range.
+    /// An option is out of range.
     #[error("{option} must be {requirement}")]
     Option {
-        /// Name of the field of [`LayoutOptions`].
+        /// The field of [`LayoutOptions`].
         option: &'static str,
-        /// What it must be.
+        /// Its valid range.
         requirement: &'static str,
     },
-    /// Everything in the scene only occludes, or has the density 0.
-    #[error("no surface gets lumels: every one is an occluder or has the density 0")]
+    /// Every surface is an occluder or has density 0.
+    #[error("no surface gets lumels: every one is an occluder or has density 0")]
     NothingReceives,
-    /// A mesh got no charts.
+    /// A mesh could not be unwrapped.
     #[error("mesh {mesh} \"{name}\" cannot be unwrapped: {source}")]
     Unwrap {
         /// Index of the glTF mesh.
         mesh: usize,
         /// Its name.
         name: String,
-        /// What the last unwrapper said.
+        /// Error of the last unwrapper.
         source: UnwrapError,
     },
 }
 
-/// What was laid out, for reports. Deterministic: no times in it.
+/// Report on a layout. Deterministic: it contains no times.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct LayoutReport {
     /// Lumels per metre of the scene.
     pub texels_per_unit: f32,
-    /// By mesh of the scene that receives light.
+    /// Meshes of the scene that receive light.
     pub meshes: Vec<MeshReport>,
-    /// Number of instances placed.
+    /// Number of placed instances.
     pub instances: usize,
     /// Sizes of the pages in texels.
     pub pages: Vec<[u32; 2]>,
-    /// Texels that charts cover, over all instances (by area).
+    /// Number of texels covered by charts, over all instances (by area).
     pub lumels: f64,
-    /// `lumels` over the pages' texels.
+    /// `lumels` divided by the pages' texels.
     pub coverage: f64,
-    /// Charts of all meshes, once for each mesh.
+    /// Number of charts; those of a mesh count once.
     pub charts: u64,
-    /// Mean of the meshes' L² stretch by area of their instances, 1 = none.
+    /// Mean L² stretch of the meshes, weighted by the area of their instances; 1 means none.
     pub stretch: f64,
-    /// Smallest, median and largest lumels per metre of all surfaces, by area; from a histogram
-    /// with bins of 1 %.
+    /// Minimum, median and maximum lumels per metre over all surfaces, weighted by area; from a
+    /// histogram with bins of 1 %.
     pub density: [f64; 3],
-    /// What a user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
-/// One mesh's charts.
+/// Report on one mesh's charts.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct MeshReport {
     /// Index of the glTF mesh.
     pub gltf_mesh: usize,
     /// Its name.
     pub name: String,
-    /// First node with lumels that has it.
+    /// Its first node with lumels.
     pub node: usize,
     /// That node's name.
     pub node_name: String,
     /// Number of instances that have lumels.
     pub instances: usize,
-    /// Where its coordinates come from.
+    /// Origin of its coordinates.
     pub origin: UvOrigin,
-    /// Which unwrapper made them; absent where they were kept.
+    /// The unwrapper that made them; absent if they were kept.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unwrapper: Option<&'static str>,
     /// Size of its rectangle in texels.
     pub size: [u32; 2],
     /// Number of charts.
     pub charts: u32,
-    /// Chart area over the rectangle's.
+    /// Chart area relative to the rectangle's.
     pub utilisation: f64,
-    /// L² stretch, 1 = none.
+    /// L² stretch; 1 means none.
     pub stretch: f64,
-    /// Smallest, median and largest lumels per metre on the instance that wants most.
+    /// Minimum, median and maximum lumels per metre on the instance that needs the most lumels.
     pub density: [f64; 3],
-    /// That instance's own factor (`extras.lumel.density`).
+    /// That instance's density factor (`extras.lumel.density`).
     pub factor: f32,
     /// Length of smooth edges in lumels, see
     /// [`ChartMeasure::slits`](crate::unwrap::ChartMeasure::slits).
     pub slits: [f64; 4],
-    /// Triangles whose chart triangle is turned over (0 unless kept from the asset).
+    /// Triangles that are mirrored in the chart (0 unless the coordinates were kept).
     pub flipped: u64,
-    /// Triangles too thin for any area in the lightmap.
+    /// Triangles too thin to have any lightmap area.
     pub collapsed: u64,
-    /// Why its density is not the scene's.
+    /// Why its density differs from the scene's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adjusted: Option<Adjusted>,
-    /// What is wrong with the asset's own `TEXCOORD_1`.
+    /// Faults of the asset's own `TEXCOORD_1`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub uv_faults: Vec<UvFault>,
 }
 
 impl MeshReport {
-    /// The mesh and its first node, as messages name them.
+    /// The mesh and its first node, for messages.
     pub fn label(&self) -> String {
         format!(
             "mesh {} \"{}\" (node {} \"{}\")",
@@ -180,11 +182,11 @@ impl MeshReport {
 
 /// Plans the lightmap of `scene`.
 ///
-/// `progress` is called from several threads and now and then even when nothing has moved; `false`
-/// stops the work within about a second. The result depends on the scene and the options only, and
-/// a mesh's coordinates only on the mesh, its density, and the scale and density factor of the
-/// instance that wants most. Instances that are too unlike to share charts should have been given
-/// meshes of their own ([`separate_unlike`](crate::separate_unlike)).
+/// `progress` is called from several threads, occasionally without any progress; returning `false`
+/// stops the work within about a second. The result depends only on the scene and the options. A
+/// mesh's coordinates depend only on the mesh, its density, and the scale and density factor of the
+/// instance that needs the most lumels. Instances that differ too much to share charts should have
+/// their own meshes ([`separate_unlike`](crate::separate_unlike)).
 ///
 /// # Errors
 /// [`LayoutError`].
@@ -197,8 +199,8 @@ pub fn layout(
     layout_kept(scene, soup, options, None, progress)
 }
 
-/// As [`layout`], with charts that an earlier layout kept, or keeping them for a later one. The
-/// result is the same.
+/// As [`layout`], with a store of charts: those of earlier layouts are reused, and new ones are
+/// saved. The result is the same.
 ///
 /// # Errors
 /// [`LayoutError`].
@@ -308,10 +310,10 @@ fn triangle_count(mesh: &Mesh) -> usize {
     mesh.primitives.iter().map(|p| p.triangles.len()).sum()
 }
 
-/// Charts of a mesh, what the report says of it, and its warnings.
+/// Charts of a mesh, its report, and its warnings.
 type LaidOut = (MeshAtlas, MeshReport, Vec<String>);
 
-/// What is to be laid out.
+/// A mesh to be laid out.
 #[derive(Clone, Copy)]
 struct Task<'a> {
     mesh: &'a Mesh,
@@ -322,8 +324,8 @@ struct Task<'a> {
     node: Option<&'a Instance>,
 }
 
-/// Lays out the primitives of a mesh that receive light; `None` if there are none, or no instance
-/// does.
+/// Lays out the primitives of a mesh that receive light; `None` if there are none, or if no
+/// instance receives light.
 fn lay_out_receiving(
     scene: &Scene,
     task: Task<'_>,
@@ -340,7 +342,7 @@ fn lay_out_receiving(
     if receives.iter().all(|&r| r) {
         return lay_out_mesh(task, cancel).map(Some);
     }
-    // Rare: the copy spares everyone else a list of primitives beside the mesh.
+    // This is rare, so a copy of the mesh is simpler than a separate list of primitives everywhere.
     let mut own = task.mesh.clone();
     let mut kept = receives.iter();
     own.primitives
@@ -369,8 +371,8 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
         return Err(LayoutError::Cancelled);
     }
     let wanted = density.texels_per_unit;
-    // In lumels: the same mesh in other units, with the density to match, then has the same
-    // numbers.
+    // In units of lumels, so that the same mesh in other units, with matching density, gives the
+    // same numbers.
     let input = Arc::new(UnwrapInput::from_mesh(
         mesh,
         shape_in_lumels(density.linear, wanted),
@@ -407,7 +409,7 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
             }
         }
         None if options.uv_mode == UvMode::Keep => {
-            warnings.push(format!("{label}: no TEXCOORD_1 to keep, made one"));
+            warnings.push(format!("{label}: found no TEXCOORD_1 to keep, made one"));
         }
         None => {}
     }
@@ -440,8 +442,8 @@ fn lay_out_mesh(task: Task<'_>, cancel: Cancel<'_>) -> Result<LaidOut, LayoutErr
     Ok((assemble(mesh, &flat, origin), report, warnings))
 }
 
-/// The charts of `input`, which unwrapper made them, and why others did not: kept ones, if there
-/// are any.
+/// The charts of `input` (stored ones if there are any), the unwrapper that made them, and why
+/// others failed.
 fn flatten(
     unwrappers: &[&'static dyn Unwrapper],
     input: &Arc<UnwrapInput>,
@@ -462,7 +464,7 @@ fn flatten(
     }
     let result = unwrap_with_fallback(unwrappers, input, options, cancel)?;
     let (flat, unwrapper, failures) = &result;
-    // Kept charts come without the warning that another unwrapper failed.
+    // Stored charts come without the warnings of unwrappers that failed.
     if let Some((store, key)) = store
         && failures.is_empty()
         && let Some(by) = unwrappers.iter().position(|u| u.name() == *unwrapper)
@@ -472,7 +474,7 @@ fn flatten(
     Ok(result)
 }
 
-/// Whether the asset's own coordinates are kept, with what the user must know.
+/// Whether the asset's own coordinates are kept; adds warnings for the user.
 fn judge(own: &OwnUvs, mode: UvMode, label: &str, warnings: &mut Vec<String>) -> UvOrigin {
     let limit = match mode {
         UvMode::Keep => Severity::Unusable,
@@ -503,7 +505,7 @@ fn warn_density(warnings: &mut Vec<String>, label: &str, wanted: f32, reached: f
     }
 }
 
-/// `texels_per_unit`: lumels per metre that `input` is scaled with.
+/// `texels_per_unit`: lumels per metre by which `input` was scaled.
 fn fill_report(
     report: &mut MeshReport,
     input: &UnwrapInput,
@@ -521,7 +523,7 @@ fn fill_report(
     report.collapsed = measured.collapsed;
 }
 
-/// A kept atlas as corners per triangle.
+/// A kept atlas in the form of an unwrapper's result.
 fn flat_view(atlas: &MeshAtlas) -> UnwrappedMesh {
     let mut flat = UnwrappedMesh {
         size: atlas.size,
@@ -536,8 +538,8 @@ fn flat_view(atlas: &MeshAtlas) -> UnwrappedMesh {
     flat
 }
 
-/// Splits each primitive's vertices where charts part: one new vertex per (vertex, chart,
-/// position), in that order.
+/// Splits each primitive's vertices at chart borders: one new vertex per (vertex, chart, position),
+/// in that order.
 fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
     let mut first = 0;
     let primitives = mesh
@@ -587,7 +589,7 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
         .filter(|&i| scene.has_lumels(i))
         .collect();
     let lone = receiving.len() == 1;
-    // Charts made here keep their distance from the rectangle's border; an asset's own may touch
+    // Generated charts keep their distance from the rectangle's border; an asset's own may touch
     // it.
     let border = |mesh: usize| match layout.meshes[mesh].origin {
         UvOrigin::Kept if !lone => options.padding.div_ceil(2),
@@ -653,7 +655,7 @@ fn summarise(
         }
         if let Some(Adjusted::Huge) = density.adjusted {
             report.warnings.push(format!(
-                "{} is huge ({:.0} m2): {:.4} lumels per metre instead of {:.4}",
+                "{} is huge ({:.0} m2) and gets {:.4} lumels per metre instead of {:.4}",
                 mesh.label(),
                 density.area,
                 density.texels_per_unit,
@@ -671,19 +673,18 @@ fn summarise(
     if let (Some(asked), true) = (options.texels_per_unit, report.lumels > MANY_LUMELS) {
         let (lumels, label) = greediest;
         report.warnings.push(format!(
-            "{asked} lumels per metre make {:.1} million lumels, {:.1} of them on {label}; a density that is asked for is not \
-             thinned out on huge meshes, as the automatic one is (extras.lumel.density on the node does it)",
+            "{asked} lumels per metre give {:.1} million lumels, {:.1} million of them on {label}; unlike the automatic density, a requested one is not lowered on huge meshes (set extras.lumel.density on the node)",
             report.lumels * 1e-6,
             lumels * 1e-6
         ));
     }
 }
 
-/// Smallest, median and largest lumels per metre of all surfaces with lumels, by area.
+/// Minimum, median and maximum lumels per metre over all surfaces with lumels, weighted by area.
 fn densities(scene: &Scene, soup: &Soup, layout: &Layout) -> [f64; 3] {
-    /// Bins a factor e: 1 % each.
+    /// Bins per factor of e: 1 % each.
     const BINS: f64 = 100.0;
-    /// Logarithms of the densities that count: 1e-9 to 1e9.
+    /// Range of the histogram: ln(1e9) on either side of 1.
     const RANGE: f64 = 20.7;
     let mut area = vec![0.0f64; (2.0 * RANGE * BINS) as usize + 1];
     let (mut least, mut most) = (f64::INFINITY, 0.0f64);

@@ -1,14 +1,20 @@
-//! Lightmap charts, their layout on pages, and the lumels under it. No light is known here.
+//! Lightmap charts, their layout on pages, and lumels. This crate knows nothing about light.
 //!
-//! [`layout()`] gives every mesh charts, or keeps an asset's own coordinates where they can serve,
-//! and every instance a place on a page. [`Lumels`] lists the texels that have a surface, with the
-//! triangles under each.
+//! In reading order:
+//!
+//! | read | to learn about |
+//! |---|---|
+//! | [`layout()`], [`LayoutOptions`] | charts for every mesh (or the asset's own coordinates where they are valid), and a rectangle on a page for every instance |
+//! | [`Layout`], [`MeshAtlas`], [`Placement`] | the result |
+//! | [`Lumels`], [`Lumel`] | the texels that have a surface, and the triangles under each |
+//! | [`separate_unlike`] | instances of one mesh that need charts of their own |
+//! | [`UvFault`], [`overlap_share`] | faults of an asset's own coordinates |
 //!
 //! ```
 //! use atlas::{LayoutOptions, Lumels, layout, separate_unlike};
 //! use mesh_ingest::{LoadOptions, Soup, load};
 //!
-//! // A cube, seen from within.
+//! // A cube with inward-facing walls.
 //! let cube = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
 //! let mut scene = load(cube.as_ref(), &LoadOptions::default())?.scene;
 //! separate_unlike(&mut scene);
@@ -18,7 +24,7 @@
 //! assert_eq!(report.texels_per_unit, 8.0);
 //! let lumels = Lumels::find(&scene, &soup, &layout);
 //! let area: f32 = soup.areas.iter().sum();
-//! // Texels that reach over a chart's border are lumels too.
+//! // Texels that cross a chart's border are lumels too.
 //! assert!(lumels.lumels.len() as f32 >= 8.0 * 8.0 * area);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```

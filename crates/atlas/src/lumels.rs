@@ -1,4 +1,4 @@
-//! Finds the lumels: texels with a surface, and the triangles under each.
+//! Finds lumels, i.e. texels with a surface, and the triangles under each.
 
 use glam::{DVec2, Vec2};
 use mesh_ingest::{Scene, Soup};
@@ -7,10 +7,10 @@ use rayon::prelude::*;
 
 use crate::atlas::{Layout, MeshAtlas};
 
-/// A texel that lies at least in part on a surface.
+/// A texel that is at least partly covered by a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Lumel {
-    /// Page.
+    /// Page index.
     pub page: u32,
     /// Column and row on the page.
     pub texel: [u32; 2],
@@ -18,9 +18,9 @@ pub struct Lumel {
     pub instance: u32,
     /// First of its `count` fragments.
     pub first: u32,
-    /// How many triangles it touches.
+    /// Number of triangles that it touches.
     pub count: u32,
-    /// Share of the texel that lies on the surface, 0..=1.
+    /// Fraction of the texel covered by the surface, 0..=1.
     pub coverage: f32,
 }
 
@@ -29,31 +29,47 @@ pub struct Lumel {
 pub struct Fragment {
     /// Index into the [`Soup`].
     pub triangle: u32,
-    /// Page position of the triangle's world corners 0, 1, 2.
+    /// Page positions of the triangle's world corners 0, 1, 2.
     pub corners: [Vec2; 3],
-    /// The lumel lies on the triangle's back.
+    /// Whether the lumel is on the triangle's back.
     pub back: bool,
-    /// The face that the lumel belongs to: `triangle`, or a duplicate in its place (see
+    /// The face that the lumel belongs to: `triangle`, or a duplicate of it (see
     /// [`mesh_ingest::Duplicate`]).
     pub face: u32,
 }
 
 /// All lumels of a layout, in the order of instances, rows, columns.
+///
+/// ```
+/// use atlas::{LayoutOptions, Lumels, layout};
+/// use mesh_ingest::{LoadOptions, Soup, load};
+///
+/// let cube = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
+/// let scene = load(cube.as_ref(), &LoadOptions::default())?.scene;
+/// let soup = Soup::build(&scene);
+/// let options = LayoutOptions { texels_per_unit: Some(4.0), ..LayoutOptions::default() };
+/// let (layout, _) = layout(&scene, &soup, &options, &|_| true)?;
+/// let lumels = Lumels::find(&scene, &soup, &layout);
+/// for lumel in &lumels.lumels {
+///     assert!(lumel.coverage > 0.0 && lumels.fragments(lumel).count() == lumel.count as usize);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Default)]
 pub struct Lumels {
     /// The lumels.
     pub lumels: Vec<Lumel>,
-    /// Faces under them, by [`Lumel::first`] and [`Lumel::count`].
+    /// Faces under the lumels, indexed by [`Lumel::first`] and [`Lumel::count`].
     faces: Vec<u32>,
-    /// Page corners of each face; unused ones are NaN. Those of a duplicate are in the order of the
-    /// triangle in whose place it is.
+    /// Page corners of each face, NaN if unused. Corners of a duplicate are in the order of its
+    /// original triangle.
     corners: Vec<[Vec2; 3]>,
-    /// By duplicate: the triangle in whose place it is, and whether it lies on that one's back.
+    /// For each duplicate: its original triangle, and whether it faces the other way.
     duplicates: Vec<(u32, bool)>,
 }
 
 impl Lumels {
-    /// Rasterises every instance's charts. Memory: 24 bytes a face, 32 a lumel, 4 a fragment.
+    /// Rasterises every instance's charts. Memory: 24 bytes per face, 32 per lumel, 4 per fragment.
     pub fn find(scene: &Scene, soup: &Soup, layout: &Layout) -> Self {
         let parts: Vec<InstanceLumels> = (0..scene.instances.len())
             .into_par_iter()
@@ -102,13 +118,13 @@ impl Lumels {
         self.faces[lumel.first as usize]
     }
 
-    /// Page corners of a face, in the order of the world corners of the triangle in whose place it
-    /// is; NaN where it has none.
+    /// Page corners of a face, in the order of the world corners of its original triangle; NaN if
+    /// it has none.
     pub fn page_corners(&self, face: u32) -> [Vec2; 3] {
         self.corners[face as usize]
     }
 
-    /// Memory, bytes.
+    /// Memory in bytes.
     pub fn bytes(&self) -> u64 {
         (self.lumels.len() * size_of::<Lumel>()
             + self.faces.len() * 4
@@ -117,9 +133,9 @@ impl Lumels {
     }
 }
 
-/// Lumel at each texel.
+/// The lumel of each texel.
 pub struct TexelIndex {
-    /// By page: width, height, lumel number or `u32::MAX`.
+    /// Width, height, and lumel index or `u32::MAX` by texel, for each page.
     pages: Vec<(i64, i64, Vec<u32>)>,
 }
 
@@ -138,7 +154,7 @@ impl TexelIndex {
         TexelIndex { pages }
     }
 
-    /// The lumel at a texel, if there is one; the texel may lie outside of the page.
+    /// The lumel at a texel, if there is one; the texel may be outside the page.
     pub fn at(&self, page: u32, x: i64, y: i64) -> Option<usize> {
         let (w, h, texels) = &self.pages[page as usize];
         if x < 0 || y < 0 || x >= *w || y >= *h {
@@ -152,11 +168,11 @@ impl TexelIndex {
 struct InstanceLumels {
     lumels: Vec<Lumel>,
     faces: Vec<u32>,
-    /// By face of the instance, as [`faces_of`] lists them.
+    /// Corners of each face of the instance, in the order of [`faces_of`].
     corners: Vec<[Vec2; 3]>,
 }
 
-/// All faces of an instance: its triangles in the soup, and those that others take the place of.
+/// All faces of an instance: its triangles in the soup, and its duplicates of others.
 pub fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use<> {
     let [start, end] = soup.instance_ranges[instance];
     let [first, last] = soup.duplicate_ranges[instance];
@@ -164,8 +180,7 @@ pub fn faces_of(soup: &Soup, instance: usize) -> impl Iterator<Item = u32> + use
     (start..end).chain(n + first..n + last)
 }
 
-/// Less of a texel than this is no lumel: it shows on screen as less than that of a texel, and
-/// dilation gives it a value.
+/// A texel with less coverage is not a lumel: it is hardly visible, and dilation gives it a value.
 const LEAST_COVERAGE: f64 = 1e-4;
 
 fn rasterise_instance(
@@ -178,7 +193,7 @@ fn rasterise_instance(
     let atlas = &layout.meshes[scene.instances[instance].mesh];
     let size = [placement.rect.w, placement.rect.h];
     let mut corners = Vec::new();
-    // (texel in the rectangle, face, covered texel area)
+    // (Texel in the rectangle, face, covered area in texels.)
     let mut covered: Vec<(u32, u32, f32)> = Vec::new();
     for t in faces_of(soup, instance) {
         if size[0] == 0 || !scene.receives(instance, soup.source(t).primitive as usize) {
@@ -196,7 +211,7 @@ fn rasterise_instance(
         let offset = Vec2::new(placement.rect.x as f32, placement.rect.y as f32);
         corners.push(uv.map(|p| p + offset));
     }
-    covered.sort_by_key(|c| c.0); // stable: triangles stay in order
+    covered.sort_by_key(|c| c.0); // Stable, so triangles stay in order.
     let mut out = InstanceLumels {
         lumels: Vec::new(),
         faces: Vec::with_capacity(covered.len()),
@@ -224,8 +239,8 @@ fn rasterise_instance(
     out
 }
 
-/// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; of a duplicate, in the
-/// order of the triangle in whose place it is.
+/// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; for a duplicate, in the
+/// order of its original triangle.
 fn corners_of(soup: &Soup, atlas: &MeshAtlas, face: u32) -> [Vec2; 3] {
     let source = soup.source(face);
     let primitive = &atlas.primitives[source.primitive as usize];

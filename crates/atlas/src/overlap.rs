@@ -1,4 +1,4 @@
-//! What of an atlas lies on what: triangles over triangles, charts beside charts.
+//! Overlap of triangles in an atlas, and bleeding between charts.
 
 use glam::Vec2;
 use patch_subdivision::raster::cover_triangle;
@@ -6,29 +6,37 @@ use patch_subdivision::raster::cover_triangle;
 /// No triangle or chart at a texel.
 const NOBODY: u32 = u32::MAX;
 
-/// Two charts or more at a texel.
+/// Two or more charts at a texel.
 const SEVERAL: u32 = u32::MAX - 1;
 
-/// Less of a texel than this is not there: rounding of corners that lie on texel borders.
+/// Area in texels that is neglected as rounding of corners on texel borders.
 const LEAST_AREA: f64 = 1e-6;
 
-/// Share of the covered texel centres that lie inside two triangles or more, 0..=1.
+/// Fraction of the covered texel centres that are inside two or more triangles, 0..=1.
 ///
-/// `corners` in texels of a `size` grid. A centre within 1e-3 texel of an edge counts for neither
-/// side. The work is the triangles' height plus their area in texels.
+/// `corners` are in texels of a `size` grid. A centre within 1e-3 texels of an edge counts as
+/// outside. The cost is proportional to the triangles' height plus their area in texels.
+///
+/// ```
+/// use glam::Vec2;
+///
+/// let triangle = [Vec2::ZERO, Vec2::new(8.0, 0.0), Vec2::new(0.0, 8.0)];
+/// assert_eq!(atlas::overlap_share(&[triangle], [8, 8]), 0.0);
+/// assert_eq!(atlas::overlap_share(&[triangle, triangle], [8, 8]), 1.0);
+/// ```
 pub fn overlap_share(corners: &[[Vec2; 3]], size: [u32; 2]) -> f64 {
     Overlaps::find(corners, size).share()
 }
 
-/// Which texel centres lie inside more than one triangle.
+/// Texel centres that are inside more than one triangle.
 pub(crate) struct Overlaps {
     /// Covered texels.
     pub covered: u64,
-    /// Those covered more than once.
+    /// Texels covered more than once.
     pub twice: u64,
-    /// For each triangle, how many of its texels an earlier one covers already.
+    /// For each triangle, the number of its texels that an earlier triangle covers.
     pub by_triangle: Vec<u32>,
-    /// For each triangle with such texels, the first of them and the triangle that has it.
+    /// For each triangle with such texels, the first of them and the earlier triangle.
     pub first: Vec<([u32; 2], u32)>,
 }
 
@@ -36,7 +44,7 @@ impl Overlaps {
     /// Rasterises triangles given in texels of a `size` grid.
     pub fn find(corners: &[[Vec2; 3]], size: [u32; 2]) -> Overlaps {
         let [w, h] = size.map(|s| s.max(1) as usize);
-        // The top bit marks texels that were counted as covered twice.
+        // The top bit marks texels that already count as covered twice.
         const AGAIN: u32 = 1 << 31;
         let mut owner = vec![NOBODY; w * h];
         let mut out = Overlaps {
@@ -66,13 +74,13 @@ impl Overlaps {
         out
     }
 
-    /// Share of the covered texels that are covered more than once.
+    /// Fraction of the covered texels that are covered more than once.
     pub fn share(&self) -> f64 {
         self.twice as f64 / self.covered.max(1) as f64
     }
 }
 
-/// Calls `f(column, row)` for each texel of the grid whose centre lies more than 1e-3 texel inside
+/// Calls `f(column, row)` for each texel of the grid whose centre is more than 1e-3 texels inside
 /// the triangle.
 pub fn for_each_texel(corners: &[Vec2; 3], size: [u32; 2], mut f: impl FnMut(u32, u32)) {
     const INSET: f64 = 1e-3;
@@ -104,23 +112,23 @@ pub fn for_each_texel(corners: &[Vec2; 3], size: [u32; 2], mut f: impl FnMut(u32
     }
 }
 
-/// Where a bilinear lookup on one chart reads lumels of another.
+/// Bilinear lookups on one chart that read lumels of another.
 pub struct Bleeding {
     /// Covered area, texels.
     pub covered: f64,
-    /// The part of it, by triangle, whose lookups read other charts, texels.
+    /// Area, by triangle, whose lookups read other charts, texels.
     pub by_triangle: Vec<f64>,
-    /// Middle of the largest such part of each triangle, texels, and its area.
+    /// Centre and area of the largest such region of each triangle, texels.
     pub at: Vec<(Vec2, f64)>,
 }
 
 impl Bleeding {
     /// `corners` in texels of a `size` grid; `chart` of each triangle.
     ///
-    /// A lookup reads the four texels whose centres are around it, so which they are hangs on the
-    /// quarter of the texel that it falls into: charts are rasterised as areas of quarters. Texels
-    /// count as a chart's if any of it lies there. `mark` is called with the column and row, in
-    /// half texels, of each quarter that has such lookups.
+    /// A lookup reads the four texels around it, so the quarter of a texel that it falls into
+    /// determines them. Charts are therefore rasterised in quarter texels. A texel belongs to a
+    /// chart if any of the chart is in it. `mark` is called for each affected quarter with its
+    /// column and row in half texels.
     pub fn find(
         corners: &[[Vec2; 3]],
         chart: &[u32],
@@ -163,8 +171,8 @@ impl Bleeding {
                 if part < LEAST_AREA {
                     return;
                 }
-                // Column or row of the texel, and of the other one that is read on this side of its
-                // middle.
+                // Columns (or rows) of the texel and of the neighbour that is read on this side of
+                // its centre.
                 let pair = |q: u32| {
                     let own = i64::from(q / 2);
                     [own, own + if q.is_multiple_of(2) { -1 } else { 1 }]
@@ -184,7 +192,7 @@ impl Bleeding {
         out
     }
 
-    /// Share of the covered area whose lookups read other charts.
+    /// Fraction of the covered area whose lookups read other charts.
     pub fn share(&self) -> f64 {
         self.by_triangle.iter().sum::<f64>() / self.covered.max(f64::MIN_POSITIVE)
     }
@@ -209,12 +217,12 @@ mod tests {
 
     #[test]
     fn charts_on_texel_borders_bleed_unless_a_texel_lies_between() {
-        // Half a texel of each side's four, along the whole border.
+        // Half a texel on each side's four, along the whole border.
         assert_eq!(bleeding(0.0), 1.0 / 8.0);
         assert_eq!(bleeding(1.0), 0.0);
         assert_eq!(bleeding(2.0), 0.0);
-        // Off the borders a gap of one texel is too little: the second begins in the texel that the
-        // first reads.
+        // Off texel borders a gap of one texel is too small: the second chart begins in the texel
+        // that lookups on the first read.
         assert!(bleeding(0.5) > 0.0);
     }
 
@@ -222,7 +230,7 @@ mod tests {
     fn one_triangle_over_another_is_found_with_its_place() {
         let corners = [square(0.0, 0.0, 8.0), square(6.0, 6.0, 8.0)].concat();
         let found = Overlaps::find(&corners, [16, 16]);
-        // 64 + 64 less 4 common ones; centres on the diagonals belong to nobody.
+        // 64 + 64 texels minus 4 common ones; centres on the diagonals belong to neither.
         assert_eq!(found.twice, 2);
         let total: u32 = found.by_triangle.iter().sum();
         assert_eq!(total, 2);

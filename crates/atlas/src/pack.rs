@@ -1,28 +1,35 @@
-//! Packing of rectangles into pages.
+//! Packs rectangles into pages.
 
 use guillotiere::{AllocatorOptions, SimpleAtlasAllocator, size2};
 
-/// From how many rectangles on to pack in rows. A guillotine packing searches its free list for
-/// every rectangle, which grows quadratic (10 ms for 6000); from thousands on rows of falling
-/// height fill the page as well (both 97 %).
+/// Number of rectangles from which they are packed in rows. Guillotine packing searches its free
+/// list for every rectangle, which takes quadratic time (10 ms for 6000). For thousands of
+/// rectangles, rows of decreasing height fill the page equally well (both 97 %).
 const ROWS_FROM: usize = 8000;
 
-/// Rectangles on as many pages as they need.
+/// Rectangles packed on one or more pages.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PackedPages {
     /// Page and top left corner of each rectangle, in the order given.
     pub places: Vec<(u32, [u32; 2])>,
-    /// Width and height of each page: multiples of the block, except for a lone rectangle, whose
-    /// page is exactly as large as it is.
+    /// Width and height of each page: multiples of the block, except for a single rectangle, whose
+    /// page has exactly its size.
     pub pages: Vec<[u32; 2]>,
 }
 
 /// Packs `sizes` (width, height ≥ 1) without rotation into pages of at most `max_page` ×
-/// `max_page`. Rectangles begin on blocks of `block` texels (0 or 1: anywhere), and none shares a
-/// block with another.
+/// `max_page`. Rectangles start at multiples of `block` texels (0 or 1: anywhere) and share no
+/// block.
 ///
-/// One page, nearly square and as tight as found, if that is enough; otherwise full pages and a
-/// tight last one. The same input gives the same output. `None` if a rectangle exceeds the page.
+/// If one page is enough, it is nearly square and as tight as the search finds; otherwise there are
+/// full pages and a tight last one. Deterministic. `None` if a rectangle exceeds the page.
+///
+/// ```
+/// let packed = atlas::pack_pages(&[[6, 4], [2, 4]], 64, 4).expect("both fit");
+/// assert_eq!(packed.pages.len(), 1);
+/// // Each rectangle starts on a block of 4 × 4 texels.
+/// assert!(packed.places.iter().all(|(_, at)| at[0] % 4 == 0 && at[1] % 4 == 0));
+/// ```
 pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32, block: u32) -> Option<PackedPages> {
     if sizes.iter().flatten().any(|&s| s > max_page) {
         return None;
@@ -37,8 +44,8 @@ pub fn pack_pages(sizes: &[[u32; 2]], max_page: u32, block: u32) -> Option<Packe
         }
         _ => {}
     }
-    // In whole blocks. One that does not fit a page of whole blocks (its size is limited by a page
-    // that is none) goes without.
+    // Computed in whole blocks, unless a rectangle only fits without blocks because the page limit
+    // is not a multiple of them.
     let block = block.max(1);
     let blocks: Vec<[u32; 2]> = sizes.iter().map(|s| s.map(|x| x.div_ceil(block))).collect();
     if blocks.iter().flatten().any(|&s| s > max_page / block) {
@@ -85,21 +92,21 @@ fn in_units(sizes: &[[u32; 2]], max_page: u32) -> PackedPages {
     result
 }
 
-/// Indices of `sizes`, tallest first, then widest, then as given.
+/// Indices of `sizes`, tallest first, then widest, then in the given order.
 fn by_height(sizes: &[[u32; 2]]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse((sizes[i][1], sizes[i][0])), i));
     order
 }
 
-/// The smallest page found that holds all of `order`, with their corners in that order.
+/// The smallest page found for all of `order`, and their corners in that order.
 fn tight_page(
     sizes: &[[u32; 2]],
     order: &[usize],
     max_page: u32,
 ) -> Option<([u32; 2], Vec<[u32; 2]>)> {
-    /// Width over the side of the square of equal area: a little wide or tall may fit better, more
-    /// than 4 : 3 is no longer "roughly square".
+    /// Widths relative to the square of equal area. Slightly wide or tall pages may fit better;
+    /// beyond 4 : 3 a page is no longer roughly square.
     const WIDTHS: [f64; 5] = [1.0, 0.93, 1.07, 0.87, 1.15];
     let area: f64 = order
         .iter()
@@ -111,7 +118,7 @@ fn tight_page(
     let largest = |axis: usize| order.iter().map(|&i| sizes[i][axis]).max().unwrap_or(1);
     let round = |x: u32| x.min(max_page);
     let (widest, tallest) = (largest(0), largest(1));
-    // Grow the page by 1.5 % a side until something fits.
+    // Grow the page by 1.5 % per side until everything fits.
     let mut side = area.sqrt();
     loop {
         let mut best: Option<([u32; 2], Vec<[u32; 2]>)> = None;
@@ -146,8 +153,8 @@ fn page_area(page: [u32; 2]) -> u64 {
     u64::from(page[0]) * u64::from(page[1])
 }
 
-/// Places what fits of `order` on one page. With `all`, stops at the first that does not fit (a
-/// shorter list returns).
+/// Places what fits of `order` on one page. With `all`, stops at the first rectangle that does not
+/// fit and returns a shorter list.
 fn fill(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2], all: bool) -> Vec<Option<[u32; 2]>> {
     if order.len() >= ROWS_FROM {
         return rows(sizes, order, page);
@@ -172,7 +179,8 @@ fn fill(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2], all: bool) -> Vec<O
     placed
 }
 
-/// Rows of falling height: each rectangle goes to the end of the current row, else opens the next.
+/// Rows of decreasing height: each rectangle goes to the end of the current row, or starts the
+/// next.
 fn rows(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2]) -> Vec<Option<[u32; 2]>> {
     let (mut x, mut y, mut height) = (0u32, 0u32, 0u32);
     order
@@ -183,8 +191,8 @@ fn rows(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2]) -> Vec<Option<[u32;
                 return None;
             }
             if x + w > page[0] {
-                // Saturates: once a page is full, every later (lower) rectangle is checked against
-                // this row.
+                // Saturates because, once a page is full, all later (lower) rectangles are tested
+                // against this row.
                 y = y.saturating_add(height);
                 (x, height) = (0, 0);
             }

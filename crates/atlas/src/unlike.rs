@@ -1,54 +1,52 @@
-//! Instances of one mesh that are too unlike to share lumels.
+//! Separates instances of one mesh that differ too much to share lumels.
 //!
-//! All instances of a mesh share its charts and the size of its rectangle. That is right for
-//! copies, and for rocks somewhat larger or smaller; but where a level is built of one cube, the
-//! floor's charts have sides a texel wide, and a crate with these has no lumels on its sides. Such
-//! instances get a copy of the mesh, with charts of its own.
+//! All instances of a mesh share its charts and the size of its rectangle. This works for copies,
+//! and for rocks of slightly different sizes. But if a level is built from one cube, the sides of a
+//! floor are one texel wide, and a crate with the same charts would have no lumels on its sides.
+//! Such instances get a copy of the mesh with its own charts.
 
 use glam::{DMat3, DVec3};
 use mesh_ingest::{Mesh, Scene};
 
 use crate::density::shape_of;
 
-/// In no direction of its surface has an instance less than this share of the lumels per metre that
-/// it asks for …
+/// Along every direction of its surface, an instance has at least this fraction of its requested
+/// lumels per metre …
 const LEAST: f64 = 0.5;
 
-/// … nor, while there are copies to be had, more than this many times as many. Too many are no
-/// fault of the picture, only waste, which is weighed against a mesh more in the written file.
+/// … and, while copies are available, at most this multiple. Excess lumels are only wasteful, so
+/// this is weighed against another mesh in the written file.
 const MOST: f64 = 8.0;
 
-/// Copies of one mesh for one density factor, the first included. A mesh whose instances all differ
-/// is shared by those that are least unlike.
+/// Most copies of one mesh per density factor, including the first. Beyond this, the most similar
+/// instances share a mesh.
 const COPIES: usize = 8;
 
-/// Triangles of a mesh that are looked at, evenly spread over its list: its edges give the
-/// directions of its surface.
+/// Number of triangles, evenly distributed over the mesh's list, whose edges are the tested
+/// directions.
 const SAMPLES: usize = 64;
 
-/// Instances that must share whatever they are like: one, or the copies of one node
-/// (`EXT_mesh_gpu_instancing`).
+/// Instances that must share a mesh: one, or the copies of one node (`EXT_mesh_gpu_instancing`).
 struct Group {
     instances: Vec<usize>,
-    /// Shape and density factor of the one that wants most.
+    /// Shape and density factor of the instance that needs the most lumels.
     shape: DMat3,
     factor: f32,
     demand: f64,
 }
 
-/// Groups that share a mesh, by the first of them.
+/// Groups that share a mesh, represented by the first of them.
 struct Class {
     shape: DMat3,
     factor: f32,
     mesh: usize,
 }
 
-/// Appends copies of meshes to `scene`, so that instances which share one are alike: see the
-/// constants of this module. Returns how many.
+/// Appends copies of meshes to `scene`, so that instances that share a mesh are similar (see this
+/// module's constants). Returns the number of copies.
 ///
-/// Who asks for another density always gets it: instances share a mesh only if their factors are
-/// equal. Depends on the instances' shapes and density factors only. What has no lumels stays with
-/// the mesh that it had.
+/// Instances with different density factors never share a mesh. The result depends only on the
+/// instances' shapes and density factors. Instances without lumels keep their mesh.
 pub fn separate_unlike(scene: &mut Scene) -> usize {
     let mut by_mesh: Vec<Vec<usize>> = vec![Vec::new(); scene.meshes.len()];
     for i in (0..scene.instances.len()).filter(|&i| scene.has_lumels(i)) {
@@ -61,7 +59,7 @@ pub fn separate_unlike(scene: &mut Scene) -> usize {
         }
         let edges = edges(scene, &scene.meshes[mesh]);
         let mut groups = groups(scene, &instances, &edges);
-        // Stable: of equals the first in the scene leads.
+        // Stable, so of equal groups the first in the scene leads.
         groups.sort_by(|a, b| b.demand.total_cmp(&a.demand));
         let mut classes: Vec<Class> = Vec::new();
         for group in groups {
@@ -93,7 +91,7 @@ fn choose(classes: &[Class], group: &Group, edges: &[DVec3]) -> Option<usize> {
     let mut count = 0;
     for class in classes.iter().filter(|c| c.factor == group.factor) {
         count += 1;
-        // How far beyond the bounds the worst direction is.
+        // How far the worst direction exceeds the bounds.
         let excess = edges.iter().fold(1.0f64, |worst, &e| {
             let given = (class.shape * e).length() / (group.shape * e).length();
             worst.max(LEAST / given).max(given / MOST)
@@ -115,7 +113,7 @@ fn groups(scene: &Scene, instances: &[usize], edges: &[DVec3]) -> Vec<Group> {
         let shape = shape_of(&instance.transform);
         let lumels = shape * f64::from(instance.density);
         let demand = edges.iter().map(|&e| (lumels * e).length_squared()).sum();
-        // Copies of a node follow each other.
+        // Copies of a node are consecutive.
         let before = groups.last_mut().filter(|g| {
             instance.copy.is_some() && scene.instances[g.instances[0]].node == instance.node
         });
@@ -138,7 +136,7 @@ fn groups(scene: &Scene, instances: &[usize], edges: &[DVec3]) -> Vec<Group> {
     groups
 }
 
-/// Edges of triangles that receive light, each as long as the root of its triangle's area in the
+/// Edges of triangles that receive light, scaled to the square root of the triangle's area in the
 /// mesh.
 fn edges(scene: &Scene, mesh: &Mesh) -> Vec<DVec3> {
     let receiving = || {

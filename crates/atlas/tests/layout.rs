@@ -18,7 +18,7 @@ fn lay_out(scene: &(Scene, Soup), options: &LayoutOptions) -> (Layout, LayoutRep
     (result, report)
 }
 
-/// Lays one mesh out and checks everything that must hold of any generated atlas.
+/// Lays out one mesh and checks the invariants of any generated atlas.
 fn lay_out_lone(mesh: Mesh, options: &LayoutOptions) -> (Layout, LayoutReport) {
     let (result, report) = lay_out(&lone(mesh), options);
     check_generated(&result.meshes[0], options.padding);
@@ -27,9 +27,9 @@ fn lay_out_lone(mesh: Mesh, options: &LayoutOptions) -> (Layout, LayoutReport) {
 
 #[test]
 fn a_rectangle_is_one_chart_on_whole_texels() {
-    // 3.05 x 4 m at 10 lumels per metre: 30.5 x 40 texels, and a texel all round: 32.5 x 42, in
-    // whole blocks of 4. At 22 lumels per metre both sides are above 64 texels, and borders lie on
-    // texel borders.
+    // 3.05 × 4 m at 10 lumels per metre is 30.5 × 40 texels; with one texel all round 32.5 × 42, in
+    // whole blocks of 4. At 22 lumels per metre both sides exceed 64 texels, so borders are aligned
+    // to texel borders.
     let (small, _) = lay_out_lone(plane(3.05, 4.0), &at_density(10.0));
     let mut size = small.meshes[0].size;
     size.sort_unstable();
@@ -69,7 +69,7 @@ fn a_smooth_sphere_is_flattened_without_overlap_and_with_little_stretch() {
     let (_, report) = lay_out_lone(sphere(24, 2.0), &at_density(12.0));
     let m = &report.meshes[0];
     assert!(m.charts <= 16, "{m:?}");
-    // 1 is an isometry; uvunwrap splits charts whose area is off by more than 4.
+    // 1 is an isometry; uvunwrap splits charts whose area is off by more than a factor of 4.
     assert!(m.stretch < 1.15, "{m:?}");
     assert!((m.density[1] - 12.0).abs() < 1.2, "{m:?}");
     assert_eq!(m.flipped, 0);
@@ -107,7 +107,7 @@ fn equal_charts_are_packed_into_a_square_rather_than_a_strip() {
 
 #[test]
 fn primitives_are_flattened_together_and_never_share_a_chart() {
-    // Two halves of one floor, in two primitives with vertices of their own.
+    // Two halves of a floor as two primitives with separate vertices.
     let mut floor = plane(2.0, 2.0);
     let mut other = plane(2.0, 2.0).primitives.remove(0);
     for p in &mut other.positions {
@@ -185,8 +185,8 @@ fn blocks_are_kept_by_rectangles_pages_and_charts() {
 
 #[test]
 fn coplanar_pieces_that_share_parts_of_edges_become_one_chart() {
-    // A floor of one large and three small slabs that share no vertex but the outer ones; 0.4 m is
-    // two lumels.
+    // A floor of one large and three small slabs that only share the outer vertices; 0.4 m is two
+    // lumels.
     let mut positions = Vec::new();
     let mut triangles = Vec::new();
     for [x, z, w, d] in [
@@ -202,7 +202,7 @@ fn coplanar_pieces_that_share_parts_of_edges_become_one_chart() {
     }
     let (result, report) = lay_out_lone(mesh(positions, triangles), &at_density(5.0));
     assert_eq!(report.meshes[0].charts, 1);
-    // The pieces lie as they do in space: distances between their corners are kept.
+    // The pieces are placed as in space: distances between their corners are preserved.
     let atlas = &result.meshes[0].primitives[0];
     let uv = |v: u32| atlas.uv[atlas.xref.iter().position(|&x| x == v).expect("a copy")];
     let flat = uv(0).distance(uv(14));
@@ -231,7 +231,7 @@ fn a_ring_is_cut_rather_than_laid_around_nothing() {
 
 #[test]
 fn a_non_uniformly_scaled_instance_gets_charts_of_its_world_shape() {
-    // A unit square stretched to 8 x 2 m, turned and mirrored: 80 x 20 lumels.
+    // A unit square stretched to 8 × 2 m, rotated and mirrored: 80 × 20 lumels.
     let transform = DAffine3::from_rotation_y(0.7)
         * DAffine3::from_scale(DVec3::new(-8.0, 3.0, 2.0))
         * DAffine3::from_translation(DVec3::new(5.0, 1.0, -3.0));
@@ -239,7 +239,7 @@ fn a_non_uniformly_scaled_instance_gets_charts_of_its_world_shape() {
     let (result, report) = lay_out(&case, &at_density(10.0));
     let mut size = result.meshes[0].size;
     size.sort_unstable();
-    // 80 x 20, and what lookups read beyond: a texel in all, or one on either side.
+    // 80 × 20 plus what lookups read beyond: one texel in total, or one on either side.
     assert_eq!(size, [24, 84]);
     assert!((report.meshes[0].density[1] - 10.0).abs() < 0.01);
     check_generated(&result.meshes[0], 2);
@@ -290,10 +290,10 @@ fn a_huge_plane_is_capped_and_small_things_get_their_lumels() {
     );
     let (result, report) = lay_out(&case, &LayoutOptions::default());
     let texels = |m: usize| f64::from(result.meshes[m].size[0] * result.meshes[m].size[1]);
-    // A quarter of 200,000, and the border and rounding of a square of 224 texels.
+    // A quarter of 200,000, plus the border and rounding of a square of 224 texels.
     assert!(texels(0) < 50_000.0 * 1.05, "{}", texels(0));
     assert!(texels(0) > 40_000.0);
-    // At the plane's own density a crate would have 10 m2 * 0.012 = 0.1 lumels; contrast is limited
+    // At the plane's own density a crate would have 10 m² × 0.012 = 0.1 lumels; contrast is limited
     // to 32.
     assert!(report.meshes[1].density[1] > 30.0 * report.meshes[0].density[1]);
     assert!(result.meshes[2].size.iter().all(|&s| s >= 4));
@@ -309,8 +309,8 @@ fn the_budget_is_met_and_a_mesh_too_large_for_the_page_is_lowered() {
         &lone(cuboid(Vec3::new(8.0, 3.0, 6.0))),
         &LayoutOptions::default(),
     );
-    // Rounding of the density to three digits and of borders to whole texels.
-    // Half a step of the preferred numbers, 7 % with their own rounding, squared.
+    // Half a step of the preferred numbers (7 % with their own rounding), squared, plus the
+    // rounding of borders to whole texels.
     assert!(
         (report.lumels - 200_000.0).abs() < 30_000.0,
         "{}",

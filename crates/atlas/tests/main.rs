@@ -1,5 +1,5 @@
-//! Tests of charts and pages, in one program: linking is what costs, and each file of its own would
-//! be linked with everything below it once more.
+//! Tests of charts and pages as one program, because linking each file separately takes most of the
+//! time.
 
 mod common;
 mod layout;

@@ -1,5 +1,5 @@
-//! Every mesh that an unwrapper may break on gets charts: inside the page, apart, not turned over,
-//! the same each time.
+//! Every mesh that may break an unwrapper gets charts: inside the page, separated, not inverted,
+//! and deterministic.
 
 use crate::common::nasty::nasty;
 use crate::common::*;
@@ -25,8 +25,7 @@ fn thirty_nasty_meshes_get_sound_charts() {
         check_generated(&result.meshes[0], 2);
         let m = &report.meshes[0];
         assert_eq!(m.flipped, 0, "{name}");
-        // Without any area, or none to speak of, there is nothing to cut into charts but points and
-        // lines: uvunwrap refuses.
+        // (Almost) zero-area meshes only consist of points and lines, so uvunwrap refuses them.
         let expected = match name {
             "all vertices equal" | "all on a line" | "slivers of 1e6" => "box",
             _ => "uvunwrap",

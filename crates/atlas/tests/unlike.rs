@@ -1,4 +1,4 @@
-//! Densities of nodes, and instances of one mesh that are too unlike to share charts.
+//! Density factors of nodes, and instances of one mesh that differ too much to share charts.
 
 use crate::common::*;
 use atlas::{LayoutOptions, layout, separate_unlike};
@@ -38,16 +38,16 @@ fn a_floor_and_a_crate_made_of_one_cube_get_charts_of_their_own() {
     let cube = || cuboid(Vec3::ONE);
     let instances = transforms.into_iter().map(|t| (0, t)).collect();
     let (mut scene, soup) = scene(vec![cube()], instances);
-    // What it is for: before, the crate's four sides have a lumel in height.
+    // With shared charts the crate's four sides are one lumel high.
     let (shared, _) = layout(&scene, &soup, &at_density(4.0), &|_| true).expect("a layout");
     assert_eq!(shared.placements[0].rect.w, shared.placements[1].rect.w);
     assert_eq!(separate_unlike(&mut scene), 1);
-    // The largest keeps the mesh; what is like it shares it.
+    // The largest instance keeps the mesh; similar ones share it.
     assert_eq!(meshes(&scene), [1, 0, 1, 0]);
     let soup = Soup::build(&scene);
     let (apart, report) = layout(&scene, &soup, &at_density(4.0), &|_| true).expect("a layout");
     check_placements(&scene, &apart);
-    // Six sides of 4 × 4 and the shear of the turned one, padded: far below the floor's 80 × 80.
+    // Six sides of 4 × 4 and the shear of the rotated one, padded: far below the floor's 80 × 80.
     let size = |i: usize| apart.placements[i].rect.w * apart.placements[i].rect.h;
     assert!(
         (6 * 16..6 * 100).contains(&size(0)),
@@ -61,7 +61,7 @@ fn a_floor_and_a_crate_made_of_one_cube_get_charts_of_their_own() {
 
 #[test]
 fn instances_that_are_alike_go_on_sharing_a_mesh() {
-    // Sizes within a factor of two, turned and mirrored; a flat mesh may be any height.
+    // Sizes within a factor of two, rotated and mirrored; a flat mesh may have any height.
     let transforms = [
         scaled(1.0, 1.0, 1.0),
         scaled(0.55, 0.55, 0.55) * DAffine3::from_rotation_x(1.0),
@@ -70,7 +70,7 @@ fn instances_that_are_alike_go_on_sharing_a_mesh() {
     ];
     let instances = transforms.into_iter().map(|t| (0, t)).collect();
     let (mut scene, _) = scene(vec![plane(3.0, 2.0)], instances);
-    // The second is turned after scaling, so nothing but its size is other.
+    // The second is rotated after scaling, so only its size differs.
     assert_eq!(separate_unlike(&mut scene), 0);
     assert_eq!(meshes(&scene), [0, 0, 0, 0]);
 }
@@ -126,8 +126,8 @@ fn a_factor_is_relative_to_the_scenes_density_and_changes_nobody_else() {
         let (same, widths) = plan(&[1.0, 0.6, 4.0]);
         assert_eq!(base, same, "factors do not move the scene's density");
         assert_eq!(widths[0], plain[0]);
-        // A border of a texel on both sides, and the rounding of the chart to whole ones; without
-        // blocks.
+        // The tolerance is a texel on both sides and the rounding of the chart to whole texels;
+        // without blocks.
         for (width, factor) in [(widths[1], 0.6), (widths[2], 4.0)] {
             let wanted = 4.0 * base * factor;
             assert!(
@@ -171,8 +171,8 @@ fn coordinates_depend_on_neither_company_order_nor_unit() {
             let same = print(&mut many, 1.0, i) == alone;
             assert!(same, "mesh {i} in order {order:?}");
         }
-        // Millimetres and kilometres, by the node's scale. (By the vertices themselves rounding
-        // differs: docs/uvs.md.)
+        // Millimetres and kilometres by the node's scale. (With scaled vertices, rounding would
+        // differ.)
         for unit in [1e-3, 1e3] {
             let node = vec![(0, DAffine3::from_scale(DVec3::splat(unit)))];
             let mut by_node = scene(vec![shapes().remove(i)], node).0;

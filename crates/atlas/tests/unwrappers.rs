@@ -31,8 +31,8 @@ fn every_unwrapper_keeps_what_the_trait_promises() {
             let (result, report) = run();
             check_generated(&result.meshes[0], 2);
             assert_eq!(result.meshes[0].origin, UvOrigin::Generated);
-            // A chart whose density is off by more than a third would show as blur; single slivers
-            // may be.
+            // A chart whose density is off by more than a third would look blurred; single slivers
+            // may be off.
             let m = &report.meshes[0];
             assert!(m.stretch < 1.3, "{unwrapper:?} {m:?}");
             assert_eq!(
@@ -62,8 +62,8 @@ fn xatlas_refuses_what_it_would_choke_on_and_another_takes_over() {
     }
 }
 
-/// A terrain in one chart took time with the square of its triangles; in pieces it does not, and
-/// the pieces are still large charts.
+/// A terrain in one chart takes quadratic time; in pieces it does not, and the pieces are still
+/// large.
 #[test]
 fn xatlas_gets_large_charts_in_pieces() {
     let sheet = plane_of(90);
@@ -75,8 +75,7 @@ fn xatlas_gets_large_charts_in_pieces() {
     let (result, report) = layout(&case.0, &case.1, &options, &|_| true).expect("a layout");
     assert_eq!(report.meshes[0].unwrapper, Some("xatlas"));
     check_generated(&result.meshes[0], 2);
-    // 16,200 triangles are halved four times to come below 2,000; xatlas may cut
-    // a piece once more.
+    // 16,200 triangles are halved four times to fall below 2,000; xatlas may cut a piece once more.
     assert!(
         (2..=32).contains(&report.meshes[0].charts),
         "{}",
@@ -121,7 +120,7 @@ fn thousands_of_rectangles_are_packed_tight_apart_and_the_same_each_time() {
         }
         let filled = taken.iter().flatten().filter(|&&t| t).count() as f64;
         let total: usize = taken.iter().map(Vec::len).sum();
-        // A regression bound: measured 0.94 to 0.98 for 300 and more.
+        // A regression bound: the measured values are 0.94 to 0.98 for 300 and more.
         if count >= 300 && block == 1 {
             assert!(
                 filled / total as f64 > 0.85,

@@ -1,12 +1,12 @@
-//! Faults of an asset's own TEXCOORD_1: each with a mesh that has it, the place where it is, and
-//! what follows.
+//! Faults of an asset's own TEXCOORD_1: a mesh with each fault, the reported place, and the
+//! consequence.
 
 use crate::common::*;
 use atlas::{LayoutOptions, MeshReport, Severity, UvFault, UvFaultKind, UvMode, UvOrigin, layout};
 use glam::{Vec2, Vec3};
 use mesh_ingest::Mesh;
 
-/// Quads of one metre in the plane z = 0, a metre apart, each with coordinates of its own, in one
+/// Quads of one metre in the plane z = 0, one metre apart, each with its own coordinates, in one
 /// primitive.
 fn quads(uv: &[[Vec2; 4]]) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
@@ -25,7 +25,7 @@ fn quads(uv: &[[Vec2; 4]]) -> Mesh {
     mesh
 }
 
-/// A square of the atlas, in the corners' order of `quads` with v up.
+/// A square of the atlas, in the corner order of `quads` with v up.
 fn square(u: f32, v: f32, side: f32) -> [Vec2; 4] {
     [
         Vec2::new(u, v),
@@ -80,7 +80,7 @@ fn an_overlap_is_replaced_and_its_place_told() {
     let (report, warnings) = report_of(mesh(), 50.0, UvMode::Auto);
     let found = fault(&report, UvFaultKind::Overlap);
     assert_eq!(found.severity, Severity::Bad);
-    // 0.04 of 0.28, on a grid of 256 × 256 (102 texels a side): whole rows of centres.
+    // 0.04 of 0.28, on a grid of 256 × 256 (102 texels per side): whole rows of centres.
     assert!((found.share - 1.0 / 7.0).abs() < 0.01, "{found:?}");
     let worst = found.worst.expect("a place");
     let [u, v] = worst.uv.expect("finite");
@@ -95,7 +95,7 @@ fn an_overlap_is_replaced_and_its_place_told() {
         "{warnings:?}"
     );
     assert!(warnings[0].contains("triangle 2") || warnings[0].contains("triangle 3"));
-    // Whoever insists gets them, with a warning.
+    // `Keep` keeps them with a warning.
     let (report, warnings) = report_of(mesh(), 50.0, UvMode::Keep);
     assert_eq!(report.origin, UvOrigin::Kept);
     assert!(
@@ -124,7 +124,7 @@ fn coordinates_out_of_range_or_not_finite_are_never_kept() {
         let (report, _) = report_of(nan.clone(), 50.0, mode);
         let found = fault(&report, UvFaultKind::NotFinite);
         assert_eq!(found.severity, Severity::Unusable);
-        // Vertex 6 is the third corner of quad 1: both of its triangles have it.
+        // Vertex 6 is the third corner of quad 1, which both of its triangles have.
         assert_eq!(
             (found.triangles, found.worst.map(|w| w.triangle)),
             (2, Some(2))
@@ -161,8 +161,8 @@ fn surface_without_area_in_the_atlas_is_told_with_its_share() {
 
 #[test]
 fn charts_too_near_for_the_size_are_warned_about_at_that_size_only() {
-    // A hundredth of the atlas apart. Quads are 0.49 of it wide, so at 100 lumels a metre the gap
-    // is two texels, at 10 a fifth.
+    // 1 % of the atlas apart. Quads are 0.49 of it wide, so at 100 lumels per metre the gap is two
+    // texels, at 10 a fifth.
     let mesh = || quads(&[square(0.0, 0.0, 0.49), square(0.5, 0.0, 0.49)]);
     let (report, _) = report_of(mesh(), 100.0, UvMode::Auto);
     assert_eq!(report.uv_faults, []);
@@ -172,19 +172,19 @@ fn charts_too_near_for_the_size_are_warned_about_at_that_size_only() {
         (found.severity, &report.origin),
         (Severity::Warning, &UvOrigin::Kept)
     );
-    // Half a texel, and what the grid adds, along one of each quad's four sides of ten texels.
+    // Half a texel, plus the grid's resolution, along one of each quad's four sides of ten texels.
     assert!((0.04..0.12).contains(&found.share), "{found:?}");
     let [u, v] = found.worst.and_then(|w| w.uv).expect("a place");
     assert!(
         (0.4..0.6).contains(&u) && (0.0..0.5).contains(&v),
         "{found:?}"
     );
-    assert!(warnings[0].contains("too near"), "{warnings:?}");
+    assert!(warnings[0].contains("too close"), "{warnings:?}");
 }
 
 #[test]
 fn charts_that_go_on_in_space_and_atlas_are_not_too_near() {
-    // Two halves of one floor, in two primitives, side by side in the atlas as in space.
+    // Two halves of a floor as two primitives, adjacent both in the atlas and in space.
     let mut mesh = quads(&[square(0.0, 0.0, 0.5)]);
     let mut right = quads(&[square(0.5, 0.0, 0.5)]).primitives.remove(0);
     for p in &mut right.positions {
@@ -217,7 +217,7 @@ fn a_density_that_varies_more_than_fourfold_is_warned_about() {
         (Severity::Warning, &UvOrigin::Kept)
     );
     assert!(found.message.contains("factor of 5.0"), "{}", found.message);
-    // Worst is what has too few.
+    // The worst place has too few lumels.
     assert!(found.worst.is_some_and(|w| w.triangle >= 4), "{found:?}");
     let [least, _, most] = report.density;
     assert!((most / least - 5.0).abs() < 1e-3, "{:?}", report.density);

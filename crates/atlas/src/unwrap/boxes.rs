@@ -1,4 +1,5 @@
-//! The last resort: near-planar groups of faces projected on their plane, packed as rectangles.
+//! The last resort: projects nearly planar groups of faces on their plane and packs them as
+//! rectangles.
 
 use glam::{DVec2, DVec3, Vec2};
 
@@ -9,13 +10,12 @@ use super::measure::signed_area2;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 use crate::overlap::overlap_share;
 
-/// Faces join a group up to this angle from its first face (degrees); the stretch stays below
-/// 1/cos.
+/// Faces join a group up to this angle from its first face (degrees); stretch stays below 1/cos.
 const GROUP_DEGREES: f64 = 30.0;
 
-/// Projects each connected near-planar group of faces onto the plane of its first face. No
-/// optimisation, hence no way to fail but for lack of room; groups that would overlap themselves
-/// fall apart into single triangles.
+/// Projects each connected, nearly planar group of faces onto the plane of its first face. There is
+/// no optimisation, so it can only fail for lack of space. Groups that would overlap themselves are
+/// split into single triangles.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct BoxProjection;
 
@@ -67,7 +67,7 @@ impl Unwrapper for BoxProjection {
     }
 }
 
-/// Connected faces whose normals lie within [`GROUP_DEGREES`] of the group's first face.
+/// Connected faces whose normals are within [`GROUP_DEGREES`] of the group's first face.
 fn group_faces(mesh: &UnwrapInput, normals: &[DVec3]) -> Vec<Vec<u32>> {
     let limit = GROUP_DEGREES.to_radians().cos();
     let mut taken = vec![false; normals.len()];
@@ -98,10 +98,10 @@ fn group_faces(mesh: &UnwrapInput, normals: &[DVec3]) -> Vec<Vec<u32>> {
     groups
 }
 
-/// Projects a group along `normal` (metres, minimum at the origin), counter-clockwise faces with
+/// Projects a group along `normal` (metres, minimum at the origin); counter-clockwise faces get a
 /// positive signed area.
 fn project(mesh: &UnwrapInput, group: &[u32], normal: DVec3, flat: &mut [[DVec2; 3]]) {
-    // The axes that are most nearly those of the space, so that walls stay upright.
+    // Axes close to those of space, so that walls stay upright.
     let a = normal.abs();
     let reference = if a.y > a.x && a.y > a.z {
         DVec3::X
@@ -125,8 +125,7 @@ fn project(mesh: &UnwrapInput, group: &[u32], normal: DVec3, flat: &mut [[DVec2;
     }
 }
 
-/// Whether a projected group covers itself anywhere, judged on a grid of about four cells a
-/// triangle.
+/// Whether a projected group overlaps itself, tested on a grid of about four cells per triangle.
 fn overlaps_itself(group: &[u32], flat: &[[DVec2; 3]]) -> bool {
     let mut high = DVec2::ZERO;
     for &t in group {

@@ -1,15 +1,15 @@
-//! Flat charts before packing: true to scale, each in coordinates of its own.
+//! Flat charts before packing: true to scale, each in its own coordinates.
 
 use glam::{DVec2, Vec2Swizzles as _};
 
-/// Charts of one mesh in metres, x right and y down, not yet placed.
+/// Charts of one mesh in metres, x right and y down, not placed yet.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Charts {
     /// Corners of each triangle in the coordinates of its chart.
     pub corners: Vec<[DVec2; 3]>,
     /// Chart of each triangle.
     pub chart: Vec<u32>,
-    /// Number of charts; every one has a triangle.
+    /// Number of charts; each has at least one triangle.
     pub count: u32,
 }
 
@@ -19,7 +19,7 @@ pub(super) fn cross2(c: &[DVec2; 3]) -> f64 {
 }
 
 impl Charts {
-    /// Numbers the charts in the order of their first triangles, leaving no number out.
+    /// Renumbers the charts consecutively, in the order of their first triangles.
     pub fn renumber(&mut self) {
         let end = self.chart.iter().max().map_or(0, |&m| m as usize + 1);
         let mut new = vec![u32::MAX; end];
@@ -44,30 +44,30 @@ impl Charts {
     }
 }
 
-/// A chart as it is packed: turned into its tightest box.
+/// A chart prepared for packing, rotated into its tightest box.
 #[derive(Debug, Clone)]
 pub(super) struct Shape {
     /// Its triangles in the mesh.
     pub triangles: Vec<u32>,
-    /// Their corners, metres; the box's corner is the origin and its longer side lies along x.
+    /// Their corners, metres; the box's corner is the origin and its longer side is along x.
     pub corners: Vec<[DVec2; 3]>,
     /// Sides of the box, metres.
     pub extent: DVec2,
-    /// Whether the chart fills its box: a wall, a floor.
+    /// Whether the chart fills its box, like most walls and floors.
     pub rectangle: bool,
     /// Area, m².
     pub area: f64,
 }
 
-/// Share of its box that a chart must fill to count as a rectangle.
+/// Fraction of its box that a chart must fill to count as a rectangle.
 const RECTANGLE: f64 = 0.999;
 
-/// How many sides of a chart's hull are tried as a side of its box: the longest ones, where the
-/// best box all but always lies.
+/// Number of sides of a chart's hull that are tried as a side of its box, longest first; the best
+/// box nearly always lies on one of those.
 const HULL_SIDES: usize = 48;
 
 impl Shape {
-    /// Turns the triangles `list` of `charts` into their box.
+    /// Rotates the triangles `list` of `charts` into their box.
     pub fn new(charts: &Charts, list: Vec<u32>) -> Shape {
         let mut corners: Vec<[DVec2; 3]> =
             list.iter().map(|&t| charts.corners[t as usize]).collect();
@@ -130,8 +130,8 @@ fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     out
 }
 
-/// Direction of the side of the hull on which the smallest box stands (freeman, Shapira 1975: one
-/// side is always flush).
+/// Direction of the hull side on which the smallest box lies (Freeman, Shapira 1975: one side is
+/// always flush).
 fn tightest_direction(hull: &[DVec2]) -> DVec2 {
     if hull.len() < 2 {
         return DVec2::X;
@@ -151,7 +151,7 @@ fn tightest_direction(hull: &[DVec2]) -> DVec2 {
             high = high.max(q);
         }
         let size = high - low;
-        // A hair smaller is no better: rounding must not turn equal charts differently.
+        // Slightly smaller is not better: rounding must not orient equal charts differently.
         if size.x * size.y < best.0 * (1.0 - 1e-6) {
             best = (size.x * size.y, along);
         }

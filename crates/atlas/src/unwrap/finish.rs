@@ -1,4 +1,4 @@
-//! What every unwrapper ends with.
+//! The common last steps of all unwrappers.
 
 use glam::DVec2;
 
@@ -11,8 +11,7 @@ use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 use super::weld::weld_slits;
 use crate::overlap::Overlaps;
 
-/// Cuts hollow charts, joins small ones, closes slits and packs them all: what every unwrapper ends
-/// with.
+/// Splits hollow charts, joins small ones, welds slits and packs all of them.
 pub(super) fn finish(
     mesh: &UnwrapInput,
     mut charts: Charts,
@@ -28,16 +27,16 @@ pub(super) fn finish(
         return Err(UnwrapError::Cancelled);
     }
     let packed = pack_charts(&charts, options, cancel)?;
-    // Charts that come near themselves may be drawn over themselves by it. The page tells; they
-    // stay as they were then.
+    // Welding can make charts overlap themselves. This shows only on the page; such charts are
+    // reset.
     if undo_overlaps(&packed, &apart, &mut charts) {
         return pack_charts(&charts, options, cancel);
     }
     Ok(packed)
 }
 
-/// Gives charts with texels that two triangles cover the corners that they had `before`; whether
-/// that changes anything.
+/// Resets charts with texels that two triangles cover to the corners `before`; returns whether
+/// anything changed.
 fn undo_overlaps(packed: &UnwrappedMesh, before: &[[DVec2; 3]], charts: &mut Charts) -> bool {
     let overlaps = Overlaps::find(&packed.corners, packed.size);
     if overlaps.twice == 0 {

@@ -1,7 +1,8 @@
-//! An unwrapper works in a thread of its own: a panic there is a failure like another, and a bake
-//! that is cancelled leaves it behind at once, also where it cannot be asked to stop.
+//! Runs an unwrapper in its own thread: a panic there is an ordinary failure, and a cancelled bake
+//! abandons the thread at once, even if it cannot be stopped.
 //!
-//! No clock decides: how long an unwrapper may take is bounded by what it refuses to begin.
+//! No clock is involved. The running time of an unwrapper is bounded by the mesh sizes that it
+//! accepts.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,17 +12,17 @@ use std::time::Duration;
 use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 
-/// How often the waiting thread looks whether it is to stop.
+/// How often the waiting thread checks for cancellation.
 const POLL: Duration = Duration::from_millis(20);
 
-/// Meshes of fewer triangles are unwrapped by one thread; there are others to keep the rest of the
-/// machine busy with.
+/// Meshes with fewer triangles are unwrapped on one thread; other meshes occupy the rest of the
+/// machine.
 const LARGE: usize = 20_000;
 
-/// Runs `unwrapper` until it is done or `cancel` says so. A panic inside counts as a failure.
+/// Runs `unwrapper` until it finishes or `cancel` asks to stop. A panic counts as a failure.
 ///
-/// The work gets threads of its own as well: callers wait inside a pool's threads, and work that
-/// shares the pool would wait for them.
+/// The work gets its own thread pool: the caller waits inside a pool's thread, and work in the same
+/// pool would wait for that thread.
 pub(super) fn run(
     unwrapper: &'static dyn Unwrapper,
     mesh: &Arc<UnwrapInput>,
@@ -45,21 +46,23 @@ pub(super) fn run(
             let polled = || stop.load(Ordering::Relaxed);
             let result = match pool {
                 Ok(pool) => pool.install(|| unwrapper.unwrap(&mesh, &options, &polled)),
-                Err(error) => Err(UnwrapError::Failed(format!("no threads: {error}"))),
+                Err(error) => Err(UnwrapError::Failed(format!(
+                    "cannot start threads: {error}"
+                ))),
             };
-            // The receiver is gone if the bake was cancelled; nobody misses the result then.
+            // If the bake was cancelled, the receiver is gone and the result is not needed.
             let _ = sender.send(result);
         }
     };
     std::thread::Builder::new()
         .name(unwrapper.name().into())
         .spawn(work)
-        .map_err(|e| UnwrapError::Failed(format!("no thread: {e}")))?;
+        .map_err(|e| UnwrapError::Failed(format!("cannot start a thread: {e}")))?;
     loop {
         match receiver.recv_timeout(POLL) {
             Ok(result) => return result,
             Err(RecvTimeoutError::Disconnected) => {
-                return Err(UnwrapError::Failed("it broke down".into()));
+                return Err(UnwrapError::Failed("it panicked".into()));
             }
             Err(RecvTimeoutError::Timeout) => {}
         }
@@ -79,7 +82,7 @@ mod tests {
     use glam::{DMat3, Vec3};
     use mesh_ingest::{Mesh, Primitive};
 
-    /// Never ends, or breaks down.
+    /// An unwrapper that never ends, or panics.
     struct Bad {
         panics: bool,
     }
@@ -139,7 +142,7 @@ mod tests {
         let cancel = || start.elapsed() > Duration::from_millis(100);
         let result = run(&HANGS, &Arc::new(triangle()), &OPTIONS, &cancel);
         assert_eq!(result.err(), Some(UnwrapError::Cancelled));
-        // A poll and what a busy machine adds; it would never end by itself.
+        // One polling interval, plus the delay of a busy machine; it would never end by itself.
         assert!(start.elapsed() < Duration::from_secs(30));
     }
 }

@@ -1,55 +1,55 @@
-//! What an unwrapper is given: one mesh, welded, scaled to world size, with its hard edges marked.
+//! Input of an unwrapper: one mesh, welded, in world scale, with marked hard edges.
 
 use glam::{DMat3, DVec3, Vec3};
 use mesh_ingest::Mesh;
 use rayon::slice::ParallelSliceMut;
 
-/// Edges sharper than this are chart borders where the shading is hard too (normals differ, or
-/// there are none).
+/// Edges sharper than this, in degrees, are chart borders if the shading is hard too (normals
+/// differ, or there are none).
 ///
-/// Degrees. Irradiance jumps across a crease, and bilinear filtering inside one chart would smear
-/// it; but low-poly terrain has creases everywhere, and a chart per facet would drown it in
-/// padding. See `lab/unwrap.md`.
+/// Irradiance is discontinuous across a crease, and bilinear filtering inside one chart would blur
+/// it. But low-poly terrain has creases everywhere, and one chart per facet would need too much
+/// padding.
 pub const CREASE_DEGREES: f64 = 40.0;
 
-/// Edges sharper than this are chart borders whatever the normals say (degrees).
+/// Edges sharper than this, in degrees, are always chart borders, whatever the normals are.
 pub const SHARP_DEGREES: f64 = 65.0;
 
-/// Corner normals that differ by less than this count as smooth shading (degrees).
+/// Corner normals that differ by less than this count as smooth shading, degrees.
 const SMOOTH_NORMAL_DEGREES: f64 = 8.0;
 
 /// "No triangle" in [`UnwrapInput::neighbors`].
 pub const NONE: u32 = u32::MAX;
 
-/// One mesh, ready to be unwrapped: all primitives together, vertices welded where positions are
-/// exactly equal.
+/// One mesh ready to be unwrapped: all primitives together, with vertices welded if their positions
+/// are exactly equal.
 #[derive(Debug, Clone, Default)]
 pub struct UnwrapInput {
-    /// Welded positions, scaled as the mesh stands in the world (metres).
+    /// Welded positions in the mesh's world scale (metres).
     pub positions: Vec<Vec3>,
-    /// Welded vertex indices; primitive after primitive, triangles in order.
+    /// Welded vertex indices: primitives in order, triangles in order.
     pub triangles: Vec<[u32; 3]>,
-    /// Number of the primitive that each triangle belongs to. Charts never span two.
+    /// Index of the primitive that each triangle belongs to. Charts never span two.
     pub primitive: Vec<u32>,
     /// `[t][k]`: the edge from corner k to corner k+1 of triangle t must be a chart border.
     pub seams: Vec<[bool; 3]>,
-    /// `[t][k]`: the triangle across the edge from corner k to k+1, or `u32::MAX`. Of the triangles
-    /// at a non-manifold edge those that continue each other most smoothly are paired.
+    /// `[t][k]`: the triangle across the edge from corner k to k+1, or `u32::MAX`. At a
+    /// non-manifold edge the pairs with the smoothest continuation are neighbours.
     pub neighbors: Vec<[u32; 3]>,
-    /// Layer of each triangle. Regions that meet at an edge of more than two triangles (a sheet and
-    /// its modelled back, say) lie in different layers, so that within a layer an edge has two
-    /// triangles wherever that is possible.
+    /// Layer of each triangle. Regions that meet at an edge of more than two triangles (e.g. a
+    /// sheet and its modelled back) are in different layers, so that edges within a layer have two
+    /// triangles if possible.
     pub layer: Vec<u32>,
     /// Number of layers.
     pub layers: u32,
-    /// Number of regions bounded by seams: no unwrapper can do with fewer charts.
+    /// Number of regions bounded by seams, which is a lower bound of the number of charts.
     pub regions: u32,
 }
 
 impl UnwrapInput {
     /// Welds `mesh` after multiplying its positions by `linear` (see [`crate::density::shape_of`]).
     ///
-    /// Two vertices are one where their local positions are bit-equal (−0 and 0 are equal).
+    /// Two vertices are the same if their local positions are bit-equal (−0 and 0 are equal).
     pub fn from_mesh(mesh: &Mesh, linear: DMat3) -> UnwrapInput {
         let total: usize = mesh.primitives.iter().map(|p| p.triangles.len()).sum();
         let mut input = UnwrapInput {
@@ -86,7 +86,7 @@ impl UnwrapInput {
             .collect()
     }
 
-    /// Unit normal of each triangle in the scaled space; zero where the area vanishes.
+    /// Unit normal of each triangle in the scaled space; zero if it has no area.
     pub fn face_normals(&self) -> Vec<DVec3> {
         self.triangles
             .iter()
@@ -178,8 +178,8 @@ impl UnwrapInput {
             if fan.len() <= 2 {
                 continue;
             }
-            // A fan of many regions (pages of a book) would give a quadratic list; beyond a few the
-            // layers stop helping and the unwrapper cuts at the edge, which is still right.
+            // A fan of many regions (pages of a book) would give a quadratic list. Beyond a few,
+            // layers no longer help, and the unwrapper correctly cuts at the edge.
             for (i, x) in fan.iter().take(8).enumerate() {
                 for y in fan.iter().take(8).skip(i + 1) {
                     if x.2 != y.2 {
@@ -190,7 +190,7 @@ impl UnwrapInput {
         }
         conflicts.par_sort_unstable();
         conflicts.dedup();
-        // Greedy colouring in the order of the regions; at most eight layers.
+        // Greedy colouring in the order of the regions, with at most eight layers.
         let mut color = vec![0u32; count as usize];
         for list in conflicts.chunk_by(|x, y| x.0 == y.0) {
             let taken = list
@@ -239,8 +239,8 @@ fn weld(mesh: &Mesh, linear: DMat3, positions: &mut Vec<Vec3>) -> Vec<Vec<u32>> 
         .collect()
 }
 
-/// Pairs the half-edges of one edge: same primitive, opposite directions, the smoothest
-/// continuation first.
+/// Pairs the half-edges of one edge: same primitive, opposite directions, smoothest continuation
+/// first.
 fn pair_fan(
     fan: &[(u32, u32, u32)],
     triangles: &[[u32; 3]],
@@ -264,7 +264,7 @@ fn pair_fan(
         return;
     }
     // Long fans (a thousand triangles on one edge) are left open: pairing them would be quadratic
-    // and is arbitrary.
+    // and arbitrary.
     if fan.len() < 2 || fan.len() > 16 {
         return;
     }
@@ -287,8 +287,8 @@ fn pair_fan(
     }
 }
 
-/// Whether the edge between two faces must part two charts; `n`, `m` are the shading normals at its
-/// two ends.
+/// Whether the edge between two faces must be a chart border; `n`, `m` are the shading normals at
+/// its two ends.
 fn is_seam(face: DVec3, other: DVec3, n: Option<[DVec3; 2]>, m: Option<[DVec3; 2]>) -> bool {
     let cos = face.dot(other);
     if face == DVec3::ZERO || other == DVec3::ZERO {

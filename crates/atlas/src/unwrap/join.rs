@@ -1,14 +1,14 @@
-//! Joins small charts to their neighbours: one is turned and moved so that the border they share
+//! Joins small charts to their neighbours by moving and rotating one so that their common border
 //! coincides.
 //!
-//! Every chart pays for the texels that lookups read beyond it, and a chart of five texels square
-//! pays as much again as it covers. Joined charts share them. Nothing is stretched, and no two
-//! parts overlap; where the common border fits one side less well than the other, they are moved
-//! apart by a fraction of a texel.
+//! Every chart pays for the texels that lookups read beyond it; a chart of 5 × 5 texels pays as
+//! much again as it covers. Joined charts share these texels. Nothing is stretched and nothing
+//! overlaps; if the common border does not fit exactly, the charts are moved apart by a fraction of
+//! a texel.
 //!
-//! Charts that fold about each other would have other common borders a lumel or two apart: slits,
-//! whose lips read the same texels and so cannot be stitched. Where much of a border would become
-//! one, charts stay apart.
+//! Charts that fold around each other would have other common borders one or two lumels apart.
+//! These are slits, whose two sides read the same texels and cannot be stitched. Charts stay
+//! separate if too much of a border would become a slit.
 
 use glam::DVec2;
 
@@ -16,41 +16,41 @@ use super::charts::{Charts, cross2};
 use super::input::UnwrapInput;
 use super::joints::{Joint, joints};
 
-/// Largest chart that is joined to another, lumels². Beyond it the texels saved are few beside the
-/// chart's own.
+/// Largest chart that is joined to another, lumels². Larger charts would save few texels in
+/// relation to their size.
 const SMALL: f64 = 256.0;
 
-/// A smooth or flat border joins two charts if it is as long as this share of the side of a square
-/// of the smaller one's area.
+/// A smooth or flat border joins two charts if it is at least this long, relative to the side of a
+/// square with the smaller chart's area.
 const LEAST_BORDER: f64 = 0.2;
 
-/// Charts are joined across a hard edge if together they are no larger than this, lumels²: what
-/// lies within one lumel has one value anyway.
+/// Charts are joined across a hard edge if together they are at most this large, lumels²: within
+/// one lumel there is only one value anyway.
 const TINY: f64 = 1.0;
 
-/// Triangles of the smaller and of the larger chart, at most: the test for overlap goes through
-/// both.
+/// Most triangles of the smaller and of the larger chart: the overlap test visits both.
 const MOST_TRIANGLES: [usize; 2] = [2048, 8192];
 
-/// Of what two charts have in common, at most so much may become slits, as a share of the border
-/// that they are joined at. Without a limit, seams of Sponza differ by 57 % (99th percentile), with
-/// this by 24 %; at 0 they cover 1.4 % less of their page for 26 % (lab/seams.md).
+/// Largest fraction of the common border that may become slits, relative to the border at which
+/// they are joined. Without a limit, seams of Sponza differ by 57 % (99th percentile), with this
+/// one by 24 %. With 0 they differ by 26 %, and charts cover 1.4 % less of the page.
 const SLITS: f64 = 0.3;
 
-/// What lies nearer is welded, and what lies farther is read by lookups of its own, lumels.
+/// Widths of slits in lumels: narrower ones are welded, and the sides of wider ones read different
+/// texels.
 const SLIT: [f64; 2] = [0.5, 2.0];
 
-/// How far apart two charts are moved at most before they are left apart, in lumels or sides of the
-/// smaller one.
+/// Distances by which two charts are moved apart before they are left separate, in lumels or sides
+/// of the smaller one.
 const SHIFTS: [f64; 4] = [0.0, 0.02, 0.1, 0.3];
 
-/// Joins charts of `mesh` where a lumel is `lumel` metres wide.
+/// Joins charts of `mesh`; a lumel is `lumel` metres wide.
 pub(super) fn join_small(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
     if !(lumel > 0.0 && lumel.is_finite()) {
         return;
     }
     let mut all = joints(mesh, charts);
-    // By pair; hard joints only count where there is no other.
+    // By pair; hard joints count only if there are no others.
     all.sort_by(|a, b| {
         (a.charts, a.hard)
             .cmp(&(b.charts, b.hard))
@@ -65,7 +65,7 @@ pub(super) fn join_small(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
             length: list.iter().map(|j| j.length).sum(),
         });
     }
-    // Longest common border first; hard edges last.
+    // Longest common border first, hard edges last.
     pairs.sort_by(|a, b| {
         let hard = |p: &Pair<'_>| p.joints[0].hard;
         (hard(a).cmp(&hard(b)))
@@ -73,8 +73,7 @@ pub(super) fn join_small(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
             .then(a.joints[0].charts.cmp(&b.joints[0].charts))
     });
     let mut islands = Islands::new(charts, &all);
-    // Twice: what was in the way may have been joined to something else meanwhile, and stands
-    // better now.
+    // Twice, because an obstacle may have moved in the first pass.
     for _ in 0..2 {
         for pair in &pairs {
             islands.try_join(pair, lumel);
@@ -89,10 +88,10 @@ struct Pair<'a> {
     length: f64,
 }
 
-/// A turn and a move.
+/// A rotation and a translation.
 #[derive(Debug, Clone, Copy)]
 struct Motion {
-    /// Cosine and sine.
+    /// Cosine and sine of the angle.
     turn: DVec2,
     shift: DVec2,
 }
@@ -115,8 +114,8 @@ impl Motion {
         }
     }
 
-    /// The motion that brings the second of each pair of points nearest to the first (least
-    /// squares, weights).
+    /// The motion that takes the second of each pair of points nearest to the first (weighted least
+    /// squares).
     fn fit(points: &[(DVec2, DVec2, f64)]) -> Motion {
         let total: f64 = points.iter().map(|p| p.2).sum();
         let mean = |f: fn(&(DVec2, DVec2, f64)) -> DVec2| {
@@ -138,9 +137,9 @@ impl Motion {
 
 /// Charts joined so far.
 struct Islands {
-    /// Island of each chart, by the number of one of its charts (union–find with halving).
+    /// Island of each chart, as the index of one of its charts (union–find with path halving).
     parent: Vec<u32>,
-    /// From each chart's own coordinates to its island's.
+    /// Motion from each chart's own coordinates to its island's.
     motion: Vec<Motion>,
     /// Charts of each root.
     members: Vec<Vec<u32>>,
@@ -158,7 +157,7 @@ impl Islands {
         let mut triangles: Vec<Vec<[DVec2; 3]>> = vec![Vec::new(); count];
         let mut area = vec![0.0; count];
         for (c, &chart) in charts.corners.iter().zip(&charts.chart) {
-            // Collapsed ones take no room.
+            // Collapsed triangles take no space.
             if cross2(c) > 0.0 {
                 triangles[chart as usize].push(*c);
                 area[chart as usize] += 0.5 * cross2(c);
@@ -196,7 +195,7 @@ impl Islands {
             return;
         }
         let area = roots.map(|r| self.area[r as usize] / (lumel * lumel));
-        // Side 0 stays, side 1 moves: the smaller one.
+        // Side 0 stays; side 1, the smaller one, moves.
         let (stay, go) = if area[0] >= area[1] { (0, 1) } else { (1, 0) };
         let sizes = [go, stay].map(|s| self.triangles[roots[s] as usize].len());
         if area[go] > SMALL || sizes[0] > MOST_TRIANGLES[0] || sizes[1] > MOST_TRIANGLES[1] {
@@ -221,7 +220,7 @@ impl Islands {
                 })
                 .collect()
         };
-        // By the longest edge first, then by all that fit nearly as well.
+        // Fitted to the longest edge first, then to all joints that fit nearly as well.
         let mut motion = Motion::fit(&points(&pair.joints[..1]));
         let near: Vec<(DVec2, DVec2, f64)> = points(pair.joints)
             .into_iter()
@@ -230,8 +229,8 @@ impl Islands {
         if near.len() > 2 {
             motion = Motion::fit(&near);
         }
-        // Away from the one that stays: a triangle of positive area lies on the side of its edges'
-        // `perp`, and the edge runs as in the lower chart.
+        // Moved away from the island that stays. A triangle of positive area is on the `perp` side
+        // of its edges, and the joint runs in the direction of the lower chart.
         let edge = points(&pair.joints[..1]);
         let Some(along) = (edge[1].0 - edge[0].0).try_normalize() else {
             return;
@@ -259,7 +258,7 @@ impl Islands {
         }
     }
 
-    /// Length of the slits that there would be between two roots if the second were moved, metres.
+    /// Total length of the slits between two roots after the motion of the second, metres.
     fn slits(&mut self, [stay, go]: [u32; 2], motion: &Motion, lumel: f64) -> f64 {
         let mut length = 0.0;
         for m in 0..self.members[go as usize].len() {
@@ -310,7 +309,7 @@ fn bounds(c: &[DVec2; 3]) -> (DVec2, DVec2) {
     (c[0].min(c[1]).min(c[2]), c[0].max(c[1]).max(c[2]))
 }
 
-/// Whether any triangle of `some` and any of `others` enter each other by more than `limit`.
+/// Whether any triangle of `some` overlaps any of `others` by more than `limit`.
 fn overlap(some: &[[DVec2; 3]], others: &[[DVec2; 3]], limit: f64) -> bool {
     let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
     for c in some {
@@ -328,7 +327,7 @@ fn overlap(some: &[[DVec2; 3]], others: &[[DVec2; 3]], limit: f64) -> bool {
     if near.is_empty() {
         return false;
     }
-    // A grid over the smaller chart, about a triangle a cell.
+    // A grid over the smaller chart with about one triangle per cell.
     let n = (some.len() as f64).sqrt().ceil().clamp(1.0, 64.0);
     let cell = ((high - low) / n).max(DVec2::splat(f64::MIN_POSITIVE));
     let cells = |c: &[DVec2; 3]| {
@@ -356,8 +355,8 @@ fn overlap(some: &[[DVec2; 3]], others: &[[DVec2; 3]], limit: f64) -> bool {
     })
 }
 
-/// How far two triangles enter each other along the axis on which they do least (separating axes);
-/// negative if they are apart.
+/// Penetration depth of two triangles along the axis where it is smallest (separating axes);
+/// negative if they are disjoint.
 fn depth(a: &[DVec2; 3], b: &[DVec2; 3]) -> f64 {
     let mut least = f64::INFINITY;
     for (c, k) in [a, b].into_iter().flat_map(|c| (0..3).map(move |k| (c, k))) {
@@ -383,7 +382,7 @@ mod tests {
     use glam::Vec3;
 
     /// A flat cone of three triangles, 6 m from tip to rim, whose angles at the tip fall short of a
-    /// full turn by `missing`; each a chart of its own.
+    /// full turn by `missing`. Each triangle is a chart.
     fn cone(missing: f64) -> (UnwrapInput, Charts) {
         let (side, angle) = (6.0, (std::f64::consts::TAU - missing) / 3.0);
         let radius = 2.0 * side * (0.5 * angle).sin() / 3f64.sqrt();
@@ -422,8 +421,8 @@ mod tests {
 
     #[test]
     fn charts_that_would_leave_a_slit_stay_apart() {
-        // How far the third border's ends would lie apart, in lumels: nothing, what is welded,
-        // twice what lookups share, and nearly all.
+        // Distance between the third border's ends in lumels: zero, welded, twice what lookups
+        // share, and nearly all of it.
         for (apart, count) in [(0.0, 1), (0.3, 1), (1.2, 2), (1.8, 2), (6.0, 2)] {
             let (mesh, mut charts) = cone(apart / 6.0);
             join_small(&mesh, &mut charts, 1.0);

@@ -1,4 +1,4 @@
-//! Where two charts border on each other in space: along whole edges, or along parts of edges
+//! Finds common borders of two charts in space: along whole edges, or along parts of edges
 //! (T-junctions).
 
 use glam::{DVec2, DVec3};
@@ -6,29 +6,29 @@ use glam::{DVec2, DVec3};
 use super::charts::Charts;
 use super::input::{NONE, UnwrapInput};
 
-/// Faces that meet along a part of an edge only count as neighbours up to this bend (degrees): the
-/// same wall, cut differently.
+/// Faces that meet along part of an edge are neighbours only up to this angle (degrees), i.e. on
+/// the same wall with different tessellation.
 const FLAT_DEGREES: f64 = 15.0;
 
-/// Edges that lie on one line are searched for partners among so many that follow; a line that
-/// thousands of edges share is left as it is.
+/// Number of following edges on the same line that are searched for partners; lines shared by
+/// thousands of edges are only partly searched.
 const PARTNERS: usize = 32;
 
-/// A stretch of border that two charts have in common.
+/// A stretch of border that two charts share.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Joint {
     /// The two charts, the lower number first.
     pub charts: [u32; 2],
-    /// Both ends of the stretch in the coordinates of either chart, in the direction in which the
-    /// lower chart's triangle runs.
+    /// Both ends of the stretch in the coordinates of either chart, in the direction of the lower
+    /// chart's triangle.
     pub ends: [[DVec2; 2]; 2],
     /// Length, metres.
     pub length: f64,
-    /// Whether the edge is hard: a chart border by [`UnwrapInput::seams`].
+    /// Whether the edge is a hard edge, i.e. a chart border by [`UnwrapInput::seams`].
     pub hard: bool,
 }
 
-/// All joints between different charts, in an order that depends on the mesh only.
+/// All joints between different charts, in an order that depends only on the mesh.
 pub(super) fn joints(mesh: &UnwrapInput, charts: &Charts) -> Vec<Joint> {
     let normals = mesh.face_normals();
     let mut out = Vec::new();
@@ -47,7 +47,7 @@ pub(super) fn joints(mesh: &UnwrapInput, charts: &Charts) -> Vec<Joint> {
             if a >= b {
                 continue;
             }
-            // The neighbour goes through the edge the other way.
+            // The neighbour traverses the edge in the other direction.
             let (from, to) = (triangle[k], triangle[(k + 1) % 3]);
             let other = |v: u32| mesh.triangles[u].iter().position(|&w| w == v);
             let (Some(i), Some(j)) = (other(from), other(to)) else {
@@ -74,7 +74,7 @@ pub(super) fn joints(mesh: &UnwrapInput, charts: &Charts) -> Vec<Joint> {
 struct Open {
     triangle: u32,
     side: u8,
-    /// Where it begins and ends along the line's direction; the edge runs along it if `forward`.
+    /// Positions of its ends along the line's direction; the edge runs along it if `forward`.
     from: f64,
     to: f64,
     forward: bool,
@@ -101,8 +101,8 @@ fn partial(
         let v = mesh.triangles[t as usize][k as usize % 3];
         mesh.positions[v as usize].as_dvec3() - middle
     };
-    // Coarse keys of lines: direction and the point nearest to the middle. Two grids, so that what
-    // lies on a border of one is inside in the other.
+    // Coarse keys of lines: the direction, and the point nearest to the centre. Two shifted grids,
+    // so that a line on a cell border of one is inside a cell of the other.
     let mut keyed: Vec<([i32; 7], Open)> = Vec::with_capacity(border.len() * 2);
     for &(triangle, side) in border {
         let (p, q) = (end(triangle, side), end(triangle, side + 1));
@@ -110,7 +110,7 @@ fn partial(
         if d == DVec3::ZERO {
             continue;
         }
-        // The first component that is clearly not zero is positive.
+        // Makes the first clearly non-zero component positive.
         let lead = d
             .to_array()
             .into_iter()
@@ -201,8 +201,8 @@ fn partial(
 }
 
 /// The part that the opposite edges p → q and r → s share, as positions 0..1 along each, and its
-/// length. `None` where they do not lie on one line: rounding of `f32` positions in a mesh of
-/// `size` is what is allowed.
+/// length. `None` if they are not on one line, within the rounding of `f32` positions in a mesh of
+/// `size`.
 fn shared_part(
     p: DVec3,
     q: DVec3,

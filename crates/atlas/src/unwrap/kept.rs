@@ -1,30 +1,30 @@
-//! Charts of an earlier layout, by content.
+//! Stores charts for later layouts, by content.
 //!
-//! What a mesh is flattened to hangs on nothing but its [`UnwrapInput`] and the options, so it can
-//! be kept for the next bake. Bytes that are not what was written are as good as none.
+//! A mesh's charts depend only on its [`UnwrapInput`] and the options, so they can be stored for
+//! the next bake. Corrupted data is ignored.
 
 use glam::Vec2;
 
 use super::input::UnwrapInput;
 use super::unwrapper::{UnwrapOptions, UnwrappedMesh, Unwrapper, check};
 
-/// Where charts are kept from one layout to the next.
+/// A store of charts that persists between layouts.
 pub trait KeptCharts: Sync {
-    /// What was kept under `key`; `None` where nothing was, or not what was written.
+    /// The data saved under `key`; `None` if there is none or it is corrupted.
     fn load(&self, key: &[u8; 32]) -> Option<Vec<u8>>;
-    /// What [`load`](Self::load) gave last was whole and is used.
+    /// Called when the data last returned by [`load`](Self::load) is intact and used.
     fn used(&self) {}
-    /// Keeps it, if it can.
+    /// Saves data, if possible.
     fn save(&self, key: &[u8; 32], bytes: &[u8]);
 }
 
-/// Triangles of a mesh that is worth a file; fewer take milliseconds to flatten.
+/// Least number of triangles of a stored mesh; unwrapping smaller ones takes milliseconds.
 pub(crate) const LEAST_TRIANGLES: usize = 1000;
 
-/// Form of what is kept.
+/// Identifies the format.
 const FORM: &[u8] = b"lumel charts 1";
 
-/// Hash of all that decides what `mesh` is flattened to.
+/// Hash of everything that `mesh`'s charts depend on.
 pub(crate) fn key(
     mesh: &UnwrapInput,
     options: &UnwrapOptions,
@@ -42,7 +42,7 @@ pub(crate) fn key(
     } = mesh;
     let mut h = blake3::Hasher::new();
     h.update(FORM);
-    // Options have a form in which no two differ alike: shortest digits that tell floats apart.
+    // The debug format prints floats with enough digits to distinguish all values.
     let names: Vec<&str> = unwrappers.iter().map(|u| u.name()).collect();
     h.update(
         format!(
@@ -72,7 +72,7 @@ pub(crate) fn key(
     *h.finalize().as_bytes()
 }
 
-/// `mesh` as flattened by `unwrapper`, as bytes: form, hash of the rest, which of the unwrappers,
+/// Serialises `mesh` as unwrapped by `unwrapper`: format, hash of the rest, index of the unwrapper,
 /// numbers.
 pub(crate) fn to_bytes(mesh: &UnwrappedMesh, unwrapper: usize) -> Vec<u8> {
     let head = [
@@ -90,7 +90,7 @@ pub(crate) fn to_bytes(mesh: &UnwrappedMesh, unwrapper: usize) -> Vec<u8> {
     [FORM, blake3::hash(&body).as_bytes(), &body].concat()
 }
 
-/// What [`to_bytes`] was given, if the bytes are whole and are of this mesh.
+/// Deserialises the result of [`to_bytes`], if it is intact and belongs to this mesh.
 pub(crate) fn from_bytes(
     bytes: &[u8],
     mesh: &UnwrapInput,
@@ -180,7 +180,7 @@ mod tests {
             damaged[at] ^= 0x20;
             assert!(from_bytes(&damaged, &mesh, &OPTIONS).is_none(), "{at}");
         }
-        // Whole, but of a mesh with one triangle less.
+        // Intact, but of a mesh with one triangle less.
         let mut other = mesh.clone();
         other.triangles.pop();
         assert!(from_bytes(&bytes, &other, &OPTIONS).is_none());

@@ -1,8 +1,8 @@
-//! The texels that a chart needs, as rows of bits.
+//! The texels that a chart occupies, as rows of bits.
 
 use glam::DVec2;
 
-/// A rectangle of texels with some of them taken.
+/// A rectangle of texels, some of which are taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Mask {
     /// Columns.
@@ -25,7 +25,7 @@ impl Mask {
         }
     }
 
-    /// One row, 64 texels a word, the leftmost in the lowest bit.
+    /// One row with 64 texels per word, the leftmost in the lowest bit.
     pub fn row(&self, y: u32) -> &[u64] {
         &self.bits[y as usize * self.words..][..self.words]
     }
@@ -36,7 +36,7 @@ impl Mask {
         self.bits[y as usize * self.words + x as usize / 64] >> (x % 64) & 1 == 1
     }
 
-    /// Takes the texels `from..to` of row `y`.
+    /// Marks the texels `from..to` of row `y` as taken.
     pub fn fill(&mut self, y: u32, from: u32, to: u32) {
         let row = &mut self.bits[y as usize * self.words..][..self.words];
         let (mut x, to) = (from as usize, to as usize);
@@ -53,9 +53,9 @@ impl Mask {
         self.bits.iter().map(|b| u64::from(b.count_ones())).sum()
     }
 
-    /// Takes every texel whose middle lies less than `reach` from the triangle along both axes: the
-    /// texels that the triangle touches for a reach of 0.5, those that bilinear lookups on it read
-    /// for a reach of 1. Contacts of less than [`SLACK`] do not count.
+    /// Takes every texel whose centre is less than `reach` from the triangle along both axes. A
+    /// reach of 0.5 gives the texels that the triangle touches, a reach of 1 those that bilinear
+    /// lookups on it read. Contacts below [`SLACK`] do not count.
     pub fn cover(&mut self, c: &[DVec2; 3], reach: f64) {
         let reach = reach - SLACK;
         let low = c[0].y.min(c[1].y).min(c[2].y) - reach;
@@ -77,7 +77,7 @@ impl Mask {
         }
     }
 
-    /// The part that holds all taken texels, and its top left corner.
+    /// The bounding box of all taken texels, and its top left corner.
     pub fn trimmed(&self) -> (Mask, [u32; 2]) {
         let rows: Vec<Vec<(u32, u32)>> = (0..self.height).map(|y| self.runs(y)).collect();
         let taken = || rows.iter().enumerate().filter(|r| !r.1.is_empty());
@@ -95,7 +95,8 @@ impl Mask {
         (out, [left, top as u32])
     }
 
-    /// Turned by a quarter, clockwise as seen with y down: (x, y) goes to (height − 1 − y, x).
+    /// Rotated by a quarter turn, clockwise as seen with y down: (x, y) goes to (height − 1 − y,
+    /// x).
     pub fn turned(&self) -> Mask {
         let mut out = Mask::new(self.height, self.width);
         for y in 0..self.height {
@@ -109,7 +110,7 @@ impl Mask {
         out
     }
 
-    /// Blocks of `block` × `block` texels, counted from (0, 0), of which any texel is taken.
+    /// Blocks of `block` × `block` texels, counted from (0, 0), that contain any taken texel.
     pub fn blocks(&self, block: u32) -> Mask {
         if block <= 1 {
             return self.clone();
@@ -150,13 +151,12 @@ impl Mask {
     }
 }
 
-/// Contact that does not count, texels: rounding of coordinates that go through `f32` 0..1 on a
-/// page of up to 16384 texels (1e-3), and a half more. With rounding on top, a lookup gives another
-/// chart's texel a weight of 0.002 at most.
+/// Contact that does not count, texels: the rounding of coordinates stored as `f32` 0..1 on a page
+/// of up to 16384 texels (1e-3), and half as much again. With rounding on top, a lookup gives
+/// another chart's texel a weight of at most 0.002.
 pub(super) const SLACK: f64 = 1.5e-3;
 
-/// Range of x of the part of a triangle between two heights; empty (low above high) where there is
-/// none.
+/// Range of x of the part of a triangle between two heights; empty (low > high) if there is none.
 fn clipped(c: &[DVec2; 3], top: f64, bottom: f64) -> (f64, f64) {
     let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
     let mut see = |x: f64| {

@@ -1,4 +1,4 @@
-//! Measures of an unwrap.
+//! Quality measures of an unwrap.
 
 use glam::Vec2;
 use serde::Serialize;
@@ -6,26 +6,26 @@ use serde::Serialize;
 use super::input::{NONE, UnwrapInput};
 use super::unwrapper::UnwrappedMesh;
 
-/// How good an unwrap is.
+/// Quality of an unwrap.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct ChartMeasure {
     /// Number of charts.
     pub charts: u32,
-    /// Chart area over the rectangle's area, 0..=1.
+    /// Chart area relative to the rectangle's, 0..=1.
     pub utilisation: f64,
     /// L² stretch of Sander, Snyder, Gortler, Hoppe 2001 ("Texture Mapping Progressive Meshes"),
-    /// normalised by area: 1 for an isometry, infinite where a triangle collapses (collapsed
-    /// triangles are left out and counted).
+    /// normalised by area: 1 for an isometry, infinite if a triangle collapses (collapsed triangles
+    /// are excluded and counted).
     pub stretch: f64,
-    /// Smallest, median and largest texel density by area, lumels per metre.
+    /// Minimum, median and maximum texel density by area, lumels per metre.
     pub density: [f64; 3],
-    /// Smooth edges, whole lumels long in all: closed in the chart, slit open by up to ½ lumel, by
-    /// up to 2 (lookups on both lips read the same lumels, so nothing can make them agree), and by
-    /// more or into another chart.
+    /// Total length of smooth edges, lumels, in four classes: closed in the chart; slit open by up
+    /// to ½ lumel; slit open by up to 2 lumels, where lookups on both sides read the same lumels
+    /// and cannot be made to agree; and open further or between charts.
     pub slits: [f64; 4],
     /// Triangles whose signed area in the chart is negative.
     pub flipped: u64,
-    /// Triangles with area in space and none in the chart.
+    /// Triangles with area in space but none in the chart.
     pub collapsed: u64,
 }
 
@@ -35,7 +35,7 @@ pub(crate) fn signed_area2(c: &[Vec2; 3]) -> f64 {
     (b - a).perp_dot(c - a)
 }
 
-/// Measures `result` against the surface that it flattens.
+/// Measures `result` against the surface that it unwraps.
 pub fn measure(mesh: &UnwrapInput, result: &UnwrappedMesh) -> ChartMeasure {
     let mut out = ChartMeasure {
         charts: result.charts,
@@ -60,7 +60,7 @@ pub fn measure(mesh: &UnwrapInput, result: &UnwrappedMesh) -> ChartMeasure {
             continue;
         }
         let [a, b, c] = corners.map(|v| v.as_dvec2());
-        // Columns of the map texels → space: Ss along x, St along y.
+        // Columns of the map from texels to space: Ss along x, St along y.
         let denominator = 2.0 * signed;
         let ss = (p * (b.y - c.y) + q * (c.y - a.y) + r * (a.y - b.y)) / denominator;
         let st = (p * (c.x - b.x) + q * (a.x - c.x) + r * (b.x - a.x)) / denominator;
@@ -104,7 +104,7 @@ fn slits(mesh: &UnwrapInput, result: &UnwrappedMesh) -> [f64; 4] {
             let gap = own[k].distance(a).max(own[next].distance(b));
             let class = match gap {
                 _ if result.chart[t] != result.chart[u] => 3,
-                // Rounding.
+                // Only rounding.
                 g if g < 1e-3 => 0,
                 g if g < 0.5 => 1,
                 g if g < 2.0 => 2,
@@ -116,7 +116,7 @@ fn slits(mesh: &UnwrapInput, result: &UnwrappedMesh) -> [f64; 4] {
     out
 }
 
-/// Median by weight of (value, weight) pairs sorted by value; 0 for none.
+/// Weighted median of (value, weight) pairs sorted by value; 0 if there are none.
 pub(crate) fn weighted_median(sorted: &[(f64, f64)]) -> f64 {
     let half = 0.5 * sorted.iter().map(|d| d.1).sum::<f64>();
     let mut seen = 0.0;

@@ -1,7 +1,7 @@
-//! Unwrapping: a surface in space becomes flat charts, packed into one rectangle of texels per
+//! Unwrapping: turns a surface in space into flat charts, packed into one rectangle of texels per
 //! mesh.
 //!
-//! [`Unwrapper`] is the one small interface; [`UvUnwrap`] and [`BoxProjection`] implement it.
+//! [`Unwrapper`] is the interface, implemented by [`UvUnwrap`], [`Xatlas`] and [`BoxProjection`].
 //! [`unwrap_with_fallback`] tries one after the other, so that a mesh always gets charts.
 
 mod boxes;
@@ -36,19 +36,19 @@ pub use unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper
 pub use uvunwrap::UvUnwrap;
 pub use xatlas::Xatlas;
 
-/// Which unwrapper to use.
+/// Choice of the unwrapper.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UnwrapperChoice {
-    /// The one that measures better (`lab/unwrap.md`): uvunwrap.
+    /// The one that measures best: uvunwrap.
     #[default]
     Auto,
     /// The `uvunwrap` crate.
     UvUnwrap,
-    /// The `xatlas-rs` crate (xatlas of 2019), its charts packed by `uvunwrap`; falls back where it
-    /// fails.
+    /// The `xatlas-rs` crate (xatlas of 2019), with charts packed by Lumel; falls back to others if
+    /// it fails.
     Xatlas,
-    /// Our own projection along the axes: many charts, never fails on sane input.
+    /// Lumel's own projection along the axes: many charts, but it never fails on valid input.
     Box,
 }
 
@@ -63,14 +63,14 @@ impl UnwrapperChoice {
     }
 }
 
-/// Tries `unwrappers` in turn; gives the result, the name of the one that made it, and why each
-/// earlier one failed.
+/// Tries `unwrappers` in order. Returns the result, the name of the unwrapper that made it, and why
+/// each earlier one failed.
 ///
-/// All but the last run under a guard: one that panics is left behind. Each refuses what is too
-/// much for it, by counting, so that the result does not depend on the machine.
+/// All but the last run under a guard: one that panics is abandoned. Each refuses meshes that are
+/// too large for it by counting, so the result does not depend on the machine.
 ///
 /// # Errors
-/// The last one's error when none succeeds; [`UnwrapError::Cancelled`] at once.
+/// The last one's error if none succeeds; [`UnwrapError::Cancelled`] at once.
 pub fn unwrap_with_fallback(
     unwrappers: &[&'static dyn Unwrapper],
     mesh: &Arc<UnwrapInput>,

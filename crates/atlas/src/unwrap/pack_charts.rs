@@ -1,10 +1,9 @@
-//! Charts onto a rectangle of texels: phase on the texel grid, masks, places, the final
+//! Packs charts into a rectangle of texels: phase on the texel grid, masks, positions, final
 //! coordinates.
 //!
-//! What keeps two charts apart is what bilinear lookups on them read, texel by texel, not their
-//! outlines ([`UnwrapOptions::padding`]). A chart is therefore laid so on the grid that its lookups
-//! read as few texels as they can: a side of 4.2 texels reads 6 in the right place and 7 in the
-//! wrong one.
+//! Charts are kept apart by the texels that bilinear lookups on them read, not by their outlines
+//! ([`UnwrapOptions::padding`]). A chart is therefore aligned to the grid so that its lookups read
+//! as few texels as possible: a side of 4.2 texels reads 6 at the best phase and 7 at others.
 
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
@@ -15,24 +14,24 @@ use super::measure::signed_area2;
 use super::place::{Item, Place, place_all};
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh};
 
-/// From this many texels on, the shorter side of a chart lies on texel borders whatever it reads: a
-/// border row of lumels that are half on the surface costs as much to bake as whole ones, and the
-/// texels won are few beside the chart's own.
+/// From this many texels on, the shorter side of a rectangular chart is aligned to texel borders,
+/// whatever it reads. A border row of half-covered lumels costs as much to bake as full ones, and
+/// the saved texels are few in relation to the chart.
 const LARGE_SIDE: f64 = 64.0;
 
-/// Charts that are no rectangles are tried on sixteen phases of the grid where that takes fewer
-/// steps (triangles × rows) than this.
+/// Non-rectangular charts are tried at sixteen phases of the grid if that takes fewer steps
+/// (triangles × rows) than this.
 const PHASE_WORK: f64 = 20_000.0;
 
-/// A rectangle more than twice as long as wide counts as so much larger: six sides of a box fill 1
-/// × 6 as well as 2 × 3, and squares are easier to pack. Five equal sides in 2 × 3 waste a fifth,
-/// which a strip across the page would waste as well.
+/// Cost factor of rectangles more than twice as long as wide. Six sides of a box fit 1 × 6 as well
+/// as 2 × 3, and squares are easier to pack. Five equal sides in 2 × 3 waste a sixth, which a strip
+/// across the page would waste as well.
 const STRIP_COST: f64 = 1.25;
 
-/// How often charts are packed at a lower density before they count as too many.
+/// Number of attempts at lower densities before charts count as too many.
 const TRIES: usize = 24;
 
-/// How masks keep apart.
+/// Rules for the distance of masks.
 #[derive(Debug, Clone, Copy)]
 struct Rule {
     /// See [`Mask::cover`].
@@ -41,15 +40,15 @@ struct Rule {
     gap: u32,
     /// Free texels between masks and the border of the rectangle.
     border: u32,
-    /// Masks are whole blocks of so many texels.
+    /// Masks are aligned to blocks of this many texels.
     unit: u32,
-    /// Sides of the rectangle are multiples of so many units.
+    /// Sides of the rectangle are multiples of this many units.
     step: u32,
 }
 
 impl Rule {
     fn new(options: &UnwrapOptions) -> Rule {
-        // A block larger than the page cannot be kept.
+        // A block larger than the page is impossible.
         let block = options.block.clamp(1, options.max_size.max(1));
         let (unit, step) = if options.block_charts {
             (block, 1)
@@ -74,15 +73,15 @@ impl Rule {
 /// A chart on the texel grid.
 struct Stamp {
     mask: Mask,
-    /// Triangles' corners in texels of the mask.
+    /// Corners of the triangles in texels of the mask.
     corners: Vec<[DVec2; 3]>,
 }
 
-/// Packs `charts` at the density of `options`, or the highest found below it at which they fit.
+/// Packs `charts` at the density of `options`, or at the highest density found at which they fit.
 ///
 /// # Errors
-/// [`UnwrapError::DoesNotFit`] where there are too many charts at any density;
-/// [`UnwrapError::Failed`] where a chart folds.
+/// [`UnwrapError::DoesNotFit`] if there are too many charts at any density; [`UnwrapError::Failed`]
+/// if a chart folds over.
 pub(super) fn pack_charts(
     charts: &Charts,
     options: &UnwrapOptions,
@@ -98,7 +97,8 @@ pub(super) fn pack_charts(
     let mut density = f64::from(options.texels_per_unit);
     let area: f64 = shapes.iter().map(|s| s.area).sum();
     let longest = shapes.iter().map(|s| s.extent.x).fold(0.0, f64::max);
-    // Without a look at texels yet: charts never fill a page wholly, and each must lie on it.
+    // A first bound without rasterising: charts never fill a page completely, and each must fit on
+    // it.
     density = density
         .min((0.98 * room / area.max(f64::MIN_POSITIVE)).sqrt())
         .min(f64::from(options.max_size) / longest.max(f64::MIN_POSITIVE));
@@ -106,7 +106,7 @@ pub(super) fn pack_charts(
         charts: charts.count,
         max_size: options.max_size,
     };
-    // Each failed try lowers the density by 3 % to a half, after eight by a fifth at least; the
+    // Each failed attempt reduces the density by 3 % to half, after eight by at least a fifth; the
     // last ones leave every chart a few texels.
     let mut before = f64::INFINITY;
     for tried in 0..TRIES {
@@ -117,7 +117,7 @@ pub(super) fn pack_charts(
             .par_iter()
             .map(|shape| Stamp::new(shape, density, &rule))
             .collect();
-        // What is larger than the page need not be tried, and what no density makes smaller never
+        // A total larger than the page need not be tried, and a total that does not decrease never
         // fits.
         let needed: f64 = stamps.iter().map(|s| s.mask.count() as f64).sum();
         if needed > room {
@@ -168,7 +168,7 @@ impl Stamp {
     }
 }
 
-/// A chart on one phase of the grid.
+/// A chart at one phase of the grid.
 struct Laid {
     mask: Mask,
     corners: Vec<[DVec2; 3]>,
@@ -176,7 +176,7 @@ struct Laid {
 
 impl Laid {
     fn new(shape: &Shape, density: f64, axes: [Axis; 2], reach: f64) -> Laid {
-        // A texel for what lookups read beyond the chart.
+        // One texel of margin for what lookups read beyond the chart.
         let map = |p: DVec2| {
             DVec2::new(
                 1.0 + axes[0].map(p.x * density),
@@ -193,28 +193,28 @@ impl Laid {
     }
 }
 
-/// Where a chart lies on the texel grid along one axis.
+/// Position of a chart on the texel grid along one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Axis {
-    /// Its length as it came, texels.
+    /// Its original length, texels.
     from: f64,
-    /// Its length as it is laid down: rectangles are stretched a little, never shrunk.
+    /// Its final length: rectangles are stretched slightly, never shrunk.
     length: f64,
-    /// Where it begins, 0..1 texels.
+    /// Its start, 0..1 texels.
     low: f64,
 }
 
 impl Axis {
-    /// `small`: as few texels read as possible. Otherwise rectangles lie on texel borders.
+    /// With `small`, minimises the texels read. Otherwise rectangles are aligned to texel borders.
     ///
-    /// n + ½ texels read n + 2 and touch n + 1 if they begin on a border and end on a middle; n
-    /// texels read and touch n + 1 between two middles (on borders they would read n + 2 and touch
-    /// n).
+    /// A length of n + ½ texels that starts at a border and ends at a centre reads n + 2 texels and
+    /// touches n + 1. A length of n texels between two centres reads and touches n + 1; between
+    /// borders it would read n + 2 and touch n.
     fn new(from: f64, rectangle: bool, small: bool) -> Axis {
         let halves = (2.0 * (from - SLACK)).ceil().max(1.0);
         let odd = halves % 2.0 == 1.0;
-        // A wall of a whole number of texels keeps whole lumels: whoever builds on a grid and
-        // chooses the density to fit it gets what is asked for.
+        // A wall with a whole number of texels keeps whole lumels, so that users who build on a
+        // grid and choose a matching density get what they expect.
         let whole = from >= 4.0 && (from - from.round()).abs() < SLACK;
         let (length, low) = match (rectangle, small && !whole) {
             (true, true) => (halves / 2.0, if odd { 0.0 } else { 0.5 }),
@@ -229,7 +229,7 @@ impl Axis {
         if self.length == self.from {
             return self.low + x;
         }
-        // Both ends must land exactly, whatever the rounding.
+        // Both ends must be exact, whatever the rounding.
         let y = x / self.from * self.length;
         let y = if y < SLACK {
             0.0
@@ -242,7 +242,7 @@ impl Axis {
     }
 }
 
-/// Finds the smallest rectangle among a few widths; `None` where nothing fits.
+/// Finds the smallest rectangle among a few widths; `None` if nothing fits.
 fn arrange(
     shapes: &[Shape],
     stamps: &[Stamp],
@@ -257,12 +257,12 @@ fn arrange(
     let Rule { unit, step, .. } = *rule;
     let border = rule.border.div_ceil(unit);
     let gap = rule.gap.div_ceil(unit);
-    // Everything from here on in units.
+    // Everything from here on is in units.
     let max = options.max_size / unit / step * step;
     let Some(inner) = max.checked_sub(2 * border).filter(|&m| m > 0) else {
         return Ok(None);
     };
-    // Masks with their share of the gaps.
+    // Masks enlarged by their part of the gaps.
     let grown = |m: &Mask| match gap {
         0 => m.count() as f64,
         _ => f64::from(m.width + gap) * f64::from(m.height + gap),
@@ -288,7 +288,7 @@ fn arrange(
             return Err(UnwrapError::Cancelled);
         }
         let outer = (width + 2 * border).next_multiple_of(step);
-        // Only what is smaller than the best so far is of interest.
+        // Only results smaller than the best so far matter.
         let limit = best.as_ref().map_or(max, |b| {
             let lower = ((b.0 - 1.0) / f64::from(outer)).clamp(0.0, f64::from(max)) as u32;
             lower / step * step
@@ -319,7 +319,7 @@ fn arrange(
     };
     for (((shape, stamp), item), place) in shapes.iter().zip(stamps).zip(&items).zip(&places) {
         let quarters = item.turns[place.turn].0;
-        // Turned about the whole blocks that were placed.
+        // Rotated about the whole blocks that were placed.
         let whole =
             [stamp.mask.width, stamp.mask.height].map(|s| f64::from(s.next_multiple_of(unit)));
         let at = place.at.map(|s| f64::from((s + border) * unit));
@@ -332,7 +332,7 @@ fn arrange(
     Ok(Some(result))
 }
 
-/// A point of a `size` rectangle turned by quarters, clockwise as seen with y down
+/// Rotates a point of a `size` rectangle by quarter turns, clockwise as seen with y down
 /// ([`Mask::turned`]).
 fn turn(p: DVec2, size: [f64; 2], quarters: u8) -> DVec2 {
     match quarters {
@@ -343,7 +343,7 @@ fn turn(p: DVec2, size: [f64; 2], quarters: u8) -> DVec2 {
     }
 }
 
-/// A mask in the orientations that differ, in whole blocks.
+/// A mask in its distinct orientations, in whole blocks.
 fn item(mask: &Mask, rule: &Rule) -> Item {
     let mut turns: Vec<(u8, Mask)> = Vec::with_capacity(4);
     let mut next = mask.blocks(rule.unit);
@@ -357,8 +357,8 @@ fn item(mask: &Mask, rule: &Rule) -> Item {
     Item { turns }
 }
 
-/// Indices of items: those first whose shorter side (`thick`) or longer side is longest, then the
-/// fullest. Neither order is always better.
+/// Indices of items in decreasing order of their shorter side (`thick`) or longer side, then of
+/// their area. Neither order is always better.
 fn largest_first(items: &[Item], thick: bool) -> Vec<u32> {
     let key = |i: u32| {
         let mask = &items[i as usize].turns[0].1;
@@ -371,8 +371,8 @@ fn largest_first(items: &[Item], thick: bool) -> Vec<u32> {
     order
 }
 
-/// Widths to try for masks of `needed` units² together, most promising first. `sides`: the width
-/// that the widest mask needs at least, and the longest side of any.
+/// Widths to try for masks with a total of `needed` units², most promising first. `sides`: the
+/// width of the widest mask, and the longest side of any.
 fn widths(needed: f64, sides: [u32; 2], inner: u32, count: usize) -> Vec<u32> {
     let side = needed.sqrt();
     let factors: &[f64] = match count {
@@ -384,7 +384,7 @@ fn widths(needed: f64, sides: [u32; 2], inner: u32, count: usize) -> Vec<u32> {
     };
     let mut wanted: Vec<u32> = factors.iter().map(|f| (side * f).ceil() as u32).collect();
     if count <= 64 {
-        // A few large charts: side by side.
+        // A few large charts side by side.
         let [widest, longest] = sides;
         wanted.extend([
             widest,
@@ -395,7 +395,7 @@ fn widths(needed: f64, sides: [u32; 2], inner: u32, count: usize) -> Vec<u32> {
             widest + longest,
         ]);
     }
-    // The whole page as the last resort of charts that only just fit.
+    // The whole page as a last resort for charts that barely fit.
     if side * 1.2 > f64::from(inner) {
         wanted.push(inner);
     }
@@ -409,9 +409,9 @@ fn widths(needed: f64, sides: [u32; 2], inner: u32, count: usize) -> Vec<u32> {
     out
 }
 
-/// Flattens triangles that rounding turned over: they are thinner than any texel can show.
+/// Flattens triangles that rounding has inverted: they are thinner than any texel can show.
 fn unfold(mesh: &mut UnwrappedMesh) -> Result<(), UnwrapError> {
-    /// Rounding of a corner, texels, with room: `f32` at 16384 texels is good to 1e-3.
+    /// Rounding of a corner, texels, with a margin: `f32` is accurate to 1e-3 at 16384 texels.
     const ROUNDING: f64 = 4e-3;
     for c in &mut mesh.corners {
         let twice = signed_area2(c);

@@ -1,33 +1,33 @@
-//! Packing of masks on one page: each goes to the first place from the top where its texels are
+//! Places masks on one page: each goes to the first position from the top where its texels are
 //! free.
 //!
-//! All positions of a row are tested at once, 64 to a word. Rows without a gap wide enough are
-//! skipped, and a mask starts where the last one of its size went, so that the work is near linear
-//! in the number of masks: larger ones that come earlier leave gaps, which smaller ones find since
-//! they start from the top themselves.
+//! All positions of a row are tested at once, 64 per word. Rows without a wide enough gap are
+//! skipped, and the search for a mask starts where the last one of its size was placed. The time is
+//! therefore nearly linear in the number of masks: smaller masks fill the gaps between larger ones,
+//! because they start their own search at the top.
 
 use std::collections::BTreeMap;
 
 use super::mask::Mask;
 
-/// One thing to place.
+/// A chart to place.
 pub(super) struct Item {
-    /// The mask in each admissible orientation, with its number of quarter turns.
+    /// The mask in each allowed orientation, with its number of quarter turns.
     pub turns: Vec<(u8, Mask)>,
 }
 
-/// Where an item went.
+/// Position of a placed item.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Place {
     /// Left and top of its mask.
     pub at: [u32; 2],
-    /// Which of [`Item::turns`].
+    /// Index into [`Item::turns`].
     pub turn: usize,
 }
 
 /// Places `items` in the given order on a page of `width` columns and at most `max_height` rows,
-/// masks at least `gap` apart. Gives the places and the height used, or `None` where something does
-/// not fit.
+/// with at least `gap` texels between masks. Returns the positions and the height used, or `None`
+/// if something does not fit.
 pub(super) fn place_all(
     items: &[Item],
     order: &[u32],
@@ -42,7 +42,7 @@ pub(super) fn place_all(
         let item = &items[i as usize];
         let mut best: Option<(u32, u32, usize, u32)> = None;
         for (turn, (_, mask)) in item.turns.iter().enumerate() {
-            // Nothing that ends lower than the best so far is of interest.
+            // Only positions that end higher than the best so far matter.
             let limit = best.map_or(max_height, |b| b.0 - 1);
             if let Some((x, y)) = page.find(mask, limit) {
                 let found = (y + mask.height, y, turn, x);
@@ -60,16 +60,16 @@ pub(super) fn place_all(
     Some((places, used))
 }
 
-/// The page so far.
+/// The page being filled.
 struct Page {
     width: u32,
     max_height: u32,
     words: usize,
-    /// Rows allocated so far; further ones are free.
+    /// Allocated rows; further ones are free.
     rows: Vec<u64>,
     /// Longest run of free texels of each allocated row.
     free: Vec<u32>,
-    /// By size class of mask, the row where the last one went.
+    /// Row where the last mask of each size class was placed.
     start: BTreeMap<(u32, u32), u32>,
     candidates: Vec<u64>,
     shifted: Vec<u64>,
@@ -103,7 +103,7 @@ impl Page {
         self.free.len() as u32
     }
 
-    /// The first place, by rows and then columns, that ends at row `limit` or above.
+    /// The first position, by rows and then columns, that ends at row `limit` or above.
     fn find(&mut self, mask: &Mask, limit: u32) -> Option<(u32, u32)> {
         if mask.width > self.width || mask.height > limit.min(self.max_height) {
             return None;
@@ -122,7 +122,7 @@ impl Page {
                 self.start.insert(key, y);
                 return Some((0, y));
             }
-            // The lowest of the mask's rows that finds no gap says how far to move at least.
+            // The lowest of the mask's rows without a gap gives the least distance to move.
             let blocked = (0..mask.height).rev().find(|&r| {
                 self.free
                     .get((y + r) as usize)
@@ -231,7 +231,7 @@ impl Page {
                 run = 64 - at;
             }
         }
-        // Columns beyond the page count as free in the last word.
+        // Columns beyond the page appear free in the last word.
         let beyond = words.len() as u32 * 64 - self.width;
         longest.max(run.saturating_sub(beyond)).min(self.width)
     }
@@ -246,7 +246,7 @@ fn fill(row: &mut [u64], from: u32, to: u32) {
     }
 }
 
-/// `out` = `row` moved `by` bits to the left of the page (towards bit 0).
+/// `out` = `row` shifted by `by` texels to the left of the page (towards bit 0).
 fn shift_down(row: &[u64], by: u32, out: &mut [u64]) {
     let (words, bits) = ((by / 64) as usize, by % 64);
     for (w, word) in out.iter_mut().enumerate() {
@@ -260,8 +260,8 @@ fn shift_down(row: &[u64], by: u32, out: &mut [u64]) {
     }
 }
 
-/// `row` |= `row` moved `by` bits towards bit 0. In place: every word only reads itself and later
-/// ones.
+/// `row` |= `row` shifted by `by` texels towards bit 0. Works in place: every word only reads
+/// itself and later ones.
 fn or_shifted_down(row: &mut [u64], by: u32) {
     let (words, bits) = ((by / 64) as usize, by % 64);
     for w in 0..row.len() {

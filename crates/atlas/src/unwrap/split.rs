@@ -1,19 +1,18 @@
-//! Cuts charts that leave most of the page empty: the ring road of a level in one piece lies around
-//! nothing.
+//! Splits charts that leave most of their box empty, e.g. the ring road of a level.
 
 use rayon::prelude::*;
 
 use super::charts::{Charts, Shape, cross2};
 use super::input::{NONE, UnwrapInput};
 
-/// A chart is cut where its box is empty over more than this share of all charts' area: other
-/// charts cannot fill that.
+/// A chart is split if the empty part of its box exceeds this fraction of all charts' area, which
+/// other charts cannot fill.
 const EMPTY: f64 = 0.5;
 
-/// Smaller charts are not cut, lumels²: a border costs more than is won.
+/// Smaller charts are not split, lumels²: a border costs more than it saves.
 const LEAST: f64 = 256.0;
 
-/// Halvings, at most.
+/// Most halvings.
 const ROUNDS: usize = 8;
 
 /// Halves hollow charts across their longer sides until none is left.
@@ -45,12 +44,12 @@ pub(super) fn split_hollow(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) 
     }
 }
 
-/// Parts `shape` at the middle of its longer side; every connected part becomes a chart, the first
-/// keeps its number.
+/// Splits `shape` at the middle of its longer side; every connected part becomes a chart, and the
+/// first keeps its number.
 fn cut(mesh: &UnwrapInput, charts: &mut Charts, shape: &Shape) {
     let old = charts.chart[shape.triangles[0] as usize];
     let middle = shape.extent.x * 0.5;
-    // Two numbers that no chart has mark the halves that are still to be gathered.
+    // Two unused numbers mark the halves that are not assigned yet.
     let marks = [u32::MAX - 1, u32::MAX];
     for (&t, c) in shape.triangles.iter().zip(&shape.corners) {
         let right = c[0].x + c[1].x + c[2].x > 3.0 * middle;

@@ -1,4 +1,4 @@
-//! What an unwrapper is asked for, and what it gives.
+//! The interface of an unwrapper.
 
 use glam::Vec2;
 use thiserror::Error;
@@ -8,18 +8,18 @@ use super::input::UnwrapInput;
 /// How to unwrap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnwrapOptions {
-    /// Lumels per metre wanted.
+    /// Requested lumels per metre.
     pub texels_per_unit: f32,
-    /// What keeps charts apart. 2: the texels that bilinear lookups on two charts read are
-    /// disjoint; each one more is a free texel between those. 1: one free texel between the texels
-    /// that charts touch; 0: no texel is touched by two charts. Half of the free texels, rounded
-    /// up, lie between the charts and the border of the rectangle.
+    /// Distance of charts. 2: bilinear lookups on two charts read disjoint texels; each further
+    /// unit adds a free texel between those. 1: one free texel between the texels that charts
+    /// touch. 0: no texel is touched by two charts. Half of the free texels, rounded up, are
+    /// between charts and the rectangle's border.
     pub padding: u32,
-    /// Both sides of the rectangle are multiples of so many texels (4 for BC formats; 0 or 1: any
+    /// Both sides of the rectangle are multiples of this many texels (4 for BC formats; 0 or 1: any
     /// size).
     pub block: u32,
-    /// Also keeps charts to blocks: no block of `block` × `block` texels holds texels that lookups
-    /// in two charts read.
+    /// Also aligns charts to blocks: no block of `block` × `block` texels is read by lookups in two
+    /// charts.
     pub block_charts: bool,
     /// Longest side of the rectangle in texels. The density is lowered until the charts fit.
     pub max_size: u32,
@@ -30,10 +30,10 @@ pub struct UnwrapOptions {
 pub struct UnwrappedMesh {
     /// Width and height of the rectangle in texels.
     pub size: [u32; 2],
-    /// Density that was reached; the one asked for unless the charts did not fit.
+    /// The density that was reached: the requested one unless the charts did not fit.
     pub texels_per_unit: f32,
     /// Texel coordinates of each triangle's corners (x right, y down). The signed area (x right, y
-    /// down) is positive, or zero for triangles too thin for any texel.
+    /// down) is positive, or zero for triangles thinner than any texel.
     pub corners: Vec<[Vec2; 3]>,
     /// Chart of each triangle.
     pub chart: Vec<u32>,
@@ -41,7 +41,7 @@ pub struct UnwrappedMesh {
     pub charts: u32,
 }
 
-/// Why an unwrapper gave up on a mesh.
+/// Why an unwrapper failed.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum UnwrapError {
@@ -51,12 +51,12 @@ pub enum UnwrapError {
     /// The charts cannot be made to fit.
     #[error("{charts} charts do not fit into {max_size} x {max_size} texels")]
     DoesNotFit {
-        /// How many charts there are.
+        /// Number of charts.
         charts: u32,
-        /// The largest rectangle allowed.
+        /// Largest allowed side of the rectangle, texels.
         max_size: u32,
     },
-    /// The unwrapper refused the mesh or gave a result that cannot be used.
+    /// The unwrapper refused the mesh or gave an unusable result.
     #[error("{0}")]
     Failed(String),
 }
@@ -64,19 +64,19 @@ pub enum UnwrapError {
 /// Polled during long work; `true` asks to stop.
 pub type Cancel<'a> = &'a (dyn Fn() -> bool + Sync);
 
-/// Something that flattens meshes.
+/// An algorithm that unwraps meshes.
 pub trait Unwrapper: Sync {
     /// Name for reports and for `--unwrapper`.
     fn name(&self) -> &'static str;
 
-    /// Flattens `mesh`.
+    /// Unwraps `mesh`.
     ///
-    /// Guarantees on success: every corner is finite and lies in the rectangle; charts do not
+    /// Guarantees on success: every corner is finite and inside the rectangle; charts do not
     /// overlap and keep their distance; the same input gives the same output for any number of
     /// threads.
     ///
     /// # Errors
-    /// [`UnwrapError`]; another unwrapper may do better.
+    /// [`UnwrapError`]; another unwrapper may succeed.
     fn unwrap(
         &self,
         mesh: &UnwrapInput,
@@ -85,7 +85,7 @@ pub trait Unwrapper: Sync {
     ) -> Result<UnwrappedMesh, UnwrapError>;
 }
 
-/// Rejects what would break the bake: wrong counts, non-finite or outlying corners.
+/// Rejects results that would break the bake: wrong counts, non-finite or outlying corners.
 pub(super) fn check(
     mesh: &UnwrapInput,
     options: &UnwrapOptions,
@@ -103,7 +103,7 @@ pub(super) fn check(
     }
     let inside = |p: &Vec2| p.x >= 0.0 && p.y >= 0.0 && p.x <= w as f32 && p.y <= h as f32;
     if !result.corners.iter().flatten().all(inside) {
-        return Err(UnwrapError::Failed("a corner lies off the page".into()));
+        return Err(UnwrapError::Failed("a corner is outside the page".into()));
     }
     Ok(result)
 }

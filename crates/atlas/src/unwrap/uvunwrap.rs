@@ -1,4 +1,4 @@
-//! The `uvunwrap` crate behind [`Unwrapper`].
+//! The `uvunwrap` crate as an [`Unwrapper`].
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -10,17 +10,16 @@ use super::finish::finish;
 use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 
-/// Largest mesh given to uvunwrap: at 10 to 16 µs a triangle, a minute; of crumpled paper, the
-/// worst case measured (50 µs), three. Larger ones go to the box projection.
+/// Largest mesh given to uvunwrap: a minute at 10 to 16 µs per triangle, three minutes for crumpled
+/// paper, the worst case measured (50 µs). Larger meshes go to the box projection.
 pub const MAX_TRIANGLES: usize = 4_000_000;
 
-/// Most pieces with borders of their own. Its time grows faster than their number: loose triangles
-/// take 50 µs each where there are 128,000, and 90 where there are 256,000
-/// (`examples/unwrap_cost.rs`).
+/// Most disconnected pieces. Time grows faster than their number: loose triangles take 50 µs each
+/// if there are 128,000, and 90 µs if there are 256,000 (`examples/unwrap_cost.rs`).
 const PIECES: u32 = 250_000;
 
-/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible maps.
-/// Packed here.
+/// `uvunwrap` 0.3: segmentation within a normal cone, conformal and as-rigid-as-possible
+/// parametrisation. Lumel packs the charts itself.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct UvUnwrap;
 
@@ -47,34 +46,33 @@ impl Unwrapper for UvUnwrap {
     }
 }
 
-/// Meshes of more triangles get charts of bounded size: flattening is more than linear in a chart's
-/// triangles, and a scan of 595,000 took 10.6 s with charts as large as they come, 5.6 s with
-/// charts of about a thousand (14,000 and 18,000 charts).
+/// Meshes with more triangles get charts of limited size, because the time for a chart is
+/// superlinear. A scan of 595,000 triangles took 10.6 s with unlimited charts and 5.6 s with charts
+/// of about a thousand triangles (14,000 and 18,000 charts).
 const LARGE_MESH: usize = 300_000;
 
-/// Triangles of average size in a chart of a large mesh, at most.
+/// Most average-sized triangles in a chart of a large mesh.
 const LARGE_MESH_CHART: f64 = 1024.0;
 
-/// Texels that the charts cover together on the page that `uvunwrap` packs and we throw away.
+/// Area in texels of all charts on the page that `uvunwrap` packs, which is discarded.
 const PAGE_TEXELS: f64 = 65536.0;
 
-/// Cuts `mesh` into flat charts, or takes the charts it already has: `existing` texture coordinates
-/// per corner, in any unit. Islands of them are scaled to their area in space; those that overlap
-/// or fold are unwrapped anew.
+/// Cuts `mesh` into flat charts, or takes its existing charts: `existing` are texture coordinates
+/// per corner in any unit. Their islands are scaled to their area in space; overlapping and folded
+/// ones are unwrapped again.
 pub(super) fn flatten(
     mesh: &UnwrapInput,
     existing: Option<&[[Vec2; 3]]>,
     cancel: Cancel<'_>,
 ) -> Result<Charts, UnwrapError> {
     if !solver_runs_here() {
-        let why =
-            "this processor has AVX2 without FMA, and uvunwrap's solver takes one for the other";
+        let why = "this processor has AVX2 without FMA, which uvunwrap's solver needs";
         return Err(UnwrapError::Failed(why.into()));
     }
     let layers = Layers::new(mesh, existing);
     let area: f64 = mesh.areas().iter().sum();
     let mut density = (PAGE_TEXELS / area.max(f64::MIN_POSITIVE)).sqrt();
-    // Long thin charts may ask for more texels than uvunwrap takes on; any density serves.
+    // Long thin charts may need more texels than uvunwrap allows; any density will do.
     for _ in 0..8 {
         match layers.generate(density as f32, cancel) {
             Err(UnwrapError::DoesNotFit { .. }) => density /= 16.0,
@@ -84,8 +82,8 @@ pub(super) fn flatten(
     Err(UnwrapError::Failed("charts are too long".into()))
 }
 
-/// `nano-gemm` 0.1.3, below `uvunwrap`, looks for AVX2 and uses FMA: an illegal instruction on
-/// virtual machines that hide FMA.
+/// `nano-gemm` 0.1.3, a dependency of `uvunwrap`, checks for AVX2 but uses FMA, which is an illegal
+/// instruction on virtual machines that hide FMA.
 fn solver_runs_here() -> bool {
     #[cfg(target_arch = "x86_64")]
     return !is_x86_feature_detected!("avx2") || is_x86_feature_detected!("fma");
@@ -93,7 +91,7 @@ fn solver_runs_here() -> bool {
     true
 }
 
-/// The mesh cut into one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].
+/// The mesh as one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].
 struct Layers<'a> {
     mesh: &'a UnwrapInput,
     positions: Vec<[f32; 3]>,
@@ -104,7 +102,7 @@ struct Layers<'a> {
 
 #[derive(Default)]
 struct Layer {
-    /// Triangle numbers in the whole mesh.
+    /// Triangle indices in the whole mesh.
     triangles: Vec<u32>,
     indices: Vec<u32>,
     primitive: Vec<u32>,
@@ -112,7 +110,7 @@ struct Layer {
 }
 
 impl<'a> Layers<'a> {
-    /// Chart area limit, m²; 0 for none.
+    /// Limit of a chart's area, m²; 0 for none.
     fn largest_chart(&self) -> f32 {
         let n = self.mesh.triangles.len();
         if n <= LARGE_MESH {
@@ -208,8 +206,7 @@ impl<'a> Layers<'a> {
                 }
             }
         }
-        // Triangles without area and without a neighbour that has any: a point of the first chart
-        // serves.
+        // For zero-area triangles without a neighbour that has area: a point of the first chart.
         let Some(first) = charts.chart.iter().position(|&c| c != u32::MAX) else {
             return Err(UnwrapError::Failed(
                 "no triangle is thick enough for a chart".into(),

@@ -1,10 +1,10 @@
-//! Closes slits in charts that are narrower than what a lumel shows.
+//! Closes slits in charts that are narrower than about a lumel.
 //!
-//! Joined charts, and charts that an unwrapper opened a little, have edges that are one in space
-//! and lie a fraction of a lumel apart on the page. Lookups on the two lips then read the same
-//! texels a fraction apart, and differ by the slope of the light times the distance: a seam that
-//! nothing can stitch. The lips are moved together instead, by half of the distance each, which
-//! stretches the triangles beside them by no more than that.
+//! Joined charts, and charts that an unwrapper opened slightly, have edges that coincide in space
+//! but are a fraction of a lumel apart on the page. Lookups on the two sides then read the same
+//! texels at different positions and differ by slope times distance, a seam that cannot be
+//! stitched. Instead, each side is moved by half the distance, which stretches the adjacent
+//! triangles by no more than that.
 
 use std::collections::BTreeMap;
 
@@ -13,31 +13,30 @@ use glam::DVec2;
 use super::charts::{Charts, cross2};
 use super::input::UnwrapInput;
 
-/// Places of one vertex in one chart that are nearer than this to each other become one, lumels.
-/// Each moves by half of it; what joins charts leaves no wider slits but short ones.
+/// Positions of one vertex in one chart that are closer than this, lumels, become one. Each moves
+/// by half the distance. Joining leaves no wider slits except short ones.
 const NEAR: f64 = 1.0;
 
-/// And farther than this: what differs by rounding is one place already, and moving it would take
-/// charts off the grid that they lie on.
+/// Positions closer than this, lumels, differ by rounding only; moving them would take charts off
+/// their grid alignment.
 const APART: f64 = 1e-4;
 
-/// What triangles beside it may become by it, as a share of their area, at least and at most. Only
-/// those of about a lumel come near that: half a lumel is little of larger ones.
+/// Least and largest area of an adjacent triangle, relative to its original area. Only triangles of
+/// about one lumel reach these limits.
 const AREA: [f64; 2] = [0.4, 2.5];
 
-/// Triangles of no more than so many lumels², before and after, may grow as they like and shrink to
-/// [`SHRUNK`]: they show no light of their own.
+/// Triangles of at most this area, lumels², before and after, may grow without limit and shrink to
+/// [`SHRUNK`], because they show no light of their own.
 const TINY: f64 = 0.5;
 
-/// What is left of them at least: a reader of the coordinates should be able to turn them into
-/// places.
+/// Least remaining area of tiny triangles, relative to the original, so that readers can still
+/// invert the mapping.
 const SHRUNK: f64 = 0.1;
 
-/// How far a triangle that is already flat may be turned over by it, lumels of height: rounding,
-/// which is mended when charts are packed.
+/// How far a flat triangle may be inverted, lumels of height: rounding, which packing repairs.
 const FLAT: f64 = 1e-4;
 
-/// Welds the corners of `charts` of `mesh` where a lumel is `lumel` metres wide.
+/// Welds the corners of `charts` of `mesh`; a lumel is `lumel` metres wide.
 pub(super) fn weld_slits(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) {
     if !(lumel > 0.0 && lumel.is_finite()) {
         return;
@@ -61,10 +60,10 @@ fn place(charts: &Charts, corner: u32) -> DVec2 {
     charts.corners[corner as usize / 3][corner as usize % 3]
 }
 
-/// Sets of corners that lie near each other, but not in one place. Few corners share a vertex: each
-/// is held against the first of each set.
+/// Sets of corners that are close to each other, but not at the same position. Few corners share a
+/// vertex, so each is compared with the first of each set.
 fn clusters(charts: &Charts, group: &[(u32, u32, u32)], lumel: f64) -> Vec<Vec<u32>> {
-    // A fan of thousands has its vertex in few places.
+    // A fan of thousands has its vertex at few positions.
     let mut distinct: BTreeMap<[u64; 2], Vec<u32>> = BTreeMap::new();
     for &(_, _, corner) in group {
         let p = place(charts, corner);
@@ -75,7 +74,7 @@ fn clusters(charts: &Charts, group: &[(u32, u32, u32)], lumel: f64) -> Vec<Vec<u
         return Vec::new();
     }
     let mut sets: Vec<Vec<u32>> = Vec::new();
-    // By the first corner, not by place: the result must not hang on where the chart lies.
+    // By first corner, not by position, so that the result does not depend on where the chart is.
     let mut places: Vec<Vec<u32>> = distinct.into_values().collect();
     places.sort();
     for list in places {
@@ -96,10 +95,10 @@ fn clusters(charts: &Charts, group: &[(u32, u32, u32)], lumel: f64) -> Vec<Vec<u
     sets
 }
 
-/// A vertex with more places than this in one chart is no slit.
+/// A vertex with more positions than this in one chart is not a slit.
 const MOST_PLACES: usize = 16;
 
-/// Moves these corners to their middle, unless that folds or stretches a triangle.
+/// Moves these corners to their centre, unless that folds or stretches a triangle too much.
 fn weld(charts: &mut Charts, corners: &[u32], lumel: f64) {
     let middle = corners.iter().map(|&c| place(charts, c)).sum::<DVec2>() / corners.len() as f64;
     let fits = corners.iter().all(|&c| {
@@ -107,7 +106,7 @@ fn weld(charts: &mut Charts, corners: &[u32], lumel: f64) {
         let mut moved = *triangle;
         moved[c as usize % 3] = middle;
         let [before, after] = [cross2(triangle), cross2(&moved)];
-        // Collapsed ones have no lumels of their own, but must not fold over others.
+        // Collapsed triangles have no lumels, but must not fold over others.
         if before <= 0.0 {
             let side = |k: usize| moved[k].distance(moved[(k + 1) % 3]);
             return after >= -FLAT * lumel * side(0).max(side(1)).max(side(2));
@@ -130,7 +129,7 @@ mod tests {
     use super::*;
     use glam::Vec3;
 
-    /// Two triangles of a unit square, opened by `gap` along their diagonal.
+    /// Two triangles of a unit square, separated by `gap` along their diagonal.
     fn opened(gap: f64) -> (UnwrapInput, Charts) {
         let mesh = UnwrapInput {
             positions: vec![Vec3::ZERO, Vec3::X, Vec3::X + Vec3::Y, Vec3::Y],
@@ -175,8 +174,8 @@ mod tests {
 
     #[test]
     fn slivers_grow_to_half_a_lumel_at_most() {
-        // 1.4 mm high on a base of 1.4 m, where a lumel has 10 cm. The base moves by half of the
-        // slit.
+        // A triangle with a height of 1.4 mm and a base of 1.4 m; a lumel is 10 cm. The base moves
+        // by half of the slit.
         for (gap, grows) in [(0.01, true), (0.09, false)] {
             let (mesh, mut charts) = opened(gap);
             let middle = charts.corners[1][0].lerp(charts.corners[1][1], 0.5);
@@ -189,7 +188,7 @@ mod tests {
 
     #[test]
     fn nothing_folds() {
-        // Half of the way to the other triangle's corner lies beyond this one's far side.
+        // The midpoint towards the other triangle's corner is beyond this one's far side.
         let (mesh, mut charts) = opened(0.0);
         charts.corners[1] = [(-0.05, 0.0), (-0.03, -0.01), (-0.03, 0.01)].map(DVec2::from);
         let before = charts.corners.clone();
@@ -200,7 +199,7 @@ mod tests {
 
     #[test]
     fn what_is_smaller_than_half_a_lumel_may_change_more() {
-        // Both triangles measure a third of a lumel, and the slit between them a fifth of their
+        // Both triangles cover a third of a lumel, and the slit between them is a fifth of their
         // side.
         let (mesh, mut charts) = opened(0.2);
         weld_slits(&mesh, &mut charts, 1.3);

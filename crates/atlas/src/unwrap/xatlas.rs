@@ -1,19 +1,18 @@
-//! xatlas (2019, through the `xatlas-rs` crate) behind [`Unwrapper`]: its charts, packed by
-//! `uvunwrap`.
+//! xatlas (2019, through the `xatlas-rs` crate) as an [`Unwrapper`]; Lumel packs its charts.
 //!
-//! The crate's own bindings carry names as MSVC mangles them and do not link elsewhere, so the few
-//! functions needed are declared here. All `unsafe` code of atlas-bake is in this file.
+//! The crate's own bindings use MSVC-mangled names and do not link elsewhere, so the few required
+//! functions are declared here. This file contains all `unsafe` code of the crate.
 //!
-//! xatlas cannot be cancelled. It therefore works in a thread of its own; when it is not wanted any
-//! more, its progress callback puts that thread to sleep for good and its memory is lost. Its time
-//! grows with the square of a chart's triangles and of their number, so that it gets at most
-//! [`PIECES`] pieces of at most [`PIECE`] triangles: counts alone decide, never a clock. Its
-//! scheduler loses the wake-up of a worker that is just going to sleep: destroying an atlas hung
-//! once in about a thousand runs, so the result is handed over before that.
+//! xatlas cannot be cancelled, so it runs in its own thread. When its result is no longer needed,
+//! the progress callback parks that thread forever, and its memory leaks. Time grows with the
+//! square of a chart's triangles and of the number of charts, so it gets at most [`PIECES`] pieces
+//! of at most [`PIECE`] triangles; only counts decide, never a clock. xatlas's scheduler can lose
+//! the wake-up of a worker that is about to sleep: destroying an atlas hung about once in a
+//! thousand runs, so the result is handed over first.
 //!
-//! It prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units (so
-//! the mesh is scaled up), may mirror charts and does not scale conformal charts to their true
-//! area: packing its charts anew cures the last two, and replaces charts that overlap themselves.
+//! xatlas prints warnings to stdout unless silenced, ignores triangles below 1.2e-7 square units
+//! (so the mesh is scaled up), may mirror charts, and does not scale conformal charts to their true
+//! area. Lumel's packing corrects the last two and replaces charts that overlap themselves.
 
 use std::ffi::{c_int, c_void};
 use std::sync::Arc;
@@ -22,7 +21,7 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
 use glam::{Vec2, Vec3};
-// Nothing of the crate's Rust side is called: this links the C++ library that it builds.
+// Links the C++ library that the crate builds; the crate's Rust code is not used.
 use xatlas_rs as _;
 
 use super::finish::finish;
@@ -30,19 +29,19 @@ use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 use super::uvunwrap::flatten;
 
-/// Largest mesh given to xatlas: within a minute at the most that it was seen to take below the two
-/// limits that follow, 0.7 ms a triangle (`examples/unwrap_cost.rs`).
+/// Largest mesh given to xatlas: at most a minute at the highest cost measured within the next two
+/// limits, 0.7 ms per triangle (`examples/unwrap_cost.rs`).
 pub const MAX_TRIANGLES: usize = 60_000;
 
-/// Most triangles that xatlas gets in one piece. Its time grows with the square of a flat chart's:
-/// a terrain takes 0.3 ms a triangle with 2,000 triangles, 0.8 with 4,000 and 4 with 16,000.
+/// Most triangles in one piece. Time grows with the square of a flat chart's triangles: a terrain
+/// takes 0.3 ms per triangle with 2,000 triangles, 0.8 ms with 4,000 and 4 ms with 16,000.
 const PIECE: usize = 2_000;
 
-/// Most pieces. So does that of its packing: loose triangles take 0.6 ms each where there are
-/// 16,000, and 1 ms where there are 32,000.
+/// Most pieces. Packing time is quadratic too: loose triangles take 0.6 ms each if there are
+/// 16,000, and 1 ms if there are 32,000.
 const PIECES: usize = 16_000;
 
-/// How often the waiting thread looks whether it is to stop.
+/// How often the waiting thread checks for cancellation.
 const POLL: Duration = Duration::from_millis(50);
 
 /// xatlas of 2019.
@@ -78,9 +77,10 @@ impl Unwrapper for Xatlas {
     }
 }
 
-/// One seam-bounded region as xatlas gets it: a mesh of its own, so that no chart crosses a seam.
+/// One region bounded by seams, given to xatlas as a separate mesh, so that no chart crosses a
+/// seam.
 struct Region {
-    /// Numbers of its triangles in the whole mesh.
+    /// Indices of its triangles in the whole mesh.
     source: Vec<u32>,
     positions: Vec<Vec3>,
     indices: Vec<u32>,
@@ -88,7 +88,8 @@ struct Region {
 
 fn split_regions(mesh: &UnwrapInput) -> Vec<Region> {
     let (region, count) = mesh.components(|t, k| !mesh.seams[t][k]);
-    // Mean triangle of one square unit; lengths stay within f32's comfort for any sane mesh.
+    // Scaled to a mean triangle of one square unit, a range in which f32 is accurate for any sane
+    // mesh.
     let area: f64 = mesh.areas().iter().sum();
     let mean = area / mesh.triangles.len().max(1) as f64;
     let scale = if mean > 0.0 { mean.sqrt().recip() } else { 1.0 };
@@ -112,7 +113,8 @@ fn split_regions(mesh: &UnwrapInput) -> Vec<Region> {
             .collect();
         used.sort_unstable();
         used.dedup();
-        // Local to the region's first vertex: coordinates far from the origin would cost digits.
+        // Relative to the region's first vertex, because coordinates far from the origin lose
+        // digits.
         let origin = mesh.positions[used[0] as usize].as_dvec3();
         r.positions = used
             .iter()
@@ -128,13 +130,13 @@ fn split_regions(mesh: &UnwrapInput) -> Vec<Region> {
     regions
 }
 
-/// Cuts triangles at the middle one along the longest side of their box, until no piece has more
-/// than [`PIECE`].
+/// Splits triangles at the median along the longest side of their box, until no piece has more than
+/// [`PIECE`].
 fn halve(mesh: &UnwrapInput, source: Vec<u32>) -> Vec<Vec<u32>> {
     let (mut done, mut todo) = (Vec::new(), vec![source]);
     while let Some(mut piece) = todo.pop() {
         if piece.len() <= PIECE {
-            // In their own order, whatever the cuts were.
+            // In the original order, independent of the splits.
             piece.sort_unstable();
             done.push(piece);
             continue;
@@ -158,10 +160,10 @@ fn halve(mesh: &UnwrapInput, source: Vec<u32>) -> Vec<Vec<u32>> {
     done
 }
 
-/// Texture coordinates of one triangle's corners, in xatlas's texels, by number of the triangle.
+/// Texture coordinates of one triangle's corners, in xatlas's texels, by triangle index.
 type Charted = Vec<(u32, [Vec2; 3])>;
 
-/// Runs xatlas in its own thread, and leaves that thread behind when `cancel` says so.
+/// Runs xatlas in its own thread, and abandons that thread when `cancel` asks to stop.
 fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, UnwrapError> {
     if regions.is_empty() || cancel() {
         return Err(UnwrapError::Cancelled);
@@ -174,16 +176,15 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
         .stack_size(64 << 20)
         .spawn(move || {
             let outcome = run(&regions, &flag);
-            // The handle goes with the other half of the pair, after the result is out: destroying
-            // it may hang. The receiver is gone if the wait was given up; nobody misses the result
-            // then.
+            // The handle is sent after the result, because destroying it may hang. If the wait was
+            // given up, the receiver is gone and the result is not needed.
             let (result, _handle) = match outcome {
                 Ok((charted, handle)) => (Ok(charted), Some(handle)),
                 Err(error) => (Err(error), None),
             };
             let _ = sender.send(result);
         })
-        .map_err(|e| UnwrapError::Failed(format!("no thread for xatlas: {e}")))?;
+        .map_err(|e| UnwrapError::Failed(format!("cannot start a thread for xatlas: {e}")))?;
     loop {
         match receiver.recv_timeout(POLL) {
             Ok(result) => return result.map_err(UnwrapError::Failed),
@@ -199,7 +200,7 @@ fn run_guarded(regions: Vec<Region>, cancel: Cancel<'_>) -> Result<Charted, Unwr
     }
 }
 
-/// Charts of all regions, by xatlas's defaults, and the handle, still to be destroyed.
+/// Charts of all regions with xatlas's defaults, and the handle, which is still to be destroyed.
 fn run(regions: &[Region], abandoned: &AtomicBool) -> Result<(Charted, Handle), String> {
     let atlas = Handle::new()?;
     for region in regions {
@@ -222,7 +223,7 @@ impl Handle {
             ffi::create()
         };
         if atlas.is_null() {
-            return Err("xatlas gave no atlas".into());
+            return Err("xatlas returned no atlas".into());
         }
         Ok(Handle(atlas))
     }
@@ -269,9 +270,9 @@ impl Handle {
     }
 
     fn read(&self, regions: &[Region]) -> Result<Charted, String> {
-        // SAFETY: after `generate`, `meshes` holds `mesh_count` meshes, each with the counts it
-        // names; xatlas owns them until the handle is destroyed, and nothing writes to them any
-        // more. Null pointers are turned into empty slices.
+        // SAFETY: after `generate`, `meshes` holds `mesh_count` meshes, each with the counts in it;
+        // xatlas owns them until the handle is destroyed, and nothing writes to them any more. Null
+        // pointers are turned into empty slices.
         let meshes = unsafe {
             let atlas = &*self.0;
             slice(atlas.meshes, atlas.mesh_count)
@@ -326,8 +327,8 @@ unsafe fn slice<'a, T>(data: *const T, count: u32) -> &'a [T] {
     unsafe { std::slice::from_raw_parts(data, count as usize) }
 }
 
-/// Puts the calling thread to sleep for good once nobody wants the result: xatlas has no way to
-/// stop.
+/// Parks the calling thread forever once the result is not needed, because xatlas cannot be
+/// stopped.
 unsafe extern "C" fn progress(_category: c_int, _percent: c_int, user: *mut c_void) {
     // SAFETY: `user` is the flag given to `generate`, alive as long as the thread that runs it,
     // which never returns from here once the flag is set.
@@ -337,7 +338,7 @@ unsafe extern "C" fn progress(_category: c_int, _percent: c_int, user: *mut c_vo
     }
 }
 
-/// The part of xatlas.h (2019, as vendored by xatlas-rs 0.1.3) that is used.
+/// The required part of xatlas.h (2019, as vendored by xatlas-rs 0.1.3).
 mod ffi {
     use std::ffi::{c_char, c_int, c_void};
 
@@ -432,8 +433,8 @@ mod ffi {
     }
 
     impl Default for PackOptions {
-        /// A quick packing, since it is thrown away; at a resolution where rounding charts to whole
-        /// texels, which xatlas does, hardly distorts them (the mean triangle covers 64 texels).
+        /// A quick packing, because it is discarded. xatlas rounds charts to whole texels; at this
+        /// resolution (64 texels per mean triangle) that hardly distorts them.
         fn default() -> Self {
             PackOptions {
                 attempts: 1,

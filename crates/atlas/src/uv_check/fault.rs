@@ -1,12 +1,12 @@
-//! What can be wrong with an asset's own lightmap coordinates.
+//! Faults of an asset's own lightmap coordinates.
 
 use serde::Serialize;
 
-/// What is wrong with a mesh's `TEXCOORD_1`.
+/// Kinds of faults of a mesh's `TEXCOORD_1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UvFaultKind {
-    /// Some primitives have the set, others do not.
+    /// Only some primitives have the set.
     Missing,
     /// Coordinates are NaN or infinite.
     NotFinite,
@@ -14,26 +14,25 @@ pub enum UvFaultKind {
     OutOfRange,
     /// Triangles have no area in the lightmap.
     Collapsed,
-    /// Triangles lie on each other.
+    /// Triangles overlap.
     Overlap,
-    /// Charts are so near to each other that bilinear lookups read both.
+    /// Charts are so close that bilinear lookups read both.
     Close,
-    /// The density varies much over the surface.
+    /// The density varies strongly over the surface.
     Uneven,
-    /// Charts are mirrored, which lightmaps do not mind.
+    /// Charts are mirrored, which is harmless for lightmaps.
     Mirrored,
 }
 
-/// What follows from a fault.
+/// Consequence of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Nothing.
+    /// None.
     Note,
-    /// The coordinates are kept, and the user warned.
+    /// The coordinates are kept with a warning.
     Warning,
-    /// The coordinates are replaced, unless the user insists
-    /// ([`UvMode::Keep`](crate::UvMode::Keep)).
+    /// The coordinates are replaced, unless the user chooses [`UvMode::Keep`](crate::UvMode::Keep).
     Bad,
     /// The coordinates cannot be kept.
     Unusable,
@@ -44,9 +43,9 @@ pub enum Severity {
 pub struct UvPlace {
     /// Index of the mesh's glTF primitive.
     pub primitive: usize,
-    /// Number of its triangle, strips and fans unrolled.
+    /// Index of its triangle, with strips and fans unrolled.
     pub triangle: u32,
-    /// Coordinates there as they stand in the file; absent where they are not finite.
+    /// Coordinates there as in the file; absent if they are not finite.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uv: Option<[f32; 2]>,
 }
@@ -65,20 +64,20 @@ impl std::fmt::Display for UvPlace {
     }
 }
 
-/// Something found wrong with a mesh's `TEXCOORD_1`.
+/// A fault of a mesh's `TEXCOORD_1`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct UvFault {
-    /// What.
+    /// The kind.
     pub kind: UvFaultKind,
-    /// What follows.
+    /// The consequence.
     pub severity: Severity,
-    /// How many triangles it concerns.
+    /// Number of affected triangles.
     pub triangles: u64,
-    /// How large a part of the mesh's surface (of its lumels, for overlaps and closeness), 0..=1.
+    /// Affected fraction of the mesh's surface (of its lumels, for overlaps and closeness), 0..=1.
     pub share: f64,
-    /// Where it is worst.
+    /// The worst place.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub worst: Option<UvPlace>,
-    /// For people, with the place.
+    /// Message for people, with the place.
     pub message: String,
 }

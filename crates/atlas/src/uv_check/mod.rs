@@ -1,4 +1,4 @@
-//! Whether an asset's own `TEXCOORD_1` can serve as lightmap coordinates, and at which size.
+//! Checks whether an asset's own `TEXCOORD_1` can serve as lightmap coordinates, and at which size.
 
 mod fault;
 
@@ -11,66 +11,67 @@ use crate::unwrap::{UnwrapInput, weighted_median};
 
 pub use fault::{Severity, UvFault, UvFaultKind, UvPlace};
 
-/// Share of covered texels that may lie under two triangles. Authors' atlases have shared borders
-/// that cross a few texel centres; a real overlap (a tiled or mirrored layout) is far above.
+/// Largest fraction of covered texels under two triangles. Shared borders in authors' atlases cross
+/// a few texel centres; real overlaps (tiled or mirrored layouts) are far above this.
 const MAX_OVERLAP: f64 = 0.005;
 
-/// How far outside 0..1 a coordinate may lie: rounding of quantised coordinates, far below a texel.
+/// How far a coordinate may be outside 0..1: the rounding of quantised coordinates, far below a
+/// texel.
 const RANGE_SLACK: f32 = 1e-4;
 
-/// Share of the surface that may have no area in the lightmap.
+/// Largest fraction of the surface without area in the lightmap.
 const MAX_COLLAPSED: f64 = 0.01;
 
-/// Overlaps are looked for on a grid of at least so many texels a side: a small lightmap hides them
+/// Least side of the grid for finding overlaps, texels, because a small lightmap could miss them
 /// between its centres.
 const LEAST_GRID: u32 = 256;
 
-/// Share of the covered area whose lookups may read another chart's lumels without a word: a corner
-/// here and there.
+/// Fraction of the covered area whose lookups may read another chart's lumels without a warning: a
+/// few corners.
 const CLOSE: f64 = 0.01;
 
 /// Ratio of the largest to the smallest density (their 99 % and 1 % quantiles by area) from which
-/// on it is warned about.
+/// on to warn.
 const UNEVEN: f64 = 4.0;
 
-/// Which lightmap coordinates to use.
+/// Choice of lightmap coordinates.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UvMode {
-    /// The asset's `TEXCOORD_1` where nothing is [bad](Severity::Bad) about it, else new ones.
+    /// The asset's `TEXCOORD_1` if it has no [bad](Severity::Bad) fault, else new coordinates.
     #[default]
     Auto,
-    /// The asset's `TEXCOORD_1` wherever it can be used at all, with warnings.
+    /// The asset's `TEXCOORD_1` if it is usable at all, with warnings.
     Keep,
-    /// Always new ones.
+    /// Always new coordinates.
     Generate,
 }
 
-/// An asset's own coordinates as they were found.
+/// Result of checking an asset's own coordinates.
 #[derive(Debug, Clone)]
 pub struct OwnUvs {
-    /// What is wrong with them, in the order of [`UvFaultKind`].
+    /// Their faults, in the order of [`UvFaultKind`].
     pub faults: Vec<UvFault>,
-    /// Charts made of them; `None` where they are [unusable](Severity::Unusable).
+    /// Charts made from them; `None` if they are [unusable](Severity::Unusable).
     pub atlas: Option<MeshAtlas>,
-    /// Density reached over the one that was wanted: less than 1 where the size was limited.
+    /// Reached density relative to the requested one; below 1 if the size was limited.
     pub reached: f32,
 }
 
 impl OwnUvs {
-    /// The worst that is wrong.
+    /// The worst fault.
     pub fn worst(&self) -> Option<&UvFault> {
-        // Of equals the first.
+        // The first of equally bad ones.
         let faults = self.faults.iter().rev();
         faults.max_by_key(|f| f.severity)
     }
 }
 
-/// Judges `mesh`'s `TEXCOORD_1` as lightmap coordinates, at a size with which the median texel
-/// density is one texel per unit of `input`, the same mesh welded and scaled to lumels.
+/// Checks `mesh`'s `TEXCOORD_1` as lightmap coordinates, at a size where the median texel density
+/// is one texel per unit of `input`, which is the same mesh welded and scaled to lumels.
 ///
-/// `None` where no primitive has the set (nothing to keep). Texel coordinates are exactly
-/// `TEXCOORD_1 × size`, so a writer may leave the attribute as it is.
+/// `None` if no primitive has the set. Texel coordinates are exactly `TEXCOORD_1 × size`, so a
+/// writer may leave the attribute unchanged.
 pub fn check_uvs(mesh: &Mesh, input: &UnwrapInput, max_size: u32) -> Option<OwnUvs> {
     let present = |p: &mesh_ingest::Primitive| p.tex_coords.get(1).is_some_and(|c| !c.is_empty());
     if !mesh.primitives.iter().any(present) {
@@ -103,7 +104,7 @@ pub fn check_uvs(mesh: &Mesh, input: &UnwrapInput, max_size: u32) -> Option<OwnU
 struct Check<'a> {
     mesh: &'a Mesh,
     input: &'a UnwrapInput,
-    /// Coordinates of each triangle's corners; zero where there are none.
+    /// Coordinates of each triangle's corners; zero if there are none.
     flat: Vec<[Vec2; 3]>,
     /// Area of each triangle, lumels.
     areas: Vec<f64>,
@@ -111,7 +112,7 @@ struct Check<'a> {
     faults: Vec<UvFault>,
 }
 
-/// Triangles that share a fault, and the worst of them.
+/// Triangles with the same fault, and the worst of them.
 #[derive(Default)]
 struct Tally {
     triangles: u64,
@@ -120,7 +121,8 @@ struct Tally {
 }
 
 impl Tally {
-    /// Counts triangle `t`, which is `badly` wrong near `at`. Of equals the first is worst.
+    /// Counts triangle `t` with severity `badly` near `at`. The first of equally bad ones is the
+    /// worst.
     fn add(&mut self, t: usize, area: f64, badly: f64, at: Option<Vec2>) {
         self.triangles += 1;
         self.area += area;
@@ -143,7 +145,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// The asset's name for triangle `t`.
+    /// The asset's indices of triangle `t`.
     fn place(&self, t: usize, uv: Option<Vec2>) -> UvPlace {
         let number = self.input.primitive[t] as usize;
         let before: usize = (self.mesh.primitives[..number].iter())
@@ -166,7 +168,7 @@ impl<'a> Check<'a> {
         (a + b + c) / 3.0
     }
 
-    /// Adds what was tallied, if anything. `say` makes the message of the place in words.
+    /// Adds the tallied fault, if any. `say` makes the message from the description of the place.
     fn report(
         &mut self,
         kind: UvFaultKind,
@@ -187,7 +189,7 @@ impl<'a> Check<'a> {
         });
     }
 
-    /// Takes the coordinates; whether all are there, finite and in range.
+    /// Reads the coordinates; returns whether all exist, are finite and in range.
     fn read(&mut self) -> bool {
         let (mut missing, mut not_finite, mut outside) =
             (Tally::default(), Tally::default(), Tally::default());
@@ -249,7 +251,7 @@ impl<'a> Check<'a> {
                 outside.area / total,
                 |at| {
                     format!(
-                        "coordinates of {n} triangles leave 0..1, as far as ({:.3}, {:.3}) ({at})",
+                        "coordinates of {n} triangles leave 0..1, up to ({:.3}, {:.3}) ({at})",
                         far.x, far.y
                     )
                 },
@@ -260,13 +262,13 @@ impl<'a> Check<'a> {
 
     /// Surface without lumels.
     fn collapsed(&mut self) {
-        // Less than a 1e-4th of a texel on a 4096² page.
+        // A ten-thousandth of a texel on a 4096² page.
         const LEAST: f64 = 1e-4 / (4096.0 * 4096.0);
         let mut tally = Tally::default();
         let wrong =
             |kind: UvFaultKind| matches!(kind, UvFaultKind::Missing | UvFaultKind::NotFinite);
         if self.faults.iter().any(|f| wrong(f.kind)) {
-            // Their triangles have no area here, and were told of.
+            // Their triangles have no area here and were already reported.
             return;
         }
         for (t, (corners, &area)) in self.flat.iter().zip(&self.areas).enumerate() {
@@ -278,20 +280,20 @@ impl<'a> Check<'a> {
         if self.total <= 0.0 || share > MAX_COLLAPSED {
             let percent = 100.0 * share;
             self.report(UvFaultKind::Collapsed, Severity::Bad, &tally, share, |at| {
-                format!("{percent:.1} % of the surface has no area in it ({at})")
+                format!("{percent:.1} % of the surface has no area in the lightmap ({at})")
             });
         }
     }
 
-    /// Size of the rectangle in texels, and the density reached over the one wanted.
+    /// Size of the rectangle in texels, and the reached density relative to the requested one.
     fn size(&self, max_size: u32) -> ([u32; 2], f32) {
         let ideal = ideal_size(self.input, &self.flat, &self.areas);
         let fit = (f64::from(max_size) / ideal.max_element()).min(1.0);
         let limit = max_size.max(1);
         let size = (ideal * fit)
             .to_array()
-            // To a thousandth first: a scene in other units, whose sizes differ by rounding, gets
-            // the same texels.
+            // Rounded to a thousandth first, so that a scene in other units, whose sizes differ by
+            // rounding, gets the same texels.
             .map(|s| {
                 (((s * 1e3).round() * 1e-3).round() as u32)
                     .next_multiple_of(4)
@@ -305,10 +307,10 @@ impl<'a> Check<'a> {
         self.flat.iter().map(|c| c.map(|p| p * scale)).collect()
     }
 
-    /// Triangles on triangles.
+    /// Overlapping triangles.
     fn overlap(&mut self, size: [u32; 2]) {
         let covered: f64 = self.flat.iter().map(|c| 0.5 * cross(c).abs()).sum();
-        // Tiled thousandfold, one triangle after the other would fill the page.
+        // Coordinates that are tiled a thousandfold would fill the page once per triangle.
         if covered > 16.0 {
             let tally = Tally {
                 triangles: self.flat.len() as u64,
@@ -345,9 +347,9 @@ impl<'a> Check<'a> {
         });
     }
 
-    /// Charts beside charts, where none lie on each other.
+    /// Charts too close to each other, unless they overlap.
     fn close(&mut self, size: [u32; 2]) {
-        // Charts on each other are too near, and that was said.
+        // Overlapping charts are already reported.
         let overlap = |f: &UvFault| f.kind == UvFaultKind::Overlap;
         let chart = self.islands();
         if self.faults.iter().any(overlap) || chart.iter().all(|&c| c == chart[0]) {
@@ -373,7 +375,7 @@ impl<'a> Check<'a> {
             share,
             |at| {
                 format!(
-                    "charts are too near to each other for {w} x {h} texels: {percent:.1} % of the lookups mix two ({at})"
+                    "charts are too close together for {w} x {h} texels: {percent:.1} % of the lookups mix two ({at})"
                 )
             },
         );
@@ -409,7 +411,7 @@ impl<'a> Check<'a> {
             return;
         }
         let mut tally = Tally::default();
-        // Worst is what has fewest lumels, leaving out the last 1 %.
+        // The worst place has the fewest lumels, ignoring the last 1 %.
         for &(density, area, t) in list.iter().filter(|d| d.0 >= low.0) {
             let off = (density / middle.0).max(middle.0 / density);
             if off > 2.0 {
@@ -426,20 +428,20 @@ impl<'a> Check<'a> {
             share,
             |at| {
                 format!(
-                    "density varies by a factor of {ratio:.1} ({:.2} to {:.2} of what is wanted; {at})",
+                    "density varies by a factor of {ratio:.1} ({:.2} to {:.2} of the requested density; {at})",
                     low.0, high.0
                 )
             },
         );
     }
 
-    /// Charts seen from behind: no fault, but a user who bakes normal maps by the same set wants to
-    /// know.
+    /// Mirrored charts. Not a fault, but of interest to users who bake normal maps with the same
+    /// set.
     fn mirrored(&mut self) {
         let mut tally = Tally::default();
-        // Texture v runs down, and front faces are counter-clockwise: those not mirrored have a
-        // negative area here or a positive one, depending on which way the author's program has v.
-        // What most of the surface has is not mirrored.
+        // Texture v points down, and front faces are counter-clockwise. The area of unmirrored
+        // triangles is negative or positive here, depending on the direction of v in the modelling
+        // program, so the sign of most of the surface counts as unmirrored.
         let signed = |t: usize| cross(&self.flat[t]).signum() * self.areas[t];
         let sum: f64 = (0..self.flat.len()).map(signed).sum();
         for t in 0..self.flat.len() {
@@ -455,13 +457,13 @@ impl<'a> Check<'a> {
                 Severity::Note,
                 &tally,
                 share,
-                |at| format!("{n} triangles ({percent:.1} % of the surface) are mirrored against the others ({at})"),
+                |at| format!("{n} triangles ({percent:.1} % of the surface) are mirrored relative to the others ({at})"),
             );
         }
     }
 
-    /// Pieces of the atlas: triangles joined where edges coincide in space and in the atlas, across
-    /// primitives too.
+    /// Pieces of the atlas: triangles connected by edges that coincide in space and in the atlas,
+    /// also across primitives.
     fn islands(&self) -> Vec<u32> {
         // Welded vertex and bits of its coordinates.
         type End = (u32, [u32; 2]);
@@ -496,7 +498,7 @@ impl<'a> Check<'a> {
 
     fn atlas(&self, size: [u32; 2]) -> MeshAtlas {
         let (input, flat) = (self.input, &self.flat);
-        // Charts: neighbours whose coordinates agree at both ends of their edge.
+        // Neighbours are in the same chart if their coordinates agree at both ends of their edge.
         let agree = |t: usize, k: usize| {
             let u = input.neighbors[t][k] as usize;
             let ends = [
@@ -522,7 +524,7 @@ impl<'a> Check<'a> {
                     uv: uv
                         .iter()
                         .map(|&p| {
-                            // Vertices of no triangle may have any.
+                            // Unused vertices may have any coordinates.
                             let p = if p.is_finite() { p } else { Vec2::ZERO };
                             (p * scale).clamp(Vec2::ZERO, scale)
                         })
@@ -548,7 +550,7 @@ fn cross(corners: &[Vec2; 3]) -> f64 {
     (b - a).perp_dot(c - a)
 }
 
-/// Lengths that the unit square's sides stand for (weighted medians).
+/// Lengths that the sides of the unit square represent (weighted medians).
 fn ideal_size(input: &UnwrapInput, flat: &[[Vec2; 3]], areas: &[f64]) -> DVec2 {
     let mut along: [Vec<(f64, f64)>; 2] = [Vec::new(), Vec::new()];
     let mut side = Vec::new();
@@ -570,8 +572,8 @@ fn ideal_size(input: &UnwrapInput, flat: &[[Vec2; 3]], areas: &[f64]) -> DVec2 {
         weighted_median(list).max(1e-9)
     };
     let [u, v] = [median(&mut along[0]), median(&mut along[1])];
-    // Charts rotated at random make u and v differ a little; a lightmap drawn for a 2 : 1 image by
-    // a factor of two.
+    // Randomly rotated charts make u and v differ slightly; a lightmap for a 2 : 1 image makes them
+    // differ by a factor of two.
     if u.max(v) > 1.5 * u.min(v) {
         DVec2::new(u, v)
     } else {

@@ -1,4 +1,4 @@
-//! Small meshes and scenes made in code, and the checks that every layout must pass.
+//! Small generated meshes and scenes, and the invariants of every layout.
 
 pub mod nasty;
 
@@ -138,7 +138,7 @@ pub fn random(seed: u64) -> impl FnMut() -> f32 {
     }
 }
 
-/// `n` triangles strewn about, none touching another.
+/// `n` scattered triangles, none touching another.
 pub fn loose_triangles(n: u32) -> Mesh {
     let mut r = random(7);
     let mut positions = Vec::new();
@@ -153,7 +153,7 @@ pub fn loose_triangles(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// A Moebius strip of `n` quads: not orientable, one edge where windings clash.
+/// A Möbius strip of `n` quads: non-orientable, so windings clash at one edge.
 pub fn moebius(n: u32) -> Mesh {
     let mut positions = Vec::new();
     for i in 0..n {
@@ -201,11 +201,11 @@ pub fn signed_area(c: &[Vec2; 3]) -> f64 {
     0.5 * (b - a).perp_dot(c - a)
 }
 
-/// Every texel of which the open square of half-width `reach` about its middle is entered by the
-/// triangle, by separating axes. 0.5: the texels that it touches. 1: those that a bilinear lookup
-/// on it gives any weight. `f(column, row)`.
+/// Every texel for which the open square of half-width `reach` around its centre intersects the
+/// triangle, by separating axes. 0.5 gives the texels that it touches, 1 those to which a bilinear
+/// lookup on it gives any weight. `f(column, row)`.
 fn covered(c: &[Vec2; 3], reach: f64, mut f: impl FnMut(i64, i64)) {
-    // Rounding of texel coordinates that went through 0..1 in f32: a weight of 0.002 is none.
+    // Rounding of texel coordinates stored as f32 0..1: a weight of 0.002 counts as zero.
     const SLACK: f64 = 2e-3;
     let p = c.map(|v| v.as_dvec2());
     let low = p[0].min(p[1]).min(p[2]) - reach;
@@ -227,8 +227,8 @@ fn covered(c: &[Vec2; 3], reach: f64, mut f: impl FnMut(i64, i64)) {
     }
 }
 
-/// What `padding` promises: the reach of [`covered`] that counts, and the free texels between what
-/// two charts cover so.
+/// The guarantee of `padding`: the reach for [`covered`], and the free texels between the areas
+/// that two charts cover with it.
 fn promise(padding: u32) -> (f64, i64) {
     match padding {
         0 => (0.5, 0),
@@ -237,14 +237,14 @@ fn promise(padding: u32) -> (f64, i64) {
     }
 }
 
-/// Checks one generated atlas: finite and inside, not flipped, no overlap, charts apart by
-/// `padding` and from the border by half of that. Returns how many texels are covered.
+/// Checks one generated atlas: finite and inside, not inverted, no overlap, charts separated by
+/// `padding` and from the border by half of that. Returns the number of covered texels.
 pub fn check_generated(atlas: &MeshAtlas, padding: u32) -> usize {
     check_blocks(atlas, padding, 1)
 }
 
-/// [`check_generated`], and no block of `block` × `block` texels holds what lookups in two charts
-/// read.
+/// As [`check_generated`], and no block of `block` × `block` texels is read by lookups in two
+/// charts.
 pub fn check_blocks(atlas: &MeshAtlas, padding: u32, block: i64) -> usize {
     let [w, h] = atlas.size.map(i64::from);
     let all = corners(atlas);
@@ -295,7 +295,7 @@ pub fn check_blocks(atlas: &MeshAtlas, padding: u32, block: i64) -> usize {
     owner.iter().filter(|&&o| o != u32::MAX).count()
 }
 
-/// Rectangles lie on their pages and apart, and have their mesh's size.
+/// Rectangles are on their pages, disjoint, and have their mesh's size.
 pub fn check_placements(scene: &Scene, layout: &Layout) {
     assert_eq!(layout.placements.len(), scene.instances.len());
     let mut taken: Vec<Vec<bool>> = layout

@@ -1,4 +1,4 @@
-//! Meshes that unwrappers hang on, break on or make nonsense of. Used by the tests and by
+//! Meshes on which unwrappers hang, crash or give nonsense. Used by the tests and by
 //! `examples/unwrap_compare --hard`.
 
 use std::f32::consts::{PI, TAU};
@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 /// A mesh: name, positions, triangles.
 pub type Nasty = (&'static str, Vec<Vec3>, Vec<[u32; 3]>);
 
-/// All of them; `full` makes the largest ones their full size (100,000 loose triangles, a blob of
+/// All of them; `full` makes the largest ones full size (100,000 loose triangles, a blob of
 /// 500,000).
 pub fn nasty(full: bool) -> Vec<Nasty> {
     let mut out = degenerate();
@@ -47,10 +47,10 @@ fn degenerate() -> Vec<Nasty> {
 }
 
 fn tangled() -> Vec<Nasty> {
-    // A thousand pages of a book: every triangle has one edge in common with all the others.
+    // A thousand pages of a book: all triangles share one edge.
     let mut book = vec![Vec3::ZERO, Vec3::Y];
     book.extend((0..1000).map(|i| around(i as f32 / 1000.0, 1.0, 0.5)));
-    // All triangles among some random points: every edge has as many.
+    // All triangles between some random points: every edge has as many.
     let mut r = random(5);
     let points: Vec<Vec3> = (0..24).map(|_| Vec3::new(r(), r(), r())).collect();
     let n = points.len() as u32;
@@ -125,7 +125,7 @@ fn winding() -> Vec<Nasty> {
         .enumerate()
         .map(|(i, t)| if i % 3 == 0 { [t[0], t[2], t[1]] } else { *t })
         .collect();
-    // Twice round a point, flat: any map of it in one piece overlaps.
+    // Twice around a point, flat: any one-piece parametrisation overlaps.
     let mut twice = vec![Vec3::ZERO];
     twice.extend((0..=64).map(|i| around(i as f32 / 32.0, 1.0 + 1e-3 * i as f32, 1e-5 * i as f32)));
     let (ribbon, pieces) = surface(400, 1, |u, v| around(6.0 * u, 1.0 + 8.0 * u, 0.4 * v));
@@ -162,7 +162,7 @@ fn smooth() -> Vec<Nasty> {
         let side = along.cross(Vec3::Y).normalize();
         at(a) + (side * b.cos() + along.cross(side) * b.sin()) * 0.3
     };
-    // Seven hundred degrees of surface about one point: too much to lie flat.
+    // Seven hundred degrees of surface around one point: too much to flatten.
     let saddle = |u: f32, v: f32| around(u, v, 0.6 * v * (6.0 * TAU * u).sin());
     let cone = |u: f32, v: f32| around(u, 0.01 * v, 5.0 * v);
     let mut r = random(21);
@@ -233,7 +233,7 @@ fn scaled(mut positions: Vec<Vec3>, by: f32) -> Vec<Vec3> {
     positions
 }
 
-/// Triangles of a strip of `n` vertices, all the same way round.
+/// Triangles of a strip of `n` vertices with consistent winding.
 fn strip(n: u32) -> Vec<[u32; 3]> {
     (0..n - 2)
         .map(|i| {
@@ -263,7 +263,7 @@ fn surface(columns: u32, rows: u32, f: impl Fn(f32, f32) -> Vec3) -> (Vec<Vec3>,
     (positions, triangles)
 }
 
-/// Joins vertices nearer than 1e-4, so that surfaces close.
+/// Welds vertices closer than 1e-4, so that surfaces close.
 fn welded((positions, triangles): (Vec<Vec3>, Vec<[u32; 3]>)) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let mut first = std::collections::BTreeMap::new();
     let number: Vec<u32> = (0..positions.len())
@@ -304,7 +304,7 @@ fn details() -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-/// Quads of halving size side by side: no two rows share their vertices.
+/// Quads of halving size side by side: no two rows share vertices.
 fn t_junctions() -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     let mut z = 0.0;
@@ -321,7 +321,7 @@ fn t_junctions() -> (Vec<Vec3>, Vec<[u32; 3]>) {
     (positions, triangles)
 }
 
-/// A grid of which every other quad is missing: the rest hang together by vertices only.
+/// A grid without every other quad: the rest are connected only by vertices.
 fn checkerboard() -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let (positions, triangles) = surface(30, 30, |u, v| Vec3::new(v, 0.0, u) * 3.0);
     let kept = triangles
@@ -356,7 +356,7 @@ fn hilbert() -> (Vec<Vec3>, Vec<[u32; 3]>) {
     for i in 0..side * side {
         let before = at(i.saturating_sub(1));
         let after = at((i + 1).min(side * side - 1));
-        // Mitred: at a corner the ribbon keeps its width.
+        // Mitred, so that the ribbon keeps its width at corners.
         let along = (at(i) - before)
             .try_normalize()
             .unwrap_or((after - at(i)).normalize_or(Vec2::X));
