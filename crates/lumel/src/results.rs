@@ -42,9 +42,9 @@ impl Bake {
     /// let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
     /// let bake = Baker::new().quality(Quality::Draft).texels_per_unit(2.0).bake(scene)?;
     /// for page in bake.pages() {
-    ///     assert_eq!(page.value.len(), (page.size[0] * page.size[1]) as usize);
+    ///     assert_eq!(page.value.len(), (page.width * page.height) as usize);
     ///     let lumels = page.coverage.iter().filter(|c| **c > 0.0).count();
-    ///     println!("{lumels} lumels on {} x {} texels", page.size[0], page.size[1]);
+    ///     println!("{lumels} lumels on {} x {} texels", page.width, page.height);
     /// }
     /// # Ok::<(), lumel::Error>(())
     /// ```

@@ -297,7 +297,7 @@ fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
     sun.fails(3, &["the light \"sun\" is 1e30"]);
     assert!(!out.exists());
     let run = bake(&scene, &out, "--sky 1e9").ok();
-    let told = "lit lumels are brighter than 65504";
+    let told = "lit lumels exceed 65504";
     assert!(run.stderr.contains(told), "{}", run.stderr);
     // Values within the half float range give no warning.
     let run = bake(&scene, &out, "--sky 1e3").ok();

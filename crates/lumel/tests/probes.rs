@@ -34,7 +34,7 @@ fn points_of_a_file_come_back_with_light_in_their_order() {
     let run = lumel(arguments.into_iter().chain(quality)).ok();
     assert!(
         run.stderr
-            .contains("probes    3, 1 of them inside or behind things"),
+            .contains("probes    3, 1 of them inside or behind geometry"),
         "{}",
         run.stderr
     );

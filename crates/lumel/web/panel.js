@@ -129,7 +129,7 @@ export function showReport(bake) {
     ['patches', count(solve?.subdivision?.patches)],
     ['residual', solve?.relaxation?.residual?.toExponential(1)],
     ['energy imbalance', audit && `${percent(audit.imbalance)} (bound ${percent(audit.bound)})`],
-    ['seam difference, 99 % below', percent(gather?.seams?.after?.p99)],
+    ['seams, 99 % below', percent(gather?.seams?.after?.p99)],
     ['rays', millions((gather?.lumel_rays ?? 0) + (solve?.link_rays ?? 0) + (solve?.shadow_rays ?? 0))],
     ['time', measured?.seconds !== undefined ? `${measured.seconds.toFixed(1)} s, ${measured.threads} threads` : undefined],
     ['memory', measured?.peak_bytes ? `${Math.round(measured.peak_bytes / 2 ** 20)} MiB` : undefined],

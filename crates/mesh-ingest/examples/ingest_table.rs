@@ -1,8 +1,7 @@
-//! Loads every glTF below the given folders and prints one line per file: what came of it, how long
-//! it took.
+//! Loads every glTF below the given folders and prints one line per file: the outcome and the time.
 //!
 //! ```sh
-//! cargo run --release -p lumel-mesh-ingest --example ingest_table -- ../shared/scenes
+//! cargo run --release -p lumel-mesh-ingest --example ingest_table -- FOLDER …
 //! ```
 //!
 //! Columns, tab-separated: path, exit code, milliseconds, triangles of the soup, area in m², size

@@ -1,4 +1,4 @@
-//! What mean reflectances cost: for each glTF named, texels, memory and time of the pyramids, and
+//! Cost of mean reflectances: for each given glTF, texels, memory and time of the pyramids, and
 //! time of a lookup.
 //!
 //! cargo run --release -p lumel-mesh-ingest --example mips_cost -- level.glb …
@@ -26,7 +26,7 @@ fn main() -> Result<(), Error> {
         let pyramids = Pyramids::build(&scene, &soup);
         let build = start.elapsed();
         let total: f64 = soup.areas.iter().map(|&a| f64::from(a)).sum();
-        // A patch of a solve with 10,000 patches.
+        // The size of a patch in a solve with 10,000 patches.
         let area = (total / 1e4) as f32;
         const LOOKUPS: usize = 200_000;
         let start = Instant::now();

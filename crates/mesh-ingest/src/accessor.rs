@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 pub use gltf::accessor::{DataType, Dimensions};
 
-/// The elements of an accessor, tightly packed, sparse substitution applied, compression undone.
+/// The elements of an accessor: tightly packed, decompressed, with sparse substitution applied.
 #[derive(Debug, Clone)]
 pub struct RawAccessor<'a> {
     /// Type of a component.
@@ -13,13 +13,13 @@ pub struct RawAccessor<'a> {
     pub dimensions: Dimensions,
     /// Number of elements.
     pub count: usize,
-    /// Integers stand for 0..=1 or −1..=1.
+    /// Whether integers represent 0..=1 or −1..=1.
     pub normalized: bool,
     /// `count × element_size()` bytes, little-endian.
     pub bytes: Cow<'a, [u8]>,
 }
 
-/// Bytes of one element, with the column padding that the specification gives to small matrices
+/// Bytes of one element, with the column padding that the specification requires for small matrices
 /// (glTF 2.0, §3.6.2.4).
 pub(crate) fn element_size(component: DataType, dimensions: Dimensions) -> usize {
     match (dimensions, component.size()) {
@@ -30,7 +30,7 @@ pub(crate) fn element_size(component: DataType, dimensions: Dimensions) -> usize
     }
 }
 
-/// Padding bytes at the end of an element, which a file may leave off after the last one.
+/// Padding bytes at the end of an element, which a file may omit after the last one.
 pub(crate) fn trailing_padding(component: DataType, dimensions: Dimensions) -> usize {
     match (dimensions, component.size()) {
         (Dimensions::Mat2, 1) | (Dimensions::Mat3, 2) => 2,
@@ -87,8 +87,8 @@ impl RawAccessor<'_> {
         }
     }
 
-    /// The first `N` components of every element as numbers, normalised integers mapped to 0..=1 or
-    /// −1..=1 (glTF 2.0, §3.6.2.2); components that the accessor lacks are `fill`.
+    /// The first `N` components of every element as numbers, with normalised integers mapped to
+    /// 0..=1 or −1..=1 (glTF 2.0, §3.6.2.2). Missing components are `fill`.
     pub fn to_floats<const N: usize>(&self, fill: f32) -> Vec<[f32; N]> {
         let components = self.dimensions.multiplicity().min(N);
         let size = self.component.size();

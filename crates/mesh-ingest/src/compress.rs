@@ -4,7 +4,7 @@ use draco_core::{DataType as DracoType, DecodeLimits, DecoderBuffer, MeshDecoder
 use gltf::accessor::DataType;
 use meshopt::ffi;
 
-/// A meshopt stream's parameters, as the extension names them.
+/// Parameters of a meshopt stream, named as in the extension.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Meshopt {
     pub stride: usize,
@@ -29,7 +29,7 @@ pub(crate) enum Filter {
     Color,
 }
 
-/// Decodes one buffer view; the error is what was found.
+/// Decodes one buffer view; the error describes what was found.
 pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<Vec<u8>, String> {
     let strides_fit = match m.mode {
         Mode::Attributes => m.stride.is_multiple_of(4) && (4..=256).contains(&m.stride),
@@ -49,9 +49,8 @@ pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<V
             m.stride, m.mode, m.filter
         ));
     }
-    // A block of at most 256 vertices takes at least stride/4 bytes, so output is at most 1024
-    // times the input; a stream that claims more would make us reserve memory that nothing
-    // justifies.
+    // A block of at most 256 vertices takes at least stride/4 bytes, so the output is at most 1024
+    // times the input. A larger claim would make us reserve memory without justification.
     const MAX_RATIO: usize = 1024;
     let size = m.stride.checked_mul(m.count).filter(|&n| n as u64 <= limit);
     let Some(size) = size.filter(|&n| n / MAX_RATIO <= encoded.len()) else {
@@ -64,9 +63,9 @@ pub(crate) fn decode_meshopt(encoded: &[u8], m: Meshopt, limit: u64) -> Result<V
     let mut out = vec![0u8; size];
     let (source, length) = (encoded.as_ptr(), encoded.len());
     // SAFETY: `out` holds exactly count × stride bytes, `source` is valid for `length` bytes, and
-    // the strides were checked against what meshoptimizer.h asks of each function (its own checks
-    // are assertions that release builds lack). The decoders are documented as safe for untrusted
-    // input and need no alignment of their destination.
+    // the strides were checked against what meshoptimizer.h requires of each function (its own
+    // checks are assertions that release builds lack). The decoders are documented as safe for
+    // untrusted input and need no alignment of their destination.
     let code = unsafe {
         match m.mode {
             Mode::Attributes => ffi::meshopt_decodeVertexBuffer(
@@ -128,14 +127,14 @@ pub(crate) struct Draco {
 }
 
 impl Draco {
-    /// Decodes a Draco stream; the error is what was found.
+    /// Decodes a Draco stream; the error describes what was found.
     pub fn decode(encoded: &[u8], max_bytes: u64, max_faces: u64) -> Result<Draco, String> {
         let mut limits = DecodeLimits::default();
         limits.max_decoded_bytes = max_bytes;
         limits.max_faces = max_faces;
         limits.max_points = max_faces.saturating_mul(3);
-        // The decoder promises errors, not panics, but it is young and its input untrusted: a panic
-        // there must not take a whole bake down.
+        // The decoder promises errors instead of panics, but it is young and its input is
+        // untrusted. A panic there must not abort a bake.
         let result = std::panic::catch_unwind(|| {
             let mut mesh = draco_core::Mesh::new();
             let mut buffer = DecoderBuffer::new(encoded).with_limits(limits);
@@ -212,8 +211,8 @@ fn same(draco: DracoType, component: DataType) -> bool {
     )
 }
 
-/// Draco may store an attribute in another type than its accessor declares; the accessor's type
-/// wins.
+/// Converts values: Draco may store an attribute in another type than its accessor declares, and
+/// the accessor's type wins.
 fn convert(from: DracoType, b: &[u8], to: DataType, out: &mut Vec<u8>) -> Result<(), String> {
     let x = match from {
         DracoType::Int8 => f64::from(b[0] as i8),

@@ -111,10 +111,10 @@ const INTEGERS: [&str; 32] = [
     "variants",
 ];
 
-/// Members that are objects, or lists of them, of nothing but indices.
+/// Members that are objects of indices, or lists of such objects.
 const INDEX_MAPS: [&str; 2] = ["attributes", "targets"];
 
-/// Where a value stands.
+/// Context of a JSON value.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
     Other,
@@ -122,13 +122,12 @@ enum Place {
     IndexMap,
 }
 
-/// Makes `1.0` the `1` that it stands for where glTF wants an integer: some writers know floats
-/// alone, and JSON has no other numbers. Everything that reads the document, and what is written of
-/// it, then sees one form.
+/// Replaces `1.0` by `1` where glTF requires an integer, because some writers only know floats. All
+/// readers and the output then see one form.
 fn settle_integers(value: &mut Value, place: Place) {
     match value {
         Value::Number(n) if place == Place::Integers && n.is_f64() => {
-            // Beyond 2^53 a float is no count of anything.
+            // Beyond 2^53 a float is not an exact count.
             let whole = |x: &f64| x.fract() == 0.0 && x.abs() < 9.0e15;
             if let Some(x) = n.as_f64().filter(whole) {
                 *value = (x as i64).into();
@@ -213,7 +212,7 @@ fn parse_glb(bytes: &[u8]) -> Outcome<Container> {
             return Err(Fault::invalid(
                 path,
                 format!("a chunk of {size} bytes"),
-                format!("at most the {} that are left", end - from),
+                format!("at most the {} remaining bytes", end - from),
             ));
         };
         match (number, kind) {
@@ -231,7 +230,7 @@ fn parse_glb(bytes: &[u8]) -> Outcome<Container> {
                 return Err(Fault::invalid(
                     path,
                     "a binary chunk",
-                    "it as the second chunk only",
+                    "a binary chunk only as the second chunk",
                 ));
             }
             _ => {}
@@ -249,6 +248,6 @@ fn parse_glb(bytes: &[u8]) -> Outcome<Container> {
     }
 }
 
-/// The way out of glTF 1.0. gltf-pipeline is Cesium's converter (npm).
+/// How to convert glTF 1.0. gltf-pipeline is Cesium's converter (npm).
 pub(crate) const UPGRADE: &str =
     "glTF 2.0; `npx gltf-pipeline -i old.gltf -o new.glb` upgrades a 1.0 document";

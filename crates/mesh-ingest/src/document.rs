@@ -1,4 +1,4 @@
-//! The document as it came: JSON, buffers, and dense access to what they hold.
+//! The original document: JSON, buffers, and dense access to their contents.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,10 +17,10 @@ use crate::options::{Limits, LoadOptions};
 use crate::uri::Target;
 use crate::version;
 
-/// A glTF document with its buffers, for those who write it back.
+/// A glTF document with its buffers, for writers.
 ///
-/// Nothing that [`json`](Document::json) says is changed, unknown members and extensions included,
-/// and member order is kept.
+/// [`json`](Document::json) is unchanged, including unknown members and extensions and the order of
+/// members.
 #[derive(Debug)]
 pub struct Document {
     file: PathBuf,
@@ -30,28 +30,29 @@ pub struct Document {
     json: Value,
     binary: bool,
     pub(crate) buffers: Vec<Option<Vec<u8>>>,
-    /// Decoded `EXT_meshopt_compression` views, filled on first use: several accessors usually
-    /// share one.
+    /// Decoded `EXT_meshopt_compression` views, filled on first use, because several accessors
+    /// usually share one.
     pub(crate) decoded: Vec<OnceLock<Result<Vec<u8>, String>>>,
     inputs: Vec<Input>,
-    /// Image files that only writers asked for, by image.
+    /// Image files that only writers requested, by image.
     written: Mutex<BTreeMap<usize, Input>>,
     /// Images that could not be read when the document was loaded.
     pub(crate) missing: BTreeSet<usize>,
     pub(crate) limits: Limits,
 }
 
-/// Where an image's file lies.
+/// Location of an image file.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ImageSource<'a> {
     /// In the document (a buffer view or a data URI).
     Embedded(Cow<'a, [u8]>),
-    /// In a file of its own; its name alone where a resolver of the caller's gives files.
+    /// In a separate file; only a name if the caller's resolver provides files.
     File(PathBuf),
 }
 
 impl Document {
-    /// Reads the document and its buffers; images are left for [`Document::image_source`].
+    /// Reads the document and its buffers; images are read later through
+    /// [`Document::image_source`].
     pub(crate) fn open(file: &Path, options: &LoadOptions) -> Result<Document, Error> {
         let bytes = container::read_file(file, "", options.limits.file_bytes)
             .map_err(|fault| fault.into_error(file))?;
@@ -59,7 +60,7 @@ impl Document {
         Self::new(file, &bytes, Files::in_folder(base), true, options)
     }
 
-    /// As [`Document::open`], of what is in memory.
+    /// As [`Document::open`], for a document in memory.
     pub(crate) fn in_memory(
         from: &MemoryDocument,
         options: &LoadOptions,
@@ -138,14 +139,15 @@ impl Document {
                 }
             },
             None if i == 0 && chunk.is_some() => chunk.take().unwrap_or_default(),
-            // A placeholder that only compressed views refer to; who else does is told so.
+            // A placeholder that only compressed views reference; other references are reported as
+            // errors.
             None => return Ok(None),
         };
         if bytes.len() < length {
             return Err(Fault::invalid(
                 item.path_of("byteLength"),
                 format!("{length}"),
-                format!("at most the {} bytes that there are", bytes.len()),
+                format!("at most the {} available bytes", bytes.len()),
             ));
         }
         bytes.truncate(length);
@@ -166,36 +168,35 @@ impl Document {
         &self.limits
     }
 
-    /// The document's names of the files that were read so far, but itself.
+    /// Names of the files read so far, as in the document, without the document itself.
     pub(crate) fn input_uris(&self) -> Vec<String> {
         self.inputs[1..].iter().map(|i| i.uri.clone()).collect()
     }
 
-    /// The document's file; where it came from memory, the name that stands for one.
+    /// The document's file, or the name that stands for one if it came from memory.
     pub fn file(&self) -> &Path {
         &self.file
     }
 
-    /// The folder against which its URIs are resolved; empty where a resolver of the caller's does
-    /// that.
+    /// The folder against which its URIs are resolved; empty if the caller's resolver does that.
     pub fn base_dir(&self) -> &Path {
         &self.base
     }
 
-    /// Whether it came as .glb.
+    /// Whether it is a .glb.
     pub fn is_binary(&self) -> bool {
         self.binary
     }
 
-    /// The parsed JSON, member order kept. Indices and counts that were written as floats (`1.0`)
-    /// are integers in it.
+    /// The parsed JSON with the original order of members. Indices and counts that were written as
+    /// floats (`1.0`) are integers.
     pub fn json(&self) -> &Value {
         &self.json
     }
 
-    /// All files that were read, each once: the document first, then buffers, measured lamps and
-    /// images; last, in the order of images, those that were only asked for by
-    /// [`Document::image_bytes`], there or not.
+    /// All files that were read, each once: the document first, then buffers, IES profiles and
+    /// images. Last come those only requested through [`Document::image_bytes`], in the order of
+    /// images, whether or not they exist.
     pub fn inputs(&self) -> Vec<Input> {
         let mut all = self.inputs.clone();
         let written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
@@ -207,8 +208,8 @@ impl Document {
         all
     }
 
-    /// Where the [`inputs`](Document::inputs) that are there lie on disk; what the caller gave from
-    /// memory is not among them.
+    /// Paths of the existing [`inputs`](Document::inputs) on disk, without those that the caller
+    /// provided from memory.
     pub fn inputs_on_disk(&self) -> Vec<PathBuf> {
         let linked = self.files.folder().is_some();
         let inputs = self.inputs().into_iter().enumerate();
@@ -225,8 +226,8 @@ impl Document {
         self.buffers.len()
     }
 
-    /// Bytes of buffer `i`, `byteLength` of them; empty for a placeholder without data
-    /// (`EXT_meshopt_compression`'s fallback) and for an index that does not exist.
+    /// Bytes of buffer `i`, `byteLength` of them; empty for a placeholder without data (the
+    /// fallback of `EXT_meshopt_compression`) and for an invalid index.
     pub fn buffer(&self, i: usize) -> &[u8] {
         self.buffers
             .get(i)
@@ -234,10 +235,10 @@ impl Document {
             .unwrap_or_default()
     }
 
-    /// Bytes of buffer view `i`, decompressed where it is compressed with meshopt.
+    /// Bytes of buffer view `i`, decompressed if it is compressed with meshopt.
     ///
     /// # Errors
-    /// The view does not exist, lies outside its buffer or does not decode.
+    /// The view does not exist, is outside its buffer or does not decode.
     pub fn buffer_view_bytes(&self, i: usize) -> Result<&[u8], Error> {
         self.view_at(i)
             .and_then(|view| self.view_bytes(i, &view))
@@ -247,21 +248,21 @@ impl Document {
     /// Elements of accessor `i`, dense.
     ///
     /// # Errors
-    /// The accessor does not exist, lies outside its view, or exceeds the limits.
+    /// The accessor does not exist, is outside its view, or exceeds the limits.
     pub fn accessor_raw(&self, i: usize) -> Result<RawAccessor<'_>, Error> {
         self.accessor(i).map_err(|f| f.into_error(&self.file))
     }
 
-    /// Where image `i` lies.
+    /// Location of image `i`.
     ///
     /// # Errors
-    /// The image does not exist or names something that cannot be resolved.
+    /// The image does not exist or its URI cannot be resolved.
     pub fn image_source(&self, i: usize) -> Result<ImageSource<'_>, Error> {
         self.image(i).map_err(|f| f.into_error(&self.file))
     }
 
-    /// Whether image `i` could not be read when the document was loaded; light does not need it
-    /// then.
+    /// Whether image `i` could not be read when the document was loaded; light does not need it in
+    /// that case.
     pub fn image_is_missing(&self, i: usize) -> bool {
         self.missing.contains(&i)
     }
@@ -283,10 +284,10 @@ impl Document {
         }
     }
 
-    /// Remembers that image `i` was read from `file`, or could not be.
+    /// Records that image `i` was read from `file`, or could not be.
     ///
     /// # Errors
-    /// The light was computed from the same file when it held something else.
+    /// The file's contents differ from those that the light was computed from.
     fn note_image(&self, i: usize, file: &Path, bytes: Option<&[u8]>) -> Outcome<()> {
         let item = self.root().element("images", i)?;
         let input = Input {
@@ -301,8 +302,8 @@ impl Document {
             return Err(Fault::io(item.path_of("uri"), file, changed));
         }
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
-        // Of two that differ the first stays: what is there now will not equal it, and the next run
-        // sees that.
+        // If two reads differ, the first is recorded: it will not match the file, which the next
+        // run will notice.
         written.entry(i).or_insert(input);
         Ok(())
     }
@@ -323,7 +324,7 @@ impl Document {
             None => Err(Fault::invalid(
                 item.path,
                 "neither uri nor bufferView",
-                "one of them",
+                "one of the two",
             )),
         }
     }

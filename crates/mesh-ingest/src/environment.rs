@@ -1,4 +1,4 @@
-//! `EXT_lights_image_based`: light from all around.
+//! `EXT_lights_image_based`: light from the surroundings.
 
 mod cube;
 mod harmonics;
@@ -18,11 +18,11 @@ use crate::{hierarchy, nodes};
 
 const NAME: &str = "EXT_lights_image_based";
 
-/// The environment of the chosen scene, if it has one. `decoded` holds the images that materials
-/// need, by number; others are decoded here and not kept.
+/// The environment of the chosen scene, if any. `decoded` contains the images that materials need,
+/// by index; others are decoded here and not kept.
 ///
-/// Images that are missing or do not decode are no fault: the irradiance coefficients, which every
-/// such light has, stand in for them, with a warning.
+/// Missing or broken images are not an error: the irradiance coefficients, which every such light
+/// has, replace them with a warning.
 pub(crate) fn read(
     document: &mut Document,
     scene: Option<usize>,
@@ -55,7 +55,7 @@ pub(crate) fn read(
     let rotation = nodes::unit_quaternion(rotation).unwrap_or_else(|| {
         report.warn(
             item.path_of("rotation"),
-            "a quaternion of length 0 is read as no rotation",
+            "a quaternion of length 0 is treated as no rotation",
         );
         DQuat::IDENTITY
     });
@@ -83,7 +83,7 @@ pub(crate) fn read(
                 report.count("environment.clamped", clamped);
                 report.warn(
                     &path,
-                    "the radiance that its irradianceCoefficients describe is negative in places and clamped to 0 there",
+                    "its irradianceCoefficients give a negative radiance in places, which is clamped to 0",
                 );
             }
             (harmonics::WIDTH, harmonics::HEIGHT, map)
@@ -110,7 +110,7 @@ pub(crate) fn read(
 
 fn intensity_of(item: &Item<'_>, report: &mut IngestReport) -> Outcome<f32> {
     let asked = item.opt_number("intensity")?.unwrap_or(1.0);
-    // The largest decoded value is 255: no product leaves the range of f32.
+    // The largest decoded value is 255, so no product exceeds the range of f32.
     let given = asked.clamp(0.0, f64::from(f32::MAX) / 256.0);
     if given != asked {
         report.count("lights.clamped", 1);
@@ -122,7 +122,7 @@ fn intensity_of(item: &Item<'_>, report: &mut IngestReport) -> Outcome<f32> {
     Ok(given as f32)
 }
 
-/// Nine coefficients, each a colour.
+/// Nine coefficients, one colour each.
 fn coefficients_of(item: &Item<'_>) -> Outcome<Option<[DVec3; 9]>> {
     let Some(rows) = item.get("irradianceCoefficients") else {
         return Ok(None);
@@ -148,7 +148,7 @@ fn coefficients_of(item: &Item<'_>) -> Outcome<Option<[DVec3; 9]>> {
     Ok(Some(out))
 }
 
-/// The images of the sharpest level, +X, −X, +Y, −Y, +Z, −Z; `None` where there are none.
+/// The images of the sharpest level, +X, −X, +Y, −Y, +Z, −Z; `None` if there are none.
 fn faces_of(item: &Item<'_>, images: usize) -> Outcome<Option<[usize; 6]>> {
     let Some(levels) = item.get("specularImages") else {
         return Ok(None);
@@ -173,10 +173,10 @@ fn faces_of(item: &Item<'_>, images: usize) -> Outcome<Option<[usize; 6]>> {
     }
 }
 
-/// The cube of these images, or why there is none.
+/// The cube of these images, or the reason why there is none.
 ///
 /// # Errors
-/// Only where a limit is exceeded.
+/// Only if a limit is exceeded.
 fn cube_of(
     document: &mut Document,
     faces: [usize; 6],
@@ -195,7 +195,7 @@ fn cube_of(
         Err(fault) => return Ok(Err(fault.problem.to_string())),
     };
     Ok(Cube::new(faces.map(|i| {
-        // Each is in one of the two.
+        // Each image is in one of the two lists.
         known(i).unwrap_or_else(|| &own[&i])
     })))
 }

@@ -1,4 +1,4 @@
-//! What can be wrong with an asset, said by fault, file and place in the document.
+//! Errors in assets, by fault, file and place in the document.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-/// One thing wrong with a document.
+/// One fault in a document.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// Where, as a document path: `meshes[0].primitives[1].indices`. Empty for the file as a whole.
+    /// Document path: `meshes[0].primitives[1].indices`. Empty for the whole file.
     pub path: String,
-    /// What is there.
+    /// What was found.
     pub found: String,
-    /// What should be there, or what to do about it.
+    /// What was expected, or how to fix it.
     pub expected: String,
 }
 
@@ -28,9 +28,8 @@ impl fmt::Display for Problem {
     }
 }
 
-/// `text` on one line and without what a terminal obeys: control characters, and those that turn
-/// the direction of writing, as `\u{1b}`. For names and values out of documents, which may hold
-/// anything.
+/// `text` on one line and without control characters or changes of writing direction, which become
+/// `\u{1b}` and the like. For names and values from documents, which may contain anything.
 pub fn printable(text: &str) -> Cow<'_, str> {
     let obeyed =
         |c: char| c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
@@ -48,7 +47,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// As [`printable`], cut after `most` characters.
+/// As [`printable`], truncated after `most` characters.
 pub fn printable_within(text: &str, most: usize) -> Cow<'_, str> {
     match text.char_indices().nth(most) {
         Some((cut, _)) => Cow::Owned(format!("{}…", printable(&text[..cut]))),
@@ -56,16 +55,17 @@ pub fn printable_within(text: &str, most: usize) -> Cow<'_, str> {
     }
 }
 
-/// A part of a message, cut where it would fill a screen.
+/// A part of a message, truncated if it would fill a screen.
 fn short(text: &str) -> Cow<'_, str> {
-    // Longer than any of the project's own.
+    // Longer than any of the project's own messages.
     printable_within(text, 400)
 }
 
 /// Why an asset cannot be loaded.
 ///
-/// [`load`](crate::load) collects every problem that it can before it fails; the variant is that of
-/// the gravest (invalid, then io, unsupported, limit) and lists all problems of that kind.
+/// [`load`](crate::load) collects as many problems as possible before it fails. The variant is that
+/// of the most serious one (invalid, then io, unsupported, limit) and lists all problems of that
+/// kind.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -74,12 +74,12 @@ pub enum Error {
     Io {
         /// The file that could not be read.
         file: PathBuf,
-        /// What in the document names it; empty for the document itself.
+        /// Document path that names it; empty for the document itself.
         path: String,
-        /// The system's reason.
+        /// The system's error.
         source: io::Error,
     },
-    /// The document breaks the glTF 2.0 specification in a way that matters for baking.
+    /// The document violates the glTF 2.0 specification in a way that affects baking.
     #[error("{}: invalid glTF: {}", file.display(), all(problems))]
     Invalid {
         /// The document.
@@ -87,15 +87,15 @@ pub enum Error {
         /// At least one.
         problems: Vec<Problem>,
     },
-    /// The document is sound but needs something that Lumel does not do.
+    /// The document is valid but requires something that Lumel does not support.
     #[error("{}: not supported: {}", file.display(), all(problems))]
     Unsupported {
         /// The document.
         file: PathBuf,
-        /// At least one; `expected` names the way out.
+        /// At least one; `expected` describes a workaround.
         problems: Vec<Problem>,
     },
-    /// The document is larger than [`Limits`](crate::Limits) allow.
+    /// The document exceeds [`Limits`](crate::Limits).
     #[error("{}: too large: {}", file.display(), all(problems))]
     Limit {
         /// The document.
@@ -103,7 +103,7 @@ pub enum Error {
         /// At least one.
         problems: Vec<Problem>,
     },
-    /// The document is sound but has no surface that could receive light.
+    /// The document is valid but has no surface that could receive light.
     #[error("{}: no triangles to bake: {why}", file.display())]
     NoTriangles {
         /// The document.
@@ -114,8 +114,8 @@ pub enum Error {
 }
 
 impl Error {
-    /// The process exit code that the command line promises for this fault: 2 input/output, 3
-    /// invalid (also too large, and nothing to bake), 4 unsupported.
+    /// The exit code of the command line: 2 input/output, 3 invalid (also too large, and nothing to
+    /// bake), 4 unsupported.
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Io { .. } => 2,
@@ -124,7 +124,7 @@ impl Error {
         }
     }
 
-    /// The document's problems; empty for the variants that have none.
+    /// The document's problems; empty for variants without any.
     pub fn problems(&self) -> &[Problem] {
         match self {
             Error::Invalid { problems, .. }
@@ -143,9 +143,10 @@ fn at(path: &str) -> String {
     }
 }
 
-/// One problem in place; several one per line, so that a terminal shows them whole.
+/// A single problem on the same line; several on one line each, so that a terminal shows them
+/// completely.
 fn all(problems: &[Problem]) -> String {
-    /// More would push the first, usually the cause, out of sight.
+    /// More would scroll the first, usually the cause, out of sight.
     const SHOWN: usize = 20;
     match problems {
         [one] => one.to_string(),
@@ -162,7 +163,7 @@ fn all(problems: &[Problem]) -> String {
     }
 }
 
-/// The kind of an internal fault; mirrors [`Error`]'s variants, gravest first.
+/// The kind of an internal fault. Mirrors [`Error`]'s variants, most serious first.
 #[derive(Debug)]
 pub(crate) enum Kind {
     Invalid,
@@ -171,7 +172,7 @@ pub(crate) enum Kind {
     Limit,
 }
 
-/// A problem with its kind, before it is known which file and which others it goes with.
+/// A problem with its kind, before the file and related problems are known.
 #[derive(Debug)]
 pub(crate) struct Fault {
     pub kind: Kind,
@@ -238,12 +239,12 @@ impl Fault {
     }
 }
 
-/// Collects faults so that a user sees all of them at once.
+/// Collects faults, so that a user sees all of them at once.
 #[derive(Debug, Default)]
 pub(crate) struct Faults(Vec<Fault>);
 
 impl Faults {
-    /// A document can be wrong in as many places as it has bytes; the first thousand tell enough.
+    /// Most faults that are kept: a document may have one per byte.
     const KEPT: usize = 1000;
 
     pub fn push(&mut self, fault: Fault) {
@@ -259,7 +260,7 @@ impl Faults {
         }
     }
 
-    /// Keeps the fault, if it is one, and passes on the value, if it is one.
+    /// Records a fault, or passes on a value.
     pub fn take<T>(&mut self, outcome: Outcome<T>) -> Option<T> {
         match outcome {
             Ok(value) => Some(value),
@@ -309,7 +310,7 @@ impl Faults {
         }
     }
 
-    /// Fails if anything was collected, and starts afresh otherwise.
+    /// Fails if any fault was collected; otherwise starts afresh.
     pub fn check(&mut self, file: &Path) -> Result<(), Error> {
         match std::mem::take(self).into_error(file) {
             Some(error) => Err(error),

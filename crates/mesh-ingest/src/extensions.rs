@@ -1,10 +1,10 @@
-//! Which extensions a document may require.
+//! Extensions that a document may require.
 
 use crate::error::{Fault, Faults};
 use crate::json::Item;
 use crate::report::IngestReport;
 
-/// Read and honoured.
+/// Extensions that are supported.
 const SUPPORTED: &[&str] = &[
     "EXT_lights_ies",
     "EXT_lights_image_based",
@@ -24,8 +24,8 @@ const SUPPORTED: &[&str] = &[
     "MSFT_lod",
 ];
 
-/// Change neither where surfaces lie nor their diffuse light, or are judged where they are used
-/// (image formats).
+/// Extensions that affect neither the positions of surfaces nor diffuse light, or are checked where
+/// they are used (image formats).
 const HARMLESS: &[&str] = &[
     "CESIUM_primitive_outline",
     "EXT_instance_features",
@@ -49,10 +49,10 @@ const HARMLESS: &[&str] = &[
     "VRMC_vrm",
 ];
 
-/// Light that Lumel does not model, present though not required.
+/// Lights that Lumel does not model, if they are used but not required.
 const DARK: &[&str] = &["EXT_lights_area", "KHR_lights_area"];
 
-/// Notes the extensions in use and refuses required ones that could change geometry or light.
+/// Records the extensions in use and refuses required ones that could affect geometry or light.
 pub(crate) fn check(root: &Item<'_>, faults: &mut Faults, report: &mut IngestReport) {
     let mut used = names(root, "extensionsUsed", faults);
     used.sort();
@@ -70,19 +70,19 @@ pub(crate) fn check(root: &Item<'_>, faults: &mut Faults, report: &mut IngestRep
         if SUPPORTED.contains(&name.as_str()) {
             continue;
         }
-        // Materials' extensions describe gloss, coats and the like: a Lambertian bake does not read
-        // them.
+        // Material extensions describe gloss, coats and the like, which do not affect a Lambertian
+        // bake.
         if HARMLESS.contains(&name.as_str()) || name.starts_with("KHR_materials_") {
             report.warn(
                 "extensionsRequired",
-                format!("{name} does not change diffuse light and is passed through"),
+                format!("{name} does not affect diffuse light and is passed through"),
             );
             continue;
         }
         faults.push(Fault::unsupported(
             format!("extensionsRequired[{i}]"),
             format!("\"{name}\""),
-            "only extensions that Lumel knows; export without it",
+            "only extensions that Lumel supports; export without it",
         ));
     }
 }

@@ -1,7 +1,7 @@
-//! `extras.lumel`: what an asset's author tells the baker. `docs/extras.md` lists the keys.
+//! `extras.lumel`: instructions from an asset's author to the baker.
 //!
-//! Extras are free for anyone, so that nothing in them makes a document invalid: a value that
-//! cannot be used, or a key that nobody reads, is warned about and ignored.
+//! Extras may contain anything, so they never make a document invalid: an unusable value or an
+//! unknown key is ignored with a warning.
 
 use serde_json::Value;
 
@@ -9,7 +9,7 @@ use crate::document::Document;
 use crate::json::{Item, show};
 use crate::report::IngestReport;
 
-/// Keys of nodes; `radius`, `angle` are the node's light's.
+/// Keys of nodes; `radius` and `angle` apply to the node's light.
 const NODE_KEYS: &[&str] = &[
     "angle", "bake", "density", "exclude", "lod", "occluder", "radius", "variant",
 ];
@@ -17,7 +17,7 @@ const NODE_KEYS: &[&str] = &[
 /// Keys of materials.
 const MATERIAL_KEYS: &[&str] = &["emitScale", "exclude", "maxReflectance", "occluder"];
 
-/// Keys of the scene and of the document as a whole: those of materials, and what holds for all
+/// Keys of the scene and of the whole document: those of materials, and those that apply to all
 /// nodes.
 const DOCUMENT_KEYS: &[&str] = &[
     "density",
@@ -27,12 +27,12 @@ const DOCUMENT_KEYS: &[&str] = &[
     "occluder",
 ];
 
-/// Largest factor of `density`: from a lumel a metre to one a millimetre.
+/// Largest factor of `density`: from one lumel per metre to one per millimetre.
 const MOST_DENSITY: f64 = 1000.0;
 
-/// The `extras.lumel` object of `item`, if there is one.
+/// The `extras.lumel` object of `item`, if any.
 fn lumel_of<'a>(item: &Item<'a>, report: &mut IngestReport) -> Option<Item<'a>> {
-    // Extras may be of any type: those of others are none of our business.
+    // Extras may be of any type; other types are ignored.
     let extras = item.get("extras").filter(|extras| extras.value.is_object());
     let lumel = extras?.get("lumel")?;
     if lumel.value.is_object() {
@@ -46,10 +46,7 @@ fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
     report.count("extras.ignored", 1);
     report.warn(
         &item.path,
-        format!(
-            "found {}, expected {expected}; it is ignored",
-            show(item.value)
-        ),
+        format!("found {}, expected {expected}; ignored", show(item.value)),
     );
 }
 
@@ -59,12 +56,12 @@ fn warn_unknown(lumel: &Item<'_>, known: &[&str], report: &mut IngestReport) {
         report.count("extras.unknown_keys", 1);
         report.warn(
             lumel.path_of(key),
-            format!("unknown key; those known here are {}", known.join(", ")),
+            format!("unknown key; known keys are {}", known.join(", ")),
         );
     }
 }
 
-/// The value of `key` as `read` understands it.
+/// The value of `key` as parsed by `read`.
 fn value<T>(
     lumel: &Item<'_>,
     key: &str,
@@ -97,13 +94,13 @@ fn number(
     })
 }
 
-/// How many times the scene's density.
+/// Factor on the scene's density.
 fn density(lumel: &Item<'_>, report: &mut IngestReport) -> Option<f64> {
     let expected = "a number from 0 to 1000";
     number(lumel, "density", MOST_DENSITY, expected, report)
 }
 
-/// Which of a group of levels of detail or variants a node is.
+/// A node's group and number among levels of detail or variants.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Place {
     pub group: String,
@@ -116,8 +113,7 @@ fn place(lumel: &Item<'_>, key: &str, number: &str, report: &mut IngestReport) -
     value(lumel, key, &expected, report, |v| {
         Some(Place {
             group: v.get("group")?.as_str()?.to_string(),
-            // Blender writes whole numbers of custom properties as they are, and some exporters as
-            // 1.0.
+            // Blender writes whole numbers of custom properties as they are, some exporters as 1.0.
             number: v
                 .get(number)?
                 .as_f64()
@@ -127,20 +123,20 @@ fn place(lumel: &Item<'_>, key: &str, number: &str, report: &mut IngestReport) -
     })
 }
 
-/// What a node's extras say; `None` where they say nothing.
+/// A node's extras; `None` if a key is absent.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct NodeExtras {
-    /// Bake although it is animated, skinned or morphed.
+    /// Bake the node although it is animated, skinned or morphed.
     pub bake: Option<bool>,
-    /// Leave it and its children out.
+    /// Leave out the node and its children.
     pub exclude: Option<bool>,
-    /// It and its children only cast shadows.
+    /// The node and its children only cast shadows.
     pub occluder: Option<bool>,
-    /// Lumels per metre over the scene's, of it and its children, ≥ 0.
+    /// Factor on the scene's lumels per metre for the node and its children, ≥ 0.
     pub density: Option<f64>,
-    /// Which level of detail it and its children are.
+    /// The level of detail of the node and its children.
     pub lod: Option<Place>,
-    /// Which variant they are.
+    /// The variant of the node and its children.
     pub variant: Option<Place>,
 }
 
@@ -161,26 +157,26 @@ impl NodeExtras {
     }
 }
 
-/// What extras say about materials; `None` where they say nothing.
+/// Extras about materials; `None` if a key is absent.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct SurfaceExtras {
-    /// Leave its primitives out.
+    /// Leave out its primitives.
     pub exclude: Option<bool>,
-    /// It only casts shadows.
+    /// The material only casts shadows.
     pub occluder: Option<bool>,
-    /// Multiplies emitted radiance, ≥ 0.
+    /// Factor on emitted radiance, ≥ 0.
     pub emit_scale: Option<f64>,
-    /// Most reflectance, 0..=1.
+    /// Upper limit of reflectance, 0..=1.
     pub max_reflectance: Option<f32>,
 }
 
 impl SurfaceExtras {
-    /// Reads those of a material.
+    /// Reads the extras of a material.
     pub fn read(item: &Item<'_>, report: &mut IngestReport) -> SurfaceExtras {
         Self::read_known(item, MATERIAL_KEYS, report)
     }
 
-    /// Reads those of a material, of a scene or of the document's root.
+    /// Reads the extras of a material, of a scene or of the document's root.
     fn read_known(item: &Item<'_>, known: &[&str], report: &mut IngestReport) -> SurfaceExtras {
         let Some(lumel) = lumel_of(item, report) else {
             return SurfaceExtras::default();
@@ -203,7 +199,7 @@ impl SurfaceExtras {
         }
     }
 
-    /// What holds for all materials of the chosen scene: the scene's word before the root's.
+    /// Extras for all materials of the chosen scene; the scene overrides the root.
     pub fn of_document(
         document: &Document,
         scene: Option<usize>,
@@ -218,7 +214,7 @@ impl SurfaceExtras {
         }
     }
 
-    /// These, and where they say nothing `other`.
+    /// These extras, with absent keys taken from `other`.
     pub fn or(self, other: SurfaceExtras) -> SurfaceExtras {
         SurfaceExtras {
             exclude: self.exclude.or(other.exclude),
@@ -229,7 +225,7 @@ impl SurfaceExtras {
     }
 }
 
-/// Density of nodes that say nothing about theirs: the chosen scene's word before the root's.
+/// Density of nodes without their own; the scene overrides the root.
 pub(crate) fn density_of_all(
     root: &Item<'_>,
     scene: Option<usize>,
@@ -238,15 +234,15 @@ pub(crate) fn density_of_all(
     let scene = scene.and_then(|scene| root.element("scenes", scene).ok());
     let items = scene.iter().chain(std::iter::once(root));
     let mut words = items.filter_map(|item| {
-        // That it is no object, and what else is in it, others have said.
+        // Other faults here are reported elsewhere.
         let lumel = item.get("extras")?.get("lumel")?;
         density(&lumel, report)
     });
     words.next()
 }
 
-/// Warns about `extras.lumel` where nothing reads it: exporters write a mesh's custom properties
-/// there, not on its node.
+/// Warns about `extras.lumel` at places where it is ignored: exporters write a mesh's custom
+/// properties on the mesh, not on its node.
 pub(crate) fn warn_misplaced(document: &Document, report: &mut IngestReport) {
     let root = document.root();
     let meshes = root.elements("meshes").unwrap_or_default();
@@ -257,7 +253,7 @@ pub(crate) fn warn_misplaced(document: &Document, report: &mut IngestReport) {
                 report.count("extras.ignored", 1);
                 report.warn(
                     lumel.path,
-                    "it is not read here; put it on the node or the material",
+                    "ignored here; put it on the node or the material",
                 );
             }
         }

@@ -1,5 +1,5 @@
-//! Where the bytes of a document and of the files that it names come from: a folder, or the
-//! caller's memory.
+//! Sources of a document's bytes and of the files that it references: a folder, or the caller's
+//! memory.
 
 use std::fmt;
 use std::io;
@@ -11,23 +11,23 @@ use crate::error::{Fault, Outcome};
 use crate::regular::open_regular;
 use crate::uri::{self, Bounds, Target};
 
-/// Gives the bytes of a file that a document names.
+/// Returns the bytes of a file by its name in the document.
 type Resolver = dyn Fn(&str) -> io::Result<Vec<u8>> + Send + Sync;
 
-/// The files that a document names.
+/// The files that a document references.
 #[derive(Debug, Clone)]
 pub(crate) struct Files {
     place: Place,
-    /// `..` and links may lead out of the document's folder.
+    /// Whether `..` and links may lead out of the document's folder.
     outside: bool,
 }
 
-/// Where they lie.
+/// Location of the files.
 #[derive(Clone)]
 enum Place {
     /// In this folder, by relative path.
     Folder(PathBuf),
-    /// With the caller, by name.
+    /// Provided by the caller, by name.
     Resolver(Arc<Resolver>),
 }
 
@@ -41,7 +41,7 @@ impl fmt::Debug for Place {
 }
 
 impl Files {
-    /// In `folder`, and in it only until [`allow_outside`](Files::allow_outside) is asked for.
+    /// Files in `folder`, and only there until [`allow_outside`](Files::allow_outside).
     pub fn in_folder(folder: PathBuf) -> Files {
         Files {
             place: Place::Folder(folder),
@@ -62,7 +62,7 @@ impl Files {
         self
     }
 
-    /// The folder; `None` where the caller gives files by name.
+    /// The folder; `None` if the caller provides files by name.
     pub fn folder(&self) -> Option<&Path> {
         match &self.place {
             Place::Folder(folder) => Some(folder),
@@ -70,7 +70,7 @@ impl Files {
         }
     }
 
-    /// What `uri`, found at document path `path`, means; a file's path for [`Files::read`].
+    /// Resolves `uri`, found at document path `path`; the result may be a path for [`Files::read`].
     pub fn resolve(&self, uri: &str, path: &str) -> Outcome<Target> {
         let bounds = Bounds {
             base: self.folder(),
@@ -79,8 +79,8 @@ impl Files {
         uri::resolve(uri, bounds, path)
     }
 
-    /// The bytes of a file, at most `limit` of them; `path` is the place in the document that names
-    /// it.
+    /// The bytes of a file, at most `limit` of them; `path` is the place in the document that
+    /// references it.
     pub fn read(&self, file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
         let Place::Resolver(resolver) = &self.place else {
             return container::read_file(file, path, limit);
@@ -96,7 +96,7 @@ impl Files {
         Ok(bytes)
     }
 
-    /// Whether there is such a file, and it can be opened.
+    /// Whether the file exists and can be opened.
     pub fn check(&self, file: &Path) -> io::Result<()> {
         match &self.place {
             Place::Folder(_) => open_regular(file).map(drop),
@@ -105,13 +105,13 @@ impl Files {
     }
 }
 
-/// A glTF 2.0 document in memory, .gltf or .glb, and where to find the files that it names.
+/// A glTF 2.0 document in memory (.gltf or .glb), and where to find the files that it references.
 ///
 /// ```
 /// use mesh_ingest::{LoadOptions, MemoryDocument, load_memory};
 ///
 /// let document = MemoryDocument::new("level.gltf", *br#"{"asset": {"version": "2.0"}}"#);
-/// // Nothing to bake in it.
+/// // It contains nothing to bake.
 /// let error = load_memory(&document, &LoadOptions::default()).unwrap_err();
 /// assert_eq!(error.exit_code(), 3);
 /// ```
@@ -123,9 +123,9 @@ pub struct MemoryDocument {
 }
 
 impl MemoryDocument {
-    /// A document that names no further files (a .glb, or a .gltf with data URIs alone).
+    /// A document that references no other files (a .glb, or a .gltf with only data URIs).
     ///
-    /// `name` stands for a file name: in errors, in reports, and its stem in the names of results.
+    /// `name` stands for a file name in errors and reports; results are named after its stem.
     pub fn new(name: impl Into<PathBuf>, bytes: impl Into<Vec<u8>>) -> MemoryDocument {
         MemoryDocument {
             name: name.into(),
@@ -133,22 +133,22 @@ impl MemoryDocument {
             files: Files::with(Arc::new(|_| {
                 Err(io::Error::new(
                     io::ErrorKind::NotFound,
-                    "the document is in memory, and no folder or resolver was given for the files that it names",
+                    "the document is in memory and references files, but has no folder or resolver for them",
                 ))
             })),
         }
     }
 
-    /// Its files lie in `folder`, by the relative paths that it names.
+    /// Reads its files from `folder`, by the relative paths in the document.
     #[must_use]
     pub fn beside(mut self, folder: impl Into<PathBuf>) -> MemoryDocument {
         self.files = Files::in_folder(folder.into());
         self
     }
 
-    /// Its files come from `resolver`, which gets the name that the document gives, percent-decoded
-    /// (`textures/old wood.png`), and may be called from any thread and more than once for a name.
-    /// It must give the same bytes each time.
+    /// Reads its files through `resolver`, which receives the percent-decoded name from the
+    /// document (`textures/old wood.png`). It may be called from any thread and several times for
+    /// the same name, and must return the same bytes each time.
     #[must_use]
     pub fn resolve_with(
         mut self,

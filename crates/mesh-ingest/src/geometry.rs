@@ -1,4 +1,4 @@
-//! From a raw primitive to the normal form: numbers made finite, faces cleaned.
+//! Converts a raw primitive to the normal form: makes numbers finite and removes degenerate faces.
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
@@ -11,14 +11,15 @@ use crate::primitive::{Mode, RawPrimitive, TEX_COORD_SETS, Want, primitive_mode}
 use crate::report::IngestReport;
 use crate::scene::Primitive;
 
-/// Twice the area of a triangle over its longest edge squared, below which it has no area.
+/// Smallest ratio of twice a triangle's area to the square of its longest edge; below it counts as
+/// zero area.
 ///
-/// Double rounding leaves about 1e-15 on exactly collinear corners; the thinnest triangle that
-/// `f32` corners of one magnitude can form has about 1e-7, and slivers of aspect 1e6 must live.
-/// 1e-12 keeps a factor of a thousand from the noise.
+/// Double rounding leaves about 1e-15 for exactly collinear corners. The thinnest triangle of `f32`
+/// corners with similar magnitudes has about 1e-7, and slivers of aspect ratio 1e6 must survive.
+/// 1e-12 is a factor of a thousand above the noise.
 pub(crate) const MIN_ASPECT: f64 = 1e-12;
 
-/// Twice-area vector of a triangle, or `None` if the triangle has no area.
+/// Twice-area vector of a triangle, or `None` if it has no area.
 pub(crate) fn area_vector(a: DVec3, b: DVec3, c: DVec3) -> Option<DVec3> {
     let (ab, ac, bc) = (b - a, c - a, c - b);
     let normal = ab.cross(ac);
@@ -29,8 +30,7 @@ pub(crate) fn area_vector(a: DVec3, b: DVec3, c: DVec3) -> Option<DVec3> {
     (normal.length() > MIN_ASPECT * longest).then_some(normal)
 }
 
-/// Reads and cleans one primitive; `None` if nothing is left of it. `double_sided` is its
-/// material's.
+/// Reads and cleans one primitive; `None` if nothing remains. `double_sided` is its material's.
 pub(crate) fn read(
     document: &Document,
     item: &Item<'_>,
@@ -52,7 +52,10 @@ pub(crate) fn read(
     }
     let raw = document.read_primitive(item, Want::Light)?;
     let Some(positions) = raw.attribute("POSITION") else {
-        report.warn(item.path_of("attributes"), "no POSITION: nothing to bake");
+        report.warn(
+            item.path_of("attributes"),
+            "no POSITION, so there is nothing to bake",
+        );
         report.count("primitives.no_position", 1);
         return Ok(None);
     };
@@ -69,7 +72,7 @@ pub(crate) fn read(
         clean(&raw.triangles, &positions, &bad, double_sided, report);
     if triangles.is_empty() {
         report.count("primitives.empty", 1);
-        report.warn(&item.path, "no triangle with an area");
+        report.warn(&item.path, "no triangle has any area");
         return Ok(None);
     }
     let normals = raw
@@ -93,7 +96,7 @@ pub(crate) fn read(
     }))
 }
 
-/// Positions, zero where they are unusable, and which those are.
+/// Positions, with unusable ones set to zero, and a mask of the unusable ones.
 fn positions_of(raw: &RawAccessor<'_>) -> (Vec<Vec3>, Vec<bool>) {
     let mut positions: Vec<Vec3> = raw
         .to_floats::<3>(0.0)
@@ -113,7 +116,8 @@ fn positions_of(raw: &RawAccessor<'_>) -> (Vec<Vec3>, Vec<bool>) {
     (positions, bad)
 }
 
-/// Drops triangles that name a vertex twice, have unusable corners or no area, or repeat another.
+/// Drops triangles that repeat a vertex, have unusable corners or no area, or duplicate another
+/// triangle.
 fn clean(
     all: &[[u32; 3]],
     positions: &[Vec3],
@@ -138,7 +142,7 @@ fn clean(
     report.count("triangles.repeated_vertex", repeated);
     report.count("triangles.non_finite", non_finite);
     report.count("triangles.zero_area", flat);
-    // Sorting groups equal triangles; the lowest number of each group stays.
+    // Sorting groups equal triangles; the lowest index of each group is kept.
     let clean = kept.len();
     kept.sort_unstable();
     kept.dedup_by_key(|(key, _)| *key);
@@ -148,7 +152,7 @@ fn clean(
     (numbers.iter().map(|&n| all[n as usize]).collect(), numbers)
 }
 
-/// The same for all rotations of a triangle, and for both windings where facing does not matter.
+/// The same for all rotations of a triangle, and for both windings if facing does not matter.
 fn canonical(mut triangle: [u32; 3], both_windings: bool) -> [u32; 3] {
     if both_windings {
         triangle.sort_unstable();
@@ -159,15 +163,15 @@ fn canonical(mut triangle: [u32; 3], both_windings: bool) -> [u32; 3] {
     triangle
 }
 
-/// Unit normals; unusable ones are replaced by the mean of the faces around.
+/// Unit normals; unusable ones are replaced by the mean of the adjacent faces'.
 fn normals_of(
     raw: &RawAccessor<'_>,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
     report: &mut IngestReport,
 ) -> Vec<Vec3> {
-    /// Relative length error beyond which a normal counts as repaired: signed bytes leave 1/127 per
-    /// component.
+    /// Relative length error beyond which a normal counts as repaired; signed bytes have errors of
+    /// 1/127 per component.
     const UNIT: f64 = 0.02;
     let (mut replaced, mut scaled) = (Vec::new(), 0);
     let mut normals: Vec<Vec3> = Vec::with_capacity(raw.count);
@@ -195,7 +199,7 @@ fn normals_of(
         }
     }
     for i in replaced {
-        // A vertex that no face uses may point anywhere.
+        // The normal of an unused vertex is arbitrary.
         normals[i] = sums[i].try_normalize().unwrap_or(DVec3::Y).as_vec3();
     }
     normals
@@ -203,8 +207,8 @@ fn normals_of(
 
 /// Linear RGBA in 0..=1.
 fn colors_of(raw: &RawAccessor<'_>, report: &mut IngestReport) -> Vec<Vec4> {
-    // Integer colours mean 0..=1 in every known file, whether or not the exporter set the flag that
-    // the specification asks for.
+    // Integer colours mean 0..=1 in every known file, whether or not the exporter set the
+    // `normalized` flag that the specification requires.
     let raw = RawAccessor {
         normalized: raw.component != DataType::F32,
         ..raw.clone()

@@ -1,15 +1,15 @@
-//! The forest of nodes: checked before anything walks it, in time linear in the document's size.
+//! The node hierarchy, validated before it is walked, in time linear in the document's size.
 
 use crate::error::{Fault, Faults, Outcome};
 use crate::json::Item;
 use crate::report::IngestReport;
 
-/// Root nodes of the scene and children by node; `None`, with faults, unless the nodes are a
+/// Root nodes of the scene and children by node; `None`, with faults, unless the nodes form a
 /// forest. Only a forest can be walked: a node with two parents may be its own ancestor, and a
 /// chain of nodes that each list the next one twice doubles at every step.
 ///
-/// Nodes outside of the scene may list nodes in it: some exporters leave such parents behind. They
-/// place nothing.
+/// Nodes outside the scene may list nodes in it, because some exporters leave such parents behind.
+/// They are ignored.
 pub(crate) fn hierarchy(
     root: &Item<'_>,
     count: usize,
@@ -23,7 +23,7 @@ pub(crate) fn hierarchy(
     let parents = parents(&children, &reached, faults, report)?;
     for (node, path) in &roots {
         if parents[*node].is_some() {
-            let found = format!("node {node}, which is another's child");
+            let found = format!("node {node}, which is the child of another node");
             faults.push(Fault::invalid(path, found, "a root node"));
             return None;
         }
@@ -39,7 +39,7 @@ pub(crate) fn hierarchy(
     Some((roots.into_iter().map(|(node, _)| node).collect(), children))
 }
 
-/// Children by node, all of them nodes.
+/// Children by node, validated as node indices.
 fn read_children(root: &Item<'_>, count: usize, faults: &mut Faults) -> Option<Vec<Vec<usize>>> {
     let mut children = Vec::with_capacity(count);
     let mut sound = true;
@@ -59,7 +59,7 @@ fn read_children(root: &Item<'_>, count: usize, faults: &mut Faults) -> Option<V
     sound.then_some(children)
 }
 
-/// Which nodes hang below `roots`.
+/// Whether each node is a descendant of `roots`.
 fn reach(roots: &[(usize, String)], children: &[Vec<usize>]) -> Vec<bool> {
     let mut reached = vec![false; children.len()];
     let mut stack: Vec<usize> = roots.iter().map(|(node, _)| *node).collect();
@@ -71,7 +71,7 @@ fn reach(roots: &[(usize, String)], children: &[Vec<usize>]) -> Vec<bool> {
     reached
 }
 
-/// The parent of each node; `None`, with faults, where there are several.
+/// The parent of each node; `None`, with faults, if a node has several.
 fn parents(
     children: &[Vec<usize>],
     reached: &[bool],
@@ -88,7 +88,7 @@ fn parents(
                     report.warn(
                         path(),
                         format!(
-                            "node {child} is in the scene, and node {i} is not: it is no child"
+                            "node {child} is in the scene but its parent {i} is not; the parent is ignored"
                         ),
                     );
                     continue;
@@ -98,10 +98,7 @@ fn parents(
                     parent[child] = Some(i);
                     continue;
                 }
-                Some(first) if first == i => (
-                    format!("node {child} for the second time"),
-                    "each child once",
-                ),
+                Some(first) if first == i => (format!("node {child} twice"), "each child once"),
                 Some(first) => (
                     format!("node {child}, already a child of node {first}"),
                     "a node with one parent",
@@ -114,10 +111,10 @@ fn parents(
     sound.then_some(parent)
 }
 
-/// A node that is its own ancestor. With one parent each, such nodes are those that never reach a
-/// root.
+/// A node that is its own ancestor. If each node has one parent, these are the nodes whose
+/// ancestors never reach a root.
 fn find_loop(parent: &[Option<usize>]) -> Option<usize> {
-    // Marks the nodes of this climb and of earlier ones, so that each is climbed from once.
+    // Marks the nodes of this and earlier climbs, so that each is visited once.
     let mut climb = vec![0usize; parent.len()];
     for start in 0..parent.len() {
         let mut at = Some(start);
@@ -135,8 +132,7 @@ fn find_loop(parent: &[Option<usize>]) -> Option<usize> {
     None
 }
 
-/// The scene that was asked for, else the document's own choice, else the first; `None` where there
-/// is none.
+/// The requested scene, else the document's default, else the first; `None` if there is none.
 pub(crate) fn chosen_scene(root: &Item<'_>, asked: Option<usize>) -> Outcome<Option<usize>> {
     let scenes = root.len_of("scenes")?;
     match asked {
@@ -144,7 +140,7 @@ pub(crate) fn chosen_scene(root: &Item<'_>, asked: Option<usize>) -> Outcome<Opt
         Some(s) => Err(Fault::invalid(
             "scenes",
             format!("{scenes} scenes"),
-            format!("a scene {s}, which was asked for"),
+            format!("the requested scene {s}"),
         )),
         None => Ok(root
             .opt_index("scene", "scenes", scenes)?
@@ -152,7 +148,7 @@ pub(crate) fn chosen_scene(root: &Item<'_>, asked: Option<usize>) -> Outcome<Opt
     }
 }
 
-/// Root nodes of the scene, each with the place that names it.
+/// Root nodes of the scene with their document paths.
 fn scene_roots(
     root: &Item<'_>,
     scene: Option<usize>,
@@ -178,7 +174,10 @@ fn scene_roots(
             ));
         };
         if std::mem::replace(seen, true) {
-            report.warn(path, format!("node {node} is listed twice and read once"));
+            report.warn(
+                path,
+                format!("node {node} is listed twice; the second entry is ignored"),
+            );
             continue;
         }
         roots.push((node, path));

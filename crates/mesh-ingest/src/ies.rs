@@ -1,30 +1,29 @@
 //! Photometric files: IES LM-63, editions 1986, 1991, 1995, 2002 and 2019, type C.
 //!
-//! Based on: ANSI/IES LM-63-19 and its forerunners, "Approved Method: IES Standard File Format for
-//! the Electronic Transfer of Photometric Data"; `EXT_lights_ies` for what a renderer may leave
-//! out. No crate does this under a licence that the project can use (`eulumdat` reads the format
-//! and is AGPL), hence a parser of our own.
+//! Based on: ANSI/IES LM-63-19 and its predecessors, "Approved Method: IES Standard File Format for
+//! the Electronic Transfer of Photometric Data"; `EXT_lights_ies` for what a renderer may ignore.
+//! There is no crate for this under a suitable licence (`eulumdat` reads the format but is AGPL).
 
 use crate::error::{Fault, Outcome};
 use crate::scene::Profile;
 
-/// A profile as read from a file.
+/// A profile from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Measured {
     /// Values relative to `candela`: the largest is 1 (or all are 0).
     pub profile: Profile,
     /// The largest intensity, candela.
     pub candela: f64,
-    /// What was passed over or repaired, in words.
+    /// Descriptions of what was ignored or repaired.
     pub remarks: Vec<String>,
 }
 
-/// Largest file: 1° × 2° over the sphere takes a third of it, at ten characters a number.
+/// Largest file, bytes: 1° × 2° over the sphere takes a third of it, at ten characters per number.
 pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
-/// Reads the file `bytes`, which the document names at `path`.
+/// Parses the file `bytes`, which the document references at `path`.
 ///
-/// Memory stays within some forty bytes for each byte of the file, whatever counts it claims.
+/// Memory stays within about forty bytes per byte of the file, whatever counts it claims.
 pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
     if bytes.len() as u64 > MAX_BYTES {
         return Err(Fault::limit(
@@ -33,7 +32,7 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
             format!("at most {MAX_BYTES}"),
         ));
     }
-    // Keywords may be in any 8-bit code; what matters is ASCII.
+    // Keywords may use any 8-bit encoding; the relevant parts are ASCII.
     let text = String::from_utf8_lossy(bytes);
     let mut remarks = Vec::new();
     let (tilt, old, body) = split(&text, path)?;
@@ -66,7 +65,7 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
         numbers.next(what)?;
     }
     let ballast = numbers.factor("the ballast factor")?;
-    // Ballast-lamp photometric factor until 1991; then reserved (1), and from 2019 on a code.
+    // Ballast-lamp photometric factor until 1991; then reserved (1), and a code from 2019 on.
     let lamp = numbers.next("the ballast-lamp photometric factor")?;
     numbers.next("the input watts")?;
     if kind != 1.0 {
@@ -82,7 +81,7 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
         ));
     }
     let values_count = vertical_count.saturating_mul(horizontal_count);
-    // A number takes a character and a separator.
+    // A number takes at least a character and a separator.
     if values_count > body.len() {
         return Err(Fault::invalid(
             path,
@@ -117,7 +116,7 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
         remarks.push(format!("{negative} negative intensities count as 0"));
     }
     if numbers.tokens.next().is_some() {
-        remarks.push("text after the last intensity is passed over".to_string());
+        remarks.push("text after the last intensity is ignored".to_string());
     }
     let most = candela.iter().fold(0.0f64, |m, &x| m.max(x));
     if most > f64::from(f32::MAX) {
@@ -148,8 +147,8 @@ pub(crate) fn parse(bytes: &[u8], path: &str) -> Outcome<Measured> {
     })
 }
 
-/// Splits a file at its TILT line: what that says, whether the edition is of 1986 or 1991, and what
-/// follows.
+/// Splits a file at its TILT line: the line's value, whether the edition is 1986 or 1991, and the
+/// rest.
 fn split<'a>(text: &'a str, path: &str) -> Outcome<(&'a str, bool, &'a str)> {
     let first = text
         .trim_start_matches('\u{feff}')
@@ -163,12 +162,12 @@ fn split<'a>(text: &'a str, path: &str) -> Outcome<(&'a str, bool, &'a str)> {
         .map(|e| e.trim());
     let old = match edition {
         Some(e) => e.contains("1986") || e.contains("1991"),
-        // 1991 writes IESNA91, 1986 nothing at all.
+        // 1991 writes IESNA91, 1986 nothing.
         None => true,
     };
     let mut rest = text;
     while !rest.is_empty() {
-        // Any line end: files made on old machines have CR alone.
+        // Any line end: files from old machines use CR alone.
         let end = rest.find(['\n', '\r']).unwrap_or(rest.len());
         let line = rest[..end].trim();
         let next = rest.get(end + 1..).unwrap_or("");
@@ -186,7 +185,7 @@ fn split<'a>(text: &'a str, path: &str) -> Outcome<(&'a str, bool, &'a str)> {
     ))
 }
 
-/// The numbers of a file, which may be broken into lines anywhere.
+/// The numbers of a file, with line breaks anywhere.
 struct Numbers<'p, I> {
     path: &'p str,
     tokens: I,
@@ -197,7 +196,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<'_, I> {
         let Some(token) = self.tokens.next() else {
             return Err(Fault::invalid(
                 self.path,
-                format!("the end of the file in place of {what}"),
+                format!("the end of the file instead of {what}"),
                 "a number",
             ));
         };
@@ -205,7 +204,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<'_, I> {
             Ok(x) if x.is_finite() => Ok(x),
             _ => Err(Fault::invalid(
                 self.path,
-                format!("\"{}\" in place of {what}", shown(token)),
+                format!("\"{}\" instead of {what}", shown(token)),
                 "a number",
             )),
         }
@@ -258,11 +257,10 @@ fn shown(token: &str) -> String {
     token.chars().take(40).collect()
 }
 
-/// Planes over the whole turn, 0 to 360 degrees, and which measured plane each of them is.
+/// Planes over the full turn, 0 to 360 degrees, each with the index of its measured plane.
 ///
-/// LM-63 measures one plane where the light is the same all around, a quadrant (0 to 90) where it
-/// is symmetric in both axes, and a half where it is so in one: 0 to 180, or 90 to 270 in the
-/// edition of 1995.
+/// LM-63 measures one plane for rotational symmetry, a quadrant (0 to 90) for symmetry about both
+/// axes, and a half for symmetry about one: 0 to 180, or 90 to 270 in the edition of 1995.
 fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
     let n = measured.len();
     let (first, last) = (measured[0], measured[n - 1]);
@@ -270,7 +268,7 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
         return Ok(vec![(0.0, 0), (360.0, 0)]);
     }
     let planes = || measured.iter().copied().zip(0..n);
-    // `planes` and their mirror image about `axis`, once where they meet.
+    // `planes` and their mirror image about `axis`, with common planes once.
     let mirror = |mut planes: Vec<(f32, usize)>, axis: f32| {
         let image: Vec<(f32, usize)> = planes
             .iter()
@@ -285,8 +283,8 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
         (0.0, 90.0) => Ok(mirror(mirror(planes().collect(), 90.0), 180.0)),
         (0.0, 180.0) => Ok(mirror(planes().collect(), 180.0)),
         (90.0, 270.0) => {
-            // The other half is the image about the axis from 90 to 270: angle a at 180 − a, modulo
-            // the turn.
+            // The other half is the mirror image about the axis from 90 to 270: angle a maps to 180
+            // − a, modulo the turn.
             let mut all: Vec<(f32, usize)> = planes().collect();
             let image = |(angle, k): (f32, usize)| ((540.0 - angle).rem_euclid(360.0), k);
             let between = planes().filter(|&(angle, _)| angle > 90.0 && angle < 270.0);
@@ -296,16 +294,15 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
                 return Err(Fault::invalid(
                     path,
                     "horizontal angles from 90 to 270° without 180",
-                    "a plane at 180°, whose image is that at 0",
+                    "a plane at 180°, whose mirror image is the plane at 0°",
                 ));
             }
             Ok(close(all))
         }
         (0.0, 360.0) => Ok(planes().collect()),
-        // The plane at 360 is often left out, being that at 0.
+        // The plane at 360 equals that at 0 and is often omitted.
         (0.0, last) if last > 180.0 => {
-            // The gap may be no wider than what was left between planes anyway (angles are
-            // rounded).
+            // The gap may not exceed the distance between planes (angles are rounded).
             let widest = measured.windows(2).map(|w| w[1] - w[0]).fold(0.0, f32::max);
             if 360.0 - last > (1.01 * widest).min(90.0) {
                 return Err(Fault::invalid(
@@ -324,7 +321,7 @@ fn unfold(measured: &[f32], path: &str) -> Outcome<Vec<(f32, usize)>> {
     }
 }
 
-/// Ends planes that begin at 0 and stop short of 360 with that at 0 again.
+/// Appends the plane at 0 to planes that begin at 0 and stop short of 360.
 fn close(mut planes: Vec<(f32, usize)>) -> Vec<(f32, usize)> {
     planes.push((360.0, planes[0].1));
     planes

@@ -1,4 +1,4 @@
-//! Decoding of the images that light needs.
+//! Decodes the images that light needs.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
@@ -15,23 +15,22 @@ use crate::scene::Image;
 /// Most pixels of one image, 16384².
 const MOST_PIXELS: u64 = 1 << 28;
 
-/// More pixels than a byte of a JPEG can hold: a block of 64 takes a bit at the least, that of its
-/// mean in a progressive file. Twice that leaves room for what has not been thought of.
+/// Upper bound of pixels per byte of a JPEG: a block of 64 takes at least one bit, that of its mean
+/// in a progressive file. Doubled for safety.
 const JPEG_PIXELS_PER_BYTE: u64 = 1024;
 
-/// More bytes than a byte of DEFLATE, which PNG is packed with, can hold: at most 258 into two
-/// bits.
+/// Upper bound of decoded bytes per byte of DEFLATE data, as in PNG: at most 258 bytes in two bits.
 const PNG_BYTES_PER_BYTE: u64 = 1032;
 
-/// What images have claimed of the limit so far. Sizes are claimed before anything is decoded, so
-/// that a hundred small files of 10,000² pixels each are refused before any is.
+/// Pixels claimed so far. They are claimed before decoding, so that a hundred small files of
+/// 10,000² pixels each are refused before any is decoded.
 struct Budget {
     spent: u64,
     allowed: u64,
 }
 
 impl Budget {
-    /// After `pixels` that were decoded already.
+    /// A budget of which `pixels` are already used.
     fn new(document: &Document, pixels: u64) -> Budget {
         Budget {
             spent: pixels.saturating_mul(4),
@@ -46,7 +45,7 @@ impl Budget {
             format!("at most {MOST_PIXELS}, 16384²")
         } else if self.spent > self.allowed {
             format!(
-                "at most {} bytes in all images, four a pixel (--max-image)",
+                "at most {} bytes in all images at four per pixel (--max-image)",
                 self.allowed
             )
         } else {
@@ -91,11 +90,11 @@ pub(crate) fn decode(
     images
 }
 
-/// Decodes images `needed`, which are not among those that [`decode`] already took `spent` pixels
-/// for.
+/// Decodes images `needed`, none of which is among those that [`decode`] already decoded with
+/// `spent` pixels.
 ///
 /// # Errors
-/// The first fault of any of them; none is returned then.
+/// The first fault of any of them; then no image is returned.
 pub(crate) fn decode_all(
     document: &mut Document,
     needed: &BTreeSet<usize>,
@@ -113,13 +112,13 @@ pub(crate) fn decode_all(
         .par_iter()
         .map(|(i, bytes)| Ok((*i, decode_one(*i, bytes)?)))
         .collect::<Vec<Outcome<_>>>();
-    // In order, so that the fault that is told does not depend on threads.
+    // In order, so that the reported fault does not depend on threads.
     let images = images.into_iter().collect::<Outcome<_>>()?;
     files.into_iter().for_each(|f| document.note_input(f));
     Ok(images)
 }
 
-/// An image's bytes, its file, and its size by its header.
+/// An image's bytes, its file, and its size from the header.
 fn measure(document: &Document, i: usize) -> Outcome<(Vec<u8>, Option<Input>, [u32; 2])> {
     let (bytes, file) = open(document, i)?;
     let size = dimensions(i, &bytes)?;
@@ -147,7 +146,7 @@ fn open(document: &Document, i: usize) -> Outcome<Opened> {
     }
 }
 
-/// Tells the format by content: media types and file names in the wild are wrong too often.
+/// Detects the format by content, because media types and file names are often wrong.
 fn format_of(i: usize, bytes: &[u8]) -> Outcome<ImageFormat> {
     let path = format!("images[{i}]");
     if bytes.starts_with(b"\xabKTX 20\xbb") {
@@ -165,7 +164,7 @@ fn format_of(i: usize, bytes: &[u8]) -> Outcome<ImageFormat> {
         )),
         Err(_) => Err(Fault::invalid(
             path,
-            "bytes of no known image format",
+            "an unknown image format",
             "a PNG, JPEG or WebP image",
         )),
     }
@@ -211,8 +210,8 @@ fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
             "at least one pixel",
         ));
     }
-    // Decoders fill up what is missing of a JPEG, which may be nearly all of it, and take memory
-    // for a PNG before they look. A WebP of any size may be a few bytes long.
+    // Decoders fill in missing data of a JPEG, which may be nearly all of it, and allocate memory
+    // for a PNG before decoding. A WebP of any size may be a few bytes long.
     let stored = bytes.len() as u64;
     let most = match format_of(i, bytes)? {
         ImageFormat::Jpeg => stored.saturating_mul(JPEG_PIXELS_PER_BYTE),
@@ -223,13 +222,13 @@ fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
         return Err(Fault::invalid(
             format!("images[{i}]"),
             format!("{width} × {height} pixels in {stored} bytes"),
-            "an image that is not cut short",
+            "a complete image",
         ));
     }
     Ok([width, height])
 }
 
-/// Bits of a pixel of a PNG by its header, whose place is fixed.
+/// Bits per pixel of a PNG, from its header at a fixed position.
 fn png_bits(bytes: &[u8]) -> u64 {
     let depth = bytes.get(24).map_or(1, |d| u64::from(*d).clamp(1, 16));
     let channels = match bytes.get(25) {

@@ -1,4 +1,4 @@
-//! Files that were read, by content.
+//! Input files by content.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -8,17 +8,25 @@ use serde::{Serialize, Serializer};
 
 use crate::uri::{self, Bounds, Target};
 
-/// BLAKE3 hash of a file's content; the program `b3sum` prints the same.
+/// BLAKE3 hash of a file's contents, as printed by the program `b3sum`.
+///
+/// ```
+/// use mesh_ingest::Digest;
+///
+/// let digest = Digest::of(b"");
+/// assert_eq!(digest.to_string().parse(), Ok::<_, ()>(digest));
+/// assert!(digest.to_string().starts_with("af1349b9f5f9a1a6"));
+/// ```
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Digest([u8; 32]);
 
 impl Digest {
-    /// Of `bytes`.
+    /// Hash of `bytes`.
     pub fn of(bytes: &[u8]) -> Digest {
         Digest(blake3::hash(bytes).into())
     }
 
-    /// Of what a reader gives until it ends.
+    /// Hash of everything that a reader returns.
     ///
     /// # Errors
     /// The reader's.
@@ -42,13 +50,13 @@ impl fmt::Debug for Digest {
     }
 }
 
-/// What [`Digest`]'s `Display` writes; `Err` for anything else.
+/// Parses the output of [`Digest`]'s `Display`; `Err` for anything else.
 impl FromStr for Digest {
     type Err = ();
 
     fn from_str(text: &str) -> Result<Digest, ()> {
         let hash = blake3::Hash::from_hex(text).map_err(|_| ())?;
-        // Digits of either case are read; only one is ever written.
+        // hex accepts both cases, but only lower case is ever written.
         let digest = Digest(hash.into());
         (digest.to_string() == text).then_some(digest).ok_or(())
     }
@@ -63,17 +71,16 @@ impl Serialize for Digest {
 /// A file that was read.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Input {
-    /// Where it was.
+    /// Its path.
     pub file: PathBuf,
-    /// How the document names it; empty for the document itself.
+    /// Its name in the document; empty for the document itself.
     pub uri: String,
-    /// What it held when it was read; `None` for a file that the document names and that was not
-    /// there or could not be read.
+    /// Hash of its contents when it was read; `None` if it did not exist or could not be read.
     pub digest: Option<Digest>,
 }
 
 impl Input {
-    /// A file that held `bytes`.
+    /// A file with the contents `bytes`.
     pub fn new(file: PathBuf, uri: String, bytes: &[u8]) -> Input {
         Input {
             file,
@@ -82,8 +89,8 @@ impl Input {
         }
     }
 
-    /// The file that a document in folder `base` means by `uri`; `None` where it means none (a data
-    /// URI, a network address).
+    /// The file that `uri` denotes in a document in folder `base`; `None` if it denotes none (a
+    /// data URI, a network address).
     pub fn locate(base: &Path, uri: &str) -> Option<PathBuf> {
         let bounds = Bounds {
             base: Some(base),
@@ -102,7 +109,7 @@ mod tests {
 
     #[test]
     fn a_digest_is_what_b3sum_prints_and_survives_text() {
-        // The empty input's hash, from the BLAKE3 specification's test vectors.
+        // The hash of the empty input in the BLAKE3 specification's test vectors.
         let empty = "af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262";
         let digest = Digest::of(b"");
         assert_eq!(digest.to_string(), empty);

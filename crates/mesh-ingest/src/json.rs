@@ -1,4 +1,4 @@
-//! Typed reading of JSON that remembers where it is.
+//! Typed access to JSON that tracks the path of each value.
 
 use serde_json::Value;
 
@@ -6,8 +6,8 @@ use crate::error::{Fault, Outcome};
 
 /// A JSON value and its path in the document.
 ///
-/// Readers named `opt_*` give `None` where the key is absent and a [`Fault`] where it has the wrong
-/// type, so that only parts that are looked at are judged.
+/// Methods named `opt_*` return `None` if the key is absent and a [`Fault`] if it has the wrong
+/// type, so only members that are read are validated.
 #[derive(Debug, Clone)]
 pub(crate) struct Item<'a> {
     pub value: &'a Value,
@@ -34,7 +34,7 @@ impl<'a> Item<'a> {
         Fault::invalid(self.path.clone(), show(self.value), expected)
     }
 
-    /// The member `key`, whatever its type.
+    /// The member `key` of any type.
     pub fn get(&self, key: &str) -> Option<Item<'a>> {
         self.value.get(key).map(|value| Item {
             value,
@@ -54,7 +54,7 @@ impl<'a> Item<'a> {
         self.get(key).map(Item::object).transpose()
     }
 
-    /// The extension `name` of this object, where it is present.
+    /// The extension `name` of this object, if present.
     pub fn extension(&self, name: &str) -> Outcome<Option<Item<'a>>> {
         match self.value.get("extensions") {
             None => Ok(None),
@@ -65,7 +65,7 @@ impl<'a> Item<'a> {
         }
     }
 
-    /// Number of elements of the array `key`; 0 where it is absent.
+    /// Number of elements of the array `key`; 0 if it is absent.
     pub fn len_of(&self, key: &str) -> Outcome<usize> {
         match self.get(key) {
             None => Ok(0),
@@ -77,7 +77,7 @@ impl<'a> Item<'a> {
         }
     }
 
-    /// Element `index` of the array `key`, an object.
+    /// Element `index` of the array `key`, which must be an object.
     pub fn element(&self, key: &str, index: usize) -> Outcome<Item<'a>> {
         match self
             .value
@@ -98,14 +98,14 @@ impl<'a> Item<'a> {
         }
     }
 
-    /// All elements of the array `key`, which are objects.
+    /// All elements of the array `key`, which must be objects.
     pub fn elements(&self, key: &str) -> Outcome<Vec<Item<'a>>> {
         (0..self.len_of(key)?)
             .map(|i| self.element(key, i))
             .collect()
     }
 
-    /// A non-negative integer. `2.0` is one, as in JSON Schema.
+    /// A non-negative integer; `2.0` counts as one, as in JSON Schema.
     fn whole(&self) -> Outcome<usize> {
         let number = self.value.as_u64().or_else(|| match self.value.as_f64() {
             Some(x) if (0.0..9.0e15).contains(&x) && x.fract() == 0.0 => Some(x as u64),
@@ -116,7 +116,7 @@ impl<'a> Item<'a> {
             .ok_or_else(|| self.wrong("a non-negative integer"))
     }
 
-    /// The non-negative integer `key`, where it is present.
+    /// The non-negative integer `key`, if present.
     pub fn opt_uint(&self, key: &str) -> Outcome<Option<usize>> {
         let Some(item) = self.get(key) else {
             return Ok(None);
@@ -175,7 +175,7 @@ impl<'a> Item<'a> {
         Ok(Some(out))
     }
 
-    /// An array of non-negative integers; empty where absent.
+    /// An array of non-negative integers; empty if absent.
     pub fn uints(&self, key: &str) -> Outcome<Vec<usize>> {
         let Some(item) = self.get(key) else {
             return Ok(Vec::new());
@@ -213,7 +213,7 @@ impl<'a> Item<'a> {
             .transpose()
     }
 
-    /// The `name`, or empty where there is none or it is no string: names are only for people.
+    /// The `name`; empty if it is absent or not a string, because names are only for people.
     pub fn name(&self) -> String {
         self.value
             .get("name")
@@ -223,7 +223,7 @@ impl<'a> Item<'a> {
     }
 }
 
-/// A value as an error message shows it: whole if short.
+/// A value in an error message: complete if short.
 pub(crate) fn show(value: &Value) -> String {
     match value {
         Value::Object(map) => format!("an object of {} members", map.len()),

@@ -1,18 +1,28 @@
-//! Reads glTF 2.0 into [`Scene`], one documented normal form.
+//! Reads glTF 2.0 into [`Scene`], a documented normal form.
 //!
-//! [`load`] (or [`load_memory`]) gives the scene, the [`Document`] as it came (for writers) and an
-//! [`IngestReport`]. [`Soup`] flattens a scene into world-space triangles for ray casting;
-//! [`Scene::base_color`] and its siblings say what a point of the soup does to light.
+//! In reading order:
+//!
+//! | read | to learn about |
+//! |---|---|
+//! | [`load`], [`load_memory`], [`LoadOptions`] | loading a file or a document in memory |
+//! | [`Scene`] and its parts | the normal form and its guarantees |
+//! | [`Soup`] | world-space triangles for ray casting |
+//! | [`Scene::base_color`] and its siblings | what a point of a triangle does to light |
+//! | [`Document`] | the original document, for writers |
+//! | [`IngestReport`], [`Error`] | what was dropped or repaired, and why a load failed |
 //!
 //! Input is never trusted: every count is checked against the data that backs it before memory is
 //! reserved, all problems are collected with their document paths, and nothing panics.
 //!
-//! ```no_run
+//! ```
 //! use mesh_ingest::{LoadOptions, Soup, load};
 //!
-//! let loaded = load("level.glb".as_ref(), &LoadOptions::default())?;
+//! let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/cornell_box.glb");
+//! let loaded = load(file.as_ref(), &LoadOptions::default())?;
 //! let soup = Soup::build(&loaded.scene);
+//! // Reflectance and alpha near the middle of the first triangle.
 //! let color = loaded.scene.base_color(&soup, 0, 0.25, 0.25);
+//! assert!(color.max_element() <= 1.0);
 //! # Ok::<(), mesh_ingest::Error>(())
 //! ```
 

@@ -1,4 +1,4 @@
-//! `KHR_lights_punctual`, with what `extras.lumel` adds to it, and `EXT_lights_ies`.
+//! `KHR_lights_punctual` with its extensions in `extras.lumel`, and `EXT_lights_ies`.
 
 mod extras;
 mod measured;
@@ -16,7 +16,7 @@ use crate::options::MAX_COORDINATE;
 use crate::report::IngestReport;
 use crate::scene::{Light, LightKind, Scene};
 
-/// Reads all lights that the chosen scene places: `KHR_lights_punctual` in scene-graph order, then
+/// Reads all lights of the chosen scene: `KHR_lights_punctual` in scene-graph order, then
 /// `EXT_lights_ies`.
 pub(crate) fn read_all(
     document: &mut Document,
@@ -37,8 +37,7 @@ pub(crate) fn read_all(
     scene.profiles = profiles.finish(document);
 }
 
-/// Reads the punctual light that `placed` puts into the world; `None` if it gives no light.
-/// `origin` is [`Scene::origin`].
+/// Reads the punctual light at `placed`; `None` if it emits nothing. `origin` is [`Scene::origin`].
 fn read(
     document: &Document,
     placed: &Placed,
@@ -58,7 +57,7 @@ fn read(
     let places = [&node, &item];
 
     let position = placed.transform.translation - origin;
-    // A light shines along −Z of its node (scale plays no part but for its sign).
+    // A light shines along −Z of its node; of the scale only the sign matters.
     let direction = placed
         .transform
         .transform_vector3(DVec3::NEG_Z)
@@ -96,7 +95,7 @@ fn read(
             report.count("lights.unplaceable", 1);
             report.warn(
                 node.path,
-                "its transform gives the light no place or direction; it is dropped",
+                "its transform gives the light no position or direction; the light is dropped",
             );
             return Ok(None);
         }
@@ -104,7 +103,7 @@ fn read(
             report.count("lights.unknown_type", 1);
             report.warn(
                 item.path_of("type"),
-                format!("\"{other}\" is no known type of light; it is dropped"),
+                format!("\"{other}\" is not a known light type; the light is dropped"),
             );
             return Ok(None);
         }
@@ -142,7 +141,7 @@ fn name_of(item: &Item<'_>, node: &Item<'_>) -> String {
         .unwrap_or_else(|| node.name())
 }
 
-/// `color` × the member `key`, both 1 where absent.
+/// `color` × the member `key`, each 1 if absent.
 fn intensity_of(item: &Item<'_>, key: &str, report: &mut IngestReport) -> Outcome<Vec3> {
     let color = item.opt_numbers::<3>("color")?.unwrap_or([1.0; 3]);
     let intensity = item.opt_number(key)?.unwrap_or(1.0);
@@ -158,7 +157,7 @@ fn intensity_of(item: &Item<'_>, key: &str, report: &mut IngestReport) -> Outcom
     Ok(Vec3::from_array(given.map(|x| x as f32)))
 }
 
-/// Inner and outer half-angle: 0 ≤ inner < outer ≤ π/2, as the extension asks.
+/// Inner and outer half-angle: 0 ≤ inner < outer ≤ π/2, as the extension requires.
 fn cone_of(item: &Item<'_>, report: &mut IngestReport) -> Outcome<(f32, f32)> {
     /// A cone without a penumbra would divide by zero in the extension's falloff formula.
     const LEAST: f64 = 1e-4;

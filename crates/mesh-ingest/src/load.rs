@@ -1,4 +1,4 @@
-//! Loading: the order in which the parts of a document are read.
+//! Loading: reads the parts of a document in order.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -21,30 +21,31 @@ use crate::scene::{Instance, Mesh, Primitive, Scene};
 use crate::settle::{needed_images, settle_alpha};
 use crate::{environment, extensions, extras, images, lights, lods};
 
-/// A document in normal form, the document itself, and what became of it.
+/// A loaded document in normal form, the original, and a report.
 #[derive(Debug)]
 pub struct Loaded {
-    /// What light sees.
+    /// The scene in normal form.
     pub scene: Scene,
-    /// The document, for those who write it back.
+    /// The original document, for writers.
     pub document: Document,
     /// What was dropped, clamped and left out.
     pub report: IngestReport,
 }
 
-/// Reads the glTF 2.0 document at `path` (.gltf or .glb, told by content) into normal form.
+/// Reads the glTF 2.0 document at `path` (.gltf or .glb, detected by content) into normal form.
 ///
 /// # Errors
 /// See [`Error`]; all problems found are reported together. A document whose chosen scene has no
-/// sound triangle is [`Error::NoTriangles`].
+/// valid triangle gives [`Error::NoTriangles`].
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     read(Document::open(path, options)?, options)
 }
 
-/// As [`load`], of a document in memory. Nothing is read from disk unless it was given a folder.
+/// As [`load`], for a document in memory. Nothing is read from disk unless the document has a
+/// folder.
 ///
 /// # Errors
-/// As [`load`]; what its resolver could not give is [`Error::Io`].
+/// As [`load`]; files that its resolver cannot provide give [`Error::Io`].
 pub fn load_memory(document: &MemoryDocument, options: &LoadOptions) -> Result<Loaded, Error> {
     read(Document::in_memory(document, options)?, options)
 }
@@ -103,8 +104,8 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     })
 }
 
-/// Checks every accessor and buffer view, used or not: a writer copies them all, and a file that
-/// lies in one place is not to be trusted in others.
+/// Validates every accessor and buffer view, used or not: writers copy all of them, and a file with
+/// one false statement cannot be trusted elsewhere.
 fn check_layout(document: &Document, faults: &mut Faults) {
     let root = document.root();
     let mut unbacked = 0u64;
@@ -123,7 +124,7 @@ fn check_layout(document: &Document, faults: &mut Faults) {
         }
         faults.take(document.check_accessor(&head));
     }
-    // Draco primitives' accessors have no view by design; their data is limited where it is
+    // Accessors of Draco primitives have no view by design; their data is limited when it is
     // decoded.
     let uses_draco = root
         .value
@@ -133,14 +134,14 @@ fn check_layout(document: &Document, faults: &mut Faults) {
     if unbacked > allowed && !uses_draco {
         faults.push(Fault::limit(
             "accessors",
-            format!("{unbacked} bytes that no buffer view backs"),
+            format!("{unbacked} bytes without a buffer view"),
             format!("at most {allowed}"),
         ));
     }
 }
 
 /// Reads what only writers need: attributes and morph targets that light ignores, and compressed
-/// data of animations. What is broken there is better known before the bake than after it.
+/// animation data. Faults there should be found before the bake, not after it.
 fn check_writable(document: &Document, scene: &Scene, faults: &mut Faults) {
     let root = document.root();
     let views = root.len_of("bufferViews").unwrap_or(0);
@@ -173,7 +174,7 @@ fn check_writable(document: &Document, scene: &Scene, faults: &mut Faults) {
     }
 }
 
-/// Estimates the geometry from counts alone and refuses what would not fit.
+/// Estimates the size of the geometry from counts alone and refuses what would not fit.
 fn check_size(document: &Document, graph: &Graph, used: &BTreeSet<usize>, faults: &mut Faults) {
     let (mut bytes, mut triangles) = (0u64, BTreeMap::new());
     for &mesh in used {
@@ -216,7 +217,7 @@ fn mesh_size(document: &Document, index: usize) -> Outcome<(u64, u64)> {
             if name == "POSITION" {
                 vertices = count;
             }
-            // The largest element of the normal form is a colour of 16 bytes.
+            // The largest element of the normal form is a 16-byte colour.
             bytes = bytes.saturating_add(count.saturating_mul(16));
         }
         let corners = match item.opt_uint("indices")? {
@@ -246,7 +247,7 @@ fn read_materials(
 ) -> Vec<MaterialRead> {
     let root = document.root();
     let count = faults.take(root.len_of("materials")).unwrap_or(0);
-    // A wrong choice of scene is a fault already.
+    // A wrong choice of scene is already reported as a fault.
     let scene = hierarchy::chosen_scene(&root, scene).ok().flatten();
     let all = SurfaceExtras::of_document(document, scene, report);
     let mut materials: Vec<MaterialRead> = (0..count)
@@ -259,8 +260,7 @@ fn read_materials(
     materials
 }
 
-/// Reads the primitives of all used meshes, in parallel; results and counts come back in document
-/// order.
+/// Reads the primitives of all used meshes in parallel; results and counts are in document order.
 fn read_meshes(
     document: &Document,
     used: &BTreeSet<usize>,
@@ -311,7 +311,7 @@ fn read_meshes(
     meshes
 }
 
-/// Puts meshes, materials and instances together; also says which materials are in use.
+/// Combines meshes, materials and instances; also determines the materials in use.
 fn assemble(
     document: &Document,
     read: BTreeMap<usize, Vec<Primitive>>,
@@ -359,7 +359,7 @@ fn assemble(
     (scene, used)
 }
 
-/// Makes an instance, unless its transform cannot be undone.
+/// Makes an instance, unless its transform is not invertible.
 fn instance(
     document: &Document,
     placed: &Placed,
@@ -372,7 +372,7 @@ fn instance(
         report.count("instances.singular", 1);
         report.warn(
             node.path,
-            "its world transform cannot be inverted; the instance is dropped",
+            "its world transform is not invertible; the instance is dropped",
         );
         return None;
     }
@@ -393,7 +393,7 @@ fn instance(
     })
 }
 
-/// Warns about textures whose coordinates a primitive lacks: they are then sampled at (0, 0).
+/// Warns about textures whose coordinates a primitive lacks; they are sampled at (0, 0).
 fn check_tex_coords(scene: &Scene, report: &mut IngestReport) {
     for mesh in &scene.meshes {
         for primitive in &mesh.primitives {
@@ -416,7 +416,7 @@ fn check_tex_coords(scene: &Scene, report: &mut IngestReport) {
                             mesh.gltf_mesh, primitive.gltf_primitive
                         ),
                         format!(
-                            "no TEXCOORD_{}, which its material samples: read as (0, 0)",
+                            "no TEXCOORD_{}, which its material samples; treated as (0, 0)",
                             texture.tex_coord
                         ),
                     );
@@ -426,9 +426,9 @@ fn check_tex_coords(scene: &Scene, report: &mut IngestReport) {
     }
 }
 
-/// Finds the centre of the world and drops instances that lie beyond reach of `f32` arithmetic.
+/// Finds the centre of the world and drops instances that are too far away for `f32` arithmetic.
 fn recentre(scene: &mut Scene, report: &mut IngestReport) -> DVec3 {
-    // Corners in use, once per mesh: instances then cost one transform per vertex.
+    // Used corners, once per mesh, so that instances cost one transform per vertex.
     let corners: Vec<Vec<Vec3>> = scene.meshes.par_iter().map(used_positions).collect();
     let bounds: Vec<[DVec3; 2]> = scene
         .instances
@@ -489,9 +489,8 @@ fn used_positions(mesh: &Mesh) -> Vec<Vec3> {
     positions
 }
 
-/// Images that light does not need may be missing, but who writes the document back will want to
-/// know. Notes images that cannot be read and that light does not need. Writers leave their URIs as
-/// they are; any other image that they cannot read was lost since.
+/// Reports images that cannot be read but that light does not need, because writers keep their
+/// URIs. Any other image that a writer cannot read was lost after loading.
 fn note_missing_images(
     document: &mut Document,
     needed: &BTreeSet<usize>,
@@ -506,8 +505,8 @@ fn note_missing_images(
                 Err(e) => format!("its file cannot be read: {e}"),
             },
             Ok(ImageSource::Embedded(_)) => continue,
-            // What names nothing that is read may stay, what leads out of the folder not: it would
-            // be lost in silence.
+            // A URI that leads to no readable file may stay. One that leads out of the folder is an
+            // error, because it would be lost silently.
             Err(fault) if matches!(fault.kind, Kind::Unsupported) => fault.problem.to_string(),
             Err(fault) => {
                 faults.push(fault);

@@ -1,14 +1,14 @@
-//! Levels of detail and variants: nodes that show one thing in several ways, of which a level shows
-//! one at a time.
+//! Levels of detail and variants: nodes that show the same object in several ways, of which a level
+//! shows one at a time.
 //!
-//! The first of a group is in the way of light; the others stand in for it
-//! ([`Instance::stands_in`](crate::Instance::stands_in)): if all of them cast shadows, each would
-//! lie in the dark inside of another. Groups are told by, in this order of trust,
+//! Rays see the first of a group; the others stand in for it
+//! ([`Instance::stands_in`](crate::Instance::stands_in)). If all of them cast shadows, each would
+//! be in the dark inside another. Groups are recognised, in this order of precedence, by
 //! - `extras.lumel.lod` and `extras.lumel.variant`,
-//! - `MSFT_lod` (node levels; material levels change nothing here), whose lower levels need not be
-//!   in the scene graph,
-//! - node names that end in `_LOD0`, `_LOD1`, …, among siblings or wherever each level is there
-//!   once, if the levels lie in one place.
+//! - `MSFT_lod` (node levels; material levels are ignored), whose lower levels need not be in the
+//!   scene graph,
+//! - node names that end in `_LOD0`, `_LOD1`, …, among siblings, or anywhere if each level exists
+//!   once, provided that the levels are in the same place.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,17 +21,17 @@ use crate::json::Item;
 use crate::report::{IngestReport, LodGroup, LodSource};
 use crate::scene::Scene;
 
-/// Levels told by name lie in one place if the middles of their bounds are no further apart than
-/// this share of the larger diagonal: far enough for a tree that loses its lower branches, and too
-/// near for levels that stand side by side in a showcase.
+/// Levels recognised by name are in the same place if the centres of their bounds are no further
+/// apart than this fraction of the larger diagonal. This allows a tree that loses its lower
+/// branches, and excludes levels placed side by side in a showcase.
 const ONE_PLACE: f64 = 0.25;
 
-/// What makes nodes a group.
+/// Identifies a group.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Key {
     Variant(String),
     Lod(String),
-    /// Of the node with `MSFT_lod`.
+    /// The node with `MSFT_lod`.
     Msft(usize),
     Named {
         parent: Option<usize>,
@@ -39,25 +39,25 @@ enum Key {
     },
 }
 
-/// A node's place in a group.
+/// A node's membership in a group.
 #[derive(Debug, Clone)]
 struct Mark {
     key: Key,
     level: u32,
-    /// What people call the group.
+    /// The group's name for people.
     name: String,
 }
 
-/// What a node hands down: its marks as a level and as a variant, as indices.
+/// Inherited marks of a node, as a level and as a variant: indices.
 pub(crate) type Marked = [Option<usize>; 2];
 
-/// Who is marked, found as the scene graph is walked.
+/// Marked nodes, found while walking the scene graph.
 #[derive(Debug, Default)]
 pub(crate) struct Lods {
     parent: Vec<Option<usize>>,
-    /// By node of `MSFT_lod.ids`: whose, and which level.
+    /// For each node in `MSFT_lod.ids`: the node that lists it, and its level.
     lower: BTreeMap<usize, (usize, u32)>,
-    /// The other way round.
+    /// The inverse map.
     lower_of: BTreeMap<usize, Vec<usize>>,
     names_count: bool,
     marks: Vec<Mark>,
@@ -65,10 +65,10 @@ pub(crate) struct Lods {
 }
 
 impl Lods {
-    /// Reads `MSFT_lod`. `names` says whether node names tell levels.
+    /// Reads `MSFT_lod`. `names` says whether node names mark levels.
     ///
     /// # Errors
-    /// An id that is no node.
+    /// An id that is not a node.
     pub fn read(root: &Item<'_>, children: &[Vec<usize>], names: bool) -> Outcome<Lods> {
         let mut lods = Lods {
             parent: vec![None; children.len()],
@@ -94,14 +94,14 @@ impl Lods {
         Ok(lods)
     }
 
-    /// Lower levels of `node` that the scene graph has no place for: they stand where it does. Each
-    /// is some node's once.
+    /// Lower levels of `node` that are not in the scene graph; they take its place. Each belongs to
+    /// one node.
     pub fn unplaced<'l>(&'l self, node: usize, roots: &'l [usize]) -> impl Iterator<Item = usize> {
         let lower = self.lower_of.get(&node).into_iter().flatten().copied();
         lower.filter(|id| self.parent[*id].is_none() && !roots.contains(id))
     }
 
-    /// The marks of a node, which its children inherit; `from` are its parent's.
+    /// The marks of a node, which its children inherit; `from` is its parent's.
     pub fn mark(
         &mut self,
         index: usize,
@@ -133,7 +133,7 @@ impl Lods {
         Ok(marked)
     }
 
-    /// By `MSFT_lod`, or by name where no ancestor has said anything.
+    /// From `MSFT_lod`, or from the name if no ancestor is marked.
     fn level_of(&self, index: usize, node: &Item<'_>, inherits: bool) -> Outcome<Option<Mark>> {
         let name = node.name();
         if let Some(&(base, level)) = self.lower.get(&index) {
@@ -157,7 +157,7 @@ impl Lods {
     }
 }
 
-/// The lower levels that a node's `MSFT_lod` lists.
+/// The lower levels in a node's `MSFT_lod`.
 fn ids(node: &Item<'_>) -> Outcome<Vec<usize>> {
     match node.extension("MSFT_lod")? {
         Some(ext) => ext.uints("ids"),
@@ -165,7 +165,7 @@ fn ids(node: &Item<'_>) -> Outcome<Vec<usize>> {
     }
 }
 
-/// `tree_LOD1` and `tree_lod1.002` (as Blender numbers copies) are levels 1 of `tree` and of
+/// `tree_LOD1` and `tree_lod1.002` (Blender's numbering of copies) are level 1 of `tree` and of
 /// `tree.002`.
 pub fn level_by_name(name: &str) -> Option<(String, u32)> {
     let digits = |s: &str| !s.is_empty() && s.bytes().all(|b| b.is_ascii_digit());
@@ -173,7 +173,7 @@ pub fn level_by_name(name: &str) -> Option<(String, u32)> {
         Some((body, copy)) if digits(copy) => (body, &name[body.len()..]),
         _ => (name, ""),
     };
-    // Lower case of ASCII letters alone leaves every byte in its place.
+    // ASCII lower-casing does not move any byte.
     let at = body.to_ascii_lowercase().rfind("_lod")?;
     let (stem, level) = (&body[..at], &body[at + 4..]);
     if !digits(level) || level.len() > 2 {
@@ -185,14 +185,14 @@ pub fn level_by_name(name: &str) -> Option<(String, u32)> {
 /// A group's instances by level.
 type Levels = BTreeMap<u32, Vec<usize>>;
 
-/// Decides which instances stand in for which.
+/// Decides which instances stand in for others.
 pub(crate) fn settle(scene: &mut Scene, lods: &Lods, report: &mut IngestReport) {
     if lods.of_node.is_empty() {
         return;
     }
     let groups = groups(scene, lods, report);
-    // By instance: the groups that it is not the first of. A group of variants has its word before
-    // one of levels.
+    // For each instance, the groups in which it is not first. Groups of variants take precedence
+    // over levels.
     let mut behind: Vec<Vec<usize>> = vec![Vec::new(); scene.instances.len()];
     for (g, (_, levels)) in groups.iter().enumerate() {
         for i in levels.values().skip(1).flatten() {
@@ -228,7 +228,7 @@ pub(crate) fn settle(scene: &mut Scene, lods: &Lods, report: &mut IngestReport) 
     }
 }
 
-/// Groups of two levels and more, variants first; each with a mark of its first level.
+/// Groups of at least two levels, variants first, each with a mark of its first level.
 fn groups<'l>(scene: &Scene, lods: &'l Lods, report: &mut IngestReport) -> Vec<(&'l Mark, Levels)> {
     let mut groups: BTreeMap<&Key, (&Mark, Levels)> = BTreeMap::new();
     for (i, instance) in scene.instances.iter().enumerate() {
@@ -251,7 +251,7 @@ fn groups<'l>(scene: &Scene, lods: &'l Lods, report: &mut IngestReport) -> Vec<(
     out
 }
 
-/// Joins levels of one name that have different parents, if each is there once.
+/// Joins levels of the same name with different parents, if each exists once.
 fn join_lonely(groups: &mut BTreeMap<&Key, (&Mark, Levels)>) {
     let mut lonely: BTreeMap<&str, Vec<&Key>> = BTreeMap::new();
     for (key, (_, levels)) in groups.iter() {
@@ -278,7 +278,7 @@ fn join_lonely(groups: &mut BTreeMap<&Key, (&Mark, Levels)>) {
     }
 }
 
-/// Leaves out levels that lie elsewhere than the first.
+/// Removes levels that are not in the same place as the first.
 fn keep_in_place(scene: &Scene, levels: &mut Levels) {
     let Some(first) = levels.values().next().map(|first| bounds(scene, first)) else {
         return;

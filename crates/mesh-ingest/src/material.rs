@@ -9,17 +9,17 @@ use crate::json::Item;
 use crate::report::IngestReport;
 use crate::scene::{AlphaMode, Material, TextureRef, Wrap};
 
-/// A material and what it needs from images.
+/// A material and its image requirements.
 #[derive(Debug)]
 pub(crate) struct MaterialRead {
     pub material: Material,
-    /// Faults of textures that light needs; they count only if a primitive uses the material.
+    /// Faults of textures that light needs; reported only if a primitive uses the material.
     pub faults: Vec<Fault>,
-    /// Primitives that wear it take no part (`extras.lumel.exclude`).
+    /// Whether its primitives are left out (`extras.lumel.exclude`).
     pub excluded: bool,
 }
 
-/// Reads material `index`; `all` is what the scene's and the root's extras say.
+/// Reads material `index`; `all` are the extras of the scene and the root.
 pub(crate) fn read(
     document: &Document,
     index: usize,
@@ -28,7 +28,7 @@ pub(crate) fn read(
 ) -> Outcome<MaterialRead> {
     let item = document.root().element("materials", index)?;
     let mut faults = Vec::new();
-    // Specular-glossiness, where present, replaces metallic-roughness; both have a diffuse colour.
+    // Specular-glossiness, if present, replaces metallic-roughness; both have a diffuse colour.
     let (colors, factor, texture) = match item.extension("KHR_materials_pbrSpecularGlossiness")? {
         Some(ext) => (Some(ext), "diffuseFactor", "diffuseTexture"),
         None => (
@@ -88,7 +88,7 @@ pub(crate) fn read(
     Ok(MaterialRead::new(material, faults, &extras))
 }
 
-/// The glTF default material, as the scene's and the root's extras want it.
+/// The glTF default material with the extras of the scene and the root.
 pub(crate) fn read_default(all: &SurfaceExtras) -> MaterialRead {
     MaterialRead::new(Material::default(), Vec::new(), all)
 }
@@ -107,8 +107,8 @@ impl MaterialRead {
     }
 }
 
-/// `KHR_materials_transmission`: the share of light that goes straight through, and its texture,
-/// which is read only if the share is not zero.
+/// `KHR_materials_transmission`: the fraction of light that passes straight through, and its
+/// texture, which is read only if the fraction is not zero.
 fn read_transmission(
     document: &Document,
     item: &Item<'_>,
@@ -134,8 +134,8 @@ fn read_transmission(
     Ok((given as f32, texture))
 }
 
-/// Radiance `emissiveFactor × emissiveStrength × emitScale` and its texture, which is read only if
-/// the radiance is not zero.
+/// The radiance `emissiveFactor × emissiveStrength × emitScale` and its texture, which is read only
+/// if the radiance is not zero.
 fn read_emission(
     document: &Document,
     item: &Item<'_>,
@@ -172,7 +172,7 @@ fn read_emission(
     Ok((emissive, texture))
 }
 
-/// Reads a `textureInfo`; `None` where it leads to no image.
+/// Reads a `textureInfo`; `None` if it leads to no image.
 fn read_texture(
     document: &Document,
     info: &Item<'_>,
@@ -196,8 +196,8 @@ fn read_texture(
         let [ox, oy] = ext.opt_numbers::<2>("offset")?.unwrap_or([0.0, 0.0]);
         let [sx, sy] = ext.opt_numbers::<2>("scale")?.unwrap_or([1.0, 1.0]);
         let (sin, cos) = ext.opt_number("rotation")?.unwrap_or(0.0).sin_cos();
-        // Translation × rotation × scale, as the extension writes it: v points down, so positive
-        // angles turn clockwise in (u, v).
+        // Translation × rotation × scale as in the extension: v points down, so positive angles
+        // rotate clockwise in (u, v).
         let linear = [cos * sx, -sin * sx, sin * sy, cos * sy].map(|x| x as f32);
         transform = Affine2::from_mat2_translation(
             Mat2::from_cols_array(&linear),
@@ -215,7 +215,7 @@ fn read_texture(
                 Some(n) => {
                     report.warn(
                         sampler.path_of(key),
-                        format!("{n} is no wrapping mode; the texture repeats"),
+                        format!("{n} is not a wrapping mode; the texture repeats"),
                     );
                     Wrap::Repeat
                 }
@@ -232,7 +232,7 @@ fn read_texture(
     }))
 }
 
-/// The image of a texture that this crate can decode, with fallbacks.
+/// The first image of a texture, including fallbacks, that this crate can decode.
 fn choose_image(
     document: &Document,
     texture: &Item<'_>,
@@ -265,7 +265,7 @@ fn choose_image(
             return Ok(None);
         }
     }
-    report.warn(&texture.path, "no image: read as white");
+    report.warn(&texture.path, "no image; treated as white");
     report.count("textures.no_image", 1);
     Ok(None)
 }

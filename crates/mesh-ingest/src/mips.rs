@@ -1,8 +1,8 @@
-//! Mean reflectance about a point, through image pyramids.
+//! Mean reflectance around a point, from image pyramids.
 //!
-//! Based on: L. Williams, *Pyramidal Parametrics*, SIGGRAPH 1983. Levels hold the mean in linear
-//! light of the part of the surface that is there, so that what a mask cuts out, whatever its
-//! colour, does not count.
+//! Based on: L. Williams, *Pyramidal Parametrics*, SIGGRAPH 1983. Levels contain the mean in linear
+//! light, weighted by presence, so that texels cut out by a mask do not count, whatever their
+//! colour.
 
 use std::collections::BTreeMap;
 
@@ -13,42 +13,42 @@ use crate::scene::{AlphaMode, Image, Material, Scene, TextureRef};
 use crate::shading::{Taps, nearest_texel, srgb_to_linear};
 use crate::soup::Soup;
 
-/// Points along each side of the neighbourhood. Four make a square of an isotropic pyramid's round
-/// blurs, and cover textures that are stretched up to fourfold.
+/// Samples along each side of the neighbourhood. Four approximate a square by the round blurs of an
+/// isotropic pyramid, and handle textures that are stretched up to fourfold.
 const SIDE: u32 = 4;
 
-/// A neighbourhood reaches beyond its triangle, where the same mapping is taken to go on, by no
-/// more than this many times the triangle's area: further off lies another triangle's part of the
+/// Largest area of a neighbourhood, as a multiple of the triangle's. It may extend beyond the
+/// triangle, extrapolating its mapping, but further away another triangle uses another part of the
 /// texture.
 const BEYOND: f32 = 4.0;
 
 /// Pyramids of the base textures of a scene.
 ///
-/// Memory: 8/3 bytes a texel, once per image and way in which materials use it (their mask, and
-/// their limit where it cuts the texture); see [`Pyramids::bytes`].
+/// Memory: 8/3 bytes per texel, once per image and way in which materials use it (their mask, and
+/// their limit if it clamps the texture); see [`Pyramids::bytes`].
 #[derive(Debug, Default)]
 pub struct Pyramids {
     pyramids: Vec<Pyramid>,
-    /// By material of the scene.
+    /// Index of the pyramid of each material.
     of_material: Vec<Option<usize>>,
 }
 
-/// What texels of an image are to a material.
+/// How a material uses the texels of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Use {
     image: usize,
     cover: Cover,
-    /// Bits of the texel value, per channel, above which the material's limit cuts.
+    /// Bits of the texel value above which the material's limit clamps, per channel.
     limit: [u32; 3],
-    /// The material, if its transmission texture is laid out as its base texture.
+    /// The material, if its transmission texture has the same mapping as its base texture.
     glass: Option<usize>,
 }
 
-/// How much of the surface a texel's alpha leaves.
+/// Presence of the surface by a texel's alpha.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Cover {
     All,
-    /// All from this alpha byte on.
+    /// Full presence from this alpha byte on.
     From(u16),
     Alpha,
 }
@@ -56,11 +56,11 @@ enum Cover {
 #[derive(Debug)]
 struct Pyramid {
     usage: Use,
-    /// Levels 1, 2, …, the last of one texel. Level 0 is the image.
+    /// Levels 1, 2, …, down to one texel. Level 0 is the image.
     levels: Vec<Level>,
 }
 
-/// Mean colour of what is there, and the share that is, as 16-bit fractions.
+/// Mean colour of the present part, and presence, as 16-bit fractions.
 #[derive(Debug)]
 struct Level {
     size: [u32; 2],
@@ -95,7 +95,7 @@ impl Use {
         })
     }
 
-    /// Level 0: linear colour of a texel, and the share of it that reflects.
+    /// Level 0: linear colour of a texel, and the fraction of it that reflects.
     #[inline(always)]
     fn texel(&self, scene: &Scene, image: &Image, x: u32, y: u32) -> Vec4 {
         let [r, g, b, a] = image.pixels[y as usize * image.width as usize + x as usize];
@@ -130,7 +130,7 @@ fn transmission(scene: &Scene, material: &Material, image: &Image, x: u32, y: u3
 }
 
 impl Pyramids {
-    /// Builds the pyramids of all base textures that triangles of `soup` wear, in parallel; the
+    /// Builds the pyramids of all base textures used by triangles of `soup`, in parallel; the
     /// result does not depend on the number of threads. O(texels).
     pub fn build(scene: &Scene, soup: &Soup) -> Pyramids {
         let mut worn = vec![false; scene.materials.len()];
@@ -162,27 +162,27 @@ impl Pyramids {
         }
     }
 
-    /// Memory of the levels, bytes.
+    /// Memory of the levels in bytes.
     pub fn bytes(&self) -> u64 {
         let levels = self.pyramids.iter().flat_map(|p| &p.levels);
         levels.map(|l| 8 * l.texels.len() as u64).sum()
     }
 
-    /// Mean reflectance (linear RGB, 0..=1) of the part of the surface that is there, over a square
-    /// of `area` m² about a point of soup triangle `tri`, in the triangle's plane and with its
+    /// Mean reflectance (linear RGB, 0..=1) of the present part of the surface, over a square of
+    /// `area` m² around a point of soup triangle `tri`, in the triangle's plane and with its
     /// mapping.
     ///
     /// `u` and `v` are the barycentric weights of world corners 1 and 2; `scene` and `soup` are
-    /// those of [`Pyramids::build`]. With c the base colour and p the presence it is ∫ c p dA / ∫ p
-    /// dA, black where nothing is there or the triangle only occludes. `COLOR_0` is taken at the
-    /// point itself (its alpha not at all), and so is everything where there is no texture. The
-    /// square is never larger than four times the triangle; its border is soft by an eighth of its
-    /// side.
+    /// those of [`Pyramids::build`]. With base colour c and presence p it is ∫ c p dA / ∫ p dA, and
+    /// black if nothing is present or the triangle is an occluder. `COLOR_0` is evaluated at the
+    /// point itself (without its alpha), and so is everything else if there is no texture. The
+    /// square is at most four times as large as the triangle; its border is soft by an eighth of
+    /// its side.
     ///
-    /// Against 48² samples in squares on 1,500 triangles of Sponza the mean was 0.2 % high and the
-    /// root mean square of the differences 0.004 (of 0.075). Not guaranteed: beyond the edge of a
-    /// clamped texture coarse levels read the mean of its border, not the last row; a mask is
-    /// judged texel by texel, not after filtering.
+    /// Compared with 48² samples in squares on 1,500 triangles of Sponza, the mean was 0.2 % high
+    /// and the root mean square of the differences 0.004 (of 0.075). Not guaranteed: beyond the
+    /// edge of a clamped texture, coarse levels read the mean of its border instead of the last
+    /// row; masks are applied per texel, not after filtering.
     pub fn reflectance(
         &self,
         scene: &Scene,
@@ -239,14 +239,15 @@ struct Square {
 }
 
 impl Square {
-    /// About barycentric `at` of the triangle with these world corners and texture coordinates.
+    /// A square around barycentric `at` of the triangle with these world corners and texture
+    /// coordinates.
     fn new(corners: [Vec3; 3], uv: [Vec2; 3], at: [f32; 2], area: f32) -> Square {
         let [a, b, c] = corners.map(|p| p.as_dvec3());
         let [ta, tb, tc] = uv.map(|p| p.as_dvec2());
         let (e1, e2, t1, t2) = (b - a, c - a, tb - ta, tc - ta);
         let centre = ta + t1 * f64::from(at[0]) + t2 * f64::from(at[1]);
         let side = f64::from(area).max(0.0).sqrt();
-        // Axes X along e1 and Y across: e1 = (l, 0), e2 = (p, q).
+        // Axes: X along e1 and Y across, so e1 = (l, 0), e2 = (p, q).
         let l = e1.length();
         let (p, q) = (e2.dot(e1) / l, e1.cross(e2).length() / l);
         let along = t1 / l;
@@ -259,8 +260,7 @@ impl Square {
         }
     }
 
-    /// Level whose texels are as large as the parts that the points stand for, in an image of
-    /// `size`.
+    /// Level whose texels have the size of one sample's part, in an image of `size`.
     fn level(&self, size: [u32; 2]) -> f32 {
         let size = DVec2::new(f64::from(size[0]), f64::from(size[1]));
         let [a, b] = self.sides.map(|s| s * size);
@@ -268,7 +268,7 @@ impl Square {
         (0.5 * part.max(1.0).log2()) as f32
     }
 
-    /// Centres of the parts.
+    /// Centres of the samples' parts.
     fn points(&self) -> impl Iterator<Item = Vec2> {
         let at = |i: u32| (f64::from(i) + 0.5) / f64::from(SIDE) - 0.5;
         let [a, b] = self.sides;
@@ -276,7 +276,7 @@ impl Square {
     }
 }
 
-/// A pyramid with the image below it and the way it is looked at.
+/// A pyramid with its image and mapping.
 struct View<'a> {
     scene: &'a Scene,
     image: &'a Image,
@@ -285,7 +285,7 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// Σ colour × share and Σ share at a fractional level.
+    /// Σ colour × presence and Σ presence at a fractional level.
     fn sample(&self, uv: Vec2, level: f32) -> Vec4 {
         let top = self.pyramid.levels.len();
         let low = (level.floor() as usize).min(top);
@@ -352,14 +352,14 @@ impl Pyramid {
 }
 
 impl Level {
-    /// Stores weighted sums as mean and share.
+    /// Stores weighted sums as mean and presence.
     fn store(size: [u32; 2], sums: &[Vec4]) -> Level {
         let word = |x: f32| (x.clamp(0.0, 1.0) * 65535.0).round() as u16;
         let texels = sums
             .par_iter()
             .map(|sum| {
                 let mean = sum.xyz() / sum.w.max(f32::MIN_POSITIVE);
-                // What there is a little of must not vanish, or its colour would.
+                // A small presence must not become zero, or its colour would be lost.
                 let share = word(sum.w).max(u16::from(sum.w > 0.0));
                 let [r, g, b] = mean.to_array().map(word);
                 [r, g, b, share]
@@ -375,8 +375,8 @@ impl Level {
     }
 }
 
-/// Means of the source over each of `half`'s texels, by exact overlap: odd sizes too keep the mean
-/// of the whole.
+/// Means of the source over each texel of `half`, by exact overlap, so that odd sizes preserve the
+/// mean too.
 fn shrink(size: [u32; 2], half: [u32; 2], source: impl Fn(u32, u32) -> Vec4 + Sync) -> Vec<Vec4> {
     let [columns, rows] = [0, 1].map(|axis| overlaps(size[axis], half[axis]));
     let mut out = vec![Vec4::ZERO; half[0] as usize * half[1] as usize];
@@ -396,10 +396,10 @@ fn shrink(size: [u32; 2], half: [u32; 2], source: impl Fn(u32, u32) -> Vec4 + Sy
     out
 }
 
-/// Which texels a texel of the next level covers, and how much of each; the weights sum to 1.
+/// The texels that a texel of the next level covers, with weights that sum to 1.
 struct Overlap {
     first: u32,
-    /// Halving an odd size of 5 or more covers 2 to 3 texels, which touch 4 at most; 3 become 1.
+    /// Halving an odd size of 5 or more covers 2 to 3 texels, which touch at most 4; 3 become 1.
     weights: [f32; 4],
     count: usize,
 }
@@ -408,7 +408,7 @@ fn overlaps(size: u32, half: u32) -> Vec<Overlap> {
     let (size, half) = (u64::from(size), u64::from(half));
     (0..half)
         .map(|i| {
-            // In units of 1/half of a texel: exact.
+            // In units of 1/half of a texel, which is exact.
             let (start, end) = (i * size, (i + 1) * size);
             let first = start / half;
             let mut overlap = Overlap {

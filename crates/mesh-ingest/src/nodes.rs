@@ -1,4 +1,4 @@
-//! The scene graph: which meshes and lights stand where, and which take no part.
+//! The scene graph: placed meshes and lights, and nodes that are left out.
 
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec3};
 use serde_json::Value;
@@ -12,7 +12,7 @@ use crate::lods::{Lods, Marked};
 use crate::options::LoadOptions;
 use crate::report::{IngestReport, LeftOut, LeftOutReason};
 
-/// A mesh or light at a place in the (not recentred) world.
+/// A mesh or light placed in the world (not recentred).
 #[derive(Debug)]
 pub(crate) struct Placed {
     pub node: usize,
@@ -20,48 +20,48 @@ pub(crate) struct Placed {
     /// Index into the document's meshes or lights.
     pub index: usize,
     pub transform: DAffine3,
-    /// The node or an ancestor only casts shadows.
+    /// Whether the node or an ancestor only casts shadows.
     pub occluder: bool,
-    /// Lumels per metre over the scene's.
+    /// Factor on the scene's lumels per metre.
     pub density: f64,
 }
 
-/// Everything that the chosen scene places.
+/// Everything in the chosen scene.
 #[derive(Debug, Default)]
 pub(crate) struct Graph {
     pub meshes: Vec<Placed>,
     pub lights: Vec<Placed>,
-    /// Lights of `EXT_lights_ies`; `index` counts its own list.
+    /// Lights of `EXT_lights_ies`; `index` is into the extension's list.
     pub measured_lights: Vec<Placed>,
     /// Levels of detail and variants.
     pub lods: Lods,
 }
 
-/// What a node hands down to its children.
+/// Properties that a node passes on to its children.
 #[derive(Debug, Clone, Copy)]
 struct Inherited {
     transform: DAffine3,
     animated: bool,
-    /// Nearest `extras.lumel.bake`.
+    /// The nearest `extras.lumel.bake`.
     bake: bool,
     hidden: bool,
     excluded: bool,
-    /// Nearest `extras.lumel.occluder`.
+    /// The nearest `extras.lumel.occluder`.
     occluder: bool,
-    /// Nearest `extras.lumel.density`.
+    /// The nearest `extras.lumel.density`.
     density: f64,
-    /// Which level of detail and which variant.
+    /// Level of detail and variant.
     marked: Marked,
 }
 
-/// What animations do to each node.
+/// What animations change on each node.
 #[derive(Debug, Default, Clone, Copy)]
 struct Animated {
     moves: bool,
     morphs: bool,
 }
 
-/// Walks the scene that is asked for (or the document's own choice) depth first, without recursion:
+/// Walks the requested scene (or the document's default) depth first, without recursion, because
 /// hierarchies may be deep.
 pub(crate) fn walk(
     document: &Document,
@@ -117,7 +117,7 @@ pub(crate) fn walk(
     graph
 }
 
-/// Which nodes animations move or morph, `KHR_animation_pointer` included.
+/// Nodes that animations move or morph, including `KHR_animation_pointer`.
 fn animated_nodes(root: &Item<'_>, count: usize) -> Outcome<Vec<Animated>> {
     let mut animated = vec![Animated::default(); count];
     for animation in root.elements("animations")? {
@@ -153,7 +153,7 @@ fn animated_nodes(root: &Item<'_>, count: usize) -> Outcome<Vec<Animated>> {
     Ok(animated)
 }
 
-/// Reads one node; what it passes on is the result.
+/// Reads one node; returns what its children inherit.
 fn visit(
     document: &Document,
     index: usize,
@@ -280,7 +280,7 @@ fn why_left_out(
     Ok(own.animated.then_some(LeftOutReason::Animated))
 }
 
-/// The light that `extension` hangs on a node, as an index into the extension's list.
+/// The light that `extension` attaches to a node, as an index into the extension's list.
 fn light_of(root: &Item<'_>, node: &Item<'_>, extension: &str) -> Outcome<Option<usize>> {
     let Some(ext) = node.extension(extension)? else {
         return Ok(None);
@@ -312,7 +312,7 @@ fn local_transform(node: &Item<'_>, report: &mut IngestReport) -> Outcome<DAffin
     let rotation = unit_quaternion(rotation).unwrap_or_else(|| {
         report.warn(
             node.path_of("rotation"),
-            "a quaternion of length 0 is read as no rotation",
+            "a quaternion of length 0 is treated as no rotation",
         );
         DQuat::IDENTITY
     });
@@ -324,13 +324,14 @@ fn local_transform(node: &Item<'_>, report: &mut IngestReport) -> Outcome<DAffin
 }
 
 pub(crate) fn unit_quaternion(q: [f64; 4]) -> Option<DQuat> {
-    // Scaled first: squares of components near the ends of the range would leave it.
+    // Scaled first, because squares of components near the ends of the range would overflow or
+    // underflow.
     let largest = q.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     (largest > 0.0 && largest.is_finite())
         .then(|| DQuat::from_array(q.map(|x| x / largest)).normalize())
 }
 
-/// Reads the copies that `EXT_mesh_gpu_instancing` makes.
+/// Reads the copies of `EXT_mesh_gpu_instancing`.
 fn place_copies(
     document: &Document,
     ext: &Item<'_>,
@@ -400,9 +401,9 @@ fn place_copies(
     Ok(())
 }
 
-/// Whether a transform is finite and can be undone: the volume of its axes' parallelepiped is not
-/// lost against the box of their lengths (1e-12 as in [`MIN_ASPECT`](crate::geometry::MIN_ASPECT):
-/// far above double rounding).
+/// Whether a transform is finite and invertible: its determinant must exceed 1e-12 times the
+/// product of the axes' lengths (as [`MIN_ASPECT`](crate::geometry::MIN_ASPECT), far above double
+/// rounding).
 pub(crate) fn is_invertible(m: &DMat3) -> bool {
     let lengths = [m.x_axis, m.y_axis, m.z_axis].map(|a| a.length());
     if !m.is_finite() || lengths.iter().any(|&l| !(l > 0.0 && l.is_finite())) {

@@ -1,30 +1,30 @@
-//! What the caller decides about a load.
+//! Options of a load.
 
-/// How [`load`](crate::load) reads a document.
+/// Options of [`load`](crate::load).
 #[derive(Debug, Clone, Default)]
 pub struct LoadOptions {
-    /// Which of the document's scenes; `None` for the one that it names, else the first, else all
-    /// root nodes.
+    /// Index of the scene in the document; `None` for its default, else the first, else all root
+    /// nodes.
     pub scene: Option<usize>,
-    /// Whether `..` and links may lead to files outside of the document's folder. What is written
-    /// holds the files that a document names, so a document of unknown origin could carry off any
-    /// file that this process can read. Absolute paths are never followed.
+    /// Whether `..` and links may lead out of the document's folder. The output contains the files
+    /// that a document references, so an untrusted document could exfiltrate any file that this
+    /// process can read. Absolute paths are never followed.
     pub allow_outside: bool,
-    /// Names of nodes tell no levels of detail; extras and `MSFT_lod` do all the same.
+    /// Ignore levels of detail in node names; extras and `MSFT_lod` still apply.
     pub ignore_lod_names: bool,
-    /// Ceilings beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of
+    /// Limits beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of
     /// exhausting the machine.
     pub limits: Limits,
 }
 
-/// Ceilings on what a document may ask for.
+/// Limits on what a document may claim.
 ///
 /// A few bytes of JSON can claim any count, so each is checked before memory is reserved.
 #[derive(Debug, Clone)]
 pub struct Limits {
     /// Bytes of one file (document, buffer or image).
     pub file_bytes: u64,
-    /// Bytes of all accessors without a buffer view, which no file data backs.
+    /// Total bytes of all accessors without a buffer view, which no file data backs.
     pub unbacked_bytes: u64,
     /// Bytes that one compressed buffer view or Draco primitive may decode to.
     pub decoded_bytes: u64,
@@ -32,15 +32,15 @@ pub struct Limits {
     pub geometry_bytes: u64,
     /// Triangles after instancing.
     pub triangles: u64,
-    /// Placed meshes.
+    /// Number of placed meshes.
     pub instances: u64,
-    /// Bytes of all decoded images together, four a pixel.
+    /// Bytes of all decoded images together, four per pixel.
     pub image_bytes: u64,
 }
 
 impl Default for Limits {
-    /// Room for twenty times the largest level that the project measures (about 3 million unique
-    /// triangles), within 16 GiB.
+    /// Room for twenty times the largest measured level (about 3 million unique triangles), within
+    /// 16 GiB.
     fn default() -> Limits {
         Limits {
             file_bytes: 8 << 30,
@@ -54,6 +54,6 @@ impl Default for Limits {
     }
 }
 
-/// Coordinates beyond this (metres) count as not finite: the cube of a length, which ray tests
-/// form, must fit `f32`.
+/// Larger coordinates (metres) count as not finite: the cube of a length, which ray tests compute,
+/// must fit `f32`.
 pub(crate) const MAX_COORDINATE: f64 = 1e12;

@@ -1,4 +1,4 @@
-//! Primitives as they came: dense attributes and the unrolled triangle list.
+//! Original primitives: dense attributes and the unrolled triangle list.
 
 use std::borrow::Cow;
 
@@ -15,31 +15,31 @@ use crate::json::Item;
 pub struct RawPrimitive<'a> {
     /// Number of vertices; every attribute has as many elements.
     pub vertex_count: usize,
-    /// Every attribute by its name in the document's order: known ones, `_CUSTOM` ones, joints and
+    /// Every attribute by name, in the document's order: known ones, `_CUSTOM` ones, joints and
     /// weights.
     pub attributes: Vec<(String, RawAccessor<'a>)>,
     /// The attributes of each morph target.
     pub targets: Vec<Vec<(String, RawAccessor<'a>)>>,
-    /// How the document's indices are to be read.
+    /// Topology of the document's indices.
     pub mode: Mode,
-    /// Strips and fans unrolled, counter-clockwise, nothing dropped; empty for points and lines.
-    /// Triangle *i* here is what
-    /// [`Primitive::source_triangles`](crate::Primitive::source_triangles) calls *i*. All indices
-    /// are below `vertex_count`.
+    /// Triangles with strips and fans unrolled, counter-clockwise, nothing dropped; empty for
+    /// points and lines. Index *i* here is the *i* of
+    /// [`Primitive::source_triangles`](crate::Primitive::source_triangles). All vertex indices are
+    /// below `vertex_count`.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Which parts of a primitive to read.
+/// Parts of a primitive to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Want {
-    /// What light needs.
+    /// Those that light needs.
     Light,
-    /// All that the document has.
+    /// All.
     All,
 }
 
 impl RawPrimitive<'_> {
-    /// The attribute of that name.
+    /// The attribute with that name.
     pub fn attribute(&self, name: &str) -> Option<&RawAccessor<'_>> {
         self.attributes
             .iter()
@@ -48,7 +48,7 @@ impl RawPrimitive<'_> {
     }
 }
 
-/// Attributes that the normal form keeps. Sets beyond these exist in no engine that was looked at.
+/// Attribute sets that the normal form keeps. No known engine supports more.
 pub(crate) const TEX_COORD_SETS: usize = 8;
 
 fn affects_light(name: &str) -> bool {
@@ -60,10 +60,10 @@ fn affects_light(name: &str) -> bool {
 }
 
 impl Document {
-    /// The primitive `primitive` of mesh `mesh`, for writers that re-index its vertices.
+    /// Primitive `primitive` of mesh `mesh`, for writers that re-index its vertices.
     ///
     /// # Errors
-    /// The primitive does not exist, an accessor is unsound, attributes differ in length, an index
+    /// The primitive does not exist, an accessor is invalid, attributes differ in length, an index
     /// is out of range, or compressed data does not decode.
     pub fn primitive_raw(&self, mesh: usize, primitive: usize) -> Result<RawPrimitive<'_>, Error> {
         let read = || {
@@ -206,7 +206,7 @@ impl Document {
         let bytes = self.view_bytes(view, &self.view_at(view)?)?;
         let limits = self.limits();
         let draco = Draco::decode(bytes, limits.decoded_bytes, limits.triangles)
-            .map_err(|found| Fault::invalid(ext.path.clone(), found, "a sound Draco stream"))?;
+            .map_err(|found| Fault::invalid(ext.path.clone(), found, "a valid Draco stream"))?;
         let mut ids = Vec::new();
         if let Some(attributes) = ext.opt_object("attributes")? {
             for name in attributes
@@ -321,8 +321,8 @@ fn check_shape(name: &str, raw: &RawAccessor<'_>, path: &str) -> Outcome<()> {
     ))
 }
 
-/// Triangles of an index list (glTF 2.0, §3.7.2.1), or of `0..vertices` where there is none. Ends
-/// that make no triangle are left off.
+/// Triangles of an index list (glTF 2.0, §3.7.2.1), or of `0..vertices` without one. Incomplete
+/// triangles at the end are dropped.
 pub(crate) fn unroll(mode: Mode, indices: Option<&[u32]>, vertices: usize) -> Vec<[u32; 3]> {
     let count = indices.map_or(vertices, <[u32]>::len);
     let at = |i: usize| indices.map_or(i as u32, |list| list[i]);

@@ -1,26 +1,25 @@
-//! Looking up luminaires' intensities by direction.
+//! Evaluates luminaires' intensities by direction.
 
 use glam::Vec3;
 
 use crate::scene::{Light, Profile, Scene};
 
-/// Directions this far beyond the measured range (degrees) still read its last value: `f32` angles
-/// of directions in the plane at 90° are off by up to 2e-5 degrees either way, and half of them
-/// would be dark.
+/// Tolerance beyond the measured range, degrees: `f32` angles of directions in the plane at 90° are
+/// off by up to 2e-5 degrees either way, and half of them would be dark.
 const RIM: f32 = 1e-3;
 
 impl Profile {
-    /// The factor in `direction` (any length but 0, in the profile's own axes: nadir is −Y),
-    /// bilinear in the two angles; 0 outside of the vertical range.
+    /// The factor in `direction` (any non-zero length, in the profile's own axes: nadir is −Y),
+    /// bilinear in the two angles; 0 outside the vertical range.
     ///
-    /// Straight up and down, where the horizontal angle means nothing, it reads the plane that
-    /// `atan2` names; sound profiles agree there in all planes.
+    /// Straight up and down, where the horizontal angle is undefined, it uses the plane that
+    /// `atan2` gives; valid profiles agree there in all planes.
     pub fn value(&self, direction: Vec3) -> f32 {
         let n = self.vertical.len();
         let (Some(&low), Some(&high)) = (self.vertical.first(), self.vertical.last()) else {
             return 0.0;
         };
-        // atan2 rather than acos, which loses half the digits about nadir.
+        // atan2 instead of acos, which loses half the digits near nadir.
         let across = direction.x.hypot(direction.z);
         let theta = across.atan2(-direction.y).to_degrees();
         // Written so that NaN is outside.
@@ -38,7 +37,7 @@ impl Profile {
             let first = at(v);
             first + fv * (at(v + 1) - first)
         };
-        // Two planes, 0° and 360°, are one: the light is the same all around.
+        // Two planes, 0° and 360°, are the same one: the profile is rotationally symmetric.
         if self.horizontal.len() <= 2 {
             return column(0);
         }
@@ -49,10 +48,10 @@ impl Profile {
     }
 
     /// ∫ value dω over the sphere, sr: the luminous flux (lumen) of a light of intensity 1
-    /// (candela) that wears the profile.
+    /// (candela) with this profile.
     ///
-    /// Exact for the bilinear values that [`Profile::value`] gives: along the horizontal angle the
-    /// trapezoid rule is, and along the vertical one ∫ (a + bθ) sin θ dθ has a closed form.
+    /// Exact for the bilinear values of [`Profile::value`]: the trapezoid rule is exact along the
+    /// horizontal angle, and ∫ (a + bθ) sin θ dθ along the vertical angle has a closed form.
     pub fn flux(&self) -> f64 {
         let n = self.vertical.len();
         if n < 2 || self.values.len() < n * self.horizontal.len() {
@@ -78,8 +77,8 @@ impl Profile {
     }
 }
 
-/// The interval of ascending `knots` that holds `x`, and how far into it, 0..=1; the ends where `x`
-/// lies outside.
+/// The interval of ascending `knots` that contains `x`, and the position in it, 0..=1; clamped to
+/// the ends.
 fn place(knots: &[f32], x: f32) -> (usize, f32) {
     let last = knots.len().saturating_sub(2);
     let k = knots
@@ -92,8 +91,8 @@ fn place(knots: &[f32], x: f32) -> (usize, f32) {
 }
 
 impl Scene {
-    /// What `light`'s measured distribution makes of its intensity in `direction`, which points
-    /// from the light into recentred world space (any length but 0); 1 where it has none.
+    /// Factor of `light`'s measured distribution in `direction`, which points from the light into
+    /// recentred world space (any non-zero length); 1 without a profile.
     pub fn profile_factor(&self, light: &Light, direction: Vec3) -> f32 {
         match light.profile {
             None => 1.0,

@@ -1,16 +1,17 @@
-//! Opening files that somebody else names.
+//! Opens files whose names come from elsewhere.
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
-/// Opens a regular file for reading. Pipes, devices and folders are refused, and never opened:
-/// opening a pipe waits for whoever writes to it, and a device may not end. Links are followed.
+/// Opens a regular file for reading. Pipes, devices and folders are refused without opening them:
+/// opening a pipe blocks until someone writes to it, and a device may never end. Links are
+/// followed.
 ///
-/// A file that is replaced by a pipe between the look and the opening is not guarded against.
+/// Not guarded against: a file that is replaced by a pipe between the check and the opening.
 ///
 /// # Errors
-/// The system's, and `Other` for what is no regular file.
+/// The system's, and `Other` if it is not a regular file.
 pub fn open_regular(path: &Path) -> io::Result<File> {
     let refuse = |meta: &Metadata| match meta.is_file() {
         true => Ok(()),
@@ -25,10 +26,10 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Whether there is a regular file of at most `most` bytes.
+/// Checks that there is a regular file of at most `most` bytes.
 ///
 /// # Errors
-/// As [`open_regular`]; `FileTooLarge` where it is longer.
+/// As [`open_regular`]; `FileTooLarge` if it is longer.
 pub fn check_regular(path: &Path, most: u64) -> io::Result<()> {
     open_within(path, most).map(drop)
 }
@@ -40,7 +41,7 @@ pub fn check_regular(path: &Path, most: u64) -> io::Result<()> {
 pub fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     let (file, length) = open_within(path, most)?;
     let mut bytes = Vec::with_capacity(length as usize);
-    // A file that grows while it is read must not escape the limit.
+    // A file that grows while it is read must not exceed the limit.
     file.take(most).read_to_end(&mut bytes)?;
     Ok(bytes)
 }

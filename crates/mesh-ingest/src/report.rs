@@ -1,4 +1,4 @@
-//! What ingest did to a document, for people and for the bake report.
+//! Report of ingest, for people and for the bake report.
 
 use std::collections::BTreeMap;
 
@@ -9,15 +9,15 @@ use crate::scene::Counts;
 /// What was read, dropped, clamped and left out.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct IngestReport {
-    /// How often each kind of repair or omission happened (see [`Counts`]).
+    /// Number of repairs and omissions by kind (see [`Counts`]).
     pub counts: Counts,
-    /// Things that a person may want to look at.
+    /// Possible problems.
     pub warnings: Vec<Warning>,
-    /// Nodes with geometry or light that take no part in the bake.
+    /// Nodes with geometry or lights that are left out of the bake.
     pub left_out: Vec<LeftOut>,
-    /// Groups of levels of detail and of variants.
+    /// Groups of levels of detail and variants.
     pub lods: Vec<LodGroup>,
-    /// Files read besides the document, as the document names them.
+    /// Files read besides the document, by their names in the document.
     pub files: Vec<String>,
     /// `extensionsUsed`, sorted.
     pub extensions_used: Vec<String>,
@@ -25,26 +25,25 @@ pub struct IngestReport {
     pub totals: Totals,
 }
 
-/// A remark about one place of the document.
+/// A remark about a place in the document.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Warning {
     /// Document path.
     pub path: String,
-    /// What was seen and what was done about it.
+    /// What was found and what was done about it.
     pub message: String,
 }
 
-/// Levels of detail or variants of one thing: the first is in the way of light, the others take its
-/// light.
+/// Levels of detail or variants of the same object. Rays see the first; the others copy its light.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LodGroup {
-    /// What people call it.
+    /// The group's name for people.
     pub name: String,
-    /// How it was told.
+    /// How the group was recognised.
     pub by: LodSource,
-    /// Numbers of its levels or variants, ascending, two at least.
+    /// Numbers of its levels or variants, ascending, at least two.
     pub levels: Vec<u32>,
-    /// Nodes with meshes of all but the first.
+    /// Nodes with meshes of all levels but the first.
     pub stand_ins: Vec<usize>,
 }
 
@@ -60,7 +59,7 @@ impl LodGroup {
     }
 }
 
-/// How a group of levels of detail or variants was told.
+/// How a group of levels of detail or variants was recognised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 #[non_exhaustive]
@@ -82,7 +81,7 @@ pub struct LeftOut {
     pub node: usize,
     /// Its name, or empty.
     pub name: String,
-    /// Why.
+    /// The reason.
     pub reason: LeftOutReason,
 }
 
@@ -99,7 +98,7 @@ pub enum LeftOutReason {
     Animated,
     /// `KHR_node_visibility` hides it.
     Hidden,
-    /// Its `extras.lumel`, or an ancestor's, says `"exclude": true`.
+    /// Its own or an ancestor's `extras.lumel` says `"exclude": true`.
     Excluded,
 }
 
@@ -108,9 +107,9 @@ pub enum LeftOutReason {
 pub struct Totals {
     /// Unique meshes in use.
     pub meshes: usize,
-    /// Their primitives with triangles.
+    /// Number of their triangle primitives.
     pub primitives: usize,
-    /// Vertices of those.
+    /// Number of their vertices.
     pub vertices: u64,
     /// Unique triangles.
     pub triangles: u64,
@@ -129,7 +128,7 @@ pub struct Totals {
 }
 
 impl IngestReport {
-    /// So many warnings are kept; the rest only counted, under `warnings.omitted`.
+    /// Most warnings that are kept; the rest are counted under `warnings.omitted`.
     const WARNINGS: usize = 500;
 
     pub(crate) fn count(&mut self, key: &str, n: u64) {
@@ -147,7 +146,7 @@ impl IngestReport {
         }
     }
 
-    /// Takes over the counts and warnings of a part that was read on its own.
+    /// Merges the counts and warnings of a part that was read separately.
     pub(crate) fn merge(&mut self, part: IngestReport) {
         for (key, n) in part.counts {
             self.count(&key, n);
@@ -157,7 +156,7 @@ impl IngestReport {
         }
     }
 
-    /// How many nodes are left out for each reason.
+    /// Number of nodes left out for each reason.
     pub fn left_out_by_reason(&self) -> BTreeMap<LeftOutReason, usize> {
         let mut by_reason = BTreeMap::new();
         for node in &self.left_out {

@@ -1,8 +1,8 @@
-//! The normal form that every glTF document is brought into.
+//! The normal form of glTF documents.
 //!
-//! The rest of Lumel never sees glTF again: it sees meshes of clean indexed triangles, instances
-//! that place them, materials in linear light, and lights in world space. See [`Scene`] for what is
-//! guaranteed.
+//! The rest of Lumel never sees glTF. It sees meshes of clean indexed triangles, instances that
+//! place them, materials in linear light, and lights in world space. [`Scene`] lists the
+//! guarantees.
 
 use std::collections::BTreeMap;
 
@@ -10,51 +10,50 @@ use glam::{Affine2, DAffine3, DVec3, Mat3, Vec2, Vec3, Vec4};
 
 /// A level in normal form.
 ///
-/// Guarantees, made by [`crate::load`] and relied upon everywhere:
+/// Guarantees of [`crate::load`] that the whole pipeline relies on:
 /// - every number is finite; every index (vertex, material, image, mesh) is in range;
-/// - no triangle of a [`Primitive`] names one vertex twice, has zero area in local space or names
-///   the same vertices as another (same facing, or any where its material is double-sided);
-/// - instances refer to meshes that have at least one triangle, and their transforms are
-///   invertible;
-/// - colours are linear Rec.709; reflectances lie in 0..=1; emission is a radiance and ≥ 0.
+/// - no triangle of a [`Primitive`] repeats a vertex, has zero area in local space, or has the same
+///   vertices as another (with the same facing, or any facing if its material is double-sided);
+/// - instances refer to meshes with at least one triangle, and their transforms are invertible;
+/// - colours are linear Rec.709; reflectances are in 0..=1; emission is a radiance and ≥ 0.
 ///
-/// World space is the glTF's (right-handed, Y up, metres) moved by −[`origin`](Scene::origin) so
-/// that `f32` is precise about the scene's centre.
+/// World space is that of the glTF (right-handed, Y up, metres), translated by
+/// −[`origin`](Scene::origin) so that `f32` is precise around the scene's centre.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
-    /// Unique geometry, in the order of the document's `meshes` (a mesh that is not used has no
-    /// entry). Whoever gives instances of one mesh geometry of their own appends copies, which name
-    /// the same mesh of the document.
+    /// Unique geometry, in the order of the document's `meshes`; unused meshes have no entry. Code
+    /// that gives instances of one mesh separate geometry appends copies that refer to the same
+    /// mesh of the document.
     pub meshes: Vec<Mesh>,
-    /// Placements of meshes that receive and cast light, in scene-graph order (depth first).
+    /// Placed meshes that receive and cast light, in scene-graph order (depth first).
     pub instances: Vec<Instance>,
     /// The document's materials in order, then the glTF default material.
     pub materials: Vec<Material>,
-    /// Decoded images that materials refer to; `None` where an image is not needed for light.
+    /// Decoded images that materials refer to; `None` if light does not need the image.
     pub images: Vec<Option<Image>>,
     /// Punctual lights in recentred world space.
     pub lights: Vec<Light>,
     /// Intensity distributions that lights refer to (`EXT_lights_ies`).
     pub profiles: Vec<Profile>,
-    /// Light from all around (`EXT_lights_image_based`).
+    /// Light from the surroundings (`EXT_lights_image_based`).
     pub environment: Option<Environment>,
     /// World position (metres, glTF axes) of the recentred origin.
     pub origin: DVec3,
-    /// By group of levels of detail or variants: its instances that rays see, ascending; see
+    /// For each group of levels of detail or variants, its instances that rays see, ascending; see
     /// [`Instance::stands_in`].
     pub firsts: Vec<Vec<usize>>,
 }
 
 impl Scene {
-    /// Whether primitive `primitive` of instance `instance` receives light: neither the node nor
-    /// the material only occludes.
+    /// Whether primitive `primitive` of instance `instance` receives light, i.e. neither the node
+    /// nor the material is an occluder.
     pub fn receives(&self, instance: usize, primitive: usize) -> bool {
         let instance = &self.instances[instance];
         let worn = self.meshes[instance.mesh].primitives[primitive].material;
         !instance.occluder && !self.materials[worn].occluder_only
     }
 
-    /// Whether some primitive of instance `instance` receives light.
+    /// Whether any primitive of instance `instance` receives light.
     pub fn has_lightmap(&self, instance: usize) -> bool {
         let primitives = &self.meshes[self.instances[instance].mesh].primitives;
         (0..primitives.len()).any(|p| self.receives(instance, p))
@@ -66,7 +65,7 @@ impl Scene {
         self.instances[instance].density > 0.0 && self.has_lightmap(instance)
     }
 
-    /// Which materials some primitive wears.
+    /// Whether any primitive uses each material.
     pub(crate) fn worn(&self) -> Vec<bool> {
         let mut worn = vec![false; self.materials.len()];
         for primitive in self.meshes.iter().flat_map(|mesh| &mesh.primitives) {
@@ -83,7 +82,7 @@ pub struct Mesh {
     pub gltf_mesh: usize,
     /// The document's name, or empty.
     pub name: String,
-    /// Triangle primitives that have at least one sound triangle; points and lines are not here.
+    /// Triangle primitives with at least one valid triangle, without points and lines.
     pub primitives: Vec<Primitive>,
 }
 
@@ -95,17 +94,16 @@ pub struct Primitive {
     /// Vertex positions, local space, one per vertex of the document's accessor (vertex *i* is
     /// accessor element *i*).
     pub positions: Vec<Vec3>,
-    /// Unit vertex normals (unusable ones replaced by those of the faces around), or empty where
-    /// the document has none (then faces are flat).
+    /// Unit vertex normals, with unusable ones replaced by the adjacent faces'; empty if the
+    /// document has none (flat shading).
     pub normals: Vec<Vec3>,
-    /// `TEXCOORD_n` by n; an inner vector is empty where the set is absent.
+    /// `TEXCOORD_n` by n; an inner vector is empty if the set is absent.
     pub tex_coords: Vec<Vec<Vec2>>,
     /// `COLOR_0`, linear RGBA, or empty.
     pub colors: Vec<Vec4>,
     /// Triangles as vertex indices, counter-clockwise seen from the front in local space.
     pub triangles: Vec<[u32; 3]>,
-    /// For each triangle, its number in the document's primitive (strips and fans counted as
-    /// unrolled).
+    /// For each triangle, its index in the document's primitive (with strips and fans unrolled).
     pub source_triangles: Vec<u32>,
     /// Index into [`Scene::materials`].
     pub material: usize,
@@ -118,28 +116,29 @@ pub struct Instance {
     pub node: usize,
     /// The node's name, or empty.
     pub name: String,
-    /// Which of the node's `EXT_mesh_gpu_instancing` copies this is.
+    /// Index of the node's `EXT_mesh_gpu_instancing` copy, if it has any.
     pub copy: Option<u32>,
     /// Index into [`Scene::meshes`].
     pub mesh: usize,
     /// Local to world (before recentring); may mirror.
     pub transform: DAffine3,
-    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder` of
-    /// the node or an ancestor).
+    /// Blocks light without reflecting or emitting any, and gets no lightmap
+    /// (`extras.lumel.occluder` of the node or an ancestor).
     pub occluder: bool,
-    /// Lumels per metre over the scene's, 0..=1000; with 0 it gets no lightmap but else takes part
-    /// in the light (`extras.lumel.density` of the node or the nearest ancestor that says
-    /// something, 1 if none does).
+    /// Factor on the scene's lumels per metre, 0..=1000. With 0 it gets no lightmap but still
+    /// affects the light (`extras.lumel.density` of the node or the nearest ancestor that has it,
+    /// else 1).
     pub density: f32,
-    /// A coarser level of detail or another variant of what some other instances show: index into
-    /// [`Scene::firsts`]. It neither shadows, reflects nor emits, and receives the light of the
-    /// nearest surface of those.
+    /// Set for a coarser level of detail or another variant: index into [`Scene::firsts`] of the
+    /// instances that it stands in for. It neither shadows, reflects nor emits, and copies the
+    /// light of their nearest surface.
     pub stands_in: Option<usize>,
-    /// `{"lumel": …}` from the node's `extras`, where it is there; nothing else of them.
+    /// `{"lumel": …}` from the node's `extras`, without other members.
     pub extras: Option<serde_json::Value>,
 }
 
-/// What a surface does to light. Every surface is Lambertian; metalness and roughness are not read.
+/// Optical properties of a surface. Every surface is Lambertian; metalness and roughness are
+/// ignored.
 #[derive(Debug, Clone)]
 pub struct Material {
     /// The document's name, or empty.
@@ -150,24 +149,25 @@ pub struct Material {
     pub base_color: Vec4,
     /// `baseColorTexture` (sRGB).
     pub base_texture: Option<TextureRef>,
-    /// `emissiveFactor` × `emissiveStrength`: radiance in W/(m² sr), or nit where the scene is
+    /// `emissiveFactor` × `emissiveStrength`: radiance in W/(m² sr), or nit if the scene is
     /// photometric.
     pub emissive: Vec3,
     /// `emissiveTexture` (sRGB), multiplied with `emissive`.
     pub emissive_texture: Option<TextureRef>,
-    /// How alpha is used; opaque also where the document says otherwise but no alpha lets light
-    /// through.
+    /// How alpha is used; opaque if no alpha value lets light through, whatever the document says.
     pub alpha: AlphaMode,
-    /// Acts on both sides; otherwise the back blocks light, reflects nothing and emits nothing.
+    /// Both sides reflect and emit; otherwise the back blocks light without reflecting or emitting
+    /// any.
     pub double_sided: bool,
-    /// `KHR_materials_transmission`: the share of light that passes straight through, coloured by
+    /// `KHR_materials_transmission`: the fraction of light that passes straight through, tinted by
     /// the base colour, instead of being reflected diffusely; 0..=1.
     pub transmission: f32,
     /// `transmissionTexture` (red channel, linear), multiplied with `transmission`.
     pub transmission_texture: Option<TextureRef>,
-    /// Reflectances above this count as this, channel by channel, 0..=1.
+    /// Upper limit of reflectance in each channel, 0..=1.
     pub max_reflectance: f32,
-    /// Blocks light, reflects and emits nothing, and gets no lightmap (`extras.lumel.occluder`).
+    /// Blocks light without reflecting or emitting any, and gets no lightmap
+    /// (`extras.lumel.occluder`).
     pub occluder_only: bool,
 }
 
@@ -192,7 +192,7 @@ impl Default for Material {
 }
 
 impl Material {
-    /// Whether some light passes straight through some of it, so that rays must ask at each hit.
+    /// Whether light can pass straight through parts of it, so that rays must check each hit.
     pub fn lets_light_through(&self) -> bool {
         self.alpha != AlphaMode::Opaque || self.transmission > 0.0
     }
@@ -212,14 +212,14 @@ pub enum AlphaMode {
     Blend,
 }
 
-/// How a material samples an image.
+/// Texture reference: an image and how to sample it.
 #[derive(Debug, Clone)]
 pub struct TextureRef {
     /// Index into [`Scene::images`].
     pub image: usize,
-    /// Which `TEXCOORD_n` (after `KHR_texture_transform`'s override).
+    /// Index of the `TEXCOORD_n` (after `KHR_texture_transform`'s override).
     pub tex_coord: usize,
-    /// `KHR_texture_transform`; identity where absent.
+    /// `KHR_texture_transform`; identity if absent.
     pub transform: Affine2,
     /// Wrapping in s and t.
     pub wrap: [Wrap; 2],
@@ -230,7 +230,7 @@ pub struct TextureRef {
 /// glTF sampler wrapping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wrap {
-    /// Coordinates beyond the edge read the edge.
+    /// Coordinates beyond the edge are clamped to it.
     Clamp,
     /// Every other copy is mirrored.
     Mirror,
@@ -249,7 +249,7 @@ pub struct Image {
     pub pixels: Vec<[u8; 4]>,
 }
 
-/// A `KHR_lights_punctual` light (or one given on the command line) in recentred world space.
+/// A `KHR_lights_punctual` light (or one from the command line) in recentred world space.
 #[derive(Debug, Clone)]
 pub struct Light {
     /// Name of the light or its node, or empty.
@@ -260,39 +260,39 @@ pub struct Light {
     pub intensity: Vec3,
     /// The kind, with its geometry.
     pub kind: LightKind,
-    /// Measured distribution of a point or spot light's intensity, multiplied with `intensity`.
+    /// Measured distribution of a point or spot light, multiplied with `intensity`.
     pub profile: Option<PlacedProfile>,
 }
 
-/// A [`Profile`] as one light wears it.
+/// A [`Profile`] attached to a light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlacedProfile {
     /// Index into [`Scene::profiles`].
     pub profile: usize,
-    /// Rotates directions of the world into the profile's axes (and mirrors them, where the light's
-    /// node does).
+    /// Rotates world directions into the profile's axes (and mirrors them if the light's node
+    /// does).
     pub from_world: Mat3,
 }
 
 /// A luminaire's intensity by direction: a goniometric diagram (IES LM-63).
 ///
-/// In its own axes nadir, vertical angle 0, is −Y; the horizontal angle 0 is +X and grows towards
-/// −Z: counter-clockwise seen from above, as LM-63's type C has it.
+/// In its own axes nadir, vertical angle 0, is −Y; horizontal angle 0 is +X and increases towards
+/// −Z, counter-clockwise seen from above, as in LM-63 type C.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Profile {
     /// Vertical angles, degrees from nadir, ascending, at least two.
     pub vertical: Vec<f32>,
-    /// Horizontal angles, degrees, ascending from 0 to 360 (symmetries undone).
+    /// Horizontal angles, degrees, ascending from 0 to 360 (symmetries expanded).
     pub horizontal: Vec<f32>,
-    /// `horizontal.len() × vertical.len()` factors, vertical fastest; the largest is 1 (or all are
-    /// 0).
+    /// `horizontal.len() × vertical.len()` factors, vertical angle fastest; the largest is 1 (or
+    /// all are 0).
     pub values: Vec<f32>,
 }
 
-/// A latitude-longitude map of radiances, W/(m² sr) or nit: columns run from −X through −Z, +X (the
-/// middle) and +Z back to −X (as three.js and Blender have it), rows from +Y down to −Y. Pixel (i,
-/// j) of w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h,
-/// which is the direction (sin t cos a, cos t, sin t sin a).
+/// A latitude-longitude map of radiances, W/(m² sr) or nit. Columns run from −X through −Z, +X (the
+/// middle) and +Z back to −X (as in three.js and Blender), rows from +Y down to −Y. Pixel (i, j) of
+/// w × h has its centre at longitude a = 2π((i + ½)/w − ½) and polar angle t = π(j + ½)/h, which is
+/// the direction (sin t cos a, cos t, sin t sin a).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Environment {
     /// Name of the light, or empty.
@@ -308,42 +308,41 @@ pub struct Environment {
 /// Geometry of a punctual light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum LightKind {
-    /// Shines along `direction` (unit) from infinitely far.
+    /// Shines along `direction` (unit) from infinity.
     Directional {
-        /// Direction of travel of the light.
+        /// Direction in which the light travels.
         direction: Vec3,
-        /// Angle between the middle and the rim of its disc, radians; 0 for parallel light. The
-        /// sun's is 0.00465.
+        /// Angular radius of its disc, radians; 0 for parallel light. The sun's is 0.00465.
         angle: f32,
     },
     /// Shines in all directions.
     Point {
         /// Recentred world position.
         position: Vec3,
-        /// glTF `range`, metres; the light's window ends there.
+        /// glTF `range`, metres, where the light ends.
         range: Option<f32>,
-        /// Radius of the sphere that shines, metres; 0 for a point (`extras.lumel.radius`).
+        /// Radius of the emitting sphere, metres; 0 for a point (`extras.lumel.radius`).
         radius: f32,
     },
-    /// Shines in a cone about `direction`.
+    /// Shines in a cone around `direction`.
     Spot {
         /// Recentred world position.
         position: Vec3,
-        /// Unit axis, direction of travel.
+        /// Unit axis, in the direction in which the light travels.
         direction: Vec3,
-        /// glTF `range`, metres.
+        /// glTF `range`, metres, where the light ends.
         range: Option<f32>,
-        /// Radius of the sphere that shines, metres; 0 for a point (`extras.lumel.radius`).
+        /// Radius of the emitting sphere, metres; 0 for a point (`extras.lumel.radius`).
         radius: f32,
-        /// Half-angle of full intensity, radians.
+        /// Half-angle of the cone of full intensity, radians.
         inner: f32,
-        /// Half-angle where it ends, radians.
+        /// Half-angle at which the intensity becomes 0, radians.
         outer: f32,
     },
 }
 
 /// What ingest dropped, clamped or left out, by kind, for `inspect` and the report.
 ///
-/// Keys are short stable identifiers (`"triangles.zero_area"`); values are how many. A `BTreeMap`
-/// so that the order is the same in every run.
+/// Keys are short stable identifiers (`"triangles.zero_area"`), values are numbers. A `BTreeMap`
+/// keeps the order the same in every run.
 pub type Counts = BTreeMap<String, u64>;

@@ -1,5 +1,5 @@
-//! What materials come to in effect: which images light needs, which materials are opaque after
-//! all, which reflect too much.
+//! Effective properties of materials: images that light needs, materials that are opaque in effect,
+//! and reflectances above the limit.
 
 use std::collections::BTreeSet;
 
@@ -9,12 +9,12 @@ use rayon::prelude::*;
 use crate::report::IngestReport;
 use crate::scene::{AlphaMode, Image, Material, Scene};
 
-/// Images that change the light of a material in use.
+/// Images that affect the light of a material in use.
 pub(crate) fn needed_images(materials: &[Material], used: &BTreeSet<usize>) -> BTreeSet<usize> {
     let mut needed = BTreeSet::new();
     for &i in used {
         let m = &materials[i];
-        // What neither reflects nor lets light through looks the same with any base texture.
+        // Without reflectance and transmission the base texture does not matter.
         let black = m.base_color.truncate() == Vec3::ZERO || m.max_reflectance == 0.0;
         let dark = black && m.base_color.truncate() * m.transmission == Vec3::ZERO;
         let absorbs = dark || (m.occluder_only && m.transmission == 0.0);
@@ -29,7 +29,7 @@ pub(crate) fn needed_images(materials: &[Material], used: &BTreeSet<usize>) -> B
     needed
 }
 
-/// Least alpha and largest colour that `COLOR_0` has on each material, 1 where there is none.
+/// Lowest alpha and highest colour of `COLOR_0` on each material, 1 without `COLOR_0`.
 struct VertexColors {
     least_alpha: Vec<f32>,
     most: Vec<Vec3>,
@@ -56,7 +56,7 @@ impl VertexColors {
     }
 }
 
-/// Largest value of each channel over an image's texels.
+/// Maximum of each channel over an image's texels.
 fn most_texel(image: &Image) -> [u8; 4] {
     image
         .pixels
@@ -69,7 +69,7 @@ fn most_texel(image: &Image) -> [u8; 4] {
         .reduce(|| [0; 4], |a, b| std::array::from_fn(|c| a[c].max(b[c])))
 }
 
-/// Largest texels of images, each scanned once.
+/// Maximum texels of images, each scanned once.
 struct MostTexels<'a> {
     scene: &'a Scene,
     found: Vec<Option<[u8; 4]>>,
@@ -83,7 +83,7 @@ impl MostTexels<'_> {
         }
     }
 
-    /// White where the image was not decoded, as it is sampled then.
+    /// White if the image was not decoded, because it is sampled as white.
     fn of(&mut self, image: usize) -> [u8; 4] {
         match self.scene.images.get(image) {
             Some(Some(pixels)) => *self.found[image].get_or_insert_with(|| most_texel(pixels)),
@@ -91,7 +91,7 @@ impl MostTexels<'_> {
         }
     }
 
-    /// No point of a material reflects more than this, per channel, before its limit.
+    /// Upper bound of a material's reflectance before its limit, per channel.
     fn reflectance(&mut self, material: &Material, vertices: Vec3) -> Vec3 {
         let texel = match &material.base_texture {
             Some(texture) => {
@@ -105,10 +105,10 @@ impl MostTexels<'_> {
 }
 
 /// Makes materials opaque that never let light through: exporters mark whole scenes `BLEND`, and
-/// every ray would ask.
+/// every ray would have to check.
 ///
-/// `MASK` and `BLEND` by alpha; transmission where its texture or the base colour, which colours
-/// what passes, is black.
+/// This concerns `MASK` and `BLEND` by alpha, and transmission if its texture or the base colour,
+/// which tints transmitted light, is black.
 pub(crate) fn settle_alpha(scene: &mut Scene, used: &BTreeSet<usize>, report: &mut IngestReport) {
     let colors = VertexColors::of(scene);
     let mut texels = MostTexels::new(scene);
@@ -138,15 +138,15 @@ pub(crate) fn settle_alpha(scene: &mut Scene, used: &BTreeSet<usize>, report: &m
     }
 }
 
-/// `material`'s alpha mode, or opaque where no alpha of it lets light through.
+/// `material`'s alpha mode, or opaque if none of its alpha values lets light through.
 fn alpha_in_effect(scene: &Scene, material: &Material, least_color: f32) -> AlphaMode {
     let needed = match material.alpha {
         AlphaMode::Opaque => return AlphaMode::Opaque,
         AlphaMode::Mask { cutoff } => cutoff,
         AlphaMode::Blend => 1.0,
     };
-    // Filtering and interpolation stay above the least value; sampling rounds, so a mask's value
-    // must clear its cutoff.
+    // Filtering and interpolation stay above the minimum, but sampling rounds, so the minimum must
+    // clear a mask's cutoff by this much.
     const ROUNDING: f32 = 1e-5;
     let untextured = material.base_color.w * least_color;
     if untextured < needed {
@@ -167,12 +167,12 @@ fn alpha_in_effect(scene: &Scene, material: &Material, least_color: f32) -> Alph
 }
 
 impl Scene {
-    /// Lets no surface reflect more than `limit` (0..=1) in any channel; a material's own, lower
-    /// limit stays.
+    /// Limits reflectances to `limit` (0..=1) in every channel; a lower limit of a material's own
+    /// stays.
     ///
-    /// Returns how many materials in use the limits touch: those that some channel of base colour
-    /// factor × brightest texel × brightest `COLOR_0` lifts above theirs. A bound: the brightest of
-    /// each need not meet.
+    /// Returns the number of materials in use that the limits affect: those for which base colour
+    /// factor × brightest texel × brightest `COLOR_0` exceeds the limit in a channel. This is an
+    /// upper bound, because the brightest values need not coincide.
     pub fn limit_reflectance(&mut self, limit: f32) -> u64 {
         for material in &mut self.materials {
             material.max_reflectance = material.max_reflectance.min(limit);
@@ -186,7 +186,7 @@ impl Scene {
                 continue;
             }
             let vertices = colors.most[i];
-            // Most need no look at their texture.
+            // Most materials are decided without scanning their texture.
             let untextured = m.base_color.truncate() * vertices;
             touched += u64::from(
                 untextured.max_element() > m.max_reflectance

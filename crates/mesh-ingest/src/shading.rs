@@ -1,7 +1,7 @@
-//! What a point of the soup does to light: reflectance, transparency, emission, shading normal.
+//! Optical properties at a point of the soup: reflectance, transparency, emission, shading normal.
 //!
-//! Textures are decoded from sRGB texel by texel and then filtered, as the glTF specification asks
-//! (glTF 2.0, §3.9.2) and as the project's reference tracer does.
+//! Textures are decoded from sRGB per texel and then filtered, as the glTF specification requires
+//! (glTF 2.0, §3.9.2).
 
 use std::sync::LazyLock;
 
@@ -27,7 +27,7 @@ pub(crate) fn srgb_to_linear(byte: u8) -> f32 {
     SRGB[usize::from(byte)]
 }
 
-/// A soup triangle's way back to its primitive: local vertices in the order of the *world* corners.
+/// Maps a soup triangle to its primitive: local vertices in the order of the *world* corners.
 struct Lookup<'a> {
     primitive: &'a Primitive,
     vertices: [usize; 3],
@@ -84,8 +84,8 @@ impl Scene {
         &self.materials[soup.material(tri) as usize]
     }
 
-    /// Whether soup triangle `tri` only casts shadows: it reflects and emits nothing and gets no
-    /// light ([`Material::occluder_only`], [`crate::Instance::occluder`]).
+    /// Whether soup triangle `tri` is an occluder: it reflects, emits and receives no light
+    /// ([`Material::occluder_only`], [`crate::Instance::occluder`]).
     pub fn only_occludes(&self, soup: &Soup, tri: u32) -> bool {
         let instance = soup.source(tri).instance;
         self.material_of(soup, tri).occluder_only || self.instances[instance as usize].occluder
@@ -93,10 +93,10 @@ impl Scene {
 
     /// Reflectance (linear RGB, 0..=1) and alpha (0..=1) at a point of soup triangle `tri`: base
     /// colour × base texture × `COLOR_0`, at most [`Material::max_reflectance`] in each channel;
-    /// black where the triangle only occludes.
+    /// black if the triangle is an occluder.
     ///
     /// `u` and `v` are the barycentric weights of the triangle's world corners 1 and 2. `tri` may
-    /// be any face, duplicates among them.
+    /// be any face, including duplicates.
     pub fn base_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec4 {
         let material = self.material_of(soup, tri);
         let color = self.color(soup, tri, u, v);
@@ -106,8 +106,7 @@ impl Scene {
         color.min(Vec3::splat(material.max_reflectance).extend(1.0))
     }
 
-    /// What light that passes through the base colour is coloured with: no reflectance, so that its
-    /// limit does not apply.
+    /// Tint of transmitted light. It is not a reflectance, so the limit does not apply.
     fn unclamped_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         self.color(soup, tri, u, v).xyz()
     }
@@ -126,11 +125,11 @@ impl Scene {
         color.clamp(Vec4::ZERO, Vec4::ONE)
     }
 
-    /// Radiance that the triangle's acting sides emit at a point (units of [`Material::emissive`]);
-    /// `u`, `v` as in [`Scene::base_color`].
+    /// Radiance emitted at a point by the triangle's emitting sides (units of
+    /// [`Material::emissive`]); `u`, `v` as in [`Scene::base_color`].
     pub fn emission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let material = self.material_of(soup, tri);
-        // Most surfaces do not shine: nothing more is looked up for them.
+        // Most surfaces are not emissive; the early exit avoids lookups for them.
         if material.emissive == Vec3::ZERO || self.only_occludes(soup, tri) {
             return Vec3::ZERO;
         }
@@ -143,8 +142,7 @@ impl Scene {
         }
     }
 
-    /// [`Scene::emission`] times the share of the surface that is there: what a piece of it sends
-    /// out on average.
+    /// [`Scene::emission`] times presence: the mean emission of a piece of the surface.
     pub fn emitted(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let radiance = self.emission(soup, tri, u, v);
         if self.needs_alpha(soup.materials[tri as usize]) {
@@ -154,14 +152,13 @@ impl Scene {
         }
     }
 
-    /// Base colour factor × `COLOR_0` at a point: what the base texture is multiplied with.
+    /// Base colour factor × `COLOR_0` at a point, i.e. the factor of the base texture.
     pub(crate) fn untextured_color(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let color = self.lookup(soup, tri).color(u, v);
         (self.material_of(soup, tri).base_color * color).xyz()
     }
 
-    /// Where `texture` lies on the triangle: its coordinates, transformed, at world corners 0, 1
-    /// and 2.
+    /// Transformed coordinates of `texture` at the triangle's world corners 0, 1 and 2.
     pub(crate) fn texture_corners(&self, soup: &Soup, tri: u32, texture: &TextureRef) -> [Vec2; 3] {
         let lookup = self.lookup(soup, tri);
         WHOLE.map(|p| {
@@ -170,7 +167,7 @@ impl Scene {
         })
     }
 
-    /// The red channel of a transmission texture at a coordinate that is transformed already.
+    /// The red channel of a transmission texture at a transformed coordinate.
     pub(crate) fn transmission_texel(&self, texture: &TextureRef, uv: Vec2) -> f32 {
         let untransformed = TextureRef {
             transform: Affine2::IDENTITY,
@@ -182,17 +179,17 @@ impl Scene {
         }
     }
 
-    /// Whether rays must ask [`Scene::transmittance`] or [`Scene::presence`] at triangles of this
-    /// material.
+    /// Whether rays must evaluate [`Scene::transmittance`] or [`Scene::presence`] at triangles of
+    /// this material.
     pub fn needs_alpha(&self, material: u32) -> bool {
         self.materials[material as usize].lets_light_through()
     }
 
-    /// Share of light, 0..=1 per channel, that passes straight through the triangle at a point.
+    /// Fraction of light, 0..=1 per channel, that passes straight through the triangle at a point.
     ///
     /// With coverage α (1 if opaque, 0 or 1 for `MASK`, alpha for `BLEND`), transmission τ and base
-    /// colour c it is (1 − α) + α τ c: what is not covered lets all through, glass colours what it
-    /// lets through.
+    /// colour c it is (1 − α) + α τ c: uncovered parts pass everything, and glass tints what it
+    /// passes.
     pub fn transmittance(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let coverage = self.coverage(soup, tri, u, v);
         let open = Vec3::splat(1.0 - coverage);
@@ -202,13 +199,13 @@ impl Scene {
         }
     }
 
-    /// Share of the surface, 0..=1, that reflects at a point: α (1 − τ), see
-    /// [`Scene::transmittance`]. The rest lets light through or swallows it.
+    /// Fraction of the surface, 0..=1, that reflects at a point: α (1 − τ), see
+    /// [`Scene::transmittance`]. The rest transmits or absorbs light.
     pub fn presence(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
         self.coverage(soup, tri, u, v) * (1.0 - self.transmission(soup, tri, u, v))
     }
 
-    /// α: the share of the surface that is there.
+    /// α: the covered fraction of the surface.
     fn coverage(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
         match self.material_of(soup, tri).alpha {
             AlphaMode::Opaque => 1.0,
@@ -219,7 +216,7 @@ impl Scene {
         }
     }
 
-    /// τ: the share of light that glass lets through.
+    /// τ: the fraction of light that glass transmits.
     fn transmission(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> f32 {
         let material = self.material_of(soup, tri);
         match &material.transmission_texture {
@@ -249,7 +246,7 @@ impl Scene {
     }
 
     /// The interpolated vertex normal in world space (unit), on the side of the geometric normal;
-    /// the geometric normal where the primitive has no normals or they cancel.
+    /// the geometric normal if the primitive has no normals or they cancel.
     pub fn shading_normal(&self, soup: &Soup, tri: u32, u: f32, v: f32) -> Vec3 {
         let geometric = soup.normals[tri as usize];
         let lookup = self.lookup(soup, tri);
@@ -263,8 +260,8 @@ impl Scene {
             .map(|i| lookup.primitive.normals[i].as_dvec3());
         let w = Lookup::weights(u, v).as_dvec3();
         let local = a * w.x + b * w.y + c * w.z;
-        // Cofactors are the inverse transpose times the determinant: no division, and the sign is
-        // settled below.
+        // Cofactors are the inverse transpose times the determinant. This avoids a division, and
+        // the sign is fixed below.
         let world: DVec3 = m.y_axis.cross(m.z_axis) * local.x
             + m.z_axis.cross(m.x_axis) * local.y
             + m.x_axis.cross(m.y_axis) * local.z;
@@ -273,7 +270,7 @@ impl Scene {
             Some(n) => {
                 let n = n.as_vec3();
                 let side = n.dot(geometric);
-                // Exactly across the surface it says nothing about the side.
+                // A normal exactly in the surface does not determine the side.
                 if side == 0.0 || !n.is_finite() {
                     geometric
                 } else {
@@ -310,9 +307,9 @@ impl Scene {
     /// Mean of `value(u, v)` over the part of triangle `tri` between the barycentric points
     /// `corners` (weights of world corners 1 and 2).
     ///
-    /// Samples the centres of n² equal sub-triangles, n chosen so that about one falls on each
-    /// texel of the finest texture in the part, and n² ≤ max(`max_samples`, 1). Deterministic; what
-    /// it leaves of a texture that is finer than the samples is aliased.
+    /// Samples the centres of n² equal sub-triangles, with n chosen so that about one falls on each
+    /// texel of the finest texture in the part, and n² ≤ max(`max_samples`, 1). Deterministic;
+    /// textures finer than the samples are aliased.
     pub fn mean_over(
         &self,
         soup: &Soup,
@@ -322,14 +319,13 @@ impl Scene {
         value: impl Fn(f32, f32) -> Vec4,
     ) -> Vec4 {
         let texels = self.texels_in(soup, tri, corners);
-        // Vertex colours alone vary linearly (but for their product with texture), which the centre
-        // catches.
+        // Without textures, vertex colours vary linearly, so the centre gives the mean.
         let n = (texels.sqrt().ceil().max(1.0) as u32).min(max_samples.max(1).isqrt());
         let [a, b, c] = corners;
         let (ab, ac) = ((b - a) / n as f32, (c - a) / n as f32);
         let mut sum = Vec4::ZERO;
         for row in 0..n {
-            // Row by row in its own sum: less rounding than one long one.
+            // Separate sums per row reduce rounding.
             let mut row_sum = Vec4::ZERO;
             for column in 0..n - row {
                 let at = a + ab * column as f32 + ac * row as f32;
@@ -368,7 +364,7 @@ impl Scene {
             .fold(0.0, f32::max)
     }
 
-    /// Linear RGBA of a texture; white where its image was not decoded.
+    /// Linear RGBA of a texture; white if its image was not decoded.
     fn sample(&self, texture: &TextureRef, uv: Vec2) -> Vec4 {
         match self.images.get(texture.image) {
             Some(Some(image)) => sample(image, texture, uv),
@@ -391,12 +387,12 @@ fn sample(image: &Image, texture: &TextureRef, uv: Vec2) -> Vec4 {
     })
 }
 
-/// A texel that holds data and no colour.
+/// A texel that contains data instead of a colour.
 fn linear_byte(texel: [u8; 4]) -> Vec4 {
     Vec4::from_array(texel.map(f32::from)) * (1.0 / 255.0)
 }
 
-/// Texels decoded, then filtered.
+/// Texels are decoded, then filtered.
 #[inline(always)]
 fn filtered(
     image: &Image,
@@ -423,7 +419,7 @@ fn filtered(
     top.lerp(bottom, fy)
 }
 
-/// The texel that holds a (transformed) coordinate.
+/// The texel that contains a (transformed) coordinate.
 pub(crate) fn nearest_texel(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> [u32; 2] {
     std::array::from_fn(|i| {
         let x = reduce(uv[i], wrap[i]) * size[i] as f32;
@@ -431,7 +427,8 @@ pub(crate) fn nearest_texel(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> [u32; 
     })
 }
 
-/// The four texels about a point, and how far it is from the first towards the second of each pair.
+/// The four texels around a point, and the interpolation weights from the first to the second of
+/// each pair.
 pub(crate) struct Taps {
     pub x: [u32; 2],
     pub y: [u32; 2],
@@ -439,7 +436,7 @@ pub(crate) struct Taps {
 }
 
 impl Taps {
-    /// Of the (transformed) coordinate `uv` in an image of `size` texels.
+    /// The texels around the (transformed) coordinate `uv` in an image of `size` texels.
     #[inline(always)]
     pub fn new(size: [u32; 2], wrap: [Wrap; 2], uv: Vec2) -> Taps {
         let axis = |i: usize| {
@@ -457,19 +454,19 @@ impl Taps {
     }
 }
 
-/// Takes whole periods off a coordinate before it is scaled by the image, where they would cost
+/// Removes whole periods from a coordinate before scaling by the image size, which would lose
 /// precision.
 fn reduce(x: f32, wrap: Wrap) -> f32 {
     match wrap {
         Wrap::Repeat => x - x.floor(),
         Wrap::Mirror => x - 2.0 * (x * 0.5).floor(),
-        // One texel beyond the edge reads the edge already; the bound keeps products finite.
+        // One texel beyond the edge already reads the edge; the bound keeps products finite.
         Wrap::Clamp => x.clamp(-1.0, 2.0),
     }
 }
 
-/// Texel index of a reduced coordinate, which lies at most one texel outside its period: no
-/// division is needed. The last bound holds whatever rounding did.
+/// Texel index of a reduced coordinate, which is at most one texel outside its period, so no
+/// division is needed. The last bound guards against rounding.
 fn wrap_index(i: i32, size: u32, wrap: Wrap) -> u32 {
     let n = size as i32;
     let within = |i: i32, period: i32| {

@@ -1,4 +1,4 @@
-//! All triangles of a scene in one world-space list: what rays hit.
+//! All triangles of a scene in one world-space list for ray casting.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -6,17 +6,28 @@ use rayon::prelude::*;
 use crate::geometry::area_vector;
 use crate::scene::Scene;
 
-/// World-space (recentred) triangles of every instance, in the order instance, primitive, triangle.
+/// World-space (recentred) triangles of every instance, ordered by instance, primitive, triangle.
 ///
-/// Triangles whose area vanishes in world space, or which coincide exactly with an earlier one
-/// (same three corners, any rotation, and no side that the earlier ones leave free: a double-sided
-/// triangle takes both; occluders count as last), are left out and counted; the latter are listed
-/// in [`duplicates`](Soup::duplicates), since they receive light all the same. Winding is already
-/// flipped for mirroring transforms, so the front is always the counter-clockwise side.
+/// Triangles without area in world space are left out and counted. So are exact duplicates of
+/// earlier ones, which are also listed in [`duplicates`](Soup::duplicates), because they receive
+/// light. A duplicate has the same three corners (in any rotation) and no side that the earlier
+/// triangles leave free; a double-sided triangle takes both sides, and occluders count as last.
+/// Winding is already flipped for mirroring transforms, so the front is always the
+/// counter-clockwise side.
 ///
 /// Triangles of instances that stand in for others
-/// ([`Instance::stands_in`](crate::Instance::stands_in)) come last, in the same order: rays see
-/// those before them, and none of these coincides with anything.
+/// ([`Instance::stands_in`](crate::Instance::stands_in)) come last, in the same order. Rays see
+/// only those before them, and none of them is a duplicate.
+///
+/// ```
+/// use mesh_ingest::{LoadOptions, Soup, load};
+///
+/// let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
+/// let soup = Soup::build(&load(file.as_ref(), &LoadOptions::default())?.scene);
+/// assert_eq!(soup.triangles.len(), soup.normals.len());
+/// assert!(soup.areas.iter().all(|area| *area > 0.0));
+/// # Ok::<(), mesh_ingest::Error>(())
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Soup {
     /// Corners, metres, recentred.
@@ -25,39 +36,39 @@ pub struct Soup {
     pub normals: Vec<Vec3>,
     /// Area in m².
     pub areas: Vec<f32>,
-    /// Where each triangle comes from.
+    /// Origin of each triangle.
     pub sources: Vec<TriangleSource>,
     /// Index into [`Scene::materials`] for each triangle.
     pub materials: Vec<u32>,
     /// `[first, end)` of each instance's triangles.
     pub instance_ranges: Vec<[u32; 2]>,
-    /// Left out because their world-space area is zero.
+    /// Triangles left out because their world-space area is zero.
     pub dropped_zero_area: u64,
-    /// Left out as exact duplicates, in the order of instance, primitive, triangle.
+    /// Triangles left out as exact duplicates, ordered by instance, primitive, triangle.
     pub duplicates: Vec<Duplicate>,
     /// `[first, end)` of each instance's duplicates.
     pub duplicate_ranges: Vec<[u32; 2]>,
     /// Number of `duplicates`.
     pub dropped_duplicate: u64,
-    /// How many triangles, the last ones, rays do not see.
+    /// Number of triangles at the end of the list that rays do not see.
     pub unseen: usize,
 }
 
-/// A triangle that rays never meet, because one in its place does.
+/// A triangle that rays never hit, because another one coincides with it.
 ///
-/// Where a triangle's number is called a *face*, numbers from [`Soup::len`] on mean duplicates:
-/// face `len() + i` is `duplicates[i]`.
+/// Where an index is called a *face*, values from [`Soup::len`] on are duplicates: face `len() + i`
+/// is `duplicates[i]`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Duplicate {
-    /// Where it comes from.
+    /// Its origin.
     pub source: TriangleSource,
     /// Index into [`Scene::materials`].
     pub material: u32,
-    /// The triangle of the soup that takes its place.
+    /// The triangle of the soup that coincides with it.
     pub kept: u32,
-    /// Where each of its world corners 0, 1, 2 is among those of `kept`.
+    /// For each of its world corners 0, 1, 2, the corresponding corner of `kept`.
     pub corners: [u8; 3],
-    /// Its front lies on the back of `kept`, which is then double-sided.
+    /// Whether it faces the other way; `kept` is then double-sided.
     pub turned: bool,
 }
 
@@ -70,11 +81,11 @@ pub struct TriangleSource {
     pub primitive: u32,
     /// Index into the primitive's triangles.
     pub triangle: u32,
-    /// The instance mirrors: world corners 1 and 2 are local corners 2 and 1.
+    /// Whether the instance mirrors: world corners 1 and 2 are local corners 2 and 1.
     pub mirrored: bool,
 }
 
-/// One instance's primitive on its way into the soup.
+/// One instance's primitive that is to be added.
 #[derive(Default)]
 struct Part {
     triangles: Vec<[Vec3; 3]>,
@@ -85,8 +96,8 @@ struct Part {
 }
 
 impl Soup {
-    /// Flattens `scene`, in parallel; the result does not depend on the number of threads. O(n log
-    /// n) in triangles, whatever number of them coincide.
+    /// Flattens `scene` in parallel; the result does not depend on the number of threads. O(n log
+    /// n) in triangles, however many coincide.
     pub fn build(scene: &Scene) -> Soup {
         let stands_in = |i: &usize| scene.instances[*i].stands_in.is_some();
         let mut order: Vec<usize> = (0..scene.instances.len()).collect();
@@ -134,7 +145,7 @@ impl Soup {
         soup
     }
 
-    /// Number of triangles that rays see: those before it.
+    /// Number of triangles that rays see; they come first.
     pub fn seen(&self) -> usize {
         self.len() - self.unseen
     }
@@ -154,7 +165,7 @@ impl Soup {
         self.triangles.is_empty()
     }
 
-    /// Where a face comes from.
+    /// Origin of a face.
     #[inline]
     pub fn source(&self, face: u32) -> TriangleSource {
         match self.sources.get(face as usize) {
@@ -172,25 +183,25 @@ impl Soup {
         }
     }
 
-    /// The duplicate that a face is, if it is one.
+    /// The duplicate of a face, if it is one.
     #[inline]
     pub fn duplicate(&self, face: u32) -> Option<&Duplicate> {
         self.duplicates
             .get((face as usize).checked_sub(self.len())?)
     }
 
-    /// Drops triangles that add no acting side to an earlier one with the same corners: a ray tree
-    /// cannot split coincident triangles, and what it would hit among them is arbitrary.
+    /// Drops triangles that add no new side to an earlier one with the same corners: a BVH cannot
+    /// separate coincident triangles, so hits among them would be arbitrary.
     fn drop_duplicates(&mut self, scene: &Scene) {
-        // Equal triangles have equal hashes, so sorting by hash brings them together at 16 bytes a
-        // triangle; the full key is compared only within a run.
+        // Sorting by hash groups equal triangles with 16 bytes per triangle; full keys are compared
+        // only within a run of equal hashes.
         let mut order: Vec<(u64, u32)> = self.triangles[..self.seen()]
             .par_iter()
             .enumerate()
             .map(|(i, corners)| (hash(&Key::of(corners)), i as u32))
             .collect();
         order.par_sort_unstable();
-        // (dropped, takes its place)
+        // (Dropped triangle, coinciding triangle.)
         let mut dropped: Vec<(u32, u32)> = Vec::new();
         for run in order
             .chunk_by(|a, b| a.0 == b.0)
@@ -200,12 +211,12 @@ impl Soup {
                 .iter()
                 .map(|&(_, i)| (Key::of(&self.triangles[i as usize]), i))
                 .collect();
-            // An occluder casts no shadow that the surface it lies on does not cast, and must not
-            // take that one's light.
+            // An occluder casts no additional shadow where it coincides with a surface, and must
+            // not take that surface's light.
             members
                 .sort_unstable_by_key(|(key, i)| (key.corners, scene.only_occludes(self, *i), *i));
             for equal in members.chunk_by(|a, b| a.0.corners == b.0.corners) {
-                // Who has the side whose winding is even, and who the other.
+                // Owner of the side with even winding, and of the other side.
                 let mut sides: [Option<u32>; 2] = [None; 2];
                 for (key, i) in equal {
                     let double_sided =
@@ -268,7 +279,7 @@ impl Soup {
     }
 }
 
-/// `[first, end)` of each instance in a list that is sorted as `order` has the instances.
+/// `[first, end)` of each instance in a list sorted in the order of instances in `order`.
 fn ranges<T>(list: &[T], order: &[usize], instance_of: impl Fn(&T) -> u32) -> Vec<[u32; 2]> {
     let mut out = vec![[0; 2]; order.len()];
     let mut at = 0;
@@ -286,7 +297,7 @@ fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {
     let placed = &scene.instances[instance as usize];
     let source = &scene.meshes[placed.mesh].primitives[primitive as usize];
     let mirrored = placed.transform.matrix3.determinant() < 0.0;
-    // Subtracted in f64 and rounded once, so that neighbours which share a vertex share its bits.
+    // Subtracted in f64 and rounded once, so that neighbours that share a vertex share its bits.
     let positions: Vec<Vec3> = source
         .positions
         .iter()
@@ -299,8 +310,8 @@ fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {
         let double_area = area_vector(a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
         let area = double_area.map_or(0.0, |n| (0.5 * n.length()) as f32);
         let normal = double_area.map_or(Vec3::ZERO, |n| n.normalize().as_vec3());
-        // Areas that f32 holds only as subnormals (edges below about 1e-19 m) would divide to
-        // infinity later.
+        // Areas that are subnormal in f32 (edges below about 1e-19 m) would later give infinity in
+        // divisions.
         if area < f32::MIN_POSITIVE || !area.is_finite() || !normal.is_finite() {
             part.dropped += 1;
             continue;
@@ -318,17 +329,17 @@ fn flatten(scene: &Scene, instance: u32, primitive: u32) -> Part {
     part
 }
 
-/// A triangle's corners in a fixed order, and whether that order reverses its winding.
+/// A triangle's corners in a canonical order, and whether that order reverses its winding.
 struct Key {
     corners: [[u32; 3]; 3],
-    /// Which of the triangle's corners each is.
+    /// The triangle's corner at each position.
     places: [u8; 3],
     odd: bool,
 }
 
 impl Key {
     fn of(corners: &[Vec3; 3]) -> Key {
-        // Adding zero turns −0 into +0, which is the same place.
+        // Adding zero turns −0 into +0, which is the same position.
         let mut k = corners.map(|p| (p + Vec3::ZERO).to_array().map(f32::to_bits));
         let (mut places, mut odd) = ([0, 1, 2], false);
         for (i, j) in [(0, 1), (1, 2), (0, 1)] {
@@ -347,7 +358,7 @@ impl Key {
 }
 
 /// Multiply-xorshift over the nine words (constants: 2⁶⁴/φ, and Vigna's splitmix64 finaliser,
-/// public domain). Collisions cost time only, and equal bits give equal hashes on every machine.
+/// public domain). Collisions only cost time, and equal bits give equal hashes on every machine.
 fn hash(key: &Key) -> u64 {
     let mut h = 0u64;
     for word in key.corners.as_flattened() {

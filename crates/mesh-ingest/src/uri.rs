@@ -1,4 +1,4 @@
-//! URIs: what a document may name, and where that lies.
+//! URIs: what a document may reference, and where it is.
 
 use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
@@ -9,7 +9,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use crate::error::{Fault, Outcome};
 
-/// Exporters disagree about padding; nothing is ambiguous without it.
+/// Exporters disagree about padding, and nothing is ambiguous without it.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &STANDARD,
     GeneralPurposeConfig::new()
@@ -17,7 +17,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-/// What a URI leads to.
+/// What a URI denotes.
 #[derive(Debug)]
 pub(crate) enum Target {
     /// Bytes in the URI itself.
@@ -29,15 +29,15 @@ pub(crate) enum Target {
 /// Where URIs may lead.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bounds<'a> {
-    /// The document's folder; without one, files are mere names.
+    /// The document's folder; without one, files are just names.
     pub base: Option<&'a Path>,
-    /// `..` and links may lead out of it.
+    /// Whether `..` and links may lead out of it.
     pub outside: bool,
 }
 
-/// Resolves `uri` (found at document path `path`). What is written holds the files that a document
-/// names, so a document of unknown origin could carry off any file that can be read here: nothing
-/// absolute is followed, and nothing out of the document's folder unless `bounds` allow it.
+/// Resolves `uri` (found at document path `path`). The output contains the files that a document
+/// references, so an untrusted document could exfiltrate any file that can be read here. Absolute
+/// paths are never followed, and nothing outside the document's folder unless `bounds` allow it.
 pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Target> {
     if let Some(rest) = strip_prefix_ignore_case(uri, "data:") {
         return data(rest, path).map(Target::Data);
@@ -46,7 +46,7 @@ pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Targ
         return Err(Fault::unsupported(
             path,
             format!("\"{uri}\""),
-            "a relative path or a data URI; download the file beside the document and name it there",
+            "a relative path or a data URI; download the file to the document's folder and reference it there",
         ));
     }
     let name = percent_encoding::percent_decode_str(uri).decode_utf8();
@@ -55,7 +55,7 @@ pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Targ
         _ => {
             return Err(Fault::invalid(
                 path,
-                "a URI that is no file name",
+                "a URI that is not a file name",
                 "a relative path in UTF-8",
             ));
         }
@@ -64,8 +64,8 @@ pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Targ
         check_name(&name, bounds, path)?;
         return Ok(Target::File(PathBuf::from(name.as_ref())));
     };
-    // Some exporters do not encode at all: a file with a literal percent sign wins over the decoded
-    // name.
+    // Some exporters do not encode at all, so a file with a literal percent sign takes precedence
+    // over the decoded name.
     let candidates = [Cow::Borrowed(uri), name];
     for name in &candidates {
         check_name(name, bounds, path)?;
@@ -75,13 +75,13 @@ pub(crate) fn resolve(uri: &str, bounds: Bounds<'_>, path: &str) -> Outcome<Targ
     if !bounds.outside && leads_out(&file, base) {
         return Err(outside(
             path,
-            format!("\"{uri}\", a link out of the document's folder"),
+            format!("\"{uri}\", a link that leads out of the document's folder"),
         ));
     }
     Ok(Target::File(file))
 }
 
-/// Judges a name before anything is looked for under it.
+/// Validates a name before the file system is touched.
 fn check_name(name: &str, bounds: Bounds<'_>, path: &str) -> Outcome<()> {
     let mut depth = 0usize;
     for part in Path::new(name).components() {
@@ -93,7 +93,7 @@ fn check_name(name: &str, bounds: Bounds<'_>, path: &str) -> Outcome<()> {
             Component::ParentDir => {
                 return Err(outside(
                     path,
-                    format!("\"{name}\", out of the document's folder"),
+                    format!("\"{name}\", which leads out of the document's folder"),
                 ));
             }
             Component::RootDir | Component::Prefix(_) => {
@@ -116,8 +116,7 @@ fn outside(path: &str, found: String) -> Fault {
     )
 }
 
-/// Whether `file`, all links followed, lies elsewhere than in `base` or below. What is not there
-/// leads nowhere.
+/// Whether `file`, with all links followed, is outside `base`. A file that does not exist is not.
 fn leads_out(file: &Path, base: &Path) -> bool {
     let base = if base.as_os_str().is_empty() {
         Path::new(".")
@@ -130,7 +129,7 @@ fn leads_out(file: &Path, base: &Path) -> bool {
     }
 }
 
-/// Whether `uri` begins with a scheme (RFC 3986, §3.1); `c:` of Windows is one as well.
+/// Whether `uri` begins with a scheme (RFC 3986, §3.1); Windows's `c:` counts as one.
 fn has_scheme(uri: &str) -> bool {
     let Some((scheme, _)) = uri.split_once(':') else {
         return false;
@@ -141,7 +140,7 @@ fn has_scheme(uri: &str) -> bool {
             .all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
 }
 
-/// The bytes of a data URI, which is given without its scheme.
+/// The bytes of a data URI, given without its scheme.
 fn data(rest: &str, path: &str) -> Outcome<Vec<u8>> {
     let Some((head, body)) = rest.split_once(',') else {
         return Err(Fault::invalid(

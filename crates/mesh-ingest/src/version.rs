@@ -1,4 +1,4 @@
-//! Which versions of glTF are read.
+//! Supported versions of glTF.
 
 use serde_json::Value;
 
@@ -29,7 +29,7 @@ pub(crate) fn check(root: &Item<'_>) -> Outcome<()> {
     };
     let asset = asset.object()?;
     let version = asset.opt_str("version");
-    // glTF 1.0 files in the wild write the version as a number.
+    // Some glTF 1.0 files write the version as a number.
     let version = match version {
         Err(_) if asset.value.get("version").and_then(Value::as_f64) == Some(1.0) => "1.0",
         other => other?.ok_or_else(missing)?,

@@ -12,19 +12,19 @@ use crate::document::Document;
 use crate::error::{Fault, Outcome};
 use crate::json::Item;
 
-/// A buffer view, checked against its buffer.
+/// A buffer view, validated against its buffer.
 #[derive(Debug, Clone)]
 pub(crate) struct View {
     path: String,
     buffer: usize,
     offset: usize,
-    /// Bytes once decoded.
+    /// Bytes after decoding.
     pub length: usize,
     pub stride: Option<usize>,
     pub meshopt: Option<(Meshopt, usize, usize, usize)>,
 }
 
-/// An accessor's own numbers, without its data.
+/// An accessor's parameters without its data.
 #[derive(Debug)]
 pub(crate) struct Head {
     pub component: DataType,
@@ -170,7 +170,7 @@ impl Document {
                 Fault::invalid(
                     format!("{}.extensions", view.path),
                     found.clone(),
-                    "a sound meshopt stream",
+                    "a valid meshopt stream",
                 )
             })
     }
@@ -200,7 +200,7 @@ impl Document {
         ))
     }
 
-    /// Checks that an accessor's elements lie within their views, without reading them.
+    /// Checks that an accessor's elements are inside their views, without reading them.
     pub(crate) fn check_accessor(&self, head: &Head) -> Outcome<()> {
         let size = element_size(head.component, head.dimensions);
         let spare = trailing_padding(head.component, head.dimensions);
@@ -242,10 +242,7 @@ impl Document {
             None if total as u64 > self.limits.unbacked_bytes => {
                 return Err(Fault::limit(
                     format!("{}.count", head.path),
-                    format!(
-                        "{} zeros that no buffer view backs ({total} bytes)",
-                        head.count
-                    ),
+                    format!("{} zeros without a buffer view ({total} bytes)", head.count),
                     format!("at most {} bytes", self.limits.unbacked_bytes),
                 ));
             }
@@ -295,7 +292,7 @@ impl Document {
         })
     }
 
-    /// `count` elements of `size` bytes from a view, gathered if they are strided.
+    /// `count` elements of `size` bytes from a view, made contiguous if they are strided.
     fn dense(
         &self,
         v: usize,
@@ -308,7 +305,7 @@ impl Document {
         let bytes = self.view_bytes(v, &view)?;
         let (stride, range) = self.element_range(&view, offset, [size, spare], count, path)?;
         // The view's declared length was checked against its bytes, so this holds for plain and
-        // decoded views alike.
+        // decoded views.
         let range = bytes.get(range).unwrap_or_default();
         if stride == size && range.len() == count * size {
             return Ok(Cow::Borrowed(range));
@@ -321,8 +318,8 @@ impl Document {
         Ok(Cow::Owned(out))
     }
 
-    /// Stride and byte range of `count` elements of `size` bytes, the last `spare` of them padding,
-    /// within a view.
+    /// Stride and byte range of `count` elements of `size` bytes in a view; the last `spare` bytes
+    /// are padding.
     fn element_range(
         &self,
         view: &View,
@@ -351,7 +348,7 @@ impl Document {
                 path,
                 format!("{count} elements of {size} bytes every {stride} from byte {offset}"),
                 format!(
-                    "elements within {}, which has {} bytes",
+                    "elements inside {}, which has {} bytes",
                     view.path, view.length
                 ),
             )),

@@ -1,4 +1,4 @@
-//! Every scene that was collected, sound or broken: no panic, no hang, and what is valid loads.
+//! Every collected scene, valid or broken: no panic, no hang, and valid ones load.
 
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use mesh_ingest::{Error, LoadOptions, Soup, load};
 
-/// What a load may take, as the project promises for hostile files.
+/// Most time for a load, as promised for hostile files.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 fn collect(at: &Path, files: &mut Vec<PathBuf>) {
@@ -54,7 +54,8 @@ fn corpus() {
             Ok(Ok(())) => {}
             Ok(Err(Error::Unsupported { .. } | Error::NoTriangles { .. })) => {}
             Ok(Err(error)) => assert!(
-                // What once broke the loader is told of, in time; not all of it is sound.
+                // Inputs that once broke the loader must give an error in time; some of them are
+                // valid.
                 invalid.contains(&file) || file.starts_with(scenes.join("reproducers")),
                 "{} is valid but: {error}",
                 file.display()
@@ -68,7 +69,7 @@ fn corpus() {
     }
 }
 
-/// The guarantees of [`mesh_ingest::Scene`], and a writer's view of everything used.
+/// Checks the guarantees of [`mesh_ingest::Scene`], and reads everything that a writer needs.
 fn check(file: &Path, loaded: &mesh_ingest::Loaded) {
     let name = file.display();
     let scene = &loaded.scene;

@@ -1,5 +1,4 @@
-//! Tests of ingest, in one program: linking is what costs, and each file of its own would be
-//! linked with everything below it once more.
+//! Tests of ingest as one program, because linking each file separately takes most of the time.
 
 mod corpus;
 mod ingest;

@@ -9,18 +9,18 @@ use crate::scene::Image;
 use crate::shading::SRGB;
 
 /// Widest latitude-longitude map, 8192 × 4096 pixels or 400 MB: a pixel is a twelfth of the sun's
-/// disc wide.
+/// diameter.
 const MAX_WIDTH: u32 = 8192;
 
-/// Narrowest: faces of a few pixels have outlines that curve in the map, and would be lost in as
-/// few pixels.
+/// Narrowest map: the outlines of faces with few pixels are curved in the map, and would be lost at
+/// a lower resolution.
 const MIN_WIDTH: u32 = 256;
 
-/// The faces of a cube as seen from within, images upright: forward, right, down.
+/// The faces of a cube seen from inside with upright images: forward, right, down.
 ///
-/// The extension takes OpenGL's orientation (OpenGL 4.6, table 8.19), in which faces are mirror
-/// images of what is seen from within, and flips each image about its vertical axis. So every image
-/// is what a camera at the centre sees.
+/// The extension uses OpenGL's orientation (OpenGL 4.6, table 8.19), in which faces are mirror
+/// images of the view from inside, but flips each image horizontally. So every image is what a
+/// camera at the centre sees.
 const FACES: [[DVec3; 3]; 6] = [
     [DVec3::X, DVec3::Z, DVec3::NEG_Y],
     [DVec3::NEG_X, DVec3::NEG_Z, DVec3::NEG_Y],
@@ -40,16 +40,15 @@ pub(super) struct Cube {
 impl Cube {
     /// Decodes faces in the order +X, −X, +Y, −Y, +Z, −Z, or says why it cannot.
     ///
-    /// RGBD: linear colour over alpha. The extension does not say that the colours are sRGB, but
-    /// glTF's colour images are, and so are those of the extension's authors' engine, which decodes
-    /// first and divides then. Images without alpha have alpha 1. Alpha 0 counts as its next value,
-    /// 1/255.
+    /// The format is RGBD: linear colour divided by alpha. The extension does not say that colours
+    /// are sRGB, but glTF's colour images are, and the engine of the extension's authors decodes
+    /// sRGB before dividing. Images without alpha have alpha 1. Alpha 0 is treated as 1/255.
     pub fn new(images: [&Image; 6]) -> Result<Cube, String> {
         let size = images[0].width;
         for (k, image) in images.iter().enumerate() {
             if image.width != size || image.height != size {
                 return Err(format!(
-                    "face {k} of its cube has {} × {} pixels, and face 0 is {size} wide",
+                    "face {k} of its cube has {} × {} pixels, but face 0 is {size} wide",
                     image.width, image.height
                 ));
             }
@@ -65,21 +64,21 @@ impl Cube {
         })
     }
 
-    /// The size of a latitude-longitude map that keeps the faces' detail: 4 × face by 2 × face,
+    /// Size of a latitude-longitude map that preserves the faces' detail: 4 × face by 2 × face,
     /// within limits.
     pub fn map_size(&self) -> (u32, u32) {
         let width = (4 * self.size.min(1 << 16) as u32).clamp(MIN_WIDTH, MAX_WIDTH);
         (width, width / 2)
     }
 
-    /// The latitude-longitude map of this cube, turned by `rotation` about the world's origin.
+    /// The latitude-longitude map of this cube, rotated by `rotation` about the world's origin.
     ///
-    /// Each pixel is the mean of the cube's texels over its solid angle. Pixels' sides are taken as
-    /// arcs of great circles, which are straight lines on the faces: pixels then part every texel
-    /// among them exactly, and no light is lost or counted twice.
+    /// Each pixel is the mean of the cube's texels over its solid angle. The sides of pixels are
+    /// approximated by great circles, which are straight lines on the faces. Pixels then partition
+    /// every texel exactly, and no light is lost or counted twice.
     pub fn to_map(&self, width: u32, height: u32, rotation: DQuat) -> Vec<Vec3> {
         let to_cube = DMat3::from_quat(rotation.inverse());
-        // Corners along a row's upper or lower side, each of which two pixels share.
+        // Corners along the upper or lower side of a row, each shared by two pixels.
         let side = |j: u32| -> Vec<DVec3> {
             let v = f64::from(j) / f64::from(height);
             (0..=width)
@@ -98,8 +97,8 @@ impl Cube {
     fn mean(&self, corners: [DVec3; 4]) -> Vec3 {
         let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
         for (face, [forward, right, down]) in self.faces.iter().zip(FACES) {
-            // Pixels are at most 1.4° wide: one that touches the face lies well before its plane's
-            // horizon.
+            // Pixels are at most 1.4° wide, so one that touches the face is well in front of its
+            // plane's horizon.
             if corners.iter().any(|c| c.dot(forward) < 0.3) {
                 continue;
             }
@@ -116,7 +115,7 @@ impl Cube {
         }
     }
 
-    /// Adds the part of `shape`, in coordinates −1..=1 of a face, that lies on each of its texels.
+    /// Adds the part of `shape`, in coordinates −1..=1 of a face, that is on each of its texels.
     fn add(&self, face: &[Vec3], shape: &Polygon, sum: &mut DVec3, weight: &mut f64) {
         let n = self.size as f64;
         let line = |k: usize| 2.0 * k as f64 / n - 1.0;
@@ -144,15 +143,15 @@ impl Cube {
     }
 }
 
-/// The direction of a latitude-longitude map's point (u, v) in 0..=1, as [`crate::Environment`] has
-/// it.
+/// The direction of point (u, v) in 0..=1 of a latitude-longitude map, as in
+/// [`crate::Environment`].
 pub(super) fn map_direction(u: f64, v: f64) -> DVec3 {
     let (sin_a, cos_a) = (TAU * (u - 0.5)).sin_cos();
     let (sin_t, cos_t) = (PI * v).sin_cos();
     DVec3::new(sin_t * cos_a, cos_t, sin_t * sin_a)
 }
 
-/// A convex polygon of at most eight corners: a quadrilateral cut by four lines.
+/// A convex polygon of at most eight corners: a quadrilateral clipped by four lines.
 #[derive(Debug, Clone, Copy, Default)]
 struct Polygon {
     points: [DVec2; 8],
@@ -161,7 +160,7 @@ struct Polygon {
 
 impl Polygon {
     fn push(&mut self, p: DVec2) {
-        // Rounding can make a sliver cross a line more than twice; such a corner encloses nothing.
+        // Rounding can make a sliver cross a line more than twice; such a corner encloses no area.
         if let Some(slot) = self.points.get_mut(self.len) {
             *slot = p;
             self.len += 1;
@@ -172,7 +171,7 @@ impl Polygon {
         &self.points[..self.len]
     }
 
-    /// Least and largest coordinates; nothing in reach where it is empty.
+    /// Minimum and maximum coordinates; an empty range if the polygon is empty.
     fn bounds(&self) -> [DVec2; 2] {
         self.points()
             .iter()
@@ -181,8 +180,7 @@ impl Polygon {
             })
     }
 
-    /// The part whose coordinate `axis` lies in `low..=high`; `bounds` are the polygon's own, which
-    /// spare most cuts.
+    /// The part with coordinate `axis` in `low..=high`; the polygon's own `bounds` avoid most cuts.
     fn between(&self, axis: usize, low: f64, high: f64, bounds: [DVec2; 2]) -> Polygon {
         let mut part = *self;
         if bounds[0][axis] < low {

@@ -1,4 +1,4 @@
-//! Spherical harmonics of the irradiance as a map of radiance.
+//! Converts spherical harmonics of irradiance to a map of radiance.
 //!
 //! Based on: Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment
 //! Maps" (2001), which the extension refers to: E(n) = Σ E_lm Y_lm(n) with the real basis of its
@@ -11,13 +11,13 @@ use glam::{DQuat, DVec3, Vec3};
 
 use super::cube::map_direction;
 
-/// Size of the map: harmonics of degree 2 turn by less than a hundredth of their range between its
-/// pixels.
+/// Width of the map: between its pixels, harmonics of degree 2 change by less than a hundredth of
+/// their range.
 pub(super) const WIDTH: u32 = 128;
 pub(super) const HEIGHT: u32 = 64;
 
-/// The radiances whose irradiance has these coefficients, turned by `rotation`, and how many pixels
-/// were negative and are now 0.
+/// The radiances whose irradiance has these coefficients, rotated by `rotation`, and the number of
+/// negative pixels that were set to 0.
 pub(super) fn to_map(irradiance: &[DVec3; 9], rotation: DQuat) -> (Vec<Vec3>, u64) {
     let bands = [PI, 2.0 * PI / 3.0, PI / 4.0];
     let band = |k: usize| bands[if k == 0 { 0 } else { 1 + usize::from(k >= 4) }];

@@ -1,4 +1,5 @@
-//! Damaged files. What sound ones mean is tested through whole documents, in `tests/ingest/ies.rs`.
+//! Damaged files. The meaning of valid ones is tested with whole documents in
+//! `tests/ingest/ies.rs`.
 
 use std::f64::consts::PI;
 
@@ -8,7 +9,7 @@ use super::{Measured, parse};
 use crate::error::Kind;
 use crate::scene::Profile;
 
-/// A quadrant, a half of the edition of 1995, and planes that stop short of the turn, with an
+/// A quadrant; a half in the edition of 1995; and planes that stop short of the turn, with an
 /// included tilt.
 const FILES: [&str; 3] = [
     "IESNA:LM-63-2002\n[TEST] 1\nTILT=NONE\n1 1000 2.0 4 3 1 2 0.1 0.1 0\n1.0 1.0 50\n0 30 60 90\n0 45 90\n\
@@ -18,7 +19,7 @@ const FILES: [&str; 3] = [
      8.5 1e1 8.5 2e1 8.5 .3 8.5 4.\n",
 ];
 
-/// A linear congruential generator (Knuth's MMIX constants): the same damage in every run.
+/// A linear congruential generator (Knuth's MMIX constants), so that every run has the same damage.
 struct Random(u64);
 
 impl Random {
@@ -29,7 +30,7 @@ impl Random {
     }
 }
 
-/// What [`Profile`] promises, and that it answers in every direction with a number in its range.
+/// Checks the guarantees of [`Profile`], and that every direction gives a number in its range.
 fn check(measured: &Measured, bytes: usize) {
     let Profile {
         vertical,
@@ -41,18 +42,18 @@ fn check(measured: &Measured, bytes: usize) {
     let turn = (horizontal[0], horizontal[horizontal.len() - 1]);
     assert_eq!(turn, (0.0, 360.0));
     assert_eq!(values.len(), vertical.len() * horizontal.len());
-    // Each measured value took a character and a separator, and has four images at most.
+    // Each measured value takes a character and a separator, and has at most four images.
     assert!(values.len() <= 2 * bytes);
     assert!(values.iter().all(|v| (0.0..=1.0).contains(v)));
     assert!((0.0..=f64::from(f32::MAX)).contains(&measured.candela));
     let tilted = Vec3::new(-1.0, 1e-9, -1e-9);
     let directions = [Vec3::X, Vec3::Y, Vec3::NEG_Y, Vec3::NEG_Z, Vec3::ONE];
     for d in directions.into_iter().chain([tilted, Vec3::ZERO]) {
-        // Interpolation rounds.
+        // The tolerance is for the rounding of interpolation.
         let value = measured.profile.value(d);
         assert!((0.0..=1.0 + 1e-6).contains(&value), "{d}: {value}");
     }
-    // A sphere of 1; 1e-5: 180° in f32.
+    // For a sphere of 1; 1e-5 because of 180° in f32.
     let flux = measured.profile.flux();
     assert!((-1e-9..=4.0 * PI + 1e-5).contains(&flux), "{flux}");
 }
@@ -105,7 +106,7 @@ fn thousands_of_damaged_files_end_in_an_answer() {
             }
         }
     }
-    // Damage to words and digits is harmless, to the structure it is not: both must have been met
+    // Damage to words and digits is harmless, damage to the structure is not; both must occur
     // often.
     assert!(
         sound > 2000 && broken > 2000,

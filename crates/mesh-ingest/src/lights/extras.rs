@@ -1,5 +1,5 @@
-//! What `extras.lumel` of a light, or of the node that carries it, adds to `KHR_lights_punctual`.
-//! The node wins.
+//! Members of `extras.lumel` that extend `KHR_lights_punctual`. Those of the node override those of
+//! the light.
 
 use super::measured::Profiles;
 use crate::document::Document;
@@ -15,7 +15,7 @@ fn member<'a>(item: &Item<'a>, key: &str) -> Option<Item<'a>> {
     item.get("extras")?.get("lumel")?.get(key)
 }
 
-/// The first sound number of `places`, which is in 0..=`most`; others are ignored with a warning.
+/// The first valid number of `places` in 0..=`most`; others are ignored with a warning.
 fn number(
     places: [&Item<'_>; 2],
     key: &str,
@@ -39,15 +39,12 @@ fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
     report.count("lights.extras_ignored", 1);
     report.warn(
         &item.path,
-        format!(
-            "found {}, expected {expected}; it is ignored",
-            show(item.value)
-        ),
+        format!("found {}, expected {expected}; ignored", show(item.value)),
     );
 }
 
-/// `radius`: radius of the sphere that shines, metres of the world. Scale of the node plays no
-/// part, as it plays none in intensities.
+/// `radius`: radius of the emitting sphere in world-space metres. The node's scale does not affect
+/// it, just as it does not affect intensities.
 pub(super) fn radius(places: [&Item<'_>; 2], report: &mut IngestReport) -> f32 {
     let expected = "a radius in metres, at least 0";
     number(places, "radius", MAX_COORDINATE, expected, report).unwrap_or(0.0) as f32
@@ -60,10 +57,10 @@ pub(super) fn half_angle(places: [&Item<'_>; 2], report: &mut IngestReport) -> f
     (0.5 * degrees).to_radians() as f32
 }
 
-/// `ies`: URI of a photometric file that shapes the light; `None` where there is none.
+/// `ies`: URI of a photometric file for the light; `None` if absent.
 ///
 /// # Errors
-/// The file cannot be read or is broken.
+/// The file cannot be read or is invalid.
 pub(super) fn profile(
     document: &Document,
     places: [&Item<'_>; 2],
@@ -83,7 +80,7 @@ pub(super) fn profile(
                     report.count("lights.extras_ignored", 1);
                     report.warn(
                         &item.path,
-                        "the node's transform gives the profile no direction; it is ignored",
+                        "the node's transform gives the profile no direction; the profile is ignored",
                     );
                 }
                 return Ok(worn);
@@ -94,16 +91,13 @@ pub(super) fn profile(
     Ok(None)
 }
 
-/// Warns about members that mean nothing for this kind of light.
+/// Warns about members that do not apply to this kind of light.
 pub(super) fn refuse(places: [&Item<'_>; 2], keys: &[&str], kind: &str, report: &mut IngestReport) {
     for item in places
         .iter()
         .flat_map(|place| keys.iter().filter_map(|key| member(place, key)))
     {
         report.count("lights.extras_ignored", 1);
-        report.warn(
-            &item.path,
-            format!("it means nothing for a {kind} and is ignored"),
-        );
+        report.warn(&item.path, format!("does not apply to a {kind}; ignored"));
     }
 }

@@ -1,4 +1,4 @@
-//! `EXT_lights_ies`: lamps with a measured distribution.
+//! `EXT_lights_ies`: lights with a measured distribution.
 
 use std::collections::BTreeMap;
 
@@ -19,14 +19,13 @@ use crate::uri::Target;
 #[derive(Debug, Default)]
 pub(super) struct Profiles {
     profiles: Vec<Profile>,
-    /// By what names them: a URI, or `bufferViews[i]`, which no relative path that a document means
-    /// resembles.
+    /// By key: a URI, or `bufferViews[i]`, which cannot be a valid relative path of a document.
     known: BTreeMap<String, (usize, f64)>,
     files: Vec<Input>,
 }
 
 impl Profiles {
-    /// The profile of the file at `uri`, which the document names at `path`, and its largest
+    /// The profile of the file at `uri`, which the document references at `path`, and its largest
     /// intensity, candela.
     pub fn of_uri(
         &mut self,
@@ -81,14 +80,14 @@ impl Profiles {
         Ok(entry)
     }
 
-    /// The profiles in the order of their first use; notes their files in the document.
+    /// The profiles in the order of first use; records their files in the document.
     pub fn finish(self, document: &mut Document) -> Vec<Profile> {
         self.files.into_iter().for_each(|f| document.note_input(f));
         self.profiles
     }
 }
 
-/// Reads the light that `placed` puts into the world; `None` if it has no place or direction.
+/// Reads the light at `placed`; `None` if its transform gives it no position or direction.
 pub(super) fn read(
     document: &Document,
     placed: &Placed,
@@ -118,7 +117,7 @@ pub(super) fn read(
                     return Err(Fault::invalid(
                         item.path,
                         "neither uri nor bufferView",
-                        "one of them",
+                        "one of the two",
                     ));
                 }
             }
@@ -130,7 +129,7 @@ pub(super) fn read(
         report.count("lights.unplaceable", 1);
         report.warn(
             node.path,
-            "its transform gives the light no place or direction; it is dropped",
+            "its transform gives the light no position or direction; the light is dropped",
         );
         return Ok(None);
     };
@@ -149,11 +148,11 @@ pub(super) fn read(
     }))
 }
 
-/// A profile on a node of this world transform; `None` where that has no direction.
+/// A profile on a node with this world transform; `None` if that gives no direction.
 ///
-/// The extension aims the zero of both angles, nadir, along −Z of the node, and X/Y is its
-/// horizontal plane; horizontal angle 0 is +X, and grows towards +Y, counter-clockwise about the
-/// zenith. Scale plays no part but for its signs.
+/// The extension aims nadir, the zero of both angles, along −Z of the node, and X/Y is its
+/// horizontal plane. Horizontal angle 0 is +X and increases towards +Y, counter-clockwise about the
+/// zenith. Of the scale only the signs matter.
 pub(super) fn wear(profile: usize, transform: &DAffine3) -> Option<PlacedProfile> {
     let m = transform.matrix3;
     let z = m.z_axis.try_normalize()?;
@@ -162,7 +161,7 @@ pub(super) fn wear(profile: usize, transform: &DAffine3) -> Option<PlacedProfile
         .unwrap_or_else(|| z.any_orthonormal_vector());
     let y = z.cross(x);
     let y = if m.y_axis.dot(y) < 0.0 { -y } else { y };
-    // Rows: the profile's X, Y and Z are the node's X, Z and −Y.
+    // Rows: the profile's X, Y and Z axes are the node's X, Z and −Y.
     let rows = DMat3::from_cols(x, z, -y).transpose();
     let from_world = rows.as_mat3();
     debug_assert!((from_world * -z.as_vec3()).distance(Vec3::NEG_Y) < 1e-5);

@@ -31,7 +31,7 @@ impl Doc {
         }
     }
 
-    /// One node with one mesh of these vertices, unindexed.
+    /// One node with one unindexed mesh of these vertices.
     pub fn with_triangles(positions: &[[f32; 3]]) -> Doc {
         let mut doc = Doc::new();
         let positions = doc.floats(positions);

@@ -41,8 +41,8 @@ fn buffers_may_have_awkward_names() {
     }
 }
 
-/// Some writers know no integers. The validator has nothing to say against `1.0`, and writers of
-/// the document must see an index.
+/// Some writers do not distinguish integers. The validator accepts `1.0`, and writers of the
+/// document must see an index.
 #[test]
 fn integers_may_be_written_as_floats() {
     let mut doc = Doc::with_triangles(&UNIT);
@@ -53,7 +53,7 @@ fn integers_may_be_written_as_floats() {
     doc.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 0}]);
     let plain = doc.load().expect("it loads");
 
-    // All integers of the document, but extras'.
+    // Turns all integers of the document, except in extras, into floats.
     fn float(value: &mut serde_json::Value) {
         match value {
             serde_json::Value::Number(n) => *value = json!(n.as_f64()),
@@ -75,7 +75,7 @@ fn integers_may_be_written_as_floats() {
 
 #[test]
 fn data_uris_need_no_files() {
-    // The unit triangle's 36 bytes, once padded and once not.
+    // The 36 bytes of the unit triangle, with and without padding.
     let text = "AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA";
     let doc = Doc::with_triangles(&UNIT);
     for uri in [
@@ -178,7 +178,8 @@ fn compressed_views_without_data_name_their_buffer() {
     assert_eq!(paths(doc.load()), [format!("buffers[{placeholder}]")]);
 }
 
-/// A document could carry off any file that the process can read: its bytes are in what is written.
+/// A document could exfiltrate any file that the process can read, because the output contains its
+/// bytes.
 #[test]
 fn uris_stay_in_the_documents_folder_unless_allowed() {
     let folder = tempfile::tempdir().unwrap();
@@ -218,7 +219,7 @@ fn uris_stay_in_the_documents_folder_unless_allowed() {
         assert!(error.contains("--allow-outside"), "{uri}: {error}");
         assert_eq!(load_uri(uri, true), Ok(()), "{uri}");
     }
-    // Whether the file exists is not told either.
+    // The error must not reveal whether the file exists.
     assert!(
         load_uri("../none.bin", false)
             .unwrap_err()
@@ -245,7 +246,7 @@ fn uris_stay_in_the_documents_folder_unless_allowed() {
     }
 }
 
-/// Nothing reads them but those who write the document again.
+/// Only writers read them.
 #[test]
 fn pictures_that_light_does_not_need_stay_in_the_folder_too() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,4 @@
-//! `EXT_lights_image_based`: which way faces look, how much light they hold, and what stands in for
-//! them.
+//! `EXT_lights_image_based`: orientation of faces, their amount of light, and fallbacks.
 
 use std::f64::consts::{PI, TAU};
 use std::io::Cursor;
@@ -19,7 +18,7 @@ fn png(image: &RgbaImage) -> Vec<u8> {
     png.into_inner()
 }
 
-/// A document under these faces, with further members of the light.
+/// A document with these faces, and further members of the light.
 fn document(faces: &[RgbaImage; 6], light: Value) -> Doc {
     let mut doc = Doc::with_triangles(&UNIT);
     let mut light = light;
@@ -48,7 +47,7 @@ fn black(size: u32) -> [RgbaImage; 6] {
     std::array::from_fn(|_| RgbaImage::from_pixel(size, size, Rgba([0, 0, 0, 255])))
 }
 
-/// The direction of the centre of pixel (i, j), as `Environment` says, and its solid angle.
+/// The direction of the centre of pixel (i, j) in an `Environment`, and its solid angle.
 fn pixel(sky: &Environment, i: u32, j: u32) -> (DVec3, f64) {
     let a = TAU * ((f64::from(i) + 0.5) / f64::from(sky.width) - 0.5);
     let t = |j: f64| PI * j / f64::from(sky.height);
@@ -76,16 +75,16 @@ fn aim(sky: &Environment) -> DVec3 {
     DVec3::new(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z)).normalize()
 }
 
-/// What a camera at the centre sees that looks along `forward` with `up` upwards: the direction of
-/// image position (x, y) in 0..1.
+/// The direction of image position (x, y) in 0..1 for a camera at the centre with the given forward
+/// and up vectors.
 fn seen(forward: DVec3, up: DVec3, x: f64, y: f64) -> DVec3 {
     let right = forward.cross(up);
     (forward + right * (2.0 * x - 1.0) + up * (1.0 - 2.0 * y)).normalize()
 }
 
-/// Forward and up of the faces, in the extension's order: upright all around, and above and below
-/// as one who looks along −Z sees them upright when the head is turned over (OpenGL's faces,
-/// flipped left to right).
+/// Forward and up of the faces, in the extension's order: upright around the horizon; above and
+/// below as seen by a viewer who looks along −Z and tilts the head (OpenGL's faces, flipped
+/// horizontally).
 const CAMERAS: [(DVec3, DVec3); 6] = [
     (DVec3::X, DVec3::Y),
     (DVec3::NEG_X, DVec3::Y),
@@ -97,7 +96,7 @@ const CAMERAS: [(DVec3, DVec3); 6] = [
 
 #[test]
 fn a_lit_texel_of_each_face_lands_where_it_should() {
-    // Off centre in both axes, so that mirrored and turned faces are told apart.
+    // Off centre in both axes, so that mirrored and rotated faces are distinguished.
     let (size, x, y) = (16, 3, 10);
     for (face, (forward, up)) in CAMERAS.into_iter().enumerate() {
         let mut faces = black(size);
@@ -105,14 +104,14 @@ fn a_lit_texel_of_each_face_lands_where_it_should() {
         let sky = sky(document(&faces, json!({})).load().unwrap());
         let at = |k: u32| (f64::from(k) + 0.5) / f64::from(size);
         let expected = seen(forward, up, at(x), at(y));
-        // The texel is 0.1 wide, its centre of light within a hundredth of that from its middle.
+        // The texel is 0.1 wide, and its centroid is within a hundredth of that from its centre.
         assert!(
             aim(&sky).dot(expected) > 1.0 - 1e-5,
             "face {face}: {} {expected}",
             aim(&sky)
         );
-        // Its light is that of its solid angle: exactly parted among pixels. 1e-3: midpoint rule
-        // over the texel, whose area is compared, and pixels bounded by great circles.
+        // Its light is proportional to its solid angle, which is distributed exactly among pixels.
+        // 1e-3 for the midpoint rule over the texel and pixels bounded by great circles.
         let ux = 2.0 * at(x) - 1.0;
         let uy = 2.0 * at(y) - 1.0;
         let solid_angle = (2.0 / f64::from(size)).powi(2) * (1.0 + ux * ux + uy * uy).powf(-1.5);
@@ -126,7 +125,7 @@ fn a_lit_texel_of_each_face_lands_where_it_should() {
 
 #[test]
 fn rotation_turns_the_sky_and_intensity_scales_it() {
-    // Light around +X, turned by 90° about Y: +X goes to −Z.
+    // Light around +X, rotated by 90° about Y: +X goes to −Z.
     let mut faces = black(8);
     for (x, y) in [(3, 3), (4, 3), (3, 4), (4, 4)] {
         faces[0].put_pixel(x, y, Rgba([255; 4]));
@@ -142,9 +141,9 @@ fn rotation_turns_the_sky_and_intensity_scales_it() {
     );
     let plain = sky(document(&faces, json!({})).load().unwrap());
     let ratio = integral(&turned, |_| 1.0).x / integral(&plain, |_| 1.0).x;
-    // Both part the same texels exactly; what differs is the outline of pixels, a few 1e-4.
+    // Both distribute the same texels exactly; only the outlines of pixels differ, by a few 1e-4.
     assert!((ratio - 3.0).abs() < 3e-3, "{ratio}");
-    // A turn about an axis of no symmetry.
+    // A rotation about an axis without symmetry.
     let q = DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -3.0).normalize(), 1.1);
     let tilted = sky(document(&faces, json!({"rotation": q.to_array()}))
         .load()
@@ -158,7 +157,7 @@ fn rotation_turns_the_sky_and_intensity_scales_it() {
 
 #[test]
 fn light_is_kept_and_a_constant_stays_constant() {
-    // sRGB 188 is 0.5029 (IEC 61966-2-1); over alpha 51/255, five times that.
+    // sRGB 188 is 0.5029 (IEC 61966-2-1); divided by alpha 51/255 it is five times that.
     let grey = |alpha| -> [RgbaImage; 6] {
         std::array::from_fn(|_| RgbaImage::from_pixel(32, 32, Rgba([188, 0, 255, alpha])))
     };
@@ -170,7 +169,7 @@ fn light_is_kept_and_a_constant_stays_constant() {
             assert!(p.distance(expected) < 1e-5 * factor, "{p}");
         }
     }
-    // Noise: the integral against that over the cube's own texels, with their exact solid angles.
+    // Noise: the integral is compared with that over the cube's own texels with exact solid angles.
     let size = 64;
     let mut state = 1u32;
     let faces: [RgbaImage; 6] = std::array::from_fn(|_| {
@@ -201,7 +200,7 @@ fn light_is_kept_and_a_constant_stays_constant() {
     }
     let sky = sky(document(&faces, json!({})).load().unwrap());
     let got = integral(&sky, |_| 1.0);
-    // The brief asks for 1 %; the parting of texels is exact but for the pixels' outlines.
+    // The requirement is 1 %; the distribution of texels is exact except for the pixels' outlines.
     assert!(
         ((got / expected) - 1.0).abs().max_element() < 1e-4,
         "{got} {expected}"
@@ -213,7 +212,7 @@ fn coefficients(rows: [[f64; 3]; 9]) -> Value {
     json!(rows)
 }
 
-/// E(n) of the coefficients, after Ramamoorthi and Hanrahan's equations 3 and 4.
+/// E(n) of the coefficients, by Ramamoorthi and Hanrahan's equations 3 and 4.
 fn irradiance(rows: &[[f64; 3]; 9], n: DVec3) -> DVec3 {
     let DVec3 { x, y, z } = n;
     let y = [
@@ -269,8 +268,8 @@ fn irradiance_stands_in_for_missing_faces() {
     ] {
         let expected = irradiance(&SOFT_SKY, n);
         let got = integral(&plain, |d| d.dot(n).max(0.0));
-        // The paper's constants have six digits, and the clamped cosine's kink costs a row of 64
-        // some 1e-4.
+        // The paper's constants have six digits, and the clamped cosine's kink costs about 1e-4 for
+        // a row of 64.
         assert!(
             ((got / expected) - 1.0).abs().max_element() < 1e-3,
             "{n}: {got} {expected}"
@@ -302,7 +301,7 @@ fn negative_radiance_is_clamped_and_said() {
 
 #[test]
 fn what_is_no_sky_is_named() {
-    // Faces of different sizes, and neither faces nor coefficients: dropped, with the reason.
+    // Faces of different sizes, and neither faces nor coefficients: dropped with the reason.
     let mut faces = black(4);
     faces[5] = RgbaImage::new(4, 2);
     let loaded = document(&faces, json!({})).load().unwrap();
@@ -362,7 +361,7 @@ fn only_the_chosen_scenes_sky_is_read_and_required_is_no_obstacle() {
         "{:?}",
         loaded.report.warnings
     );
-    // Its images are not kept: no surface shows them.
+    // Its images are not kept, because no surface shows them.
     assert!(loaded.scene.images.iter().all(Option::is_none));
     assert!(loaded.scene.environment.is_some());
 }

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::build::{Doc, QUAD, UNIT};
 use super::materials::textured;
 
-/// A lit triangle of a material with these extras.
+/// A lit triangle whose material has these extras.
 fn with_extras(lumel: Value) -> Doc {
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["meshes"][0]["primitives"][0]["material"] = json!(0);
@@ -46,7 +46,7 @@ fn values_that_cannot_be_used_are_named_and_ignored() {
     let boolean = "expected true or false; it is ignored";
     let scale = "expected a number of at least 0; it is ignored";
     let limit = "expected a number from 0 to 1; it is ignored";
-    let unknown = "unknown key; those known here are";
+    let unknown = "unknown key; known keys are";
     for ((doc, path), message) in [
         (material("exclude", json!("yes")), boolean),
         (material("exclude", json!(1)), boolean),
@@ -110,7 +110,7 @@ fn extras_of_others_are_none_of_our_business() {
             "found \"off\", expected an object; it is ignored"
         )]
     );
-    // Where exporters put a mesh's properties nothing is read.
+    // Places where exporters put a mesh's properties, which are ignored.
     doc.json["extras"] = json!(null);
     doc.json["meshes"][0]["extras"] = json!({"lumel": {"exclude": true}});
     let loaded = doc.load().unwrap();
@@ -128,7 +128,7 @@ fn the_material_overrides_the_scene_and_the_scene_the_root() {
     doc.json["extras"]["lumel"] = json!({"emitScale": 2, "maxReflectance": 0.9});
     assert_eq!(read(&doc), (2.0, 0.9));
     doc.json["scenes"][0]["extras"]["lumel"] = json!({"emitScale": 3});
-    // Another scene's word does not count.
+    // Extras of another scene do not count.
     doc.push(
         "scenes",
         json!({"nodes": [0], "extras": {"lumel": {"emitScale": 100}}}),
@@ -136,7 +136,7 @@ fn the_material_overrides_the_scene_and_the_scene_the_root() {
     assert_eq!(read(&doc), (3.0, 0.9));
     doc.json["materials"][0]["extras"]["lumel"] = json!({"emitScale": 0, "maxReflectance": 0.25});
     assert_eq!(read(&doc), (0.0, 0.25));
-    // The glTF default material obeys the scene too.
+    // The glTF default material follows the scene too.
     let m = doc.load().unwrap().scene.materials[1].clone();
     assert_eq!((m.gltf_material, m.max_reflectance), (None, 0.9));
 }
@@ -166,7 +166,7 @@ fn primitives_of_excluded_materials_are_left_out_and_counted() {
     assert_eq!(loaded.report.counts["primitives.excluded"], 2);
     assert_eq!(loaded.report.counts["instances.empty"], 1);
     assert_eq!(loaded.scene.instances.len(), 1);
-    // The one that is left knows its number in the document.
+    // The remaining primitive knows its index in the document.
     assert_eq!(loaded.scene.meshes[0].primitives[0].gltf_primitive, 1);
     doc.json["materials"][1]["extras"]["lumel"]["exclude"] = json!(true);
     assert!(matches!(doc.load(), Err(Error::NoTriangles { .. })));
@@ -251,8 +251,8 @@ fn an_excluded_node_is_no_occluder() {
 
 #[test]
 fn an_occluder_does_not_take_the_place_of_what_it_lies_on() {
-    // The occluder comes first, both wind alike: a plain duplicate rule would keep it and leave the
-    // wall black.
+    // The occluder comes first with the same winding: a plain duplicate rule would keep it and
+    // leave the wall black.
     let mut doc = with_extras(json!({"occluder": true}));
     doc.push("materials", json!({}));
     let wall = doc.mesh(json!([{"attributes": {"POSITION": 0}, "material": 1}]));
@@ -298,7 +298,7 @@ fn reflectance_is_limited_where_it_exceeds_and_counted_where_it_is_worn() {
             let colors = doc.floats(&[[c; 3]; 4]);
             doc.json["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = json!(colors);
         }
-        // Not worn, so never counted: neither this nor the white default.
+        // Unused, so not counted: neither this nor the white default.
         doc.push("materials", json!({}));
         let mut scene = doc.load().unwrap().scene;
         let before = scene.materials[0].base_color;

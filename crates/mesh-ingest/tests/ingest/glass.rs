@@ -1,4 +1,4 @@
-//! What lets light through: `KHR_materials_transmission`, `MASK`, `BLEND`, sides.
+//! Light that passes through: `KHR_materials_transmission`, `MASK`, `BLEND`, sides.
 
 use glam::Vec3;
 use image::{ImageFormat, Rgba, RgbaImage};
@@ -54,7 +54,7 @@ fn coloured_glass_passes_its_colour_and_reflects_the_rest() {
             assert_eq!(scene.needs_alpha(0), mode != "OPAQUE" || tau > 0.0);
         }
     }
-    // The limit of reflectance is none of what passes.
+    // The reflectance limit does not apply to transmitted light.
     let mut scene = glass(json!({"transmissionFactor": 1}))
         .load()
         .unwrap()
@@ -83,7 +83,7 @@ fn the_transmission_texture_is_its_red_channel_and_linear() {
     let tau = 0.5 * 128.0 / 255.0;
     let got = scene.transmittance(&soup, 0, 0.2, 0.3);
     assert!(close(got, Vec3::new(0.8, 0.4, 0.0) * tau), "{got}");
-    // Its coordinates are missed like any other's.
+    // Missing coordinates are reported like any other's.
     doc.json["materials"][0]["extensions"]["KHR_materials_transmission"]["transmissionTexture"] =
         json!({"index": texture, "texCoord": 3});
     let report = doc.load().unwrap().report;
@@ -97,7 +97,7 @@ fn glass_that_passes_nothing_is_opaque() {
         let counted = loaded.report.counts.get("materials.opaque_in_effect");
         (!loaded.scene.needs_alpha(0), counted == Some(&1))
     };
-    // Nothing was claimed, so nothing is counted.
+    // The material did not claim transparency, so nothing is counted.
     assert_eq!(opaque(&glass(json!({}))), (true, false));
     assert_eq!(
         opaque(&glass(json!({"transmissionFactor": 0.1}))),
@@ -117,7 +117,7 @@ fn glass_that_passes_nothing_is_opaque() {
     let mut doc = glass(json!({"transmissionFactor": 1}));
     doc.json["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = json!([0, 0, 0, 1]);
     assert_eq!(opaque(&doc), (true, true));
-    // Opaque glass stays whatever its alpha does.
+    // Opaque glass remains, whatever its alpha does.
     doc.json["materials"][0]["alphaMode"] = json!("BLEND");
     assert_eq!(opaque(&doc), (true, true));
     doc.json["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = json!([0, 0, 0, 0.5]);

@@ -10,14 +10,14 @@ use super::build::{Doc, UNIT, load_bytes, paths};
 fn transforms_compose_and_mirror() {
     let mut doc = Doc::with_triangles(&UNIT);
     let child = doc.node(json!({"mesh": 0, "scale": [-2, 1, 1]}));
-    // A quarter turn about Z, then a move.
+    // A quarter turn about Z, then a translation.
     let half = 0.5f64.sqrt();
     doc.json["nodes"][0] =
         json!({"children": [child], "rotation": [0, 0, half, half], "translation": [10, 0, 0]});
     let scene = doc.load().unwrap().scene;
     let soup = Soup::build(&scene);
-    // Local corners (0,0), (−2,0), (0,1) turn to (0,0), (0,−2), (−1,0): mirrored, so the last two
-    // change places.
+    // Local corners (0,0), (−2,0), (0,1) rotate to (0,0), (0,−2), (−1,0); mirrored, so the last two
+    // are swapped.
     let world: Vec<DVec3> = soup.triangles[0]
         .iter()
         .map(|p| p.as_dvec3() + scene.origin)
@@ -26,7 +26,7 @@ fn transforms_compose_and_mirror() {
         .iter()
         .zip([[10.0, 0.0, 0.0], [9.0, 0.0, 0.0], [10.0, -2.0, 0.0]])
     {
-        // f32 corners about a metre from the origin.
+        // The tolerance is for f32 corners about a metre from the origin.
         assert!(
             (*got - DVec3::from(expected)).length() < 1e-6,
             "{got} for {expected:?}"
@@ -38,7 +38,7 @@ fn transforms_compose_and_mirror() {
         "the front stays the front: {}",
         soup.normals[0]
     );
-    // Twice double rounding of the square root of a half.
+    // Twice the double rounding of the square root of a half.
     assert!((scene.origin - DVec3::new(9.5, -1.0, 0.0)).length() < 1e-14);
 }
 
@@ -86,13 +86,13 @@ fn loops_and_second_parents_are_refused() {
     assert_eq!(paths(doc.load()), ["nodes[2].children[0]"]);
     doc.json["nodes"][b]["children"] = json!([b + 1]);
     assert_eq!(paths(doc.load()), ["nodes[2].children[0]"]);
-    // A root of the scene below another.
+    // A root of the scene that is also another node's child.
     doc.json["nodes"][b]["children"] = json!([]);
     doc.json["scenes"][0]["nodes"] = json!([0, b]);
     assert_eq!(paths(doc.load()), ["scenes[0].nodes[1]"]);
 }
 
-/// An engine's own examples leave such parents behind; the validator calls it an error.
+/// An engine's own examples contain such parents; the validator reports an error.
 #[test]
 fn parents_outside_of_the_scene_are_not_parents() {
     let mut doc = Doc::with_triangles(&UNIT);
@@ -109,7 +109,7 @@ fn parents_outside_of_the_scene_are_not_parents() {
     assert_eq!(paths(doc.load()), [format!("nodes[{unused}]")]);
 }
 
-/// Each of these made the walk run for ever, or until memory ended.
+/// Each of these made the walk run forever or exhaust memory.
 #[test]
 fn hierarchies_that_are_no_forest_are_refused_at_once() {
     let load = |nodes: Vec<serde_json::Value>| {
@@ -135,7 +135,7 @@ fn hierarchies_that_are_no_forest_are_refused_at_once() {
             "nodes[0].children[1]: found node 0 itself, expected a hierarchy without loops"
         ]
     );
-    // A loop that a second parent leads into: no node of it is without a parent.
+    // A loop with a second parent outside: none of its nodes is without a parent.
     assert_eq!(
         load(vec![
             json!({"children": [1]}),
@@ -158,7 +158,7 @@ fn hierarchies_that_are_no_forest_are_refused_at_once() {
             "nodes[2].children[0]: found node 3, already a child of node 1, expected a node with one parent"
         ]
     );
-    // 2^60 paths lead to the last one.
+    // 2^60 paths lead to the last node.
     let mut doubling: Vec<_> = (1..=60).map(|i| json!({"children": [i, i]})).collect();
     doubling.push(leaf);
     let problems = load(doubling);
@@ -265,7 +265,7 @@ fn lights_stand_where_their_nodes_do() {
         {"type": "directional", "intensity": -1},
         {"type": "laser"}
     ]);
-    // A quarter turn about X takes −Z to +Y; scale must not change the light.
+    // A quarter turn about X takes −Z to +Y; scale must not affect the light.
     let half = 0.5f64.sqrt();
     for light in 0..4 {
         doc.root(

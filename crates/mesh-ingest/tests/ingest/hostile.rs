@@ -1,4 +1,4 @@
-//! Documents that lie.
+//! Documents with false claims.
 
 use mesh_ingest::{Error, Limits, LoadOptions, load};
 use serde_json::json;
@@ -8,7 +8,7 @@ use super::materials::textured;
 
 #[test]
 fn counts_that_nothing_backs_are_refused_unallocated() {
-    // Four thousand million zeros.
+    // Four billion zeros.
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["accessors"][0] =
         json!({"componentType": 5126, "count": 4_000_000_000u64, "type": "VEC3"});
@@ -68,8 +68,7 @@ fn instancing_bombs_are_refused() {
 
 #[test]
 fn every_truncation_and_flip_ends_in_an_answer() {
-    // Deterministic damage all over a file with most features; only the absence of panics is
-    // asserted.
+    // Deterministic damage all over a file with most features; asserts only that nothing panics.
     let mut doc = Doc::with_triangles(&UNIT);
     let indices = doc.indices(&[0, 1, 2]);
     doc.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
@@ -133,7 +132,7 @@ fn extreme_coordinates_do_not_reach_the_scene() {
         doc.json["nodes"][0] = json!({"mesh": 0, "scale": scale});
         match doc.load() {
             Err(Error::NoTriangles { .. }) => {}
-            // Invertible, but the world has no triangle that f32 could tell from nothing.
+            // Invertible, but in world space no triangle is distinguishable from zero in f32.
             Ok(loaded) => assert_eq!(mesh_ingest::Soup::build(&loaded.scene).dropped_zero_area, 1),
             Err(e) => panic!("{e}"),
         }
@@ -160,7 +159,7 @@ fn meshopt_lies_are_refused() {
     }
 }
 
-/// Light needs none of these, but writers copy them: they failed after the bake.
+/// Light needs none of these, but writers copy them; they used to fail after the bake.
 #[test]
 fn what_only_writers_read_is_checked_too() {
     // Two joints for three vertices.
@@ -174,7 +173,7 @@ fn what_only_writers_read_is_checked_too() {
     let attribute = "meshes[0].primitives[0].attributes";
     assert_eq!(paths(doc.load()), [format!("{attribute}.JOINTS_0")]);
 
-    // A custom attribute of another length.
+    // A custom attribute with another length.
     let mut doc = Doc::with_triangles(&UNIT);
     let floats = doc.floats(&[[0.0; 3]; 4]);
     doc.json["meshes"][0]["primitives"][0]["attributes"]["_WIND"] = json!(floats);
@@ -182,13 +181,13 @@ fn what_only_writers_read_is_checked_too() {
     assert_eq!(error.exit_code(), 3);
     assert_eq!(paths(Err(error)), [format!("{attribute}._WIND")]);
 
-    // A morph target that is not there.
+    // A morph target that does not exist.
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": 99}]);
     let target = "meshes[0].primitives[0].targets[0].POSITION";
     assert_eq!(paths(doc.load()), [target]);
 
-    // Compressed times of an animation that do not decode.
+    // Compressed animation times that do not decode.
     let mut doc = Doc::with_triangles(&UNIT);
     doc.view(&[0; 12]);
     doc.json["bufferViews"][1]["extensions"]["EXT_meshopt_compression"] = json!({"buffer": 0,
@@ -204,7 +203,7 @@ fn what_only_writers_read_is_checked_too() {
     assert!(paths(Err(error))[0].starts_with("bufferViews[1]"));
 }
 
-/// Names and types of a document reached the terminal as they were, with whatever a terminal obeys.
+/// Names and types from documents used to reach the terminal with their control characters.
 #[test]
 fn messages_hold_nothing_that_a_terminal_obeys_and_end() {
     let mut doc = Doc::with_triangles(&UNIT);
@@ -222,7 +221,7 @@ fn messages_hold_nothing_that_a_terminal_obeys_and_end() {
     assert!(text.len() < 2000, "{} bytes", text.len());
 }
 
-/// A decoder makes up for what is missing of a JPEG: 4 GB of grey.
+/// A decoder fills in missing JPEG data: 4 GB of grey.
 #[test]
 fn jpegs_that_cannot_hold_their_pixels_are_refused_undecoded() {
     let picture = image::RgbImage::from_pixel(16, 16, image::Rgb([200, 10, 10]));
@@ -257,7 +256,7 @@ fn jpegs_that_cannot_hold_their_pixels_are_refused_undecoded() {
     );
 }
 
-/// Their decoders take memory for all pixels first.
+/// Decoders allocate memory for all pixels first.
 #[test]
 fn pngs_that_cannot_hold_their_pixels_are_refused_undecoded() {
     let load = |side: [u32; 2]| {
@@ -289,7 +288,7 @@ fn pngs_that_cannot_hold_their_pixels_are_refused_undecoded() {
     }
 }
 
-/// The checksum of PNG's chunks, bit by bit (PNG specification, annex D).
+/// The checksum of PNG chunks, bit by bit (PNG specification, annex D).
 fn crc32(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0u32, |sum, byte| {
         (0..8).fold(sum ^ u32::from(*byte), |s, _| {

@@ -1,4 +1,4 @@
-//! `EXT_lights_ies`: photometric files, their distributions and where they point.
+//! `EXT_lights_ies`: photometric files, distributions and orientation.
 
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write;
@@ -35,7 +35,7 @@ fn steps(from: f64, to: f64, n: usize) -> Vec<f64> {
         .collect()
 }
 
-/// A document with the file on a node of its own.
+/// A document with the file on a separate node.
 fn document(file: &[u8], node: Value) -> Doc {
     let mut doc = Doc::with_triangles(&UNIT);
     let view = doc.view(file);
@@ -89,7 +89,7 @@ fn intensity_times_profile_is_candela() {
         (22.5, 0.0, 245.0),
         (45.0, 45.0, 380.0),
         (30.0, 60.0, 380.0),
-        // Quadrants mirrored.
+        // Mirrored quadrants.
         (45.0, 135.0, 380.0),
         (45.0, 225.0, 380.0),
         (45.0, 315.0, 380.0),
@@ -99,7 +99,7 @@ fn intensity_times_profile_is_candela() {
         (180.0, 0.0, 0.0),
     ] {
         let got = candela(&loaded, v, h);
-        // f32 angles and values: some 1e-6 of the largest.
+        // f32 angles and values: about 1e-6 of the largest.
         assert!(
             (got - expected).abs() < 2e-3,
             "{v} {h}: {got}, not {expected}"
@@ -127,7 +127,7 @@ fn multiplier_and_color_scale_and_odd_ones_are_clamped() {
 
 #[test]
 fn a_profile_hangs_down_the_nodes_axis() {
-    // Nadir 1, the plane of horizontal angle 0 bright, that of 90 half, of 180 and 270 dim.
+    // Nadir 1; the plane at horizontal angle 0 bright, at 90 half, at 180 and 270 dim.
     let file = ies(
         &[0.0, 90.0],
         &[0.0, 90.0, 180.0, 270.0, 360.0],
@@ -140,8 +140,8 @@ fn a_profile_hangs_down_the_nodes_axis() {
         },
     );
     let s = std::f32::consts::FRAC_1_SQRT_2;
-    // The node's axes in the world: as they are, turned by 90° about X (−Z up to +Y, Y to Z),
-    // scaled and mirrored in X.
+    // The node's axes in the world: identity, rotated by 90° about X (−Z to +Y, Y to Z), scaled and
+    // mirrored in X.
     let cases = [
         (json!({}), [Vec3::X, Vec3::Y, Vec3::Z]),
         (
@@ -183,13 +183,13 @@ fn a_light_without_profile_shines_all_around() {
 
 #[test]
 fn fluxes_have_their_closed_forms() {
-    // A sphere and its half: exact in the formula, f32 rounding in the angles.
+    // A sphere and a hemisphere: the formula is exact, the angles are rounded to f32.
     let uniform = read(&ies(&[0.0, 180.0], &[0.0], |_, _| 7.0));
     assert_eq!(uniform.scene.lights[0].intensity, Vec3::splat(14.0));
     assert!((uniform.scene.profiles[0].flux() - 4.0 * PI).abs() < 1e-5);
     let half = read(&ies(&[0.0, 90.0], &steps(0.0, 360.0, 16), |_, _| 7.0));
     assert!((half.scene.profiles[0].flux() - TAU).abs() < 1e-5);
-    // I = cos θ: π. Linear interpolation of a cosine over steps of h falls short by h²/12.
+    // I = cos θ gives π. Linear interpolation of a cosine with step h underestimates it by h²/12.
     for n in [18, 90] {
         let lobe = ies(&steps(0.0, 90.0, n), &[0.0], |v, _| v.to_radians().cos());
         let h = PI / 2.0 / n as f64;
@@ -199,13 +199,14 @@ fn fluxes_have_their_closed_forms() {
             "{n}: {error}"
         );
     }
-    // (1 + cos φ) cos θ: the same, since the cosine of the horizontal angle has no mean. Its
+    // (1 + cos φ) cos θ: the same, because the cosine of the horizontal angle has mean 0. Its
     // largest value is 2.
     let turning = ies(&steps(0.0, 90.0, 90), &steps(0.0, 360.0, 36), |v, h| {
         (1.0 + h.to_radians().cos()) * v.to_radians().cos().max(0.0)
     });
     assert!((read(&turning).scene.profiles[0].flux() * 2.0 / PI - 1.0).abs() < 1e-4);
-    // The same by brute force over `value`: midpoints of a grid that is no multiple of the file's.
+    // The same by brute force over `value`: midpoints of a grid that is not a multiple of the
+    // file's.
     let loaded = read(&ies(&steps(0.0, 120.0, 8), &steps(0.0, 90.0, 3), |v, h| {
         v * v + 3.0 * h
     }));
@@ -221,8 +222,8 @@ fn fluxes_have_their_closed_forms() {
         }
     }
     let brute = sum * PI / nt as f64 * TAU / np as f64;
-    // The rim at 120° falls within one row of the grid: up to half a row's light is gained or lost,
-    // 1e-3.
+    // The rim at 120° falls within one row of the grid, so up to half a row's light is gained or
+    // lost, 1e-3.
     assert!(
         (profile.flux() / brute - 1.0).abs() < 2e-3,
         "{} {brute}",
@@ -232,7 +233,7 @@ fn fluxes_have_their_closed_forms() {
 
 #[test]
 fn symmetric_files_equal_their_unfolded_ones() {
-    // Symmetric in both axes; in the 0–180 axis; in the 90–270 axis.
+    // Symmetric about both axes; about the 0–180 axis; about the 90–270 axis.
     let both = |_: f64, h: f64| 2.0 + (2.0 * h.to_radians()).cos();
     let along = |_: f64, h: f64| 2.0 + h.to_radians().cos();
     let across = |_: f64, h: f64| 2.0 + h.to_radians().sin();
@@ -270,8 +271,8 @@ fn symmetric_files_equal_their_unfolded_ones() {
 fn editions_and_layouts_of_files_are_understood() {
     let numbers = "\n 1, 1000\n2 2 1 1 1 0 0 0 0.5 0.5 9 0 180\r\n0\n 10\n10 ";
     let read = |head: &str| read(&format!("{head}{numbers}"));
-    // 1986 has no first line of its own and 1991 another; both multiply by the ballast-lamp factor.
-    // A lone CR ends lines too.
+    // 1986 has no identification line, 1991 has another one; both multiply by the ballast-lamp
+    // factor. A lone CR ends lines too.
     for (head, expected) in [
         ("A lamp\nmade by hand\nTILT=NONE", 5.0),
         ("IESNA91\n[TEST] 1\nTILT=NONE", 5.0),
@@ -287,7 +288,7 @@ fn editions_and_layouts_of_files_are_understood() {
             loaded.report.warnings
         );
     }
-    // Tilt is skipped and said.
+    // Tilt is ignored with a remark.
     for head in ["TILT=INCLUDE\n1\n3\n0 90 180\n1 0.9 1", "TILT=lamp.tlt"] {
         let loaded = read(&format!("IESNA:LM-63-2002\n{head}"));
         assert_eq!(loaded.scene.lights[0].intensity.x, 10.0);
@@ -334,7 +335,7 @@ fn one_file_is_read_once_and_listed() {
     ));
     assert_eq!(loaded.document.inputs().len(), 2);
     assert_eq!(loaded.report.files, ["a%20lamp.ies"]);
-    // Without the file there is nothing to bake by.
+    // Without the file there is nothing to bake.
     std::fs::remove_file(folder.path().join("a lamp.ies")).unwrap();
     let error = load(&file, &LoadOptions::default()).unwrap_err();
     assert_eq!(error.exit_code(), 2, "{error}");

@@ -1,4 +1,4 @@
-//! What `extras.lumel` adds to lights.
+//! Extensions of lights in `extras.lumel`.
 
 use std::f32::consts::PI;
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::build::{Doc, UNIT};
 
-/// One light, its extras and those of its node.
+/// One light with its extras and those of its node.
 fn with_light(light: Value, node_extras: Value) -> Loaded {
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["extensions"]["KHR_lights_punctual"]["lights"] = json!([light]);
@@ -55,7 +55,7 @@ fn angle_is_the_diameter_in_degrees() {
     let LightKind::Directional { angle, .. } = loaded.scene.lights[0].kind else {
         panic!("{:?}", loaded.scene.lights)
     };
-    // Two roundings of f32.
+    // Two f32 roundings.
     assert!((angle - PI / 180.0).abs() < 1e-8, "{angle}");
 }
 
@@ -102,7 +102,7 @@ fn sizes_of_other_kinds_of_light_are_named() {
     assert_eq!(warnings(&loaded), ["nodes[1].extras.lumel.radius"]);
     let loaded = with_light(json!({"type": "spot"}), json!({"lumel": {"angle": 1}}));
     assert_eq!(warnings(&loaded), ["nodes[1].extras.lumel.angle"]);
-    // Extras that are no object, or hold nothing of ours, are nobody's business.
+    // Extras that are not an object, or contain no `lumel`, are ignored.
     for extras in [json!("text"), json!([1]), json!({"radius": 1})] {
         assert_eq!(
             warnings(&with_light(json!({"type": "spot"}), extras)),
@@ -148,7 +148,7 @@ fn damaged_lights_end_in_an_answer() {
     }));
     assert!(doc.load().is_ok());
     let whole = serde_json::to_string(&doc.json).unwrap();
-    // Every number in turn, and every name, put wrong.
+    // Corrupts every number in turn, and every name.
     let number = |c: char| c.is_ascii_digit();
     for (at, c) in whole.char_indices().filter(|&(_, c)| number(c) || c == '"') {
         for wrong in ["-7", "1e38", "null", "[]", "x"] {

@@ -1,11 +1,11 @@
-//! Levels of detail and variants: who stands in for whom.
+//! Levels of detail and variants: which nodes stand in for others.
 
 use mesh_ingest::{LoadOptions, Loaded, LodSource, Soup};
 use serde_json::{Value, json};
 
 use super::build::{Doc, UNIT, load_bytes, paths};
 
-/// Nodes with a triangle each, at the root and in one place unless they say otherwise.
+/// Nodes with one triangle each, at the root and in the same place unless specified otherwise.
 fn nodes(nodes: &[Value]) -> Doc {
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["nodes"] = json!([]);
@@ -22,7 +22,7 @@ fn named(name: &str, x: f64) -> Value {
     json!({"name": name, "translation": [x, 0, 0]})
 }
 
-/// By instance in the order of nodes: the nodes that it stands in for.
+/// For each instance in the order of nodes, the nodes that it stands in for.
 fn stand_ins(loaded: &Loaded) -> Vec<Option<Vec<usize>>> {
     let scene = &loaded.scene;
     let mut out = vec![None; scene.instances.len()];
@@ -54,12 +54,12 @@ fn check(doc: &Doc, expected: &[Option<&[usize]>]) -> Loaded {
 fn names_tell_levels_among_siblings_in_one_place() {
     let at = |name| named(name, 0.0);
     let first: Option<&[usize]> = Some(&[1]);
-    // In any order of nodes; levels may be left out.
+    // Nodes in any order; levels may be missing.
     let three = [at("a_LOD2"), at("a_lod0"), at("A_LOD1"), at("other")];
     check(&nodes(&three), &[first, None, first, None]);
     let later = [at("x"), at("a_LOD3"), at("a_LOD7")];
     check(&nodes(&later), &[None, None, first]);
-    // Of others, in other places, alone, and what Blender makes of copies.
+    // Levels of other objects, in other places, single ones, and Blender's names of copies.
     check(
         &nodes(&[at("a_LOD0"), at("b_LOD1"), at("a_LOD")]),
         &[None; 3],
@@ -91,7 +91,7 @@ fn a_level_is_all_that_is_below_its_node() {
         json!({"name": "coarse"}),
     ]);
     doc.json["scenes"][0]["nodes"] = json!([]);
-    // What an ancestor says goes before names below it.
+    // A mark on an ancestor takes precedence over names below it.
     doc.root(json!({"name": "tree_LOD0", "children": [0, 1]}));
     doc.root(json!({"name": "tree_LOD1", "children": [2]}));
     let loaded = doc.load().expect("it loads");
@@ -115,8 +115,7 @@ fn extras_tell_levels_and_variants_wherever_they_are() {
     let first: Option<&[usize]> = Some(&[0]);
     let loaded = check(&nodes(&[lod(1), lod(2), lod(2)]), &[None, first, first]);
     assert_eq!(loaded.report.lods[0].by, LodSource::Extras);
-    // A level of a variant that is not the first takes the light of the first variant's finest
-    // level.
+    // A level of a later variant copies the light of the first variant's finest level.
     let both = [
         variant(0, "a_LOD0"),
         variant(0, "a_LOD1"),
@@ -147,12 +146,12 @@ fn levels_of_msft_lod_need_no_place_in_the_scene() {
         |ids: &[usize]| json!({"extensions": {"MSFT_lod": {"ids": ids}}, "scale": [2, 2, 2]});
     let mut doc = nodes(&[msft(&[1, 2]), json!({}), json!({})]);
     let first: Option<&[usize]> = Some(&[0]);
-    // In the scene as well, and then not in it.
+    // In the scene graph, and then not.
     check(&doc, &[None, first, first]);
     doc.json["scenes"][0]["nodes"] = json!([0]);
     let loaded = check(&doc, &[None, first, first]);
     assert_eq!(loaded.report.lods[0].by, LodSource::MsftLod);
-    // They stand where the first does: below its parent.
+    // They take the place of the first: below its parent.
     doc.json["scenes"][0]["nodes"] = json!([]);
     doc.root(json!({"children": [0], "translation": [0, 7, 0]}));
     let loaded = check(&doc, &[None, first, first]);

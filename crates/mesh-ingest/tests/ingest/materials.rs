@@ -61,14 +61,14 @@ fn filtering_and_wrapping_follow_the_sampler() {
         let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
         let mut doc = textured(material, Some(&black_white()));
         doc.json["samplers"][0] = sampler;
-        // Along the lower edge of the first triangle u is the texture's s; stretch it over −1..=2.
+        // Along the lower edge of the first triangle u is the texture's s; stretched over −1..=2.
         doc.json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"]["KHR_texture_transform"] =
             json!({"offset": [-1, 0], "scale": [3, 1]});
         let scene = doc.load().unwrap().scene;
         let soup = Soup::build(&scene);
         scene.base_color(&soup, 0, (u + 1.0) / 3.0, 0.0).x
     };
-    // Texel centres lie at 0.25 and 0.75.
+    // Texel centres are at 0.25 and 0.75.
     let linear = json!({});
     for (u, expected) in [
         (0.25, 0.0),
@@ -155,7 +155,7 @@ fn masks_cut_and_blends_thin() {
             < 1e-6
     );
     assert!((scene.presence(&soup, 0, 0.5, 0.0) - 0.5).abs() < 1e-6);
-    // Nothing shines through where the least alpha is above the cutoff, or one.
+    // Nothing passes if the lowest alpha is above the cutoff, or is one.
     let half = RgbaImage::from_pixel(2, 2, image::Rgba([9, 9, 9, 200]));
     for (mode, image, opaque) in [
         ("MASK", &half, true),
@@ -185,7 +185,7 @@ fn emission_is_factor_times_strength_times_texture() {
     let full = Vec3::new(10.0, 5.0, 0.0);
     assert!((scene.emission(&soup, 0, 0.75, 0.0) - full).length() < 1e-5);
     assert!((scene.emission(&soup, 0, 0.5, 0.0) - full * 0.5).length() < 1e-5);
-    // Half of the quad glows; bilinear filtering with wrap-around keeps the mean.
+    // Half of the quad is emissive; bilinear filtering with wrap-around preserves the mean.
     let mean = (scene.mean_emission(&soup, 0, 4096) + scene.mean_emission(&soup, 1, 4096)) * 0.5;
     assert!(
         (mean - full * 0.5).length() < 0.05 * full.length(),
@@ -195,7 +195,8 @@ fn emission_is_factor_times_strength_times_texture() {
 
 #[test]
 fn images_are_decoded_only_if_light_needs_them() {
-    // A broken image in a normal map, and an emissive texture whose factor is zero, do not matter.
+    // A broken image of a normal map, or of an emissive texture whose factor is zero, does not
+    // matter.
     let material = json!({"normalTexture": {"index": 0}, "emissiveTexture": {"index": 0}});
     let mut doc = textured(material, Some(&black_white()));
     let junk = doc.view(b"not an image");
@@ -268,7 +269,7 @@ fn barycentrics_refer_to_world_corners_also_when_mirrored() {
         doc.json["nodes"][0]["scale"] = json!([scale, 1, 1]);
         let scene = doc.load().unwrap().scene;
         let soup = Soup::build(&scene);
-        // The corner at local +Y is blue, wherever it stands in the world's order.
+        // The corner at local +Y is blue, wherever it is in the world's order.
         let top = soup.triangles[0].iter().position(|p| p.y > 0.0).unwrap();
         let [u, v] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]][top];
         assert_eq!(
@@ -289,12 +290,12 @@ fn shading_normals_turn_with_the_inverse_transpose() {
         doc.json["nodes"][0]["scale"] = json!([2.0 * mirror, 1, 1]);
         let scene = doc.load().unwrap().scene;
         let soup = Soup::build(&scene);
-        // Stretching x by two halves the normal's x before it is made unit again.
+        // Stretching x by two halves the normal's x before normalisation.
         let expected = Vec3::new(0.5 * mirror as f32, 0.0, 1.0).normalize();
         let got = scene.shading_normal(&soup, 0, 0.3, 0.3);
         assert!((got - expected).length() < 1e-6, "{got} for {expected}");
     }
-    // Normals that point to the back are turned over; none at all gives the face's.
+    // Normals that point to the back are flipped; without normals the face's is used.
     let mut doc = Doc::with_triangles(&UNIT);
     let normals = doc.floats(&[[0.0, 0.0, -1.0]; 3]);
     doc.json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(normals);

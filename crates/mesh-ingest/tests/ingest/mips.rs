@@ -1,4 +1,4 @@
-//! Mean reflectance about a point, against averages known exactly.
+//! Mean reflectance around a point, compared with exactly known averages.
 
 use std::f32::consts::PI;
 
@@ -10,8 +10,8 @@ use serde_json::{Value, json};
 use super::build::Doc;
 use super::materials::textured;
 
-/// 16-bit storage of a level's colour and share; three roundings (colour, share, sum) of half a
-/// step each.
+/// 16-bit storage of a level's colour and presence: three roundings (colour, presence, sum) of half
+/// a step each.
 const STORED: f32 = 1.5 / 65535.0 + 1e-6;
 
 struct Baked {
@@ -90,7 +90,7 @@ fn a_checkerboard_is_the_mean_of_its_decoded_colours() {
     let image = checker(64, [100, 0, 255, 255], [200, 255, 0, 255]);
     let baked = Baked::new(&quad(&image, json!({})));
     let mean = Vec3::new((linear(100) + linear(200)) * 0.5, 0.5, 0.5);
-    // From 8 texels a side on the blur is that of level 1, whose texels are all alike.
+    // From 8 texels per side on, the blur is that of level 1, whose texels are all equal.
     for side in [8.0f32, 13.0, 20.0, 40.0] {
         for (x, y) in [(0.3, 0.3), (0.11, 0.52), (0.5, 0.017)] {
             let got = baked.at(x, y, (side / 64.0).powi(2));
@@ -119,13 +119,13 @@ fn what_a_mask_cuts_out_does_not_bleed_in() {
             );
         }
     }
-    // Half transparent counts half: colours 1 and 0 at alphas 1 and 0.5 (128/255) mean 1 / (1 +
-    // 0.502).
+    // Half transparent counts half: colours 1 and 0 at alphas 1 and 0.5 (128/255) average to 1 / (1
+    // + 0.502).
     let image = checker(32, [255, 255, 255, 255], [0, 0, 0, 128]);
     let baked = Baked::new(&quad(&image, json!({"alphaMode": "BLEND"})));
     let mean = 1.0 / (1.0 + 128.0 / 255.0);
     assert!((baked.at(0.3, 0.3, 0.1).x - mean).abs() < STORED);
-    // Nothing there reflects nothing.
+    // An absent surface reflects nothing.
     let holes = RgbaImage::from_fn(32, 32, |x, _| Rgba([255, 255, 255, 255 * u8::from(x < 2)]));
     let baked = Baked::new(&quad(&holes, json!({"alphaMode": "MASK"})));
     assert_eq!(baked.at(0.5, 0.3, 0.01), Vec3::ZERO);
@@ -133,8 +133,8 @@ fn what_a_mask_cuts_out_does_not_bleed_in() {
 
 #[test]
 fn a_rare_opaque_texel_keeps_its_colour() {
-    // One texel of 1024² is there: its share, 1e-6, is below a 16-bit step, and its colour must not
-    // be lost.
+    // One texel of 1024² is present. Its presence, 1e-6, is below a 16-bit step, and its colour
+    // must survive.
     let image = RgbaImage::from_fn(1024, 1024, |x, y| {
         let there = (x, y) == (700, 300);
         Rgba(if there {
@@ -159,8 +159,8 @@ fn gradients_keep_their_place() {
     let baked = Baked::new(&quad(&image, json!({})));
     for side in [0.02f32, 0.1, 0.25, 0.4] {
         for (x, y) in [(0.3, 0.4), (0.42, 0.3), (0.25, 0.5)] {
-            // A linear ramp's mean is its value in the middle. Bytes round by at most half of a
-            // step, of slope ≤ 2.3/255 at white.
+            // The mean of a linear ramp is its value in the middle. Bytes round by at most half a
+            // step, with slope ≤ 2.3/255 at white.
             let got = baked.at(x, y, side * side);
             let tolerance = 0.5 * 2.3 / 255.0;
             assert!(
@@ -171,16 +171,16 @@ fn gradients_keep_their_place() {
     }
 }
 
-/// The filter is a square whose border is soft by an eighth of its side: its variance is 9/8 of the
-/// square's s²/12, so that on a function of curvature f'' it errs by s²/96 · f''/2; twice that for
-/// where two levels meet.
+/// The filter is a square whose border is soft by an eighth of its side, so its variance is 9/8 of
+/// the square's s²/12. For a function with second derivative f'' the error is s²/96 · f''/2; twice
+/// that where two levels meet.
 fn softness(side: f32, curvature: f32) -> f32 {
     2.0 * side * side / 96.0 * curvature / 2.0
 }
 
 #[test]
 fn mirrored_and_plain_repeats_go_on_as_the_sampler_says() {
-    // cos πx, which mirroring continues smoothly.
+    // cos πx is smoothly continued by mirroring.
     let wave = |x: f32| 0.5 + 0.4 * (PI * x).cos();
     let image = RgbaImage::from_fn(64, 64, |x, _| {
         let b = byte(wave((x as f32 + 0.5) / 64.0));
@@ -202,7 +202,7 @@ fn mirrored_and_plain_repeats_go_on_as_the_sampler_says() {
             let exact = if mirrored {
                 0.5 + 0.4 * (PI * s).cos() * (PI * side / 2.0).sin() / (PI * side / 2.0)
             } else if s.fract() == 0.0 {
-                // Half of the square lies before the seam and half behind: wave is odd about 0.5.
+                // Half of the square is before the seam and half behind it; wave is odd about 0.5.
                 0.5
             } else {
                 let (f, h) = (s.fract(), side / 2.0);
@@ -231,7 +231,7 @@ fn odd_sizes_keep_the_mean_of_the_whole() {
             }
         }
         let mean = Vec3::from_array(mean.map(|m| m as f32));
-        // 22 repeats in the square: the top level, wherever.
+        // 22 repeats in the square: the top level everywhere.
         let baked = Baked::new(&repeated(&image, 16.0, json!({})));
         for (x, y) in [(0.3, 0.3), (0.123, 0.456)] {
             let got = baked.at(x, y, 2.0);
@@ -276,8 +276,7 @@ fn area_is_the_worlds() {
         // Levels differ by the rounding of f32 areas.
         assert!((a - b).abs().max_element() < 1e-4, "{side}: {a} {b}");
     }
-    // Stretched 4 : 1 across the waves, a square of 0.2 m sees a quarter of one wave's length more
-    // or less.
+    // Stretched 4 : 1 across the waves, a square of 0.2 m varies by a quarter of one wavelength.
     doc.json["nodes"][0]["scale"] = json!([4, 1, 1]);
     let wide = Baked::new(&doc);
     let (u, side) = (0.25f32, 0.2f32);
@@ -299,12 +298,12 @@ fn factors_limits_and_vertex_colours_apply() {
     let mut scene = doc.load().unwrap().scene;
     let got = Baked::of(scene.clone()).at(0.3, 0.3, 0.1);
     assert!((got - Vec3::new(0.4, 0.25, 0.125)).abs().max_element() < STORED);
-    // Texels above the limit are cut before they are averaged: 0.9 and 0 have the mean 0.45.
+    // Texels are clamped to the limit before averaging: 0.9 and 0 have the mean 0.45.
     scene.materials[0].max_reflectance = 0.9;
     scene.meshes[0].primitives[0].colors.clear();
     let got = Baked::of(scene.clone()).at(0.3, 0.3, 0.1);
     assert!((got - Vec3::new(0.4, 0.45, 0.45)).abs().max_element() < STORED);
-    // Occluders reflect nothing, by material and by node.
+    // Occluders reflect nothing, whether by material or by node.
     scene.instances[0].occluder = true;
     assert_eq!(Baked::of(scene.clone()).at(0.3, 0.3, 0.1), Vec3::ZERO);
     scene.instances[0].occluder = false;
@@ -325,7 +324,7 @@ fn without_a_texture_the_point_counts() {
 
 #[test]
 fn glass_does_not_tint_its_frame() {
-    // Left half: red glass, right half: a blue frame. What is transmitted does not reflect.
+    // Left half: red glass; right half: a blue frame. Transmitted light is not reflected.
     let base = RgbaImage::from_fn(32, 32, |x, _| {
         Rgba(if x < 16 {
             [255, 0, 0, 255]
@@ -348,7 +347,7 @@ fn glass_does_not_tint_its_frame() {
         "images",
         json!({"bufferView": view, "mimeType": "image/png"}),
     );
-    // Nearest, so that no texel between lies half in the glass.
+    // Nearest, so that no texel in between is half glass.
     doc.push("samplers", json!({"magFilter": 9728}));
     doc.push("textures", json!({"source": 1, "sampler": 1}));
     let baked = Baked::new(&doc);

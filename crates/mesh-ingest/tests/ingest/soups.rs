@@ -7,8 +7,7 @@ use super::build::{Doc, UNIT};
 
 #[test]
 fn coincident_triangles_keep_one_per_acting_side() {
-    // Nodes 1..: the same triangle again, turned over (mirrored in Z), and both with a two-sided
-    // mesh.
+    // Nodes 1..: the same triangle again, mirrored in Z, and both with a double-sided mesh.
     let mut doc = Doc::with_triangles(&UNIT);
     doc.json["materials"] = json!([{"doubleSided": true}]);
     let two_sided = doc.mesh(json!([{"attributes": {"POSITION": 0}, "material": 0}]));
@@ -51,8 +50,8 @@ fn duplicates_say_where_they_lie() {
         );
         let [first, end] = soup.duplicate_ranges[d.source.instance as usize];
         assert!((first..end).contains(&(i as u32)));
-        // Its own corners, as ingest would place them, are those of the kept one in the order that
-        // it says.
+        // Its own corners, as ingest would place them, are those of the kept one in the stated
+        // order.
         let instance = &scene.instances[d.source.instance as usize];
         let primitive = &scene.meshes[instance.mesh].primitives[d.source.primitive as usize];
         let [a, b, c] = primitive.triangles[d.source.triangle as usize];
@@ -88,7 +87,7 @@ fn many_coincident_triangles_are_not_quadratic() {
 #[test]
 fn thin_and_tiny_worlds_lose_only_what_has_no_area() {
     let mut doc = Doc::with_triangles(&UNIT);
-    // Beyond f32: at 1e9 m from the other, an edge of a metre is below a unit in the last place.
+    // Beyond f32: at 1e9 m from the other, a metre is below a unit in the last place.
     doc.root(json!({"mesh": 0, "translation": [2e9, 0, 0]}));
     let scene = doc.load().unwrap().scene;
     let soup = Soup::build(&scene);
