@@ -1,23 +1,23 @@
-//! Which triangles share an edge, by position.
+//! Triangles that share an edge, by position.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// For each triangle corner `c` (edge from corner `c` to the next), the triangles across that edge,
-/// in compressed rows.
+/// For each triangle corner `c` (the edge from `c` to the next corner), the triangles across that
+/// edge, in compressed rows.
 ///
 /// Vertices are identified by exact position, because files split vertices at normals and texture
-/// seams; an edge shared by three or more triangles joins them all.
+/// seams. An edge shared by three or more triangles connects all of them.
 pub(crate) struct Adjacency {
     starts: Vec<u32>,
     neighbours: Vec<u32>,
 }
 
 impl Adjacency {
-    /// O(n log n) in triangles. Only triangles of equal `key` become neighbours.
+    /// O(n log n) in triangles. Only triangles with equal `key` become neighbours.
     pub(crate) fn build(triangles: &[[Vec3; 3]], key: impl Fn(usize) -> u32 + Sync) -> Self {
         let vertex = weld(triangles);
-        // Edges as (low vertex, high vertex, triangle), sorted: equal edges stand together.
+        // Edges as (low vertex, high vertex, triangle); sorting groups equal edges.
         let mut edges: Vec<(u32, u32, u32)> = (0..triangles.len() as u32)
             .into_par_iter()
             .flat_map_iter(|t| {
@@ -29,8 +29,8 @@ impl Adjacency {
         edges.par_sort_unstable();
         let mut pairs: Vec<(u32, u32)> = Vec::with_capacity(edges.len());
         for run in edges.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
-            // A chain instead of all pairs: the same connectivity, and a fan of thousands of
-            // triangles on one edge stays linear.
+            // A chain instead of all pairs has the same connectivity, and keeps a fan of thousands
+            // of triangles on one edge linear.
             for w in run.windows(2) {
                 if key(w[0].2 as usize) == key(w[1].2 as usize) && w[0].2 != w[1].2 {
                     pairs.push((w[0].2, w[1].2));
@@ -58,7 +58,7 @@ impl Adjacency {
     }
 }
 
-/// A number for every corner, equal for corners at exactly the same position (−0 equals +0).
+/// A number for every corner, equal for corners with exactly the same position (−0 equals +0).
 fn weld(triangles: &[[Vec3; 3]]) -> Vec<u32> {
     let mut corners: Vec<([u32; 3], u32)> = triangles
         .par_iter()

@@ -1,4 +1,4 @@
-//! The grid that cuts one region into cells, and the exact share of every triangle in every cell.
+//! The grid that divides a region into cells, and the exact area of every triangle in every cell.
 
 use glam::{DVec2, Vec3};
 use mesh_ingest::Soup;
@@ -36,15 +36,15 @@ pub(crate) struct Fragment {
     pub area: f32,
 }
 
-/// Chooses the frame of a region: the plane of its mean normal, turned so that most boundary runs
-/// along an axis, with cells near `size` metres that fill the region's extent exactly (so cell
-/// borders fall on a wall's borders).
+/// Chooses the frame of a region: the plane of its mean normal, rotated so that most boundary edges
+/// run along an axis, with cells of about `size` metres that divide the region's extent evenly, so
+/// that cell borders coincide with a wall's borders.
 pub(crate) fn choose_frame(soup: &Soup, triangles: &[u32], size: f32) -> Frame {
     let mut normal = Vec3::ZERO;
     for &t in triangles {
         normal += soup.normals[t as usize] * soup.areas[t as usize];
     }
-    // Faces that cancel (a closed shell in one cluster): any plane serves.
+    // If faces cancel out (a closed shell in one cluster), any plane will do.
     let normal = normal
         .try_normalize()
         .unwrap_or(soup.normals[triangles[0] as usize]);
@@ -68,9 +68,9 @@ pub(crate) fn choose_frame(soup: &Soup, triangles: &[u32], size: f32) -> Frame {
     let extent = [high[0] - low[0], high[1] - low[1]];
     let mut size = size;
     let area: f32 = triangles.iter().map(|&t| soup.areas[t as usize]).sum();
-    // A long diagonal or ring-shaped region fills little of its rectangle; its cells grow until the
-    // table that looks them up stays in proportion to the cells that exist.
-    let budget = 4096.0 + 16.0 * area / (size * size); // 4096 for an infinite size
+    // A long diagonal or ring-shaped region fills little of its bounding rectangle. Its cells grow
+    // until the lookup table is in proportion to the cells that exist.
+    let budget = 4096.0 + 16.0 * area / (size * size); // 4096 for an infinite size.
     let cells_at = |s: f32| (extent[0] / s).max(1.0) * (extent[1] / s).max(1.0);
     while cells_at(size) > budget {
         size *= 1.5;
@@ -100,7 +100,7 @@ pub(crate) fn choose_frame(soup: &Soup, triangles: &[u32], size: f32) -> Frame {
     }
 }
 
-/// The frame of a cluster of loose pieces: one cell over all of it.
+/// The frame of a cluster of loose pieces: a single cell.
 pub(crate) fn frame_of_cluster(soup: &Soup, triangles: &[u32]) -> Frame {
     Frame {
         sub: 4,
@@ -108,8 +108,8 @@ pub(crate) fn frame_of_cluster(soup: &Soup, triangles: &[u32]) -> Frame {
     }
 }
 
-/// Sum of (sin 4θ, cos 4θ) over boundary edges weighted by length: edges a quarter turn apart count
-/// as one direction.
+/// Sum of (sin 4θ, cos 4θ) over boundary edges, weighted by length, so that perpendicular edges
+/// count as the same direction.
 fn boundary_direction(soup: &Soup, triangles: &[u32], x: Vec3, y: Vec3) -> (f64, f64) {
     type Edge = ([u32; 3], [u32; 3]);
     let bits = |p: Vec3| {
@@ -153,8 +153,8 @@ pub(crate) fn fine_corners(soup: &Soup, frame: &Frame, triangle: u32) -> [DVec2;
     })
 }
 
-/// Cuts the triangle into its parts by fine cell. The parts' areas sum to the triangle's area (to
-/// rounding).
+/// Splits the triangle by fine cells. The areas of the parts sum to the triangle's area, up to
+/// rounding.
 pub(crate) fn rasterise(soup: &Soup, frame: &Frame, triangle: u32, out: &mut Vec<Fragment>) {
     let fine = [frame.cells[0] * frame.sub, frame.cells[1] * frame.sub];
     let area = soup.areas[triangle as usize];

@@ -1,12 +1,27 @@
-//! Cuts a scene's surfaces into *patches*, between which light is exchanged, and *elements*, which
-//! record direct light more finely (Cohen, Greenberg, Immel, Brock, *An efficient radiosity
+//! Divides a scene's surfaces into *patches*, which exchange light, and *elements*, which record
+//! direct light at a finer resolution (Cohen, Greenberg, Immel, Brock, *An efficient radiosity
 //! approach for realistic image synthesis*, 1986: substructuring).
 //!
-//! Patches are sized in world units and do not follow the tessellation: triangles are first
-//! gathered into regions, each about flat, and a square grid in the region's own plane cuts it. A
-//! wall of two triangles becomes many patches; a statue of a hundred thousand becomes some dozens.
-//! A point on the surface finds its patch and its element in constant time, by projection
+//! Patches have a size in world units, independent of tessellation. Triangles are first grouped
+//! into nearly flat regions, and each is divided by a square grid in its own plane. A wall of two
+//! triangles becomes many patches, and a statue of a hundred thousand becomes a few dozen. A point
+//! on the surface finds its patch and its element in constant time, by projection
 //! ([`Subdivision::locate`]).
+//!
+//! ```
+//! use glam::Vec3;
+//! use mesh_ingest::{LoadOptions, Soup, load};
+//! use patch_subdivision::{Options, Subdivision};
+//!
+//! let cube = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/furnace_cube_50.glb");
+//! let soup = Soup::build(&load(cube.as_ref(), &LoadOptions::default())?.scene);
+//! let cut = Subdivision::build(&soup, |_| false, &Options { patches: 600, ..Options::default() });
+//! assert!(cut.elements().len() >= cut.patches().len());
+//! let centre = soup.triangles[0].iter().sum::<Vec3>() / 3.0;
+//! let at = cut.locate(0, centre, false).expect("the front of a wall");
+//! assert!(cut.patches()[at.patch.0 as usize].area > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod adjacency;
 mod grid;

@@ -1,4 +1,4 @@
-//! Exact coverage of grid cells by triangles: how much of each cell, not whether its centre.
+//! Exact coverage of grid cells by triangles, instead of tests at cell centres.
 
 use glam::DVec2;
 
@@ -75,8 +75,8 @@ impl Polygon {
             })
     }
 
-    /// The part inside cell (`column`, `row`) of a grid of `size` unit cells. Cells at the grid's
-    /// rim reach to infinity, so nothing that rounding puts beyond it is lost.
+    /// The part inside cell (`column`, `row`) of a grid of `size` unit cells. Cells at the rim
+    /// extend to infinity, so that nothing is lost to rounding.
     pub fn clip_to_cell(&self, column: u32, row: u32, size: [u32; 2]) -> Polygon {
         let mut p = *self;
         for (axis, at) in [column, row].into_iter().enumerate() {
@@ -92,16 +92,16 @@ impl Polygon {
 }
 
 /// Calls `emit(column, row, share)` for every cell of a grid of `size` unit cells that the triangle
-/// touches, with the share of the triangle's area that lies there; the shares sum to 1. Cells at
-/// the rim take what lies beyond them.
+/// touches, with the fraction of the triangle's area in the cell; the fractions sum to 1. Cells at
+/// the rim include everything beyond them.
 ///
-/// A triangle that is degenerate in the plane goes whole to the cell of its centroid. Cost: rows
+/// A triangle that is degenerate in the plane is assigned to the cell of its centroid. Cost: rows
 /// plus cells touched.
 pub fn cover_triangle(corners: [DVec2; 3], size: [u32; 2], mut emit: impl FnMut(u32, u32, f64)) {
     cut_triangle(corners, size, |c, r, _, share| emit(c, r, share));
 }
 
-/// [`cover_triangle`] that gives the part of the triangle too.
+/// As [`cover_triangle`], but also passes the part of the triangle.
 pub fn cut_triangle(
     corners: [DVec2; 3],
     size: [u32; 2],
@@ -172,8 +172,8 @@ mod tests {
                 assert!(c < 20 && r < 10 && share > 0.0);
                 sum += share;
             });
-            // Clipping is done in f64 on numbers up to 22: 1e-9 is far above its rounding for all
-            // but needles.
+            // Clipping is done in f64 on numbers up to 22; 1e-9 is far above its rounding, except
+            // for needles.
             assert!((sum - 1.0).abs() < 1e-9, "{sum} {tri:?}");
         }
     }

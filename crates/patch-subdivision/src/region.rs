@@ -9,16 +9,16 @@ use crate::adjacency::Adjacency;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct RegionId(pub u32);
 
-/// How triangles are gathered into regions.
+/// How triangles are grouped into regions.
 #[derive(Debug, Clone, Copy)]
 pub struct RegionOptions {
-    /// Faces within this angle of the first one belong to its plane, however far away. 15° keeps
-    /// the projected area within 1/cos 15° = 1.035 of the true one, so grid cells stay near their
+    /// Faces within this angle of the first one belong to its plane, at any distance. 15° keeps the
+    /// projected area within 1/cos 15° = 1.035 of the true one, so grid cells have about their
     /// nominal size.
     pub flat_angle: f32,
-    /// Faces within this angle belong, if they lie within one patch's size of the first: small
-    /// detail is clustered. At 60° a cluster's mean irradiance still stands for one side of a thing
-    /// and not for all of it.
+    /// Faces within this angle belong if they are within one patch size of the first: small detail
+    /// is clustered. At 60° a cluster's mean irradiance still represents one side of an object
+    /// rather than all of it.
     pub cluster_angle: f32,
 }
 
@@ -38,7 +38,7 @@ pub(crate) struct Regions {
     /// Triangles of each region, in ascending order, in compressed rows.
     pub starts: Vec<u32>,
     pub triangles: Vec<u32>,
-    /// Joined from disconnected pieces.
+    /// Whether the region was merged from disconnected pieces.
     pub cluster: Vec<bool>,
 }
 
@@ -52,8 +52,8 @@ impl Regions {
     }
 }
 
-/// Gathers triangles into regions. `two_sided` says of each triangle whether both its sides act on
-/// light (a region has one kind only); `size` is the nominal patch size in metres.
+/// Groups triangles into regions. `two_sided` says of each triangle whether both sides reflect or
+/// emit (a region has only one kind); `size` is the nominal patch size in metres.
 pub(crate) fn gather_regions(
     soup: &Soup,
     two_sided: impl Fn(usize) -> bool + Sync,
@@ -67,8 +67,7 @@ pub(crate) fn gather_regions(
     let centroid =
         |t: usize| (soup.triangles[t][0] + soup.triangles[t][1] + soup.triangles[t][2]) / 3.0;
 
-    // Large faces first: walls and floors become whole regions, and detail gathers around what is
-    // left.
+    // Large faces first: walls and floors become whole regions, and details group around the rest.
     let mut order: Vec<u32> = (0..n as u32).collect();
     order.sort_by(|&a, &b| {
         soup.areas[b as usize]
@@ -109,10 +108,10 @@ pub(crate) fn gather_regions(
     merge_small(soup, &two_sided, size, &mut of_triangle, regions)
 }
 
-/// Joins regions much smaller than a patch that lie in one voxel and face one way: the leaves of a
-/// tree, the links of a chain, whatever has many small disconnected pieces. Where a voxel of a
-/// patch's size still holds little, larger ones follow, up to four times the size: sparse grass has
-/// no use for a patch a blade.
+/// Merges regions much smaller than a patch if they are in the same voxel and face the same way:
+/// leaves of a tree, links of a chain, and other small disconnected pieces. If a voxel of one patch
+/// size contains little, voxels of up to four times the size are tried, because sparse grass needs
+/// no patch per blade.
 fn merge_small(
     soup: &Soup,
     two_sided: &impl Fn(usize) -> bool,
@@ -124,7 +123,7 @@ fn merge_small(
     for (t, &r) in of_triangle.iter().enumerate() {
         parts[r as usize].add(soup, t, two_sided(t));
     }
-    // Which part each region has become.
+    // The part that each region belongs to now.
     let mut now: Vec<u32> = (0..regions).collect();
     for level in 0..3 {
         let voxel = size * (1 << level) as f32;
@@ -147,7 +146,7 @@ fn merge_small(
             *p = joined[*p as usize];
         }
     }
-    // Number regions by their first triangle, so that the numbering does not hang on the keys.
+    // Numbers regions by their first triangle, so that the numbering does not depend on the keys.
     let mut final_id = vec![u32::MAX; regions as usize];
     let mut cluster = Vec::new();
     for r in of_triangle.iter_mut() {
@@ -179,7 +178,7 @@ fn merge_small(
     }
 }
 
-/// A region while regions are being joined.
+/// A region while regions are being merged.
 struct Part {
     alive: bool,
     cluster: bool,
@@ -228,7 +227,7 @@ impl Part {
         (self.high - self.low).max_element()
     }
 
-    /// Facing (one of six, apart for one- and two-sided faces) and voxel.
+    /// Facing (one of six directions, separately for one- and two-sided faces) and voxel.
     fn key(&self, voxel: f32) -> [i32; 4] {
         let v = ((self.low + self.high) * 0.5 / voxel).floor();
         let axis = self.normal.abs().max_position();

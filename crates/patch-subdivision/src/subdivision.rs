@@ -1,4 +1,4 @@
-//! Patches and elements of a whole scene, and how a surface point finds its own.
+//! Patches and elements of a whole scene, and the lookup from surface points.
 
 use glam::{DVec2, Vec3};
 use mesh_ingest::Soup;
@@ -19,15 +19,15 @@ pub struct PatchId(pub u32);
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ElementId(pub u32);
 
-/// How finely a scene is cut.
+/// How finely a scene is divided.
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
-    /// Patches aimed at; the number made differs, since every region has at least one.
+    /// Target number of patches; the actual number differs, because every region has at least one.
     pub patches: u32,
-    /// Largest share of the patches that one region may take. A ground plane of kilometres would
-    /// otherwise set the size for the town that stands on it.
+    /// Largest fraction of the patches that one region may take. Otherwise a ground plane of
+    /// several kilometres would determine the patch size of the town on it.
     pub region_share: f32,
-    /// How triangles become regions.
+    /// How triangles are grouped into regions.
     pub regions: RegionOptions,
 }
 
@@ -41,30 +41,31 @@ impl Default for Options {
     }
 }
 
-/// A piece of surface that exchanges light with the others.
+/// A piece of surface that exchanges light with others.
 #[derive(Debug, Clone, Copy)]
 pub struct Patch {
     /// Surface area, m².
     pub area: f32,
-    /// First element; they are `elements` many.
+    /// Index of the first of its `elements` elements.
     pub first_element: u32,
     /// Number of elements, 1..=16.
     pub elements: u16,
-    /// Which of the patch's sub × sub cells have an element (row-major bits).
+    /// The patch's sub × sub cells that have an element (row-major bits).
     pub mask: u16,
-    /// The patch stands for the back of its surface.
+    /// Whether the patch is the back of its surface.
     pub back: bool,
-    /// All of it lies where no light comes and from where none is seen; see [`Subdivision::hide`].
+    /// Whether all of it is where no light arrives and from which none is seen; see
+    /// [`Subdivision::hide`].
     pub hidden: bool,
-    /// It is one element of a cell in which each stands alone; nothing is interpolated towards it,
-    /// or from it.
+    /// Whether it is a single element of a cell whose elements are all separate patches; nothing is
+    /// interpolated towards or from it.
     pub fine: bool,
-    /// Names it for random numbers: stays as it is when other patches are cut, and with it what is
-    /// drawn here.
+    /// Seed for random numbers. It stays the same when other patches are divided, and so do the
+    /// random numbers.
     pub name: u32,
 }
 
-/// The finest piece of surface: it records direct light, at one point drawn uniformly from it.
+/// The finest piece of surface. It records direct light at one point, drawn uniformly from it.
 #[derive(Debug, Clone, Copy)]
 pub struct Element {
     /// Triangle of the [`Soup`] under the point.
@@ -73,11 +74,11 @@ pub struct Element {
     pub u: f32,
     /// Barycentric of world corner 2.
     pub v: f32,
-    /// Surface area that the point stands for, m².
+    /// Surface area that the point represents, m².
     pub area: f32,
 }
 
-/// A patch and its weight in an interpolated value.
+/// A patch and its weight in an interpolation.
 #[derive(Debug, Clone, Copy)]
 pub struct Tap {
     /// The patch.
@@ -86,27 +87,27 @@ pub struct Tap {
     pub weight: f32,
 }
 
-/// Where a surface point lies.
+/// Patch and element of a surface point.
 #[derive(Debug, Clone, Copy)]
 pub struct Locus {
     /// Its patch.
     pub patch: PatchId,
-    /// Its element; `None` where too little of the surface lies in that cell for an element.
+    /// Its element; `None` if its cell contains too little surface for an element.
     pub element: Option<ElementId>,
 }
 
-/// Sizes, for the report.
+/// Sizes for the report.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Stats {
-    /// Regions found.
+    /// Number of regions.
     pub regions: u32,
-    /// Patches made.
+    /// Number of patches.
     pub patches: u32,
-    /// Elements made.
+    /// Number of elements.
     pub elements: u32,
     /// Nominal edge of a patch, metres.
     pub patch_size: f32,
-    /// Memory held, bytes.
+    /// Memory in bytes.
     pub bytes: u64,
 }
 
@@ -116,7 +117,7 @@ pub(crate) struct Region {
     /// Start of its row-major table in `tables`.
     pub(crate) table: usize,
     pub(crate) two_sided: bool,
-    /// Disconnected pieces in one cell.
+    /// Whether it consists of disconnected pieces in a single cell.
     pub(crate) loose: bool,
 }
 
@@ -137,12 +138,12 @@ impl Patch {
 
 const NONE: u32 = u32::MAX;
 
-/// A scene cut into patches and elements.
+/// A scene divided into patches and elements.
 #[derive(Debug)]
 pub struct Subdivision {
     pub(crate) regions: Vec<Region>,
     pub(crate) region_of_triangle: Vec<u32>,
-    /// Per region a table of front patches, [`NONE`] where a cell holds no surface.
+    /// One table of front patches per region, with [`NONE`] for cells without surface.
     pub(crate) tables: Vec<u32>,
     pub(crate) patches: Vec<Patch>,
     pub(crate) elements: Vec<Element>,
@@ -150,7 +151,7 @@ pub struct Subdivision {
     patch_size: f32,
 }
 
-/// What one region contributes, before numbering.
+/// Contribution of one region before numbering.
 struct Piece {
     frame: Frame,
     two_sided: bool,
@@ -161,7 +162,7 @@ struct Piece {
 }
 
 impl Subdivision {
-    /// Cuts the scene. `two_sided` says of a triangle whether both its sides act on light: then
+    /// Divides the scene. `two_sided` says whether both sides of a triangle reflect or emit; then
     /// both get patches.
     ///
     /// Deterministic for any number of threads; O(n log n) in triangles plus O(elements).
@@ -235,15 +236,15 @@ impl Subdivision {
         p.first_element as usize..p.first_element as usize + p.elements as usize
     }
 
-    /// Nominal edge of the patches about `triangle`, metres.
+    /// Nominal edge length of the patches around `triangle`, metres.
     pub fn patch_edge(&self, triangle: u32) -> f32 {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
         let [x, y] = region.frame.axes;
         1.0 / x.length().min(y.length())
     }
 
-    /// Patch and element of the point `p` on `triangle`, seen from its back if `back`; `None` on
-    /// the back of a single-sided face, which has no light of its own.
+    /// Patch and element of the point `p` on `triangle`, on its back if `back`; `None` on the back
+    /// of a single-sided face, which has no light.
     #[inline]
     pub fn locate(&self, triangle: u32, p: Vec3, back: bool) -> Option<Locus> {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
@@ -269,23 +270,22 @@ impl Subdivision {
         })
     }
 
-    /// Bilinear weights over the patches about `p`, those that exist in its region, are not hidden
-    /// and not behind a wall; at least one. Arguments as for [`locate`](Self::locate), which must
-    /// have answered for them.
+    /// Bilinear weights over the patches around `p` that exist in its region, are not hidden and
+    /// not behind a wall; at least one. The arguments are those of a successful
+    /// [`locate`](Self::locate).
     #[inline]
     pub fn taps(&self, triangle: u32, p: Vec3, at: Locus) -> ([Tap; 4], usize) {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
         self.taps_in(region, region.frame.project(p), at)
     }
 
-    /// Where on its region's grid a point lies, for [`taps_at`](Self::taps_at).
+    /// Position of a point on its region's grid, for [`taps_at`](Self::taps_at).
     pub fn project(&self, triangle: u32, p: Vec3) -> [f32; 2] {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
         region.frame.project(p)
     }
 
-    /// The middle, on the region's grid, of the cell that an element lies in: as
-    /// [`project`](Self::project).
+    /// Centre of an element's cell on the region's grid, like [`project`](Self::project).
     pub fn middle(&self, element: ElementId, soup: &Soup) -> [f32; 2] {
         let e = &self.elements[element.0 as usize];
         let [a, b, c] = soup.triangles[e.triangle as usize];
@@ -295,8 +295,8 @@ impl Subdivision {
         q.map(|x| ((x * sub).floor() + 0.5) / sub)
     }
 
-    /// [`taps`](Self::taps) of a point by its place on the region's grid; `None` for a patch that
-    /// is not there.
+    /// [`taps`](Self::taps) of a point given by its position on the region's grid; `None` for an
+    /// invalid patch.
     #[inline]
     pub fn taps_at(&self, q: [f32; 2], at: Locus) -> Option<([Tap; 4], usize)> {
         let patch = self.patches.get(at.patch.0 as usize)?;
@@ -361,8 +361,8 @@ impl Subdivision {
         (taps, n)
     }
 
-    /// A point on a cell's border may round into a cell without surface: its neighbour then holds
-    /// it.
+    /// A point on a cell's border may round into a cell without surface; then a neighbouring cell
+    /// contains it.
     #[cold]
     fn nearest_patch(&self, region: &Region, c: u32, r: u32) -> Option<u32> {
         let f = &region.frame;
@@ -383,15 +383,15 @@ impl Subdivision {
         None
     }
 
-    /// Takes elements out that `hidden` (one flag an element) names: parts of surfaces inside of
-    /// other things. Light falls on, and is seen from, the rest of their patch, and a mean over
-    /// both would darken it. Patches of which nothing is left keep their elements, and other
-    /// patches no longer interpolate towards them.
+    /// Removes the elements flagged in `hidden`: parts of surfaces inside other objects. Light
+    /// falls on, and is seen from, only the rest of their patch, and a mean over both would darken
+    /// it. Patches that are hidden completely keep their elements, but other patches no longer
+    /// interpolate towards them.
     ///
     /// # Panics
-    /// When `hidden` has another length than [`elements`](Self::elements).
+    /// If `hidden` does not have one flag per element.
     pub fn hide(&mut self, hidden: &[bool]) {
-        assert_eq!(hidden.len(), self.elements.len(), "one flag an element");
+        assert_eq!(hidden.len(), self.elements.len(), "one flag per element");
         let mut kept = Vec::with_capacity(self.elements.len());
         self.walls.buried = vec![0; self.patches.len()];
         for (patch, buried) in self.patches.iter_mut().zip(&mut self.walls.buried) {
@@ -404,7 +404,7 @@ impl Subdivision {
                 kept.extend_from_slice(&self.elements[range]);
                 continue;
             }
-            // Element k of the patch is its mask's k-th bit.
+            // Element k of the patch is its mask's k-th set bit.
             let mut cells = (0..16u16).filter(|b| patch.mask >> b & 1 == 1);
             let (mut mask, mut area) = (0u16, 0.0f32);
             for k in range {
@@ -438,8 +438,8 @@ impl Subdivision {
     }
 }
 
-/// Edge of a patch so that about `options.patches` cover the scene, when no triangle counts for
-/// more than its share.
+/// Patch edge length for which about `options.patches` patches cover the scene, with each triangle
+/// limited to its allowed fraction.
 fn nominal_size(soup: &Soup, options: &Options) -> f32 {
     let mut areas: Vec<f64> = soup.areas[..soup.seen()]
         .iter()
@@ -447,8 +447,9 @@ fn nominal_size(soup: &Soup, options: &Options) -> f32 {
         .collect();
     areas.sort_unstable_by(f64::total_cmp);
     let mut total: f64 = areas.iter().sum();
-    // Walk down from the largest while it exceeds its share of what it would then be counted in.
-    let share = options.region_share as f64 / 2.0; // two triangles are the usual rectangle
+    // Excludes triangles from the largest on, while they exceed their fraction of the remaining
+    // total.
+    let share = options.region_share as f64 / 2.0; // A rectangle usually consists of two triangles.
     let mut capped = 0usize;
     let mut rest = total;
     for &a in areas.iter().rev() {
@@ -483,13 +484,13 @@ fn cut_region(
     for &t in triangles {
         rasterise(soup, &frame, t, &mut fragments);
     }
-    fragments.sort_by_key(|f| f.fine); // stable: triangles stay in order
+    fragments.sort_by_key(|f| f.fine); // Stable, so triangles stay in order.
     let fine_width = frame.cells[0] * frame.sub;
     let cell_of = |fine: u32| {
         let (r, c) = (fine / fine_width / frame.sub, fine % fine_width / frame.sub);
         r * frame.cells[0] + c
     };
-    // Elements of one patch must stand together: order fine cells by cell, then by place in the
+    // Elements of one patch must be contiguous: sort fine cells by cell, then by position in the
     // cell.
     let mut runs: Vec<&[Fragment]> = fragments.chunk_by(|a, b| a.fine == b.fine).collect();
     runs.sort_by_key(|run| (cell_of(run[0].fine), run[0].fine));
@@ -531,7 +532,7 @@ fn cut_region(
 /// Draws the element's point uniformly from its surface.
 fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
     let area: f32 = run.iter().map(|f| f.area).sum();
-    // The random numbers hang on the first triangle and the cell only, so they are the same in
+    // The random numbers depend only on the first triangle and the cell, so they are the same in
     // every run.
     let seed = hash(run[0].triangle ^ run[0].fine.wrapping_mul(0x9e37_79b9));
     let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
@@ -557,7 +558,7 @@ fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
         let s = random(2).sqrt();
         (s * (1.0 - random(3)), s * random(3))
     };
-    // Off the triangle's edges, where a neighbouring face would be touched.
+    // Away from the triangle's edges, where a ray could hit an adjacent face.
     let inside = |x: f64| x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4;
     Element {
         triangle: chosen.triangle,

@@ -1,35 +1,35 @@
-//! Walls that stand on a surface: what lies on their two sides is kept apart.
+//! Separates the two sides of walls that stand on a surface.
 //!
-//! A region's grid knows nothing of other surfaces: a floor that runs on under a wall has patches
-//! that lie in two rooms. Light that one of them receives would then shine from both. Whoever can
-//! cast rays says which neighbouring elements do not see each other ([`Subdivision::neighbours`],
-//! [`Subdivision::separate`]); patches are cut there, and interpolation stops there. The same cuts
-//! patches into their elements where something stands so close that light differs from one to the
-//! next.
+//! A region's grid knows nothing about other surfaces: a floor that continues under a wall has
+//! patches in two rooms, and light received in one would also be emitted in the other. The caller
+//! casts rays to find neighbouring elements that do not see each other
+//! ([`Subdivision::neighbours`], [`Subdivision::separate`]). Patches are split there, and
+//! interpolation stops there. In the same way patches are split into single elements where
+//! something is so close that light differs from one element to the next.
 
 use crate::subdivision::{ElementId, Locus, Patch, PatchId, Region, Subdivision};
 
 const NONE: u32 = u32::MAX;
 
-/// What [`Subdivision::separate`] found. All empty where no wall stands on any surface.
+/// Results of [`Subdivision::separate`]. All lists are empty if no surface has a wall.
 #[derive(Debug, Default)]
 pub(crate) struct Walls {
-    /// By patch: another patch of the same cell and side, [`NONE`] if there is none.
+    /// For each patch, another patch of the same cell and side, or [`NONE`].
     next: Vec<u32>,
-    /// By patch: where its list begins in `joined`, [`NONE`] where no wall is near.
+    /// For each patch, the start of its list in `joined`, or [`NONE`] if no wall is near.
     near: Vec<u32>,
-    /// Lists: a length, then so many patches, ascending: those that one may interpolate towards.
+    /// Lists of patches to interpolate towards: a length, then the patches in ascending order.
     joined: Vec<u32>,
-    /// By element: a wall stands between it and one of its neighbours, or on it.
+    /// For each element, whether a wall is between it and a neighbour, or on it.
     beside: Vec<bool>,
-    /// By patch: cells whose element was taken out, or would have been if others had been left.
+    /// For each patch, cells whose element was removed (or would have been if others had remained).
     /// Empty before [`Subdivision::hide`].
     pub(crate) buried: Vec<u16>,
 }
 
 impl Walls {
-    /// The patches that one may interpolate towards from `patch`; `None` where no wall is near, and
-    /// all may be.
+    /// The patches towards which light may be interpolated from `patch`; `None` if no wall is near
+    /// and all are allowed.
     #[inline]
     fn joined(&self, patch: u32) -> Option<&[u32]> {
         let at = *self.near.get(patch as usize)?;
@@ -40,7 +40,7 @@ impl Walls {
         Some(&self.joined[at + 1..at + 1 + self.joined[at] as usize])
     }
 
-    /// The patch that follows `patch` in its cell.
+    /// The next patch in the same cell.
     #[inline]
     fn next(&self, patch: u32) -> Option<u32> {
         self.next
@@ -49,7 +49,7 @@ impl Walls {
             .filter(|&n| n != NONE)
     }
 
-    /// Memory, bytes.
+    /// Memory in bytes.
     pub(crate) fn bytes(&self) -> usize {
         (self.next.len() + self.near.len() + self.joined.len()) * 4
             + self.beside.len()
@@ -57,12 +57,12 @@ impl Walls {
     }
 }
 
-/// A fine cell's column and row.
+/// Column and row of a fine cell.
 type Fine = [i32; 2];
 
 impl Subdivision {
-    /// Pairs of elements that lie side by side on one surface, on the same side of it, and are not
-    /// hidden. Loose pieces that share a cell have none.
+    /// Pairs of elements that are adjacent on one surface, on the same side of it, and not hidden.
+    /// Loose pieces that share a cell have none.
     pub fn neighbours(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::with_capacity(2 * self.elements().len());
         for region in self.regions.iter().filter(|r| !r.loose) {
@@ -85,18 +85,17 @@ impl Subdivision {
         pairs
     }
 
-    /// Parts what walls part. `blocked` says of each of [`neighbours`](Self::neighbours) whether
-    /// something stands between the two.
+    /// Splits patches at walls. `blocked` says of each of [`neighbours`](Self::neighbours) whether
+    /// something is between the two.
     ///
-    /// Patches whose elements a wall divides become one patch a part, and those that `crowded`
-    /// names (one flag a patch) one an element ([`Patch::fine`]). Call it once, after
-    /// [`hide`](Self::hide).
+    /// Patches that a wall divides become one patch per part, and those flagged in `crowded` become
+    /// one per element ([`Patch::fine`]). Call it once, after [`hide`](Self::hide).
     ///
     /// # Panics
-    /// When the lists differ in length.
+    /// If the lists differ in length.
     pub fn separate(&mut self, pairs: &[[u32; 2]], blocked: &[bool], crowded: &[bool]) {
-        assert_eq!(pairs.len(), blocked.len(), "one flag a pair");
-        assert_eq!(crowded.len(), self.patches.len(), "one flag a patch");
+        assert_eq!(pairs.len(), blocked.len(), "one flag per pair");
+        assert_eq!(crowded.len(), self.patches.len(), "one flag per patch");
         let buried = self.walls.buried.iter().any(|b| *b != 0);
         let walls = buried || blocked.contains(&true);
         if !walls && !crowded.contains(&true) {
@@ -115,7 +114,7 @@ impl Subdivision {
                 *part = k as u32;
             }
         }
-        // What stands on a patch may divide it too.
+        // An object standing on a patch may divide it too.
         let mut divided: Vec<bool> = self.walls.buried.iter().map(|b| *b != 0).collect();
         divided.resize(self.patches().len(), false);
         for (divided, patch) in divided.iter_mut().zip(&self.patches) {
@@ -129,7 +128,7 @@ impl Subdivision {
         if !walls {
             return;
         }
-        // Elements have new numbers now, and some new patches.
+        // Elements now have new numbers, and there are new patches.
         for p in 0..self.patches().len() {
             for k in self.elements_of(PatchId(p as u32)) {
                 patch_of[k] = p as u32;
@@ -157,11 +156,11 @@ impl Subdivision {
         self.join(&links);
     }
 
-    /// Cuts patches into their parts; gives each element's new number.
+    /// Splits patches into their parts; returns each element's new number.
     fn divide(&mut self, divided: &[bool], part: &[u32]) -> Vec<u32> {
         let mut moved = vec![0u32; self.elements.len()];
         let mut kept = Vec::with_capacity(self.elements.len());
-        // (patch of the first part, part's elements with their cells), in order.
+        // (Patch of the first part; elements of each part with their cells), in order.
         let mut split: Vec<(u32, Vec<(u32, u16)>)> = Vec::new();
         let old = std::mem::take(&mut self.elements);
         for (p, patch) in self.patches.iter_mut().enumerate() {
@@ -185,7 +184,7 @@ impl Subdivision {
                 .chunk_by(|a, b| a.0 == b.0)
                 .map(|g| g.iter().map(|&(_, k, c)| (k, c)).collect())
                 .collect();
-            // The largest part stays the patch.
+            // The largest part keeps the patch's number.
             let most = (0..groups.len()).max_by_key(|&g| (groups[g].len(), std::cmp::Reverse(g)));
             let main = groups.swap_remove(most.unwrap_or(0));
             groups.sort_unstable();
@@ -198,7 +197,7 @@ impl Subdivision {
             let id = self.patches.len() as u32;
             let patch = gather_part(&own, members, &old, &mut kept, &mut moved);
             self.patches.push(patch);
-            // Before what the patch was followed by.
+            // Inserted before the patch's former successor.
             next[id as usize] = next[*p as usize];
             next[*p as usize] = id;
         }
@@ -207,8 +206,8 @@ impl Subdivision {
         moved
     }
 
-    /// Marks the elements about those that are marked or buried: a wall that cuts off their corner
-    /// may stand between none of the points.
+    /// Marks the elements around marked or buried ones: a wall that cuts off their corner may not
+    /// be between any of the sample points.
     fn all_beside(&self, marked: &[bool]) -> Vec<bool> {
         let mut beside = marked.to_vec();
         for region in self.regions.iter().filter(|r| !r.loose) {
@@ -239,7 +238,7 @@ impl Subdivision {
     }
 
     /// Fills the lists of patches near walls: those that light can be interpolated towards without
-    /// crossing one.
+    /// crossing a wall.
     fn join(&mut self, links: &[[u32; 2]]) {
         let count = self.patches.len();
         let mut starts = vec![0u32; count + 1];
@@ -257,7 +256,7 @@ impl Subdivision {
             list.clear();
             for &[_, q] in of(p) {
                 list.push(q);
-                // Diagonal neighbours share no edge: one comes to them in two steps.
+                // Diagonal neighbours share no edge, so they are reached in two steps.
                 list.extend(of(q).iter().map(|l| l[1]).filter(|&r| r != p));
             }
             list.sort_unstable();
@@ -270,7 +269,7 @@ impl Subdivision {
         self.walls.joined = joined;
     }
 
-    /// Patches in or beside a cell that has an element beside a wall.
+    /// Patches in or next to a cell that has an element beside a wall.
     fn near_walls(&self) -> Vec<bool> {
         let mut near = vec![false; self.patches.len()];
         for region in self.regions.iter().filter(|r| !r.loose) {
@@ -294,7 +293,7 @@ impl Subdivision {
         near
     }
 
-    /// The patches of a cell on one side, none where it lies outside of the grid.
+    /// The patches of a cell on one side; none outside the grid.
     pub(crate) fn chain(
         &self,
         region: &Region,
@@ -324,8 +323,8 @@ impl Subdivision {
             .find_map(|p| p.element_of(bit).filter(|_| !p.hidden))
     }
 
-    /// The patch of the cell at `front` (the first of its chain) that a point in fine cell `bit`
-    /// belongs to: the one with an element there, else the one with the nearest.
+    /// The patch for a point in fine cell `bit`, among the chain of the cell at `front`: the patch
+    /// with an element there, else the one with the nearest element.
     #[inline]
     pub(crate) fn of_chain(&self, first: u32, bit: u16, sub: u32) -> u32 {
         if self.walls.next(first).is_none() {
@@ -352,8 +351,8 @@ impl Subdivision {
             .unwrap_or(first)
     }
 
-    /// Whether interpolation from `patch` may reach the cell whose chain begins with `first`, and
-    /// which of its patches.
+    /// The patch of the cell whose chain begins with `first` that interpolation from `patch` may
+    /// reach, if any.
     #[inline]
     pub(crate) fn reached(&self, patch: u32, first: u32) -> Option<u32> {
         let Some(joined) = self.walls.joined(patch) else {
@@ -366,14 +365,14 @@ impl Subdivision {
         chain().find(|p| joined.binary_search(p).is_ok())
     }
 
-    /// Whether walls stand on any surface, as [`separate`](Self::separate) was told.
+    /// Whether any surface has walls, as passed to [`separate`](Self::separate).
     #[inline]
     pub fn has_walls(&self) -> bool {
         !self.walls.beside.is_empty()
     }
 
-    /// Like `at`, but on the right side of a wall: `sees` says whether nothing stands between the
-    /// point and an element's. Asked only where a wall is beside the element.
+    /// Like `at`, but on the correct side of a wall. `sees` says whether nothing is between the
+    /// point and an element's point; it is only called if a wall is beside the element.
     pub fn on_this_side(
         &self,
         triangle: u32,
@@ -389,7 +388,7 @@ impl Subdivision {
         {
             return at;
         }
-        // It was asked for already; what a wall hides from the point need not be looked at twice.
+        // Already tested by the caller; no need to test it again.
         let unseen = at.element.map(|e| e.0);
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
         let back = self.patches[at.patch.0 as usize].back as u32;
@@ -397,8 +396,7 @@ impl Subdivision {
         let q = region.frame.project(p).map(|x| x * sub);
         let [w, h] = region.fine();
         let own = [(q[0] as i32).clamp(0, w - 1), (q[1] as i32).clamp(0, h - 1)];
-        // The nearest first. Distances tell cells apart but for ties, which the cell's own order
-        // breaks.
+        // Nearest first. Equal distances are ordered by cell.
         let mut around = [(0.0f32, [0; 2]); 9];
         for (k, slot) in around.iter_mut().enumerate() {
             let f: Fine = [own[0] + k as i32 % 3 - 1, own[1] + k as i32 / 3 - 1];
@@ -432,7 +430,7 @@ impl Subdivision {
     }
 }
 
-/// Numbers the parts into which walls cut patches: elements of one patch in one part have the same
+/// Numbers the parts into which walls split patches: connected elements of one patch have the same
 /// number.
 fn parts(pairs: &[[u32; 2]], blocked: &[bool], patch_of: &[u32]) -> Vec<u32> {
     let mut parent: Vec<u32> = (0..patch_of.len() as u32).collect();
@@ -467,7 +465,8 @@ fn gather_part(
         elements: members.len() as u16,
         mask: 0,
         area: 0.0,
-        // No other patch has so large a number, but in scenes of hundreds of millions.
+        // Unique, because patch numbers only reach this bit in scenes of hundreds of millions of
+        // patches.
         name: whole.name ^ (u32::from(members[0].1) + 1) << 27,
         ..*whole
     };

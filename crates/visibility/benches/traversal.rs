@@ -1,9 +1,10 @@
-//! Rays and builds on a generated interior of 260,000 triangles, against obvhs's own eight-wide
-//! tree.
+//! Rays and builds on a generated interior of 260,000 triangles, compared with obvhs's own
+//! eight-wide tree.
 //!
 //!     cargo bench -p lumel-visibility
 //!
-//! `examples/compare.rs` does the same in alternating rounds and on any mesh; quote that one.
+//! `examples/compare.rs` does the same in alternating rounds and on any mesh; quote figures from
+//! there.
 #![allow(missing_docs, reason = "benches are not an interface")]
 
 mod support;

@@ -2,8 +2,9 @@
 //!
 //!     cargo run --release -p lumel-visibility --example compare [TRIANGLES.f32] [ROUNDS] [DUMP_DIR]
 //!
-//! `TRIANGLES.f32` holds nine little-endian floats a triangle; without it (or `-`) the generated
-//! interior is used. With `DUMP_DIR` triangles and rays are written there for other casters to use.
+//! `TRIANGLES.f32` contains nine little-endian floats per triangle; without it (or with `-`) the
+//! generated interior is used. With `DUMP_DIR`, triangles and rays are written there for other ray
+//! tracers.
 #![allow(clippy::print_stdout, reason = "a program that prints its results")]
 
 #[path = "../benches/support/mod.rs"]
@@ -71,15 +72,14 @@ impl Peer {
     }
 }
 
-/// Seconds that this thread has been on a processor, which other programs' load does not count in;
-/// Linux only.
+/// Processor time of this thread in seconds, which excludes other programs' load; Linux only.
 fn busy_seconds() -> Option<f64> {
     let line = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     Some(line.split_whitespace().next()?.parse::<f64>().ok()? * 1e-9)
 }
 
-/// Rays that hit, and the time taken, on `threads` threads: processor time for one thread, wall
-/// time for more.
+/// Number of rays that hit, and the time taken on `threads` threads: processor time for one thread,
+/// wall time for more.
 fn run(rays: &[Ray], threads: usize, cast: impl Fn(&Ray) -> bool + Sync) -> (usize, f64) {
     if threads == 1
         && let Some(start) = busy_seconds()

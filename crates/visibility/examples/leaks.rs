@@ -1,4 +1,4 @@
-//! Casts millions of rays from inside closed meshes and counts those that get out.
+//! Casts millions of rays from inside closed meshes and counts those that escape.
 //!
 //!     cargo run --release -p lumel-visibility --example leaks [RAYS_PER_KIND]
 #![allow(clippy::print_stdout, reason = "a program that prints its results")]

@@ -1,4 +1,4 @@
-//! The binary tree, built by obvhs and brought into a plain form with true bounds.
+//! The binary tree, built by obvhs and converted to a plain form with exact bounds.
 
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::Boundable;
@@ -11,15 +11,15 @@ use obvhs::ploc::{PlocBuilder, PlocSearchDistance, SortPrecision};
 use crate::bvh::Quality;
 use crate::groups::Items;
 
-/// Triangles in a leaf at most: two packs.
+/// Most triangles in a leaf: two packs.
 pub(crate) const MAX_LEAF: usize = 8;
 
-/// Cost of a node visit in triangle tests when obvhs merges leaves. Its own presets use 3, for
-/// triangles tested one by one; from 3 to 8 rays are equally fast here (`examples/compare.rs`), and
+/// Cost of a node visit in triangle tests, for merging leaves in obvhs. Its own presets use 3, for
+/// triangles tested one by one. Here rays are equally fast from 3 to 8 (`examples/compare.rs`), and
 /// 5 needs a fifth fewer nodes.
 const TRAVERSAL_COST: f32 = 5.0;
 
-/// Node of a [`Binary`] tree: a leaf over `order[first..first + count]`, or for `count == 0` the
+/// Node of a [`Binary`] tree: a leaf over `order[first..first + count]`, or, if `count == 0`, the
 /// parent of nodes `first` and `first + 1`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BinaryNode {
@@ -30,22 +30,22 @@ pub(crate) struct BinaryNode {
 }
 
 impl BinaryNode {
-    /// Half of the box's surface area, the measure of how many rays enter. In f64, which no scene's
-    /// area overflows.
+    /// Half of the box's surface area, proportional to the number of rays that enter. In f64, which
+    /// cannot overflow.
     pub fn half_area(&self) -> f64 {
         let d = (self.hi.as_dvec3() - self.lo.as_dvec3()).max(DVec3::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
     }
 }
 
-/// Binary tree with children after their parents, root first.
+/// Binary tree with the root first and children after their parents.
 pub(crate) struct Binary {
     pub nodes: Vec<BinaryNode>,
     /// Permutation of the triangles that leaves refer to.
     pub order: Vec<u32>,
 }
 
-/// A box in the unit cube, as obvhs wants it.
+/// A box in the unit cube, as obvhs requires.
 struct UnitBox {
     lo: [f32; 3],
     hi: [f32; 3],
@@ -57,7 +57,7 @@ impl Boundable for UnitBox {
     }
 }
 
-/// Builds the tree over `triangles`, which are finite and not empty.
+/// Builds the tree over `triangles`, which must be finite and not empty.
 pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
     let mut scene = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for corner in triangles.iter().flatten() {
@@ -65,8 +65,8 @@ pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
     }
     let origin = scene.0.as_dvec3();
     let extent = (scene.1.as_dvec3() - origin).max_element();
-    // obvhs multiplies areas in f32 and sorts them with an unwrap: unit scale keeps 1e18 from
-    // overflowing to NaN and 1e-18 from underflowing to areas that are all equal.
+    // obvhs multiplies areas in f32 and unwraps comparisons when sorting. Unit scale keeps areas
+    // from overflowing to NaN at 1e18 and from underflowing to equal values at 1e-18.
     let scale = if extent > 0.0 { 1.0 / extent } else { 0.0 };
     let to_unit = |p: Vec3| ((p.as_dvec3() - origin) * scale).as_vec3();
     let unit = |index: u32| {
@@ -112,9 +112,9 @@ pub(crate) fn build(triangles: &[[Vec3; 3]], quality: Quality) -> Binary {
 /// Padding of the box that obvhs sees for primitive `item` of size `size`; our own bounds stay
 /// exact.
 ///
-/// In rows of equal tiles every pair costs the same, and PLOC then merges one pair per pass. Random
-/// padding by up to 1/128 of the size breaks such ties at no cost to the tree; the constant part
-/// keeps boxes without area from costing nothing.
+/// In rows of equal tiles every pair has the same cost, and PLOC then merges one pair per pass.
+/// Random padding by up to 1/128 of the size breaks such ties without harming the tree; the
+/// constant part gives boxes without area a cost.
 fn jitter(item: u32, size: f32) -> f32 {
     let hash = item.wrapping_mul(0x9e37_79b9);
     let hash = (hash ^ hash >> 15).wrapping_mul(0x85eb_ca6b);
@@ -141,9 +141,9 @@ fn build_obvhs(boxes: &[UnitBox], quality: Quality) -> Bvh2 {
         Quality::Balanced => 0.05,
         Quality::High => 1.0,
     };
-    // obvhs's reinsertion keeps a stack of 2 × max_depth entries and overwrites silently when it is
-    // full: give it twice the depth that there is, and leave out what only a degenerate scene would
-    // need.
+    // obvhs's reinsertion uses a stack of 2 × max_depth entries and silently overwrites it when it
+    // is full. So pass twice the real depth, and skip reinsertion if only a degenerate scene would
+    // need more.
     let reinsert = |tree: &mut Bvh2, ratio: f32| {
         let depth = depth(tree);
         if depth <= 1024 {
@@ -179,7 +179,7 @@ fn depth(tree: &Bvh2) -> usize {
     deepest
 }
 
-/// What a slot of the new tree is to be filled from.
+/// The source of a slot of the new tree.
 enum Source {
     Obvhs(u32),
     Range { first: u32, end: u32 },
@@ -234,7 +234,7 @@ fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
                     }
                     continue;
                 }
-                // Halve at a multiple of the leaf size, so that all leaves but one are full.
+                // Split at a multiple of the leaf size, so that all leaves but one are full.
                 let middle = first + (count / 2).next_multiple_of(MAX_LEAF as u32);
                 (
                     Source::Range { first, end: middle },

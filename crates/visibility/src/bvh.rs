@@ -1,4 +1,4 @@
-//! The tree and its public face.
+//! The tree and its public interface.
 
 use glam::Vec3;
 
@@ -8,20 +8,20 @@ use crate::error::BuildError;
 use crate::kernel::{Isa, MAX_COORDINATE};
 use crate::node::{MAX_PACKS, Node, Pack};
 
-/// How much time to spend on a good tree.
+/// Build time against ray speed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Quality {
-    /// Quickest build.
+    /// Fastest build.
     Fast,
-    /// Build and rays balanced for a bake.
+    /// Balanced for a bake.
     #[default]
     Balanced,
-    /// Some percent faster rays for several times the build time.
+    /// A few per cent faster rays for several times the build time.
     High,
 }
 
-/// Settings of [`Bvh::build`].
+/// Options of [`Bvh::build`].
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct BuildOptions {
@@ -30,7 +30,7 @@ pub struct BuildOptions {
 }
 
 impl BuildOptions {
-    /// Options with the given quality and defaults otherwise.
+    /// Options with the given quality, and defaults otherwise.
     pub fn with_quality(quality: Quality) -> BuildOptions {
         BuildOptions { quality }
     }
@@ -45,15 +45,15 @@ pub struct BvhStats {
     pub nodes: usize,
     /// Leaves, each of one or more packs.
     pub leaves: usize,
-    /// Packs of four triangles, the last of a leaf not always full.
+    /// Packs of four triangles; the last of a leaf may be partly filled.
     pub packs: usize,
-    /// Heap memory held.
+    /// Heap memory in bytes.
     pub bytes: usize,
     /// Levels of nodes; 0 for an empty tree.
     pub depth: u32,
 }
 
-/// An eight-wide bounding volume hierarchy over triangles, which it keeps a copy of.
+/// An eight-wide bounding volume hierarchy with its own copy of the triangles.
 #[derive(Debug, Clone)]
 pub struct Bvh {
     pub(crate) nodes: Vec<Node>,
@@ -65,12 +65,12 @@ pub struct Bvh {
 }
 
 impl Bvh {
-    /// Builds the tree over world-space `triangles`, corners counter-clockwise seen from the front.
-    /// Triangles for which `filtered` holds ask the [`HitFilter`](crate::HitFilter) before they
-    /// stop a ray.
+    /// Builds the tree over world-space `triangles` with corners counter-clockwise seen from the
+    /// front. Hits on triangles for which `filtered` returns true are passed to the
+    /// [`HitFilter`](crate::HitFilter).
     ///
-    /// Any finite triangles will do: degenerate, duplicate, none. The build is serial and depends
-    /// on its input only.
+    /// Any finite triangles are allowed, including degenerate ones, duplicates, or none. The build
+    /// is serial and depends only on its input.
     ///
     /// # Errors
     /// [`BuildError`] if a corner is not finite or beyond ±[`MAX_COORDINATE`], or if there are too
@@ -80,7 +80,7 @@ impl Bvh {
         filtered: impl Fn(u32) -> bool,
         options: &BuildOptions,
     ) -> Result<Bvh, BuildError> {
-        // In the worst case each triangle takes a pack of its own.
+        // In the worst case each triangle takes its own pack.
         if triangles.len() > MAX_PACKS {
             return Err(BuildError::TooManyTriangles {
                 got: triangles.len(),
@@ -151,12 +151,13 @@ impl Bvh {
         }
     }
 
-    /// Name of the instruction set that rays use on this machine. It changes speed only.
+    /// Name of the instruction set used on this machine. It only affects speed.
     pub fn instruction_set(&self) -> &'static str {
         self.isa.name()
     }
 
-    /// The same tree, traversed without machine-specific instructions; for tests of equality.
+    /// The same tree, traversed without machine-specific instructions; for tests that compare
+    /// results.
     #[doc(hidden)]
     pub fn into_portable(mut self) -> Bvh {
         self.isa = Isa::Portable;

@@ -55,7 +55,7 @@ mod tests {
                     let r = t[0]
                         + (t[1] - t[0]) * (i as f32 / 20.0)
                         + (t[2] - t[0]) * (j as f32 / 20.0);
-                    // Rounding of lengths of some metres.
+                    // Rounding of lengths of a few metres.
                     assert!(q.distance(p) <= r.distance(p) + 1e-5, "{p}: {q} {r}");
                 }
             }

@@ -1,4 +1,4 @@
-//! What can go wrong in building and checking a tree.
+//! Errors of building and validating a tree.
 
 /// Why [`Bvh::build`](crate::Bvh::build) refused its input.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -15,20 +15,20 @@ pub enum BuildError {
     TooFar {
         /// Index into the slice given to the build.
         triangle: u32,
-        /// Largest magnitude that is taken, see [`MAX_COORDINATE`](crate::kernel::MAX_COORDINATE).
+        /// Largest allowed magnitude, see [`MAX_COORDINATE`](crate::kernel::MAX_COORDINATE).
         limit: f32,
     },
-    /// More triangles than indices can name.
-    #[error("{got} triangles, at most {limit} can be indexed")]
+    /// More triangles than can be indexed.
+    #[error("{got} triangles, expected at most {limit}")]
     TooManyTriangles {
-        /// Triangles given.
+        /// Number of triangles.
         got: usize,
-        /// Triangles that can be indexed.
+        /// Largest number that can be indexed.
         limit: usize,
     },
 }
 
-/// A broken invariant found by [`Bvh::validate`](crate::Bvh::validate).
+/// A violated invariant found by [`Bvh::validate`](crate::Bvh::validate).
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ValidateError {
@@ -37,7 +37,7 @@ pub enum ValidateError {
     OutOfRange {
         /// The node that holds the reference.
         node: u32,
-        /// Which of its eight children.
+        /// Index among its eight children.
         child: u32,
     },
     /// A node or pack is reached more than once (a cycle or a shared subtree).
@@ -45,29 +45,29 @@ pub enum ValidateError {
     Shared {
         /// The node that holds the second reference.
         node: u32,
-        /// Which of its eight children.
+        /// Index among its eight children.
         child: u32,
     },
-    /// A child's box does not contain what lies below it.
+    /// A child's box does not contain its subtree.
     #[error("node {node}, child {child}: box does not contain its subtree")]
     Box {
         /// The node that holds the box.
         node: u32,
-        /// Which of its eight children.
+        /// Index among its eight children.
         child: u32,
     },
-    /// A box is inverted or NaN although the child is in use, or the reverse.
+    /// A box is inverted or NaN although the child exists, or the reverse.
     #[error("node {node}, child {child}: box and reference disagree on whether the child exists")]
     Empty {
         /// The node that holds the box.
         node: u32,
-        /// Which of its eight children.
+        /// Index among its eight children.
         child: u32,
     },
-    /// Some nodes or packs are not reached from the root.
+    /// Some nodes or packs cannot be reached from the root.
     #[error("{unreached} nodes or packs are not reached from the root")]
     Unreached {
-        /// How many.
+        /// Their number.
         unreached: usize,
     },
     /// A triangle is in no leaf, in several, or unknown.
@@ -81,9 +81,9 @@ pub enum ValidateError {
     /// The tree is deeper than the traversal stack was sized for.
     #[error("depth {depth}, recorded {recorded}")]
     Depth {
-        /// Depth found.
+        /// Actual depth.
         depth: u32,
-        /// Depth that the stack is sized from.
+        /// Recorded depth, which determines the stack's size.
         recorded: u32,
     },
 }

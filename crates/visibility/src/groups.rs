@@ -1,26 +1,26 @@
-//! Triangles whose centres coincide, gathered before the tree builder sees them.
+//! Groups triangles with coinciding centres before the tree is built.
 //!
-//! PLOC merges neighbours that agree on each other; among boxes that all cost the same nobody
-//! agrees, a pass merges a single pair, and the build turns quadratic (20,000 identical triangles
-//! took obvhs eight seconds). So crowded cells of a fine grid become one primitive each, and are
-//! split by halves afterwards.
+//! PLOC merges pairs that are each other's nearest neighbour. Among boxes with equal costs there
+//! are hardly any such pairs, a pass merges only one, and the build becomes quadratic (obvhs took
+//! eight seconds for 20,000 identical triangles). So crowded cells of a fine grid become one
+//! primitive each, and are halved afterwards.
 
-/// Cells along each axis of the scene's largest extent. Centres that share a cell are 1e-6 of the
-/// scene apart: no tree can tell them apart to any use, and 3 × 20 bits fit one key.
+/// Cells along each axis of the scene's largest extent. Centres in one cell are within 1e-6 of the
+/// scene, too close for a tree to separate them usefully, and 3 × 20 bits fit one key.
 const CELLS: f32 = (1u32 << 20) as f32;
 
-/// Members from which a cell becomes a group. Below it the quadratic cost is nothing, and obvhs
-/// splits better than halving does.
+/// Members from which a cell becomes a group. Below this, quadratic cost is negligible, and obvhs
+/// splits better than halving.
 const CROWD: u8 = 16;
 
 /// Primitives for the tree builder: ranges of a permutation of the triangles.
 pub(crate) struct Items {
     /// Triangle indices.
     pub order: Vec<u32>,
-    /// `[first, end)` in `order` of each primitive; empty when every primitive is the one triangle
-    /// of its index.
+    /// `[first, end)` in `order` of each primitive; empty if every primitive is the single triangle
+    /// with its index.
     groups: Vec<[u32; 2]>,
-    /// Primitives before `singles` are `order[i]`; later ones are groups.
+    /// Primitives below `singles` are `order[i]`; later ones are groups.
     singles: usize,
 }
 
@@ -41,7 +41,7 @@ impl Items {
         }
     }
 
-    /// Gathers coincident triangles. `centres` are scaled to the unit cube; `sizes` order the
+    /// Groups coincident triangles. `centres` are scaled to the unit cube; `sizes` order the
     /// members of a group, so that halves of nested triangles nest.
     pub fn gather(centres: &[[f32; 3]], sizes: impl Fn(u32) -> f32) -> Items {
         let count = centres.len();
@@ -50,8 +50,8 @@ impl Items {
                 key << 20 | ((x * CELLS) as u64).min(CELLS as u64 - 1)
             })
         };
-        // A counting table of one byte per hashed cell finds the crowded ones in O(n) without
-        // sorting everything. A false alarm costs only the sort of its few members.
+        // A counting table with one byte per hashed cell finds the crowded ones in O(n) without
+        // sorting everything. A false positive only costs the sort of its few members.
         let bits = count.next_power_of_two().trailing_zeros().max(8);
         let slot = |key: u64| (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (64 - bits)) as usize;
         let mut crowd = vec![0u8; 1 << bits];

@@ -6,9 +6,9 @@ use glam::Vec3;
 pub(crate) const WIDTH: usize = 8;
 /// Triangles per pack.
 pub(crate) const PACK: usize = 4;
-/// Packs in one leaf at most; the count shares the child word with the pack's index.
+/// Most packs in one leaf; the count shares the child word with the pack's index.
 pub(crate) const MAX_LEAF_PACKS: usize = 8;
-/// Set in a pack's id when hits on the triangle go through the filter.
+/// Set in a pack's id if hits on the triangle go through the filter.
 pub(crate) const FILTERED: u32 = 1 << 31;
 /// Id of an unused lane.
 pub(crate) const NO_TRIANGLE: u32 = FILTERED - 1;
@@ -17,12 +17,12 @@ const LEAF: u32 = 1 << 31;
 const COUNT_SHIFT: u32 = 28;
 const FIRST_MASK: u32 = (1 << COUNT_SHIFT) - 1;
 
-/// What a child word of a node refers to.
+/// Reference to a child of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Child(pub u32);
 
 impl Child {
-    /// No child; its box is inverted, so that no ray enters.
+    /// No child; its box is inverted, so that no ray enters it.
     pub const EMPTY: Child = Child(u32::MAX);
 
     pub fn node(index: u32) -> Child {
@@ -58,10 +58,10 @@ impl Child {
 /// Largest number of packs that child words can address.
 pub(crate) const MAX_PACKS: usize = FIRST_MASK as usize;
 
-/// Eight child boxes, structure of arrays, and the references to the children: 224 bytes of 256.
+/// Eight child boxes as structure of arrays, and references to the children: 224 bytes of 256.
 ///
-/// The alignment makes each row of eight one aligned vector and lets no node straddle more cache
-/// lines than it must.
+/// The alignment makes each row of eight one aligned vector and minimises the number of cache lines
+/// per node.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Node {
@@ -101,7 +101,7 @@ impl Node {
 pub(crate) struct Pack {
     /// `[axis][corner][lane]`. Unused lanes are NaN, which no test passes.
     pub corners: [[[f32; PACK]; 3]; 3],
-    /// Index of each triangle, with [`FILTERED`] where hits go through the filter; [`NO_TRIANGLE`]
+    /// Index of each triangle, with [`FILTERED`] if its hits go through the filter; [`NO_TRIANGLE`]
     /// in unused lanes.
     pub ids: [u32; PACK],
 }

@@ -1,5 +1,4 @@
-//! Traversal: nearest child first for closest hits, any order for occlusion; one ray or a slice of
-//! them.
+//! Traversal: nearest child first for closest hits, any order for occlusion; single rays or slices.
 
 use std::mem::MaybeUninit;
 
@@ -11,12 +10,12 @@ use crate::kernel::{Isa, Kernel, Lanes, Prepared, WIDEN};
 use crate::node::{Child, FILTERED, PACK, Pack, WIDTH};
 use crate::ray::{Hit, HitFilter, Ray};
 
-/// Entries of the traversal stack kept off the heap: enough for 36 levels, that is for any tree
+/// Entries of the traversal stack on the program's stack: enough for 36 levels, i.e. for any tree
 /// that is not degenerate.
 const INLINE_STACK: usize = 256;
 
-/// One entry: the bits of the entry distance above the child word. Distances are not negative, so
-/// that integers order like the numbers do, and equal distances order by child, always the same.
+/// The bits of the entry distance above the child word. Distances are not negative, so entries
+/// order like distances, and equal distances order by child.
 type Entry = u64;
 
 impl Bvh {
@@ -31,7 +30,7 @@ impl Bvh {
         }
     }
 
-    /// Whether any hit that the filter accepts lies in (`t_min`, `t_max`).
+    /// Whether there is any hit in (`t_min`, `t_max`) that the filter accepts.
     pub fn occluded(&self, ray: &Ray, filter: &impl HitFilter) -> bool {
         match self.isa {
             Isa::Portable => occluded_one::<Portable>(self, ray, filter),
@@ -41,7 +40,7 @@ impl Bvh {
         }
     }
 
-    /// [`Bvh::closest_hit`] of each ray, into the same place of `hits`.
+    /// [`Bvh::closest_hit`] of each ray, stored at the same index in `hits`.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -52,7 +51,7 @@ impl Bvh {
         }
     }
 
-    /// [`Bvh::occluded`] of each ray, into the same place of `hidden`.
+    /// [`Bvh::occluded`] of each ray, stored at the same index in `hidden`.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -63,7 +62,7 @@ impl Bvh {
         }
     }
 
-    /// Where each triangle is in the tree, for [`Bvh::hit_known`].
+    /// Position of each triangle in the tree, for [`Bvh::hit_known`].
     pub fn places(&self) -> Vec<u32> {
         let mut places = vec![u32::MAX; self.triangles];
         for (at, pack) in self.packs.iter().enumerate() {
@@ -76,17 +75,16 @@ impl Bvh {
         places
     }
 
-    /// Where a ray meets a triangle of which it is known that it is the closest hit: what
-    /// [`Bvh::closest_hit`] gives then, bit for bit, without the way there. `place` is the
-    /// triangle's of [`Bvh::places`]. `None` where the ray does not meet it, or there is no such
-    /// place.
+    /// The hit of a ray on a triangle that is known to be the closest: the result of
+    /// [`Bvh::closest_hit`], bit for bit, without traversal. `place` is the triangle's entry in
+    /// [`Bvh::places`]. `None` if the ray does not hit it, or if there is no such place.
     pub fn hit_known(&self, ray: &Ray, place: u32) -> Option<Hit> {
         let prepared = Prepared::new(ray)?;
         let pack = self.packs.get(place as usize / PACK)?;
         let lane = place as usize % PACK;
         let mut lanes = Lanes::default();
         let hits = match self.isa {
-            // SAFETY: the portable form asks for nothing.
+            // SAFETY: the portable version has no requirements.
             Isa::Portable => unsafe {
                 Portable::triangles(pack, &prepared, prepared.t_max, &mut lanes)
             },
@@ -103,15 +101,15 @@ impl Bvh {
         })
     }
 
-    /// Entries that the stack needs at most: each level leaves seven siblings behind, and the last
-    /// pushes eight.
+    /// Most entries on the stack: each level leaves seven siblings behind, and the last pushes
+    /// eight.
     fn stack_need(&self) -> usize {
         self.depth as usize * (WIDTH - 1) + 1
     }
 }
 
 /// # Safety
-/// The machine has AVX2.
+/// The machine supports AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 unsafe fn closest_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> Option<Hit> {
@@ -119,7 +117,7 @@ unsafe fn closest_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> Option
 }
 
 /// # Safety
-/// The machine has AVX2.
+/// The machine supports AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 unsafe fn occluded_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> bool {
@@ -127,7 +125,7 @@ unsafe fn occluded_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> bool 
 }
 
 /// # Safety
-/// The machine has AVX2.
+/// The machine supports AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 unsafe fn triangles_avx2(pack: &Pack, ray: &Prepared, lanes: &mut Lanes) -> u32 {
@@ -195,7 +193,7 @@ fn push_children(
         let slot = mask.trailing_zeros() as usize & (WIDTH - 1);
         mask &= mask - 1;
         let entry = Entry::from(near[slot].to_bits()) << 32 | Entry::from(children[slot]);
-        // Insertion from the top: two or three children are usual.
+        // Insertion sort from the top, because two or three children are typical.
         let mut at = end;
         while at > len {
             // SAFETY: entries below `end` were written before.
@@ -223,7 +221,7 @@ fn closest<K: Kernel>(
     if bvh.nodes.is_empty() {
         return None;
     }
-    // Index 0 loses every tie, so that a hit at exactly `t_max` is none.
+    // Index 0 loses every tie, so a hit at exactly `t_max` does not count.
     let mut best = Hit {
         triangle: 0,
         t: prepared.t_max,
@@ -317,7 +315,7 @@ fn occluded<K: Kernel>(
                     let lane = hits.trailing_zeros() as usize & 3;
                     hits &= hits - 1;
                     let id = pack.ids[lane];
-                    // The filter hears of hits before `t_max` only: it may count them.
+                    // The filter is only called for hits before `t_max`, because it may count them.
                     if lanes.t[lane] < prepared.t_max
                         && (id & FILTERED == 0
                             || filter.accept(id & !FILTERED, lanes.u[lane], lanes.v[lane], ray))
@@ -330,8 +328,8 @@ fn occluded<K: Kernel>(
             let node = &bvh.nodes[child.0 as usize];
             // SAFETY: the caller chose the kernel by detection.
             let mut mask = unsafe { K::boxes(node, prepared, prepared.t_max, &mut near) };
-            // In the order of the slots, which the collapse arranged. By distance it was 1.6 times
-            // slower even than in the order that the collapse happened to leave.
+            // In the order of the slots, which the collapse has optimised. Ordering by distance was
+            // 1.6 times slower than even the unoptimised slot order.
             while mask != 0 {
                 let slot = mask.trailing_zeros() as usize & (WIDTH - 1);
                 mask &= mask - 1;

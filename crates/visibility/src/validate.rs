@@ -1,4 +1,4 @@
-//! A tree that checks itself.
+//! Self-validation of a tree.
 
 use glam::Vec3;
 
@@ -7,8 +7,9 @@ use crate::error::ValidateError;
 use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
 
 impl Bvh {
-    /// Checks every invariant that rays rely on: each node, pack and triangle reached exactly once,
-    /// boxes around all that lies below them, no deeper than recorded. O(triangles).
+    /// Checks every invariant that traversal relies on: each node, pack and triangle is reached
+    /// exactly once, boxes contain their subtrees, and the depth is at most the recorded one.
+    /// O(triangles).
     ///
     /// # Errors
     /// The first [`ValidateError`] found.
@@ -16,7 +17,7 @@ impl Bvh {
         let mut seen_nodes = vec![false; self.nodes.len()];
         let mut seen_packs = vec![false; self.packs.len()];
         let mut times = vec![0u32; self.triangles];
-        // Parents before children, for the boxes afterwards.
+        // Parents before children, for the check of boxes.
         let mut order = Vec::with_capacity(self.nodes.len());
         let mut work = vec![];
         if !self.nodes.is_empty() {
@@ -78,7 +79,7 @@ impl Bvh {
         self.validate_boxes(&order)
     }
 
-    /// Children-first sweep: each child's box must contain the union of what lies below.
+    /// Sweeps children first: each child's box must contain the union of its subtree.
     fn validate_boxes(&self, order: &[u32]) -> Result<(), ValidateError> {
         let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let mut unions = vec![nothing; self.nodes.len()];

@@ -1,4 +1,4 @@
-//! Which triangles come near a place.
+//! Triangles near a place.
 
 use glam::Vec3;
 
@@ -6,9 +6,9 @@ use crate::bvh::Bvh;
 use crate::node::{Child, FILTERED, NO_TRIANGLE, WIDTH};
 
 impl Bvh {
-    /// Whether `found` holds for one of the triangles whose tree boxes overlap the box from `low`
-    /// to `high`: all that touch it, and some beside it. `found` gets a triangle's index and its
-    /// corners. Stops at the first; their order hangs on the tree.
+    /// Whether `found` returns true for any of the triangles whose tree boxes overlap the box from
+    /// `low` to `high`: all that touch it, and some nearby. `found` receives a triangle's index and
+    /// corners. Stops at the first match; the order depends on the tree.
     pub fn any_near(
         &self,
         low: Vec3,
@@ -34,7 +34,7 @@ impl Bvh {
             let node = &self.nodes[child.0 as usize];
             for slot in 0..WIDTH {
                 let (lo, hi) = node.child_box(slot);
-                // The boxes of empty slots are inverted, and overlap nothing.
+                // Boxes of empty slots are inverted and overlap nothing.
                 if lo.cmple(high).all() && hi.cmpge(low).all() {
                     stack.push(node.child(slot));
                 }
@@ -51,7 +51,7 @@ mod tests {
 
     #[test]
     fn finds_all_that_touch() {
-        // A grid of small triangles: those whose boxes overlap are found, whatever the query.
+        // A grid of small triangles: those whose boxes overlap must be found for any query.
         let triangles: Vec<[Vec3; 3]> = (0..400)
             .map(|k| {
                 let p = Vec3::new((k % 20) as f32, (k / 20) as f32, (k % 7) as f32);

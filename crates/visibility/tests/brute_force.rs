@@ -1,4 +1,4 @@
-//! The tree returns what testing every triangle returns, bit for bit, and honours ranges and
+//! The tree returns the same as testing every triangle, bit for bit, and respects ranges and
 //! filters.
 
 use crate::common::{BruteForce, EveryThird, Random, build, ray};
@@ -81,8 +81,8 @@ fn a_hit_lies_where_it_says() {
         let on_triangle = a + (b - a) * u + (c - a) * v;
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let normal = (b - a).cross(c - a);
-        // The ray meets the plane at a shallow angle in some cases: errors of 2^-24 × distance grow
-        // by its inverse sine.
+        // Some rays hit the plane at a shallow angle: errors of 2^-24 × distance grow by its
+        // inverse sine.
         let sine = (normal.normalize().dot(d.normalize())).abs();
         let error = (o + d * f64::from(hit.t) - on_triangle).length();
         assert!(
@@ -128,7 +128,7 @@ fn the_range_is_open_at_both_ends_and_has_no_epsilon() {
         );
         assert_eq!(cast(after, before), None, "empty range");
     }
-    // The wall at t = 9e-5 that obvhs skips (FACTS.md §5).
+    // The wall at t = 9e-5, which obvhs skips.
     let near = build(&[[
         Vec3::new(-1.0, -1.0, 9e-5),
         Vec3::new(3.0, -1.0, 9e-5),
@@ -157,7 +157,7 @@ fn t_counts_in_lengths_of_the_direction() {
             "direction of length 2^{exponent}"
         );
     }
-    // A thin component of a short direction counts: at z = 1 the ray is at x = 1e-3.
+    // A small component of a short direction counts: at z = 1 the ray is at x = 1e-3.
     let strip = build(&[[
         Vec3::new(0.9e-3, -1.0, 1.0),
         Vec3::new(1.1e-3, -1.0, 1.0),

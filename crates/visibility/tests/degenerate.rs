@@ -56,8 +56,8 @@ fn bad_coordinates_are_errors() {
     assert!(build(1e18).is_ok());
 }
 
-/// Each of these took obvhs alone seconds to minutes, or overflowed its stack. The bound is a
-/// hundred times what is needed, to catch quadratic time only.
+/// Each of these took obvhs alone seconds to minutes, or overflowed its stack. The limit is a
+/// hundred times the required time and only catches quadratic growth.
 #[test]
 fn crowds_build_quickly() {
     let mut r = Random(1);
@@ -117,7 +117,7 @@ fn crowds_build_quickly() {
         }
         let stats = bvh.stats();
         assert!(stats.depth < 200, "{name}: {stats:?}");
-        // A ray through the crowd ends and is deterministic.
+        // A ray through the crowd terminates and is deterministic.
         let cast = ray(Vec3::new(0.2, 0.3, 5.0), -Vec3::Z);
         assert_eq!(
             bvh.closest_hit(&cast, &AcceptAll),
@@ -168,7 +168,7 @@ fn of_equal_hits_the_lowest_index_wins() {
 
 #[test]
 fn both_paths_return_the_same_bits() {
-    // Without AVX2 both are the portable path; CI machines have it.
+    // Without AVX2 both are the portable path; CI machines have AVX2.
     for mesh in [icosphere(4), torus(48, 24), cube(12)] {
         for place in PLACES {
             let mut triangles = place.mesh(&mesh);
@@ -227,7 +227,7 @@ fn flat_boxes_and_rays_in_their_planes() {
                             let ray = ray(origin, direction);
                             let hit = bvh.closest_hit(&ray, &AcceptAll);
                             assert_eq!(hit, brute.closest(&ray, |_, _| false), "{ray:?}");
-                            // Off the walls themselves the cube is closed around the origin.
+                            // Away from its walls the cube is closed around the origin.
                             if origin.abs().max_element() < 1.0 {
                                 assert!(hit.is_some(), "leak: {ray:?}");
                             }

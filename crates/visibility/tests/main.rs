@@ -1,5 +1,4 @@
-//! Tests of rays, in one program: linking is what costs, and each file of its own would be
-//! linked with everything below it once more.
+//! Tests of rays as one program, because linking each file separately takes most of the time.
 
 mod brute_force;
 mod common;

@@ -1,11 +1,11 @@
-//! Rays that start on or just off thin triangles.
+//! Rays that start on or just above thin triangles.
 
 use crate::common::{Random, ray};
 use glam::{DVec3, Vec3};
 use visibility::{AcceptAll, BuildOptions, Bvh, HitFilter, Ray};
 
-/// A strip of two triangles 1 long and 1/aspect wide, anywhere and any way round, as `f32` holds
-/// it.
+/// A strip of two triangles, 1 long and 1/aspect wide, in any place and orientation, rounded to
+/// `f32`.
 struct Strip {
     triangles: [[Vec3; 3]; 2],
 }
@@ -33,7 +33,7 @@ fn normal(t: &[Vec3; 3]) -> DVec3 {
     (b - a).cross(c - a).normalize_or_zero()
 }
 
-/// A point of the first or second triangle, `height` off its front, rounded to `f32`; and the
+/// A point of the first or second triangle, `height` above its front, rounded to `f32`; and the
 /// normal there.
 fn start(s: &Strip, height: f64, r: &mut Random) -> (Vec3, DVec3) {
     let t = &s.triangles[r.below(2)];
@@ -53,7 +53,7 @@ impl HitFilter for Both {
     }
 }
 
-/// Whether any query of any form finds a hit; they must agree.
+/// Whether any query of any version finds a hit; they must agree.
 fn hits(forms: &[Bvh], ray: &Ray) -> bool {
     let first = forms[0].closest_hit(ray, &AcceptAll);
     for f in forms {
@@ -63,7 +63,7 @@ fn hits(forms: &[Bvh], ray: &Ray) -> bool {
     first.is_some()
 }
 
-/// AVX2 where the machine has it and portable, unfiltered and filtered.
+/// AVX2 (if available) and portable, unfiltered and filtered.
 fn forms(s: &Strip) -> Vec<Bvh> {
     [false, true]
         .into_iter()
@@ -85,7 +85,7 @@ fn a_ray_that_leaves_a_sliver_does_not_meet_it_or_its_twin() {
         for _ in 0..200 {
             let s = strip(aspect, &mut r);
             let forms = forms(&s);
-            // The offset of surface points in the crate radiosity.
+            // The offset of surface points in the crate `radiosity`.
             let size = s.triangles.as_flattened().iter();
             let size = size.fold(0f32, |m, p| m.max(p.abs().max_element()));
             for _ in 0..100 {
@@ -133,8 +133,7 @@ fn a_ray_that_starts_in_front_of_a_sliver_meets_it() {
                     continue;
                 };
                 let origin = (target.as_dvec3() - d * back).as_vec3();
-                // What rounding left of it: the exact line must still cross one of the triangles,
-                // in front.
+                // After rounding, the exact line must still cross one of the triangles, in front.
                 if s.triangles.iter().any(|t| crosses(t, origin, d.as_vec3())) {
                     cast += 1;
                     met += u32::from(hits(&forms, &ray(origin, d.as_vec3())));
@@ -148,7 +147,7 @@ fn a_ray_that_starts_in_front_of_a_sliver_meets_it() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// Whether the ray crosses the triangle's inside in `f64`, 1e-6 in from its edges (the edges' own
+/// Whether the ray crosses the triangle's interior in `f64`, 1e-6 inside its edges (the edges' own
 /// rounding is 2⁻²⁴), in front.
 fn crosses(t: &[Vec3; 3], origin: Vec3, d: Vec3) -> bool {
     let o = origin.as_dvec3();

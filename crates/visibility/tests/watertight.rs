@@ -3,7 +3,7 @@
 use crate::common::{AIMS, PLACES, Random, build, cube, icosphere, inside_ray, torus};
 use visibility::AcceptAll;
 
-/// At least a million rays per aim over meshes and places; `examples/leaks.rs` casts ten million
+/// At least a million rays per target over meshes and places; `examples/leaks.rs` casts ten million
 /// each.
 #[test]
 fn nothing_leaks_from_a_closed_mesh() {

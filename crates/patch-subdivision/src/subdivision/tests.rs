@@ -34,7 +34,7 @@ fn cube() -> Vec<[Vec3; 3]> {
     t
 }
 
-/// A sphere of `n × 2n` quads cut in triangles.
+/// A sphere of `n × 2n` quads split into triangles.
 fn sphere(n: usize) -> Vec<[Vec3; 3]> {
     let p = |i: usize, j: usize| {
         let (a, b) = (
@@ -73,9 +73,9 @@ fn a_cube_has_six_regions_and_its_patches_cover_it_exactly() {
     assert_eq!(d.patches().len(), 600);
     assert_eq!(d.elements().len(), 16 * 600);
     let area: f64 = d.patches().iter().map(|p| p.area as f64).sum();
-    // f32 areas of 9600 elements: each within 1e-6 of its own.
+    // The tolerance is for f32 areas of 9600 elements, each within 1e-6 of its value.
     assert!((area - 6.0).abs() < 1e-5, "{area}");
-    // Square cells: every patch has the same area.
+    // Square cells, so every patch has the same area.
     for p in d.patches() {
         assert!((p.area - 0.01).abs() < 1e-6, "{p:?}");
     }
@@ -176,8 +176,8 @@ fn element_points_lie_in_their_own_element() {
             strays += (found.element != Some(ElementId(e as u32))) as u32;
         }
     }
-    // The pull off the edges moves points by up to 0.1 % of the triangle, a few hundredths of an
-    // element.
+    // Moving points away from edges shifts them by up to 0.1 % of the triangle, a few hundredths of
+    // an element.
     assert!(strays as usize * 10 < d.elements().len(), "{strays}");
 }
 
@@ -204,7 +204,7 @@ fn hidden_elements_leave_their_patch_and_hidden_patches_the_interpolation() {
         a + (b - a) * e.u + (c - a) * e.v
     };
     let (patches, before) = (cut.patches().len(), cut.elements().to_vec());
-    // What stands on x < 1.25 hides one row of patches wholly and the next one in part.
+    // x < 1.25 covers one row of patches completely and the next one in part.
     let hidden: Vec<bool> = before.iter().map(|e| place(e).x < 1.25).collect();
     cut.hide(&hidden);
     assert_eq!(cut.patches().len(), patches);
@@ -213,7 +213,7 @@ fn hidden_elements_leave_their_patch_and_hidden_patches_the_interpolation() {
         let elements = &cut.elements()[cut.elements_of(PatchId(k as u32))];
         assert_eq!(patch.mask.count_ones(), u32::from(patch.elements));
         let area: f32 = elements.iter().map(|e| e.area).sum();
-        assert!((area - patch.area).abs() < 1e-5 * area, "{area}"); // f32 sums of sixteen
+        assert!((area - patch.area).abs() < 1e-5 * area, "{area}"); // f32 sums of sixteen areas.
         if patch.hidden {
             whole += 1;
             assert!(elements.iter().all(|e| place(e).x < 1.25));
@@ -223,7 +223,7 @@ fn hidden_elements_leave_their_patch_and_hidden_patches_the_interpolation() {
         for (n, e) in elements.iter().enumerate() {
             let p = place(e);
             assert!(p.x >= 1.25);
-            // The mask still tells which cell an element lies in.
+            // The mask still gives the cell of an element.
             let at = cut.locate(e.triangle, p, false).expect("on the quad");
             assert_eq!(at.patch, PatchId(k as u32));
             assert_eq!(at.element, Some(ElementId(patch.first_element + n as u32)));

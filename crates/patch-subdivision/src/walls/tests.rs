@@ -4,7 +4,7 @@ use super::*;
 use crate::Options;
 use crate::subdivision::tests::{quad, soup};
 
-/// A floor of 4 m by 4 m, cut in patches of 0.4 m.
+/// A floor of 4 m × 4 m in patches of 0.4 m.
 fn floor() -> (mesh_ingest::Soup, Subdivision) {
     let s = soup(quad(Vec3::ZERO, Vec3::Z * 4.0, Vec3::X * 4.0));
     let options = Options {
@@ -27,12 +27,12 @@ fn position(s: &mesh_ingest::Soup, e: &crate::Element) -> Vec3 {
     a + (b - a) * e.u + (c - a) * e.v
 }
 
-/// A wall through the floor that runs askew, without thickness.
+/// An oblique wall through the floor, without thickness.
 fn side(p: Vec3) -> bool {
     p.x + 0.13 * p.z > 1.7
 }
 
-/// Points all over the floor, nearest to none of its grid's lines.
+/// Points all over the floor, none close to a grid line.
 fn points() -> impl Iterator<Item = Vec3> {
     (0..97u32).flat_map(|i| {
         (0..89u32).map(move |k| {
@@ -54,7 +54,7 @@ fn triangle_at(p: Vec3) -> u32 {
 fn a_wall_parts_patches_and_stops_interpolation() {
     let (s, mut cut) = floor();
     let pairs = cut.neighbours();
-    // A grid of 40 × 40 fine cells has so many inner edges.
+    // Number of inner edges of a grid of 40 × 40 fine cells.
     assert_eq!(pairs.len(), 2 * 40 * 39);
     let sides: Vec<bool> = cut
         .elements()
@@ -70,7 +70,7 @@ fn a_wall_parts_patches_and_stops_interpolation() {
     assert!(cut.has_walls());
     assert!(cut.patches().len() > 105, "{}", cut.patches().len());
     let after: f32 = cut.patches().iter().map(|p| p.area).sum();
-    assert!((area - after).abs() < 1e-4, "{area} {after}"); // rounding of sums
+    assert!((area - after).abs() < 1e-4, "{area} {after}"); // Rounding of sums.
     let side_of = |patch: u32| {
         let sides: Vec<bool> = cut
             .elements_of(PatchId(patch))
@@ -96,14 +96,14 @@ fn a_wall_parts_patches_and_stops_interpolation() {
         }
         several += usize::from(n > 1);
     }
-    // Interpolation goes on where no wall is.
+    // Interpolation continues where there is no wall.
     assert!(several > 8000, "{several}");
 }
 
 #[test]
 fn what_is_buried_under_a_thick_wall_parts_patches_too() {
     let (s, mut cut) = floor();
-    // Half a patch thick: no two elements of different sides are neighbours.
+    // Half a patch thick, so no two elements of different sides are neighbours.
     let place = |p: Vec3| p.x + 0.13 * p.z - 1.7;
     let hidden: Vec<bool> = (cut.elements().iter())
         .map(|e| place(position(&s, e)).abs() < 0.15)
@@ -155,7 +155,7 @@ fn what_is_crowded_is_cut_into_its_elements() {
     assert!(!cut.has_walls());
     assert_eq!(cut.patches().len(), 60 + 40 * 16);
     let after: f64 = cut.patches().iter().map(|p| f64::from(p.area)).sum();
-    // Patches' own areas are sums of 16 in single precision.
+    // The areas of patches are sums of 16 in single precision.
     assert!((area / after - 1.0).abs() < 1e-6, "{area} {after}");
     let mut found = 0;
     for (id, p) in cut.patches().iter().enumerate() {
@@ -166,7 +166,7 @@ fn what_is_crowded_is_cut_into_its_elements() {
             found += usize::from((at.patch.0, at.element.unwrap().0) == (id as u32, k as u32));
         }
     }
-    // A point on a cell's border may round into the next.
+    // A point on a cell's border may round into the next cell.
     assert!(found >= 1590, "{found} of 1600");
     let mut kinds = [0; 2];
     for p in points() {

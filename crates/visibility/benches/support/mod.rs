@@ -1,4 +1,4 @@
-//! An interior to time rays in, and rays such as a final gather casts.
+//! An interior for timing rays, and rays like those of a final gather.
 #![allow(dead_code, reason = "each program uses a part")]
 
 use std::f32::consts::{PI, TAU};
@@ -33,12 +33,12 @@ fn sheet(out: &mut Vec<[Vec3; 3]>, n: usize, m: usize, surface: impl Fn(f32, f32
     }
 }
 
-/// Two-storey hall of 30 × 12 × 10 m with columns, arches, a vaulted ceiling, hangings, pots and a
-/// few huge triangles: about 260,000 triangles of sizes from millimetres to the length of the hall,
-/// as in scanned or modelled atria.
+/// A two-storey hall of 30 × 12 × 10 m with columns, arches, a vaulted ceiling, hangings, pots and
+/// a few huge triangles. It has about 260,000 triangles, from millimetres to the length of the
+/// hall, as in scanned or modelled atria.
 pub fn interior() -> Vec<[Vec3; 3]> {
     let mut t = vec![];
-    // Shell: floor and long walls of two triangles each, end walls, vault.
+    // The shell: floor and long walls of two triangles each, end walls, vault.
     sheet(&mut t, 1, 1, |s, u| vec3(s * 30.0, u * 12.0, 0.0));
     for y in [0.0, 12.0] {
         sheet(&mut t, 1, 1, |s, u| vec3(s * 30.0, y, u * 8.0));
@@ -65,7 +65,7 @@ pub fn interior() -> Vec<[Vec3; 3]> {
                     let r = 0.25 + 0.012 * (a * 16.0).sin() + swell;
                     centre + vec3(r * a.cos(), r * a.sin(), u * 3.2)
                 });
-                // Arch to the next column.
+                // An arch to the next column.
                 sheet(&mut t, 24, 6, |s, u| {
                     let a = s * PI;
                     let r = 1.25 + 0.1 * (u * TAU).cos();
@@ -77,7 +77,7 @@ pub fn interior() -> Vec<[Vec3; 3]> {
                         )
                 });
             }
-            // Gallery floor.
+            // The gallery floor.
             sheet(&mut t, 60, 2, |s, u| {
                 vec3(
                     s * 30.0,
@@ -132,10 +132,10 @@ pub fn interior() -> Vec<[Vec3; 3]> {
     t
 }
 
-/// `count` rays from points spread by area over `triangles`, cosine-distributed about a random
-/// side's normal.
+/// `count` rays from points distributed by area over `triangles`, cosine-distributed about the
+/// normal of a random side.
 ///
-/// `length`: infinity for gather rays; for shadow rays the distance to look.
+/// `length`: infinity for gather rays, the distance to the light for shadow rays.
 pub fn hemisphere_rays(triangles: &[[Vec3; 3]], count: usize, length: f32) -> Vec<Ray> {
     let mut sum = 0.0f64;
     let cumulative: Vec<f64> = triangles
@@ -165,7 +165,7 @@ pub fn hemisphere_rays(triangles: &[[Vec3; 3]], count: usize, length: f32) -> Ve
             }
             let p = a + (b - a) * u + (c - a) * v;
             let mut n = (b - a).cross(c - a).normalize_or(Vec3::Z);
-            // Mostly the side that faces the middle of the hall.
+            // Mostly the side that faces the centre of the hall.
             if n.dot(centre - p) < 0.0 {
                 n = -n;
             }
@@ -182,7 +182,7 @@ pub fn hemisphere_rays(triangles: &[[Vec3; 3]], count: usize, length: f32) -> Ve
         .collect()
 }
 
-/// Triangles from a file of little-endian `f32`, nine to a triangle.
+/// Triangles from a file of little-endian `f32`, nine per triangle.
 pub fn read_triangles(path: &str) -> std::io::Result<Vec<[Vec3; 3]>> {
     let bytes = std::fs::read(path)?;
     let floats: Vec<f32> = bytes

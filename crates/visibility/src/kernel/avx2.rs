@@ -1,5 +1,5 @@
-//! The tests with AVX2 intrinsics. Fused multiply-add is left alone: it would break the argument of
-//! the parent module.
+//! The tests with AVX2 intrinsics. Fused multiply-add is not used: it would invalidate the argument
+//! of the parent module.
 
 use std::arch::x86_64::*;
 
@@ -28,7 +28,7 @@ impl Kernel for Avx2 {
                 let side = ray.near[axis] & 1;
                 let lo = _mm256_loadu_ps(node.bounds[axis][side].as_ptr());
                 let hi = _mm256_loadu_ps(node.bounds[axis][side ^ 1].as_ptr());
-                // The second operand is what NaN gives way to.
+                // If an operand is NaN, the result is the second one.
                 near = _mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(lo, o), inv), near);
                 far = _mm256_min_ps(_mm256_mul_ps(_mm256_sub_ps(hi, o), inv), far);
             }
@@ -77,7 +77,7 @@ impl Kernel for Avx2 {
             let reciprocal = _mm_div_ps(_mm_set1_ps(1.0), det);
             let wb = _mm_mul_ps(v, reciprocal);
             let wc = _mm_mul_ps(w, reciprocal);
-            // From corner 0, so that a plane facing the ray has the same t everywhere.
+            // Relative to corner 0, so that a plane facing the ray has the same t everywhere.
             let along_b = _mm_mul_ps(wb, _mm_sub_ps(bz, az));
             let along_c = _mm_mul_ps(wc, _mm_sub_ps(cz, az));
             let t = _mm_add_ps(az, _mm_add_ps(along_b, along_c));

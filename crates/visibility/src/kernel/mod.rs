@@ -1,28 +1,28 @@
-//! The two inner tests, ray against eight boxes and ray against four triangles, in a portable and
-//! an AVX2 form.
+//! The two inner tests, ray against eight boxes and ray against four triangles, in portable and
+//! AVX2 versions.
 //!
 //! # Why no ray leaks
 //! The triangle test is that of Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection" (JCGT
-//! 2013). Corners are moved to the ray's origin and sheared so that the ray is the z axis, by the
-//! same operations whatever triangle they belong to. Which side of an edge the ray passes is then
-//! the sign of a·d − b·c, and rounding is monotone: with the products rounded *separately* (no
-//! fused multiply-add) the sign comes out right, or the difference is zero. Where it is zero,
-//! `f64`, in which the products are exact, decides. So both neighbours of an edge see the same
-//! sign, and a ray between two triangles hits at least one.
+//! 2013). Corners are translated to the ray's origin and sheared so that the ray is the z axis,
+//! with the same operations for all triangles. The sign of a·d − b·c then says on which side of an
+//! edge the ray passes. Rounding is monotone: if the products are rounded *separately* (no fused
+//! multiply-add), the sign is correct, or the difference is zero. If it is zero, `f64` decides, in
+//! which the products are exact. So both triangles at an edge see the same sign, and a ray between
+//! them hits at least one.
 //!
-//! The box test must not reject what the triangle test would accept. Its slab distances err
-//! relatively, so the far side and the best hit so far are moved away by a factor ([`WIDEN`]; Ize,
-//! "Robust BVH Ray Traversal", JCGT 2013). Rays with a zero direction component divide to infinity;
-//! the one indeterminate case, an origin exactly on a slab, is NaN, and minima and maxima are
-//! arranged so that NaN counts as inside.
+//! The box test must not reject what the triangle test would accept. Its slab distances have
+//! relative errors, so the far side and the closest hit so far are increased by a factor
+//! ([`WIDEN`]; Ize, "Robust BVH Ray Traversal", JCGT 2013). Rays with a zero direction component
+//! divide to infinity. The one indeterminate case, an origin exactly on a slab, gives NaN, and
+//! minima and maxima are arranged so that NaN counts as inside.
 //!
-//! # Why a ray does not meet the sliver that it leaves
-//! The error of t grows with a triangle's aspect. Where it could reach an end of the ray
-//! (`T_ERROR`), the plane's distance in `f64` decides (`plane.rs`). It takes a hit away only from a
-//! ray that starts within a thousandth of the triangle's reach from it and moves off its plane; for
-//! all other rays the argument above stands as it is.
+//! # Why a ray does not hit the sliver that it leaves
+//! The error of t grows with a triangle's aspect ratio. If it could reach an end of the ray
+//! (`T_ERROR`), the plane's distance in `f64` decides (`plane.rs`). This only removes hits of rays
+//! that start within a thousandth of the triangle's extent from it and leave its plane; for all
+//! other rays the argument above holds unchanged.
 //!
-//! # Why both forms agree
+//! # Why both versions agree
 //! Each operation (sub, mul, div, compare, min as `a < b ? a : b`) is the IEEE one, in the same
 //! order, and Rust never contracts a multiplication and an addition.
 
@@ -36,28 +36,29 @@ use crate::ray::Ray;
 
 pub(crate) use plane::decide_range;
 
-/// Largest coordinate magnitude of corners and ray origins. Sheared differences reach 4e18, edge
-/// functions 3.2e37 and their sum 1e38, just inside the range of `f32`.
+/// Largest magnitude of coordinates of corners and ray origins. Sheared differences reach 4e18,
+/// edge functions 3.2e37 and their sum 1e38, just within the range of `f32`.
 pub const MAX_COORDINATE: f32 = 1e18;
 
 /// Factor on far distances: eight units in the last place. Two slab distances of three roundings
 /// each (subtraction, reciprocal, product) and the sheared corners (three more) can disagree by
-/// about seven; no leak was seen in 5e7 rays (`lab/visibility.md`).
+/// about seven. No leak occurred in 5e7 rays (`examples/leaks.rs`).
 pub const WIDEN: f32 = 1.0 + 8.0 * f32::EPSILON;
 
-/// Below this magnitude of the determinant its reciprocal may overflow or the edge functions be
-/// denormal: `f64` takes over.
+/// If the determinant is smaller than this, its reciprocal may overflow or edge functions may be
+/// denormal, so `f64` is used.
 const SMALL_DETERMINANT: f32 = 1e-30;
 
-/// How far the `f32` t is trusted: it may err by `T_ERROR · (m·max(m, z)·s/|det| + Z)`, with m the
-/// largest sheared |x| or |y| of a corner, z the largest difference along the ray's main axis, Z
-/// the same in units of t, and s the span of the corners' t. A sheared coordinate errs by some
-/// 2⁻²⁴·max(m, z), an edge function by m times that, and the weights by that over the determinant,
-/// which a sliver makes small. Sixteen units of 2⁻²⁴: the worst of 370,000 triangles of aspect 1 to
-/// 1e6 took 2.3 (`kernel/tests.rs`), and too many cost little, a wrong answer much.
+/// Bound on the error of the `f32` t, in units of m·max(m, z)·s/|det| + Z, with m the largest
+/// sheared |x| or |y| of a corner, z the largest difference along the ray's main axis, Z the same
+/// in units of t, and s the span of the corners' t. A sheared coordinate has an error of about
+/// 2⁻²⁴·max(m, z), an edge function m times that, and the weights that divided by the determinant,
+/// which is small for a sliver. The bound is sixteen units of 2⁻²⁴; the worst of 370,000 triangles
+/// of aspect ratio 1 to 1e6 needed 2.3 (`kernel/tests.rs`). A bound that is too large costs little,
+/// a wrong answer costs much.
 pub(crate) const T_ERROR: f32 = 16.0 * 0.5 * f32::EPSILON;
 
-/// Instruction sets with a form of the tests.
+/// Instruction sets with their own version of the tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Isa {
     Portable,
@@ -66,7 +67,7 @@ pub(crate) enum Isa {
 }
 
 impl Isa {
-    /// The fastest that this machine has.
+    /// The fastest one that this machine supports.
     pub fn detect() -> Isa {
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") {
@@ -84,28 +85,28 @@ impl Isa {
     }
 }
 
-/// What the tests need of a ray, computed once.
+/// Precomputed values of a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Prepared {
     pub origin: [f32; 3],
-    /// In units of the internal `t`.
+    /// Direction in units of the internal `t`.
     pub direction: [f32; 3],
     /// 1 / direction, infinite where that is zero.
     pub inverse: [f32; 3],
-    /// Which side of a box the ray meets first on each axis: 0 lower, 1 upper.
+    /// The side of a box that the ray enters first, by axis: 0 lower, 1 upper.
     pub near: [usize; 3],
-    /// Axes permuted so that the last is the direction's longest and handedness is kept.
+    /// Axes permuted so that the direction's longest component is last and handedness is kept.
     pub axes: [usize; 3],
     /// Sheared x and y per unit of z, and 1 / z.
     pub shear: [f32; 3],
     pub t_min: f32,
     pub t_max: f32,
-    /// Factor from internal `t` to the caller's: a power of two, 1 for directions of usual length.
+    /// Factor from internal `t` to the caller's: a power of two, 1 for directions of normal length.
     pub t_scale: f32,
 }
 
 impl Prepared {
-    /// `None` for a ray that can hit nothing.
+    /// `None` for a ray that cannot hit anything.
     #[inline(always)]
     pub fn new(ray: &Ray) -> Option<Prepared> {
         let origin = ray.origin.to_array();
@@ -123,8 +124,8 @@ impl Prepared {
         }
         let (mut t_min, mut t_max, mut t_scale) = (ray.t_min.max(0.0), ray.t_max, 1.0);
         if !(1e-6..=1e6).contains(&longest) {
-            // A very short direction would have infinite reciprocals in components that matter.
-            // Scale it to length about 1; powers of two change no digit.
+            // A very short direction would have infinite reciprocals of significant components, so
+            // it is scaled to a length of about 1. Powers of two are exact.
             let exponent = (longest.to_bits() >> 23).clamp(1, 253);
             t_scale = f32::from_bits((254 - exponent) << 23);
             d = d.map(|x| x * t_scale);
@@ -163,7 +164,7 @@ pub(crate) struct Lanes {
     pub t: [f32; PACK],
     pub u: [f32; PACK],
     pub v: [f32; PACK],
-    /// Bit per lane: hit from behind.
+    /// Bit per lane: whether the back was hit.
     pub back: u32,
 }
 
@@ -173,13 +174,13 @@ pub(crate) trait Kernel {
     /// distances to them.
     ///
     /// # Safety
-    /// The machine has the instruction set.
+    /// The machine supports the instruction set.
     unsafe fn boxes(node: &Node, ray: &Prepared, t_max: f32, t_near: &mut [f32; WIDTH]) -> u32;
 
     /// Mask of the triangles that the ray hits at `t_min < t <= t_max`.
     ///
     /// # Safety
-    /// The machine has the instruction set.
+    /// The machine supports the instruction set.
     unsafe fn triangles(pack: &Pack, ray: &Prepared, t_max: f32, lanes: &mut Lanes) -> u32;
 }
 
@@ -190,8 +191,8 @@ pub(crate) struct Sheared {
     pub z: [[f32; PACK]; 3],
 }
 
-/// Decides in `f64`, where the products of two `f32` are exact, whether the line meets the triangle
-/// in `lane`, and fills in its results. Whether that is within the ray is left to [`decide_range`].
+/// Decides in `f64`, where the product of two `f32` is exact, whether the line hits the triangle in
+/// `lane`, and fills in its results. [`decide_range`] decides whether the hit is within the ray.
 #[cold]
 #[inline(never)]
 pub(crate) fn decide_exactly(s: &Sheared, lane: usize, lanes: &mut Lanes) -> bool {

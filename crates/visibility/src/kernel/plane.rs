@@ -1,24 +1,23 @@
-//! Where the ends of a ray decide: the distance to a triangle's plane in `f64`.
+//! Decides hits near the ends of a ray by the distance to the triangle's plane in `f64`.
 //!
-//! A ray that leaves a sliver has that sliver on its line, at t just below zero. The `f32` weights
-//! err by 2⁻²⁴ times the sliver's aspect, and t by that share of its length: enough to make a hit
-//! of it. The signs of the edge functions, and with them the argument why no ray leaks, are left as
-//! they are; only t is found anew, from the corners as they were given.
+//! A ray that leaves a sliver crosses that sliver's plane at t just below zero. The `f32` weights
+//! have errors of 2⁻²⁴ times the sliver's aspect ratio, and t that fraction of its length, which is
+//! enough for a false hit. The signs of the edge functions, and with them the argument why no ray
+//! leaks, are left alone; only t is recomputed, from the original corners.
 
 use glam::{DVec3, Vec3};
 
 use super::{Lanes, Prepared, Sheared};
 use crate::node::Pack;
 
-/// A triangle that the plane's distance rules out is out only if it is so near to the ray's start,
-/// as a share of its farthest corner's distance. Elsewhere an edge-on triangle may be what closes
-/// the gap between two others, in the noise of all three, and must stay. Surface offsets are some
-/// 1e-6 and the noise 1e-7, so a thousandth covers both with room.
+/// A triangle is rejected by its plane's distance only if it is this close to the ray's start, as a
+/// fraction of the distance to its farthest corner. Elsewhere an edge-on triangle may be what
+/// closes the gap between two others within the rounding of all three, and must stay. Surface
+/// offsets are about 1e-6 and the rounding 1e-7, so a thousandth covers both with a margin.
 const NEAR: f64 = 1e-3;
 
-/// Decides whether `lane`, whose line meets the triangle, meets it within the ray, and corrects its
-/// t and side. The answer depends on ray and triangle alone, but for the last comparison with
-/// `t_max`.
+/// Decides whether the hit in `lane` is within the ray, and corrects its t and side. Except for the
+/// last comparison with `t_max`, the answer depends only on ray and triangle.
 #[cold]
 #[inline(never)]
 pub(crate) fn decide_range(
@@ -31,18 +30,18 @@ pub(crate) fn decide_range(
 ) -> bool {
     let origin = Vec3::from_array(ray.origin).as_dvec3();
     let direction = Vec3::from_array(ray.direction).as_dvec3();
-    // Differences of f32 of like size are exact in f64.
+    // Differences of f32 values of similar size are exact in f64.
     let corners = pack.triangle(lane).map(|p| p.as_dvec3() - origin);
     let [a, b, c] = corners;
     let normal = (b - a).cross(c - a);
     let slope = normal.dot(direction);
     let t_min = f64::from(ray.t_min);
     let t = normal.dot(a) / slope;
-    // Flat in f64, or edge-on: the f32 answer is as good as any.
+    // If it is flat in f64, or edge-on, the f32 answer is as good as any.
     if t.is_finite() {
         lanes.back = lanes.back & !(1 << lane) | u32::from(slope > 0.0) << lane;
         if t > t_min {
-            // Never outside the corners' range, which the boxes above hold: the tree's shape must
+            // Clamped to the corners' range, which the boxes above contain: the tree's shape must
             // not matter.
             let z = s.z.map(|c| c[lane]);
             let low = z[0].min(z[1]).min(z[2]);
@@ -55,7 +54,7 @@ pub(crate) fn decide_range(
     lanes.t[lane] > ray.t_min && lanes.t[lane] <= t_max
 }
 
-/// Whether `p` lies within [`NEAR`] of the triangle: of its plane, and of the inner side of each
+/// Whether `p` is within [`NEAR`] of the triangle: of its plane, and of the inner side of each
 /// edge.
 fn is_near(corners: &[DVec3; 3], normal: DVec3, p: DVec3) -> bool {
     let reach = NEAR

@@ -6,16 +6,16 @@ use super::{
 };
 use crate::node::{Node, PACK, Pack, WIDTH};
 
-/// Plain Rust; the compiler may vectorise it with what the target has for certain.
+/// Plain Rust, vectorised by the compiler for the baseline target.
 pub(crate) struct Portable;
 
-/// `minps`: the second operand where one is NaN.
+/// `minps`: the second operand if one is NaN.
 #[inline(always)]
 fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// `maxps`: the second operand where one is NaN.
+/// `maxps`: the second operand if one is NaN.
 #[inline(always)]
 fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }

@@ -1,4 +1,4 @@
-//! How far the `f32` t errs.
+//! Measures the error of the `f32` t.
 
 use glam::{DVec3, Vec3};
 
@@ -15,12 +15,12 @@ fn next(state: &mut u64) -> f64 {
     ((z ^ z >> 31) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// |error of t| over the trusted bound, for a triangle and a line that crosses its inside; `None` where the kernel sees no crossing.
+/// |error of t| relative to its bound, for a triangle and a line through its interior; `None` if the kernel finds no hit.
 fn error_over_bound(corners: [Vec3; 3], ray: &Ray) -> Option<f64> {
     let mut pack = Pack::EMPTY;
     pack.set(0, &corners, 0);
     let mut prepared = Prepared::new(ray).expect("a sound ray");
-    // Far from any t, so that the answer is the raw one.
+    // Far from any t, so that the answer is the uncorrected one.
     (prepared.t_min, prepared.t_max) = (-1e30, 1e30);
     let mut lanes = Lanes::default();
     // SAFETY: the portable form runs everywhere.
@@ -74,6 +74,7 @@ fn t_errs_by_less_than_it_is_trusted_to() {
         }
     }
     assert!(seen > 200_000, "{seen}");
-    // Measured 0.141. A quarter leaves the bound four times what these cases need.
+    // The measured value is 0.141. A limit of a quarter keeps the bound at four times what these
+    // cases need.
     assert!(worst < 0.25, "{worst}");
 }

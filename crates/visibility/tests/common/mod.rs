@@ -1,4 +1,4 @@
-//! Meshes, rays and a brute-force caster shared by the tests.
+//! Meshes, rays and a brute-force ray caster for the tests.
 #![allow(dead_code, reason = "tests use all of it, examples a part")]
 
 use glam::{DVec3, Vec3};
@@ -56,8 +56,8 @@ pub fn ray(origin: Vec3, direction: Vec3) -> Ray {
     }
 }
 
-/// Casts against every triangle alone, each in a tree of its own, and keeps the nearest, lowest
-/// index first: what the tree must return, bit for bit.
+/// Tests every triangle separately, each in its own tree, and keeps the nearest hit, lowest index
+/// first. The tree must return the same, bit for bit.
 pub struct BruteForce(Vec<Bvh>);
 
 impl BruteForce {
@@ -87,7 +87,7 @@ impl BruteForce {
     }
 }
 
-/// A triangle list with shared corner positions, with a point inside.
+/// A triangle list with shared corner positions that encloses a point.
 pub struct Closed {
     pub name: &'static str,
     pub triangles: Vec<[Vec3; 3]>,
@@ -95,7 +95,7 @@ pub struct Closed {
     pub inside: fn(&mut Random) -> DVec3,
 }
 
-/// Subdivided icosahedron of radius 1.
+/// A subdivided icosahedron of radius 1.
 pub fn icosphere(levels: u32) -> Closed {
     let g = (1.0 + 5f64.sqrt()) / 2.0;
     let v: Vec<DVec3> = [
@@ -141,7 +141,7 @@ pub fn icosphere(levels: u32) -> Closed {
         triangles = triangles
             .iter()
             .flat_map(|&[a, b, c]| {
-                // a + b and b + a are equal, so that neighbours share the midpoint bit for bit.
+                // a + b and b + a are equal, so neighbours share the midpoint bit for bit.
                 let (ab, bc, ca) = (
                     (a + b).normalize(),
                     (b + c).normalize(),
@@ -158,7 +158,7 @@ pub fn icosphere(levels: u32) -> Closed {
     }
 }
 
-/// Torus of radii 1 and 0.4.
+/// A torus of radii 1 and 0.4.
 pub fn torus(rings: usize, sides: usize) -> Closed {
     use std::f64::consts::TAU;
     let point = |i: usize, j: usize| {
@@ -192,7 +192,7 @@ pub fn torus(rings: usize, sides: usize) -> Closed {
     }
 }
 
-/// Axis-aligned cube from -1 to 1, each face of n × n squares: flat boxes everywhere.
+/// An axis-aligned cube from -1 to 1, each face of n × n squares: all boxes are flat.
 pub fn cube(n: usize) -> Closed {
     let mut triangles = vec![];
     let at = |i: usize| i as f32 / n as f32 * 2.0 - 1.0;
@@ -230,7 +230,7 @@ pub fn cube(n: usize) -> Closed {
     }
 }
 
-/// Where the rays of a leak test point.
+/// Targets of the rays in a leak test.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Aim {
     /// Anywhere.
@@ -248,7 +248,7 @@ pub enum Aim {
 
 pub const AIMS: [Aim; 5] = [Aim::Random, Aim::Edge, Aim::Vertex, Aim::Grazing, Aim::Axis];
 
-/// A ray from inside `mesh`, moved and scaled as its triangles are.
+/// A ray from inside `mesh`, translated and scaled like its triangles.
 pub fn inside_ray(
     mesh: &Closed,
     moved: &[[Vec3; 3]],
@@ -263,7 +263,7 @@ pub fn inside_ray(
         Aim::Edge => a.lerp(b, r.unit() as f32) - origin,
         Aim::Vertex => a - origin,
         Aim::Grazing => {
-            // A tenth of the triangle's size inside its plane, pointing along the plane.
+            // A tenth of the triangle's size inside its plane, in a direction along the plane.
             let centre = (a + b + c) / 3.0;
             let normal = (b - a)
                 .as_dvec3()
@@ -277,8 +277,8 @@ pub fn inside_ray(
         Aim::Axis => {
             let axis = r.below(3);
             let target = if origin[axis] != a[axis] { a } else { b };
-            // The origin takes one coordinate of the vertex where that stays inside: halfway
-            // towards it on the others.
+            // The origin takes one coordinate of the vertex if that stays inside; half-way towards
+            // it on the others.
             let mut d = target - origin;
             d[axis] = 0.0;
             if r.below(4) == 0 {
@@ -330,7 +330,7 @@ impl Place {
         (p * self.scale + DVec3::new(1.0, -0.7, 0.3) * self.offset).as_vec3()
     }
 
-    /// The mesh in this place, without triangles that rounding made flat.
+    /// The transformed mesh, without triangles that rounding made flat.
     pub fn mesh(self, mesh: &Closed) -> Vec<[Vec3; 3]> {
         mesh.triangles
             .iter()
