@@ -1,4 +1,4 @@
-//! The files under `assets/`, and what makes each.
+//! The files under `assets/` and the functions that generate them.
 
 use glam::Vec3;
 
@@ -9,7 +9,7 @@ use crate::scenes::{self, FurnaceShape, closed_form};
 pub struct Asset {
     /// File name.
     pub name: &'static str,
-    /// Makes the file's bytes; the same every time.
+    /// Generates the file's bytes, which are the same every time.
     pub make: fn() -> Vec<u8>,
 }
 
@@ -57,7 +57,7 @@ pub const ASSETS: &[Asset] = &[
     },
 ];
 
-/// The closed-form scenes with parameters that suit a look or a measurement; not committed,
+/// Closed-form scenes with parameters suited to viewing or measuring. They are not committed;
 /// `make-assets --closed-form DIR` writes them.
 pub const CLOSED_FORM: &[Asset] = &[
     Asset {
@@ -110,8 +110,8 @@ pub const CLOSED_FORM: &[Asset] = &[
     },
 ];
 
-/// Scenes of many triangles, for measuring; not committed for their size, `make-assets --dense DIR`
-/// writes them.
+/// Scenes with many triangles, for measurements. They are too large to commit;
+/// `make-assets --dense DIR` writes them.
 pub const DENSE: &[Asset] = &[Asset {
     name: "dense_room.glb",
     make: scenes::dense_room,

@@ -1,9 +1,9 @@
 //! Architecture carved out of solid boxes.
 //!
-//! Boxes of rock are filled and rooms are carved out of them; what remains is cut along every box's
-//! planes into cells, and one quadrilateral is made wherever a solid cell meets an empty one. So
-//! walls have two faces and a thickness, no two faces overlap, and every edge is shared by whole
-//! edges (no T-junctions), however the boxes were put together.
+//! Boxes are filled with rock, and rooms are carved out of them. The result is cut into cells along
+//! every box's planes, with a quadrilateral wherever a solid cell meets an empty one. So walls have
+//! two faces and a thickness, faces never overlap, and edges match (no T-junctions), whatever the
+//! boxes are.
 
 use std::collections::BTreeMap;
 
@@ -11,10 +11,10 @@ use glam::{Vec2, Vec3};
 
 use crate::geometry::Geometry;
 
-/// Number of an empty space: 0 is the outside, the others are the caller's.
+/// Number of an empty space: 0 is the outside, others are up to the caller.
 pub type Space = u8;
 
-/// What [`Carver::faces`] says about one face, for the caller to choose its paint.
+/// A face for which the caller of [`Carver::faces`] chooses the paint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
     /// The empty space that the face looks into.
@@ -50,16 +50,16 @@ impl Carver {
         self
     }
 
-    /// Cuts faces at `at` metres along `axis` (0..3), where paint changes.
+    /// Cuts faces at `at` metres along `axis` (0..3), where the paint changes.
     pub fn cut(&mut self, axis: usize, at: f32) -> &mut Self {
         self.lines[axis].push(at);
         self
     }
 
-    /// All faces, grouped by the key that `paint` gives them; `None` leaves a face out.
+    /// All faces, grouped by the key that `paint` returns; `None` leaves a face out.
     ///
-    /// Corners are shared inside a group's plane; normals are flat and uv are world metres (x, z on
-    /// floors; along the wall and down on walls).
+    /// Corners are shared within a group's plane; normals are flat and uv is in world metres (x, z
+    /// on floors; along the wall and downwards on walls).
     pub fn faces<K: Ord>(&self, paint: impl Fn(&Face) -> Option<K>) -> BTreeMap<K, Geometry> {
         let lines = self.sorted_lines();
         let count = [0, 1, 2].map(|k: usize| lines[k].len().saturating_sub(1));
@@ -198,7 +198,7 @@ mod tests {
             .iter()
             .map(|t| p(t[0]).dot(p(t[1]).cross(p(t[2]))) / 6.0)
             .sum();
-        // 48 m³ of rock less the room (18) and the door (0.75); exact coordinates, f32 sum.
+        // 48 m³ of rock minus the room (18) and the door (0.75); exact coordinates, f32 sum.
         assert!((volume - 29.25).abs() < 1e-3, "{volume}");
         let key = |i: u32| p(i).to_array().map(f32::to_bits);
         let mut edges = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Triangle lists and the shapes that scenes are put together from.
+//! Triangle lists and the shapes that scenes consist of.
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
@@ -43,7 +43,7 @@ impl Geometry {
         out
     }
 
-    /// The same surface with its fronts on the other side.
+    /// The same surface with fronts and backs swapped.
     pub fn flipped(mut self) -> Geometry {
         for t in &mut self.triangles {
             t.swap(1, 2);
@@ -54,7 +54,7 @@ impl Geometry {
         self
     }
 
-    /// Moved by a rigid motion or scaling that does not mirror.
+    /// Transformed by a motion or scaling that does not mirror.
     pub fn transformed(mut self, m: Affine3A) -> Geometry {
         let normal = m.matrix3.inverse().transpose();
         for p in &mut self.positions {
@@ -66,7 +66,7 @@ impl Geometry {
         self
     }
 
-    /// Moved by `t` metres.
+    /// Translated by `t` metres.
     pub fn moved(self, t: Vec3) -> Geometry {
         self.transformed(Affine3A::from_translation(t))
     }

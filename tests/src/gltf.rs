@@ -1,9 +1,9 @@
-//! A small writer of glTF 2.0 binary files for test scenes.
+//! A small writer of binary glTF 2.0 files for test scenes.
 //!
-//! It writes what Lumel's scenes need and nothing more: indexed triangles, embedded PNG textures,
-//! nodes, punctual lights, cameras and extras. The same calls give the same bytes, and the files
-//! pass the Khronos validator without errors. Source: Khronos, *glTF 2.0 Specification*, §3
-//! (concepts) and §4 (GLB container).
+//! It supports only what Lumel's scenes need: indexed triangles, embedded PNG textures, nodes,
+//! punctual lights, cameras and extras. The same calls give the same bytes, and the files pass the
+//! Khronos validator without errors. Source: Khronos, *glTF 2.0 Specification*, §3 (concepts) and
+//! §4 (GLB container).
 
 use std::collections::BTreeSet;
 
@@ -19,8 +19,7 @@ const FLOAT: u32 = 5126;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 
-/// What a surface looks like; [`Material::default`] is white, opaque, single-sided and does not
-/// emit.
+/// A surface's material. [`Material::default`] is white, opaque, single-sided and not emissive.
 #[derive(Debug, Clone)]
 pub struct Material {
     /// Name in the document.
@@ -40,7 +39,7 @@ pub struct Material {
     pub blend: Option<f32>,
     /// `transmissionFactor` of `KHR_materials_transmission`.
     pub transmission: f32,
-    /// Acts on both sides.
+    /// Whether both sides reflect and emit.
     pub double_sided: bool,
     /// Free data for `extras`.
     pub extras: Option<Value>,
@@ -180,7 +179,8 @@ pub struct GltfBuilder {
     scene_extensions: Map<String, Value>,
 }
 
-/// The shortest decimal that reads back as `x`, so that files show `0.1` and not `0.10000000149`.
+/// The shortest decimal that reads back as `x`, so that files contain `0.1` instead of
+/// `0.10000000149`.
 fn number(x: f32) -> Value {
     json!(x.to_string().parse::<f64>().unwrap_or(0.0))
 }

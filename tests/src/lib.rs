@@ -1,10 +1,10 @@
-//! Scene makers and helpers for Lumel's whole-pipeline tests.
+//! Scene generators and helpers for Lumel's whole-pipeline tests.
 //!
-//! [`scenes`] holds the scenes, each a function of its parameters that returns the bytes of a
-//! `.glb`; [`assets`] lists the ones that are committed under `assets/`, which
-//! `cargo run -p lumel-tests --bin make-assets` writes; [`gltf`] and [`geometry`] are what they are
-//! made with; [`levels`] draws levels as people build them. [`path_tracer`] is a second method,
-//! which shares nothing with the baker, to hold a bake against.
+//! [`scenes`] contains the scenes, each a function of its parameters that returns the bytes of a
+//! `.glb`. [`assets`] lists those committed under `assets/`, which
+//! `cargo run -p lumel-tests --bin make-assets` writes. [`gltf`] and [`geometry`] are their
+//! building blocks, and [`levels`] generates typical levels. [`path_tracer`] is an independent
+//! second method to compare bakes with.
 
 pub mod assets;
 pub mod carve;

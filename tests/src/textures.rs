@@ -1,4 +1,4 @@
-//! Procedural pictures: sRGB, tileable, the same every time.
+//! Procedural textures: sRGB, tileable, deterministic.
 
 use image::{Rgba, RgbaImage};
 

@@ -1,4 +1,4 @@
-//! The committed assets are what the program makes.
+//! The committed assets equal the generated ones.
 
 use std::path::Path;
 

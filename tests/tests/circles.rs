@@ -1,7 +1,7 @@
 //! Files of a crate import each other in one direction only, so that each can be read after those
 //! below it.
 //!
-//! Calls of methods need no import: an `impl` block for a type of another file is not seen here.
+//! Method calls need no import, so an `impl` block for a type of another file is not detected.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -36,8 +36,8 @@ fn read(folder: &Path, at: &Module, out: &mut BTreeMap<Module, String>) {
     }
 }
 
-/// The modules that a text names: by `crate::`, by `super::`, and those that it declares. Tests,
-/// which come last in a file, and comments do not count.
+/// The modules that a text refers to by `crate::` or `super::`, and those that it declares.
+/// Comments and tests, which come last in a file, do not count.
 fn named(module: &Module, text: &str, all: &BTreeMap<Module, String>) -> BTreeSet<Module> {
     let text = text.split("mod tests {").next().unwrap_or_default();
     let mut out = BTreeSet::new();

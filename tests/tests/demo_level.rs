@@ -1,5 +1,4 @@
-//! The demo level holds what a user expects of one, within the size that keeps the repository
-//! light.
+//! The demo level contains what users expect, within a size that keeps the repository small.
 
 use serde_json::Value;
 

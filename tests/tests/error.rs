@@ -1,5 +1,5 @@
-//! `--error`: the gather goes on until the estimate is what was asked for, or says that it cannot
-//! be.
+//! `--error`: the gather continues until the estimate reaches the target, or reports that it
+//! cannot.
 
 use std::path::Path;
 
@@ -58,7 +58,7 @@ fn each_preset_takes_more_rays_for_less_error() {
 
 #[test]
 fn an_error_out_of_reach_is_a_warning() {
-    // Below what 8192 rays a lumel can know; a draft's solve, so that it is found out soon.
+    // Below what 8192 rays per lumel can reach; with a draft's solve this is detected quickly.
     let bake = bake(1e-5, Quality::Draft, 1.0);
     let report = &bake.report.gather.light;
     assert_eq!(report.error_reached, Some(false));

@@ -1,12 +1,12 @@
-//! The leak suite's dark sides are dark, up to the lumels that they share with lit ones.
+//! The dark regions of the leak suite are dark, except for lumels that they share with lit ones.
 //!
-//! A lumel that a wall cuts holds one of its two sides, and a lumel in a wall is read from both, so
-//! light is seen in the dark up to a lumel and a half from a wall that is thinner than that. What
-//! lies deeper is exactly 0. `lab/leaks.md` says why no more is asked.
+//! A lumel that a wall cuts holds the light of one of its sides, and a lumel in a wall is read from
+//! both. So light is visible in the dark up to one and a half lumels from a wall that is thinner
+//! than that. Anything deeper is exactly 0.
 //!
-//! Which texel stands for which surface is read from the written .glb by the path tracer's reader,
-//! which shares nothing with the baker. Distances from walls, dim scenes and black spots need a
-//! path-traced truth: `tools/leaks.py`, `lab/leaks.md`.
+//! The path tracer's reader, which shares no code with the baker, reads from the written .glb which
+//! texel represents which surface. Distances from walls, dim scenes and black spots need
+//! path-traced truth: `tools/leaks.py`.
 
 #![allow(
     clippy::print_stderr,
@@ -30,9 +30,10 @@ use lumel_tests::scenes::smooth::lit;
 /// footprints.
 const SHARE: f64 = 2e-4;
 
-/// What may be seen on average in dark rooms, in shares of the lit side's mean: twice the most that
-/// was found, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %). Beside walls of
-/// more than a lumel and a half a wall's inner lumels may be read a little from both sides.
+/// Most light that may be visible on average in dark rooms, relative to the lit side's mean: twice
+/// the largest measured value, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %).
+/// Next to walls thicker than one and a half lumels, the wall's inner lumels may be read slightly
+/// from both sides.
 const LEAKED: [f64; 2] = [0.034, 1e-6];
 
 /// A page: width, height, luminance of E.

@@ -1,8 +1,8 @@
-//! Generated levels, small, at `draft`: what the cameras see is held against the path tracer.
+//! Generated small levels at `draft`: the cameras' views are compared with the path tracer.
 //!
-//! A pixel counts as dark where the bake shows less than half of the true light, and as bright
-//! where it shows more than twice as much: a few such pixels in a row are a line that people see.
-//! `tools/judge` does the same with whole pictures of whole levels.
+//! A pixel counts as dark if the bake shows less than half of the true light, and as bright if it
+//! shows more than twice as much: a few such pixels in a row are a visible line. `tools/judge` does
+//! the same with complete pictures of full levels.
 
 use crate::common::bake;
 use glam::{DQuat, DVec2, DVec3};
@@ -18,16 +18,16 @@ const PIXELS: [u32; 2] = [30, 20];
 /// Paths a pixel.
 const PATHS: u32 = 256;
 
-/// Standard errors that the path tracer may be off by before a pixel counts: one in forty is
-/// further off, on one side, and the bake would have to be off by nearly a factor of two besides.
+/// Standard errors that the path tracer may be off by before a pixel counts. One in forty is
+/// further off on one side, and the bake would also have to be off by nearly a factor of two.
 const SIGMAS: f64 = 2.0;
 
 /// The share of a view's mean light below which a pixel is black on screen either way.
 const BLACK: f64 = 0.02;
 
-/// Shares of pixels that may be dark, and that may be bright: none was dark, and of greybox 1 the
-/// most were bright, 0.6 %, in corners where lumels of 10 cm are wider than the shade. Twice that,
-/// and so many dark ones that the truth's noise cannot make them.
+/// Largest fractions of dark and bright pixels. No level has dark ones, and greybox 1 has the most
+/// bright ones, 0.6 %, in corners where lumels of 10 cm are wider than the shade. The limits are
+/// twice that, and enough dark pixels to exclude noise of the truth.
 const MOST: [f64; 2] = [0.002, 0.012];
 
 struct View {

@@ -1,4 +1,4 @@
-//! Levels of detail and variants: the first is in the way of light, the others take its light.
+//! Levels of detail and variants: rays see the first, the others copy its light.
 
 use glam::{DVec3, Quat, Vec3};
 use lumel::{Bake, Quality, Settings};

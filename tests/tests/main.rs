@@ -1,5 +1,5 @@
-//! The whole pipeline's tests, in one program: linking is what costs, and each file of its own
-//! would be linked with everything below it once more.
+//! Tests of the whole pipeline as one program, because linking each file separately takes most of
+//! the time.
 
 mod assets;
 mod circles;
@@ -21,7 +21,7 @@ mod surfaces;
 mod uvs;
 mod vertices;
 
-/// Without automatic discovery a file that nothing names would never be compiled, and its tests
+/// Without automatic discovery, a file that is not declared would never be compiled, and its tests
 /// never run.
 #[test]
 fn every_file_of_tests_is_part_of_its_program() {

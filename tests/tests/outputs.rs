@@ -1,5 +1,5 @@
-//! The written glTF files, read as an engine reads them: JSON, accessors, extras; nothing of
-//! Lumel's own types.
+//! The written glTF files, read like an engine does: JSON, accessors, extras; none of Lumel's own
+//! types.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;

@@ -1,9 +1,9 @@
 //! Lookups on both sides of chart borders agree, within a mesh, between meshes and between
 //! instances.
 //!
-//! Errors are those of [`SeamReport`]: differences over the light there + 1 % of the mean. 1 % for
-//! 99 % of all seams is what the project promises; that stitching does it is seen from the error
-//! before, which is several times that in every scene here.
+//! Errors are those of [`SeamReport`]: differences relative to the local light + 1 % of the mean.
+//! The project promises 1 % for 99 % of all seams. The error before stitching, which is several
+//! times that in every scene here, shows that stitching achieves it.
 
 #![allow(
     clippy::print_stderr,
@@ -103,8 +103,8 @@ fn curved_surfaces_agree() {
 
 #[test]
 fn sharp_folds_are_none_whatever_their_normals() {
-    // What exporters do to hard edges. Each face has a horizon of its own: the light jumps, and so
-    // may lookups.
+    // Exporters average normals at hard edges. Each face has its own horizon, so light is
+    // discontinuous and lookups may differ.
     let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
     let glb = lit(&[("cube", &cube)], 0.5, &[lamp(1.0, 1.5, 1.0)]);
     assert_eq!(seams("cube", &glb, &at(8.0)).samples, 0);

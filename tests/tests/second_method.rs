@@ -1,10 +1,9 @@
-//! The bake against a path tracer that shares nothing with it, on scenes whose light has no closed
-//! form.
+//! Compares bakes with an independent path tracer on scenes without closed-form light.
 //!
 //! The bake's own files are read back: geometry, lightmap coordinates and node extras from the
-//! glTF, values and claimed errors from the EXR. Some lumels are drawn by a fixed seed, their
-//! footprints are traced, and [`Comparison::objections`] says what does not fit. All random numbers
-//! are fixed, so the tests are deterministic; that they can fail is tested too.
+//! glTF, values and claimed errors from the EXR. A fixed seed chooses lumels, their footprints are
+//! traced, and [`Comparison::objections`] lists discrepancies. All random numbers are fixed, so the
+//! tests are deterministic. Other tests show that they can fail.
 
 use std::sync::LazyLock;
 
@@ -17,12 +16,11 @@ use lumel_tests::path_tracer::{
 };
 use lumel_tests::scenes::{cornell_box, second_method as scenes};
 
-/// Bias that `production` may have: the project's own claim for it (issue 3, "bias ≤ 0.1 %").
+/// Largest bias of `production`, as the project claims for it.
 const BIAS: f64 = 0.001;
 
-/// Lumels with less surface than this are not drawn: a chart's edge cuts through them, and the
-/// bake's sixteen points come from a stream of 128 over the whole texel, of which fewer than eight
-/// would be left.
+/// Lumels with less coverage are not drawn: a chart's edge cuts through them, and fewer than eight
+/// of the bake's sample points would fall on them.
 const LEAST_COVERAGE: f64 = 1.0 / 16.0;
 
 /// Root mean square rounding error of half floats, relative: at most 2⁻¹¹, evenly spread.
@@ -34,11 +32,11 @@ fn production(texels_per_unit: f32, sky: SkySource) -> Settings {
         texels_per_unit: Some(texels_per_unit),
         layers: vec![Layer::Error],
         sky,
-        // The path tracer takes the mean over all of a lumel, hidden parts too.
+        // The path tracer averages over the whole lumel, including hidden parts.
         hidden: Hidden::Mean,
-        // Stitching buys agreement at charts' borders with truth: in the doorway of the two rooms,
-        // whose sides differ by a tenth over a lumel, it moves a lumel by 6 %. Its own tests bound
-        // that.
+        // Stitching trades accuracy for agreement at chart borders. In the doorway of the two
+        // rooms, whose sides differ by a tenth over a lumel, it changes a lumel by 6 %. Its own
+        // tests bound that.
         stitch: false,
         ..Settings::default()
     }
@@ -202,12 +200,12 @@ fn a_door_to_a_second_room_and_a_sealed_one() {
     }
 }
 
-/// Lumels of the floor that lie partly under a block, where a lumel's sixteen points know its open
-/// share to 1/16 or so.
+/// Lumels of the floor that are partly under a block, whose visible fraction the bake's sixteen
+/// points only know to about 1/16.
 ///
-/// What they hold may differ from the truth by twice that share of what the open part receives (and
-/// 4 s.e. of the path tracer). The errors that the bake claims for them are not looked at: where
-/// all points are buried it claims none, which is wrong (lab/second_method.md).
+/// Their values may differ from the truth by twice that fraction of what the visible part receives
+/// (plus 4 s.e. of the path tracer). Their claimed errors are not tested: if all points are buried,
+/// the bake claims none, which is wrong.
 #[test]
 fn lumels_at_the_foot_of_a_block() {
     let written = &*CORNELL;
@@ -255,7 +253,7 @@ fn open_share(f: &Footprint, scene: &Scene) -> f64 {
     (0..1024).filter(open).count() as f64 / 1024.0
 }
 
-/// All lumels, for the record in lab/second_method.md:
+/// All lumels, as a record:
 /// `[QUALITY=draft|preview] cargo test -p lumel-tests second_method:: -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes; for the record"]

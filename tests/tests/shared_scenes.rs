@@ -1,5 +1,5 @@
-//! Real levels, where this checkout has the folder of them beside it; they are too large and too
-//! mixed in licence to commit.
+//! Real levels, if their folder is next to this checkout; they are too large, and have too many
+//! different licences, to commit.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Coarse meshes with smooth normals are lit as the round shapes that they stand for.
+//! Coarse meshes with smooth normals are lit like the round shapes that they approximate.
 
 #![allow(
     clippy::print_stderr,
@@ -19,15 +19,16 @@ use lumel_tests::scenes::smooth::{averaged, glowing, lit, tube, uv_sphere};
 /// Meridians and bands.
 const TESSELLATIONS: [[u32; 2]; 3] = [[8, 6], [16, 12], [32, 24]];
 
-/// Holds lumels against `exact`, a function of the point on the ideal surface; `scale` is its
-/// greatest value. Says greatest and root mean square difference over `scale`.
+/// Compares lumels with `exact`, a function of the point on the ideal surface with maximum `scale`.
+/// Prints the largest and the root mean square difference, relative to `scale`.
 ///
-/// Nothing but the mean over a lumel is sampled, with sixteen points (`DirectOptions::base` of the
-/// preview) of which it has some by chance where little of it lies on the surface. Values that
-/// spread evenly over a range have a deviation of 1/√12 of it, the mean of sixteen independent ones
-/// a quarter of that, the reference's sixty-four an eighth: four deviations of the difference are
-/// 0.32 of the range. Half floats round by 2⁻¹¹. RMS: one deviation where the range is what a lumel
-/// of 1/8 m spans on a unit sphere, 1/8 of `scale` or, near a lamp, more.
+/// Only the mean over a lumel is sampled, with sixteen points (`DirectOptions::base` of the
+/// preview), of which fewer count if little of the lumel is on the surface. Values distributed
+/// evenly over a range have a standard deviation of 1/√12 of it. The mean of sixteen independent
+/// ones has a quarter of that, the reference's sixty-four an eighth, and four deviations of the
+/// difference are 0.32 of the range. Half floats round by 2⁻¹¹. For the RMS: one deviation, where
+/// the range is the variation over a lumel of 1/8 m on a unit sphere: 1/8 of `scale` or, near a
+/// lamp, more.
 fn holds(name: &str, lumels: &[Seen], scale: f64, exact: impl Fn(DVec3) -> f64) {
     let (mut most, mut squares, mut n) = (0f64, 0.0, 0.0);
     for l in lumels.iter().filter(|l| l.points.len() >= 32) {

@@ -1,4 +1,4 @@
-//! Surfaces that modelling tools and exporters leave behind: slivers, doubles, overlaps, flipped
+//! Surfaces that modelling tools and exporters produce: slivers, duplicates, overlaps, flipped
 //! faces, near contact.
 
 use std::f64::consts::PI;

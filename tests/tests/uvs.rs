@@ -1,4 +1,4 @@
-//! Density of nodes and stable coordinates, through the whole pipeline: what stands in the written
+//! Density of nodes and stable coordinates through the whole pipeline, checked in the written
 //! files.
 
 use std::path::Path;

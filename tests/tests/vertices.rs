@@ -1,5 +1,4 @@
-//! Light at vertices: what it is the best value of, who shares it, and where triangles are split
-//! for it.
+//! Light at vertices: its accuracy, sharing between faces, and where triangles are split.
 
 use std::collections::BTreeMap;
 

@@ -1,7 +1,7 @@
-//! Writes scenes: `cargo run -p lumel-tests --bin make-assets [DIR]` those of `assets/` (the
+//! Writes scenes. `cargo run -p lumel-tests --bin make-assets [DIR]` writes those of `assets/` (the
 //! default folder), `make-assets --closed-form DIR` the closed-form ones, `make-assets --dense DIR`
-//! those of many triangles, `make-assets --leaks DIR` the leak suite, with `leaks.json` that says
-//! what is dark in them.
+//! those with many triangles, and `make-assets --leaks DIR` the leak suite with `leaks.json`, which
+//! lists its dark regions.
 #![allow(clippy::print_stdout, reason = "a program that lists what it wrote")]
 
 use std::path::{Path, PathBuf};
@@ -37,7 +37,7 @@ fn main() -> std::io::Result<()> {
     }
     let is_flag = |a: &std::ffi::OsString| a.to_string_lossy().starts_with('-');
     let dir = match (args.first(), list) {
-        // `--help` was a folder once.
+        // `--help` must not be taken for a folder.
         (Some(dir), _) if !is_flag(dir) => PathBuf::from(dir),
         (None, None) => PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../assets")),
         _ => {

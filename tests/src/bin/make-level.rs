@@ -1,8 +1,8 @@
-//! Writes generated levels: `make-level FAMILY|all SEED[..SEED_END] -o DIR [--small]`, the end not
-//! included; `make-level --list`.
+//! Writes generated levels: `make-level FAMILY|all SEED[..SEED_END] -o DIR [--small]` (the end is
+//! exclusive); `make-level --list`.
 //!
-//! Each level is `DIR/FAMILY_SEED.glb` and, for its sky, `DIR/FAMILY_SEED.lumel.toml`, which
-//! `lumel bake` finds by itself.
+//! Each level is `DIR/FAMILY_SEED.glb` with `DIR/FAMILY_SEED.lumel.toml` for its sky, which
+//! `lumel bake` reads automatically.
 #![allow(clippy::print_stdout, reason = "a program that lists what it wrote")]
 
 use std::error::Error;

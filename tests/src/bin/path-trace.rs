@@ -1,10 +1,10 @@
-//! Irradiance at given points by the tests' path tracer:
+//! Irradiance at given points, by the tests' path tracer:
 //! `path-trace SCENE.glb POINTS.csv [PATHS [SEED [R,G,B]]]`.
 //!
-//! POINTS.csv holds a line per point: x,y,z (metres) and the unit normal's x,y,z. For each a line
-//! goes to stdout: E in R, G and B (W/m²), their standard errors, and that of the luminance. R,G,B
-//! is the sky's radiance. `tools/second_method.py` uses it. `path-trace --scenes DIR` writes the
-//! rooms of `tests/tests/second_method.rs` as files.
+//! POINTS.csv has a line per point: x,y,z (metres) and the unit normal's x,y,z. For each, a line on
+//! stdout gives E in R, G and B (W/m²), their standard errors, and that of the luminance. R,G,B is
+//! the sky's radiance. `tools/second_method.py` uses it. `path-trace --scenes DIR` writes the rooms
+//! of `tests/tests/second_method.rs` as files.
 #![allow(clippy::print_stdout, reason = "a program whose output is a table")]
 
 use std::error::Error;

@@ -1,5 +1,5 @@
 //! A stylised dungeon of stone blocks, slabs, barrels and arches under torches; blocks touch face
-//! to face or stand in each other.
+//! to face or intersect.
 
 use glam::Vec3;
 
@@ -14,9 +14,9 @@ struct Stones {
     length: f32,
     course: f32,
     depth: f32,
-    /// How far faces stand out from the wall's plane, at most.
+    /// How far faces protrude from the wall's plane, at most.
     rough: f32,
-    /// Gap between stones; negative where they stand in each other.
+    /// Gap between stones; negative if they intersect.
     gap: f32,
 }
 

@@ -1,5 +1,5 @@
-//! Tunnels and domes displaced by noise: shells that look inwards, with lamps, crystals, or an
-//! opening to the sky.
+//! Tunnels and domes displaced by noise: inward-facing shells with lamps, crystals, or an opening
+//! to the sky.
 
 use glam::Vec3;
 
@@ -51,7 +51,7 @@ pub(super) fn make(kit: &mut Kit) {
             let d = p - shaft;
             air = air.max(1.2 - (d * Vec3::new(1.0, 0.0, 1.0)).length() - (-d.y).max(0.0));
         }
-        // A floor that one can walk on.
+        // A floor flat enough to walk on.
         let floor = p.y + 1.4 - 0.2 * noise(p * 0.7, seed + 9);
         air.min(floor) + bump * fractal(p * 0.6, seed)
     };
@@ -74,7 +74,7 @@ pub(super) fn make(kit: &mut Kit) {
     }
     let dark = kit.paint("rock", rho.map(|c| c * 0.8));
     if kit.rng.chance(0.4) {
-        // Water: a plane that runs on behind the walls.
+        // Water: a plane that continues behind the walls.
         let water = kit.paint("water", [0.05, 0.12, 0.15]);
         let y = -1.4 + kit.rng.range(-0.1, 0.2);
         let g = block([lo.x, y - 0.05, lo.z], [hi.x, y, hi.z]);

@@ -1,6 +1,6 @@
-//! Trees, bushes, grass and ivy of leaf cards around garden walls, under sky and sun.
+//! Trees, bushes, grass and ivy made of leaf cards around garden walls, under sky and sun.
 //!
-//! A full level's cards have a picture with alpha; a small one's are opaque leaves.
+//! Cards of a full level have a texture with alpha; those of a small one are opaque leaves.
 
 use glam::{Vec2, Vec3};
 use image::{Rgba, RgbaImage};
@@ -34,7 +34,7 @@ pub(super) fn make(kit: &mut Kit) {
     let stone = kit.paint("garden_wall", rho);
     let t = kit.rng.pick(&[0.1, 0.2, 0.3, 0.4]);
     let h = kit.rng.metres(1.0, 2.6);
-    // Two walls in an angle, and a free one.
+    // Two walls at an angle, and a free-standing one.
     let a = half * 0.6;
     kit.part("wall_back", &block([-a, -0.05, -a], [a, h, -a + t]), stone);
     kit.part(
@@ -159,7 +159,7 @@ fn tree(kit: &mut Kit, leaf: usize, bark: usize, i: u32) -> Mesh {
     kit.mesh(&format!("tree_{i}"), &[(trunk, bark), (crown, leaf)])
 }
 
-/// Three cards that stand in each other and a little in the ground.
+/// Three intersecting cards, slightly sunk in the ground.
 fn tuft(kit: &mut Kit) -> Geometry {
     let mut out = Geometry::default();
     let (w, h) = (kit.rng.metres(0.15, 0.3), kit.rng.metres(0.1, 0.3));
@@ -170,7 +170,7 @@ fn tuft(kit: &mut Kit) -> Geometry {
     out
 }
 
-/// Cards that lie on the wall behind or hover before it, and pots at its foot.
+/// Cards on the wall or hovering in front of it, and pots at its foot.
 fn ivy(kit: &mut Kit, leaf: usize, [x0, z, x1, h]: [f32; 4]) {
     let n = kit.count(3, [6, 40]);
     let off = kit.rng.pick(&[0.001, 0.01, 0.03]);

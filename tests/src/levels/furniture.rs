@@ -1,5 +1,5 @@
-//! Rooms full of furniture that is flush with walls, sunk in them, hovers by a millimetre to two
-//! centimetres, and stands in other furniture.
+//! Rooms full of furniture that is flush with walls, sunk in them, hovering by 1 mm to 2 cm, and
+//! intersecting other furniture.
 
 use glam::Vec3;
 
@@ -55,7 +55,7 @@ pub(super) fn make(kit: &mut Kit) {
             let gap = kit.rng.pick(&[0.0, 0.001, 0.005, 0.01, -0.01]);
             room.stand(kit, &format!("picture_{i}_{k}"), &parts, gap, lift, false);
         }
-        // Boxes that stand in whatever is there.
+        // Boxes that intersect whatever is there.
         for k in 0..kit.count(1, [1, 5]) {
             let (w, h) = (kit.rng.metres(0.2, 0.5), kit.rng.metres(0.2, 0.9));
             let Some(t) = room
@@ -73,7 +73,7 @@ pub(super) fn make(kit: &mut Kit) {
     }
 }
 
-/// A carpet: a plane that hovers, or a thin box, flush with a wall or not.
+/// A carpet: a hovering plane, or a thin box, flush with a wall or not.
 fn carpet(kit: &mut Kit, p: &Palette, min: Vec3, max: Vec3, i: usize) {
     let d = max - min;
     let a = Vec3::new(kit.rng.range(0.0, 0.3), 0.0, kit.rng.range(0.1, 0.3)) * d + min;

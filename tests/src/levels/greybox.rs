@@ -1,5 +1,5 @@
-//! Rooms of wall boxes that overlap, abut or fall short by a millimetre, with crates and ramps, as
-//! a level designer begins.
+//! Rooms of wall boxes that overlap, abut or fall short by a millimetre, with crates and ramps: the
+//! first draft of a level designer.
 
 use glam::Vec3;
 

@@ -1,5 +1,4 @@
-//! A level under construction: what its author has put into it, and what is needed to place
-//! cameras.
+//! A level under construction: its contents, and the data needed to place cameras.
 
 use glam::{DVec3, Quat, Vec3};
 use serde_json::json;
@@ -10,15 +9,15 @@ use crate::geometry::Geometry;
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 use crate::path_tracer::Triangle;
 
-/// Lumels per metre of small levels: tens of thousands in all, which a draft does in a second or
-/// two.
+/// Lumels per metre of small levels: tens of thousands in total, which take a draft one or two
+/// seconds.
 const SMALL_DENSITY: f32 = 10.0;
 
 /// A mesh that can be placed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Mesh(usize);
 
-/// What rays must know of a material.
+/// Properties of a material that rays need.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Paint {
     pub double_sided: bool,
@@ -71,14 +70,14 @@ pub(super) struct Kit {
     /// Direction in which sunlight travels.
     pub sun: Option<Vec3>,
     pub spaces: Vec<Space>,
-    /// Whether the backs of nodes count as the inside of something, for cameras. Not for shells
-    /// that people walk in.
+    /// Whether backs of nodes count as the inside of something when placing cameras. False for
+    /// shells that people walk in.
     pub solid: bool,
     pub paints: Vec<Paint>,
     /// World triangles; `surface` is an index into `paints`, `node` one into `solids`.
     pub soup: Vec<Triangle>,
     pub solids: Vec<bool>,
-    /// Places that shine, a little in front of their surfaces.
+    /// Points slightly in front of emitting surfaces.
     pub lamps: Vec<DVec3>,
     meshes: Vec<Vec<(Geometry, usize)>>,
     indices: Vec<usize>,

@@ -1,5 +1,5 @@
-//! Things with three levels of detail in one place, and variants of one thing, in a lit room: as
-//! exporters leave them.
+//! Objects with three levels of detail in one place, and variants of an object, in a lit room, as
+//! exporters write them.
 
 use glam::Vec3;
 
@@ -26,7 +26,7 @@ pub(super) fn make(kit: &mut Kit) {
         for k in 0..kit.count(2, [3, 8]) {
             let name = format!("thing_{i}_{k}");
             let paint = kit.rng.pick(&[p.wood, p.pale, p.accent, p.cloth]);
-            // Coarser ones lie inside, outside or across the finest one.
+            // Coarser levels are inside, outside or across the finest one.
             let grow = kit.rng.pick(&[0.0, 0.0, 0.01, -0.02]);
             if kit.rng.chance(0.25) {
                 variants(kit, &p, &mut room, &name);

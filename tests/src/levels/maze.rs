@@ -39,7 +39,7 @@ pub(super) fn make(kit: &mut Kit) {
         crate::geometry::quad([p(0.0, lift), p(cell, lift), p(cell, high), p(0.0, high)])
     };
     let panel = kit.mesh("panel", &[(panel, paint)]);
-    // Each cell has panels of its own: at the common border they coincide, or stand back to back.
+    // Each cell has its own panels: at the common border they coincide, or stand back to back.
     let back = kit.rng.pick(&[0.0, 0.0, t / 2.0, t / 2.0 + 0.001]);
     let palette = Palette::draw(kit, false);
     let desk_parts = table(&mut kit.rng, &palette);

@@ -1,10 +1,10 @@
-//! Levels that nobody tuned for: a generator of levels as people build them, drawn from a family
-//! and a seed.
+//! Levels for which nothing was tuned: a generator of typical levels, drawn from a family and a
+//! seed.
 //!
 //! A level is a `.glb` with three cameras (`view_0` looks around, `view_1` and `view_2` look at
-//! corners and contacts from 1.5 to 4 m) and the settings that `lumel bake` reads beside it (its
+//! corners and contacts from 1.5 to 4 m), and a settings file that `lumel bake` reads with it (its
 //! sky). The same family, seed and size give the same bytes on every machine.
-//! `cargo run --release -p lumel-tests --bin make-level -- --list` names the families.
+//! `cargo run --release -p lumel-tests --bin make-level -- --list` lists the families.
 
 mod archviz;
 mod blocks;
@@ -35,18 +35,18 @@ use std::str::FromStr;
 use kit::Kit;
 use random::Random;
 
-/// A way in which people build levels.
+/// A style of level construction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Family {
     /// Rooms of wall boxes that overlap, abut or fall short by a millimetre.
     Greybox,
-    /// A few pieces on a grid, placed many times, turned, mirrored, back to back.
+    /// A few pieces on a grid, placed many times, rotated, mirrored, back to back.
     Kit,
     /// White rooms with windows, frames, sills and furniture.
     Archviz,
     /// Tunnels and domes displaced by noise.
     Cave,
-    /// Stairs of boxes that stand in each other, in a room or under a vault.
+    /// Stairs of intersecting boxes, in a room or under a vault.
     Stairs,
     /// A heightfield with houses sunk in it.
     Terrain,
@@ -54,17 +54,17 @@ pub enum Family {
     Foliage,
     /// A stylised dungeon of stone blocks under torches.
     Blocks,
-    /// Furniture flush with walls, sunk in them, hovering, in each other.
+    /// Furniture that is flush with walls, sunk in them, hovering, or intersecting.
     Furniture,
     /// An office maze of coincident panels.
     Maze,
     /// Three levels of detail in one place, and variants.
     Lods,
-    /// Lightmap coordinates of their own, good and bad.
+    /// Levels with their own lightmap coordinates, good and bad.
     Uv1,
     /// Few and many lamps of all kinds in halls and corridors.
     Lamps,
-    /// A hotel suite lit through its windows alone.
+    /// A hotel suite lit only through its windows.
     Suite,
 }
 
@@ -107,7 +107,7 @@ impl Family {
         }
     }
 
-    /// What is built, in a line.
+    /// Description in a line.
     pub fn what(self) -> &'static str {
         match self {
             Family::Greybox => "rooms of wall boxes that overlap, abut or fall short",
@@ -165,9 +165,10 @@ impl FromStr for Family {
 /// How large a level is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Size {
-    /// A room or two, some hundred triangles, no textures: a draft takes a second or two.
+    /// A room or two with a few hundred triangles and no textures; a draft takes one or two
+    /// seconds.
     Small,
-    /// A level as people have it, up to some ten thousand triangles.
+    /// A realistic level of up to tens of thousands of triangles.
     Full,
 }
 
@@ -176,13 +177,13 @@ pub enum Size {
 pub struct Level {
     /// The binary glTF.
     pub glb: Vec<u8>,
-    /// The text of `LEVEL.lumel.toml`; empty where the defaults do.
+    /// The text of `LEVEL.lumel.toml`; empty if the defaults apply.
     pub settings: String,
 }
 
-/// The level of a family that `seed` draws.
+/// The level that `seed` draws from a family.
 pub fn level(family: Family, seed: u64, size: Size) -> Level {
-    // Streams by name, so that a new family changes no other one's levels.
+    // Streams depend on names, so a new family changes no other family's levels.
     let stream = (family.name().bytes()).fold(u64::from(size == Size::Small), |h, b| {
         h.wrapping_mul(0x100_0000_01B3) ^ u64::from(b)
     });

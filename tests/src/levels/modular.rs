@@ -1,4 +1,4 @@
-//! A kit: a few pieces on a grid, each placed many times, turned, mirrored, back to back.
+//! A kit: a few pieces on a grid, each placed many times, rotated, mirrored, back to back.
 
 use std::collections::BTreeSet;
 
@@ -58,7 +58,7 @@ pub(super) fn make(kit: &mut Kit) {
                 to.scale.x = -1.0;
             }
             let wall = kit.rng.pick(&p.walls);
-            // Both cells at an inner border have walls of their own where it is not open.
+            // At an inner border that is not open, both cells have their own walls.
             let piece = match open {
                 false if outside && kit.rng.chance(0.3) => Some(p.window),
                 false => Some(wall),
@@ -98,7 +98,7 @@ fn pieces(kit: &mut Kit, height: f32) -> Pieces {
     let ground = kit.paint_sided("kit_floor", rho, both);
     let side = kit.rng.pick(&[2.0, 3.0, 4.0]);
     let t = kit.rng.pick(&[0.05, 0.1, 0.2]);
-    // Walls stand inside of their cell with their backs on its border, or astride the border.
+    // Walls are inside their cell with their backs on its border, or centred on the border.
     let back = kit.rng.pick(&[0.0, -t / 2.0]);
     let w = side / 2.0;
     let bar =

@@ -1,14 +1,14 @@
-//! Surfaces of fields: *surface nets* (Gibson, *Constrained Elastic Surface Nets*, 1998), one
-//! vertex per cell that the surface cuts.
+//! Isosurfaces by *surface nets* (Gibson, *Constrained Elastic Surface Nets*, 1998), with one
+//! vertex per cell that the surface crosses.
 
 use glam::Vec3;
 
 use crate::geometry::Geometry;
 
-/// The surface where `field` is 0, its fronts on the positive side, in `n` cells of `cell` metres
+/// The surface where `field` is 0, with fronts on the positive side, in `n` cells of `cell` metres
 /// from `min`.
 ///
-/// It is open where it leaves the grid. Normals are smooth, by the field's gradient; there are no
+/// It is open where it leaves the grid. Normals are smooth, from the field's gradient; there are no
 /// texture coordinates.
 pub(super) fn surface(
     min: Vec3,
@@ -59,7 +59,7 @@ pub(super) fn surface(
             }
         }
     }
-    // A quadrilateral around each edge of the grid that the surface cuts.
+    // A quadrilateral around each grid edge that the surface crosses.
     for z in 0..n[2] {
         for y in 0..n[1] {
             for x in 0..n[0] {

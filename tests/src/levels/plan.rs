@@ -1,4 +1,4 @@
-//! Floor plans: rooms on a grid, with walls as people build them, and what goes into rooms.
+//! Floor plans: rooms on a grid with typical walls, and their contents.
 
 use glam::Vec3;
 
@@ -7,10 +7,10 @@ use super::shapes::{self, Palette, Parts, block, bounds};
 use crate::geometry::{Geometry, quad};
 use crate::gltf::Light;
 
-/// How pieces of walls meet.
+/// How wall pieces meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Joint {
-    /// They stand in each other.
+    /// They intersect.
     Overlap,
     /// Face to face.
     Abut,
@@ -18,29 +18,28 @@ pub(super) enum Joint {
     Short,
 }
 
-/// What stands between two rooms, or a room and the outside.
+/// What is between two rooms, or a room and the outside.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Edge {
     Open,
     Wall,
     /// A doorway this wide.
     Door(f32),
-    /// So many windows, from this height to that.
+    /// This many windows, from the first height to the second.
     Windows(u32, f32, f32),
 }
 
-/// How a plan is built.
+/// Construction style of a plan.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Style {
     pub thickness: f32,
     pub joint: Joint,
-    /// Walls, floors and ceilings are planes that look inwards; inner walls are double-sided
-    /// planes.
+    /// Walls, floors and ceilings are inward-facing planes; inner walls are double-sided planes.
     pub skins: bool,
     pub double_sided: bool,
     /// A floor and a ceiling for each room.
     pub per_room: bool,
-    /// Walls are one piece over several rooms where they can be.
+    /// Whether walls are one piece over several rooms if possible.
     pub long: bool,
     pub ceiling: bool,
 }
@@ -114,7 +113,7 @@ pub(super) struct Plan {
     pub top: usize,
 }
 
-/// What came of it.
+/// The result of building a plan.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Built {
     /// Row by row, x fastest.
@@ -123,7 +122,7 @@ pub(super) struct Built {
 }
 
 impl Plan {
-    /// Closed rooms with doors between all neighbours; the middle of the first corner at the
+    /// Closed rooms with doors between all neighbours; the centre of the first corner is at the
     /// origin.
     pub fn draw(kit: &mut Kit, cells: [u32; 2], side: [f32; 2], height: f32) -> Plan {
         let style = Style::draw(kit);
@@ -451,8 +450,8 @@ impl Room {
         self.taken.iter().any(meets)
     }
 
-    /// Puts parts against a wall (`gap` before it; negative: in it), or anywhere, `lift` above the
-    /// floor, if there is room.
+    /// Puts parts against a wall (`gap` in front of it; negative: into it) or anywhere, `lift`
+    /// above the floor, if there is space.
     pub fn stand(
         &mut self,
         kit: &mut Kit,
@@ -519,8 +518,8 @@ impl Room {
         None
     }
 
-    /// A lamp for the room that makes it about `target` bright: a panel at, in or below the
-    /// ceiling, or a point.
+    /// A lamp that makes the room's brightness about `target`: a panel at, in or below the ceiling,
+    /// or a point light.
     pub fn light(&self, kit: &mut Kit, name: &str, target: f32) {
         let middle = (self.min + self.max) / 2.0;
         let d = self.max - self.min;

@@ -1,4 +1,4 @@
-//! Numbers that are the same on every machine: draws, sine and cosine, noise.
+//! Numbers that are the same on every machine: random draws, sine and cosine, noise.
 
 use std::f64::consts::PI;
 
@@ -25,7 +25,7 @@ impl Random {
         a + (b - a) * self.unit()
     }
 
-    /// Uniform in `a..b` in whole centimetres, as people type sizes.
+    /// Uniform in `a..b` in whole centimetres, as people enter sizes.
     pub fn metres(&mut self, a: f32, b: f32) -> f32 {
         (self.range(a, b) * 100.0).round() / 100.0
     }
@@ -65,7 +65,7 @@ impl Random {
         [0; 3].map(|_| (level * (1.0 + self.range(-spread, spread))).clamp(0.02, 0.98))
     }
 
-    /// A colour that ground has out of doors: grass, earth, sand, gravel, snow.
+    /// A typical ground colour: grass, earth, sand, gravel, snow.
     pub fn ground(&mut self) -> [f32; 3] {
         let [r, g, b] = self.pick(&[
             [0.16, 0.24, 0.08],
@@ -79,8 +79,8 @@ impl Random {
     }
 }
 
-/// Sine and cosine of degrees by Taylor's series: libraries differ in the last bit, and bytes must
-/// not.
+/// Sine and cosine of degrees by Taylor series, because libraries differ in the last bit and the
+/// bytes must not.
 ///
 /// Exact at multiples of 90.
 pub(super) fn sin_cos(degrees: f32) -> (f32, f32) {

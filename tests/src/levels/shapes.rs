@@ -1,12 +1,11 @@
-//! Things that levels are furnished with, as parts in metres: base at y = 0, back at z = 0, looking
-//! along +z, middle at x = 0.
+//! Furnishings as parts in metres: base at y = 0, back at z = 0, facing +z, centred at x = 0.
 
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 
 use super::random::{Random, sin_cos};
 use crate::geometry::{Geometry, cuboid, icosphere, prism, quad};
 
-/// Geometry and which of the palette's paints it has.
+/// Geometry, and the palette's paint for it.
 pub(super) type Parts = Vec<(Geometry, usize)>;
 
 /// Paints of furniture; [`Palette::draw`] chooses some.
@@ -169,7 +168,7 @@ pub(super) fn bed(rng: &mut Random, p: &Palette) -> Parts {
     ]
 }
 
-/// A shelf with boards and books that stand in each other.
+/// A shelf with intersecting boards and books.
 pub(super) fn shelf(rng: &mut Random, p: &Palette) -> Parts {
     let (w, h, d) = (
         rng.metres(0.6, 1.6),
@@ -207,7 +206,7 @@ pub(super) fn shelf(rng: &mut Random, p: &Palette) -> Parts {
     out
 }
 
-/// A closed cupboard: a body and doors that hover a little before it.
+/// A closed cupboard: a body and doors that hover slightly in front of it.
 pub(super) fn cupboard(rng: &mut Random, p: &Palette) -> Parts {
     let (w, h, d) = (
         rng.metres(0.5, 1.8),
@@ -379,8 +378,8 @@ pub(super) fn arch(stones: u32, w: f32, y: f32, d: f32, t: f32) -> Geometry {
     out
 }
 
-/// Boxes that stand in each other, each a step higher and reaching down to the floor or to the last
-/// one's middle.
+/// Intersecting boxes, each a step higher and extending down to the floor or to the middle of the
+/// previous one.
 pub(super) fn stairs(
     n: u32,
     rise: f32,
@@ -405,7 +404,7 @@ pub(super) fn stairs(
     out
 }
 
-/// A cabin closed on three sides, with an open top, on a tray; the open side looks along +z.
+/// A cabin closed on three sides, with an open top, on a tray; the open side faces +z.
 pub(super) fn shower(rng: &mut Random, p: &Palette) -> Parts {
     let (w, h, t) = (
         rng.metres(0.8, 1.1),

@@ -1,5 +1,4 @@
-//! Stairs of boxes that stand in each other, in a room or under a vault, whose shell may be
-//! modelled inside out.
+//! Stairs of intersecting boxes, in a room or under a vault whose shell may be modelled inside out.
 
 use glam::Vec3;
 
@@ -54,7 +53,7 @@ pub(super) fn make(kit: &mut Kit) {
     room.light(kit, "lamp", target);
 }
 
-/// A flight, sometimes with a landing and side walls in which the steps stand.
+/// A flight, sometimes with a landing and side walls that intersect the steps.
 fn flight(kit: &mut Kit, paint: usize) -> Parts {
     let rng = &mut kit.rng;
     let n = rng.int(4, 12);
@@ -77,7 +76,7 @@ fn flight(kit: &mut Kit, paint: usize) -> Parts {
     out
 }
 
-/// Boxes around a column, each turned a little further and standing in the last one.
+/// Boxes around a column, each rotated a little further and intersecting the previous one.
 fn spiral(kit: &mut Kit, height: f32, paint: usize) -> Parts {
     let rng = &mut kit.rng;
     let (r, core) = (rng.metres(0.9, 1.4), rng.metres(0.1, 0.2));
@@ -95,12 +94,12 @@ fn spiral(kit: &mut Kit, height: f32, paint: usize) -> Parts {
     vec![(all, paint)]
 }
 
-/// A half-cylinder with ends on straight feet: one skin, looking inwards, or modelled inside out.
+/// A half-cylinder with ends on straight feet: a single skin, facing inwards or modelled inside
+/// out.
 fn shell(kit: &mut Kit, w: f32, d: f32, paint: usize) {
     let n = kit.rng.int(6, 24);
     let inside_out = kit.rng.chance(0.35);
-    // Inside out is the vault alone; what it stands on is as it should be, or nothing would be seen
-    // of the room.
+    // Only the vault is inside out; otherwise nothing of the room would be visible.
     let foot = kit.rng.pick(if inside_out {
         &[1.8, 2.2, 2.6]
     } else {

@@ -1,5 +1,5 @@
-//! A hotel suite lit by sky and sun through its windows alone: an inner bathroom behind a door
-//! ajar, tub, shower, wardrobe.
+//! A hotel suite lit by sky and sun only through its windows: an inner bathroom behind a door ajar,
+//! tub, shower, wardrobe.
 
 use super::kit::Kit;
 use super::plan::{Edge, Plan, door_leaf, draw_sky, draw_sun, window_frame};

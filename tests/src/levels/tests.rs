@@ -1,4 +1,4 @@
-//! The same bytes twice, cameras in free space, and levels that the baker can read.
+//! Levels are deterministic, cameras are in free space, and the baker can read the files.
 
 use glam::DVec3;
 
@@ -26,7 +26,7 @@ fn cameras(level: &Level) -> Vec<(DVec3, glam::DQuat, f64)> {
     cameras.collect()
 }
 
-/// What is wrong with a level's cameras, by the path tracer's reading of the file.
+/// What is wrong with a level's cameras, judged by the path tracer's reader.
 fn wrong_views(level: &Level) -> Option<String> {
     let scene = Scene::from_glb(&level.glb).unwrap();
     let tree = Tree::new(scene.triangles.clone());
@@ -106,7 +106,7 @@ fn cameras_stand_in_free_space() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// All but foliage, whose cards the path tracer does not read.
+/// All families but foliage, whose cards the path tracer does not support.
 #[test]
 #[ignore = "takes a minute; for whoever changes a family"]
 fn cameras_of_full_levels_stand_in_free_space() {

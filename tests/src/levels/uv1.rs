@@ -1,5 +1,5 @@
-//! Levels that bring lightmap coordinates of their own: good ones, and ones that overlap, leave the
-//! square, mirror, or leave no padding.
+//! Levels with their own lightmap coordinates: valid ones, and ones that overlap, leave the unit
+//! square, are mirrored, or lack padding.
 
 use glam::{Vec2, Vec3};
 
@@ -8,7 +8,7 @@ use super::plan::Room;
 use super::shapes::{Palette, Parts, barrel, block, chair, column, cupboard, shelf, sofa, table};
 use crate::geometry::{Geometry, grid};
 
-/// What is wrong with coordinates.
+/// Fault of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     None,
@@ -34,7 +34,7 @@ pub(super) fn make(kit: &mut Kit) {
         Fault::Tight,
         Fault::Shattered,
     ];
-    // One fault for all, or one for each thing.
+    // The same fault for all, or one per object.
     let all = kit.rng.pick(&faults);
     let mixed = kit.rng.chance(0.4);
     let fault = |kit: &mut Kit| if mixed { kit.rng.pick(&faults) } else { all };

@@ -1,5 +1,5 @@
-//! Cameras where somebody would look from: drawn in the spaces that a family names, kept if rays
-//! say that the picture is worth it.
+//! Cameras at plausible viewpoints, drawn in the spaces that a family provides and kept if rays
+//! show that the picture is useful.
 
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
@@ -12,12 +12,12 @@ use crate::path_tracer::{Ray, Tree};
 
 /// Width over height.
 const ASPECT: f64 = 1.5;
-/// Nothing may be nearer to a camera, metres.
+/// Smallest distance of anything from a camera, metres.
 const CLEAR: f64 = 0.3;
 /// Columns and rows of the rays that judge a view.
 const GRID: [u32; 2] = [9, 6];
-/// Backs of single-sided faces that a view may show, and rays that may leave the level where there
-/// is no sky.
+/// Largest fraction of rays that may hit backs of single-sided faces, or leave a level without a
+/// sky.
 const MOST_BAD: f64 = 0.04;
 
 struct View {
@@ -41,11 +41,12 @@ impl Kit {
             tree: Tree::new(self.soup.clone()),
             kit: self,
         };
-        // A stream of its own would be drawn from the same seed; the spaces' order decides enough.
+        // The stream depends on the geometry, because a stream of its own would be drawn from the
+        // same seed.
         let mut rng = super::random::Random::new(judge.tree.triangles().len() as u64, 0x0063_616D);
         for k in 0..3 {
             let mut best: Vec<View> = Vec::new();
-            // Where nothing will do: what shows fewest backs.
+            // A fallback: the view with the fewest backs.
             let mut spare: Option<View> = None;
             for attempt in 0..6000 {
                 // Spaces that look at nothing else first; later any, and later less choosy.
@@ -127,8 +128,8 @@ impl Judge<'_> {
         self.tree.closest(&ray).map(|h| (h.t, h.triangle))
     }
 
-    /// How much there is to see, 0 for a view that nobody would choose, and how much of it is
-    /// wrong; `None` where no camera can be.
+    /// How much there is to see (0 for a useless view), and how much of it is wrong; `None` if no
+    /// camera can be there.
     fn score(&self, v: &View, k: usize, slack: f64) -> Option<(f64, f64)> {
         for i in 0..26 {
             if self.cast(v.eye, around(i), CLEAR).is_some() {
@@ -201,8 +202,8 @@ impl Judge<'_> {
         f64::from(u8::from(lit))
     }
 
-    /// Whether a camera fits: nothing within [`CLEAR`], where thin edges slip between rays, and no
-    /// solid node around it. Inside of one its winding number is about 1 (Jacobson et al., *Robust
+    /// Whether a camera fits: nothing within [`CLEAR`], even thin edges that slip between rays, and
+    /// no solid node around it. Inside one its winding number is about 1 (Jacobson et al., *Robust
     /// Inside-Outside Segmentation using Generalized Winding Numbers*, 2013).
     fn fits(&self, p: DVec3) -> bool {
         let mut winding = vec![0.0; self.kit.solids.len()];

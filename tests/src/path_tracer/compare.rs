@@ -1,5 +1,5 @@
-//! Two lists of irradiances of the same footprints: is one what the other says, within what is
-//! known of their errors?
+//! Compares two lists of irradiances of the same footprints: do they agree within their known
+//! errors?
 
 use std::fmt;
 
@@ -10,20 +10,20 @@ use super::trace::{Estimate, luminance};
 /// One footprint's irradiance by the two methods.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// What the footprint belongs to: differences are also looked at label by label.
+    /// What the footprint belongs to; differences are also summed by label.
     pub label: String,
-    /// Its middle, metres.
+    /// Its centre, metres.
     pub position: DVec3,
     /// Irradiance to be judged, linear RGB.
     pub judged: DVec3,
-    /// Standard error that is claimed for its luminance.
+    /// Claimed standard error of its luminance.
     pub claimed: f64,
     /// The path tracer's answer.
     pub traced: Estimate,
 }
 
 impl Pair {
-    /// Judged less traced luminance.
+    /// Judged minus traced luminance.
     pub fn difference(&self) -> f64 {
         luminance(self.judged) - luminance(self.traced.mean)
     }
@@ -67,11 +67,10 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Relative difference of the sums of what `channel` picks, over pairs whose label `label`
-    /// accepts.
+    /// Relative difference of the sums of `channel` over pairs whose label `label` accepts.
     ///
-    /// The path tracer's estimates have independent errors, so their variances add. NaN where
-    /// nothing is lit.
+    /// The path tracer's estimates have independent errors, so their variances add. NaN if
+    /// everything is black.
     fn bias(
         &self,
         label: impl Fn(&str) -> bool,
@@ -108,24 +107,25 @@ impl Comparison {
         labels
     }
 
-    /// What speaks against the judged values; empty if nothing does.
+    /// Evidence against the judged values; empty if there is none.
     ///
-    /// 1. The sum of a channel differs by more than `bias_bound` (relative) and 3 standard errors
+    /// 1. The sum of a channel differs by more than `bias_bound` (relative) plus 3 standard errors
     ///    of the path tracer's sum.
-    /// 2. The sum over one label differs by more than 4 standard errors, those claimed added up:
-    ///    neighbours' errors are not independent, so their squares may not be.
+    /// 2. The sum over one label differs by more than 4 standard errors. The claimed errors are
+    ///    added linearly, because neighbours' errors are not independent.
     /// 3. χ²/n of the pairs ([`chi_square`](Comparison::chi_square)) is more than 3 standard
     ///    deviations √(2/n) above 1: errors are larger than claimed.
-    /// 4. One pair differs by more than 4.5 standard errors. Chance alone does that once in 150,000
+    /// 4. A pair differs by more than 4.5 standard errors, which happens by chance once in 150,000
     ///    pairs.
     ///
-    /// Numbers 2 and 4 are looked at many times, hence the higher bounds; all together fail a right
-    /// list in about 1 of 100 choices of random numbers.
+    /// Criteria 2 and 4 are tested many times, hence the higher bounds. All together reject a
+    /// correct list for about 1 of 100 choices of random numbers.
     pub fn objections(&self, bias_bound: f64) -> Vec<String> {
         let mut out = Vec::new();
         for (k, name) in ["red", "green", "blue"].into_iter().enumerate() {
             let b = self.channel_bias(k);
-            // Where nothing is lit the ratio is NaN and pairs must be equal, which 4 sees to.
+            // If everything is black, the ratio is NaN and pairs must be equal, which criterion 4
+            // checks.
             if b.relative.abs() > bias_bound + 3.0 * b.error {
                 out.push(format!("{name} differs by {b}"));
             }
@@ -155,14 +155,14 @@ impl Comparison {
         out
     }
 
-    /// Pairs that chance had a part in: where both methods are certain there is nothing to count.
+    /// Pairs with any uncertainty; exact pairs do not count.
     fn uncertain(&self) -> impl Iterator<Item = &Pair> {
         let certain = |p: &&Pair| p.z() == 0.0 && p.claimed + p.traced.luminance_error == 0.0;
         self.pairs.iter().filter(move |p| !certain(p))
     }
 
-    /// Σz²/n over pairs that are not exactly equal without any error: 1 in the mean if errors are
-    /// normal, independent and as claimed, with standard deviation √(2/n).
+    /// Σz²/n over uncertain pairs. If errors are normal, independent and as claimed, its mean is 1
+    /// and its standard deviation √(2/n).
     pub fn chi_square(&self) -> f64 {
         let sum: f64 = self.uncertain().map(|p| p.z().powi(2)).sum();
         sum / self.uncertain().count().max(1) as f64
@@ -222,8 +222,8 @@ mod tests {
     use super::super::random::Random;
     use super::*;
 
-    /// 400 pairs in two places whose judged values are right but for noise of `noise` standard
-    /// errors as claimed, of which each side has one, times `factor`.
+    /// 400 pairs in two places whose judged values are correct times `factor`, with noise of
+    /// `noise` claimed standard errors; both sides have one standard error.
     fn made_up(noise: f64, factor: f64) -> Comparison {
         let mut rng = Random::new(1, 1);
         // Sum of twelve uniform numbers: nearly normal, variance 1.

@@ -1,5 +1,5 @@
-//! The pieces of surface that a lightmap's texels stand for, found from the written texture
-//! coordinates alone.
+//! The pieces of surface that a lightmap's texels represent, derived only from the written texture
+//! coordinates.
 
 use std::collections::BTreeMap;
 
@@ -13,18 +13,18 @@ use super::scene::Scene;
 struct Piece {
     triangle: usize,
     outline: Vec<DVec2>,
-    /// Running share of the footprint's area; the last is 1.
+    /// Running sum of the footprint's area fractions; the last is 1.
     until: f64,
 }
 
 /// A piece of surface over which irradiance is averaged.
 #[derive(Debug, Clone)]
 pub struct Footprint {
-    /// Index into the pages' sizes; 0 for one that no lightmap made.
+    /// Index into the pages' sizes; 0 for one without a lightmap.
     pub page: usize,
     /// Column and row of the texel.
     pub texel: [u32; 2],
-    /// Share of the texel that lies on surface, 0..=1 (more where charts overlap).
+    /// Fraction of the texel covered by surface, 0..=1 (more if charts overlap).
     pub coverage: f64,
     /// Area in m².
     pub area: f64,
@@ -51,7 +51,7 @@ impl Footprint {
     /// The point of the scene nearest to `position` on a triangle that faces along `normal` (unit,
     /// at most 60° off); `None` if there is none.
     ///
-    /// For points of other programs, which know no triangle of ours. The point is moved onto the
+    /// For points from other programs, which do not know our triangles. The point is moved onto the
     /// triangle.
     pub fn nearest(scene: &Scene, position: DVec3, normal: DVec3) -> Option<Footprint> {
         let mut best: Option<(f64, Footprint)> = None;
@@ -100,7 +100,7 @@ impl Footprint {
         sum
     }
 
-    /// The point that `pick` and `at`, uniform in 0..1, choose uniformly by area; and its triangle.
+    /// The point chosen uniformly by area by `pick` and `at` (uniform in 0..1), and its triangle.
     pub(super) fn point(&self, scene: &Scene, pick: f64, at: [f64; 2]) -> (usize, DVec3) {
         let last = self.pieces.len() - 1;
         let k = self.pieces.partition_point(|p| p.until <= pick).min(last);
@@ -134,16 +134,16 @@ impl Footprint {
     }
 }
 
-/// Texels that are covered less than this are padding that a chart's edge touches by rounding:
-/// coordinates are f32, which on a page of 2048 texels is 1.2e-4 of a texel. A footprint as thin as
-/// a ray's rounding error cannot be traced from, either.
+/// Texels with less coverage are padding that a chart's edge touches by rounding: coordinates are
+/// f32, i.e. 1.2e-4 of a texel on a page of 2048 texels. Also, rays cannot start from a footprint
+/// as thin as their rounding error.
 const LEAST_COVERAGE: f64 = 2e-4;
 
 /// The footprints of all texels of a lightmap whose pages have `sizes` (width, height), ordered by
 /// page, row, column.
 ///
-/// A texel's footprint is the part of its square that triangles cover, mapped to space. Texels
-/// covered less than 2e-4 are left out, and so are triangles on pages that do not exist.
+/// A texel's footprint is the part of its square that triangles cover, mapped to space. Texels with
+/// a coverage below 2e-4 are left out, as are triangles on pages that do not exist.
 pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
     let mut found: BTreeMap<(usize, u32, u32), Footprint> = BTreeMap::new();
     for (index, triangle) in scene.triangles.iter().enumerate() {
@@ -188,7 +188,7 @@ pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
     out
 }
 
-/// `count` different ones of `footprints`, chosen by `seed`, in their order; all where there are no
+/// `count` different ones of `footprints`, chosen by `seed`, in their order; all if there are no
 /// more.
 pub fn choose(footprints: Vec<Footprint>, count: usize, seed: u64) -> Vec<Footprint> {
     let mut rng = Random::new(seed, u64::MAX);

@@ -1,22 +1,21 @@
-//! A path tracer that shares nothing with the baker: the second method that a bake is held against
-//! where no closed form is known.
+//! A path tracer that shares no code with the baker: the second method for scenes without a closed
+//! form.
 //!
-//! It is naive on purpose, so that it can be read in one sitting and believed: double precision
-//! throughout, a ray–triangle test out of a textbook, a tree that is split at the median,
-//! independent pseudo-random numbers (PCG) and no stratification, so that every path is an
-//! independent sample of the same irradiance and the standard error is the plain one. It reads the
-//! glTF files itself and uses no code of the crates that it judges. What it has in common with them
-//! is the model (Lambertian surfaces, geometric normals here, single-sided backs that block and are
-//! black, KHR_lights_punctual) and that a lightmap says by its own coordinates which piece of
-//! surface a texel stands for.
+//! It is deliberately naive, so that it can be read in one sitting and trusted: double precision
+//! throughout, a textbook ray–triangle test, a tree split at the median, independent pseudo-random
+//! numbers (PCG) and no stratification. Every path is thus an independent sample of the same
+//! irradiance, and the standard error is the simple one. It reads glTF files itself and uses none
+//! of the crates that it judges. It shares only the model with them (Lambertian surfaces, geometric
+//! normals here, single-sided backs that block light and are black, KHR_lights_punctual) and the
+//! fact that a lightmap's coordinates define the surface of each texel.
 //!
-//! [`Scene::from_glb`] reads a scene, [`footprints`] the pieces of surface behind the texels of a
-//! lightmapped one, [`PathTracer::irradiance`] estimates E over a footprint, [`Comparison`] judges
-//! two lists of values.
+//! [`Scene::from_glb`] reads a scene, [`footprints`] finds the surface of the texels of a
+//! lightmapped scene, [`PathTracer::irradiance`] estimates E over a footprint, and [`Comparison`]
+//! judges two lists of values.
 //!
 //! Source of the method: J. T. Kajiya, *The Rendering Equation*, 1986; E. Veach, *Robust Monte
-//! Carlo Methods for Light Transport Simulation*, 1997, ch. 9 (weights when light is sampled in two
-//! ways) and 10 (roulette). `tools/second_method.py` compares it with Mitsuba.
+//! Carlo Methods for Light Transport Simulation*, 1997, ch. 9 (multiple importance sampling) and 10
+//! (Russian roulette). `tools/second_method.py` compares it with Mitsuba.
 
 mod compare;
 mod footprint;

@@ -1,5 +1,4 @@
-//! Reads the `.glb` files that this project writes, and refuses what the path tracer does not
-//! model.
+//! Reads the `.glb` files of this project, and refuses what the path tracer does not model.
 
 use glam::{DMat4, DQuat, DVec2, DVec3};
 use serde_json::Value;
@@ -12,20 +11,20 @@ const FLOAT: u64 = 5126;
 const UNSIGNED_SHORT: u64 = 5123;
 const UNSIGNED_INT: u64 = 5125;
 
-/// Depth of nodes beyond which a file is taken to have a cycle.
+/// Node depth beyond which a file is assumed to have a cycle.
 const DEEPEST: usize = 64;
 
 impl Scene {
     /// Reads a binary glTF 2.0: float positions, u16 or u32 indices, triangle lists, node
-    /// transforms, base colour and emission factors, punctual lights, and where a bake has written
-    /// them lightmap coordinates. The sky is black.
+    /// transforms, base colour and emission factors, punctual lights, and lightmap coordinates if a
+    /// bake has written them. The sky is black.
     ///
-    /// Triangles without area are dropped. A scale that mirrors keeps fronts outside, as glTF asks.
+    /// Zero-area triangles are dropped. A mirroring scale keeps fronts outside, as glTF requires.
     ///
     /// # Errors
-    /// A sentence, for a file that is broken or holds what changes light and is not modelled here:
-    /// textures on surfaces, vertex colours, alpha, sparse or quantised accessors, skins, morph
-    /// targets, light ranges, required extensions. Nothing is guessed.
+    /// A sentence, for a file that is invalid or contains anything that affects light and is not
+    /// modelled here: textures on surfaces, vertex colours, alpha, sparse or quantised accessors,
+    /// skins, morph targets, light ranges, required extensions. Nothing is guessed.
     pub fn from_glb(bytes: &[u8]) -> Result<Scene> {
         let file = File::parse(bytes)?;
         if let Some(required) = file.json["extensionsRequired"].as_array()

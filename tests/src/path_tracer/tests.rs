@@ -1,6 +1,6 @@
-//! The path tracer against closed forms. Random numbers are fixed, so a test that passes will pass;
-//! the bounds on z are what keeps a right estimator from failing when its numbers are changed: of
-//! 20 values of z, one beyond 4 comes up once in 800 times.
+//! The path tracer against closed forms. Random numbers are fixed, so the tests are deterministic.
+//! The bounds on z keep a correct estimator from failing when its random numbers change: of 20
+//! values of z, one exceeds 4 once in 800 times.
 
 use std::f64::consts::PI;
 
@@ -177,10 +177,10 @@ fn a_uniform_sky_and_the_mouth_of_a_box() {
 fn an_indirectly_lit_sphere() {
     let (glb, share) = forms::sphere_interior(3.0, 0.6, 0.5, 3);
     let t = tracer(&glb);
-    // In a sphere F_ij does not hang on i, so E = mean(M_e)/(1−ρ). With flat facets that holds for
-    // the mean over the sphere only up to the order of their angle squared
-    // (forms::sphere_interior), so every 16th facet is asked and the mean is held to 4^−3 ≈ 1.6 %
-    // more.
+    // In a sphere F_ij does not depend on i, so E = mean(M_e)/(1−ρ). With flat facets this holds
+    // for the mean over the sphere only up to the order of their angle squared
+    // (forms::sphere_interior), so every 16th facet is tested, with an additional tolerance of 4^−3
+    // ≈ 1.6 % for the mean.
     let footprints: Vec<_> = (0..t.scene().triangles.len())
         .step_by(16)
         .map(|i| Footprint::of_point(i, 0.33, 0.33))
@@ -236,7 +236,7 @@ fn emitters_are_counted_once_however_they_are_found() {
     }
 }
 
-/// Standard errors are what they claim: over many seeds, estimates scatter by them.
+/// Over many seeds, estimates scatter by their standard errors.
 #[test]
 fn estimates_scatter_by_their_standard_errors() {
     let t = tracer(&cornell_box());

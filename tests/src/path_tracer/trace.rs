@@ -10,35 +10,35 @@ use super::random::Random;
 use super::scene::{Light, Scene, Triangle};
 use super::tree::{Ray, Tree};
 
-/// Roulette lets a path live with at most this chance, so that it ends even between surfaces that
+/// Highest survival probability of Russian roulette, so that paths end even between surfaces that
 /// absorb nothing.
 const MOST_SURVIVAL: f64 = 0.99;
 
-/// How the light of emissive triangles is found. All three are unbiased and count every emitter
-/// once; they differ in variance.
+/// How the light of emissive triangles is found. All three methods are unbiased and count every
+/// emitter once; they differ in variance.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum EmitterSampling {
     /// By paths that happen to hit them.
     Hits,
-    /// By a point drawn on one of them at each vertex of the path; hits do not count. Infinite
-    /// variance where surface touches emitter.
+    /// By a point drawn on one of them at each vertex of the path; hits do not count. The variance
+    /// is infinite where a surface touches an emitter.
     Points,
     /// By both, weighted by the balance heuristic (Veach 1997, §9.2.2): low variance everywhere.
     #[default]
     Both,
 }
 
-/// How much work an estimate is worth, and how it is done.
+/// Amount and method of work for an estimate.
 #[derive(Debug, Clone, Copy)]
 pub struct Effort {
     /// Paths per footprint, at least 2.
     pub paths: u32,
-    /// Chooses the random numbers; the same seed gives the same estimate for any number of threads.
+    /// Seed of the random numbers; the same seed gives the same estimate for any number of threads.
     pub seed: u64,
     /// How emitters are found.
     pub emitters: EmitterSampling,
-    /// Reflections after which paths are cut off. `None`, the default, cuts none; a number makes
-    /// the estimate biased, to see whether a comparison notices.
+    /// Number of reflections after which paths are cut off. `None`, the default, cuts none. A
+    /// number makes the estimate biased, to check that a comparison notices.
     pub bounces: Option<u32>,
 }
 
@@ -123,7 +123,7 @@ impl PathTracer {
 
     /// Mean irradiance of the front over each footprint, in their order.
     ///
-    /// Every footprint has random numbers of its own, so its estimate does not hang on the others.
+    /// Every footprint has its own random numbers, so its estimate does not depend on the others.
     pub fn irradiance(&self, footprints: &[Footprint], effort: Effort) -> Vec<Estimate> {
         footprints
             .par_iter()
@@ -168,7 +168,7 @@ impl PathTracer {
     /// again.
     fn path(&self, start: Vertex, rng: &mut Random, effort: Effort) -> DVec3 {
         let mut sum = DVec3::ZERO;
-        // What E at `x` counts in E at the start.
+        // Weight of E at `x` in E at the start.
         let mut weight = DVec3::ONE;
         let mut x = start;
         let mut bounces = 0;

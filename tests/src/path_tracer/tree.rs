@@ -1,10 +1,10 @@
-//! Rays against triangles, in double precision: a textbook test and a tree split at the median.
+//! Rays against triangles in double precision: a textbook test and a tree split at the median.
 
 use glam::DVec3;
 
 use super::scene::Triangle;
 
-/// Triangles a leaf holds at most. Any small number will do; the tree only has to be right.
+/// Most triangles per leaf. Speed hardly matters; the tree only has to be correct.
 const LEAF: usize = 4;
 
 /// A stretch of a line.
@@ -63,9 +63,8 @@ impl Tree {
         let mut tree = Tree {
             order: (0..triangles.len()).collect(),
             nodes: Vec::new(),
-            // A ray that starts on a surface may find a neighbour at a distance of rounding, some
-            // 1e-16 of the scene's size. 1e-10 of it is far above that and far below anything that
-            // a lumel could see.
+            // A ray that starts on a surface may find a neighbour within rounding, about 1e-16 of
+            // the scene's size. 1e-10 is far above that, and far below what a lumel could resolve.
             t_min: size * 1e-10,
             triangles,
         };
@@ -185,8 +184,8 @@ fn meets_box(node: &Node, origin: DVec3, inverse: DVec3, t_max: f64) -> bool {
 
 /// Möller and Trumbore, *Fast, Minimum Storage Ray/Triangle Intersection*, 1997; no culling.
 ///
-/// Rays that pass between two triangles through the rounding error of their shared edge are lost:
-/// some 1e-16 of all.
+/// Rays that pass between two triangles through the rounding error of their shared edge are lost,
+/// about 1e-16 of all rays.
 fn meets_triangle(triangle: &Triangle, ray: &Ray, t_min: f64) -> Option<f64> {
     let [a, b, c] = triangle.corners;
     let (e1, e2) = (b - a, c - a);

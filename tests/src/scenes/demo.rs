@@ -1,9 +1,8 @@
 //! The demo level: a small keep with a pillared hall, a courtyard, a corridor and three rooms off
 //! it.
 //!
-//! Modelled by this project. Units are relative: one unit of R = E/π in full sun on a level floor,
-//! so that a preview needs no exposure. Nothing in it needs a sky; `--sky 0.25,0.35,0.5` makes the
-//! courtyard's shade bluer.
+//! Units are relative: R = E/π is 1 on a level floor in full sun, so that a preview needs no
+//! exposure. It needs no sky; `--sky 0.25,0.35,0.5` makes the courtyard's shade bluer.
 
 use std::f32::consts::PI;
 
@@ -63,10 +62,10 @@ enum Paint {
 
 /// The demo level as GLB.
 ///
-/// Six spaces with doorways between them; roofs everywhere but over the courtyard; about fifty
-/// instances of shared props; tiles, boards, bricks and crates with textures; a masked grate over
-/// an opening of the roof; emissive panels and lanterns; a sun, point lights and a spot. The first
-/// camera stands in the hall, the second shows the level from above.
+/// It has six spaces with doorways between them; roofs everywhere but over the courtyard; about
+/// fifty instances of shared props; tiles, boards, bricks and crates with textures; a masked grate
+/// over an opening in the roof; emissive panels and lanterns; a sun, point lights and a spot. The
+/// first camera is in the hall, the second shows the level from above.
 pub fn demo_level() -> Vec<u8> {
     let mut b = GltfBuilder::new();
     architecture(&mut b);
@@ -271,7 +270,7 @@ fn paints(b: &mut GltfBuilder) -> Vec<(usize, f32)> {
 
 /// A node of `mesh` at a place, turned about Y by `turn` radians and scaled.
 fn put(b: &mut GltfBuilder, name: &str, mesh: usize, at: [f32; 3], turn: f32, scale: Vec3) {
-    // Half-angles in f64: the asset's bytes must not hang on the platform's f32 sine.
+    // Half-angles in f64, because the asset's bytes must not depend on the platform's f32 sine.
     let (s, c) = (f64::from(turn) / 2.0).sin_cos();
     b.node(Node {
         translation: at.into(),

@@ -1,4 +1,4 @@
-//! A room with finely tessellated things in it, for measuring what many triangles cost.
+//! A room with finely tessellated objects, for measuring the cost of many triangles.
 
 use glam::{Vec3, Vec3A};
 
@@ -77,7 +77,7 @@ pub fn dense_room() -> Vec<u8> {
 fn knobbly_ball(centre: Vec3, radius: f32, depth: f32, waves: f32) -> Geometry {
     let mut g = icosphere(Vec3::ZERO, 1.0, LEVEL).bare();
     for p in &mut g.positions {
-        // In f64, so that the bytes do not hang on a platform's sinf.
+        // In f64, so that the bytes do not depend on the platform's sinf.
         let [x, y, z] = p.to_array().map(|x| (f64::from(x * waves)).sin());
         let swing = (1.5 * x * y * z).clamp(-1.0, 1.0) as f32;
         *p = centre + p.normalize() * (radius + depth * swing);

@@ -1,12 +1,12 @@
-//! Furnaces: closed rooms in which every surface glows alike, so that the answer is known for any
-//! shape.
+//! Furnaces: closed rooms in which every surface has the same emission and reflectance, so that the
+//! light is known for any shape.
 
 use glam::{Affine3A, Quat, Vec3};
 
 use crate::geometry::{Geometry, cuboid, grid, icosphere, room};
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// What encloses a furnace.
+/// Shape of a furnace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FurnaceShape {
     /// A 2 m cube of twelve triangles.

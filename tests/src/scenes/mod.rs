@@ -1,4 +1,4 @@
-//! Scenes with parameters; each says where its data or its answer comes from.
+//! Scenes with parameters; each states the source of its data or of its solution.
 
 mod classic;
 pub mod closed_form;

@@ -1,4 +1,4 @@
-//! A bright room that holds a sealed box with nothing but darkness in it.
+//! A bright room with a sealed box that is dark inside.
 
 use glam::{Vec3, Vec3Swizzles};
 

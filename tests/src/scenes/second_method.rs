@@ -1,8 +1,8 @@
-//! Rooms whose light has no closed form, for the comparison of the bake with a path tracer.
+//! Rooms without closed-form light, for comparing bakes with a path tracer.
 //!
-//! All are closed or open only to the sky, plain (no textures, so that the path tracer reads them),
-//! a few metres wide, and made of nodes named after what they are, so that a difference can be told
-//! by place.
+//! All are closed, or open only to the sky, plain (without textures, so that the path tracer can
+//! read them), a few metres wide, and made of nodes named after what they are, so that differences
+//! can be located.
 
 use glam::Vec3;
 

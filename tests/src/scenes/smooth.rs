@@ -1,4 +1,4 @@
-//! Coarse meshes with the normals of the round shapes that they stand for.
+//! Coarse meshes with the normals of the round shapes that they approximate.
 
 use std::f32::consts::{PI, TAU};
 
@@ -71,8 +71,8 @@ pub fn tube(radius: f32, half: f32, n: u32, rows: u32) -> Geometry {
     out
 }
 
-/// Every vertex of `g` shared by the faces that meet there, with the mean of their normals (by
-/// area): what exporters do to hard edges.
+/// Every vertex of `g` shared by its faces, with the mean of their normals (by area), as exporters
+/// do at hard edges.
 pub fn averaged(g: &Geometry) -> Geometry {
     let mut out = Geometry::default();
     let index = |p: Vec3, out: &mut Geometry| {

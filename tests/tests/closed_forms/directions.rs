@@ -1,4 +1,4 @@
-//! What lightmaps keep of the directions of light, and of the sun. Values are radiances, R = E/π.
+//! Stored directionality of light, and the sun mask. Values are radiances, R = E/π.
 
 use std::f64::consts::PI;
 
@@ -115,8 +115,7 @@ fn of_an_even_sky() {
 
 #[test]
 fn what_a_flat_surface_gets_is_kept_in_the_first_order() {
-    // Whatever the light, ∫ L ω dω · n is E on a surface that sees light on its front only: L1·n =
-    // R/2.
+    // For any light, ∫ L ω dω · n is E on a surface that sees light only on its front: L1·n = R/2.
     let mut s = Stage::new();
     let white = s.builder.material(&Material::diffuse("white", [0.6; 3]));
     s.room(Vec3::ZERO, Vec3::ONE, white);

@@ -1,4 +1,4 @@
-//! Rooms that are closed, in which light can be summed up.
+//! Closed rooms, in which light can be summed up.
 
 use std::f64::consts::PI;
 
@@ -24,8 +24,8 @@ fn furnaces_hold_the_same_light_everywhere() {
             let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
             for name in names {
                 let w = worst(&lumels_of(&b, &name), 0.0, |_| exact);
-                // The bound. Rows sum to 1 exactly, so only rays that leave through an edge
-                // could cost energy.
+                // The required bound. Rows sum to exactly 1, so only rays that leave through an
+                // edge could lose energy.
                 assert!(w < 0.01, "{shape:?} {rho}: {w}");
             }
             let audit = &b.report.solve.audit;
@@ -41,7 +41,7 @@ fn furnaces_hold_the_same_light_everywhere() {
 
 #[test]
 fn a_furnace_of_reflectance_near_one_converges() {
-    // Errors of the rows grow by 1/(1 − ρ) = 100; 1 % needs them, and the residual, below 1e-4.
+    // Errors of the rows grow by 1/(1 − ρ) = 100; for 1 % they and the residual must be below 1e-4.
     let b = bake(&furnace(0.99, 1.0, FurnaceShape::Cube), &bright(at(4.0)));
     assert!(b.report.solve.relaxation.converged);
     let name = b.loaded.scene.instances[0].name.clone();
@@ -82,8 +82,7 @@ fn the_inside_of_a_sphere_is_lit_evenly_by_its_cap() {
     assert!(w < 0.1, "{w}");
 }
 
-/// Draft quality, for sweeps that look at means: patches and rays are fewer, what is exact stays
-/// so.
+/// Draft quality for sweeps over means: fewer patches and rays, but exact results stay exact.
 fn draft(density: f32) -> Settings {
     Settings {
         quality: Quality::Draft,
@@ -123,7 +122,7 @@ fn furnaces_of_every_reflectance() {
 
 #[test]
 fn a_reflectance_of_one_is_lowered_and_counted() {
-    // A closed scene with ρ = 1 has no answer. The baker's is that of 0.98, and the report says so.
+    // A closed scene with ρ = 1 has no solution. The baker clamps to 0.98, and the report says so.
     let b = bake(&furnace(1.0, 0.01, FurnaceShape::Cube), &at(3.0));
     assert_eq!(b.report.clamped_materials, 1);
     let warned = |w: &String| w.contains("1 material reflects more than");

@@ -1,4 +1,4 @@
-//! A scene with everything at once: the same bytes for any number of threads, and no energy lost.
+//! A scene with everything at once: same bytes for any number of threads, and no energy lost.
 
 use std::collections::BTreeMap;
 
@@ -131,7 +131,7 @@ fn the_same_bytes_for_one_and_two_threads() {
             .expect("threads");
         pool.install(|| {
             let (files, _) = golden(&glb, &settings).files().expect("encoded");
-            // The report says how long it took.
+            // The report contains times.
             (files.into_iter())
                 .filter(|f| !f.0.ends_with("report.json"))
                 .collect()

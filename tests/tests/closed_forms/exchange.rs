@@ -1,4 +1,4 @@
-//! Plates that face each other or stand on an edge.
+//! Plates that face each other or share an edge.
 
 use std::f64::consts::PI;
 
@@ -67,9 +67,9 @@ fn fine(texels_per_unit: f32) -> Settings {
 
 #[test]
 fn plates_a_micrometre_apart_are_lit_or_dark_but_never_wrong() {
-    // 1e-6 m is less than rays start off the surface at coordinates of 0.5 m (7e-7 m and more). The
-    // lamp's light is computed in closed form, so the right value stands where the receiver is told
-    // from the lamp, and what it misses is missing, not made up.
+    // At coordinates of 0.5 m, 1e-6 m is about the offset of rays from the surface (7e-7 m and
+    // more). The lamp's light has a closed form, so the value is correct where the receiver can be
+    // distinguished from the lamp; otherwise light is missing, never invented.
     let b = bake(
         &scenes::opposed_plates(2.0, [1.0, 1.0], 1e-6, [0.0; 2]),
         &at(16.0),

@@ -1,4 +1,5 @@
-//! Light through screens, blended surfaces and glass: straight from lamps, and from what reflects.
+//! Light through screens, blended surfaces and glass: directly from lamps, and from reflecting
+//! surfaces.
 
 use std::f64::consts::PI;
 
@@ -14,7 +15,7 @@ use serde_json::json;
 use super::{GOLDEN, HALF, SMOOTH, golden, production};
 use crate::common::{Seen, at, lumels_of, mean, worst};
 
-/// Three bytes that glTF's factors hold exactly enough: the coloured glass.
+/// Values that survive the 8-bit-like factors of glTF.
 const AMBER: [f32; 3] = [0.9, 0.5, 0.1];
 
 fn blend(alpha: f32) -> Material {
@@ -85,8 +86,8 @@ fn a_checker_of_alpha_transmits_half() {
     }
 }
 
-/// What passes panes between a sun, or a lamp, and the floor below them, at each lumel and in each
-/// channel.
+/// Transmission of panes between a sun, or a lamp, and the floor below, checked at each lumel and
+/// in each channel.
 #[track_caller]
 fn passes(panes: &[Material], upside_down: bool, exact: [f64; 3]) {
     for lamp in [false, true] {

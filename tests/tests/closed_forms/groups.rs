@@ -1,4 +1,4 @@
-//! Groups of light: their files sum to the lightmap, and each is the light of its sources.
+//! Light groups: their files sum to the lightmap, and each contains the light of its sources.
 
 use std::path::Path;
 

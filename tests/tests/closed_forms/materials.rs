@@ -1,4 +1,4 @@
-//! Sides of surfaces, and what `extras.lumel` changes about them.
+//! Sides of surfaces, and the effect of `extras.lumel` on them.
 
 use std::f64::consts::PI;
 
@@ -135,7 +135,7 @@ fn what_is_excluded_is_not_there() {
         assert!(w < HALF, "{w}");
         assert!(!has_lumels(&bake, "thing"));
     }
-    // With it, the floor lies in its shadow.
+    // Without `exclude`, the sheet shadows the floor.
     let bake = golden(&with_thing(&white, None), &at(8.0));
     assert!(mean(&lumels_of(&bake, "floor")) < 0.5);
     assert!(has_lumels(&bake, "thing"));

@@ -1,8 +1,8 @@
-//! Scenes whose light is known exactly, baked from file to EXR, each swept over its parameter.
+//! Scenes with exactly known light, baked from file to EXR, each swept over its parameter.
 //!
-//! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative; direct light without occlusion has no
-//! other error than the footprint's mean, which bake and test take over different points. Gathered
-//! light has what its rays leave, which each test says.
+//! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative. Direct light without occlusion has no
+//! error other than that of the footprint's mean, which bake and test take over different points.
+//! Gathered light has the noise of its rays, which each test states.
 
 mod cie;
 mod directions;
@@ -23,15 +23,15 @@ mod sky;
 
 use lumel::{Bake, Quality, Settings};
 
-/// The bake takes a lumel's mean over 16 Sobol points, the test over 64. Where light varies by 6 %
-/// over a lumel that is a deviation of about 0.2 %, and the worst of some thousand lumels is five
-/// of these.
+/// The bake averages a lumel over 16 Sobol points, the test over 64. If light varies by 6 % over a
+/// lumel, their standard deviation is about 0.2 %, and the worst of a thousand lumels is five of
+/// these.
 const SMOOTH: f64 = 0.01;
 
 /// Half float, in the file and of the value in it.
 const HALF: f64 = 1e-3;
 
-/// What the issue asks of every kind of light.
+/// The required accuracy for every kind of light.
 const GOLDEN: f64 = 0.005;
 
 /// Bakes and checks the energy audit.

@@ -1,4 +1,4 @@
-//! Ambient occlusion and the sun's mask.
+//! Ambient occlusion and the sun mask.
 
 use std::f64::consts::PI;
 
@@ -19,7 +19,7 @@ fn ao(distance: f32, settings: Settings) -> Settings {
     }
 }
 
-/// Share of a disc that lies beyond a chord at `s` radii from its middle.
+/// Fraction of a disc beyond a chord at `s` radii from its centre.
 fn segment(s: f64) -> f64 {
     let s = s.clamp(-1.0, 1.0);
     (s.acos() - s * (1.0 - s * s).sqrt()) / PI

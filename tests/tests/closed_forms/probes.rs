@@ -1,4 +1,4 @@
-//! Light probes where the light is the same from all sides, from one half, and from one direction.
+//! Light probes under light from all directions, from a hemisphere, and from one direction.
 
 use std::f64::consts::PI;
 
@@ -31,7 +31,7 @@ fn probes(glb: &[u8], points: &[[f64; 3]], settings: Settings) -> Vec<[f64; 9]> 
         .collect()
 }
 
-/// Y_lm of docs/probes.md.
+/// Y_lm in the order of the probe file.
 fn harmonics(d: DVec3) -> [f64; 9] {
     let (a, b) = ((3.0 / (4.0 * PI)).sqrt(), 0.5 * (15.0 / PI).sqrt());
     [

@@ -1,4 +1,4 @@
-//! Lamps with a range, a cone, a radius; the sun as a disc. Golden numbers, each within 0.5 %.
+//! Lamps with a range, a cone or a radius; the sun as a disc. Each figure must be within 0.5 %.
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,5 +1,4 @@
-//! Skies that are pictures, around a black cube: each of its faces sees a half of the sky and
-//! nothing else.
+//! Image-based skies around a black cube: each of its faces sees half of the sky and nothing else.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;

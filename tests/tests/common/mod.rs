@@ -1,4 +1,4 @@
-//! Bakes a scene held in memory and looks at its lumels.
+//! Bakes a scene held in memory and reads its lumels.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -76,19 +76,19 @@ impl Seen {
     }
 }
 
-/// The lumels of the instances whose node has this name, as they stand in the written EXR.
+/// The lumels of the instances whose node has this name, read from the written EXR.
 pub fn lumels_of(bake: &Bake, node: &str) -> Vec<Seen> {
     let dir = tempfile::tempdir().expect("a temporary folder");
     bake.write(dir.path()).expect("written");
     lumels_in(bake, dir.path(), node)
 }
 
-/// The same from files that were written already.
+/// The same from files that are already written.
 pub fn lumels_in(bake: &Bake, dir: &Path, node: &str) -> Vec<Seen> {
     lumels_in_files(bake, dir, &bake.page_names(), node)
 }
 
-/// The same from other files of the same layout, such as those of a light group.
+/// The same from other files with the same layout, such as those of a light group.
 pub fn lumels_in_files(bake: &Bake, dir: &Path, files: &[String], node: &str) -> Vec<Seen> {
     let pages: Vec<_> = files
         .iter()

@@ -1,5 +1,5 @@
-//! Files with broken numbers: dropped and counted, or refused with a reason; what is left is baked
-//! right.
+//! Files with broken numbers: dropped and counted, or refused with a reason; the rest is baked
+//! correctly.
 
 use glam::{Vec2, Vec3, Vec4};
 use lumel::{Bake, Error, Settings, Silent};

@@ -1,4 +1,4 @@
-//! The balance of energy through the pipeline: what does not add up is said.
+//! Energy balance through the pipeline: imbalances are reported.
 
 use lumel_tests::geometry::grid;
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};

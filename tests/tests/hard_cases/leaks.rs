@@ -1,5 +1,5 @@
-//! Walls: thin, cracked in their triangulation, with one skin only, far from the origin. Behind
-//! them it is exactly dark.
+//! Walls that are thin, have cracks in their triangulation, have a single skin, or are far from the
+//! origin. Behind them it is exactly dark.
 
 use glam::Vec3;
 use lumel::{Bake, SkySource};

@@ -1,7 +1,7 @@
-//! Inputs at the edge of what numbers can say: right values, or counted and explained omissions;
+//! Inputs at the limits of floating point: correct values, or counted and explained omissions;
 //! never NaN, never a leak.
 //!
-//! Faces that lie in or on one another are in `surfaces.rs`.
+//! Faces that coincide or nearly touch are in `surfaces.rs`.
 
 mod broken;
 mod energy;

@@ -1,4 +1,4 @@
-//! Size, place, brightness, and scenes with next to nothing in them.
+//! Size, position, brightness, and nearly empty scenes.
 
 use crate::common::{at, bake, lumels_of};
 use glam::{Mat4, Vec3};

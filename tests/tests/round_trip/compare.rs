@@ -1,8 +1,8 @@
-//! Compares a written document with the one that it was made from: whatever differs is either a
-//! change that a bake is allowed to make, and counted by kind, or a fault.
+//! Compares a written document with its original: each difference is either a change that a bake
+//! may make, counted by kind, or a fault.
 //!
-//! JSON is compared member by member; where it refers to accessors, views or images, what these
-//! hold is compared, byte for byte.
+//! JSON is compared member by member. Where it refers to accessors, views or images, their contents
+//! are compared byte for byte.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,10 +18,10 @@ pub enum Kind {
     Vertex,
 }
 
-/// What was found.
+/// The result.
 #[derive(Debug, Default)]
 pub struct Diff {
-    /// Differences that no bake should make, with their place in the document.
+    /// Differences that a bake must not make, with their place in the document.
     pub faults: Vec<String>,
     /// The others, by kind.
     pub allowed: BTreeMap<&'static str, u64>,

@@ -1,4 +1,4 @@
-//! Documents that hold a bit of everything, for the round trip.
+//! Documents with many features for the round trip.
 
 use std::path::Path;
 

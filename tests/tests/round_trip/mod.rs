@@ -1,5 +1,5 @@
-//! What is written holds all that was read: a strict comparison of input and output, of documents
-//! made here with a bit of everything in them and of the shared levels where they are.
+//! The output contains everything that was read: a strict comparison of input and output, for
+//! generated documents with many features and for the shared levels if available.
 
 mod compare;
 mod crafted;

@@ -1,7 +1,6 @@
-//! Small scenes whose irradiance is known in closed form, and the forms.
+//! Small scenes with closed-form irradiance, and the closed forms.
 //!
-//! Every scene says what is where, in metres; floors lie at y = 0 and look up. E is in the units of
-//! the lights.
+//! Lengths are in metres; floors are at y = 0 and face up. E is in the units of the lights.
 
 mod emissive_texture;
 mod exchange;

@@ -1,4 +1,4 @@
-//! Scenes put together by the tests themselves, of panels and lamps.
+//! Scenes that tests build from panels and lamps.
 
 use glam::{Vec2, Vec3};
 use serde_json::{Value, json};
@@ -6,8 +6,7 @@ use serde_json::{Value, json};
 use crate::geometry::{box_faces, grid};
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
-/// A document under construction with a black material at hand. Everything is in metres and in
-/// world space.
+/// A document under construction with a black material. Everything is in metres and in world space.
 #[derive(Debug, Clone)]
 pub struct Stage {
     /// What it writes.
@@ -36,7 +35,8 @@ impl Stage {
         self.node_with_panel(name, [origin, u, v], material, None)
     }
 
-    /// The same, which only casts shadows (`extras.lumel.occluder`) from both sides.
+    /// The same as an occluder (`extras.lumel.occluder`), which only casts shadows, from both
+    /// sides.
     pub fn blocker(&mut self, panel: [Vec3; 3]) -> &mut Stage {
         let material = self.builder.material(&Material {
             double_sided: true,

@@ -1,4 +1,4 @@
-//! What the scenes of the leak suite are put together with.
+//! Building blocks of the leak suite's scenes.
 
 use glam::{Affine3A, Vec3};
 
@@ -175,7 +175,7 @@ impl Kit {
         self.part("ground", &g)
     }
 
-    /// Says what light `node` gets `within`.
+    /// Declares the light that `node` gets `within`.
     pub fn region(&mut self, kind: Kind, node: &str, within: Hull) -> &mut Self {
         self.regions.push(Region {
             node: node.into(),
@@ -187,13 +187,13 @@ impl Kit {
         self
     }
 
-    /// Narrows the last region to faces that look along `direction`.
+    /// Restricts the last region to faces that face along `direction`.
     pub fn facing(&mut self, direction: Vec3) -> &mut Self {
         self.last().facing = Some(direction.as_dvec3().normalize());
         self
     }
 
-    /// Takes `hulls` out of the last region.
+    /// Excludes `hulls` from the last region.
     pub fn without(&mut self, hulls: impl IntoIterator<Item = Hull>) -> &mut Self {
         self.last().without.extend(hulls);
         self

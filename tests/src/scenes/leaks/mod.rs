@@ -1,11 +1,10 @@
-//! The leak suite: scenes whose walls, joints and props defeat lightmaps, each with the parts of
-//! its surfaces that must be dark and those that are lit beside them.
+//! The leak suite: scenes whose walls, joints and props are hard for lightmaps, each with the
+//! regions of its surfaces that must be dark and those beside them that are lit.
 //!
-//! What is dark is so by construction: it lies in a space that solids or single skins close off
-//! from every source of light, with joints that overlap. So E is exactly 0 there, whatever the
-//! bake. What light reaches through an opening is for a path tracer to say ([`Kind::Dim`]).
-//! `tests/tests/leaks.rs` holds the dark parts against 0, `tools/leaks.py` everything against
-//! truth; `lab/leaks.md` has the tables.
+//! Dark regions are dark by construction: solids or single skins with overlapping joints close them
+//! off from every light source. So E is exactly 0 there, whatever the bake does. A path tracer
+//! gives the light through openings ([`Kind::Dim`]). `tests/tests/leaks.rs` compares dark regions
+//! with 0, `tools/leaks.py` compares everything with the truth.
 
 mod kit;
 mod outdoors;
@@ -22,7 +21,7 @@ pub use region::{Hull, Kind, Region};
 pub struct LeakScene {
     /// File name without ending.
     pub name: &'static str,
-    /// What it is, and what an artist did to get it, in a line.
+    /// What it is, and what an artist did to make it, in a line.
     pub what: &'static str,
     /// The scene.
     pub glb: Vec<u8>,
@@ -30,20 +29,20 @@ pub struct LeakScene {
     pub sky: f32,
     /// Lumels a metre that it is baked with.
     pub texels_per_unit: f32,
-    /// Parts of its surfaces, and what light they get. The mean over those that are [`Kind::Lit`]
-    /// is the yardstick.
+    /// Regions of its surfaces and their light. The mean over those that are [`Kind::Lit`] is the
+    /// reference brightness.
     pub regions: Vec<Region>,
-    /// A face goes on behind a wall so thin that bilinear lookups on its dark side reach lumels
-    /// with a part on the lit side (some 1.6 lumels, askew), or even that one lumel is on both
-    /// sides. No value is right on both.
+    /// Whether a face continues behind a wall so thin that bilinear lookups on its dark side reach
+    /// lumels with a lit part (some 1.6 lumels, diagonally), or even that one lumel is on both
+    /// sides. No value is correct on both.
     pub shared_lumels: bool,
-    /// E of every lit point, W/m², where it is the same for all (a furnace).
+    /// E of every lit point, W/m², if it is the same everywhere (a furnace).
     pub even: Option<f64>,
-    /// ∫ E dA over the lit regions, W, where it is known.
+    /// ∫ E dA over the lit regions, W, if it is known.
     pub received: Option<f64>,
 }
 
-/// The scenes, in the order of `lab/leaks.md`.
+/// The scenes, in the order in which they are reported.
 pub const LEAKS: &[fn() -> LeakScene] = &[
     walls::sealed_box,
     walls::box_on_floor,
@@ -68,7 +67,7 @@ pub const LEAKS: &[fn() -> LeakScene] = &[
     props::white_room,
 ];
 
-/// What `tools/leaks.py` needs to know of `scenes`, for `leaks.json`.
+/// What `tools/leaks.py` needs to know about `scenes`, for `leaks.json`.
 pub fn description(scenes: &[LeakScene]) -> Value {
     let hull = |h: &Hull| json!(h);
     let region = |r: &Region| {

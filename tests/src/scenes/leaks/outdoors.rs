@@ -1,4 +1,4 @@
-//! Dark buildings in the open air, under a sky and a sun.
+//! Dark buildings outdoors, under a sky and a sun.
 
 use std::f32::consts::PI;
 
@@ -9,7 +9,7 @@ use super::{Hull, Kind, LeakScene};
 use crate::geometry::{Geometry, cuboid, grid, room};
 use crate::scenes::smooth::averaged;
 
-/// Where the sun's light goes: buildings cast their shadows to −x and −z.
+/// Direction of the sun's light: buildings cast their shadows to −x and −z.
 const SUN: Vec3 = Vec3::new(-0.5, -0.7, -0.3);
 
 fn in_the_open(k: Kit, name: &'static str, what: &'static str) -> LeakScene {

@@ -1,4 +1,4 @@
-//! Things in a lit room, and in a furnace.
+//! Objects in a lit room, and in a furnace.
 
 use glam::{Affine3A, Vec3};
 
@@ -193,7 +193,7 @@ pub(super) fn cabinet() -> LeakScene {
     }
 }
 
-/// Crates, a ball, a slab and a board that stick in each other and in the floor.
+/// Crates, a ball, a slab and a board that intersect each other and the floor.
 pub(super) fn overlapping_props() -> LeakScene {
     let mut k = lit_room();
     let first = turned(20.0, Vec3::new(-0.6, 0.0, -0.5));
@@ -275,7 +275,7 @@ pub(super) fn crates() -> LeakScene {
     let lining = block(frame, [-0.299, 0.001, -0.299], [0.299, 0.599, 0.299]).flipped();
     k.part("lining", &lining);
     k.region(Kind::Dark, "lining", Vec::new());
-    // The floor under them is no region: nobody sees it, and a baker may put there what suits the
+    // The floor under them is not a region: it is invisible, and a baker may fill it to suit the
     // lit lumels beside it.
     for (i, (name, _)) in places.into_iter().enumerate() {
         let above = if i == 2 { 0.0 } else { 0.002 };

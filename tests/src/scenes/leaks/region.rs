@@ -1,4 +1,4 @@
-//! Parts of surfaces, and what light they get.
+//! Regions of surfaces and their light.
 
 use glam::DVec3;
 
@@ -11,7 +11,7 @@ pub fn inside(hull: &Hull, p: DVec3) -> bool {
     (hull.iter()).all(|&[a, b, c, d]| p.dot(DVec3::new(a, b, c)) <= d)
 }
 
-/// What light a region gets.
+/// The light of a region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// None: E is exactly 0.

@@ -65,7 +65,7 @@ pub(super) fn box_on_floor() -> LeakScene {
     }
 }
 
-/// What parts the two rooms.
+/// What separates the two rooms.
 enum Wall {
     /// A closed box of this thickness.
     Solid(f32),
@@ -73,9 +73,8 @@ enum Wall {
     Sheet,
 }
 
-/// One shell with one floor, ceiling and pair of walls, and a wall across that makes two rooms of
-/// it; it stands 3° askew, so that it crosses lumels at every place of theirs. There is a lamp in
-/// the first room.
+/// One shell with one floor, ceiling and pair of walls, divided into two rooms by a wall that
+/// stands 3° askew, so that it crosses lumels at every position. There is a lamp in the first room.
 fn two_rooms(wall: &Wall) -> Kit {
     let mut k = Kit::new();
     let (half, height) = (2.0, 2.6);
