@@ -6,7 +6,7 @@ Usage : python measure.py SCENE.glb [--res 256] [--texels-per-unit X] [--quality
 Steps : 1 bake with lumel; without --texels-per-unit the density at which the scene fills one page of at most --res is searched with
           draft bakes; 2 flatten its atlas (flatten_lightmap.py); 3 pick lumels (texels.py, seed 0, inset 2) and their truth
           (truth.py --area --backface twosided: over the whole texel, which is what lumel means, and over its middle half, which is
-          what Cycles was measured to average); 4 bake again, lumel and Cycles in turn, --repeat times; 5 compare.py's figures for both, each
+          what Cycles was measured to average); 4 bake again, lumel and Cycles in turn, --repeat times; 5 the figures of `lumel diff` for both, each
           against its own footprint (reference.py); score.py on the unflattened bake with points.py when --points is given.
 Output: a Markdown table (all chosen lumels; and those that are lit and through which no shadow or contact edge runs, where the answer does
         not hang on what a baker does with the buried part of a texel) and OUT/NAME.measure.json.  References are kept under LUMEL_REF (reference.py).

@@ -167,7 +167,7 @@ def _compare():
 
 
 def relative_noise(ref):
-    """standard error of each lumel over (its truth + 0.01 mean), as compare.py weighs an error; 0 where it is not lit"""
+    """standard error of each lumel over (its truth + 0.01 mean), as `lumel diff` weighs an error; 0 where it is not lit"""
     lum = _compare().LUM
     y, s, on = ref["irradiance"] @ lum, ref["stderr"] @ lum, lit(ref)
     return np.where(on, s / (y + 0.01 * y[on].mean()), 0.0)
@@ -195,7 +195,7 @@ def clear(ref, other):
 
 
 def errors(ref, exr, keep=None):
-    """compare.py's figures of a map (E/π) over the lumels `keep` (default: all that the reference holds), and relRMSE_se: the standard
+    """the figures of `lumel diff` for a map (E/π) over the lumels `keep` (default: all that the reference holds), and relRMSE_se: the standard
     error of relRMSE that comes from having drawn these lumels and not others (few bad lumels rule a root mean square)"""
     c = _compare()
     img = c.read_exr(exr)

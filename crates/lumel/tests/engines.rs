@@ -396,7 +396,7 @@ fn project(cam: &str, at: [f64; 3], size: [f64; 2]) -> [f64; 2] {
 fn bevy_shows_closed_form_pixels() {
     let Some(program) = std::env::var_os("LUMEL_BEVY") else {
         eprintln!(
-            "SKIPPED Bevy: LUMEL_BEVY does not name the program that tools/engines/bevy builds (docs/engines.md)"
+            "SKIPPED Bevy: LUMEL_BEVY does not name the program that tools/engines/bevy builds (docs/engines/bevy.md)"
         );
         return;
     };

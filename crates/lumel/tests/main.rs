@@ -1,6 +1,7 @@
 //! Tests of the library and of the real binary as one program, because linking each file separately
 //! takes most of the time.
 
+mod book;
 mod browser;
 mod cache;
 mod cli;

@@ -1,0 +1,94 @@
+//! The book's page of options is what `lumel COMMAND --help` says.
+
+use std::fmt::Write;
+use std::fs;
+
+use super::pages::root;
+use super::{COMMANDS, none};
+use crate::common::lumel;
+
+/// An option, or an argument: how it is written, and its text.
+#[derive(PartialEq)]
+struct Item {
+    name: String,
+    text: String,
+    values: Vec<String>,
+}
+
+/// Options and arguments of a command's help.
+fn items(help: &str) -> Vec<Item> {
+    let mut items: Vec<Item> = Vec::new();
+    let lines = help
+        .lines()
+        .skip_while(|l| !matches!(*l, "Arguments:" | "Options:"));
+    for line in lines.filter(|l| l.starts_with(' ')) {
+        let words = line.trim();
+        let indent = line.len() - line.trim_start().len();
+        if indent < 10 && words.starts_with(['-', '<', '[']) {
+            let (name, text) = words.split_once("  ").unwrap_or((words, ""));
+            let (name, text) = (name.to_owned(), text.trim().to_owned());
+            items.push(Item {
+                name,
+                text,
+                values: Vec::new(),
+            });
+            continue;
+        }
+        let item = items.last_mut().expect("a text follows a name");
+        if let Some(value) = words.strip_prefix("- ") {
+            item.values.push(value.to_owned());
+        } else if words != "Possible values:" {
+            // `[default: …]` follows values, in a paragraph of its own.
+            let text = match item.values.last_mut() {
+                Some(value) if !words.starts_with("[default") => value,
+                _ => &mut item.text,
+            };
+            if !text.is_empty() {
+                text.push(' ');
+            }
+            text.push_str(words);
+        }
+    }
+    items.retain(|i| i.name != "-h, --help");
+    items
+}
+
+fn page() -> String {
+    let mut page = "# Options\n\nWritten from `lumel COMMAND --help` by a test; \
+        `LUMEL_BLESS=1 cargo test -p lumel book::` writes it\nanew.\n"
+        .to_owned();
+    let mut seen: Vec<Item> = Vec::new();
+    for command in COMMANDS {
+        let help = lumel([command, "--help"]).ok().stdout;
+        let about = help.lines().next().expect("help says something");
+        write!(page, "\n## `lumel {command}`\n\n{about}.\n\n").expect("memory");
+        let (old, new): (Vec<_>, Vec<_>) = items(&help).into_iter().partition(|i| seen.contains(i));
+        for item in &new {
+            writeln!(page, "- `{}`: {}", item.name, item.text).expect("memory");
+            for value in &item.values {
+                let (value, text) = value.split_once(':').unwrap_or((value, ""));
+                writeln!(page, "  - `{value}`: {}", text.trim()).expect("memory");
+            }
+        }
+        if !old.is_empty() {
+            let names: Vec<_> = old.iter().map(|i| format!("`{}`", i.name)).collect();
+            writeln!(page, "\nAs above: {}.", names.join(", ")).expect("memory");
+        }
+        seen.extend(new);
+    }
+    page
+}
+
+#[test]
+fn the_page_of_options_is_current() {
+    let path = root().join("docs/options.md");
+    let page = page();
+    if fs::read_to_string(&path).is_ok_and(|old| old == page) {
+        return;
+    }
+    let hint = "docs/options.md is not what --help says: run with LUMEL_BLESS=1";
+    if std::env::var_os("LUMEL_BLESS").is_some() {
+        fs::write(&path, page).expect("the page can be written");
+    }
+    none(&[hint.to_owned()]);
+}
