@@ -327,7 +327,7 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
     let (_t, out) = squares("");
     let site = Site::start(&out);
     // Lambertian materials are exact. The file's own MeshStandardMaterial turns part of the light
-    // into a specular lobe: tools/engines/three/README.md.
+    // into a specular lobe: docs/engines/three.md.
     for options in ["diffuse=1", "diffuse=1&manifest=1", "diffuse=1&plugin=1"] {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");
