@@ -12,6 +12,7 @@ import base64
 import io
 import json
 import os
+import re
 import struct
 import tomllib
 import urllib.parse
@@ -194,6 +195,12 @@ def texture(js, ref):
                    np.array([[c * sx, s * sy, ox], [-s * sx, c * sy, oy]]))
 
 
+def lower_level(node):
+    """A level shows one LOD of a thing at a time; the pictures show the first."""
+    return (hint(node).get("lod", {}).get("level", 0) > 0
+            or re.search(r"_LOD[1-9]\d*$", node.get("name") or "") is not None)
+
+
 def hint(thing):
     """extras.lumel of a node, a material, ..."""
     extras = thing.get("extras")
@@ -332,7 +339,7 @@ def load(path, images=True):
 
     def walk(number, parent):
         node = js["nodes"][number]
-        if hint(node).get("exclude"):
+        if hint(node).get("exclude") or lower_level(node):
             return
         m, ext = parent @ local(node), node.get("extensions", {})
         if "mesh" in node and "EXT_mesh_gpu_instancing" in ext:
