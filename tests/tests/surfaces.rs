@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use crate::common::{Seen, at, bake, lumels_of};
 use glam::Vec3;
-use lumel::{Bake, Hidden, Quality, Settings};
+use lumel::{Bake, Hidden, Quality, Settings, SkySource};
 use lumel_tests::geometry::{Geometry, grid, quad};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
 use lumel_tests::scenes::closed_form;
@@ -378,4 +378,38 @@ fn occluders_cast_their_shadow_and_nothing_else() {
         assert_eq!(baked.layout.placements[1].rect.w, 0, "{list}");
         assert_eq!(baked.report.gather.light.lumels, 256, "{list}");
     }
+}
+
+/// A double-sided floor that shows its front to the ground, under a sun of 2 lux straight down.
+fn upside_down(sky: f32) -> Bake {
+    let mut b = GltfBuilder::new();
+    let paper = b.material(&Material {
+        double_sided: true,
+        ..Material::diffuse("paper", [0.0; 3])
+    });
+    let mesh = b.mesh("floor", &[(&floor(), paper)]);
+    b.node(Node {
+        rotation: glam::Quat::from_rotation_x(std::f32::consts::PI),
+        ..Node::of_mesh("floor", mesh)
+    });
+    let sun = b.light("sun", Light::Directional([2.0; 3]));
+    b.node(Node {
+        name: "sun".into(),
+        rotation: glam::Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2),
+        light: Some(sun),
+        ..Node::default()
+    });
+    let settings = Settings {
+        sky: SkySource::Color([sky; 3]),
+        ..at(8.0)
+    };
+    bake(&b.finish(), &settings)
+}
+
+#[test]
+fn a_sheet_whose_front_nobody_sees_holds_the_light_of_its_back() {
+    // The front looks into the void.
+    all_hold(&lumels_of(&upside_down(0.0), "floor"), 2.0);
+    // The front sees a sky, so it counts: π times its radiance.
+    all_hold(&lumels_of(&upside_down(0.5), "floor"), 0.5 * PI);
 }

@@ -64,6 +64,8 @@ pub struct Lumels {
     /// Page corners of each face, NaN if unused. Corners of a duplicate are in the order of its
     /// original triangle.
     corners: Vec<[Vec2; 3]>,
+    /// For each face: lumels lie on its back. Empty until one was turned.
+    turned: Vec<bool>,
     /// For each duplicate: its original triangle, and whether it faces the other way.
     duplicates: Vec<(u32, bool)>,
 }
@@ -104,13 +106,23 @@ impl Lumels {
                 let own = self.corners.len() - self.duplicates.len();
                 let duplicate = (face as usize).checked_sub(own);
                 let (triangle, back) = duplicate.map_or((face, false), |d| self.duplicates[d]);
+                let turned = self.turned.get(face as usize).is_some_and(|t| *t);
                 Fragment {
                     triangle,
                     corners: self.corners[face as usize],
-                    back,
+                    back: back != turned,
                     face,
                 }
             })
+    }
+
+    /// Turns faces over: lumels on the front of one lie on its back from now on, and the other way
+    /// round.
+    pub fn turn(&mut self, faces: &[u32]) {
+        self.turned.resize(self.corners.len(), false);
+        for &face in faces {
+            self.turned[face as usize] ^= true;
+        }
     }
 
     /// The first face under a lumel.
@@ -129,6 +141,7 @@ impl Lumels {
         (self.lumels.len() * size_of::<Lumel>()
             + self.faces.len() * 4
             + self.corners.len() * 24
+            + self.turned.len()
             + self.duplicates.len() * 8) as u64
     }
 }

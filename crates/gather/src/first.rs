@@ -8,6 +8,7 @@ use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::options::Interpolation;
 use crate::received::Received;
+use crate::sheets::turn_unseen;
 
 /// Gathers at all lumels, of which interpolated ones have direct light of their own at most.
 /// Neighbours that differ too much are not interpolated between after all.
@@ -30,6 +31,7 @@ pub(crate) fn gather_first(
     for (i, r) in first.into_iter().zip(gathered) {
         map.received[i] = r;
     }
+    turn_unseen(gatherer, map, monitor)?;
     let unsteady = map.plan.drop_unsteady(&map.received);
     let rest: Vec<usize> = (0..n).filter(|&i| map.plan.is(i) || unsteady[i]).collect();
     let gathered = in_blocks(rest.len(), Phase::Gather, monitor, |k| {

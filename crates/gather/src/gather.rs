@@ -87,13 +87,14 @@ impl Gatherer<'_, '_> {
         // As the ends of things that reach through a room's shell; but also what lies in the shade
         // of a lamp without anything to bounce off. Only a wall between it and its neighbours tells
         // ([`fill_hidden`](crate::hidden::fill_hidden)).
-        let lost = options.open_only && near && dark && Point::in_the_void(sums.iter());
+        let void = options.open_only && dark && Point::in_the_void(sums.iter());
         // The light is of what is open, the place of all.
         let place = (Place::of(&points), footprint.size());
         let mut out = Received::of(direct, &estimate, planes, place);
         out.rays += rays;
         out.near = near;
-        out.behind = lost || Point::dark_shares(sums.iter())[0] >= BEHIND;
+        out.void = void;
+        out.behind = void && near || Point::dark_shares(sums.iter())[0] >= BEHIND;
         out.open = match in_the_open {
             0 if !buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,
             n => n as f32 / count as f32,

@@ -71,6 +71,7 @@ mod reach;
 mod received;
 mod refine;
 mod sample;
+mod sheets;
 mod smooth;
 mod tracer;
 mod vertex_footprint;

@@ -107,6 +107,11 @@ impl Plan {
         self.beside[i].iter().any(|j| j.is_some())
     }
 
+    /// Lumel `i` is gathered at after all.
+    pub(crate) fn drop(&mut self, i: usize) {
+        self.beside[i] = [None; 4];
+    }
+
     /// Whether others are interpolated between lumel `i` and its like.
     #[inline]
     pub(crate) fn bears(&self, i: usize) -> bool {

@@ -41,6 +41,8 @@ pub struct Received {
     pub(crate) near: bool,
     /// Many of its rays meet black backs: it lies behind what others lie before.
     pub(crate) behind: bool,
+    /// It is dark, and nearly all of its rays went where nothing is.
+    pub(crate) void: bool,
     /// What crosses the footprint.
     pub(crate) edge: Edge,
     /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
@@ -127,6 +129,11 @@ impl Received {
     /// Irradiance.
     pub fn light(&self) -> Vec3 {
         self.direct + self.indirect
+    }
+
+    /// Whether nobody looks at the footprint: it is hidden, or lies in the void.
+    pub(crate) fn is_unseen(&self) -> bool {
+        self.open == 0.0 || self.void
     }
 
     /// Estimated variance of the light's luminance.

@@ -236,6 +236,11 @@ impl Subdivision {
         p.first_element as usize..p.first_element as usize + p.elements as usize
     }
 
+    /// The region of a triangle: connected and nearly flat. `None` of one that rays do not see.
+    pub fn region_of(&self, triangle: u32) -> Option<usize> {
+        (self.region_of_triangle.get(triangle as usize)).map(|&region| region as usize)
+    }
+
     /// Nominal edge length of the patches around `triangle`, metres.
     pub fn patch_edge(&self, triangle: u32) -> f32 {
         let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];

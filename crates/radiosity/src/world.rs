@@ -1,7 +1,5 @@
 //! The scene as rays see it.
 
-use std::sync::OnceLock;
-
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
@@ -80,8 +78,6 @@ pub struct World<'a> {
     /// Light groups, where light is to be kept apart.
     pub groups: Option<LightGroups>,
     bvh: Bvh,
-    /// Where triangles are in the tree, once that was asked for.
-    places: OnceLock<Vec<u32>>,
     two_sided: Vec<bool>,
     /// Reflectance of materials that have the same everywhere: rays need not look their triangles
     /// up.
@@ -141,7 +137,6 @@ impl<'a> World<'a> {
             scene,
             soup,
             bvh,
-            places: OnceLock::new(),
             radius,
         })
     }
@@ -341,19 +336,6 @@ impl<'a> World<'a> {
             Some(hit) => Incoming::Surface(hit),
         };
         (found, tint)
-    }
-
-    /// Where a ray of [`incoming`](Self::incoming) meets the triangle that it is known to meet
-    /// first, without looking for it.
-    pub fn known_hit(&self, origin: Vec3, direction: Vec3, triangle: u32) -> Option<Hit> {
-        let places = self.places.get_or_init(|| self.bvh.places());
-        let ray = Ray {
-            origin,
-            direction,
-            t_min: 0.0,
-            t_max: f32::INFINITY,
-        };
-        self.bvh.hit_known(&ray, *places.get(triangle as usize)?)
     }
 
     /// How far a second look along a ray may go that must not meet what the first one met. Near a

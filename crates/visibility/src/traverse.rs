@@ -7,7 +7,7 @@ use crate::bvh::Bvh;
 use crate::kernel::avx2::Avx2;
 use crate::kernel::portable::Portable;
 use crate::kernel::{Isa, Kernel, Lanes, Prepared, WIDEN};
-use crate::node::{Child, FILTERED, PACK, Pack, WIDTH};
+use crate::node::{Child, FILTERED, WIDTH};
 use crate::ray::{Hit, HitFilter, Ray};
 
 /// Entries of the traversal stack on the program's stack: enough for 36 levels, i.e. for any tree
@@ -62,47 +62,8 @@ impl Bvh {
         }
     }
 
-    /// Position of each triangle in the tree, for [`Bvh::hit_known`].
-    pub fn places(&self) -> Vec<u32> {
-        let mut places = vec![u32::MAX; self.triangles];
-        for (at, pack) in self.packs.iter().enumerate() {
-            for (lane, id) in pack.ids.iter().enumerate() {
-                if let Some(place) = places.get_mut((id & !FILTERED) as usize) {
-                    *place = (at * PACK + lane) as u32;
-                }
-            }
-        }
-        places
-    }
-
-    /// The hit of a ray on a triangle that is known to be the closest: the result of
-    /// [`Bvh::closest_hit`], bit for bit, without traversal. `place` is the triangle's entry in
-    /// [`Bvh::places`]. `None` if the ray does not hit it, or if there is no such place.
-    pub fn hit_known(&self, ray: &Ray, place: u32) -> Option<Hit> {
-        let prepared = Prepared::new(ray)?;
-        let pack = self.packs.get(place as usize / PACK)?;
-        let lane = place as usize % PACK;
-        let mut lanes = Lanes::default();
-        let hits = match self.isa {
-            // SAFETY: the portable version has no requirements.
-            Isa::Portable => unsafe {
-                Portable::triangles(pack, &prepared, prepared.t_max, &mut lanes)
-            },
-            // SAFETY: `Isa::Avx2` is only chosen by detection.
-            #[cfg(target_arch = "x86_64")]
-            Isa::Avx2 => unsafe { triangles_avx2(pack, &prepared, &mut lanes) },
-        };
-        (hits >> lane & 1 != 0).then(|| Hit {
-            triangle: pack.ids[lane] & !FILTERED,
-            t: lanes.t[lane] * prepared.t_scale,
-            u: lanes.u[lane],
-            v: lanes.v[lane],
-            back: lanes.back >> lane & 1 != 0,
-        })
-    }
-
-    /// Most entries on the stack: each level leaves seven siblings behind, and the last pushes
-    /// eight.
+    /// Entries that the stack needs at most: each level leaves seven siblings behind, and the last
+    /// pushes eight.
     fn stack_need(&self) -> usize {
         self.depth as usize * (WIDTH - 1) + 1
     }
@@ -122,15 +83,6 @@ unsafe fn closest_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> Option
 #[target_feature(enable = "avx2")]
 unsafe fn occluded_avx2<F: HitFilter>(bvh: &Bvh, ray: &Ray, filter: &F) -> bool {
     occluded_one::<Avx2>(bvh, ray, filter)
-}
-
-/// # Safety
-/// The machine supports AVX2.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-unsafe fn triangles_avx2(pack: &Pack, ray: &Prepared, lanes: &mut Lanes) -> u32 {
-    // SAFETY: the caller's.
-    unsafe { Avx2::triangles(pack, ray, ray.t_max, lanes) }
 }
 
 #[inline(always)]

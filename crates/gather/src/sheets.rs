@@ -1,0 +1,126 @@
+//! Double-sided sheets take the light of the side that is seen.
+//!
+//! A face has one place in the lightmap, whichever side of it is looked at. Usually that place holds
+//! the light on its front. The front of a panel that lies right before another, or of a wall that
+//! was modelled inside out, is seen by nobody, and the back would be drawn black.
+
+use std::collections::BTreeSet;
+
+use radiosity::{Cancelled, Monitor, Phase};
+
+use crate::blocks::in_blocks;
+use crate::gatherer::Gatherer;
+use crate::map::LumelMap;
+use crate::received::Received;
+
+/// Lumels that tell whether the back of a sheet is seen.
+const PROBES: usize = 16;
+
+/// The lumels of a region.
+struct Sheet {
+    region: usize,
+    lumels: Vec<usize>,
+}
+
+/// Gathers anew, on their backs, at sheets whose front is mostly unseen and whose back is not. To be
+/// run after the gathered lumels of `map` have their light.
+///
+/// # Errors
+/// [`Cancelled`] when the monitor says so.
+pub(crate) fn turn_unseen(
+    gatherer: &Gatherer,
+    map: &mut LumelMap,
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
+    let sheets = mostly_unseen(gatherer, map);
+    if sheets.is_empty() {
+        return Ok(());
+    }
+    let world = gatherer.world();
+    sheets.iter().for_each(|sheet| turn(gatherer, map, sheet));
+    let gather = |map: &LumelMap, which: &[usize]| {
+        in_blocks(which.len(), Phase::Gather, monitor, |k| {
+            let (footprint, seed) = map.footprint(world, which[k]);
+            gatherer.gather(&footprint, seed)
+        })
+    };
+    let probes: Vec<Vec<usize>> = sheets.iter().map(Sheet::probes).collect();
+    let mut found = gather(map, &probes.concat())?.into_iter();
+    let mut again = Vec::new();
+    for (sheet, probes) in sheets.into_iter().zip(probes) {
+        let of_back: Vec<Received> = found.by_ref().take(probes.len()).collect();
+        if is_mostly(of_back.iter().map(|r| (r.is_unseen(), 1.0))) {
+            // As it was.
+            turn(gatherer, map, &sheet);
+        } else {
+            again.extend(sheet.lumels);
+        }
+    }
+    let light = gather(map, &again)?;
+    for (i, r) in again.into_iter().zip(light) {
+        map.plan.drop(i);
+        map.received[i] = r;
+    }
+    Ok(())
+}
+
+impl Sheet {
+    /// Lumels spread over it.
+    fn probes(&self) -> Vec<usize> {
+        let step = self.lumels.len().div_ceil(PROBES);
+        self.lumels.iter().step_by(step).copied().collect()
+    }
+}
+
+/// Double-sided regions whose front is seen from less than half of the gathered lumels there, by
+/// area. Left out are lumels on duplicates, which have a side of their own, and on faces whose back
+/// such a duplicate shows.
+fn mostly_unseen(gatherer: &Gatherer, map: &LumelMap) -> Vec<Sheet> {
+    let (world, cut) = (gatherer.world(), &gatherer.tracer.solution.cut);
+    let duplicates = &world.soup.duplicates;
+    let backed: BTreeSet<u32> = (duplicates.iter().filter(|d| d.turned))
+        .map(|d| d.kept)
+        .collect();
+    let region_of = |i: usize| {
+        let first = map.lumels.fragments(map.lumel(i)).next()?;
+        let own = first.face == first.triangle && !backed.contains(&first.triangle);
+        (own && world.two_sided(first.triangle)).then(|| cut.region_of(first.triangle))?
+    };
+    let mut by_region: Vec<(usize, usize)> = (0..map.len())
+        .filter_map(|i| Some((region_of(i)?, i)))
+        .collect();
+    by_region.sort_unstable();
+    (by_region.chunk_by(|a, b| a.0 == b.0))
+        .filter(|run| {
+            let gathered = run.iter().filter(|(_, i)| !map.plan.is(*i));
+            is_mostly(gathered.map(|&(_, i)| (map.received[i].is_unseen(), map.lumel(i).coverage)))
+        })
+        .map(|run| Sheet {
+            region: run[0].0,
+            lumels: run.iter().map(|&(_, i)| i).collect(),
+        })
+        .collect()
+}
+
+/// Whether more than half of these weights is of what is `true`.
+fn is_mostly(all: impl Iterator<Item = (bool, f32)>) -> bool {
+    let (mut so, mut sum) = (0.0, 0.0);
+    for (yes, weight) in all {
+        so += if yes { weight } else { 0.0 };
+        sum += weight;
+    }
+    2.0 * so > sum
+}
+
+/// Turns the faces of a sheet over.
+fn turn(gatherer: &Gatherer, map: &mut LumelMap, sheet: &Sheet) {
+    let cut = &gatherer.tracer.solution.cut;
+    let mut faces: Vec<u32> = (sheet.lumels.iter())
+        .flat_map(|&i| map.lumels.fragments(map.lumel(i)))
+        .filter(|f| f.face == f.triangle && cut.region_of(f.triangle) == Some(sheet.region))
+        .map(|f| f.face)
+        .collect();
+    faces.sort_unstable();
+    faces.dedup();
+    map.lumels.turn(&faces);
+}
