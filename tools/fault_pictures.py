@@ -2,14 +2,14 @@
 """Pictures of what goes wrong in bakes and in engines, for docs/troubleshooting.md.
 
 Usage : python fault_pictures.py [NAME ...]
-Steps : bakes the demo level (and a generated one) with and without each fault, and draws both as an engine does, by the judge's own
+Steps : bakes the demo level with and without each fault, and draws both as an engine does, by the judge's own
         lookups: the fault on the left, the remedy on the right, at one exposure.  Faults of engines are done to the page.
 Output: docs/images/faults/NAME.jpg
-Needs : LUMEL, make-level beside it; the judge's requirements (tools/judge/requirements.txt)
+Needs : LUMEL; the judge's requirements (tools/judge/requirements.txt)
 """
+import argparse
 import os
 import subprocess
-import sys
 import tempfile
 
 import numpy as np
@@ -42,13 +42,6 @@ def inside_out(source, target, name):
     return target
 
 
-def lods(folder):
-    """a generated level of levels of detail"""
-    make = os.path.join(os.path.dirname(common.LUMEL), "make-level")
-    subprocess.run([make, "lods", "1", "-o", folder, "--small"], check=True)
-    return os.path.join(folder, "lods_1.glb")
-
-
 def bake(scene, folder, options):
     """-> the baked glb"""
     subprocess.run([common.LUMEL, "bake", scene, "-o", folder, "-q", "--no-vertex-colors"] + options, check=True)
@@ -69,7 +62,6 @@ BAKES = {
     "black": (["--quality", "draft", "--texels-per-unit", "2", "--exclude-light", "*"], PLAIN),
     "blotches": (SKY + ["--quality", "draft", "--texels-per-unit", "6"], SKY + ["--quality", "preview", "--texels-per-unit", "6"]),
     "coarse": (SKY + ["--quality", "quick", "--texels-per-unit", "1.5"], PLAIN),
-    "seams": (PLAIN + ["--no-stitch"], PLAIN),
 }
 # name: what an engine makes of a page
 PAGES = {
@@ -100,7 +92,10 @@ def draw(bad, good, name, change=None):
 
 
 def main():
-    wanted = sys.argv[1:] or [*BAKES, "inside_out", "lods", *PAGES]
+    ap = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    known = [*BAKES, "inside_out", *PAGES]
+    ap.add_argument("names", nargs="*", metavar="NAME", help="of " + ", ".join(known))
+    wanted = ap.parse_args().names or known
     with tempfile.TemporaryDirectory() as t:
         at = lambda name: os.path.join(t, name)      # noqa: E731
         for name in wanted:
@@ -110,9 +105,6 @@ def main():
             elif name == "inside_out":
                 bad = bake(inside_out(DEMO, at("demo_level.glb"), "pillar"), at("turned"), PLAIN)
                 draw(bad, bake(DEMO, at("plain"), PLAIN), name)
-            elif name == "lods":
-                level = lods(t)
-                draw(bake(level, at("no_lods"), ["--quality", "quick", "--no-lods"]), bake(level, at("lods"), ["--quality", "quick"]), name)
             else:
                 good = bake(DEMO, at("plain"), PLAIN)
                 draw(good, good, name, PAGES[name])
