@@ -1,28 +1,27 @@
-//! What can be said of a matrix of form factors without and with a reference.
+//! Quality measures of a form-factor matrix, with and without a reference.
 
 use crate::{Enclosure, Matrix};
 
-/// What a matrix of form factors says about itself.
+/// Quality measures of a form-factor matrix by itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Audit {
-    /// Greatest |Σ_j F_ij − 1| over the rows i: in a closed enclosure the share of a patch's power
-    /// that is made or lost.
+    /// Largest |Σ_j F_ij − 1| over the rows i: in a closed enclosure, the fraction of a patch's
+    /// power that is gained or lost.
     pub row_sum_error: f64,
-    /// Greatest |A_i F_ij − A_j F_ji| over all pairs, as a share of the greatest A_i F_ij.
+    /// Largest |A_i F_ij − A_j F_ji| over all pairs, relative to the largest A_i F_ij.
     pub reciprocity_error: f64,
-    /// Greatest |F_ii|: a flat patch does not see itself.
+    /// Largest |F_ii|; a flat patch does not see itself.
     pub self_factor: f64,
 }
 
-/// How far a matrix is from the reference F*.
+/// Distance of a matrix from the reference F*.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MatrixError {
-    /// ‖F − F*‖ / ‖F*‖ over all entries (Frobenius): the RMS error as a share of the RMS form
-    /// factor.
+    /// ‖F − F*‖ / ‖F*‖ over all entries (Frobenius): the RMS error relative to the RMS form factor.
     pub rms: f64,
-    /// Greatest |F_ij − F*_ij| / F*_ij over the pairs with F*_ij ≥ 0.1/n, n the number of patches.
-    /// Smaller ones together carry under a tenth of a row, and the relative error of a pair that is
-    /// all but hidden says nothing.
+    /// Largest |F_ij − F*_ij| / F*_ij over the pairs with F*_ij ≥ 0.1/n, where n is the number of
+    /// patches. Smaller ones together make up less than a tenth of a row, and the relative error of
+    /// an almost hidden pair says nothing.
     pub max: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What every method starts from: flat patches, and the matrix of their form factors.
+//! The input of every method: flat patches, and the matrix of their form factors.
 
 use glam::DVec3;
 
@@ -39,7 +39,7 @@ impl Patch {
     }
 }
 
-/// Patches that see one another. Each blocks light and reflects on its front only.
+/// Patches that see one another. Each blocks light and reflects only on its front.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Enclosure {
     /// The patches.

@@ -1,5 +1,5 @@
-//! Form factors of a whole enclosure by each of the classic methods. F_ij is the share of the power
-//! leaving patch i that reaches j; row i holds all F_ij.
+//! Form factors of a whole enclosure by each of the classic methods. F_ij is the fraction of the
+//! power leaving patch i that reaches j; row i contains all F_ij.
 
 mod area;
 mod contour;
@@ -25,11 +25,11 @@ pub use point::{form_factor_disc, form_factor_point, form_factor_polygon};
 pub use sample::{Cell, cells, centroid, gauss_legendre, point_on, polygon_nodes};
 pub use shadow::form_factor_visible_polygon;
 
-/// A method, with what its accuracy hangs on.
+/// A method with the settings that determine its accuracy.
 ///
-/// Where a method has `shadow_rays`, it computes unoccluded form factors and multiplies each by the
-/// share that gets through by so many rays between the two patches ([`visible_share`]); 0 stands
-/// for no occlusion at all.
+/// Methods with `shadow_rays` compute unoccluded form factors and multiply each by the visible
+/// fraction, estimated by this many rays between the two patches ([`visible_share`]); 0 ignores
+/// occlusion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Method {
@@ -57,21 +57,21 @@ pub enum Method {
         /// Rays for each pair (0..=65536).
         shadow_rays: usize,
     },
-    /// [`exchange_contour`]: exact but for occlusion.
+    /// [`exchange_contour`]: exact except for occlusion.
     Contour {
-        /// Error allowed, absolute in F (1e-14..=0.1).
+        /// Allowed error, absolute in F (1e-14..=0.1).
         tolerance: f64,
         /// Rays for each pair (0..=65536).
         shadow_rays: usize,
     },
-    /// [`row_nusselt`]: the scanned disc, occlusion included.
+    /// [`row_nusselt`]: the scanned disc, including occlusion.
     Nusselt {
         /// Pixels along the disc's diameter (1..=4096).
         resolution: usize,
         /// Points along each side of the leaving patch (1..=64).
         points: usize,
     },
-    /// [`Hemicube`]: drawn with a depth buffer, occlusion included.
+    /// [`Hemicube`]: drawn with a depth buffer, including occlusion.
     Hemicube {
         /// Pixels along the top's edge, even (2..=4096).
         resolution: usize,
@@ -82,17 +82,17 @@ pub enum Method {
     AreaToArea {
         /// Gauss–Legendre points along each side of each piece (1..=16).
         order: usize,
-        /// Error allowed, absolute in F (1e-12..=1).
+        /// Allowed error, absolute in F (1e-12..=1).
         tolerance: f64,
     },
-    /// [`row_rays`]: what cosine-distributed rays meet.
+    /// [`row_rays`]: hits of cosine-distributed rays.
     Rays {
         /// Rays from each patch (1..=2^24).
         count: usize,
     },
 }
 
-/// The form factors of an enclosure and what they cost.
+/// The form factors of an enclosure and their cost.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FormFactors {
     /// F_ij by rows.
@@ -103,10 +103,10 @@ pub struct FormFactors {
     pub bytes: usize,
 }
 
-/// Computes all form factors of `enclosure` by `method`. The same bits for any number of threads.
+/// Computes all form factors of `enclosure` by `method`. Same bits for any number of threads.
 ///
 /// # Errors
-/// A patch that is not a flat convex polygon of 3 to 8 finite corners with an area; a setting
+/// A patch that is not a flat convex polygon of 3 to 8 finite corners with non-zero area; a setting
 /// outside its range.
 pub fn form_factors(enclosure: &Enclosure, method: Method) -> Result<FormFactors, FormFactorError> {
     check_enclosure(enclosure)?;
@@ -257,7 +257,7 @@ impl Scene<'_> {
         })
     }
 
-    /// Whether light can go from one to the other at all.
+    /// Whether any light can go from one to the other.
     fn facing(&self, i: usize, j: usize) -> bool {
         Shaft::new(&self.patches[i], &self.patches[j]).is_some()
     }
@@ -271,7 +271,7 @@ impl Scene<'_> {
     }
 }
 
-/// From A_i F_ij above the diagonal to F_ij and F_ji on both sides of it.
+/// Converts A_i F_ij above the diagonal to F_ij and F_ji on both sides of it.
 pub(crate) fn mirror(matrix: &mut Matrix, areas: &[f64]) {
     let n = matrix.len();
     let values = matrix.values_mut();
@@ -284,7 +284,7 @@ pub(crate) fn mirror(matrix: &mut Matrix, areas: &[f64]) {
     }
 }
 
-/// Refuses patches that the methods are not made for.
+/// Refuses patches that the methods do not support.
 pub(crate) fn check_enclosure(enclosure: &Enclosure) -> Result<(), FormFactorError> {
     for (patch, p) in enclosure.patches.iter().enumerate() {
         let invalid = |fault| Err(FormFactorError::InvalidPatch { patch, fault });

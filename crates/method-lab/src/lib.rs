@@ -1,9 +1,9 @@
-//! The method laboratory: the classic ways to compute form factors and to solve the radiosity
-//! equation, side by side on the same scenes, so that one can see which method suits when. The
-//! baker uses none of this.
+//! The method laboratory: classic methods for computing form factors and solving the radiosity
+//! equation, side by side on the same scenes, to show which method suits when. The baker does not
+//! use it.
 //!
-//! Everything is in double precision and in world units. Matrices are dense: the laboratory is for
-//! some thousand patches.
+//! Everything is in double precision and in world units. Matrices are dense, for a few thousand
+//! patches.
 
 mod audit;
 pub mod convergence;

@@ -1,5 +1,5 @@
-//! What the laboratory holds its methods against: closed forms from the catalogue, and a converged
-//! matrix for any enclosure.
+//! References for the laboratory's methods: closed forms from the catalogue, and a converged matrix
+//! for any enclosure.
 
 use std::f64::consts::PI;
 
@@ -38,7 +38,7 @@ pub fn perpendicular_rectangles(width: f64, height: f64, length: f64) -> f64 {
     let (w2, h2) = (w * w, h * h);
     let r2 = w2 + h2;
     let r = r2.sqrt();
-    // Each ratio as 1 ± something small, for the sake of large and small aspects:
+    // Each ratio as 1 ± something small, for accuracy at large and small aspect ratios:
     // W²(1+R²)/((1+W²)R²) = 1 − H²/((1+W²)R²).
     let log = (w2 * h2 / (1.0 + r2)).ln_1p()
         + w2 * (-h2 / ((1.0 + w2) * r2)).ln_1p()
@@ -52,26 +52,27 @@ pub fn coaxial_discs(r1: f64, r2: f64, h: f64) -> f64 {
     let (x, y) = (r1 / h, r2 / h);
     let s = 1.0 + (1.0 + y * y) / (x * x);
     let ratio = 4.0 * (r2 / r1).powi(2);
-    // The difference of near equals, as a quotient.
+    // The difference of nearly equal numbers, written as a quotient.
     0.5 * ratio / (s + (s * s - ratio).sqrt())
 }
 
-/// Between any two parts of the inside of a sphere of radius `r`: F_ij = A_j / 4πr², whatever i is.
+/// Between any two parts of the inside of a sphere of radius `r`: F_ij = A_j / 4πr², independent of
+/// i.
 pub fn sphere_interior(area: f64, r: f64) -> f64 {
     area / (4.0 * PI * r * r)
 }
 
-/// Tolerance of the contour integrals of [`reference_matrix`]: below what any method under study
-/// reaches by 1e4.
+/// Tolerance of the contour integrals of [`reference_matrix`]: 1e4 times smaller than the error of
+/// any studied method.
 const CONTOUR: f64 = 1e-10;
 
-/// The converged form factors of an enclosure, occlusion included.
+/// The converged form factors of an enclosure, including occlusion.
 ///
-/// Pairs with nothing in between: the double contour integral to 1e-10. Pairs that something may
-/// come between: `order`² Gauss–Legendre points on the patch with the smaller area, from each the
-/// closed form of what is left visible of the other one ([`form_factor_visible_polygon`]): no
-/// sampling of visibility at all. What `order` is enough for, doubling it shows (with 8 against 16
-/// the room with a box moves by 1.7e-4 of the RMS form factor).
+/// Unoccluded pairs use the double contour integral to 1e-10. Pairs that may be occluded use
+/// `order`² Gauss–Legendre points on the smaller patch, and from each the closed form for the
+/// visible part of the other ([`form_factor_visible_polygon`]), so visibility is never sampled.
+/// Doubling `order` shows whether it suffices (with 8 instead of 16 the room with a box changes by
+/// 1.7e-4 of the RMS form factor).
 ///
 /// Reciprocal to rounding. Errors as [`crate::form_factors`].
 pub fn reference_matrix(
@@ -92,7 +93,7 @@ pub fn reference_matrix(
         .enumerate()
         .for_each(|(i, row)| {
             for j in i + 1..n {
-                // Light goes from the smaller patch: its points are the closer ones.
+                // From the smaller patch, whose points are more closely spaced.
                 let (s, t) = if areas[i] <= areas[j] { (i, j) } else { (j, i) };
                 let Some(shaft) = Shaft::new(&patches[s], &patches[t]) else {
                     continue;
@@ -128,8 +129,8 @@ pub fn reference_matrix(
     })
 }
 
-/// Patches that can hide anything at all: those with corners of others on both sides. The walls of
-/// a convex room are not among them.
+/// Patches that can hide anything, i.e. those with corners of others on both sides. The walls of a
+/// convex room cannot.
 fn blocking_patches(enclosure: &Enclosure) -> Vec<usize> {
     let patches = &enclosure.patches;
     let size = patches

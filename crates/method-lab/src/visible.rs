@@ -1,20 +1,21 @@
 //! Rays among the patches of an enclosure, in double precision: a bounding volume hierarchy split
 //! at the median.
 //!
-//! Apart from the baker's tree on purpose: a second, simpler one under the same questions.
+//! Deliberately separate from the baker's tree, as a second, simpler implementation of the same
+//! queries.
 
 use glam::DVec3;
 
 use crate::Enclosure;
 
-/// Where a ray meets a patch.
+/// A ray's hit on a patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Index of the patch.
     pub patch: usize,
     /// Distance in units of the direction's length.
     pub t: f64,
-    /// Whether its front was met.
+    /// Whether its front was hit.
     pub front: bool,
 }
 
@@ -22,29 +23,29 @@ pub struct Hit {
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// First entry of `order`; or, where `count` is 0, the right child (the left one follows the
+    /// First entry of `order`, or, if `count` is 0, the right child (the left one follows the
     /// node).
     first: u32,
     count: u32,
 }
 
-/// Answers rays among the patches of one enclosure. Patches block from both sides.
+/// Traces rays among the patches of one enclosure. Patches block from both sides.
 ///
 /// Edges are tested in a frame sheared along the ray (Woop, Benthin, Wald, *Watertight ray/triangle
 /// intersection*, 2013) on whole convex polygons: two patches that share an edge with the same
-/// corners leave no gap between them. T-junctions may.
+/// corners leave no gap. T-junctions may.
 #[derive(Debug, Clone)]
 pub struct Visibility {
     corners: Vec<Vec<DVec3>>,
     normals: Vec<DVec3>,
     nodes: Vec<Node>,
     order: Vec<u32>,
-    /// Hits nearer than this are the start's own plane, metres.
+    /// Closer hits are on the origin's own plane, metres.
     near: f64,
 }
 
-/// A ray made ready: axes permuted so that z is the direction's longest, and sheared so that it is
-/// the only one.
+/// A prepared ray: axes are permuted so that z is the direction's longest component, and sheared so
+/// that it is the only one.
 struct Sheared {
     origin: DVec3,
     inverse: DVec3,
@@ -67,7 +68,7 @@ impl Sheared {
         let (x, y) = ((z + 1) % 3, (z + 2) % 3);
         Sheared {
             origin,
-            // Finite in place of 1/0: 0 · ∞ is not a number. Boxes are widened, so a start in a
+            // Finite instead of 1/0, because 0 · ∞ is NaN. Boxes are widened, so an origin in a
             // face's plane is inside.
             inverse: DVec3::from_array(
                 direction
@@ -82,12 +83,12 @@ impl Sheared {
     }
 }
 
-/// Patches in a leaf: small, a polygon test costs about as much as two box tests.
+/// Patches per leaf: few, because a polygon test costs about as much as two box tests.
 const LEAF: usize = 4;
-/// Sine below which a ray is in a patch's plane: normals and directions are rounded to 1e-16, a few
-/// times over.
+/// Sine below which a ray is in a patch's plane: normals and directions have several rounding
+/// errors of 1e-16.
 const EDGE_ON: f64 = 1e-14;
-/// Distances this close are the same: an edge of two patches, computed by way of each.
+/// Distances this close are equal: an edge of two patches, computed from each.
 const SAME: f64 = 1e-12;
 /// Widening of box distances: three roundings on each of the two products (Ize, *Robust BVH ray
 /// traversal*, 2013).
@@ -123,8 +124,8 @@ impl Visibility {
             v.build(&mut order, 0);
             v.order = order;
             let root = &v.nodes[0];
-            // Rounding of a point's position is 1e-16 of its size; nothing in a scene is 1e-12 of
-            // the whole apart.
+            // The rounding of a point's position is 1e-16 of its size; nothing in a scene is
+            // separated by 1e-12 of the whole.
             let size = root.low.abs().max(root.high.abs()).max_element();
             v.near = 1e-13 * size;
             for n in &mut v.nodes {
@@ -173,12 +174,12 @@ impl Visibility {
         self.build(right, start + half as u32);
     }
 
-    /// Distance to patch `k` along the ray, if it is met.
+    /// Distance to patch `k` along the ray, if it is hit.
     #[inline]
     fn intersect(&self, k: usize, ray: &Sheared) -> Option<f64> {
         let normal = self.normals[k];
         let slope = normal.dot(ray.direction);
-        // In its plane a ray meets no patch; rounding would give it a distance at random.
+        // A ray in a patch's plane does not hit it; rounding would give it a random distance.
         if slope.abs() <= EDGE_ON * ray.length {
             return None;
         }
@@ -192,8 +193,7 @@ impl Visibility {
         let (mut positive, mut negative) = (false, false);
         for c in corners {
             let b = flat(*c);
-            // The same edge from its other end gives the same number with the other sign, to the
-            // bit.
+            // The same edge from its other end gives exactly the negated number.
             let e = a.0 * b.1 - a.1 * b.0;
             positive |= e > 0.0;
             negative |= e < 0.0;
@@ -239,7 +239,7 @@ impl Visibility {
                     }
                 }
             } else {
-                // The half that the ray enters first is taken first.
+                // Visits the half that the ray enters first.
                 let (left, right) = (at + 1, node.first as usize);
                 let middle = |n: &Node| (n.low + n.high).dot(ray.direction);
                 let nearer_left = middle(&self.nodes[left]) <= middle(&self.nodes[right]);
@@ -255,9 +255,9 @@ impl Visibility {
         }
     }
 
-    /// The nearest patch on the ray, other than `skip`; of two at one distance the lower index. A
-    /// front goes before a back at the same distance: a ray along the edge of a solid meets both
-    /// there.
+    /// The nearest patch on the ray except `skip`; of two at the same distance the one with the
+    /// lower index. A front takes precedence over a back at the same distance, because a ray along
+    /// the edge of a solid hits both there.
     pub fn closest(&self, origin: DVec3, direction: DVec3, skip: usize) -> Option<Hit> {
         let ray = Sheared::new(origin, direction);
         let from = self.near / ray.length;
@@ -267,8 +267,7 @@ impl Visibility {
             if k != skip && best.is_none_or(|(p, _, s)| key < s || (key == s && k < p)) {
                 best = Some((k, t, key));
             }
-            // Past the best by more than the handicap, so that an equal distance still gets its
-            // turn.
+            // Slightly beyond the best, so that an equal distance is still tested.
             best.map_or(f64::INFINITY, |(_, _, s)| s * (1.0 + 2.0 * SAME))
         });
         best.map(|(patch, t, _)| Hit {
@@ -286,7 +285,7 @@ impl Visibility {
         }
     }
 
-    /// Whether nothing lies between point `a` on patch `i` and point `b` on patch `j`; the two
+    /// Whether nothing is between point `a` on patch `i` and point `b` on patch `j`; the two
     /// patches themselves do not count.
     pub fn visible(&self, a: DVec3, i: usize, b: DVec3, j: usize) -> bool {
         let direction = b - a;
@@ -296,7 +295,7 @@ impl Visibility {
         self.walk(&ray, near, 1.0 - near, |k, _| {
             if k != i && k != j {
                 free = false;
-                // Nothing nearer is needed.
+                // Any hit suffices.
                 return f64::NEG_INFINITY;
             }
             if free { 1.0 - near } else { f64::NEG_INFINITY }

@@ -1,7 +1,7 @@
-//! The baker's errors fall as they should, and its solver leaves no more than it says.
+//! The baker's errors converge as promised, and its solver's residual is within its bound.
 //!
-//! A series over three decades with each point known to 6 % (128 receivers) has its slope to 0.01;
-//! what the ranges below leave room for is that promises hold in the limit and settings are finite.
+//! A series over three decades, with each point known to 6 % (128 receivers), gives its slope to
+//! 0.01. The wider ranges below allow for promises that are asymptotic.
 
 use method_lab::convergence::{
     CutErrors, Field, Promise, Series, cut_errors, direct_error, indirect_error, lit_error,

@@ -1,4 +1,4 @@
-//! Each approximate method comes nearer to the truth at the order that it promises.
+//! Each approximate method converges to the truth at the order that it promises.
 
 use glam::{DQuat, DVec3, dvec3};
 use method_lab::enclosures::{opposed_plates, perpendicular_plates, room_with_box};

@@ -1,5 +1,5 @@
-//! Tests of the laboratory, in one program: linking is what costs, and each file of its own would
-//! be linked with everything below it once more.
+//! Tests of the laboratory as one program, because linking each file separately takes most of the
+//! time.
 
 mod baker_convergence;
 mod closed_forms;

@@ -1,5 +1,4 @@
-//! What every matrix of form factors must have, whatever the method: and what each method is known
-//! to lack.
+//! Properties of every form-factor matrix, and known defects of each method.
 
 use glam::DVec3;
 use method_lab::enclosures::{concentric_spheres, cube, furnace_l, opposed_plates, room_with_box};

@@ -1,4 +1,4 @@
-//! The solvers against closed forms, a direct solution and each other.
+//! The solvers against closed forms, a direct solver and each other.
 
 use glam::DVec3;
 use method_lab::Matrix;

@@ -1,4 +1,4 @@
-//! The room of the studies, and that the baseline has the faults that it is known for.
+//! The room of the studies, and the known faults of the baseline.
 
 use std::collections::BTreeSet;
 

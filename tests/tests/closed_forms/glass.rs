@@ -15,7 +15,7 @@ use serde_json::json;
 use super::{GOLDEN, HALF, SMOOTH, golden, production};
 use crate::common::{Seen, at, lumels_of, mean, worst};
 
-/// Values that survive the 8-bit-like factors of glTF.
+/// Amber glass.
 const AMBER: [f32; 3] = [0.9, 0.5, 0.1];
 
 fn blend(alpha: f32) -> Material {

@@ -1,4 +1,4 @@
-//! `lumel-lab convergence`: the orders of the baker's errors.
+//! `lumel-lab convergence`: convergence orders of the baker's errors.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -27,7 +27,8 @@ pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
             study,
             name,
             promise: Promise { order, log },
-            // Before 6 × 6 patches a face, a patch is as large as what it should resolve.
+            // With less than 6 × 6 patches per face, a patch is as large as the features that it
+            // should resolve.
             from: if study == "patches" { 216.0 } else { 0.0 },
             points,
         });

@@ -15,7 +15,7 @@ use method_lab::{
 /// Options of `form-factors`.
 #[derive(Args)]
 pub struct Options {
-    /// Folder for `form_factors.csv`; made if missing.
+    /// Folder for `form_factors.csv`; created if missing.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Only scenes whose name contains this.
@@ -24,20 +24,20 @@ pub struct Options {
     /// Only methods whose name contains this.
     #[arg(long, value_name = "TEXT")]
     method: Option<String>,
-    /// Runs of each, of which the fastest is written; runs of over half a second are not repeated.
+    /// Runs of each; the fastest is written. Runs of over half a second are not repeated.
     #[arg(long, default_value_t = 3)]
     repeat: u32,
 }
 
-/// Gauss–Legendre points along each side for the reference where something is in between.
+/// Gauss–Legendre points along each side, for references with occlusion.
 const REFERENCE_ORDER: usize = 12;
 
 struct Scene {
     name: &'static str,
     enclosure: Enclosure,
-    /// In a closed scene rows sum to 1.
+    /// Whether rows sum to 1.
     closed: bool,
-    /// Whether anything hides anything: then the methods without occlusion of their own cast shadow
+    /// Whether there is occlusion, in which case methods without their own occlusion cast shadow
     /// rays.
     occluded: bool,
 }
@@ -73,7 +73,7 @@ fn scenes() -> Vec<Scene> {
 /// Name of a method, its setting in words, and the method itself.
 fn methods(occluded: bool) -> Vec<(&'static str, String, Method)> {
     let mut all = Vec::new();
-    // Rays for each pair grow with the accuracy of what they multiply.
+    // More accurate methods get more rays per pair.
     let shadow = |rays| if occluded { rays } else { 0 };
     let words = |what: String, rays: usize| {
         if rays == 0 {
@@ -204,7 +204,7 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
                 result.rays,
             )?;
         }
-        // After each scene: a run that is stopped leaves what it has.
+        // After each scene, so that an interrupted run keeps its results.
         std::fs::write(&path, &csv)?;
     }
     #[allow(clippy::print_stdout, reason = "the table is what was asked for")]
@@ -214,7 +214,7 @@ pub fn run(options: &Options) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The fastest of some runs: on a machine that does other things too, the one least disturbed.
+/// The fastest of several runs, which is least disturbed by other processes.
 fn timed(
     enclosure: &Enclosure,
     method: Method,
@@ -234,10 +234,9 @@ fn timed(
     }
 }
 
-/// What the errors of a matrix come to in light: the RMS error of E_i = Σ_j F_ij B_j over the
-/// patches as a share of the RMS of E, where the half of the scene with the greater x has radiosity
-/// 1 and the rest has none. Errors of single pairs that cancel count little, those that add up
-/// count fully.
+/// Effect of a matrix's errors on light: the RMS error of E_i = Σ_j F_ij B_j over the patches,
+/// relative to the RMS of E, if the half of the scene with greater x has radiosity 1 and the rest
+/// 0. Errors of single pairs that cancel count little, those that add up count fully.
 fn irradiance_error(enclosure: &Enclosure, matrix: &Matrix, reference: &Matrix) -> f64 {
     let x: Vec<f64> = enclosure.patches.iter().map(|p| p.centre().x).collect();
     let (low, high) = x

@@ -13,9 +13,9 @@ use super::scene::{EDGE_HEIGHT, LAMP, OPEN, half_hidden_lamp, lit_cube};
 use crate::enclosures::cube;
 use crate::form_factor::{form_factor_polygon, gauss_legendre};
 
-/// A square on a floor, axis-parallel.
+/// An axis-parallel square on a floor.
 struct Square {
-    /// Triangle under its lowest corner's offset; its plane is z = 0.
+    /// The triangle under it, and its lowest corner relative to that; its plane is z = 0.
     corner: Vec3,
     size: f32,
     seed: u32,
@@ -32,8 +32,8 @@ impl Square {
         }
     }
 
-    /// The mean of `f` over it: 8 × 8 points of Gauss, exact to rounding for what is smooth over a
-    /// square this small.
+    /// The mean of `f` over it by 8 × 8 Gauss points, exact to rounding for functions that are
+    /// smooth over such a small square.
     fn mean(&self, f: impl Fn(DVec3) -> f64) -> f64 {
         let rule = gauss_legendre(8);
         let mut sum = 0.0;
@@ -62,12 +62,12 @@ impl Footprint for Square {
     }
 }
 
-/// Independent receivers, each with its own random numbers: the RMS over them is good to 1/√(2·128)
-/// = 6 %.
+/// Number of independent receivers, each with its own random numbers; the RMS over them is accurate
+/// to 1/√(2·128) = 6 %.
 const RECEIVERS: u32 = 128;
 
-/// Receiver `k`: a square of `size` whose corner lies in the middle ninth of the unit square, moved
-/// by `shift`.
+/// Receiver `k`: a square of `size` whose corner is in the middle ninth of the unit square,
+/// translated by `shift`.
 fn receiver(k: u32, size: f32, shift: Vec3) -> Square {
     let [u, v] = sample_2d(k, 5, 7);
     Square {
@@ -78,13 +78,13 @@ fn receiver(k: u32, size: f32, shift: Vec3) -> Square {
 }
 
 /// Relative RMS error of the final gather's indirect light for each number of rays, without
-/// smoothing: at a point, or over a lumel of 5 cm, of which `points` share the rays.
+/// smoothing: at a point, or over a lumel of 5 cm whose `points` share the rays.
 ///
-/// A cube's floor gathers from walls that are dark, but for one, which by decree has irradiance 1
-/// and reflectance ½: the truth is half the form factor to that wall, averaged over the lumel.
+/// A cube's floor gathers from walls that are black, except one that is assigned irradiance 1 and
+/// reflectance ½. The truth is half the form factor to that wall, averaged over the lumel.
 pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     in_dark_cube(|world, emitters, solution| {
-        // x = 0 is the wall.
+        // The wall at x = 0.
         for (k, patch) in solution.cut.patches().iter().enumerate() {
             let element = solution.cut.elements()[patch.first_element as usize];
             if world.soup.normals[element.triangle as usize].x > 0.5 {
@@ -106,12 +106,12 @@ pub fn indirect_error(points: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     })
 }
 
-/// Relative bias and RMS error, as [`indirect_error`]'s, where a spot of 20 cm on the wall is all
-/// that is lit, by direct light, with so many `rays` and, for each of 16 points, `lit` shadow rays
-/// to its elements.
+/// Relative bias and RMS error, as in [`indirect_error`], if only a spot of 20 cm on the wall is
+/// lit, by direct light. There are `rays` gathering rays, and `lit` shadow rays from each of 16
+/// points to the wall's elements.
 ///
-/// The truth is the sum over elements of a lumel's mean point-to-point kernel: they are 1.25 cm
-/// wide and 30 cm off at least, so that it is good to (1.25/30)² = 0.2 %.
+/// The truth is the sum over elements of a lumel's mean point-to-point kernel. Elements are 1.25 cm
+/// wide and at least 30 cm away, so it is accurate to (1.25/30)² = 0.2 %.
 pub fn lit_error(rays: u32, lit: u32) -> [f64; 2] {
     in_dark_cube(|world, emitters, solution| {
         let mut spot: Vec<(DVec3, f64)> = Vec::new();
@@ -142,7 +142,7 @@ pub fn lit_error(rays: u32, lit: u32) -> [f64; 2] {
     })
 }
 
-/// A cube whose light is what `decree` says: it is given none.
+/// A cube without light of its own; `decree` assigns it.
 fn in_dark_cube<T>(decree: impl FnOnce(&World, &Emitters, &mut Solution) -> T) -> T {
     let scene = lit_cube(0.5);
     let soup = Soup::build(&scene);
@@ -151,8 +151,8 @@ fn in_dark_cube<T>(decree: impl FnOnce(&World, &Emitters, &mut Solution) -> T) -
     let emitters = Emitters::collect(&world);
     let options = SolveOptions {
         cut: CutOptions {
-            // 5 cm: nothing is so near to a receiver that rays would go on from it, past what is
-            // decreed.
+            // Patches of 5 cm: no receiver is so close that rays continue as paths, beyond the
+            // assigned light.
             patches: 2400,
             region_share: 1.0,
             ..CutOptions::default()
@@ -173,7 +173,8 @@ fn in_dark_cube<T>(decree: impl FnOnce(&World, &Emitters, &mut Solution) -> T) -
     decree(&world, &emitters, &mut solution)
 }
 
-/// With so many rays, points that share them, and shadow rays of each of these to lit elements.
+/// A gatherer with this many rays, points that share them, and shadow rays of each point to lit
+/// elements.
 fn gatherer<'w, 'a>(
     world: &'w World<'a>,
     emitters: &'w Emitters,
@@ -198,8 +199,8 @@ fn gatherer<'w, 'a>(
     Gatherer::new(world, solution, direct, options, gather::Wanted::default())
 }
 
-/// Relative bias and RMS error of the indirect light at receivers on the floor's middle, well
-/// inside of the cube.
+/// Relative bias and RMS error of the indirect light at receivers in the middle of the floor, away
+/// from the walls.
 fn errors(gatherer: &Gatherer, size: f32, truth: impl Fn(&Square) -> f64) -> [f64; 2] {
     let (mut bias, mut squares, mut truths) = (0.0, 0.0, [0.0; 2]);
     for k in 0..RECEIVERS {
@@ -214,11 +215,10 @@ fn errors(gatherer: &Gatherer, size: f32, truth: impl Fn(&Square) -> f64) -> [f6
     [bias / truths[0], (squares / truths[1]).sqrt()]
 }
 
-/// Relative RMS error of direct light for each number of shadow rays a lamp's triangle gets, in the
+/// Relative RMS error of direct light for each number of shadow rays per lamp triangle, in the
 /// penumbra of a straight edge, at points (`size` 0) or as the mean over lumels of `size` metres.
 ///
-/// The truth is the closed form for the part of the lamp that the edge leaves visible, averaged
-/// over the lumel.
+/// The truth is the closed form for the visible part of the lamp, averaged over the lumel.
 pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
     let scene = half_hidden_lamp();
     let soup = Soup::build(&scene);
@@ -231,7 +231,7 @@ pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
         let options = DirectOptions::every(rays, rays);
         let (mut squares, mut truths) = (0.0, 0.0);
         for k in 0..RECEIVERS {
-            // Within a sixth of a metre of the edge's foot: the shadow cuts the lamp.
+            // Within a sixth of a metre of the edge's foot the shadow cuts the lamp.
             let square = receiver(k, size, Vec3::new(-1.0, -1.0, 0.0) / 6.0);
             let truth = square.mean(|p| form_factor_polygon(p, DVec3::Z, &visible_part(p)));
             let point = |i: u32| square.candidate(i).unwrap_or_else(|| square.fallback());
@@ -244,10 +244,10 @@ pub fn direct_error(size: f32, rays: &[u32]) -> Vec<(f64, f64)> {
     out
 }
 
-/// The lamp less what the occluder hides from `p`: clipped by the plane through `p` and the edge.
+/// The part of the lamp visible from `p`: clipped by the plane through `p` and the occluder's edge.
 fn visible_part(p: DVec3) -> Vec<DVec3> {
     let (open, height) = (OPEN.as_dvec3(), f64::from(EDGE_HEIGHT));
-    // The edge's line is open · q = 0 at z = height; seen from p it falls on z = 1 where open · q =
+    // The edge's line is open · q = 0 at z = height; projected from p to z = 1 it is at open · q =
     // far.
     let from = open.dot(p);
     let far = from - from / height;

@@ -1,8 +1,8 @@
-//! How fast the baker's errors fall: its own cut, solve, gather and direct light, held against
-//! closed forms.
+//! Convergence of the baker's errors: its own subdivision, solve, gather and direct light, compared
+//! with closed forms.
 //!
-//! An error is of order p in x where it falls as x^−p; on logarithmic axes that is a straight line
-//! of slope −p.
+//! An error is of order p in x if it falls as x^−p; on logarithmic axes that is a straight line of
+//! slope −p.
 
 mod gather;
 mod scene;
@@ -11,30 +11,31 @@ mod solve;
 pub use gather::{direct_error, indirect_error, lit_error};
 pub use solve::{Bounded, CutErrors, Field, cut_errors, rays_error, residual_and_error};
 
-/// Errors at several settings of one knob.
+/// Errors at several settings of one parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
     /// Which study, for file and figure.
     pub study: &'static str,
     /// Which error.
     pub name: &'static str,
-    /// What the method promises, up to a factor: the error as a function of the setting.
+    /// The convergence that the method promises, up to a factor: the error as a function of the
+    /// setting.
     pub promise: Promise,
-    /// Settings below this are too coarse for the promise, which holds in the limit.
+    /// Settings below this are too coarse for the promise, which is asymptotic.
     pub from: f64,
     /// Setting and relative error, both positive.
     pub points: Vec<(f64, f64)>,
 }
 
-/// How an error falls with a setting x: x^−order, times ln x where `log` says so.
+/// Convergence of an error with a setting x: x^−order, times ln x if `log`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Promise {
     /// The order.
     pub order: f64,
-    /// A logarithm of the patch size goes with it: ln √(x/6), x patches on six faces.
+    /// Whether a logarithm of the patch size is a factor: ln √(x/6), with x patches on six faces.
     ///
-    /// Beside the edge of two faces irradiance goes like x ln x in the distance x from it, so that
-    /// its slope has no bound.
+    /// Next to the edge of two faces irradiance behaves like x ln x in the distance x from it, so
+    /// its slope is unbounded.
     pub log: bool,
 }
 
@@ -47,8 +48,8 @@ impl Promise {
 }
 
 impl Series {
-    /// The order that is promised over the same settings: less than [`Promise::order`] where a
-    /// logarithm goes with it.
+    /// The promised order over the same settings; less than [`Promise::order`] if there is a
+    /// logarithm.
     pub fn promised_order(&self) -> f64 {
         let points = self.points.iter().map(|p| (p.0, self.promise.at(p.0)));
         Series {
@@ -58,9 +59,8 @@ impl Series {
         .order()
     }
 
-    /// The order measured: minus the slope of the straight line that fits the logarithms best
-    /// (least squares). 0 for fewer than two different settings. Settings below `from` do not
-    /// count.
+    /// The measured order: minus the slope of the least-squares line through the logarithms. 0 for
+    /// fewer than two different settings. Settings below `from` do not count.
     pub fn order(&self) -> f64 {
         let used = || self.points.iter().filter(|p| p.0 >= self.from);
         let n = used().count().max(1) as f64;

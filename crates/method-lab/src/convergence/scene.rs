@@ -1,4 +1,4 @@
-//! The scenes, straight in the baker's own terms.
+//! The scenes, in the baker's own data structures.
 
 use glam::{DAffine3, Vec3, Vec4};
 use mesh_ingest::{AlphaMode, Instance, Material, Mesh, Primitive, Scene};
@@ -76,14 +76,14 @@ pub(super) const LAMP: [Vec3; 4] = [
 ];
 /// Height of the occluder's edge.
 pub(super) const EDGE_HEIGHT: f32 = 0.5;
-/// Direction of the occluder's edge, off both axes: along a side of the lamp, stratified points
-/// would do too well.
+/// Direction of the occluder's edge, oblique to both axes: along a side of the lamp, stratified
+/// points would do too well.
 pub(super) const EDGE: Vec3 = Vec3::new(0.8, 0.6, 0.0);
-/// From the edge into what the occluder leaves open.
+/// From the edge to the side that the occluder leaves open.
 pub(super) const OPEN: Vec3 = Vec3::new(-0.6, 0.8, 0.0);
 
-/// Floor z = 0, a square lamp of 1 m² and exitance 1 above it, and between them half a plane: what
-/// lies on the far side of an oblique edge through (0, 0, ½).
+/// Floor z = 0, a square lamp of 1 m² and exitance 1 above it, and between them a half-plane on the
+/// far side of an oblique edge through (0, 0, ½).
 pub(super) fn half_hidden_lamp() -> Scene {
     let mut scene = Scene::default();
     let quad = |c: Vec3, x: Vec3, y: Vec3| [c, x, y];

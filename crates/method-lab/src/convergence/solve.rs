@@ -1,4 +1,4 @@
-//! The solve: error against patches, against rays, and against its own bound.
+//! The solve: error by patches, by rays, and against its own bound.
 
 use glam::{DVec3, Vec3};
 use mesh_ingest::Soup;
@@ -15,12 +15,12 @@ use crate::form_factor::form_factor_polygon;
 use crate::solver::{self, Method, Options, System};
 use crate::{Enclosure, Matrix};
 
-/// What the cube's faces reflect.
+/// Reflectance of the cube's faces.
 const RHO: f64 = 0.5;
 /// Index of [`cube`]'s ceiling.
 const CEILING: usize = 1;
 
-/// Solves the lit cube with about `n` × `n` patches a face and shows the solution.
+/// Solves the lit cube with about `n` × `n` patches per face and passes the solution on.
 fn with_solution<T>(
     n: u32,
     rays: u32,
@@ -42,7 +42,7 @@ fn with_solution<T>(
         rays,
         link_bytes: 4 << 30,
         direct: DirectOptions::every(4, 8),
-        // The cut is to be the grid.
+        // The subdivision must be the grid.
         crowded: false,
         resample: true,
         relax,
@@ -50,13 +50,13 @@ fn with_solution<T>(
     look(&world, &solve(&world, &emitters, &options, &Silent))
 }
 
-/// Relaxation that leaves nothing next to what is measured.
+/// Relaxation whose error is negligible here.
 const EXACT: RelaxOptions = RelaxOptions {
     tolerance: 1e-9,
     sweeps: 0,
 };
 
-/// Where a patch lies: the mean of its elements' points.
+/// The position of a patch: the mean of its elements' points.
 fn centre(world: &World, solution: &Solution, patch: usize) -> DVec3 {
     let elements = solution.cut.elements_of(PatchId(patch as u32));
     let count = elements.len().max(1) as f64;
@@ -90,11 +90,11 @@ fn dense(f: &Matrix, enclosure: &Enclosure, exitance: Vec<f64>) -> Vec<f64> {
 /// The lit cube's indirect irradiance anywhere on its faces.
 ///
 /// Collocation: the radiosity is constant on each of a fine grid's cells and satisfies the equation
-/// at their centres, all form factors being closed forms from a point to a polygon. What it is
-/// worth, two grids show; its error falls with the square of the cell.
+/// at their centres, with closed-form factors from points to polygons. Its error falls with the
+/// square of the cell size, which a comparison of two grids confirms.
 pub struct Field {
     enclosure: Enclosure,
-    /// Reflected radiosity by cell, without the ceiling's own.
+    /// Reflected radiosity by cell, without the ceiling's emission.
     radiosity: Vec<f64>,
 }
 
@@ -105,7 +105,7 @@ fn direct(p: DVec3, normal: DVec3) -> f64 {
 }
 
 impl Field {
-    /// `n` × `n` cells a face; takes 36 n⁴ form factors and 8 bytes for each.
+    /// `n` × `n` cells per face; takes 36 n⁴ form factors at 8 bytes each.
     pub fn new(n: usize) -> Self {
         let enclosure = cube(n);
         let patches = &enclosure.patches;
@@ -130,7 +130,7 @@ impl Field {
         }
     }
 
-    /// E without what comes straight from the lamp, W/m².
+    /// E without the lamp's direct light, W/m².
     pub fn indirect(&self, p: DVec3, normal: DVec3) -> f64 {
         self.enclosure
             .patches
@@ -141,14 +141,14 @@ impl Field {
     }
 }
 
-/// Errors of the solve's indirect irradiance over those of the RMS of the truth.
+/// Errors of the solve's indirect irradiance, relative to the RMS of the truth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CutErrors {
     /// Patches made.
     pub patches: u32,
-    /// RMS, patch values as they are.
+    /// RMS of the patch values themselves.
     pub constant: f64,
-    /// RMS, interpolated as the gather does.
+    /// RMS after interpolation, as in the gather.
     pub interpolated: f64,
     /// RMS of the same over points at least ¼ m from all edges.
     pub interior: f64,
@@ -160,7 +160,7 @@ pub struct CutErrors {
 /// against `field`.
 pub fn cut_errors(field: &Field, sizes: &[u32], rays: u32) -> Vec<CutErrors> {
     const POINTS: u32 = 64;
-    // The same points for all: only the cut changes.
+    // The same points for all sizes; only the subdivision changes.
     let points: Vec<(DVec3, DVec3, f64)> = cube(1)
         .patches
         .par_iter()
@@ -237,9 +237,9 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// RMS error over the patches, relative to the RMS irradiance, of the solve of the lit cube in `n`
-/// × `n` patches a face, for each number of rays. The truth is the solution of the same discrete
-/// problem, with the solve's own direct light, on exact form factors from the points that its rays
-/// start from (one in each of a patch's sixteen elements): nothing but the rays' noise is left.
+/// × `n` patches per face, for each number of rays. The truth is the solution of the same discrete
+/// problem, with the solve's own direct light, with exact form factors from the rays' origins (one
+/// in each of a patch's sixteen elements). So only the rays' noise remains.
 pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
     let enclosure = cube(n as usize);
     let count = enclosure.patches.len();
@@ -247,7 +247,7 @@ pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
         .map(|&rays| {
             with_solution(n, rays, RHO as f32, EXACT, |world, solution| {
                 assert_eq!(solution.cut.patches().len(), count, "the cut is the grid");
-                // Which of the reference's patches each one is.
+                // The corresponding patch of the reference.
                 let same: Vec<usize> = (0..count)
                     .map(|p| {
                         let c = centre(world, solution, p);
@@ -295,20 +295,20 @@ pub fn rays_error(n: u32, rays: &[u32]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// A relaxation that was stopped at some tolerance.
+/// A relaxation stopped at a tolerance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounded {
-    /// The tolerance that was asked for.
+    /// The requested tolerance.
     pub tolerance: f64,
-    /// What the report says is left at most, as a share of all light that arrives.
+    /// The reported upper bound of the rest, relative to all light that arrives.
     pub bound: f64,
-    /// What is left.
+    /// The actual rest.
     pub error: f64,
 }
 
-/// The lit cube in 6 × 6 patches a face with 1024 rays each, relaxed to each tolerance by shooting,
-/// or with `krylov` by Bi-CGSTAB, against the same system relaxed to 1e-12 by the other. Solutions
-/// are kept as `f32`: below about 1e-7 their rounding is what is seen.
+/// The lit cube in 6 × 6 patches per face with 1024 rays each, relaxed to each tolerance by
+/// shooting, or with `krylov` by Bi-CGSTAB, compared with the same system relaxed to 1e-12 by the
+/// other method. Solutions are stored as `f32`, whose rounding dominates below about 1e-7.
 pub fn residual_and_error(reflectance: f32, krylov: bool, tolerances: &[f64]) -> Vec<Bounded> {
     const N: u32 = 6;
     const RAYS: u32 = 1024;

@@ -1,5 +1,4 @@
-//! Area to area: the double area integral, divided where it must be, with rays for what is in
-//! between.
+//! Area to area: the double area integral, subdivided where necessary, with rays for occlusion.
 
 use std::f64::consts::PI;
 
@@ -9,29 +8,29 @@ use super::contour::exchange_contour;
 use super::sample::{centroid, gauss_legendre, polygon_nodes};
 use crate::Visibility;
 
-/// Divisions of a pair after which it is taken as it is: each side is then 2^-5 of the patch. A few
-/// million rays at most for a pair that a shadow edge crosses everywhere, and what is left of the
+/// Divisions of a pair after which it is accepted as it is; each side is then 2^-5 of the patch. A
+/// pair that a shadow edge crosses everywhere takes at most a few million rays, and the remaining
 /// edge is a thousandth of the patch.
 const DEPTH: u32 = 10;
 
 /// A_i F_ij of two flat convex polygons by the double area integral
 /// `∫∫ cosθ cosθ' V / (π r²) dA dA'`, m², and the number of rays.
 ///
-/// Each of the two is a Gauss–Legendre product rule of `order`² points, each pair of points joined
-/// by a ray where `visible` is given (the tree and the indices of the two patches). Pieces nearer
-/// than they are large, patches with a common edge among them, are too near for that: there the
-/// kernel is integrated by [`exchange_contour`], and the rays only say what share of it arrives.
+/// Each polygon has a Gauss–Legendre product rule of `order`² points, and each pair of points is
+/// connected by a ray if `visible` is given (the tree and the indices of the two patches). Pieces
+/// closer than their size, including patches with a common edge, are too close for that: their
+/// kernel is integrated by [`exchange_contour`], and the rays only determine the visible fraction.
 ///
-/// A pair of pieces is divided, the larger piece in four, until the sum over the parts agrees with
-/// the undivided value to `tolerance` of the smaller patch's area, and until the parts that are
-/// hidden in part are worth no more than that: a regular pattern of points and a shadow edge that
-/// runs along it agree at two levels by chance. A part gets half of its whole's tolerance, since of
-/// four quarters the two at a shadow edge do not agree. After Goral and others 1984; divided by
-/// error as Hanrahan, Salzman, Aupperle, *A rapid hierarchical radiosity algorithm*, 1991, divide
-/// by size.
+/// A pair of pieces is divided, the larger piece into four, until the sum over the parts agrees
+/// with the undivided value to `tolerance` of the smaller patch's area, and until the partly hidden
+/// parts contribute no more than that. The second condition is needed because two levels may agree
+/// by chance, with a regular pattern of points and a shadow edge along it. A part gets half of its
+/// parent's tolerance, because two of four quarters touch a shadow edge. After Goral and others
+/// 1984; subdivision by error, as Hanrahan, Salzman, Aupperle, *A rapid hierarchical radiosity
+/// algorithm*, 1991, subdivide by size.
 ///
-/// Not guaranteed: an occluder that no ray of the first two levels meets is missed; errors of a
-/// shadow edge that ten divisions do not resolve stay.
+/// Not guaranteed: an occluder that no ray of the first two levels hits is missed; errors of a
+/// shadow edge that ten divisions do not resolve remain.
 pub fn exchange_area(
     from: &[DVec3],
     to: &[DVec3],
@@ -116,14 +115,14 @@ struct Work<'a> {
     rule: Vec<(f64, f64)>,
     visible: Option<(&'a Visibility, usize, usize)>,
     rays: u64,
-    /// Tolerance of the contour integral of near pieces: well under the whole's.
+    /// Tolerance of the contour integral of close pieces: well below the total.
     near: f64,
 }
 
 impl Work<'_> {
-    /// A_i F_ij of two pieces, and how much of it is in doubt because they are hidden in part: a
-    /// shadow edge that crosses n × n points is known to half a row of them, so 1/2n of what there
-    /// would be without it.
+    /// A_i F_ij of two pieces, and the part that is uncertain because they are partly hidden: a
+    /// shadow edge that crosses n × n points is known to half a row of them, so 1/2n of the
+    /// unoccluded value.
     fn estimate(&mut self, a: &Piece, b: &Piece) -> (f64, f64) {
         let (mut all, mut seen) = (0.0, 0.0);
         for &(x, wx) in &a.nodes {
@@ -176,7 +175,7 @@ impl Work<'_> {
             })
             .collect();
         let sum: f64 = values.iter().map(|v| v.0).sum();
-        // Doubts of the parts are of either sign.
+        // Uncertainties of the parts have either sign.
         let doubt = values.iter().map(|v| v.1 * v.1).sum::<f64>().sqrt();
         if depth <= 1 || (sum - whole).abs().max(doubt) <= tolerance {
             return sum;

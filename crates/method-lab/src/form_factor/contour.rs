@@ -29,24 +29,24 @@ const KRONROD: [(f64, f64, f64); 8] = [
     (0.991_455_371_120_812_6, 0.022_935_322_010_529_224, 0.0),
 ];
 
-/// Halvings after which an interval is taken as it is: at 2^-50 of an edge the rest is below
+/// Halvings after which an interval is accepted as it is: at 2^-50 of an edge the rest is below
 /// rounding.
 const DEPTH: u32 = 50;
 
-/// A_i F_ij of two flat convex polygons that nothing comes between, m², to about `tolerance` of the
-/// smaller area (1e-3 to 1e-14). Divide by the area of the patch that the light leaves.
+/// A_i F_ij of two flat convex polygons without occlusion, m², to about `tolerance` of the smaller
+/// area (1e-3 to 1e-14). Divide it by the area of the emitting patch.
 ///
 /// `A_i F_ij = 1/2π ∮_i ∮_j ln(r/r₀) dr_i · dr_j`, counter-clockwise seen from each front; any r₀
-/// gives the same. What lies behind the other polygon's plane is cut off first. The inner integral
+/// gives the same. Parts behind the other polygon's plane are clipped first. The inner integral
 /// along a straight edge is elementary: with s along the edge from the foot of the perpendicular
-/// and h its length, `∫ ln √(s² + h²) ds = s ln √(s² + h²) − s + h atan(s/h)`; the outer one is
-/// integrated adaptively (Gauss–Kronrod 7/15), which also copes with edges in common, where it
-/// behaves as s ln s.
+/// and its length h, `∫ ln √(s² + h²) ds = s ln √(s² + h²) − s + h atan(s/h)`. The outer one is
+/// integrated adaptively (Gauss–Kronrod 7/15), which also handles common edges, where it behaves as
+/// s ln s.
 ///
-/// Contour form: Moon, *The scientific basis of illuminating engineering*, 1936; Goral and
-/// others 1984. Inner edge in closed form: after Mitalas and Stephenson, *FORTRAN IV programs to
-/// calculate radiant energy interchange factors*, 1966; Baum and others 1989. Symmetric in the
-/// two polygons up to the tolerance. 0 where they do not face each other.
+/// Contour form: Moon, *The scientific basis of illuminating engineering*, 1936; Goral and others
+/// 1984. Inner edge in closed form: after Mitalas and Stephenson, *FORTRAN IV programs to calculate
+/// radiant energy interchange factors*, 1966; Baum and others 1989. Symmetric in the two polygons
+/// up to the tolerance. 0 if they do not face each other.
 pub fn exchange_contour(from: &[DVec3], to: &[DVec3], tolerance: f64) -> f64 {
     let (n_from, n_to) = (vector_area(from), vector_area(to));
     let smaller = n_from.length().min(n_to.length());
@@ -55,8 +55,8 @@ pub fn exchange_contour(from: &[DVec3], to: &[DVec3], tolerance: f64) -> f64 {
     if a.len() < 3 || b.len() < 3 {
         return 0.0;
     }
-    // A unit in the middle of the distances that occur: their logarithms are then small and cancel
-    // less.
+    // A unit in the middle of the occurring distances keeps their logarithms small, so less
+    // cancels.
     let middle = |p: &[DVec3]| p.iter().sum::<DVec3>() / p.len() as f64;
     let unit = (middle(&a) - middle(&b)).length();
     let unit = if unit > 0.0 { unit } else { 1.0 };
@@ -80,7 +80,7 @@ pub fn exchange_contour(from: &[DVec3], to: &[DVec3], tolerance: f64) -> f64 {
                 .sum::<f64>()
                 * length
         };
-        // Eight edges at most; the factor 2π goes to the tolerance's credit.
+        // At most eight edges; the factor 2π is on the safe side.
         let allowed = tolerance * smaller;
         sum += adaptive(&integrand, 0.0, 1.0, allowed, DEPTH);
     }

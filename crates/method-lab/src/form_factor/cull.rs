@@ -1,5 +1,5 @@
-//! What can lie between two patches: a shaft around both (after Haines and Wallace, *Shaft culling
-//! for efficient ray-traced radiosity*, 1991, with the two patches' own planes in place of the
+//! What can be between two patches: a shaft around both (after Haines and Wallace, *Shaft culling
+//! for efficient ray-traced radiosity*, 1991, with the two patches' own planes instead of the
 //! slanted ones).
 
 use glam::DVec3;
@@ -17,7 +17,7 @@ pub(crate) struct Shaft {
 }
 
 impl Shaft {
-    /// `None` where no point of either is in front of the other: they exchange nothing.
+    /// `None` if no point of either is in front of the other, so they exchange nothing.
     pub(crate) fn new(a: &Patch, b: &Patch) -> Option<Self> {
         let planes = [(a.corners[0], a.normal()), (b.corners[0], b.normal())];
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -39,15 +39,15 @@ impl Shaft {
         patch.corners.iter().any(|c| (*c - o).dot(n) > self.close)
     }
 
-    /// Whether a patch may stop some of the light; `false` is certain.
+    /// Whether a patch may block some of the light; `false` is certain.
     pub(crate) fn may_cut(&self, patch: &Patch) -> bool {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for c in &patch.corners {
             (low, high) = (low.min(*c), high.max(*c));
         }
         let apart = (low - self.high).max(self.low - high).max_element() > -self.close;
-        // Merely touching the box on a face that is flat there is touching the shaft's outside,
-        // unless the patch lies inside that face.
+        // A patch that only touches the box on a flat face touches the outside of the shaft, unless
+        // it is within that face.
         let flat = (high - low).min_element() <= self.close
             && !(low - self.high)
                 .max(self.low - high)

@@ -1,4 +1,4 @@
-//! What form factors cannot be computed from.
+//! Errors of form-factor computation.
 
 /// Why no form factors were computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -9,7 +9,7 @@ pub enum FormFactorError {
     InvalidPatch {
         /// Index of the patch.
         patch: usize,
-        /// What is wrong with it.
+        /// The fault.
         fault: &'static str,
     },
     /// A setting outside its range.
@@ -17,9 +17,9 @@ pub enum FormFactorError {
     InvalidSetting {
         /// Name of the setting.
         setting: &'static str,
-        /// What it may be.
+        /// Its valid range.
         expected: &'static str,
-        /// What it was.
+        /// Its value.
         got: String,
     },
 }

@@ -1,4 +1,4 @@
-//! The hemicube: patches drawn onto the five faces of half a cube about a point, with a depth
+//! The hemicube: patches are drawn onto the five faces of half a cube around a point, with a depth
 //! buffer.
 
 use std::f64::consts::PI;
@@ -11,22 +11,21 @@ use crate::Patch;
 
 /// No patch seen in a pixel.
 const NOTHING: u32 = u32::MAX;
-/// Pixels whose centre is this far outside an outline, in pixels, are filled too: two patches with
-/// a common edge round it apart by 1e-13 of the image at most, and the depth buffer settles a pixel
-/// that both claim.
+/// Pixels whose centre is this far outside an outline, in pixels, are also filled: rounding
+/// separates two patches with a common edge by at most 1e-13 of the image, and the depth buffer
+/// decides pixels that both claim.
 const SLACK: f64 = 1e-9;
-/// Distances this close are the same: an edge of two patches, computed by way of each.
+/// Distances this close are equal: an edge of two patches, computed from each.
 const SAME: f64 = 1e-12;
-/// Sine below which a patch is edge-on: coordinates are rounded to 1e-16 of their size, a few times
-/// over.
+/// Sine below which a patch is edge-on: coordinates have several rounding errors of 1e-16.
 const EDGE_ON: f64 = 1e-13;
 
-/// A hemicube of one resolution: its delta factors, which depend on nothing else.
+/// A hemicube of a given resolution, i.e. its delta factors.
 ///
-/// The half cube has edge 2 and the point in the middle of its base. The top face at z = 1 has
-/// `resolution` × `resolution` pixels, each of the four sides the upper half of as many. A pixel's
-/// delta factor is the form factor from the point to the pixel by the kernel at its centre, ΔA its
-/// area: on top `ΔA / π(x² + y² + 1)²`, on a side `z ΔA / π(y² + z² + 1)²`. They sum to 1 +
+/// The half cube has edge length 2 and the point at the centre of its base. The top face at z = 1
+/// has `resolution` × `resolution` pixels, each of the four sides half as many. A pixel's delta
+/// factor is its form factor from the point with the kernel at its centre and area ΔA:
+/// `ΔA / π(x² + y² + 1)²` on top, `z ΔA / π(y² + z² + 1)²` on a side. They sum to 1 +
 /// O(1/resolution²).
 ///
 /// Cohen and Greenberg, *The hemi-cube: a radiosity solution for complex environments*, 1985.
@@ -37,7 +36,7 @@ pub struct Hemicube {
     side: Vec<f64>,
 }
 
-/// Pixels of one face: what is seen, and 1/distance along the face's axis.
+/// Pixels of one face: the visible patch, and 1/distance along the face's axis.
 struct Buffer {
     item: Vec<u32>,
     near: Vec<f64>,
@@ -119,7 +118,7 @@ impl Hemicube {
                 for (item, factor) in buffer.item.iter().zip(factors) {
                     if *item != NOTHING {
                         let j = *item as usize;
-                        // A back hides what is behind it and receives nothing.
+                        // A back hides what is behind it but receives nothing.
                         if (cell.centre - patches[j].corners[0]).dot(patches[j].normal()) > 0.0 {
                             row[j] += share * factor;
                         }
@@ -145,17 +144,16 @@ impl Hemicube {
             .sum::<DVec3>();
         // 1/z where the ray (x, y, 1) meets the plane n·p = h is n·(x, y, 1)/h.
         let height = normal.dot(outline[0]);
-        // Seen edge-on it covers nothing; rounding would give it a depth at random along a line of
-        // pixels.
+        // Edge-on it covers nothing; rounding would give it random depths along a line of pixels.
         let size = outline.iter().map(|p| p.length()).fold(0.0, f64::max);
         if height.abs() <= EDGE_ON * normal.length() * size {
             return;
         }
-        // The front of a solid's edge goes before its back there: both are equally far.
+        // At the edge of a solid, the front takes precedence over its back, which is equally far.
         let back = if height > 0.0 { 1.0 - SAME } else { 1.0 };
         let slope = normal * (back / height);
-        // The face's pyramid; its planes meet in the point, so nothing behind is left, and clipping
-        // needs no near plane of its own.
+        // The face's pyramid: its planes meet at the point, so nothing behind remains, and no near
+        // plane is needed.
         for plane in [
             dvec3(1.0, 0.0, 1.0),
             dvec3(-1.0, 0.0, 1.0),

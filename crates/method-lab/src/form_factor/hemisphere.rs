@@ -1,4 +1,4 @@
-//! Nusselt's analogue and rays: directions from points of a patch, and what they meet.
+//! Nusselt's analogue and rays: directions from points of a patch, and what they hit.
 
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use radiosity::{hash_u32, sample_4d};
 use super::sample::{cells, point_on};
 use crate::{Patch, Visibility};
 
-/// Samples that one low-discrepancy sequence has (`radiosity::sample_4d`).
+/// Number of samples in one low-discrepancy sequence (`radiosity::sample_4d`).
 pub(super) const SEQUENCE: usize = 1 << 16;
 
 /// A right-handed frame whose third axis is `normal` and whose first lies along the patch's first
@@ -19,18 +19,18 @@ pub(crate) fn frame(patch: &Patch) -> [DVec3; 3] {
     [x, n.cross(x), n]
 }
 
-/// One row by Nusselt's analogue: directions are projected from the hemisphere straight down onto
-/// the disc below it, and F_ij is the share of the disc that patch *j* covers. Adds to `row`;
-/// returns the number of rays.
+/// One row by Nusselt's analogue: directions are projected from the hemisphere onto the disc below
+/// it, and F_ij is the fraction of the disc that patch *j* covers. Adds to `row`; returns the
+/// number of rays.
 ///
-/// The disc is scanned at the centres of `resolution` × `resolution` pixels over its bounding
-/// square; for each the patch is looked up that lies first in the direction above it. All pixels
-/// weigh the same, so that the row sums to exactly 1 in a closed enclosure. The outline of each
-/// patch is known to a pixel only. From `points` × `points` cell centres of the patch in turn.
+/// The disc is scanned at the centres of `resolution` × `resolution` pixels of its bounding square;
+/// each finds the first patch in the direction above it. All pixels have the same weight, so the
+/// row sums to exactly 1 in a closed enclosure. The outline of each patch is only known to a pixel.
+/// This is repeated from `points` × `points` cell centres of the patch.
 ///
 /// Nusselt, *Graphische Bestimmung des Winkelverhältnisses bei der Wärmestrahlung*, 1928. The exact
-/// area of the projection is the contour sum of [`super::form_factor_polygon`]; scanning is what it
-/// takes to see what hides what.
+/// area of the projection is the contour sum of [`super::form_factor_polygon`]; scanning is needed
+/// to handle occlusion.
 pub fn row_nusselt(
     patches: &[Patch],
     tree: &Visibility,
@@ -68,12 +68,12 @@ pub fn row_nusselt(
     rays
 }
 
-/// One row by `count` rays with density cosθ/π from points spread over the patch: F_ij is the share
-/// of them that meets patch *j*. Adds to `row`; returns the number of rays.
+/// One row by `count` rays with density cosθ/π from points distributed over the patch: F_ij is the
+/// fraction that hits patch *j*. Adds to `row`; returns the number of rays.
 ///
-/// Points and directions are a four-dimensional Owen-scrambled Sobol sequence, scrambled anew for
-/// every patch and every 65,536 rays. Rows sum to exactly 1 in a closed enclosure; reciprocity
-/// holds up to sampling error only. It is how the baker computes its links (after Malley, *A
+/// Points and directions are a four-dimensional Owen-scrambled Sobol sequence, scrambled separately
+/// for every patch and every 65,536 rays. Rows sum to exactly 1 in a closed enclosure; reciprocity
+/// holds only up to sampling error. The baker computes its links like this (after Malley, *A
 /// shading method for computer generated images*, 1988; low-discrepancy points: Keller 1996, Burley
 /// 2020).
 pub fn row_rays(
@@ -107,14 +107,14 @@ pub fn row_rays(
     count as u64
 }
 
-/// What share of the exchange between patches `i` and `j` gets through, by `rays` rays between
-/// points spread over both, and the number cast. The same for (j, i).
+/// The visible fraction of the exchange between patches `i` and `j`, by `rays` rays between points
+/// distributed over both, and the number of rays. Symmetric in i and j.
 ///
-/// Each ray weighs as the kernel cosθ cosθ'/r² does there, a ratio of sums over the same weights
-/// (as in the baker's direct light): all seen is exactly 1, all hidden exactly 0. An even share of
-/// rays would take the mean of the product for the product of the means, which is off wherever the
-/// near part of a patch is hidden, however many rays there are. Points below one another's horizon
-/// weigh 0.
+/// Each ray has the weight of the kernel cosθ cosθ'/r², and the result is a ratio of sums over the
+/// same weights (as in the baker's direct light), so fully visible is exactly 1 and fully hidden
+/// exactly 0. Equal weights would confuse the mean of a product with the product of means, which is
+/// wrong wherever the near part of a patch is hidden, however many rays there are. Points below
+/// each other's horizon have weight 0.
 pub fn visible_share(
     patches: &[Patch],
     tree: &Visibility,

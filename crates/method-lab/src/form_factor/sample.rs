@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-/// A piece of a patch and what it stands for.
+/// A piece of a patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cell {
     /// Centroid, metres.
@@ -11,7 +11,7 @@ pub struct Cell {
     pub area: f64,
 }
 
-/// Cuts a flat convex polygon into `k` × `k` cells: a quadrilateral along its edges, a triangle
+/// Divides a flat convex polygon into `k` × `k` cells: a quadrilateral along its edges, a triangle
 /// into k² similar ones, anything else as a fan of triangles. Areas add up to the polygon's.
 pub fn cells(corners: &[DVec3], k: usize) -> Vec<Cell> {
     let mut out = Vec::with_capacity(k * k);
@@ -71,7 +71,7 @@ pub fn centroid(corners: &[DVec3]) -> Cell {
     }
 }
 
-/// Maps the unit square to a flat convex polygon, keeping areas.
+/// Maps the unit square to a flat convex polygon, preserving areas.
 pub fn point_on(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
     if let [a, b, c, d] = *corners {
         let skew = (a - b + c - d).length();
@@ -104,11 +104,11 @@ pub fn point_on(corners: &[DVec3], u: f64, v: f64) -> DVec3 {
     corners[0] + (corners[t] - corners[0]) * u + (corners[t + 1] - corners[0]) * v
 }
 
-/// Nodes and weights of the Gauss–Legendre rule of `n` points on [0, 1], exact for polynomials up
+/// Nodes and weights of the Gauss–Legendre rule with `n` points on [0, 1], exact for polynomials up
 /// to degree 2n − 1.
 ///
-/// Newton's method on the Legendre polynomial from the usual cosine guess; good to 1e-15 up to some
-/// hundred points.
+/// Newton's method on the Legendre polynomial from the usual cosine guess; accurate to 1e-15 up to
+/// some hundred points.
 pub fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
     (0..n)
         .map(|k| {

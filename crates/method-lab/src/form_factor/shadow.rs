@@ -1,4 +1,4 @@
-//! Exact visibility from a point: what occluders leave of a polygon.
+//! Exact visibility from a point: the part of a polygon that occluders leave visible.
 
 use glam::DVec3;
 
@@ -7,12 +7,12 @@ use super::point::form_factor_polygon;
 use crate::Patch;
 
 /// From a differential area at `x` to the part of `target` that `occluders` leave visible, in
-/// closed form: the target is cut along the outline of each occluder as seen from `x`, and
-/// Lambert's contour sum is taken over what is left. No ray, no noise.
+/// closed form: the target is clipped by the outline of each occluder as seen from `x`, and
+/// Lambert's contour sum is evaluated for the rest. No rays, no noise.
 ///
-/// Occluders block from both sides. They need not be disjoint; one that lies in a plane through
-/// `x`, or wholly on the far side of the target's plane, hides nothing. Exact to rounding; time
-/// grows with the number of pieces.
+/// Occluders block from both sides and need not be disjoint. One in a plane through `x`, or
+/// completely on the far side of the target's plane, hides nothing. Exact to rounding; time is
+/// proportional to the number of pieces.
 ///
 /// Nishita and Nakamae, *Half-tone representation of 3-D objects illuminated by area sources or
 /// polyhedron sources*, 1983.
@@ -45,7 +45,7 @@ pub fn form_factor_visible_polygon(
         .iter()
         .filter(|p| p.len() >= 3)
         .map(|p| {
-            // Cuts may leave more corners than the closed form takes at once.
+            // Clipping may leave more corners than the closed form supports.
             if p.len() <= 8 {
                 form_factor_polygon(x, n_x, p)
             } else {
@@ -57,8 +57,8 @@ pub fn form_factor_visible_polygon(
         .sum()
 }
 
-/// Planes through `x` and each edge of the polygon, inwards, and the polygon's own plane away from
-/// `x`. `None` where `x` is in it.
+/// Planes through `x` and each edge of the polygon, facing inwards, and the polygon's own plane
+/// facing away from `x`. `None` if `x` is in that plane.
 fn cone(x: DVec3, corners: &[DVec3]) -> Option<(Vec<DVec3>, DVec3)> {
     let n = corners.len();
     let normal = (1..n - 1)
@@ -84,7 +84,7 @@ fn cone(x: DVec3, corners: &[DVec3]) -> Option<(Vec<DVec3>, DVec3)> {
     Some((edges, normal * side))
 }
 
-/// Pushes what of `piece` is outside the cone, or inside it and on `x`'s side of the occluder.
+/// Pushes the part of `piece` outside the cone, or inside it and on `x`'s side of the occluder.
 fn subtract(
     x: DVec3,
     piece: Vec<DVec3>,
@@ -93,7 +93,7 @@ fn subtract(
     on_plane: DVec3,
     out: &mut Vec<Vec<DVec3>>,
 ) {
-    // Whole pieces first: most occluders miss most pieces, and uncut pieces keep their few corners.
+    // Whole pieces first: most occluders miss most pieces, and uncut pieces keep few corners.
     let inside_all = {
         let mut rest = piece.clone();
         for e in edges {

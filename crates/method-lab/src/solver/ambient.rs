@@ -1,18 +1,18 @@
-//! The ambient term: a first guess of the light that has not been shot yet.
+//! The ambient term: an estimate of the light that has not been shot yet.
 
 use glam::DVec3;
 
 use super::{System, SystemError};
 
-/// Estimated radiosity that unshot light will bring to a white surface, by channel, W/m².
+/// Estimated radiosity that unshot light will contribute to a white surface, by channel, W/m².
 ///
 /// Ambient = (Σ ΔB_i A_i / Σ A_i) / (1 − ρ̄) with ρ̄ = Σ ρ_i A_i / Σ A_i: the mean unshot radiosity
-/// and all its bounces in a room whose surfaces are mixed evenly. 0 in a channel with ρ̄ = 1, for
-/// which there is no such estimate. A picture's guess: the solution does not use it. Source: Cohen,
+/// and all its bounces in a room with evenly mixed surfaces. 0 in a channel with ρ̄ = 1, for which
+/// there is no such estimate. It is only for display; the solution does not use it. Source: Cohen,
 /// Chen, Wallace, Greenberg, 1988, eq. 6–10.
 ///
 /// # Errors
-/// [`SystemError::Length`] if `unshot` has not one value per patch.
+/// [`SystemError::Length`] if `unshot` does not have one value per patch.
 pub fn ambient(system: &System<'_>, unshot: &[DVec3]) -> Result<DVec3, SystemError> {
     if unshot.len() != system.len() {
         return Err(SystemError::Length {
@@ -39,10 +39,10 @@ pub fn ambient(system: &System<'_>, unshot: &[DVec3]) -> Result<DVec3, SystemErr
     ))
 }
 
-/// What to show while shooting goes on: B_i + ρ_i · Ambient, W/m².
+/// The radiosity to display during shooting: B_i + ρ_i · Ambient, W/m².
 ///
 /// # Errors
-/// [`SystemError::Length`] if a list has not one value per patch.
+/// [`SystemError::Length`] if a list does not have one value per patch.
 pub fn with_ambient(
     system: &System<'_>,
     radiosity: &[DVec3],

@@ -1,37 +1,37 @@
-//! A matrix made closed and reciprocal, for comparing solvers on a system whose answer makes
-//! physical sense.
+//! Makes a matrix closed and reciprocal, for comparing solvers on a system whose solution is
+//! physically meaningful.
 
 use super::SystemError;
 use crate::enclosure::Matrix;
 
-/// A matrix with row sums 1 and A_i F_ij = A_j F_ji, and what it took.
+/// A matrix with row sums 1 and A_i F_ij = A_j F_ji, and the effort to make it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Closed {
     /// F_ij = d_i K_ij d_j / A_i with K_ij = (A_i F_ij + A_j F_ji) / 2.
     pub matrix: Matrix,
     /// Iterations.
     pub passes: u32,
-    /// Largest |1 − Σ_j F_ij| left.
+    /// Largest remaining |1 − Σ_j F_ij|.
     pub row_error: f64,
-    /// Smallest and largest row sum before.
+    /// Smallest and largest original row sum.
     pub rows_before: [f64; 2],
 }
 
 /// Most iterations of the scaling. It converges geometrically for matrices whose patches see many
-/// others; some hundred suffice.
+/// others; a few hundred suffice.
 const PASSES: u32 = 2000;
 
-/// Scales `matrix` to row sums 1 within `tolerance`, keeping or making it reciprocal.
+/// Scales `matrix` to row sums 1 within `tolerance` and makes it reciprocal.
 ///
-/// This changes form factors on purpose and is no way to mend them. It finds d > 0 with d_i Σ_j
-/// K_ij d_j = A_i by d_i ← √(d_i A_i / Σ_j K_ij d_j). Source: Sinkhorn, *A relationship between
+/// This deliberately changes form factors and is no way to correct them. It finds d > 0 with d_i
+/// Σ_j K_ij d_j = A_i by d_i ← √(d_i A_i / Σ_j K_ij d_j). Source: Sinkhorn, *A relationship between
 /// arbitrary positive matrices and doubly stochastic matrices*, 1964; the symmetric iteration:
 /// Knight, Ruiz, Uçar, *A symmetry preserving algorithm for matrix scaling*, 2014.
 ///
 /// # Errors
 /// [`SystemError::Length`] if there is not one area per row; [`SystemError::NotClosable`] if a row
-/// sees nothing, or the iteration does not arrive (patches of which one group sees only a smaller
-/// other group, say).
+/// sees nothing, or the iteration does not converge (e.g. if one group of patches sees only a
+/// smaller group).
 pub fn close(matrix: &Matrix, area: &[f64], tolerance: f64) -> Result<Closed, SystemError> {
     let n = matrix.len();
     if area.len() != n {
@@ -66,7 +66,7 @@ pub fn close(matrix: &Matrix, area: &[f64], tolerance: f64) -> Result<Closed, Sy
         let mut row_error = 0.0;
         for i in 0..n {
             let error = (1.0 - d[i] * sums[i] / area[i]).abs();
-            // Scales that run off to 0 and infinity end as NaN.
+            // Scales that diverge to 0 and infinity become NaN.
             if error > row_error || error.is_nan() {
                 (worst, row_error) = (i, error);
             }

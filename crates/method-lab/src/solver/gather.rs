@@ -4,14 +4,13 @@ use glam::DVec3;
 
 use super::{Observer, Options, Snapshot, Solution, Stop, System};
 
-/// Each pass measures the residual of the iterate that it starts from and makes the next one. The
-/// iterate that is returned is the last one measured, so that the reported residual is its own and
-/// not an estimate.
+/// Each pass measures the residual of the iterate that it starts from and computes the next one.
+/// The returned iterate is the last measured one, so the reported residual is its own and not an
+/// estimate.
 ///
-/// Jacobi: B'_i = M_i + ρ_i Σ_j F_ij B_j, which is B_i + r_i: the residual costs nothing.
-/// Gauss–Seidel (`SEIDEL`): B'_i = (M_i + ρ_i Σ_{j<i} F_ij B'_j + ρ_i Σ_{j>i} F_ij B_j) / (1 − ρ_i
-/// F_ii); its residual needs Σ_{j<i} F_ij B_j as well, half a pass of multiply-adds more on a row
-/// that is at hand.
+/// Jacobi: B'_i = M_i + ρ_i Σ_j F_ij B_j, which is B_i + r_i, so the residual is free. Gauss–Seidel
+/// (`SEIDEL`): B'_i = (M_i + ρ_i Σ_{j<i} F_ij B'_j + ρ_i Σ_{j>i} F_ij B_j) / (1 − ρ_i F_ii); its
+/// residual also needs Σ_{j<i} F_ij B_j, half a pass more multiply-adds on a row that is in cache.
 pub(super) fn gather<const SEIDEL: bool>(
     system: &System<'_>,
     options: &Options,
@@ -29,7 +28,7 @@ pub(super) fn gather<const SEIDEL: bool>(
     } else {
         pairs
     };
-    // An observer of no pass would see nothing, and a history must not be empty: at least one pass.
+    // At least one pass, because the history must not be empty.
     let passes = u64::from(options.max_passes.max(1));
     let mut stop = Stop::Passes;
     for pass in 1..=passes {

@@ -1,14 +1,14 @@
 //! Iterative solvers of the discrete radiosity equation B_i = M_i + ρ_i Σ_j F_ij B_j, by colour
 //! channel.
 //!
-//! All start from the light sources alone, count their work in multiply-adds, and stop when the
-//! flux that is still to be distributed is a share `tolerance` of the emitted flux, or say why not
+//! All start from the light sources, count their work in multiply-adds, and stop when the
+//! undistributed flux is at most a fraction `tolerance` of the emitted flux, or report why not
 //! ([`Stop`]). They run on one thread and sum in index order: the same input gives the same bits.
 //!
 //! Based on: Goral, Torrance, Greenberg, Battaile, *Modeling the interaction of light between
 //! diffuse surfaces*, 1984 (the equation); Cohen, Chen, Wallace, Greenberg, *A progressive
 //! refinement approach to fast radiosity image generation*, 1988 (shooting, ambient term); Gortler,
-//! Cohen, Slusallek, *Radiosity and relaxation methods*, 1994 (which relaxation each is).
+//! Cohen, Slusallek, *Radiosity and relaxation methods*, 1994 (classification of the relaxations).
 
 mod ambient;
 mod balance;
@@ -27,19 +27,18 @@ pub use system::{System, SystemError};
 pub enum Method {
     /// Every patch gathers from the last iterate. One iteration is one bounce of light.
     Jacobi,
-    /// Every patch gathers from what is newest.
+    /// Every patch gathers from the newest values.
     GaussSeidel,
-    /// The patch with the largest residual |r_i|, W/m², is relaxed. Needs columns of F: holds a
+    /// The patch with the largest residual |r_i|, W/m², is relaxed. Needs columns of F, i.e. a
     /// transposed copy.
     Southwell,
-    /// The patch with the largest unshot flux A_i ΔB_i shoots it, and unshot light counts as part
-    /// of the radiosity. Needs one row of F at a time: the column follows from it by A_i F_ij = A_j
-    /// F_ji.
+    /// The patch with the largest unshot flux A_i ΔB_i shoots it, and unshot light counts as
+    /// radiosity. Needs one row of F at a time, because A_i F_ij = A_j F_ji gives the column.
     Progressive,
 }
 
 impl Method {
-    /// All, in teaching order.
+    /// All methods, in teaching order.
     pub const ALL: [Method; 4] = [
         Method::Jacobi,
         Method::GaussSeidel,
@@ -58,11 +57,11 @@ impl Method {
     }
 }
 
-/// When to stop.
+/// Stopping criteria.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Largest share of the emitted flux that may be left to distribute, in any channel: Σ A_i|r_i|
-    /// ≤ tolerance · Σ A_i M_i.
+    /// Largest fraction of the emitted flux that may remain undistributed, in any channel: Σ
+    /// A_i|r_i| ≤ tolerance · Σ A_i M_i.
     pub tolerance: f64,
     /// Most passes over all patches; n shots count as one pass.
     pub max_passes: u32,
@@ -83,12 +82,12 @@ impl Default for Options {
 /// Why a solver stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
-    /// What is left is within the tolerance.
+    /// The rest is within the tolerance.
     Converged,
-    /// `max_passes` were not enough.
+    /// `max_passes` did not suffice.
     Passes,
-    /// Shooting no longer lowers the residual that is computed anew from the matrix: rounding, or
-    /// rows that are not reciprocal.
+    /// Shooting no longer reduces the residual when it is recomputed from the matrix, because of
+    /// rounding or rows that are not reciprocal.
     Stalled,
     /// The residual overflowed.
     Diverged,
@@ -106,17 +105,17 @@ pub struct Record {
     pub residual_max: DVec3,
     /// Σ A_i|r_i| by channel, W.
     pub residual_flux: DVec3,
-    /// Largest channel's `residual_flux` as a share of its emitted flux: what the tolerance is held
-    /// against.
+    /// `residual_flux` relative to the emitted flux of the largest channel, which is compared with
+    /// the tolerance.
     pub left: f64,
-    /// Bound on ‖B − B*‖∞ by channel, W/m²: ‖r‖∞ / (1 − max_i ρ_i Σ_j F_ij), since B* − B = (I −
-    /// ρF)⁻¹ r. Infinite, that is no bound, where the denominator is not positive. For the
-    /// progressive solver, whose radiosity B holds ΔB already, B* − B = (I − ρF)⁻¹ ρF ΔB, which the
-    /// same expression bounds.
+    /// Bound on ‖B − B*‖∞ by channel, W/m²: ‖r‖∞ / (1 − max_i ρ_i Σ_j F_ij), because B* − B = (I −
+    /// ρF)⁻¹ r. Infinite, i.e. no bound, if the denominator is not positive. For the progressive
+    /// solver, whose radiosity B includes ΔB, B* − B = (I − ρF)⁻¹ ρF ΔB, for which the same bound
+    /// holds.
     pub error_bound: DVec3,
 }
 
-/// What an observer sees after every pass or shot.
+/// State passed to an observer after every pass or shot.
 #[derive(Debug, Clone, Copy)]
 pub struct Snapshot<'a> {
     /// Passes or shots so far.
@@ -127,16 +126,17 @@ pub struct Snapshot<'a> {
     pub residual: &'a [DVec3],
 }
 
-/// What a solver found.
+/// Result of a solver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// B by patch, W/m²: usable whatever the reason to stop.
+    /// B by patch, W/m²; usable whatever the reason for stopping.
     pub radiosity: Vec<DVec3>,
     /// r of `radiosity`, or ΔB with [`Method::Progressive`], W/m².
     pub residual: Vec<DVec3>,
-    /// One entry a pass, or every `shots_per_record` shots; the last entry belongs to `radiosity`.
+    /// One entry per pass, or every `shots_per_record` shots; the last entry belongs to
+    /// `radiosity`.
     pub history: Vec<Record>,
-    /// Bytes that the solver held beside F, M, ρ and A.
+    /// Bytes used by the solver in addition to F, M, ρ and A.
     pub memory: usize,
     /// Why it stopped.
     pub stop: Stop,
@@ -150,7 +150,7 @@ impl Solution {
 
     /// The last entry of the history.
     pub fn last(&self) -> Record {
-        // A solver records before it returns, so the fallback is never seen.
+        // A solver records before it returns, so the fallback is never used.
         self.history.last().copied().unwrap_or(Record {
             iteration: 0,
             work: 0,
@@ -174,8 +174,8 @@ pub fn solve(
     run(method, system, options, None)
 }
 
-/// The same, showing every pass or shot to `observe`. A snapshot costs the shooting solvers n
-/// additions a shot, which are not counted as work.
+/// As [`solve`], but passes every pass or shot to `observe`. A snapshot costs the shooting solvers
+/// n additions per shot, which are not counted as work.
 ///
 /// # Errors
 /// As [`solve`].

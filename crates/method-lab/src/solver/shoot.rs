@@ -1,23 +1,23 @@
-//! Southwell's relaxation and progressive radiosity: one patch at a time sends out what it has.
+//! Southwell's relaxation and progressive radiosity: one patch at a time shoots its light.
 
 use glam::DVec3;
 
 use super::{Observer, Options, Snapshot, Solution, Stop, System};
 use crate::enclosure::Matrix;
 
-/// The light that patch i has received and not passed on is r_i; its relaxation adds s = r_i / (1 −
+/// The light that patch i has received but not passed on is r_i. Its relaxation adds s = r_i / (1 −
 /// ρ_i F_ii) to B_i and ρ_k F_ki s to every r_k. In exact arithmetic r = M + ρFB − B throughout.
 ///
-/// `PROGRESSIVE` picks the largest flux A_i Σ_channels |r_i|, takes F_ki from the shooter's row by
-/// reciprocity, and counts unshot light as radiosity; else the largest |r_i| of any channel is
-/// picked and F_ki is read from the columns. The smaller index wins a tie. Choosing costs n
-/// comparisons a shot, not counted as work.
+/// `PROGRESSIVE` chooses the largest flux A_i Σ_channels |r_i|, derives F_ki from the shooter's row
+/// by reciprocity, and counts unshot light as radiosity. Otherwise the largest |r_i| of any channel
+/// is chosen and F_ki is read from the columns. The smaller index wins ties. Choosing costs n
+/// comparisons per shot, which are not counted as work.
 ///
-/// Before it says that it converged, the residual is computed anew from the matrix. If it is larger
-/// than the running one said (rounding, rows that are not reciprocal), shooting goes on from there,
-/// as long as each such audit at least halves it. Shots since the last audit are summed apart:
-/// thousands of tiny shots added to a large B one by one would all round, and at ρ = 0.99 that
-/// leaves a residual of 1e-12 for good.
+/// Before convergence is reported, the residual is recomputed from the matrix. If it is larger than
+/// the running one (rounding, rows that are not reciprocal), shooting continues from there, as long
+/// as each such audit at least halves it. Shots since the last audit are summed separately:
+/// thousands of tiny shots added to a large B one by one would all round, which at ρ = 0.99 leaves
+/// a permanent residual of 1e-12.
 pub(super) fn shoot<const PROGRESSIVE: bool>(
     system: &System<'_>,
     options: &Options,
@@ -43,7 +43,7 @@ pub(super) fn shoot<const PROGRESSIVE: bool>(
     let mut shown = Vec::new();
     let (mut shots, mut audits) = (0, 0);
     let mut last_audit = f64::INFINITY;
-    // After an audit that failed, a margin for the next one to differ by.
+    // After a failed audit, a margin for the next one.
     let mut target = options.tolerance;
     let work =
         |shots: u64, audits: u64| shots * per_shot + audits * per_shot.saturating_mul(n as u64);
@@ -108,7 +108,7 @@ pub(super) fn shoot<const PROGRESSIVE: bool>(
             });
         }
     };
-    // `shown` is the observer's and not counted.
+    // `shown` belongs to the observer and is not counted.
     let memory =
         3 * n * size_of::<DVec3>() + n * size_of::<f64>() + columns.map_or(0, |t| t.bytes());
     if PROGRESSIVE {

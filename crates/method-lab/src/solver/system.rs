@@ -1,4 +1,4 @@
-//! The linear system that every solver takes, checked once.
+//! The linear system that every solver takes, validated once.
 
 use glam::DVec3;
 
@@ -19,16 +19,16 @@ pub enum SystemError {
         /// Number of rows.
         expected: usize,
     },
-    /// A value is out of its range.
+    /// A value is out of range.
     #[error("patch {patch}: {what} is {value}, expected {expected}")]
     Value {
         /// Index of the patch.
         patch: usize,
-        /// Which quantity.
+        /// The quantity.
         what: &'static str,
-        /// What it is.
+        /// Its value.
         value: f64,
-        /// What it may be.
+        /// Its valid range.
         expected: &'static str,
     },
     /// The tolerance is negative or not a number.
@@ -39,7 +39,7 @@ pub enum SystemError {
     NotClosable {
         /// The row.
         patch: usize,
-        /// What is wrong with it.
+        /// The fault.
         why: &'static str,
     },
 }
@@ -73,8 +73,8 @@ impl<'m> System<'m> {
     /// F (n × n), areas in m², exitances M in W/m² and reflectances ρ by channel.
     ///
     /// # Errors
-    /// [`SystemError::Length`] if a list has not one value per row; [`SystemError::Value`] if F_ij
-    /// is negative or not finite, an area is not positive, M is negative or not finite, ρ is
+    /// [`SystemError::Length`] if a list does not have one value per row; [`SystemError::Value`] if
+    /// F_ij is negative or not finite, an area is not positive, M is negative or not finite, ρ is
     /// outside 0..=1, or ρ_i F_ii ≥ 1 (a patch that keeps all its light).
     pub fn from_parts(
         matrix: &'m Matrix,
@@ -207,7 +207,7 @@ impl<'m> System<'m> {
             .collect()
     }
 
-    /// Bound on ‖B − B*‖∞ by channel from ‖r‖∞, W/m²; infinite where there is none (see
+    /// Bound on ‖B − B*‖∞ by channel from ‖r‖∞, W/m²; infinite if there is none (see
     /// [`Record::error_bound`]).
     pub fn error_bound(&self, residual_max: DVec3) -> DVec3 {
         let bound = |r: f64, c: f64| {
@@ -227,7 +227,7 @@ impl<'m> System<'m> {
     pub(super) fn record(&self, iteration: u64, work: u64, residual: &[DVec3]) -> Record {
         let (mut most, mut flux) = (DVec3::ZERO, DVec3::ZERO);
         for (r, &a) in residual.iter().zip(&self.area) {
-            // `max` would drop NaN, and a NaN must show.
+            // `max` would drop NaN, which must remain visible.
             if r.is_nan() {
                 most = DVec3::INFINITY;
             }
@@ -244,7 +244,7 @@ impl<'m> System<'m> {
         }
     }
 
-    /// Largest channel's share of the emitted flux; a channel that emits nothing has nothing to
+    /// Largest fraction of a channel's emitted flux; a channel without emission has nothing to
     /// distribute.
     pub(super) fn left(&self, flux: DVec3) -> f64 {
         let mut left: f64 = 0.0;

@@ -1,4 +1,4 @@
-//! Form factors from centre to centre, and what is wrong with their rows.
+//! Centre-to-centre form factors, and the errors of their rows.
 
 use std::f64::consts::PI;
 
@@ -6,13 +6,13 @@ use glam::DVec3;
 
 use crate::enclosure::{Matrix, Patch};
 
-/// F_ij = cos θ_i cos θ_j A_j / (π r²) between centres, where both face each other and `visible`
-/// says so; n × n.
+/// F_ij = cos θ_i cos θ_j A_j / (π r²) between centres, if both face each other and `visible` is
+/// true; n × n.
 ///
-/// Exact in the limit of patches far apart. Adjacent patches get too much: two unit squares with a
-/// common edge at a right angle 1/π instead of 0.200044. Reciprocal (A_i F_ij = A_j F_ji), F_ii =
-/// 0; rows sum to what they sum to. Source: Goral et al., 1984, eq. 5, its integrand taken at one
-/// point for the integral.
+/// Exact in the limit of distant patches. Adjacent patches get too much: two unit squares with a
+/// common edge at a right angle get 1/π instead of 0.200044. Reciprocal (A_i F_ij = A_j F_ji), F_ii
+/// = 0; row sums are not corrected. Source: Goral et al., 1984, eq. 5, with its integrand at one
+/// point instead of the integral.
 pub fn barycentre_matrix(
     patches: &[Patch],
     mut visible: impl FnMut(DVec3, DVec3) -> bool,
@@ -37,7 +37,7 @@ pub fn barycentre_matrix(
     m
 }
 
-/// Σ_j F_ij over a matrix. In a closed room every one should be 1.
+/// Σ_j F_ij over a matrix. In a closed room each should be 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RowSums {
     /// Smallest.
@@ -68,10 +68,10 @@ pub fn row_sums(matrix: &Matrix, area: &[f64]) -> Option<RowSums> {
     Some(out)
 }
 
-/// Largest eigenvalue λ of F, by `steps` steps of power iteration from an even start: over many
-/// bounces light fades by λρ each, where it should fade by ρ, and where λρ ≥ 1 it grows without
-/// end. A lower bound, near after some thirty steps (F is similar to a symmetric matrix, of which
-/// this is the Rayleigh quotient).
+/// Largest eigenvalue λ of F, by `steps` steps of power iteration from a uniform start: over many
+/// bounces light is multiplied by λρ each time instead of ρ, and if λρ ≥ 1 it grows without limit.
+/// A lower bound, close after about thirty steps (F is similar to a symmetric matrix, of which this
+/// is the Rayleigh quotient).
 pub fn largest_eigenvalue(matrix: &Matrix, area: &[f64], steps: u32) -> f64 {
     let n = matrix.len().min(area.len());
     let mut b = vec![1.0; n];

@@ -1,4 +1,4 @@
-//! The baseline's two other habits: gathering a fixed number of times, and blending at vertices.
+//! Two further habits of the baseline: a fixed number of gathers, and blending at vertices.
 
 use std::collections::BTreeMap;
 
@@ -8,10 +8,10 @@ use super::room::{Room, Surface};
 use crate::enclosure::{Enclosure, Matrix};
 
 /// B after each of `times` gathers (ascending), W/m²: B⁰ = M, Bᵏ⁺¹_i = M_i + ρ_i Σ_j F_ij Bᵏ_j.
-/// Nothing says how far it is from the solution; [`crate::solver`] does.
+/// There is no estimate of its distance from the solution; [`crate::solver`] has one.
 ///
-/// `matrix` must have a row for each patch of `enclosure`; rows past the shorter of both are left
-/// out.
+/// `matrix` must have a row for each patch of `enclosure`; rows beyond the shorter of both are
+/// ignored.
 pub fn gather_times(matrix: &Matrix, enclosure: &Enclosure, times: &[u32]) -> Vec<Vec<DVec3>> {
     let patches = &enclosure.patches;
     let n = matrix.len().min(patches.len());
@@ -33,18 +33,18 @@ pub fn gather_times(matrix: &Matrix, enclosure: &Enclosure, times: &[u32]) -> Ve
     out
 }
 
-/// Radiosity at the four corners of every patch, in the order of its corners, W/m²: the plain mean
-/// over the patches of the same surface, plane and light that meet there. To be blended bilinearly
+/// Radiosity at the four corners of every patch, in the order of its corners, W/m²: the mean over
+/// the patches of the same surface, plane and light that meet there. To be interpolated bilinearly
 /// over the patch (Gouraud, 1971).
 ///
-/// A lamp's edge stays sharp, and colour does not run round an edge of the room.
+/// A lamp's edge stays sharp, and colours do not bleed around an edge of the room.
 pub fn vertex_radiosity(
     room: &Room,
     enclosure: &Enclosure,
     radiosity: &[DVec3],
 ) -> Vec<[DVec3; 4]> {
-    // Coordinates are sums of a few hundredths of a metre: a micrometre tells vertices apart and
-    // heals rounding.
+    // Coordinates are sums of a few hundredths of a metre; rounding to a micrometre separates
+    // vertices and removes rounding.
     let grid = |p: DVec3| [p.x, p.y, p.z].map(|x| (x * 1e6).round() as i64);
     type Key = (Surface, [i64; 3], [i64; 3], [u64; 3]);
     let key = |i: usize, corner: usize| -> Key {

@@ -5,12 +5,12 @@ use glam::DVec3;
 use super::room::{Room, Surface};
 use crate::enclosure::Enclosure;
 
-/// A rectangle of the ceiling that emits.
+/// A rectangle of the ceiling that emits light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lamp {
-    /// Segments along x: the first, and the first past it.
+    /// Segments along x: the first, and one past the last.
     pub x: [usize; 2],
-    /// Segments along z, likewise.
+    /// Segments along z: the first, and one past the last.
     pub z: [usize; 2],
     /// M_e, W/m².
     pub exitance: DVec3,
@@ -23,17 +23,17 @@ pub struct Case {
     pub name: &'static str,
     /// For people.
     pub title: &'static str,
-    /// What emits.
+    /// The lamps.
     pub lamps: Vec<Lamp>,
-    /// ρ of all surfaces but those in `painted`.
+    /// ρ of all surfaces except those in `painted`.
     pub reflectance: f64,
-    /// Surfaces with a ρ of their own.
+    /// Surfaces with their own ρ.
     pub painted: Vec<(Surface, f64)>,
-    /// How often the baseline gathers; each number is a picture.
+    /// Numbers of gathers of the baseline; each gives a picture.
     pub iterations: Vec<u32>,
 }
 
-/// How often the baseline gathers where the study is not about that.
+/// Number of gathers of the baseline in studies of other subjects.
 const USUAL: u32 = 8;
 
 const RED: DVec3 = DVec3::new(1.0, 0.0, 0.0);
@@ -73,7 +73,7 @@ impl Case {
         }
     }
 
-    /// The room's patches with this case's light and colours. Lamps reflect like the ceiling around
+    /// The room's patches with this case's lamps and colours. Lamps reflect like the ceiling around
     /// them.
     pub fn enclosure(&self, room: &Room) -> Enclosure {
         let patches = room

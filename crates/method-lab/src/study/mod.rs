@@ -1,9 +1,9 @@
-//! The classic radiosity studies: one closed room with two boxes in it, under lamps and colours of
-//! several kinds, and the baseline as it is first written.
+//! The classic radiosity studies: a closed room with two boxes, various lamps and colours, and the
+//! baseline as it is typically first written.
 //!
-//! The baseline takes form factors from centre to centre, ignores that the boxes hide things,
-//! gathers a fixed number of times and blends patch colours at vertices. It is what the studies are
-//! about, not what should be used.
+//! The baseline uses centre-to-centre form factors, ignores occlusion by the boxes, gathers a fixed
+//! number of times and blends patch colours at vertices. It is the subject of the studies, not a
+//! recommendation.
 
 mod barycentre;
 mod baseline;

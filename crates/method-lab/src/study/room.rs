@@ -1,4 +1,4 @@
-//! The room of the studies, cut into patches at two densities.
+//! The room of the studies, divided into patches at two densities.
 
 use glam::DVec3;
 
@@ -7,21 +7,21 @@ use crate::enclosure::Patch;
 /// Metres per coarse cell.
 const CELL: f64 = 0.25;
 
-/// Coarse cells of each segment along x, y, z. Box and lamp borders lie on segment borders only, so
-/// that they are the same in both densities. The room is 14 × 9 × 14 cells.
+/// Coarse cells of each segment along x, y, z. Borders of boxes and lamps coincide with segment
+/// borders, so that they are the same at both densities. The room is 14 × 9 × 14 cells.
 const COARSE: [&[u32]; 3] = [&[1, 3, 1, 4, 4, 1], &[2, 4, 3], &[2, 3, 3, 4, 2]];
 
 /// Fine cells of the same segments: about 2.4 times as many (5760 = 2.4² · 1000), rounded so that
 /// the total is 5760.
 const FINE: [&[u32]; 3] = [&[2, 7, 2, 10, 10, 3], &[5, 9, 7], &[5, 7, 7, 10, 5]];
 
-/// The boxes: surface, and by axis the first segment inside and the first one past it.
+/// The boxes: surface, and by axis the first segment inside and one past the last.
 const BOXES: [(Surface, [[usize; 2]; 3]); 2] = [
     (Surface::TallBox, [[1, 2], [0, 2], [1, 2]]),
     (Surface::LowBox, [[4, 5], [0, 1], [3, 4]]),
 ];
 
-/// How finely the room is cut.
+/// Patch density of the room.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detail {
     /// 1000 patches, squares of 0.25 m.
@@ -30,7 +30,7 @@ pub enum Detail {
     Fine,
 }
 
-/// What a patch belongs to. y is up; x = 0 is the left wall, z = 0 the back wall.
+/// The surface that a patch belongs to. y is up; x = 0 is the left wall, z = 0 the back wall.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Surface {
     /// x = 0.
@@ -74,9 +74,9 @@ pub struct RoomPatch {
     pub corners: [DVec3; 4],
     /// Unit normal, into the room.
     pub normal: DVec3,
-    /// Whose.
+    /// Its surface.
     pub surface: Surface,
-    /// Segment along x and z of the cell in front of it: which lamp it would be on the ceiling.
+    /// Segment along x and z of the cell in front of it, which determines its lamp on the ceiling.
     pub segment: [usize; 2],
 }
 
@@ -124,10 +124,9 @@ impl Room {
         Room { patches, boxes }
     }
 
-    /// Whether no box stands between two points of the room's surface.
+    /// Whether no box is between two points of the room's surface.
     ///
-    /// Boxes are shrunk by a nanometre, so that a point does not hide behind the face that it lies
-    /// on.
+    /// Boxes are shrunk by a nanometre, so that a point is not hidden by the face that it is on.
     pub fn sees(&self, a: DVec3, b: DVec3) -> bool {
         let d = b - a;
         self.boxes.iter().all(|[low, high]| {
@@ -150,7 +149,7 @@ impl Room {
 }
 
 impl RoomPatch {
-    /// With its light and colour.
+    /// The patch with its emission and colour.
     pub fn patch(&self, exitance: DVec3, reflectance: DVec3) -> Patch {
         Patch {
             corners: self.corners.to_vec(),
@@ -193,8 +192,8 @@ impl Axis {
     }
 }
 
-/// A face of a cell: which axis it is across, whether it is at the high end, and the wall that it
-/// meets at the room's edge.
+/// A face of a cell: the axis that it is perpendicular to, whether it is at the high end, and the
+/// wall that it touches at the room's border.
 type Face = (usize, bool, Surface);
 
 const FACES: [Face; 6] = [
