@@ -1,4 +1,4 @@
-//! Light at all lumels and vertices of a scene: the passes of a bake, in their order.
+//! Light at all lumels and vertices of a scene: the passes of a bake, in order.
 
 use atlas::{Layout, Lumels};
 use radiosity::{Cancelled, Monitor};
@@ -16,49 +16,49 @@ use crate::received::{Edge, Received};
 use crate::refine::{add_rays, follow_edges};
 use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexLight, VertexReport};
 
-/// What was gathered at lumels.
+/// Report on gathering at lumels.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct LightReport {
-    /// Texels with a surface.
+    /// Number of texels with a surface.
     pub lumels: u64,
-    /// Lumels that lie wholly inside or right behind something single-sided: nearly all rays from
-    /// there meet back faces.
+    /// Lumels that are completely inside or right behind something single-sided: nearly all of
+    /// their rays hit backfaces.
     pub hidden_lumels: u64,
-    /// The nodes that most of them are of.
+    /// The nodes that most of them belong to.
     pub hidden: Vec<HiddenIn>,
-    /// Lumels of which a part does; their value is the mean over all of it.
+    /// Lumels that are partly inside or behind something; their value is the mean over the whole
+    /// lumel.
     pub partly_hidden_lumels: u64,
-    /// Lumels at a contact, which were gathered at many points.
+    /// Lumels at contacts, which were gathered at many points.
     pub edge_lumels: u64,
-    /// Lumels in or beside the edge of a shadow.
+    /// Lumels at or next to a shadow edge.
     pub shadow_edge_lumels: u64,
-    /// Gathering and shadow rays, lumels.
+    /// Gathering and shadow rays of lumels.
     pub lumel_rays: u64,
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
     /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 %
-    /// of the mean). Within a factor 1.5 of the true one on the scenes of lab/error.md. NaN (in
-    /// JSON null) where no lumel is lit: nothing was measured.
+    /// of the mean). Within a factor of 1.5 of the true one on the scenes of lab/error.md. NaN
+    /// (null in JSON) if no lumel is lit, because nothing was measured.
     pub estimated_error: f64,
-    /// Median over lit lumels of the same: what most of the map has; the root mean square is ruled
-    /// by the worst corners. NaN as [`estimated_error`](Self::estimated_error) is.
+    /// Median of the same over lit lumels, i.e. the error of a typical lumel; the root mean square
+    /// is dominated by the worst corners. NaN like [`estimated_error`](Self::estimated_error).
     pub median_error: f64,
-    /// Whether that is as small as [`LightOptions::error`] asked for; `None` where nothing was
-    /// asked.
+    /// Whether the error is as small as [`LightOptions::error`] requests; `None` without a request.
     pub error_reached: Option<bool>,
-    /// Times that lumels were looked at again for it.
+    /// Number of further rounds to reach it.
     pub rounds: u32,
-    /// Lumels that have as many samples as they can and still too large an error.
+    /// Lumels with the maximum number of samples whose error is still too large.
     pub exhausted_lumels: u64,
 }
 
-/// Gathers light at all lumels of a layout: the passes of a bake, in their order.
+/// Gathers light at all lumels of a layout: the passes of a bake, in order.
 ///
-/// Deterministic for any number of threads: every footprint is computed by itself, with random
-/// numbers that hang on its place.
+/// Deterministic for any number of threads: every footprint is computed independently, with random
+/// numbers that depend on its place.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub fn bake_light(
     gatherer: &Gatherer,
     layout: &Layout,
@@ -75,7 +75,7 @@ pub fn bake_light(
         map.barriers = Barriers::find(world, &map.lumels, &map.index, &map.received);
     }
     add_rays(gatherer, &mut map, monitor)?;
-    // What is hidden takes its neighbours' light.
+    // Hidden lumels take their neighbours' light.
     let finish = |map: &mut LumelMap| {
         if fill {
             fill_hidden(world, map, options.rings);
@@ -96,11 +96,11 @@ pub fn bake_light(
     Ok((map, report))
 }
 
-/// Light at vertices, from the lumels of `map` and from footprints of their own where lumels are
-/// too wide. `gatherer` is the one that lumels were gathered with.
+/// Light at vertices, from the lumels of `map`, and gathered separately where lumels are too large.
+/// `gatherer` is the one for lumels.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub fn bake_vertices(
     gatherer: &Gatherer,
     layout: &Layout,
@@ -108,7 +108,7 @@ pub fn bake_vertices(
     options: VertexOptions,
     monitor: &dyn Monitor,
 ) -> Result<(VertexLight, VertexReport), Cancelled> {
-    // A mean over what a wall parts is for measuring, not for reading.
+    // Means over lumels that a wall cuts are for measurements; vertices must not read them.
     let places = (gatherer.options.open_only).then(|| LumelPlace::find(&map));
     let light: Vec<LumelLight> = map.received.iter().map(LumelLight::of).collect();
     map.received = Vec::new();
@@ -120,7 +120,7 @@ pub fn bake_vertices(
         places: places.as_deref(),
         error: options.error,
     };
-    // Vertices hold one colour.
+    // Vertices store a single colour.
     let gatherer = Gatherer {
         wanted: Wanted::default(),
         ..gatherer.with(options.gather)
@@ -162,13 +162,13 @@ fn summarise(map: &LumelMap, report: &mut LightReport) {
 pub struct HiddenIn {
     /// Index into [`Scene::instances`](mesh_ingest::Scene::instances).
     pub instance: usize,
-    /// Its lumels.
+    /// Number of its lumels.
     pub lumels: u64,
-    /// Those of them that lie wholly inside or right behind something.
+    /// Number of those that are completely inside or right behind something.
     pub hidden: u64,
 }
 
-/// So many instances are named that have hidden lumels, those with most first.
+/// Most instances that are listed, starting with the most hidden lumels.
 const NAMED: usize = 100;
 
 fn hidden_in(lumels: &Lumels, received: &[Received]) -> Vec<HiddenIn> {

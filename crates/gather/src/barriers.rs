@@ -1,4 +1,4 @@
-//! Walls between lumels: light is not taken from neighbours behind one.
+//! Walls between lumels: lumels take no light from neighbours behind a wall.
 
 use atlas::{Lumels, TexelIndex};
 use radiosity::World;
@@ -7,17 +7,17 @@ use rayon::prelude::*;
 use crate::parts::LIFT;
 use crate::received::Received;
 
-/// Between which lumels that touch a wall stands.
+/// Pairs of adjacent lumels with a wall between them.
 #[derive(Debug, Default)]
 pub(crate) struct Barriers {
-    /// By lumel: bit 0 towards the right, bit 1 downwards. Empty where there is none at all.
+    /// For each lumel, bit 0 for a wall on its right, bit 1 for one below. Empty if there are none.
     bits: Vec<u8>,
-    /// There are barriers, or lumels that a wall cuts.
+    /// Whether there are barriers, or lumels that a wall cuts.
     matter: bool,
 }
 
 impl Barriers {
-    /// Looks between lumels near which something stands.
+    /// Searches between lumels that have something near them.
     pub(crate) fn find(
         world: &World,
         lumels: &Lumels,
@@ -54,19 +54,19 @@ impl Barriers {
         Barriers { bits, matter }
     }
 
-    /// Whether light might pass from lumel to lumel through a wall.
+    /// Whether light could leak from lumel to lumel through a wall.
     pub(crate) fn matter(&self) -> bool {
         self.matter
     }
 
-    /// Whether one stands between two lumels that share an edge.
+    /// Whether a wall is between two lumels that share an edge.
     pub(crate) fn between(&self, lumels: &Lumels, i: usize, j: usize) -> bool {
         let [a, b] = [i, j].map(|k| lumels.lumels[k].texel);
         let first = if (a[1], a[0]) < (b[1], b[0]) { i } else { j };
         self.after(first, a[1] != b[1])
     }
 
-    /// Whether one stands right of, or below (`down`), lumel `i`.
+    /// Whether a wall is on the right of lumel `i`, or below it (`down`).
     #[inline]
     pub(crate) fn after(&self, i: usize, down: bool) -> bool {
         self.bits

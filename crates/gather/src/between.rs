@@ -1,4 +1,4 @@
-//! Light of lumels that lie between gathered ones.
+//! Interpolates light of lumels between gathered ones.
 
 use glam::Vec3;
 use radiosity::luminance;
@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 
-/// Direct light is interpolated where a straight line between two neighbours and a cubic through
-/// four differ by no more than this share of the light.
+/// Direct light is interpolated if linear interpolation between two neighbours and cubic
+/// interpolation through four differ by at most this fraction of the light.
 const STRAIGHT: f32 = 0.01;
 
-/// Indirect light between neighbours.
+/// Interpolated indirect light.
 pub(crate) struct Between {
     pub indirect: Vec3,
     pub first_half: Vec3,
@@ -20,13 +20,13 @@ pub(crate) struct Between {
     pub planes: Vec<[Vec3; 2]>,
 }
 
-/// What an interpolated lumel's light is made of; see [`taps`].
+/// The lumels that an interpolated lumel reads, and their weights; see [`taps`].
 #[derive(Default)]
 pub(crate) struct Taps {
     list: [(usize, f32); 8],
     count: usize,
     lines: usize,
-    /// All lines have more than two points, which tell a straight line from a bent one.
+    /// Whether all lines have more than two points, so that curvature can be detected.
     bent: bool,
 }
 
@@ -51,14 +51,14 @@ impl Taps {
     }
 }
 
-/// Direct light between neighbours.
+/// Interpolated direct light.
 pub(crate) struct DirectBetween {
     pub irradiance: Vec3,
     /// Direct light by plane.
     pub planes: Vec<Vec3>,
-    /// Square of what interpolation may be off.
+    /// Square of the possible interpolation error.
     pub variance: f32,
-    /// Lamps that all of them see, and that are hidden from all, as [`Received`] has them.
+    /// Lamps visible to all taps, and lamps hidden from all, as in [`Received`].
     pub lit: u32,
     pub hidden: u32,
 }
@@ -75,7 +75,7 @@ fn mean_of<'r>(beside: impl Iterator<Item = &'r Received>) -> Between {
         n += 1.0;
         out.indirect += r.indirect;
         out.first_half += r.first_half;
-        // As if neighbours' errors were one; smoothing finds out what they are.
+        // As if neighbours had the same error; smoothing estimates it properly.
         out.variance += r.indirect_variance;
         out.planes.resize(r.planes.len(), [Vec3::ZERO; 2]);
         for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
@@ -91,15 +91,15 @@ fn mean_of<'r>(beside: impl Iterator<Item = &'r Received>) -> Between {
     out
 }
 
-/// Indirect light of lumel `i`, which is interpolated.
+/// Indirect light of interpolated lumel `i`.
 pub(crate) fn between(map: &LumelMap, i: usize) -> Between {
     mean_of(map.plan.of(i).map(|j| &map.received[j]))
 }
 
-/// What an interpolated lumel's light is made of: its neighbours on both sides and, where surface
-/// goes on undisturbed, the next ones in the same lines, with weights that sum to 1. A cubic
-/// through four, a parabola through three, else a straight line. Empty where neighbours are on one
-/// side alone.
+/// The taps of an interpolated lumel: its neighbours on both sides and, if the surface continues
+/// undisturbed, the next lumels on the same lines, with weights that sum to 1. Interpolation is
+/// cubic through four, parabolic through three, else linear. Empty if there are neighbours on one
+/// side only.
 pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
     let (l, received) = (map.lumel(i), &map.received);
     let [x, y] = l.texel.map(i64::from);
@@ -110,7 +110,7 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
         let (between, far) = (at(2)?, at(3)?);
         let (near, r) = (&received[j], &received[far]);
         let way = r.position - near.position;
-        // A chart may hold places that adjoin and surfaces that do not.
+        // Adjacent texels of a chart need not be adjacent on the surface.
         let goes_on = way.length() <= 4.0 * near.size
             && way.dot(near.normal).abs() <= 0.5 * near.size
             && [between, far].into_iter().all(|k| {
@@ -120,8 +120,8 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
             });
         goes_on.then_some(far)
     };
-    // Opposite ones: the first and the second of two, the first and the last, the second and the
-    // third of four.
+    // Opposite neighbours: the first and the second of two, the first and the last, and the second
+    // and the third of four.
     let [a, b, c, d] = map.plan.beside[i];
     let pairs = if c.or(d).is_some() || (x & y & 1 == 1) {
         [[a, d], [b, c]]
@@ -144,12 +144,12 @@ pub(crate) fn taps(map: &LumelMap, i: usize) -> Taps {
     taps
 }
 
-/// Direct light of lumel `i` by its taps, where all agree about lamps, no shadow's edge crosses any
-/// and it does not bend; `None` elsewhere.
+/// Direct light of lumel `i` from its taps, if all agree about lamps, no shadow edge crosses any,
+/// and the light is nearly linear; else `None`.
 pub(crate) fn direct_between(map: &LumelMap, i: usize) -> Option<DirectBetween> {
     let (taps, received) = (taps(map, i), &map.received);
     if !taps.bent {
-        return None; // nothing to tell by whether it bends
+        return None; // Curvature cannot be detected.
     }
     let first = &received[taps.list().first()?.0];
     let mut out = DirectBetween {
@@ -182,7 +182,7 @@ pub(crate) fn direct_between(map: &LumelMap, i: usize) -> Option<DirectBetween> 
     (bend.abs() <= STRAIGHT * light).then_some(out)
 }
 
-/// Interpolates anew, after what lumels are interpolated between has changed.
+/// Repeats the interpolation after the gathered lumels have changed.
 pub(crate) fn interpolate(map: &mut LumelMap) {
     let between: Vec<Option<Between>> = (0..map.len())
         .into_par_iter()

@@ -1,4 +1,4 @@
-//! Footprints gathered in parallel.
+//! Parallel gathering of footprints.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -7,13 +7,13 @@ use rayon::prelude::*;
 
 use crate::received::Received;
 
-/// Footprints gathered between two looks at the monitor.
+/// Footprints gathered between two checks for cancellation.
 const BLOCK: usize = 64;
 
-/// Computes `0..n` in parallel blocks, in order, looking at the monitor between blocks.
+/// Computes `0..n` in parallel blocks, in order, and asks the monitor between blocks.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub(crate) fn in_blocks(
     n: usize,
     phase: Phase,

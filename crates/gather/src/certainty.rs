@@ -1,62 +1,63 @@
-//! How sure lumels are: what their samples say of their error, with what stratification brings.
+//! Noise model: the error of lumels from the spread of their samples, corrected for stratification.
 //!
-//! Samples at a lumel are points of scrambled Sobol sequences. Their mean's variance falls faster
-//! than with one over their number, which the spread between them does not show: it would claim 1.7
-//! % for the Cornell box at `preview` where the error is 1.0 %. How much faster hangs on the scene
-//! (edges of shadows, small bright windows, smooth walls), and can be seen in the bake itself, by
-//! holding parts of the samples against each other.
+//! Samples at a lumel are points of scrambled Sobol sequences. The variance of their mean falls
+//! faster than with one over their number, but the spread of the samples does not show this: it
+//! would claim 1.7 % for the Cornell box at `preview`, where the error is 1.0 %. How much faster
+//! depends on the scene (shadow edges, small bright windows, smooth walls). It can be measured in
+//! the bake itself, by comparing parts of the samples.
 //!
 //! Let V(n) be the variance of the mean of n samples, and r = V(n)/V(n/2): ½ for independent
-//! samples, 2^(−3/2) for the area on one side of an edge, less for smooth functions. Two halves A
-//! and B of a sequence whose mean has V(n) have E(A − B)² = 4 V(n/2) − 4 V(n), since Var(A + B) +
-//! Var(A − B) = 2 Var A + 2 Var B; the two halves of the first half have 4 V(n/4) − 4 V(n/2), which
-//! is 1/r as much. G groups of samples, taken for independent, claim (V(n/G) − V(n))/(G − 1). From
-//! two of these over all lumels of a kind, r and V(n) follow, and with them one factor for what the
-//! lumels of that kind claim. Sums are of relative squares, as the error that is reported.
+//! samples, 2^(−3/2) for the area on one side of an edge, less for smooth functions. Let A and B be
+//! the two halves of a sequence whose mean has V(n). Then E(A − B)² = 4 V(n/2) − 4 V(n), because
+//! Var(A + B) + Var(A − B) = 2 Var A + 2 Var B. The two halves of the first half give 4 V(n/4) − 4
+//! V(n/2), which is 1/r times as much. G groups of samples, assumed independent, claim (V(n/G) −
+//! V(n))/(G − 1). From two of these, summed over all lumels of a kind, follow r and V(n), and from
+//! them a correction factor for the claims of that kind of lumel. The sums are of relative squares,
+//! like the reported error.
 
 use radiosity::luminance;
 
 use crate::estimate::GROUPS;
 use crate::received::{Edge, Received};
 
-/// A lumel is lit above this share of the mean light.
+/// A lumel is lit if it has more than this fraction of the mean light.
 const LIT: f32 = 1e-3;
 
-/// Share of the mean light that is added to a lumel's before errors are divided by it: in the dark
-/// a small error is not seen.
+/// Fraction of the mean light that is added to a lumel's light before errors are divided by it,
+/// because small errors are invisible in the dark.
 const FLOOR: f32 = 0.01;
 
-/// Fewer lumels of a kind than this say nothing, and are taken at their word, which is on the safe
-/// side: a variance from so many differences is known to √(2/64) = 18 %.
+/// With fewer lumels of a kind there is no correction, which is on the safe side: from this many
+/// differences a variance is known to √(2/64) = 18 %.
 const ENOUGH: u32 = 64;
 
-/// r of independent samples, and of what is smooth in the two dimensions that matter (Owen's n⁻³ is
-/// not reached with so few points as sixteen).
+/// r of independent samples, which is the upper limit. The lower limit is that of functions smooth
+/// in the two relevant dimensions (Owen's n⁻³ is not reached with as few points as sixteen).
 const SLOWEST: f64 = 0.5;
 const FASTEST: f64 = 0.125;
 
-/// Light to divide a lumel's error by, or `None` where it is unlit. `mean` is of all lumels.
+/// Light to divide a lumel's error by, or `None` if it is unlit. `mean` is over all lumels.
 ///
-/// Where smoothing lightened a lumel, what its own samples say decides both: a black corner that a
-/// fit filled would else count as lit, with an error of many times its light, which a measurement
-/// against the truth leaves out (webxr_garage at `preview`: an eighth of the estimate).
+/// If smoothing brightened a lumel, its unsmoothed luminance decides both. Otherwise a black corner
+/// filled by a fit would count as lit, with an error of many times its light, although a comparison
+/// with the truth excludes it (webxr_garage at `preview`: an eighth of the estimate).
 pub(crate) fn scale(r: &Received, mean: f32) -> Option<f32> {
     let light = (r.least).unwrap_or_else(|| luminance(r.light()));
     (light > LIT * mean).then_some(light + FLOOR * mean)
 }
 
-/// Factors by which variances that take samples for independent are too large.
+/// Correction factors for variances that assume independent samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Certainty {
-    /// Of indirect light, away from contacts and at them.
+    /// For indirect light, away from contacts and at contacts.
     indirect: [f32; 2],
-    /// Of direct light.
+    /// For direct light.
     direct: [f32; 2],
-    /// The share of a lumel's light that may come from where none of its rays went.
+    /// Fraction of a lumel's light that may come from directions that none of its rays sampled.
     pub unseen: f32,
 }
 
-/// What is in none of n samples makes less than 3/n of all, in 95 of 100 cases: 0.95 = 1 − (1 − p)ⁿ
+/// What none of n samples hit is less than 3/n of the total in 95 of 100 cases: 0.95 = 1 − (1 − p)ⁿ
 /// (the rule of three).
 const RULE_OF_THREE: f32 = 3.0;
 
@@ -70,8 +71,8 @@ struct Sums {
 }
 
 impl Certainty {
-    /// From lumels as they were gathered, before smoothing. `counts` says which have rays of their
-    /// own, `rays` is how many at least, `mean` is the mean light of all.
+    /// Measures gathered lumels before smoothing. `counts` flags those with their own rays, `rays`
+    /// is their least number of rays, and `mean` is the mean light of all.
     pub(crate) fn measure(
         received: &[Received],
         counts: impl Fn(usize) -> bool,
@@ -90,7 +91,7 @@ impl Certainty {
                 let half = f64::from(luminance(r.first_half - r.indirect));
                 let sums = &mut indirect[kind];
                 sums.claimed += weight * f64::from(r.indirect_variance);
-                // A − B is twice what A is off the mean.
+                // A − B is twice A's distance from the mean.
                 sums.halves += weight * 4.0 * half * half;
                 sums.count += 1;
             }
@@ -109,12 +110,12 @@ impl Certainty {
         }
     }
 
-    /// Variance of the lumel's direct light, from what independent samples would have.
+    /// Variance of the lumel's direct light, given that of independent samples.
     pub(crate) fn direct(&self, r: &Received, variance: f32) -> f32 {
         self.direct[usize::from(r.edge == Edge::Contact)] * variance
     }
 
-    /// The same of its indirect light.
+    /// Variance of its indirect light, given that of independent samples.
     pub(crate) fn indirect(&self, r: &Received, variance: f32) -> f32 {
         self.indirect[usize::from(r.edge == Edge::Contact)] * variance
     }
@@ -125,20 +126,20 @@ impl Sums {
         self.count >= ENOUGH && self.claimed > 0.0 && self.halves > 0.0
     }
 
-    /// V(n) over what groups claim.
+    /// V(n) relative to the claim of groups.
     fn of_groups(&self) -> f64 {
         if !self.enough() {
             return 1.0;
         }
         let last = f64::from(GROUPS as u32 - 1);
-        // 4 (1/r − 1)(G − 1)/(r^−log₂G − 1), which grows with r.
+        // 4 (1/r − 1)(G − 1)/(r^−log₂G − 1), which increases with r.
         let doublings = GROUPS.ilog2() as i32;
         let expected = |r: f64| 4.0 * (1.0 / r - 1.0) * last / (r.powi(-doublings) - 1.0);
         let r = bisect(self.halves / self.claimed, expected);
         last / (r.powi(-doublings) - 1.0)
     }
 
-    /// V(n) over what independent samples would have.
+    /// V(n) relative to that of independent samples.
     fn of_parts(&self) -> f64 {
         if !self.enough() || self.quarters <= 0.0 {
             return 1.0;
@@ -148,10 +149,10 @@ impl Sums {
     }
 }
 
-/// Where a growing function reaches `value`, between the extremes of r.
+/// The argument at which an increasing function reaches `value`, within the limits of r.
 fn bisect(value: f64, grows: impl Fn(f64) -> f64) -> f64 {
     let (mut low, mut high) = (FASTEST, SLOWEST);
-    // An f64 has no more bits.
+    // More steps than an f64 has bits.
     for _ in 0..52 {
         let middle = 0.5 * (low + high);
         if grows(middle) < value {
@@ -167,8 +168,7 @@ fn bisect(value: f64, grows: impl Fn(f64) -> f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// What parts of samples are expected to say where V(n) falls by `r` with each doubling, and
-    /// V(n) = 1.
+    /// Expected statistics if V(n) falls by `r` with each doubling, and V(n) = 1.
     fn sums(r: f64) -> Sums {
         let doublings = GROUPS.ilog2() as i32;
         Sums {
@@ -183,11 +183,11 @@ mod tests {
     fn what_groups_claim_is_corrected_by_halves() {
         for r in [0.5, 0.354, 0.25] {
             let s = sums(r);
-            // Bisection stops at an f64's last bit; the rest is a few roundings.
+            // Bisection ends at an f64's last bit; the rest is a few roundings.
             let error = s.of_groups() * s.claimed - 1.0;
             assert!(error.abs() < 1e-12, "r {r}: {error}");
         }
-        // Independent samples are taken at their word.
+        // Independent samples need no correction.
         assert!((sums(0.5).of_groups() - 1.0).abs() < 1e-12);
     }
 

@@ -1,5 +1,4 @@
-//! Footprints that an edge crosses: many points, sorted by what can be seen and what a wall cuts
-//! off.
+//! Footprints at contacts: many points, sorted into visible, hidden and walled-off parts.
 
 use radiosity::{DirectEstimate, DirectOptions, SurfacePoint, hash_u32, luminance};
 
@@ -11,11 +10,11 @@ use crate::planes::{Plane, PlaneSums, Wanted};
 use crate::points::{OpenPoints, Place, Sampling, spread};
 use crate::received::{Edge, Received};
 
-/// Rays of each point of a footprint that an edge crosses. Where the edge lies matters more there
-/// than what one point sees.
+/// Rays per point of a footprint that an edge crosses. The position of the edge matters more there
+/// than the accuracy of single points.
 const EDGE_RAYS: u32 = 2;
 
-/// A part of a footprint, its light gathered.
+/// The gathered light of a part of a footprint.
 struct Seen {
     /// The points that count.
     mask: Vec<bool>,
@@ -26,7 +25,7 @@ struct Seen {
 }
 
 impl Seen {
-    /// How many points count.
+    /// Number of points that count.
     fn size(&self) -> usize {
         self.mask.iter().filter(|m| **m).count()
     }
@@ -37,25 +36,25 @@ impl Seen {
     }
 }
 
-/// A footprint of which less than this can be seen counts as hidden: what so little of it says is
-/// all noise, and its neighbours know better.
+/// A footprint with a smaller visible fraction counts as hidden: its few samples are mostly noise,
+/// and its neighbours know better.
 const LEAST_OPEN: f32 = 1.0 / 32.0;
 
-/// What touches a footprint throws a shadow on a part of it, which so many points do not miss as
-/// easily as [`DirectOptions::scouts`].
+/// An object that touches a footprint shadows part of it. This many scouts find that more reliably
+/// than [`DirectOptions::scouts`].
 const LEAST_SCOUTS: u32 = 32;
 
-/// A footprint's points with what was gathered at them, sorted.
+/// A footprint's points with their sums, sorted into parts.
 struct Sorted<'f, F> {
     footprint: &'f F,
     points: Vec<SurfacePoint>,
     sums: Vec<Point>,
     /// The part of each point; `None` inside a body.
     part: Vec<Option<usize>>,
-    /// What points of each part bring to planes; then that of points inside bodies.
+    /// Sums for planes by part, followed by those of points inside bodies.
     planes: Vec<PlaneSums>,
     seed: u32,
-    /// Walls were looked for, and there is more than one part.
+    /// Whether walls split the footprint into several parts.
     walled: bool,
 }
 
@@ -79,10 +78,10 @@ impl<F> Sorted<'_, F> {
 }
 
 impl Gatherer<'_, '_> {
-    /// Mean irradiance over a footprint that an edge crosses, or what can be seen of it: many
-    /// points, few rays each, and as many shadow rays as a penumbra gets.
+    /// Mean irradiance over a footprint that an edge crosses, or over its visible part: many points
+    /// with few rays each, and as many shadow rays as in a penumbra.
     pub(crate) fn gather_edge(&self, footprint: &impl Footprint, seed: u32) -> Received {
-        // Its own random numbers: what made the first points disagree should not decide again.
+        // New random numbers: those that made the first points disagree must not decide again.
         let seed = hash_u32(seed ^ 0x2545_f491);
         let (mut all, mut rays) = self.sort(footprint, seed);
         let count = all.points.len();
@@ -107,7 +106,8 @@ impl Gatherer<'_, '_> {
             indirect,
             planes,
         } = seen.pop().unwrap_or_else(|| {
-            // Nothing can be seen, or nothing is to be kept apart: all of it.
+            // Either nothing is visible, or visible parts are not separated: use the whole
+            // footprint.
             let mut whole = PlaneSums::new(self.wanted);
             all.planes.iter_mut().for_each(|p| whole.take(p));
             let one = self.see(&all, vec![true; count], &whole);
@@ -122,7 +122,7 @@ impl Gatherer<'_, '_> {
             near: all.sums.iter().any(|s| s.near),
             behind: (dark && Point::in_the_void(counted()))
                 || Point::dark_shares(counted())[0] >= BEHIND,
-            // What a wall cuts is no whole lumel.
+            // A lumel that a wall cuts is not whole.
             open: if apart && open < LEAST_OPEN {
                 0.0
             } else if cut {
@@ -134,8 +134,8 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Gathers at a footprint's points, and says into which parts walls cut it; also how many rays
-    /// that took.
+    /// Gathers at a footprint's points and sorts them into the parts that walls separate; also
+    /// returns the number of rays.
     fn sort<'f, F: Footprint>(&self, footprint: &'f F, seed: u32) -> (Sorted<'f, F>, u64) {
         let world = self.tracer.world;
         let count = self.options.edge_points.max(self.options.points) as usize;
@@ -149,7 +149,7 @@ impl Gatherer<'_, '_> {
                 Some(parts) => Some(parts.of(world, p)),
             })
             .collect();
-        // One more is of slivers, and one of bodies.
+        // Plus one part for slivers and one for bodies.
         let number = parts.as_ref().map_or(1, |p| p.count + 1);
         let mut planes: Vec<PlaneSums> =
             (0..=number).map(|_| PlaneSums::new(self.wanted)).collect();
@@ -172,7 +172,7 @@ impl Gatherer<'_, '_> {
         (sorted, sampled.rays)
     }
 
-    /// The parts that can be seen, the largest last, and which of all are hidden.
+    /// The visible parts, the largest last, and a flag for each part that is hidden.
     fn seen_parts<F: Footprint>(&self, all: &Sorted<F>) -> (Vec<Seen>, Vec<bool>) {
         let mut hidden = vec![false; all.parts()];
         let dark: Vec<[f32; 2]> = (0..all.parts())
@@ -191,8 +191,8 @@ impl Gatherer<'_, '_> {
             }
             let one = self.see(all, mask, &all.planes[k]);
             let dark = self.tracer.is_dark(one.light());
-            // The end of a wall, say, may reach through the room's shell to where nobody will ever
-            // be; without a wall it is shade.
+            // For example, the end of a wall may extend through the room's shell into space that is
+            // never visible. Without a wall it is just shade.
             let lost = all.walled && dark && Point::in_the_void(all.of(k));
             *hidden = lost || Point::shut(all.of(k), dark);
             if !*hidden {
@@ -206,7 +206,7 @@ impl Gatherer<'_, '_> {
     /// Light over the points of `mask`.
     fn see<F: Footprint>(&self, all: &Sorted<F>, mask: Vec<bool>, planes: &PlaneSums) -> Seen {
         let mut planes = planes.finish();
-        // As many points as there are, at most what a penumbra gets.
+        // As many points as there are, up to the number in a penumbra.
         let count = mask.iter().filter(|m| **m).count() as u32;
         let own = &self.options.direct;
         let most = match count as usize == mask.len() {
@@ -235,8 +235,7 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Whether a ray from any of the points that an edge would get meets anything but black back
-    /// faces.
+    /// Whether any ray from the points of a contact footprint hits anything but black backfaces.
     pub(crate) fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
         (self.options.points..self.options.edge_points).any(|i| {
             footprint.candidate(i).is_some_and(|p| {

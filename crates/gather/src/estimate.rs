@@ -1,50 +1,50 @@
-//! Sums of gathering rays at the points of a footprint, and what they say about its light.
+//! Sums over gathering rays at the points of a footprint, and the light and noise estimated from
+//! them.
 
 use glam::Vec3;
 use radiosity::luminance;
 
-/// A sub-point is inside something when this share of its rays meets black back faces. Not all: a
-/// ray may slip out through a seam of what it is in. A sub-point that is merely near the back of
-/// things sees them in half of its hemisphere at most.
+/// A sample point is inside something if this fraction of its rays hits black backfaces. Not all,
+/// because a ray may escape through a seam. A point that is merely near backfaces sees them in at
+/// most half of its hemisphere.
 const INSIDE: f32 = 0.9;
 
-/// The same for a part of a footprint that walls close off, which all of its points decide: inside
-/// of things that are in each other a ray may meet a front. Half-way between what an open part sees
-/// of backs at most and what is seen inside of one thing.
+/// The same threshold for all points of a part that walls close off: inside intersecting objects
+/// some rays hit front faces. Half-way between the most that a visible part sees of backfaces, and
+/// the fraction inside a single object.
 pub(crate) const MOSTLY_INSIDE: f32 = 0.75;
 
-/// Beside a part that sees less of black backs than this, one that sees more is none: it lies
-/// behind what the other lies before, as the foot of a wall does that goes on into the ground.
-/// Half-way between nothing and what is seen from right behind a plane.
+/// If one part sees fewer black backfaces than this, another part that sees more does not count: it
+/// is behind the surface that the first is in front of, like the foot of a wall below ground.
+/// Half-way between nothing and the fraction right behind a plane.
 pub(crate) const BEHIND: f32 = 0.25;
 
-/// Points disagree where what they see spreads wider than by this many times what the number of
-/// their rays explains (an F-test). One of sixteen points that looks out of a slit with eight rays,
-/// and finds light with three of them, is at 4.2. Noise alone, were it Gaussian, is past 2.5 in
-/// three of a thousand lumels with sixteen points of eight rays; past 2 in twenty, some of which
-/// stood out as dots.
+/// Points disagree if their spread exceeds the noise of their rays by this factor (an F-test). One
+/// of sixteen points with eight rays that sees light through a slit with three of them is at 4.2.
+/// Gaussian noise exceeds 2.5 in 3 of 1000 lumels with sixteen points of eight rays. It exceeds 2
+/// in 20 of them, some of which were visible as dots.
 const DISAGREE: f32 = 2.5;
 
-/// The same of points with fewer rays than [`FEW`], which know less of their noise: with two each,
-/// noise is past 4 in five of a thousand lumels.
+/// The same for points with fewer rays than [`FEW`], whose noise is less well known: with two rays
+/// each, noise exceeds 4 in 5 of 1000 lumels.
 const FEW_DISAGREE: f32 = 4.0;
 
 /// See [`FEW_DISAGREE`].
 const FEW: u32 = 8;
 
-/// What spreads by less than this share of the light, squared, is even: an open sky, but for
-/// rounding, which the variances of few rays have none of.
+/// Spread below this fraction of the light, squared, counts as none. Under an open sky there is
+/// only rounding, which the variances of few rays do not include.
 const EVEN: f32 = 1e-6;
 
-/// Running sums of one sub-point.
+/// Running sums of one sample point.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Point {
-    /// What a ray hits nearer than this is near, metres; what it hits nearer than a quarter of this
-    /// is about to touch.
+    /// Hits closer than this are near, metres; hits closer than a quarter of it are about to touch.
     pub reach: f32,
-    /// What of a far hit's direct light lit elements bring; see [`radiosity::of_lit`].
+    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
+    /// [`radiosity::of_lit`].
     pub share: f32,
-    /// A ray hit something near.
+    /// Whether a ray hit something near.
     pub near: bool,
     pub sum: Vec3,
     /// Irradiance from lit elements, which gathering rays leave out.
@@ -53,11 +53,12 @@ pub(crate) struct Point {
     pub square: f32,
     pub rays: u32,
     pub black: u32,
-    /// Rays that met any back.
+    /// Number of rays that hit any backface.
     pub backs: u32,
-    /// Rays that met unlit backs of double-sided faces, or ended in the dark right above the point.
+    /// Number of rays that hit unlit backs of double-sided faces, or ended in the dark right above
+    /// the point.
     pub unlit: u32,
-    /// Rays that left the scene, or met black backs, and found no light.
+    /// Number of rays that left the scene, or hit black backfaces, without finding light.
     pub void: u32,
 }
 
@@ -70,7 +71,7 @@ impl Point {
         }
     }
 
-    /// Takes what a ray found, and gives its luminance.
+    /// Adds the radiance of a ray; returns its luminance.
     pub(crate) fn add(&mut self, radiance: Vec3) -> f32 {
         self.sum += radiance;
         let l = luminance(radiance);
@@ -82,8 +83,8 @@ impl Point {
         (self.black + self.unlit) as f32 >= INSIDE * self.rays as f32
     }
 
-    /// What share of these points' rays met black backs, and what share these, unlit ones, or
-    /// something right above; 1 for no points.
+    /// Fraction of these points' rays that hit black backfaces, and fraction that hit these, unlit
+    /// backfaces, or something right above; 1 without points.
     pub(crate) fn dark_shares<'p>(points: impl Iterator<Item = &'p Point>) -> [f32; 2] {
         let (mut black, mut unlit, mut rays) = (0, 0, 0);
         for p in points {
@@ -97,17 +98,17 @@ impl Point {
         [black, black + unlit].map(|n| n as f32 / rays as f32)
     }
 
-    /// Whether nobody sees these points: nearly all rays from there end right above, or on unlit
-    /// backs. On black backs too, where it is `dark`: under the back of a vault they are all
-    /// around, but light comes in at its ends.
+    /// Whether these points are invisible: nearly all of their rays end right above, or on unlit
+    /// backfaces. Black backfaces count only if `dark`: under the back of a vault they are
+    /// everywhere, but light enters at its ends.
     pub(crate) fn shut<'p>(points: impl Iterator<Item = &'p Point>, dark: bool) -> bool {
         let [black, all] = Point::dark_shares(points);
         let share = if dark { all } else { all - black };
         share >= MOSTLY_INSIDE
     }
 
-    /// Whether nearly all rays of these points went where nothing is: out of the scene into the
-    /// dark, or to black backs.
+    /// Whether nearly all rays of these points left the scene without light, or hit black
+    /// backfaces.
     pub(crate) fn in_the_void<'p>(points: impl Iterator<Item = &'p Point>) -> bool {
         let (mut void, mut rays) = (0, 0);
         for p in points {
@@ -125,24 +126,24 @@ impl Point {
     }
 }
 
-/// Indirect irradiance from the sub-points.
+/// Indirect irradiance of the sample points.
 pub(crate) struct Estimate {
     pub mean: Vec3,
-    /// The same from the first half of the points.
+    /// The mean over the first half of the points.
     pub first_half: Vec3,
     /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a
-    /// Sobol sequence are stratified against each other, and so are the groups, which this does not
-    /// see: it is on the safe side.
+    /// Sobol sequence are stratified against each other, and so are the groups, which this ignores:
+    /// it is on the safe side.
     pub variance: f32,
-    /// The points differ by more than their rays' noise.
+    /// Whether the points differ by more than their rays' noise.
     pub disagree: bool,
 }
 
-/// Groups that tell how sure the mean is. Fewer know less about it (eight: to a third), more see
-/// less of the stratification.
+/// Number of groups for estimating the variance. Fewer give a less certain estimate (eight: to a
+/// third); more lose more of the stratification.
 pub(crate) const GROUPS: usize = 8;
 
-/// Mean irradiance over open points, and how far they spread.
+/// Mean irradiance over open points, and their spread.
 pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
     let pi = std::f32::consts::PI;
     let (mut mean, mut n) = (Vec3::ZERO, 0.0f32);
@@ -202,7 +203,7 @@ pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
 mod tests {
     use super::*;
 
-    /// Sixteen points of so many rays; `light` says what ray `i` of point `k` finds.
+    /// Sixteen points with this many rays; `light` gives the radiance of ray `i` of point `k`.
     fn disagree(rays: u32, light: impl Fn(usize, u32) -> f32) -> bool {
         let mut points = [Point::default(); 16];
         for (k, point) in points.iter_mut().enumerate() {
@@ -217,7 +218,8 @@ mod tests {
     #[test]
     fn even_light_is_no_edge() {
         for rays in [2, 4] {
-            // Sums of thirds round differently by number, and a little for each point.
+            // Sums of thirds round differently depending on their number, and slightly differently
+            // for each point.
             for light in [1.0 / 3.0, 0.7, 1e-6, 3e5] {
                 let even = |k: usize, _| light * (1.0 + 2e-7 * k as f32);
                 assert!(!disagree(rays, even), "{rays} rays of {light}");
@@ -227,8 +229,8 @@ mod tests {
 
     #[test]
     fn a_point_that_looks_out_of_a_slit_is_seen() {
-        // Two of one point's rays and half of a third, F = 3.7; an eighth of everybody's rays,
-        // which is noise.
+        // Two of one point's rays and half of a third give F = 3.7; an eighth of all points' rays
+        // is noise.
         let slit = |k: usize, i: u32| match (k, i) {
             (5, 0 | 1) => 1.0,
             (5, 2) => 0.5,
@@ -237,7 +239,7 @@ mod tests {
         assert!(disagree(8, slit));
         let noise = |k: usize, i: u32| f32::from(u8::from((k + i as usize).is_multiple_of(8)));
         assert!(!disagree(8, noise));
-        // Half of the footprint sees half of the light: with few rays a point too.
+        // Half of the footprint sees half of the light, even with few rays per point.
         let half = |k: usize, i: u32| if k < 8 { 1.0 } else { 0.5 } + 0.01 * i as f32;
         assert!(disagree(2, half) && disagree(8, half));
     }

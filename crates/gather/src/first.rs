@@ -10,11 +10,11 @@ use crate::options::Interpolation;
 use crate::received::Received;
 use crate::sheets::turn_unseen;
 
-/// Gathers at all lumels, of which interpolated ones have direct light of their own at most.
-/// Neighbours that differ too much are not interpolated between after all.
+/// Gathers at all lumels; interpolated ones get at most their own direct light. If neighbours
+/// differ too much, the lumels between them are gathered after all.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub(crate) fn gather_first(
     gatherer: &Gatherer,
     map: &mut LumelMap,

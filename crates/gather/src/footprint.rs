@@ -1,26 +1,28 @@
-//! The pieces of surface that receive light: a lumel's part of a texel, a vertex's surroundings.
+//! The pieces of surface that receive light: a lumel's part of a texel, or the surroundings of a
+//! vertex.
 
 use glam::{Vec2, Vec3};
 use radiosity::{SurfacePoint, World, hash_u32, sample_2d};
 
 use atlas::{Fragment, Lumel, Lumels};
 
-/// A piece of surface, as a stream of points spread evenly over it.
+/// A piece of surface as a stream of evenly distributed points.
 pub trait Footprint: Sync {
-    /// Candidate `i`, or `None` where the stream left the surface. Any prefix of the stream covers
-    /// the piece evenly.
+    /// Candidate `i`, or `None` if it is off the surface. Any prefix of the stream covers the piece
+    /// evenly.
     fn candidate(&self, i: u32) -> Option<SurfacePoint>;
-    /// A point that is on the surface for certain.
+    /// A point that is certainly on the surface.
     fn fallback(&self) -> SurfacePoint;
-    /// Size of the piece, metres: the root of its area, or of what that would be if it were whole.
+    /// Size of the piece, metres: the square root of its area (of the whole texel's area, for a
+    /// partly covered texel).
     fn size(&self) -> f32;
-    /// How far it extends, metres: more than its size where it is drawn out.
+    /// Extent of the piece, metres; larger than its size if it is elongated.
     fn reach(&self) -> f32 {
         self.size()
     }
 }
 
-/// The part of a lumel's texel that lies on the surface.
+/// The part of a lumel's texel on the surface.
 pub struct LumelFootprint<'l, 'w, 'a> {
     world: &'w World<'a>,
     lumels: &'l Lumels,
@@ -48,8 +50,8 @@ impl<'l, 'w, 'a> LumelFootprint<'l, 'w, 'a> {
         }
     }
 
-    /// The footprint of lumel `i`, and the seed of its random numbers, which hangs on its place on
-    /// the page.
+    /// The footprint of lumel `i`, and the seed of its random numbers, which depends on its place
+    /// on the page.
     pub(crate) fn of(world: &'w World<'a>, lumels: &'l Lumels, i: usize) -> (Self, u32) {
         let lumel = lumels.lumels[i];
         let seed = hash_u32(lumel.texel[0] ^ hash_u32(lumel.texel[1] ^ hash_u32(lumel.page)));
@@ -75,7 +77,7 @@ impl LumelFootprint<'_, '_, '_> {
             .map_or(Vec3::ZERO, |f| self.reflectance(&f, third, third))
     }
 
-    /// Of the face itself, which may be a duplicate with looks of its own.
+    /// Reflectance of the face itself, which may be a duplicate with its own material.
     fn reflectance(&self, fragment: &Fragment, u: f32, v: f32) -> Vec3 {
         let w = [1.0 - u - v, u, v];
         let [u, v] = match self.world.soup.duplicate(fragment.face) {
@@ -99,7 +101,7 @@ impl LumelFootprint<'_, '_, '_> {
     }
 }
 
-/// Length in metres of a texel's edge on the triangle: √(world area / texel area).
+/// Length of a texel's edge on the triangle, metres: √(world area / texel area).
 fn texel_size(world: &World, f: &Fragment) -> f32 {
     let [a, b, c] = f.corners;
     let texels = 0.5 * (b - a).perp_dot(c - a).abs();
@@ -110,7 +112,7 @@ fn texel_size(world: &World, f: &Fragment) -> f32 {
     }
 }
 
-/// Length in metres of the longer of a texel's edges on the triangle.
+/// Length of the longer of a texel's edges on the triangle, metres.
 fn texel_reach(world: &World, f: &Fragment) -> f32 {
     let (e1, e2) = (f.corners[1] - f.corners[0], f.corners[2] - f.corners[0]);
     let det = e1.perp_dot(e2);
@@ -124,7 +126,8 @@ fn texel_reach(world: &World, f: &Fragment) -> f32 {
     along_x.length().max(along_y.length())
 }
 
-/// Barycentrics of corners 1 and 2 of the point `p`, if the triangle has any extent on the page.
+/// Barycentric coordinates (of corners 1 and 2) of point `p`, if the triangle has any area on the
+/// page.
 fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
     let (e1, e2, d) = (
         corners[1] - corners[0],
@@ -142,7 +145,7 @@ impl Footprint for LumelFootprint<'_, '_, '_> {
     }
 
     fn fallback(&self) -> SurfacePoint {
-        // The nearest surface to the texel's middle: of each triangle, the point of it closest in
+        // The surface point nearest to the texel's centre; for each triangle the nearest in
         // barycentric terms.
         let middle = Vec2::new(
             self.lumel.texel[0] as f32 + 0.5,

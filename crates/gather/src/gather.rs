@@ -11,31 +11,31 @@ use crate::planes::{Plane, PlaneSums};
 use crate::points::{OpenPoints, Place, Sampling, spread};
 use crate::received::Received;
 
-/// Points at least by which a wall is looked for that parts a footprint.
+/// Fewest points for detecting a wall that splits a footprint.
 const PARTED_POINTS: usize = 16;
 
 /// Most [`GatherOptions::points`].
 const MOST_POINTS: usize = 64;
 
-/// A lamp that would bring less than this share of a lumel's light is not looked for where all
-/// neighbours agree about it.
+/// A lamp that would contribute less than this fraction of a lumel's light needs no shadow ray if
+/// all neighbours agree about it.
 const MATTERS: f32 = 0.01;
 
 impl Gatherer<'_, '_> {
     /// Mean irradiance over the footprint.
     ///
-    /// First a few points share many rays. Where they disagree (some lie inside a closed thing, or
-    /// see much more light than others) an edge crosses the footprint, and the mean is only as good
-    /// as the share of points on either side: these footprints are gathered anew, with
+    /// At first a few points share many rays. If they disagree (some are inside a closed body, or
+    /// see much more light than others), an edge crosses the footprint, and the mean is only as
+    /// accurate as the fraction of points on either side. Such footprints are gathered again, with
     /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points) points of two rays each.
     ///
-    /// Sub-points inside closed things are those in a body, those from which nearly all rays meet
-    /// black back faces, and, where only what is open counts, unlit backs of double-sided ones.
-    /// Where all of the footprint is inside, the mean is over all of it, whatever
+    /// Sample points count as inside if they are in a body, or if nearly all of their rays hit
+    /// black backfaces; if only visible parts count, also unlit backs of double-sided faces. If the
+    /// whole footprint is inside, the mean is over all of it, whatever
     /// [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let (world, options) = (self.tracer.world, &self.options);
-        // Openness is there in the dark too.
+        // Openness is needed even without light.
         if world.is_dark() && self.wanted.openness.is_none() {
             return Received {
                 open: 1.0,
@@ -50,7 +50,7 @@ impl Gatherer<'_, '_> {
             planes.take(of_point);
         });
         let (sums, mut rays) = (sampled.sums, sampled.rays);
-        // Inside of a wall is no place to see light from, whatever its rays find.
+        // The light inside a wall is irrelevant, whatever its rays find.
         let covered = options.open_only && sums.iter().any(|s| s.near || s.backs > 0);
         let buried: Vec<bool> = (points.iter())
             .map(|p| covered && world.inside_a_body(p))
@@ -72,8 +72,8 @@ impl Gatherer<'_, '_> {
                 let mut out = self.gather_edge(footprint, seed);
                 out.rays += rays;
                 if in_the_open < count {
-                    // What the smoothing goes by: it must not take a lumel for whole because a
-                    // sliver was missed.
+                    // For the smoothing, which must not treat a lumel as whole because a sliver was
+                    // missed.
                     out.open = out.open.min(1.0 - 1.0 / count as f32);
                 }
                 return out;
@@ -84,11 +84,11 @@ impl Gatherer<'_, '_> {
         let known = known(luminance(estimate.mean), 0);
         let direct = self.direct_light(counted, seed, &options.direct, &known, &mut planes);
         let dark = (self.tracer).is_dark(luminance(direct.irradiance + estimate.mean));
-        // As the ends of things that reach through a room's shell; but also what lies in the shade
-        // of a lamp without anything to bounce off. Only a wall between it and its neighbours tells
-        // ([`fill_hidden`](crate::hidden::fill_hidden)).
+        // Applies to ends of objects that extend through a room's shell, but also to surfaces in
+        // the shade of a lamp in an otherwise empty scene. Only a wall between the lumel and its
+        // neighbours distinguishes them ([`fill_hidden`](crate::hidden::fill_hidden)).
         let void = options.open_only && dark && Point::in_the_void(sums.iter());
-        // The light is of what is open, the place of all.
+        // The light is that of the visible part; the position is that of the whole footprint.
         let place = (Place::of(&points), footprint.size());
         let mut out = Received::of(direct, &estimate, planes, place);
         out.rays += rays;
@@ -102,8 +102,8 @@ impl Gatherer<'_, '_> {
         out
     }
 
-    /// Whether the first points of a footprint say that an edge crosses it: `in_the_open` of all
-    /// are.
+    /// Whether the first points of a footprint show that an edge crosses it. `in_the_open` is
+    /// whether all of them are.
     fn is_crossed(
         &self,
         footprint: &impl Footprint,
@@ -115,14 +115,14 @@ impl Gatherer<'_, '_> {
         let options = &self.options;
         let more = options.contacts && options.edge_points > count as u32;
         if in_the_open == 0 {
-            // A sliver of light beside a wall counts for little on screen, and for a lot in
-            // relative terms.
+            // A sliver of light next to a wall hardly matters on screen, but a lot for relative
+            // errors.
             return self.anything_open(footprint, seed);
         }
         if in_the_open < count {
             return more || options.open_only;
         }
-        // Few points may all lie on one side of a wall.
+        // A few points may all be on the same side of a wall.
         let parted = || {
             let points = spread(footprint, count.max(PARTED_POINTS));
             Parts::find(self.tracer.world, &points, footprint.reach()).count > 1
@@ -130,13 +130,13 @@ impl Gatherer<'_, '_> {
         (options.open_only && near && parted()) || (more && estimate.disagree)
     }
 
-    /// Points of a footprint at first.
+    /// Number of points of the first gather.
     fn points(&self) -> usize {
         (self.options.points as usize).clamp(1, MOST_POINTS)
     }
 
-    /// Direct light alone; the rest comes from neighbours. The footprint lies in the open, and
-    /// nothing is near.
+    /// Only direct light; the rest comes from neighbours. The footprint must be in the open, with
+    /// nothing near.
     pub(crate) fn gather_direct(
         &self,
         footprint: &impl Footprint,
@@ -160,8 +160,8 @@ impl Gatherer<'_, '_> {
         Received::of(direct, &estimate, planes, place)
     }
 
-    /// All light from neighbours, `direct` too, where shadow rays from the footprint's middle to
-    /// lamps find what they found. `None` where they do not.
+    /// Takes all light from neighbours, including `direct`, if shadow rays from the footprint's
+    /// centre to lamps agree with them; else `None`.
     pub(crate) fn gather_nothing(
         &self,
         footprint: &impl Footprint,
@@ -199,8 +199,8 @@ impl Gatherer<'_, '_> {
         })
     }
 
-    /// The same with `times` as many gathering rays as [`gather`](Self::gather) casts, of which
-    /// `first` has the first `done` times: powers of two.
+    /// Gathers with `times` as many gathering rays as [`gather`](Self::gather); `first` already
+    /// contains `done` times as many. Both are powers of two.
     pub(crate) fn gather_more(
         &self,
         footprint: &impl Footprint,
@@ -208,7 +208,7 @@ impl Gatherer<'_, '_> {
         first: &Received,
         (done, times): (u32, u32),
     ) -> Received {
-        // On with the sequences, of points and of directions both.
+        // Continues the sequences of both points and directions.
         let points = spread(footprint, self.points() * times as usize);
         let before = self.points() * done as usize;
         let sampling = Sampling {
@@ -239,8 +239,9 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Direct light once more, with as many points as a penumbra gets for the lights of `look`: for
-    /// footprints next to one that the edges of their shadows cross, which may cut a corner.
+    /// Computes direct light again, with as many points as in a penumbra for the lights of `look`:
+    /// for footprints next to one that the shadow edges of these lights cross, because the edges
+    /// may cut a corner.
     pub(crate) fn refine_direct(
         &self,
         footprint: &impl Footprint,
@@ -259,7 +260,7 @@ impl Gatherer<'_, '_> {
         .with_direct(direct, planes)
     }
 
-    /// Direct light on a footprint that lies in the open.
+    /// Direct light on a footprint in the open.
     fn direct_on_all<F: Footprint>(
         &self,
         footprint: &F,

@@ -1,4 +1,4 @@
-//! What a gather works with: a scene with its solved light, and how carefully it is to be read.
+//! The inputs of a gather: a scene with its solution, and options.
 
 use std::sync::Arc;
 
@@ -14,14 +14,14 @@ use crate::tracer::Tracer;
 #[derive(Clone)]
 pub struct Gatherer<'w, 'a> {
     pub(crate) tracer: Arc<Tracer<'w, 'a>>,
-    /// How carefully.
+    /// Accuracy options.
     pub options: GatherOptions,
-    /// What to keep beside the irradiance.
+    /// Quantities to record besides irradiance.
     pub wanted: Wanted,
 }
 
 impl<'w, 'a> Gatherer<'w, 'a> {
-    /// Gathers from `solution`, which is of `world`.
+    /// Gathers from `solution`, which belongs to `world`.
     pub fn new(
         world: &'w World<'a>,
         solution: &'w Solution,
@@ -44,7 +44,7 @@ impl<'w, 'a> Gatherer<'w, 'a> {
         }
     }
 
-    /// Memory of what was made for gathering, bytes.
+    /// Memory of precomputed data, bytes.
     pub fn bytes(&self) -> u64 {
         self.tracer.lit.bytes()
     }
@@ -66,7 +66,7 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Direct light on the points that are open.
+    /// Direct light on the open points.
     pub(crate) fn direct_light<F: Footprint>(
         &self,
         mut points: OpenPoints<F>,
@@ -85,7 +85,7 @@ impl Gatherer<'_, '_> {
     }
 }
 
-/// What is known before direct light is: luminance of the rest, and lights to look at closely.
+/// Known before direct light is computed: luminance of the rest, and lights to sample densely.
 pub(crate) fn known(light: f32, look: u32) -> Known {
     Known { light, look }
 }

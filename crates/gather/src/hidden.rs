@@ -1,4 +1,4 @@
-//! Lumels that nobody sees take the light of those beside them.
+//! Hidden lumels take the light of their neighbours.
 
 use glam::Vec3;
 use radiosity::{World, luminance};
@@ -9,11 +9,11 @@ use crate::parts::LIFT;
 use crate::planes::Plane;
 use crate::received::Received;
 
-/// Fills hidden lumels with their neighbours' light, `rings` deep: bilinear lookups beside them read
-/// it.
+/// Fills hidden lumels with their neighbours' light, `rings` deep, because bilinear lookups next to
+/// them read it.
 ///
-/// Lumels behind a surface that their neighbours are in front of are filled too, e.g. a wall's first
-/// row below ground, which may see the sky from below.
+/// Lumels behind a surface that their neighbours are in front of are filled too, e.g. a wall's
+/// first row below ground, which may see the sky from below.
 pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
     let mut filled: Vec<bool> = map.received.iter().map(|r| r.open > 0.0).collect();
     let received = &map.received;
@@ -69,7 +69,7 @@ fn put(received: &mut [Received], values: Vec<(usize, Received)>) {
     }
 }
 
-/// The neighbours of lumel `i` at these offsets that `may` serve and face about the same way.
+/// The neighbours of lumel `i` at these offsets that `may` serve and have a similar normal.
 fn beside(
     map: &LumelMap,
     may: &dyn Fn(usize) -> bool,
@@ -84,16 +84,16 @@ fn beside(
         .collect()
 }
 
-/// Lumel `i` with the light of some neighbours; `None` of none.
+/// Lumel `i` with the blended light of its neighbours; `None` without any.
 ///
-/// It lies in a wall, and a neighbour that can be seen up to a share of it ends where the wall
-/// begins: lookups in front of the wall read the lumel where that is more than half. A wall of
-/// little more than a lumel is read from on both sides, and may have a bright room on one of them
-/// and a dark one on the other. The mean of these would be seen as light in the dark room, the
-/// darker one as a dark line in the bright room. The square of the mean root lies between the two
-/// where eyes have it, which see about the root of light.
+/// The lumel is in a wall, and a partly visible neighbour ends where the wall begins. Lookups in
+/// front of the wall read the hidden lumel if more than half of the neighbour is visible, which
+/// gives the weights. A wall little thicker than a lumel is read from both sides, of which one may
+/// be bright and the other dark. The mean of both would show as light in the dark room, the darker
+/// one as a dark line in the bright room. The square of the mean root is a compromise close to
+/// perceived brightness.
 fn blend(received: &[Received], around: &[usize], i: usize) -> Option<Received> {
-    // Of neighbours that were hidden themselves all count the same.
+    // Neighbours that were hidden themselves have equal weights.
     let read = |j: usize| (received[j].open - 0.5).max(1e-3);
     let all: f32 = around.iter().map(|&j| read(j)).sum();
     let light = |j: usize| luminance(received[j].direct + received[j].indirect).max(0.0);

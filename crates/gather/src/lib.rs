@@ -1,8 +1,15 @@
-//! Final gather: the light at lumels, vertices and probes of a solved scene. No files are touched
-//! here.
+//! Final gather: the light at lumels, vertices and probes of a solved scene. This crate does not
+//! touch files.
 //!
-//! [`bake_light`] runs the passes over a [`LumelMap`], [`bake_vertices`] takes vertices from it,
-//! and [`probes`] are gathered by themselves. A [`Gatherer`] gathers at any [`Footprint`].
+//! In reading order:
+//!
+//! | read | to learn about |
+//! |---|---|
+//! | [`bake_light`], [`LumelMap`] | the passes of a bake over the map of lumels |
+//! | [`Gatherer`], [`GatherOptions`], [`Footprint`] | gathering at a single piece of surface |
+//! | [`Received`], [`Wanted`], [`Plane`] | the result: irradiance, and optional quantities from the same rays |
+//! | [`bake_vertices`], [`VertexLight`] | light at vertices, fitted to the lumels |
+//! | [`probes`] | light at points in the air |
 //!
 //! ```
 //! use gather::{GatherOptions, Gatherer, Interpolation, LightOptions, Wanted, bake_light};
@@ -39,7 +46,7 @@
 //! let (map, report) = bake_light(&gatherer, &layout, all, &Silent).expect("nobody cancels");
 //! assert_eq!(report.lumels, map.received().len() as u64);
 //! // E = π L / (1 − ρ) = 2π everywhere, and `mean` is E/π. Each lumel is within 0.6 % of it
-//! // (lab/measurements.md): the odd ray slips through an edge.
+//! // (lab/measurements.md), because a few rays slip through an edge.
 //! for channel in report.mean {
 //!     assert!((channel / 2.0 - 1.0).abs() < 0.006, "{channel}");
 //! }

@@ -1,4 +1,4 @@
-//! Shadow rays to what lamps and suns shine on.
+//! Shadow rays to surface elements lit by lamps and suns.
 
 use glam::Vec3;
 use radiosity::{LitCut, SurfacePoint, of_lit, sample_4d};
@@ -8,15 +8,15 @@ use crate::gatherer::Gatherer;
 use crate::planes::PlaneSums;
 use crate::points::Sampling;
 
-/// The set of random numbers that elements are drawn by.
+/// Index of the set of random numbers for drawing elements.
 const SET: u32 = 60;
 
 /// Shadow rays from the points of a footprint to lit elements.
 pub(crate) struct LitRays<'g, 'w, 'a> {
     gatherer: &'g Gatherer<'w, 'a>,
-    /// What the footprint sees of them.
+    /// The lit elements as seen from the footprint.
     cut: LitCut,
-    /// What gathering rays leave out, for [`of_lit`]; with 0 no shadow rays are cast.
+    /// Fraction that gathering rays leave out, for [`of_lit`]; with 0 no shadow rays are cast.
     pub share: f32,
     seed: u32,
 }
@@ -46,8 +46,8 @@ impl<'g, 'w, 'a> LitRays<'g, 'w, 'a> {
         out
     }
 
-    /// Adds what lit elements bring to a point, number `k` of its footprint, and says how many
-    /// shadow rays there were.
+    /// Adds the light from lit elements to point `k` of the footprint; returns the number of shadow
+    /// rays.
     pub(crate) fn reach(
         &self,
         p: &SurfacePoint,

@@ -1,4 +1,4 @@
-//! The map of lumels that passes of a bake work on.
+//! The map of lumels that the passes of a bake work on.
 
 use atlas::{Layout, Lumel, Lumels, TexelIndex};
 use radiosity::World;
@@ -9,23 +9,23 @@ use crate::options::Interpolation;
 use crate::plan::Plan;
 use crate::received::Received;
 
-/// Lumels: their places, how they lie to each other, and their light. Lists are by lumel.
+/// Lumels: their places, neighbours and light. Lists are by lumel.
 pub struct LumelMap {
     pub(crate) lumels: Lumels,
-    /// Which lumel a texel is.
+    /// The lumel of each texel.
     pub(crate) index: TexelIndex,
-    /// Which lumels are interpolated, and between which.
+    /// The interpolated lumels, and the lumels that they are interpolated between.
     pub(crate) plan: Plan,
-    /// Walls between lumels; none until they were looked for.
+    /// Walls between lumels; none until they are searched for.
     pub(crate) barriers: Barriers,
     /// Light; empty until the first pass.
     pub(crate) received: Vec<Received>,
-    /// Times as many rays as at first that a lumel has.
+    /// Factor on the initial number of rays of each lumel.
     pub(crate) times: Vec<u32>,
 }
 
 impl LumelMap {
-    /// Finds the lumels of a layout, none of them gathered at.
+    /// Finds the lumels of a layout, without gathering.
     pub fn new(world: &World, layout: &Layout, rule: Interpolation) -> Self {
         let lumels = Lumels::find(world.scene, world.soup, layout);
         let index = TexelIndex::build(&lumels.lumels, layout);
@@ -59,7 +59,7 @@ impl LumelMap {
         &self.lumels
     }
 
-    /// The light of each lumel; nothing before the first pass.
+    /// The light of each lumel; empty before the first pass.
     pub fn received(&self) -> &[Received] {
         &self.received
     }
@@ -89,7 +89,7 @@ impl LumelMap {
         LumelFootprint::of(world, &self.lumels, i)
     }
 
-    /// The lumel so many texels from lumel `i`, if it is of the same instance.
+    /// The lumel at this offset in texels from lumel `i`, if it belongs to the same instance.
     pub(crate) fn beside(&self, i: usize, [dx, dy]: [i64; 2]) -> Option<usize> {
         let l = self.lumel(i);
         let [x, y] = l.texel.map(i64::from);

@@ -1,38 +1,39 @@
-//! How carefully light is gathered.
+//! Accuracy of gathering.
 
 use radiosity::DirectOptions;
 
-/// How carefully light is gathered.
+/// Accuracy of gathering.
 #[derive(Debug, Clone, Copy)]
 pub struct GatherOptions {
-    /// Gathering rays of a footprint at first; a multiple of `points`.
+    /// Initial gathering rays per footprint; a multiple of `points`.
     pub rays: u32,
     /// Points of the footprint that share those rays: a power of two, at most 64. A contact that
-    /// covers less than one part in so many is missed.
+    /// covers less than one part in `points` is missed.
     pub points: u32,
     /// Points of a footprint that an edge crosses; see
-    /// [`Gatherer::gather`](crate::Gatherer::gather). 0 switches the search for edges off.
+    /// [`Gatherer::gather`](crate::Gatherer::gather). 0 disables the search for edges.
     pub edge_points: u32,
-    /// Treat a footprint whose first `points` disagree as crossed by an edge, and look at its
-    /// neighbours again. Else only footprints that lie partly inside or behind something count.
+    /// Whether a footprint whose first `points` disagree counts as crossed by an edge, and its
+    /// neighbours are gathered again. Otherwise only footprints partly inside or behind something
+    /// do.
     pub contacts: bool,
-    /// Follow the edge of a shadow for so many lumels from where it was found.
+    /// Follow shadow edges for this many lumels from where they were found.
     pub follow: u32,
     /// Most rays of a lumel whose neighbours show that `rays` are too few; a power of two times
     /// `rays`.
     pub most_rays: u32,
-    /// Cast more rays until the estimated standard error of the indirect light, over all light, is
-    /// at most this.
+    /// Cast more rays until the estimated standard error of indirect light, relative to all light,
+    /// is at most this.
     pub error: f32,
     /// Direct light.
     pub direct: DirectOptions,
-    /// Shadow rays from each point to elements that direct light falls on. With 0 only gathering
-    /// rays find them.
+    /// Shadow rays from each point to elements lit by direct light. With 0 only gathering rays find
+    /// them.
     pub lit: u32,
     /// Which lumels are interpolated instead of gathered.
     pub interpolation: Interpolation,
-    /// Follow rays as paths where they hit something within this many patch sizes. Less is quicker
-    /// and blurs light between things that stand close together.
+    /// Rays continue as paths if they hit something within this many patch sizes. Less is faster,
+    /// and blurs light between nearby objects.
     pub near: f32,
     /// Leave out points inside closed bodies. If a wall splits the footprint, keep its largest
     /// visible part. Else the mean is over all of the footprint.
@@ -50,22 +51,22 @@ pub enum Interpolation {
     Wide,
 }
 
-/// How far the light at lumels is taken.
+/// Passes after the gather.
 #[derive(Debug, Clone, Copy)]
 pub struct LightOptions {
-    /// So many lumels deep hidden ones take the light of those that are seen: as far as lookups
+    /// Depth in lumels to which hidden ones take the light of visible ones, i.e. as far as lookups
     /// read.
     pub rings: u32,
-    /// Gather on until [`LightReport::estimated_error`](crate::LightReport::estimated_error) is at
-    /// most this; `None` stops where the [`GatherOptions`] say.
+    /// Gather until [`LightReport::estimated_error`](crate::LightReport::estimated_error) is at
+    /// most this; `None` stops after [`GatherOptions`].
     pub error: Option<f32>,
 }
 
-/// How light at vertices is made.
+/// Options of light at vertices.
 #[derive(Debug, Clone, Copy)]
 pub struct VertexOptions {
-    /// Light at triangles that are too small for lumels.
+    /// Gathering at triangles that are too small for lumels.
     pub gather: GatherOptions,
-    /// Split edges until the relative error is about this; `None` keeps the mesh as it is.
+    /// Split edges until the relative error is about this; `None` keeps the mesh unchanged.
     pub error: Option<f32>,
 }

@@ -1,32 +1,31 @@
-//! Walls that cut a lumel: its points are sorted by which of them see each other.
+//! Walls that cut a lumel: its points are sorted by mutual visibility.
 //!
-//! A floor that runs on under a wall has lumels on both sides, and some that the wall cuts. The
+//! A floor that continues under a wall has lumels on both sides, and some that the wall cuts. The
 //! mean of a lit room and a dark one is wrong in both. So the points of such a lumel are sorted by
-//! which of them see each other just above the surface ([`Parts`]), it holds the light of its
-//! largest part that can be seen, and lumels do not take light from neighbours behind a wall
-//! ([`Barriers`]).
+//! which of them see each other just above the surface ([`Parts`]). The lumel takes the light of
+//! its largest visible part, and lumels take no light from neighbours behind a wall ([`Barriers`]).
 
 use radiosity::{SurfacePoint, World};
 
-/// Height above the surface at which walls are looked for, in lumels: above thresholds, mats and
-/// what else lies flat on a floor.
+/// Height above the surface at which walls are detected, in lumels: above thresholds, mats and
+/// other flat objects on a floor.
 pub(crate) const LIFT: f32 = 0.15;
 
-/// Points of a lumel that say into which parts it falls. A part that holds none of them is less
-/// than about a sixteenth of it.
+/// Number of points of a lumel that determine its parts. A part without any of them is smaller than
+/// about a sixteenth of the lumel.
 const SCOUTS: usize = 16;
 
-/// Parts of a footprint that walls keep from each other.
+/// Parts of a footprint that walls separate.
 pub(crate) struct Parts {
-    /// Points with the number of their part.
+    /// Points with the index of their part.
     scouts: Vec<(SurfacePoint, u8)>,
     lift: f32,
-    /// How many parts there are.
+    /// Number of parts.
     pub count: usize,
 }
 
 impl Parts {
-    /// Sorts the first of `points` by which of them see each other.
+    /// Sorts the first of `points` by mutual visibility.
     pub(crate) fn find(world: &World, points: &[SurfacePoint], size: f32) -> Parts {
         let points = &points[..points.len().min(SCOUTS)];
         let lift = LIFT * size;
@@ -34,7 +33,8 @@ impl Parts {
         for (k, p) in points.iter().enumerate() {
             let mut order = [(0.0, 0); SCOUTS];
             let before = nearest_first(&mut order, points[..k].iter(), p);
-            // The nearest two of each part before it: one may hide behind a pebble.
+            // Tests the nearest two points of each earlier part, because one may be hidden by a
+            // small obstacle.
             let (mut tried, mut own) = ([0u8; SCOUTS], None);
             for &(_, j) in before {
                 let of = part[j];
@@ -47,7 +47,7 @@ impl Parts {
                 }
                 match own {
                     None => own = Some(of),
-                    // It joins two that did not see each other.
+                    // This point connects two parts that did not see each other.
                     Some(one) => {
                         let (low, high) = (one.min(of), one.max(of));
                         part.iter_mut()
@@ -74,8 +74,8 @@ impl Parts {
         }
     }
 
-    /// The part of a further point of the footprint; the one after the last where it sees none of
-    /// those that it was sorted by: a sliver beyond a wall.
+    /// The part of a further point of the footprint. A point that sees none of the others, i.e. a
+    /// sliver beyond a wall, gets the index after the last part.
     pub(crate) fn of(&self, world: &World, p: &SurfacePoint) -> usize {
         let far = |s: &(SurfacePoint, u8)| s.0.position.distance_squared(p.position);
         let nearest = (self.scouts.iter()).min_by(|a, b| far(a).total_cmp(&far(b)));
@@ -92,7 +92,7 @@ impl Parts {
     }
 }
 
-/// Squared distances from `p` and numbers of `points` (at most [`SCOUTS`]), the nearest first.
+/// Squared distances from `p` and indices of `points` (at most [`SCOUTS`]), nearest first.
 fn nearest_first<'o, 'p>(
     order: &'o mut [(f32, usize); SCOUTS],
     points: impl Iterator<Item = &'p SurfacePoint>,

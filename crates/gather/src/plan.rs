@@ -1,20 +1,19 @@
-//! Lumels whose indirect light is interpolated between their neighbours'.
+//! Chooses lumels whose indirect light is interpolated between neighbours.
 //!
-//! Light that surfaces reflect changes slowly over a flat piece of surface that nothing stands on
-//! or near. There every second lumel in either direction is gathered at. The three between them
-//! take the mean of those beside them at first, and then what the smoothing's quadratic says of
-//! their place: half of the gathering rays, since each of the few has twice as many. What is near,
-//! and throws light or shadow that changes from lumel to lumel, is found by geometry, not by rays,
-//! which miss what is thin. Direct light is computed at every lumel.
+//! Reflected light varies slowly over a flat piece of surface with nothing on or near it. There
+//! every second lumel in either direction is gathered. The three between them first take the mean
+//! of their neighbours, and later the value of the smoothing's quadratic at their position. This
+//! halves the number of gathering rays, because each gathered lumel gets twice as many. Nearby
+//! objects, whose light or shadow varies from lumel to lumel, are found by geometry instead of
+//! rays, which miss thin objects. Direct light is computed at every lumel.
 //!
-//! [`Interpolation::Wide`], a draft's rule, does so wherever nothing rises within a lumel: also on
-//! curves and along chart borders. There direct light is interpolated too where neighbours agree
-//! about it, and what smoothing makes of the gathered lumels is carried to those between by a
-//! cubic.
+//! [`Interpolation::Wide`], the rule of a draft, does this wherever nothing rises within one lumel,
+//! even on curves and along chart borders. It also interpolates direct light where neighbours agree
+//! about it, and interpolates the smoothed values of gathered lumels by a cubic.
 //!
-//! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (what
-//! is near decides how far a sample counts), on the lightmap's own grid and with a look at the
-//! neighbours' differences.
+//! After Ward, Rubinstein, Clear, *A ray tracing solution for diffuse interreflection*, 1988 (the
+//! irradiance cache: nearby objects limit a sample's range), but on the lightmap's own grid, and
+//! with a check of differences between neighbours.
 
 use atlas::{Lumels, TexelIndex};
 use radiosity::{SurfacePoint, World, luminance};
@@ -24,40 +23,42 @@ use crate::footprint::{Footprint, LumelFootprint};
 use crate::options::Interpolation;
 use crate::received::{Edge, Received};
 
-/// Nothing rises above the surface within so many lumels of one whose light is interpolated. Light
-/// from what is R away changes over R, and the window that the quadratic is fitted in reaches seven
-/// lumels at most.
+/// Nothing may rise above the surface within this many lumels of an interpolated one. Light from an
+/// object at distance R varies over distances of R, and the window of the quadratic fit extends
+/// seven lumels at most.
 const CLEAR: f32 = 4.0;
 
-/// Neighbours may differ by this share of their light, beside noise. A straight line through light
-/// that changes so much misses an eighth of it where the change itself changes as much again.
+/// Largest difference between neighbours, relative to their light, in addition to noise. If light
+/// changes that much and the change itself changes as much again, linear interpolation is off by an
+/// eighth of it.
 const STEADY: f32 = 0.1;
 
-/// Standard errors that noise may add to that.
+/// Standard errors of noise that are added to that.
 const SIGMAS: f32 = 3.0;
 
-/// Normals of neighbours on a flat piece: 1.8°.
+/// Least cosine between normals of neighbours on a flat piece: 1.8°.
 const FLAT: f32 = 0.9995;
 
-/// [`Interpolation::Wide`]: the same three, and the least that a neighbour is covered. Nothing rises within a lumel, since what touches one has light of its own;
-/// normals differ by 30° at most, as in the smoothing's window, which is what gives these lumels
-/// their light in the end.
+/// The same three limits for [`Interpolation::Wide`], and the least coverage of a neighbour.
+/// Nothing rises within one lumel, because lumels at a contact have light of their own. Normals
+/// differ by at most 30°, as in the smoothing's window, which determines the final light of these
+/// lumels.
 const WIDE_CLEAR: f32 = 1.0;
 const WIDE_STEADY: f32 = 0.3;
 const WIDE_FACING: f32 = 0.85;
 const WIDE_COVERED: f32 = 0.1;
 
-/// A lumel covered by less may be pieced together of what lies apart.
+/// A lumel with less coverage may consist of pieces that are not adjacent on the surface.
 const WHOLE: f32 = 0.999;
 
 /// The neighbours that a lumel is interpolated between.
 pub(crate) type Beside = [Option<u32>; 4];
 
-/// Which lumels are to be interpolated, and between which.
+/// The interpolated lumels and their neighbours.
 pub(crate) struct Plan {
-    /// By lumel; all `None` for one that is gathered at.
+    /// For each lumel, its neighbours; all `None` if it is gathered.
     pub beside: Vec<Beside>,
-    /// By lumel: others are interpolated between it and its like.
+    /// For each lumel, whether others are interpolated from it.
     bears: Vec<bool>,
     pub rule: Interpolation,
 }
@@ -72,7 +73,7 @@ impl Plan {
         }
     }
 
-    /// Looks for pieces of surface that nothing is near of.
+    /// Finds the pieces of surface that have nothing near them.
     pub(crate) fn find(
         world: &World,
         lumels: &Lumels,
@@ -107,25 +108,24 @@ impl Plan {
         self.beside[i].iter().any(|j| j.is_some())
     }
 
-    /// Lumel `i` is gathered at after all.
+    /// Gathers at lumel `i` after all instead of interpolating it.
     pub(crate) fn drop(&mut self, i: usize) {
         self.beside[i] = [None; 4];
     }
 
-    /// Whether others are interpolated between lumel `i` and its like.
+    /// Whether others are interpolated from lumel `i`.
     #[inline]
     pub(crate) fn bears(&self, i: usize) -> bool {
         self.bears[i]
     }
 
-    /// What lumel `i` is interpolated between.
+    /// The neighbours that lumel `i` is interpolated between.
     pub(crate) fn of(&self, i: usize) -> impl Iterator<Item = usize> + Clone + '_ {
         self.beside[i].iter().flatten().map(|&j| j as usize)
     }
 
-    /// Times that a lumel has as many rays as others, where others are interpolated between it and
-    /// its like: what it is wrong by is seen in four. With [`Interpolation::Wide`] most are such
-    /// lumels.
+    /// Factor on the rays of a lumel from which others are interpolated, because its error appears
+    /// in four lumels. With [`Interpolation::Wide`] most lumels are like that, so the factor is 1.
     pub(crate) fn bearing(&self, i: usize) -> u32 {
         if self.bears[i] {
             self.most_bearing()
@@ -134,7 +134,7 @@ impl Plan {
         }
     }
 
-    /// The most that [`bearing`](Self::bearing) says.
+    /// Largest value of [`bearing`](Self::bearing).
     pub(crate) fn most_bearing(&self) -> u32 {
         match self.rule {
             Interpolation::Open => 2,
@@ -142,8 +142,8 @@ impl Plan {
         }
     }
 
-    /// Neighbours that differ too much are not interpolated between after all: which lumels that
-    /// makes gathered ones, by lumel.
+    /// Stops interpolation between neighbours that differ too much; flags the lumels that must now
+    /// be gathered.
     pub(crate) fn drop_unsteady(&mut self, received: &[Received]) -> Vec<bool> {
         let unsteady: Vec<bool> = (0..received.len())
             .into_par_iter()
@@ -161,7 +161,7 @@ impl Plan {
         unsteady
     }
 
-    /// Whether smoothing leaves lumel `i` to what its neighbours come to.
+    /// Whether smoothing leaves lumel `i` to interpolation.
     pub(crate) fn follows(&self, i: usize) -> bool {
         self.rule == Interpolation::Wide && self.is(i)
     }
@@ -187,7 +187,7 @@ fn steady<'r>(beside: impl Iterator<Item = &'r Received>, rule: Interpolation) -
     high - low <= differ * sum / n + SIGMAS * (variance / n).sqrt()
 }
 
-/// What lumel `i` may be interpolated between.
+/// The neighbours that lumel `i` may be interpolated between.
 fn candidate(
     world: &World,
     lumels: &Lumels,
@@ -229,7 +229,7 @@ fn candidate(
         _ => [at(-1, -1), at(1, -1), at(-1, 1), at(1, 1)],
     };
     let good = match rule {
-        // All around must be there, and itself whole.
+        // All neighbours must exist, and the lumel itself must be whole.
         Interpolation::Open => {
             let all = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
             all.into_iter().all(|(dx, dy)| at(dx, dy).is_some())

@@ -1,8 +1,8 @@
-//! What lumels keep of light beside their irradiance: by group, by direction, openness, the sun's
-//! visibility.
+//! Optional quantities per lumel: light by group, directional moments, openness, visibility of the
+//! sun.
 //!
-//! All of it comes from the same rays as the irradiance, with the same weights, and is smoothed
-//! with the same weights, so that it costs little and adds up: the groups of a lumel sum to its
+//! All of them come from the same rays as the irradiance, with the same weights, and are smoothed
+//! with the same weights. So they cost little and are consistent: the groups of a lumel sum to its
 //! irradiance up to rounding.
 
 use std::f32::consts::{FRAC_1_PI, PI};
@@ -10,27 +10,28 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 use radiosity::DirectParts;
 
-/// What is to be kept.
+/// The quantities to record.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Wanted {
-    /// Groups of light; 0 where they are not kept apart.
+    /// Number of light groups; 0 if light is not separated.
     pub groups: usize,
     /// Moments of the radiance: ∫ L dω and ∫ L ω dω.
     pub moments: bool,
-    /// Openness: the cosine-weighted share of rays that meet nothing within this distance, metres.
+    /// Openness: the cosine-weighted fraction of rays that hit nothing within this distance,
+    /// metres.
     pub openness: Option<f32>,
-    /// Irradiance from directional lights: what arrives, and what would if nothing were in the way.
+    /// Irradiance from directional lights, with and without occlusion.
     pub sun: bool,
 }
 
-/// A quantity of one lumel, in the parts of [`Received`](crate::Received).
+/// One quantity of one lumel, in the parts of [`Received`](crate::Received).
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Plane {
-    /// Straight from lamps and emitters.
+    /// Directly from lamps and emitters.
     pub direct: Vec3,
-    /// By gathering rays.
+    /// From gathering rays.
     pub indirect: Vec3,
-    /// `indirect` from the first half of the points alone.
+    /// `indirect` from the first half of the points.
     pub first_half: Vec3,
 }
 
@@ -47,28 +48,28 @@ impl Plane {
 }
 
 impl Wanted {
-    /// How many planes a lumel has: the groups, four moments, openness (x), the sun (x: arrives, y:
-    /// would).
+    /// Number of planes per lumel: the groups, four moments, openness (x), the sun (x: with, y:
+    /// without occlusion).
     pub fn planes(&self) -> usize {
         self.sun_plane() + usize::from(self.sun)
     }
 
-    /// Where the moments begin.
+    /// Index of the first moment.
     pub fn moments_plane(&self) -> usize {
         self.groups
     }
 
-    /// Where openness is.
+    /// Index of openness.
     pub fn openness_plane(&self) -> usize {
         self.groups + if self.moments { 4 } else { 0 }
     }
 
-    /// Where the sun is.
+    /// Index of the sun.
     pub fn sun_plane(&self) -> usize {
         self.openness_plane() + usize::from(self.openness.is_some())
     }
 
-    /// What of direct light is to be kept.
+    /// The parts of direct light to record.
     pub(crate) fn direct_parts(&self) -> DirectParts {
         DirectParts {
             groups: vec![Vec3::ZERO; self.groups],
@@ -77,7 +78,7 @@ impl Wanted {
         }
     }
 
-    /// Puts the parts of direct light into their planes.
+    /// Stores the parts of direct light in their planes.
     pub(crate) fn place_direct(&self, parts: &DirectParts, planes: &mut [Plane]) {
         for (plane, e) in planes.iter_mut().zip(&parts.groups) {
             plane.direct = *e;
@@ -96,15 +97,15 @@ impl Wanted {
 /// Sums over gathering rays.
 pub(crate) struct PlaneSums {
     wanted: Wanted,
-    /// Over all rays, and over those of the first half of the points.
+    /// Sums over all rays, and over those of the first half of the points.
     sums: Vec<[Vec3; 2]>,
     rays: [u32; 2],
-    /// The same of what lit elements bring to points, and these points.
+    /// The same sums for lit elements at points, and the number of points.
     from_lit: Vec<[Vec3; 2]>,
     points: [u32; 2],
-    /// What one ray brought, by group.
+    /// Contribution of one ray, by group.
     pub of_ray: Vec<Vec3>,
-    /// Rays now belong to the first half of the points.
+    /// Whether the current rays belong to the first half of the points.
     pub first_half: bool,
 }
 
@@ -121,7 +122,7 @@ impl PlaneSums {
         }
     }
 
-    /// Adds what `other` has, and empties that.
+    /// Adds the sums of `other`, and resets them.
     pub(crate) fn take(&mut self, other: &mut PlaneSums) {
         for (sum, more) in self.sums.iter_mut().zip(&mut other.sums) {
             for (a, b) in sum.iter_mut().zip(more) {
@@ -144,15 +145,14 @@ impl PlaneSums {
         }
     }
 
-    /// Whether there is nothing to keep.
+    /// Whether nothing is recorded.
     #[inline]
     pub(crate) fn is_empty(&self) -> bool {
         self.sums.is_empty()
     }
 
-    /// Takes one ray: the radiance that it found (`of_ray` holds the groups' parts, and is
-    /// emptied), the unit direction, its cosine with the axis of the hemisphere, and how far it
-    /// went.
+    /// Adds one ray: its radiance (`of_ray` has the groups' parts, and is reset), its unit
+    /// direction, its cosine with the axis of the hemisphere, and its length.
     pub(crate) fn add(&mut self, radiance: Vec3, direction: Vec3, cos: f32, distance: f32) {
         self.rays[0] += 1;
         self.rays[1] += u32::from(self.first_half);
@@ -166,7 +166,7 @@ impl PlaneSums {
         }
         if self.wanted.moments {
             let at = self.wanted.moments_plane();
-            // Rays are cosine-distributed; radiance over solid angle is wanted.
+            // Rays are cosine-distributed, but the integral is of radiance over solid angle.
             let flux = radiance / cos.max(1e-4);
             put(at, flux);
             for k in 0..3 {
@@ -180,14 +180,14 @@ impl PlaneSums {
         }
     }
 
-    /// One more point that lit elements bring light to.
+    /// Counts another point that receives light from lit elements.
     pub(crate) fn add_point(&mut self) {
         self.points[0] += 1;
         self.points[1] += u32::from(self.first_half);
     }
 
-    /// Adds what a lit element brings to it: irradiance (`of_ray` holds the groups' parts, and is
-    /// emptied), its unit direction, and the cosine of that.
+    /// Adds the light of a lit element at a point: irradiance (`of_ray` has the groups' parts, and
+    /// is reset), its unit direction, and the cosine of that.
     pub(crate) fn add_lit(&mut self, irradiance: Vec3, direction: Vec3, cos: f32) {
         let (wanted, first) = (self.wanted, if self.first_half { 1.0 } else { 0.0 });
         let sums = &mut self.from_lit;
@@ -209,7 +209,7 @@ impl PlaneSums {
         }
     }
 
-    /// Means over all rays, as irradiances are made of radiances: π times the mean.
+    /// Means over all rays, times π, as irradiances are computed from radiances.
     pub(crate) fn finish(&self) -> Vec<Plane> {
         let [all, first] = self.rays.map(|n| PI / n.max(1) as f32);
         let [lit_all, lit_first] = self.points.map(|n| 1.0 / n.max(1) as f32);

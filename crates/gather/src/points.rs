@@ -1,4 +1,4 @@
-//! Points of a footprint.
+//! Sample points of a footprint.
 
 use glam::Vec3;
 use radiosity::SurfacePoint;
@@ -8,17 +8,17 @@ use crate::footprint::Footprint;
 /// The rays of a footprint's points.
 #[derive(Clone, Copy)]
 pub(crate) struct Sampling {
-    /// Of each point. Aligned blocks of a Sobol sequence are well distributed, each by itself and
-    /// all together.
+    /// Rays per point. Aligned blocks of a Sobol sequence are well distributed, individually and
+    /// together.
     pub rays: u32,
-    /// Points of the footprint before these; their rays come first in the sequence.
+    /// Number of earlier points of the footprint; their rays come first in the sequence.
     pub before: u32,
     pub seed: u32,
-    /// The footprint's size, metres: what is nearer is near.
+    /// The footprint's size, metres; hits within it are near.
     pub reach: f32,
 }
 
-/// Where a footprint is, or a part of it.
+/// Position and normal of a footprint or a part of it.
 #[derive(Clone, Copy)]
 pub(crate) struct Place {
     /// Mean position of its points.
@@ -28,7 +28,7 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// Of some points, at least one.
+    /// The place of some points, at least one.
     pub(crate) fn of(points: &[SurfacePoint]) -> Place {
         let n = points.len() as f32;
         Place {
@@ -38,8 +38,7 @@ impl Place {
     }
 }
 
-/// The first `count` points of the footprint's stream that lie on the surface, repeated where it
-/// has fewer.
+/// The first `count` points of the footprint's stream on the surface, repeated if there are fewer.
 pub(crate) fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoint> {
     let mut points = Vec::with_capacity(count);
     for i in 0..8 * count as u32 {
@@ -58,15 +57,15 @@ pub(crate) fn spread(footprint: &impl Footprint, count: usize) -> Vec<SurfacePoi
     points
 }
 
-/// Points of a footprint that count for direct light: those that are open, and, when more are asked
-/// for, further ones of the stream near these.
+/// Points of a footprint for direct light: the open ones and, if more are requested, further ones
+/// of the stream near these.
 pub(crate) struct OpenPoints<'p, F> {
     footprint: &'p F,
     points: &'p [SurfacePoint],
     open: &'p [bool],
     valid: Vec<SurfacePoint>,
     further: Vec<SurfacePoint>,
-    /// Candidates of the stream looked at for `further`.
+    /// Number of candidates of the stream used for `further`.
     stream: u32,
 }
 
@@ -84,12 +83,12 @@ impl<'p, F: Footprint> OpenPoints<'p, F> {
         }
     }
 
-    /// Of the footprint, metres.
+    /// Size of the footprint, metres.
     pub(crate) fn size(&self) -> f32 {
         self.footprint.size()
     }
 
-    /// Of the open points.
+    /// The place of the open points.
     pub(crate) fn place(&self) -> Place {
         Place::of(&self.valid)
     }
@@ -108,7 +107,7 @@ impl<'p, F: Footprint> OpenPoints<'p, F> {
         self.further[i - count]
     }
 
-    /// The next of the stream that lies near an open point, of eight.
+    /// The next point of the stream near an open point, among eight.
     fn find_further(&mut self) -> Option<SurfacePoint> {
         let all_open = self.valid.len() == self.points.len();
         (0..8).find_map(|_| {

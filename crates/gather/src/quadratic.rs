@@ -1,12 +1,12 @@
-//! A quadratic through the values of a window of lumels, by weighted least squares.
+//! Weighted least-squares fit of a quadratic to a window of lumels.
 
 use crate::window::{Neighbour, SIDE};
 
 /// Unknowns of a quadratic in two variables.
 pub(crate) const TERMS: usize = 6;
 
-/// What share each neighbour has in the value at the lumel of the quadratic fitted with these
-/// weights; they sum to 1.
+/// The weight of each neighbour in the value, at the lumel, of the quadratic fitted with `weights`;
+/// they sum to 1.
 pub(crate) fn shares_of_fit(
     around: &[Neighbour],
     weigh: impl Fn(usize) -> f32,
@@ -24,7 +24,7 @@ pub(crate) fn shares_of_fit(
         }
         rows[k] = (row, w);
     }
-    // The value at the lumel is the first unknown: its weights are the first row of the inverse
+    // The value at the lumel is the first unknown, so its weights are the first row of the inverse
     // times the rows.
     let first = first_of_inverse(matrix)?;
     let mut shares = [0f32; SIDE * SIDE];
@@ -35,9 +35,9 @@ pub(crate) fn shares_of_fit(
     Some(shares)
 }
 
-/// First row of the inverse of a symmetric positive definite matrix, of which the lower triangle is
-/// given; `None` where it is near singular (too few neighbours, or all in a line). By Cholesky's
-/// factorisation.
+/// First row of the inverse of a symmetric positive definite matrix, given by its lower triangle,
+/// by Cholesky factorisation. `None` if it is nearly singular (too few neighbours, or all in a
+/// line).
 fn first_of_inverse(mut m: [[f64; TERMS]; TERMS]) -> Option<[f64; TERMS]> {
     let dot = |a: &[f64; TERMS], b: &[f64; TERMS], n: usize| -> f64 {
         a[..n].iter().zip(&b[..n]).map(|(x, y)| x * y).sum()
@@ -45,7 +45,8 @@ fn first_of_inverse(mut m: [[f64; TERMS]; TERMS]) -> Option<[f64; TERMS]> {
     for c in 0..TERMS {
         let scale = m[c][c];
         let pivot = scale - dot(&m[c], &m[c], c);
-        // A column that the ones before explain but for a millionth adds noise and no information.
+        // A column that depends on the previous ones except for a millionth adds noise but no
+        // information.
         if pivot <= 1e-6 * scale || scale <= 0.0 {
             return None;
         }

@@ -1,10 +1,10 @@
-//! Gathers on until the estimated error is what was asked for.
+//! Gathers until the estimated error reaches the requested one.
 //!
-//! Rounds: the whole map is smoothed on trial and its error estimated; lumels that make most of it
-//! get four times their samples, of the kind that they lack (gathering rays; points at a contact;
-//! points of a penumbra), as few lumels as must for the sum to come down to what is asked. The
-//! first samples decide nothing but where to go on, so a lumel that is sure by chance is looked at
-//! with its neighbours: what it claims is pooled with theirs.
+//! Each round smooths the map on trial and estimates its error. The lumels that contribute most to
+//! it get four times their samples, of the kind that they lack (gathering rays; points at a
+//! contact; points of a penumbra). As few lumels are chosen as bring the sum down to the target.
+//! The first samples only decide where to continue. A lumel that appears accurate by chance is
+//! judged together with its neighbours: their claims are pooled.
 
 use std::collections::BTreeMap;
 
@@ -21,35 +21,34 @@ use crate::options::GatherOptions;
 use crate::received::{Edge, Received};
 use crate::smooth::{Trust, smooth_indirect};
 
-/// Samples are multiplied by this in a round.
+/// Factor on samples in a round.
 const TIMES: u32 = 4;
 
-/// Rays of a lumel, and points of a penumbra, at most; a contact has half as many points, of two
-/// rays each. The sequences have 2¹⁶ points, of which a lumel that lies by an eighth on the surface
-/// uses all.
+/// Most rays of a lumel, and most points of a penumbra; a contact has half as many points, of two
+/// rays each. The sequences have 2¹⁶ points; a lumel with a coverage of an eighth uses all of them.
 const MOST: u32 = 8192;
 
-/// Rounds at most: from the least of samples to the most are eight doublings; the rest is for what
-/// earlier rounds judged wrongly.
+/// Most rounds: from the least to the most samples there are eight doublings; the rest corrects
+/// misjudgements of earlier rounds.
 const ROUNDS: u32 = 10;
 
-/// What a round leaves of a picked lumel's squared error, at most.
+/// Largest fraction of a chosen lumel's squared error that remains after a round.
 const LEFT: f64 = 1.0 / TIMES as f64;
 
-/// How a search for an error ended.
+/// Result of a search for an error.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Reached {
     /// Rounds that cast rays.
     pub rounds: u32,
-    /// Lumels that have as many samples as they can, and more error than is asked for.
+    /// Lumels with the maximum number of samples and more than the requested error.
     pub exhausted: u64,
 }
 
-/// Rays that a lumel can be judged by alone: what a sixteenth of them do not see is a thousandth of
-/// the light.
+/// With this many rays a lumel can be judged by itself: what a sixteenth of them miss is a
+/// thousandth of the light.
 const SURE: u32 = 512;
 
-/// What a lumel is to get more of.
+/// The kind of samples that a lumel needs.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum More {
     Rays,
@@ -57,12 +56,12 @@ enum More {
     Penumbra,
 }
 
-/// Gathers on at lumels until the root mean square of their relative errors is at most `wanted`, or
-/// nothing more can be done. `finish` gives light, and errors, to lumels that have none of their
-/// own, once the map is smoothed.
+/// Gathers until the root mean square of the lumels' relative errors is at most `wanted`, or
+/// nothing more can be done. `finish` assigns light and errors to lumels without their own, once
+/// the map is smoothed.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub(crate) fn reach(
     gatherer: &Gatherer,
     map: &mut LumelMap,
@@ -71,7 +70,7 @@ pub(crate) fn reach(
     monitor: &dyn Monitor,
 ) -> Result<Reached, Cancelled> {
     let first = gatherer.options;
-    // Of contacts and penumbrae.
+    // Factor on points of contacts and penumbrae.
     let mut points = vec![1; map.len()];
     let mut out = Reached::default();
     for round in 0..ROUNDS {
@@ -80,7 +79,7 @@ pub(crate) fn reach(
         if finished <= allowed {
             break;
         }
-        // Lumels that were gathered must come down by as much as the whole map.
+        // The error of gathered lumels must fall by as much as that of the whole map.
         let total: f64 = errors.iter().map(Relative::sum).sum();
         let excess = total * (1.0 - allowed / finished);
         let (chosen, exhausted) = choose(&errors, map, &points, &first, excess);
@@ -94,7 +93,7 @@ pub(crate) fn reach(
     Ok(out)
 }
 
-/// Squared relative errors of a lumel.
+/// Squared relative errors of a lumel, by kind of sample.
 #[derive(Default, Clone, Copy)]
 struct Relative {
     direct: f64,
@@ -107,11 +106,11 @@ impl Relative {
     }
 }
 
-/// What a map is given after smoothing.
+/// Applied to a map after smoothing.
 type Finish<'f> = dyn Fn(&mut LumelMap) + 'f;
 
-/// The errors of lumels' own samples if the map were finished now, and the mean square of all its
-/// errors, as the report will have it.
+/// The errors of the lumels' own samples if the map were finished now, and the mean square of all
+/// its errors, as reported.
 fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f64) {
     let gathered = map.received.clone();
     let mean = settle(map, rays, 0, true);
@@ -133,9 +132,9 @@ fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f
     (errors, finished)
 }
 
-/// Interpolates and smooths lumels that have `rays` gathering rays at least. The first `groups`
-/// planes are shares of the light. Where an error is `asked` for, lumels with many rays are
-/// trusted. Gives the mean light before smoothing.
+/// Interpolates and smooths lumels that have at least `rays` gathering rays. The first `groups`
+/// planes are parts of the light. If an error was `asked` for, lumels with many rays are trusted.
+/// Returns the mean light before smoothing.
 pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) -> f32 {
     interpolate(map);
     let mean = mean_light(&map.lumels, &map.received);
@@ -151,8 +150,8 @@ pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) 
     mean
 }
 
-/// Standard errors of lit lumels over their light. Those of which nothing can be seen hold light of
-/// others, and are left out.
+/// Relative standard errors of lit lumels. Lumels without a visible part have the light of others,
+/// and are left out.
 pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64> {
     let mean = mean_light(lumels, received);
     (received.iter())
@@ -161,9 +160,9 @@ pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64
         .collect()
 }
 
-/// 0 of none.
+/// The mean square; 0 if there are none.
 pub(crate) fn mean_square(errors: &[f64]) -> f64 {
-    // Not `sum()`, which is −0 for an unlit scene.
+    // Not `sum()`, which gives −0 for an unlit scene.
     errors.iter().fold(0.0, |s, e| s + e * e) / errors.len().max(1) as f64
 }
 
@@ -178,8 +177,8 @@ pub(crate) fn mean_light(lumels: &Lumels, received: &[Received]) -> f32 {
     (sum / f64::max(weight, 1e-300)) as f32
 }
 
-/// The lumels with the largest errors, as few as bring the sum down by `excess`, with what each
-/// lacks; and how many of the largest have no more to get.
+/// The lumels with the largest errors, as few as reduce the sum by `excess`, with the samples that
+/// each lacks; and the number of largest ones that cannot get more.
 fn choose(
     errors: &[Relative],
     map: &LumelMap,
@@ -213,7 +212,7 @@ fn choose(
                 saved += (1.0 - LEFT) * e.sum();
             }
         } else {
-            // What has a tenth of the error is not worth while.
+            // A kind of sample with a tenth of the error is not worth it.
             if e.direct >= 0.1 * e.indirect
                 && r.mixed != 0
                 && first.direct.penumbra * points[i] * TIMES <= MOST
@@ -253,7 +252,7 @@ fn choose(
     (chosen, exhausted)
 }
 
-/// Gathers on at the chosen lumels.
+/// Gathers more samples at the chosen lumels.
 fn look(
     gatherer: &Gatherer,
     map: &mut LumelMap,
@@ -262,7 +261,7 @@ fn look(
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
     let first = gatherer.options;
-    // Penumbrae last: more rays leave direct light as it is.
+    // Penumbrae last, because more rays do not change direct light.
     for (&(more, from), of) in chosen {
         let to = from * TIMES;
         let closer = gatherer.with(GatherOptions {

@@ -1,4 +1,4 @@
-//! The light at a footprint, as it is gathered and as passes over the map change it.
+//! The light at a footprint, as gathered and as passes over the map change it.
 
 use glam::Vec3;
 use radiosity::{DirectEstimate, SurfacePoint, World};
@@ -10,12 +10,12 @@ use crate::points::Place;
 /// Light that a footprint receives.
 #[derive(Debug, Clone, Default)]
 pub struct Received {
-    /// Irradiance straight from lamps and emitters.
+    /// Irradiance directly from lamps and emitters.
     pub direct: Vec3,
     /// Irradiance reflected from surfaces, from the sky, and from wide dim emitters.
     pub indirect: Vec3,
-    /// `indirect` from the first half of the points alone; the other half has 2 × `indirect` −
-    /// this. The two are independent estimates.
+    /// `indirect` from the first half of the points; the other half has 2 × `indirect` − this. The
+    /// two are independent estimates.
     pub(crate) first_half: Vec3,
     /// Estimated variance of the luminance of `direct`.
     pub(crate) direct_variance: f32,
@@ -32,47 +32,47 @@ pub struct Received {
     pub(crate) normal: Vec3,
     /// Size of the footprint, metres.
     pub(crate) size: f32,
-    /// Share of the footprint that lies in the open, 0..=1; 0 if all of it is inside or behind
-    /// something.
+    /// Visible fraction of the footprint, 0..=1; 0 if all of it is inside or behind something.
     pub open: f32,
     /// Gathering and shadow rays cast.
     pub rays: u64,
-    /// Something stands within the footprint's size of it.
+    /// Whether there is something within the footprint's size.
     pub(crate) near: bool,
-    /// Many of its rays meet black backs: it lies behind what others lie before.
+    /// Whether many of its rays hit black backfaces, i.e. it is behind a surface that others are in
+    /// front of.
     pub(crate) behind: bool,
-    /// It is dark, and nearly all of its rays went where nothing is.
+    /// Whether it is dark and nearly all of its rays escaped or hit black backfaces.
     pub(crate) void: bool,
-    /// What crosses the footprint.
+    /// The edge that crosses the footprint.
     pub(crate) edge: Edge,
-    /// Lights whose shadow's edge does, as [`DirectEstimate::mixed`] names them.
+    /// Lights whose shadow edge crosses it, as in [`DirectEstimate::mixed`].
     pub(crate) mixed: u32,
-    /// Lamps that a point of it sees, and lamps that are hidden from one, by the same bits.
+    /// Lamps visible from at least one of its points, as a bit mask.
     pub(crate) lit: u32,
-    /// See `lit`.
+    /// Lamps hidden from at least one of its points, as a bit mask.
     pub(crate) hidden: u32,
-    /// Lights at whose shadows it was looked as closely as at most.
+    /// Lights whose shadows were sampled with the maximum number of points.
     pub(crate) looked: u32,
-    /// What [`Wanted`](crate::Wanted) asks for, in its order; empty where that is nothing.
+    /// The quantities of [`Wanted`](crate::Wanted), in its order; empty if there are none.
     pub planes: Box<[Plane]>,
 }
 
 /// An edge across a footprint.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Edge {
-    /// None was seen.
+    /// No edge was found.
     #[default]
     None,
-    /// Of a shadow: a light is seen from a part of the footprint, or partly.
+    /// A shadow edge: a light is visible from part of the footprint, or partly visible.
     Shadow,
-    /// Of a thing that touches the surface or stands close to it: what is seen from the points of
-    /// the footprint differs. It got
+    /// A contact: something touches the surface or is close to it, so the footprint's points see
+    /// different things. The footprint got
     /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points).
     Contact,
 }
 
 impl Edge {
-    /// Of a shadow, where any light of `mixed` has one.
+    /// `Shadow` if any light of `mixed` has a shadow edge.
     pub(crate) fn of_shadows(mixed: u32) -> Edge {
         match mixed {
             0 => Edge::None,
@@ -82,7 +82,7 @@ impl Edge {
 }
 
 impl Received {
-    /// What was found at `place`, in a footprint of `size` metres.
+    /// The light found at `place`, in a footprint of `size` metres.
     pub(crate) fn of(
         direct: DirectEstimate,
         indirect: &Estimate,
@@ -110,7 +110,7 @@ impl Received {
         }
     }
 
-    /// The same with direct light that was looked at again.
+    /// The same with recomputed direct light.
     pub(crate) fn with_direct(self, direct: DirectEstimate, planes: Box<[Plane]>) -> Received {
         Received {
             direct: direct.irradiance,
@@ -126,7 +126,7 @@ impl Received {
         }
     }
 
-    /// Irradiance.
+    /// Total irradiance.
     pub fn light(&self) -> Vec3 {
         self.direct + self.indirect
     }
@@ -151,7 +151,7 @@ impl Received {
         [self.first_half, 2.0 * self.indirect - self.first_half]
     }
 
-    /// The middle of the footprint, as a point of the surface.
+    /// The centre of the footprint, as a point of the surface.
     pub(crate) fn point(&self, world: &World) -> SurfacePoint {
         SurfacePoint {
             position: self.position,

@@ -1,8 +1,8 @@
-//! Second looks at lumels, decided by what was gathered next to them.
+//! Gathers again at lumels, decided by the results of their neighbours.
 //!
-//! A lumel's own first rays are no judge of how many more it needs: one that missed a small bright
-//! window finds itself dark and certain. To stop there, and to go on only where something was seen,
-//! loses light (between plates ten sides apart, three quarters of it). So neighbours decide.
+//! A lumel's own first rays cannot judge how many more it needs: one that missed a small bright
+//! window appears dark and certain. Gathering more only where something was seen loses light
+//! (between plates ten sides apart, three quarters of it). So neighbours decide.
 
 use radiosity::{Cancelled, Monitor, Phase, luminance};
 use rayon::prelude::*;
@@ -13,17 +13,17 @@ use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 use crate::window::Window;
 
-/// Looks again at lumels beside one that an edge crosses, where they were found whole: the edge
-/// goes on, and may cut off less of them than one of their first points stands for.
+/// Gathers again at apparently whole lumels next to one that an edge crosses: the edge continues,
+/// and may cut off less of them than one of their first points represents.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub(crate) fn follow_edges(
     gatherer: &Gatherer,
     map: &mut LumelMap,
     monitor: &dyn Monitor,
 ) -> Result<(), Cancelled> {
-    // Where edges get no more points than others, a second look would see no more.
+    // If edges get no more points than other footprints, there is nothing to gain.
     let options = &gatherer.options;
     let contacts = options.contacts && options.edge_points > options.points;
     for round in 0..options.follow {
@@ -48,7 +48,7 @@ pub(crate) fn follow_edges(
             }
             let again = gatherer.gather_edge(&footprint, seed);
             Received {
-                // What the smoothing goes by, which the many points know better.
+                // For the smoothing; the many points know it better.
                 open: first.open.min(again.open),
                 rays: first.rays + again.rays,
                 ..again
@@ -61,18 +61,18 @@ pub(crate) fn follow_edges(
     Ok(())
 }
 
-/// Why a lumel is to be looked at again.
+/// Why a lumel is gathered again.
 #[derive(Clone, Copy, Default)]
 struct Look {
-    /// Something touches its neighbour.
+    /// Whether something touches its neighbour.
     contact: bool,
-    /// Lights whose shadow's edge crosses a neighbour, or runs between it and the lumel.
+    /// Lights whose shadow edge crosses a neighbour, or runs between it and the lumel.
     lights: u32,
 }
 
 fn look_again(map: &LumelMap, i: usize) -> Look {
     let own = &map.received[i];
-    // Buried lumels were searched through, and those at contacts looked at closely.
+    // Buried lumels and those at contacts were already sampled densely.
     if own.edge == Edge::Contact || own.open == 0.0 {
         return Look::default();
     }
@@ -83,18 +83,18 @@ fn look_again(map: &LumelMap, i: usize) -> Look {
         };
         let other = &map.received[j];
         look.contact |= other.edge == Edge::Contact;
-        // One light's shadow may end in a lumel that another's was found in.
+        // One light's shadow may end in a lumel where another's was found.
         look.lights |= other.mixed | (own.lit & other.hidden) | (own.hidden & other.lit);
     }
     look.lights &= !(own.mixed | own.looked);
     look
 }
 
-/// Casts more gathering rays where neighbours say that the first were too few for
+/// Casts more gathering rays where neighbours show that the first were too few for
 /// [`GatherOptions::error`](crate::GatherOptions::error).
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub(crate) fn add_rays(
     gatherer: &Gatherer,
     map: &mut LumelMap,
@@ -112,7 +112,7 @@ pub(crate) fn add_rays(
         .with_min_len(256)
         .filter_map(|i| {
             if received[i].edge == Edge::Contact || received[i].open < 1.0 || map.plan.is(i) {
-                return None; // has many already, or none that matter
+                return None; // It already has many, or its rays do not matter.
             }
             let (around, n) = window.around(i);
             let (mut variance, mut total, mut others) = (0f32, 0f32, 0f32);

@@ -1,4 +1,4 @@
-//! The one loop over a footprint's points: gathering rays from each, and shadow rays to lit
+//! The only loop over a footprint's points: gathering rays from each, and shadow rays to lit
 //! elements.
 
 use glam::Vec3;
@@ -11,21 +11,21 @@ use crate::planes::PlaneSums;
 use crate::points::Sampling;
 use crate::tracer::{Found, Ray};
 
-/// What a ray hits nearer than this many footprints closes a gap that nobody looks into, under a
-/// crate that hovers by a millimetre.
+/// A ray that hits something closer than this many footprints is in a gap that is not visible from
+/// outside, e.g. under a crate that hovers by a millimetre.
 const TOUCHING: f32 = 0.2;
 
-/// What came of a footprint's points.
+/// Result of sampling a footprint's points.
 pub(crate) struct Sampled {
-    /// By point.
+    /// Sums by point.
     pub sums: Vec<Point>,
     /// Gathering and shadow rays.
     pub rays: u64,
 }
 
 impl Gatherer<'_, '_> {
-    /// Gathers at some points of a footprint. `taken` gets what each point's rays bring to planes,
-    /// with the point's number, and empties it.
+    /// Gathers at points of a footprint. `taken` receives each point's sums for planes, with the
+    /// point's index, and resets them.
     pub(crate) fn sample(
         &self,
         points: &[SurfacePoint],
@@ -63,8 +63,8 @@ impl Gatherer<'_, '_> {
             out.rays += 1;
             let s = sample_4d(sample, 0, seed);
             let toward = cosine_hemisphere(point.normal, s[0], s[1]);
-            // An interpolated normal's hemisphere dips below the face itself: nothing arrives from
-            // there.
+            // An interpolated normal's hemisphere extends below the face itself, from where nothing
+            // arrives.
             let found = if point.geometric.dot(toward) <= 0.0 {
                 Found::default()
             } else {
@@ -85,7 +85,7 @@ impl Gatherer<'_, '_> {
         }
     }
 
-    /// Takes what a ray found into account; nothing from a black back.
+    /// Counts a ray's hit; a black backface contributes nothing.
     #[inline]
     fn count(&self, found: Option<Found>, out: &mut Point) -> Found {
         let Some(found) = found else {

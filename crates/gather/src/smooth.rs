@@ -1,26 +1,26 @@
-//! Takes sampling noise out of indirect light, and nothing else.
+//! Denoises indirect light.
 //!
-//! Neighbouring lumels of one piece of surface gathered the same smooth function with independent
-//! random numbers. A quadratic is fitted through their values by weighted least squares, in which a
-//! neighbour counts only as far as its difference can be noise, by the estimated variances. Where
-//! light truly changes, differences exceed the noise and the lumel keeps its value; along a
-//! gradient or over a rounded maximum the fit has no bias. (A plane cut 1.2 % off the light between
-//! two facing plates.)
+//! Neighbouring lumels on a piece of surface sampled the same smooth function with independent
+//! random numbers. A quadratic is fitted to their values by weighted least squares, in which a
+//! neighbour counts only as far as its difference can be explained by noise, according to the
+//! estimated variances. Where light really changes, differences exceed the noise and the lumel
+//! keeps its value. Along a gradient or over a rounded maximum the fit is unbiased. (A plane
+//! removed 1.2 % of the light between two facing plates.)
 //!
-//! Each lumel's rays make two independent estimates, and the weights for one come from the other.
-//! Weights from the values themselves would favour the likely ones, and where light comes from
-//! little (a sunlit strip seen from a dark hall), few lumels have more than their share and most
-//! have less: the demo level's hall lost 6 % of its light that way.
+//! Each lumel's rays give two independent estimates, and the weights for one come from the other.
+//! Weights from the values themselves would favour likely values. Where light comes from a small
+//! region (a sunlit strip seen from a dark hall), few lumels have more than their share and most
+//! have less: the demo level's hall lost 6 % of its light.
 //!
-//! Where bright and dark lumels lie side by side, the bright ones' noise hides the difference, and
-//! the dark ones would be lightened. There a second fit goes by the first one's values, which have
-//! a third of the noise, and by the variance of the lumels that are about as bright.
+//! Where bright and dark lumels are neighbours, the bright ones' noise hides the difference, and
+//! the dark ones would be brightened. There a second fit uses the first one's values, which have a
+//! third of the noise, and the variance of lumels of similar brightness.
 //!
 //! Based on: Rousselle, Knaus, Zwicker, *Adaptive rendering with non-local means filtering*, 2012
-//! (weights from estimated variances, and from the other half of the samples; a first result that
-//! guides a second filter is theirs too); Moon, Carr, Yoon, *Adaptive rendering based on weighted
-//! local regression*, 2014 (local fit). Direct light is not touched: it has no noise but in
-//! penumbrae, where a filter could not tell a shadow's edge from it.
+//! (weights from estimated variances and from the other half of the samples, and a first result
+//! that guides a second filter); Moon, Carr, Yoon, *Adaptive rendering based on weighted local
+//! regression*, 2014 (local fit). Direct light is not filtered: it only has noise in penumbrae,
+//! where a filter could not distinguish noise from the shadow edge.
 
 use glam::Vec3;
 use radiosity::luminance;
@@ -33,41 +33,42 @@ use crate::quadratic::{TERMS, shares_of_fit};
 use crate::received::{Edge, Received};
 use crate::window::{REACH, Window};
 
-/// A difference of this many standard errors halves a neighbour's weight and more: exp(−d²/2K²) =
-/// 0.61 at K.
+/// Scale of the weights in standard errors: exp(−d²/2K²) = 0.61 at a difference of K.
 const SIGMAS: f32 = 2.0;
 
-/// Lumels of less light than this times each other's are about as bright.
+/// Lumels have similar brightness if neither has more than this many times the other's light.
 const ALIKE: f32 = 2.0;
 
-/// Where lumels that are about as bright have less than this share of all neighbours' variance, the
-/// second fit takes place.
+/// The second fit is used where lumels of similar brightness have less than this fraction of all
+/// neighbours' variance.
 const UNLIKE: f32 = 0.7;
 
-/// Who keeps what it gathered.
+/// Which lumels keep their gathered light.
 #[derive(Clone, Copy)]
 pub(crate) struct Trust<'t> {
-    /// What variances are worth.
+    /// Corrections of the variances.
     pub certainty: &'t Certainty,
-    /// By lumel's number: it has so many rays that what it says of itself can be trusted.
+    /// Whether a lumel, given by its index, has so many rays that its own estimates can be trusted.
     pub sure: &'t (dyn Fn(usize) -> bool + Sync),
-    /// The first planes of a lumel, which are shares of its light, and stay so.
+    /// Number of planes, the first ones of a lumel, that are parts of its light and must sum to it.
     pub groups: usize,
 }
 
 /// Smooths the map's light in place; only `indirect` and the variances change.
 ///
-/// Fits go by variances as they were gathered; what is left afterwards is by [`Trust::certainty`].
-/// Lumels at contacts, which have many points, and those that are [sure](Trust::sure) of themselves
-/// keep what they gathered where the fit departs from it by more than its noise: next to a bright
-/// lumel a dark one would be lightened (demo level, 57 cm a lumel, `preview`: 18.9 % of error from
-/// 3,000 contacts, 4.1 % without). The others do not: of few samples, most may have missed what all
-/// of the light comes from. What they depart by goes into their error. A lumel that a wall cuts is
-/// fitted to its whole neighbours on the same side, and is no surer of itself than they are: its
-/// part had fewer rays. Left as they were gathered, such lumels drew speckles along the foot of
-/// walls.
+/// Fits use the gathered variances; the remaining variance is corrected by [`Trust::certainty`].
+///
+/// Lumels at contacts, which have many points, and [sure](Trust::sure) lumels keep their gathered
+/// light where the fit departs from it by more than noise: otherwise a dark lumel next to a bright
+/// one would be brightened (demo level, 57 cm per lumel, `preview`: 18.9 % error from 3,000
+/// contacts instead of 4.1 %). Other lumels do not, because most of their few samples may have
+/// missed the source of the light; their departure is added to their error.
+///
+/// A lumel that a wall cuts is fitted to its whole neighbours on the same side and is no more
+/// certain than they are, because its visible part had fewer rays. Unsmoothed, such lumels formed
+/// speckles along the foot of walls.
 pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
-    // Lumels between smoothed ones need no fit of their own.
+    // Lumels between smoothed ones need no fit.
     let taps: Vec<Option<Taps>> = (0..map.len())
         .into_par_iter()
         .with_min_len(256)
@@ -94,7 +95,7 @@ pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     put(map, between);
 }
 
-/// Gives lumels what smoothing made of them.
+/// Stores the result of smoothing.
 fn put(map: &mut LumelMap, smoothed: Vec<Option<Smoothed>>) {
     for (r, s) in map.received.iter_mut().zip(smoothed) {
         let Some(s) = s else { continue };
@@ -107,7 +108,7 @@ fn put(map: &mut LumelMap, smoothed: Vec<Option<Smoothed>>) {
     }
 }
 
-/// What of a fit lumel `i` takes, with its error.
+/// The part of a fit that lumel `i` takes, with its error.
 fn accept(map: &LumelMap, i: usize, mut smoothed: Smoothed, trust: Trust) -> Smoothed {
     let (r, certainty) = (&map.received[i], trust.certainty);
     let claimed = match r.open < 1.0 {
@@ -135,8 +136,8 @@ fn accept(map: &LumelMap, i: usize, mut smoothed: Smoothed, trust: Trust) -> Smo
     smoothed
 }
 
-/// A fit for each lumel that `taps` has none for: all by what was gathered, and once more where
-/// that misleads.
+/// A fit for each lumel without taps: based on the gathered values, and repeated where those
+/// mislead.
 fn fit_all(map: &LumelMap, taps: &[Option<Taps>]) -> Vec<Smoothed> {
     let (window, received) = (Window::new(map), &map.received);
     let of_own = |what: &(dyn Fn(usize) -> f32 + Sync)| -> Vec<f32> {
@@ -164,7 +165,7 @@ fn fit_all(map: &LumelMap, taps: &[Option<Taps>]) -> Vec<Smoothed> {
     let light: Vec<f32> = fits.iter().map(|s| luminance(s.indirect)).collect();
     let alike = of_own(&|i| window.variance_of_alike(i, &light, ALIKE));
     let halves: Vec<[f32; 2]> = fits.iter().map(|s| s.halves().map(luminance)).collect();
-    // What the first fit left of the noise.
+    // Noise remaining after the first fit.
     let left: Vec<f32> = (fits.iter().zip(&pooled).zip(&alike))
         .map(|((s, pooled), alike)| match *pooled > 0.0 {
             true => alike * s.variance / pooled,
@@ -187,9 +188,8 @@ fn fit_all(map: &LumelMap, taps: &[Option<Taps>]) -> Vec<Smoothed> {
     fits
 }
 
-/// Takes away what is below zero from groups that sum to `whole`, and from the others in proportion
-/// what that adds: a fit may dip below zero for a group that brings next to nothing, though not for
-/// their sum.
+/// Removes negative parts of groups that sum to `whole`, and reduces the others in proportion: a
+/// fit may be negative for a group that contributes almost nothing, though not for the sum.
 fn share_out(whole: Vec3, groups: &mut [Vec3]) {
     if groups.iter().all(|g| g.min_element() >= 0.0) {
         return;
@@ -207,7 +207,7 @@ fn share_out(whole: Vec3, groups: &mut [Vec3]) {
     }
 }
 
-/// By what it is decided whether lumels have the same light.
+/// The data that decides whether lumels have the same light.
 struct Judge<'j> {
     /// Luminance of each lumel's two halves.
     halves: &'j [[f32; 2]],
@@ -218,18 +218,18 @@ struct Judge<'j> {
 /// A lumel's light after smoothing.
 struct Smoothed {
     indirect: Vec3,
-    /// The same from the first half of the samples.
+    /// The fit of the first half of the samples.
     first_half: Vec3,
-    /// Of its luminance.
+    /// Variance of its luminance.
     variance: f32,
     /// See [`Received::least`].
     least: Option<f32>,
-    /// Indirect parts of its planes; empty where they stay as they are.
+    /// Indirect parts of its planes; empty if they stay unchanged.
     planes: Vec<Vec3>,
 }
 
 impl Smoothed {
-    /// Between lumels that are smoothed already.
+    /// Interpolated between lumels that are already smoothed.
     fn between(taps: &Taps, received: &[Received], groups: usize) -> Self {
         let planes = received[taps.list()[0].0].planes.len();
         let mut out = Smoothed {
@@ -242,7 +242,7 @@ impl Smoothed {
         for &(j, weight) in taps.list() {
             let r = &received[j];
             out.indirect += r.indirect * weight;
-            // Neighbours were fitted to the same samples: their errors are one.
+            // Neighbours were fitted to the same samples, so their errors are fully correlated.
             out.variance += r.indirect_variance * weight;
             for (sum, plane) in out.planes.iter_mut().zip(&r.planes) {
                 *sum += plane.indirect * weight;
@@ -253,7 +253,7 @@ impl Smoothed {
         out
     }
 
-    /// What was gathered.
+    /// The gathered light.
     fn none(r: &Received, variance: f32) -> Self {
         Smoothed {
             indirect: r.indirect,
@@ -264,18 +264,18 @@ impl Smoothed {
         }
     }
 
-    /// From the two halves of the samples.
+    /// The fits of the two halves of the samples.
     fn halves(&self) -> [Vec3; 2] {
         [self.first_half, 2.0 * self.indirect - self.first_half]
     }
 }
 
-/// What a fit may differ by from what was gathered, in standard errors of that, before the
-/// difference is the fit's fault.
+/// Difference between a fit and the gathered light, in standard errors of the latter, from which
+/// the fit is considered wrong.
 const DEPARTS: f32 = 3.0;
 
-/// Square of what the fit is off, as far as the lumel's own samples tell: the squared difference
-/// less what noise has of it.
+/// Squared error of the fit as far as the lumel's own samples show it: the squared difference minus
+/// the part explained by noise.
 fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
     let difference = luminance(fitted - r.indirect);
     let square = difference * difference;
@@ -287,7 +287,7 @@ fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
 }
 
 /// Smoothed indirect irradiance of lumel `i`, and the variance of its luminance. `variance` is that
-/// of what was gathered.
+/// of the gathered light.
 fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     let (own, received) = (&map.received[i], &map.received);
     let keep = |variance: f32| Smoothed::none(own, variance);
@@ -319,7 +319,7 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
             for (plane, of) in planes.iter_mut().zip(&received[around[k].0].planes) {
                 *plane += of.halves()[judged] * (0.5 * share);
             }
-            // As if both fits went by the same weights, which holds where neighbours are alike.
+            // As if both fits used the same weights, which is true if neighbours are similar.
             fitted += 0.5 * share * share * variance[around[k].0];
         }
     }
@@ -336,8 +336,8 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     }
 }
 
-/// How much a neighbour counts whose half of the samples differs by `d`, where the variances of
-/// both wholes sum to `noise`.
+/// Weight of a neighbour whose half of the samples differs by `d`, if the variances of both whole
+/// estimates sum to `noise`.
 pub(crate) fn likely(d: f32, noise: f32) -> f32 {
     // A half has twice the variance of the whole.
     let noise = (2.0 * noise).max(f32::MIN_POSITIVE);
@@ -352,7 +352,7 @@ pub(crate) mod tests {
     use crate::window::REACH;
     use atlas::{Layout, Lumel, Lumels, TexelIndex};
 
-    /// Random numbers about 0 with a standard deviation of one.
+    /// Random numbers with mean 0 and standard deviation 1.
     pub(crate) fn normal_numbers() -> impl FnMut() -> f32 {
         let mut state = 1u32;
         let mut uniform = move || {
@@ -363,8 +363,8 @@ pub(crate) mod tests {
         move || (0..12).map(|_| uniform()).sum::<f32>() - 6.0
     }
 
-    /// Rows of luminance after smoothing, on a floor with `light(x)` at column x, which was
-    /// gathered with standard errors `noise(x)`.
+    /// Rows of luminance after smoothing, on a floor with light `light(x)` in column x and standard
+    /// errors `noise(x)`.
     fn smoothed(light: impl Fn(u32) -> f32, noise: impl Fn(u32) -> f32) -> Vec<Vec<f32>> {
         const SIZE: u32 = 48;
         let mut normal = normal_numbers();
@@ -418,14 +418,13 @@ pub(crate) mod tests {
 
     #[test]
     fn dark_lumels_beside_noisy_bright_ones_stay_dark() {
-        // A floor by the rim of a shaft, with what 128 rays leave of noise: three tenths of the
-        // light.
+        // A floor at the rim of a shaft with the noise of 128 rays: 30 % of the light.
         let light = |x: u32| if x < 24 { 1.0 } else { 0.03 };
         let rows = smoothed(light, |x| 0.3 * light(x));
         for x in 24..36 {
             let mean = rows.iter().map(|row| row[x]).sum::<f32>() / rows.len() as f32;
-            // The window's other dark lumels leave an error of a third of a lumel's light; over the
-            // rows a quarter of that. One fit makes 0.26 of the first column.
+            // The window's other dark lumels leave an error of a third of a lumel's light; the mean
+            // over rows has a quarter of that. A single fit gives 0.26 in the first column.
             assert!((mean - 0.03).abs() < 0.01, "{x}: {mean}");
         }
     }
@@ -444,7 +443,7 @@ pub(crate) mod tests {
         let sum: Vec3 = groups.iter().sum();
         assert!((sum - whole).abs().max_element() <= 3e-7, "{sum}");
         assert_eq!(groups[1].x, 0.0);
-        // What is not below zero is left alone.
+        // Non-negative groups stay unchanged.
         assert_eq!(groups[2].y, 1.0);
     }
 }

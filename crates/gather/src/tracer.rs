@@ -1,4 +1,4 @@
-//! What one gathering ray finds: the way of light from a lumel to what shines on it.
+//! Traces one gathering ray: the path of light from a lumel back to its source.
 
 use glam::Vec3;
 use radiosity::{
@@ -7,33 +7,34 @@ use radiosity::{
 };
 use visibility::Hit;
 
-/// After so many near bounces a path reads the solution: light that has gone to and fro in a gap
-/// so often has lost what told its places apart.
+/// After this many near bounces a path reads the solution: light that was reflected so often in a
+/// gap no longer varies from place to place.
 const MOST_NEAR_BOUNCES: u32 = 4;
 
-/// A hit is near within this share of a patch's size, by the bounces before it. What a path meets
-/// after its first bounce is seen with the others' beside it; there the elements, a quarter of a
-/// patch, are fine enough.
+/// A hit is near within this fraction of a patch's size, by the number of previous bounces. Later
+/// hits are averaged with those of other paths, so the elements, a quarter of a patch, are fine
+/// enough.
 const NEAR: [f32; MOST_NEAR_BOUNCES as usize + 1] = [1.0, 0.5, 0.25, 0.25, 0.0];
 
-/// Radiance under this share of the scene's mean is none.
+/// Radiance below this fraction of the scene's mean counts as none.
 const DIM: f32 = 1e-3;
 
-/// A hit right above a point does not close it in if it brings this share of the scene's mean
-/// radiance: the gap behind a tube of light is no dark one.
+/// A hit right above a point does not mark it as hidden if it contributes more than this fraction
+/// of the scene's mean radiance: the gap behind a fluorescent tube is not dark.
 const SHADE: f32 = 0.1;
 
-/// A scene with its solved light, ready for gathering rays.
+/// A scene with its solution, prepared for gathering rays.
 pub(crate) struct Tracer<'w, 'a> {
     /// Scene.
     pub world: &'w World<'a>,
-    /// Its solved light.
+    /// Its solution.
     pub solution: &'w Solution,
     /// Its direct light.
     pub direct: DirectLight<'w, 'a>,
-    /// What direct light falls on, if that is sampled.
+    /// The elements lit by direct light, if they are sampled.
     pub lit: LitElements,
-    /// Less radiance than this on the back of a double-sided face is none: the inside of something.
+    /// Radiance below this on the back of a double-sided face counts as none, i.e. as the inside of
+    /// something.
     dim: f32,
 }
 
@@ -42,29 +43,30 @@ pub(crate) struct Tracer<'w, 'a> {
 pub(crate) struct Ray {
     /// Unit direction.
     pub toward: Vec3,
-    /// Its number in the footprint's sequence, and the sequence's seed.
+    /// Its index in the footprint's sequence, and the sequence's seed.
     pub sample: u32,
     pub seed: u32,
-    /// What of a far hit's direct light lit elements bring; see [`radiosity::of_lit`].
+    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
+    /// [`radiosity::of_lit`].
     pub lit_share: f32,
-    /// Hits nearer than so many patches' size are followed as paths.
+    /// Hits within this many patch sizes continue as paths.
     pub near: f32,
 }
 
-/// What a gathering ray found.
+/// Result of a gathering ray.
 #[derive(Default)]
 pub(crate) struct Found {
     pub radiance: Vec3,
-    /// To the first surface; infinite where there is none, 0 where nothing can arrive.
+    /// Distance to the first surface; infinite if there is none, 0 if nothing can arrive.
     pub distance: f32,
-    /// The first surface turns its back.
+    /// Whether the first surface is seen from its back.
     pub back: bool,
-    /// It is lit, and that is left out.
+    /// Whether the surface is lit, and its light left out because it is sampled separately.
     pub left_out: bool,
 }
 
 impl<'w, 'a> Tracer<'w, 'a> {
-    /// `lit` asks for shadow rays to what direct light falls on.
+    /// `lit` enables shadow rays to elements lit by direct light.
     pub(crate) fn new(
         world: &'w World<'a>,
         solution: &'w Solution,
@@ -85,29 +87,29 @@ impl<'w, 'a> Tracer<'w, 'a> {
         }
     }
 
-    /// Whether so much irradiance (luminance) is none.
+    /// Whether this irradiance (luminance) counts as none.
     pub(crate) fn is_dark(&self, irradiance: f32) -> bool {
         irradiance <= std::f32::consts::PI * self.dim
     }
 
-    /// Whether so much radiance (luminance) is none.
+    /// Whether this radiance (luminance) counts as none.
     pub(crate) fn is_dim(&self, radiance: f32) -> bool {
         radiance <= self.dim
     }
 
-    /// Whether so much radiance (luminance) right above a point leaves it closed in.
+    /// Whether this radiance (luminance) right above a point marks it as hidden.
     pub(crate) fn is_shade(&self, radiance: f32) -> bool {
         radiance <= SHADE / DIM * self.dim
     }
 
-    /// What arrives at `p` along a ray; `None` from a black back face. Light is added to `groups`
-    /// too, unless that is empty.
+    /// Radiance that arrives at `p` along a ray; `None` from a black backface. Light is also added
+    /// to `groups`, unless that is empty.
     ///
-    /// What a ray hits far away is read from the solution. What it hits within an element's size
-    /// is not: there one value stands for places that differ as much as those of the gather itself
-    /// (the inside of a corner, the gap behind a picture). There the ray goes on as a path, with
-    /// direct light by a shadow ray of its own (after Jensen, *Global illumination using photon
-    /// maps*, 1996, who does so for near hits of his final gather).
+    /// Far hits read the solution. Hits within an element's size do not: there a single value would
+    /// represent places that differ as much as those of the gather itself (the inside of a corner,
+    /// the gap behind a picture). Such a ray continues as a path, with its own shadow ray for
+    /// direct light (after Jensen, *Global illumination using photon maps*, 1996, who treats near
+    /// hits of his final gather like this).
     pub(crate) fn arriving(
         &self,
         p: &SurfacePoint,
@@ -176,8 +178,8 @@ impl<'w, 'a> Tracer<'w, 'a> {
         Some(out)
     }
 
-    /// What of the light of a hit counts, after so many bounces: lit elements' is sampled besides
-    /// from where rays are gathered, but not where light passes through them.
+    /// The part of a hit's light that counts after this many bounces. Light of lit elements is
+    /// sampled separately from points that gather, but not where light passes through the elements.
     #[inline]
     fn counted(&self, ray: &Ray, hit: &Hit, bounce: u32, edge: f32) -> Reflected {
         match hit.t > LitElements::FROM * edge {
@@ -190,7 +192,7 @@ impl<'w, 'a> Tracer<'w, 'a> {
     }
 }
 
-/// Adds radiance to its group's part and to the sum.
+/// Adds radiance to its group and to the sum.
 #[inline]
 fn add(radiance: Vec3, group: usize, sum: &mut Vec3, groups: &mut [Vec3]) {
     *sum += radiance;

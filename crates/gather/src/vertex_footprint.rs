@@ -1,11 +1,11 @@
-//! The surroundings of a vertex.
+//! The surroundings of a vertex as a footprint.
 
 use radiosity::{SurfacePoint, World};
 
 use crate::footprint::Footprint;
 
-/// The triangles about a vertex, weighted by the vertex's hat function: the mean of E so weighted
-/// is what the vertex's colour stands for where light hardly changes over a triangle.
+/// The triangles around a vertex, weighted by the vertex's hat function: the mean of E with these
+/// weights is what the vertex's colour represents, if light hardly changes over a triangle.
 pub(crate) struct VertexFootprint<'b, 'w, 'a> {
     /// The world.
     pub world: &'w World<'a>,
@@ -15,16 +15,16 @@ pub(crate) struct VertexFootprint<'b, 'w, 'a> {
     pub seed: u32,
 }
 
-/// A triangle about a vertex.
+/// A triangle around a vertex.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Spoke {
     /// Index into the [`mesh_ingest::Soup`].
     pub triangle: u32,
-    /// Which of its world corners is the vertex.
+    /// The world corner that is the vertex.
     pub corner: u8,
-    /// The vertex is lit on the triangle's back.
+    /// Whether the vertex is lit on the triangle's back.
     pub back: bool,
-    /// Area of this and all triangles before it, m².
+    /// Total area of this and all previous triangles, m².
     pub running: f32,
 }
 

@@ -1,16 +1,17 @@
-//! The lumels about one that lie on the same piece of surface.
+//! The lumels around one that are on the same piece of surface.
 
 use crate::map::LumelMap;
 
-/// Texels on each side of a lumel that take part: 48 neighbours for a fit of six unknowns, which
+/// Texels on each side of a lumel in the window: 48 neighbours for a fit of six unknowns, which
 /// leaves about a tenth of the variance, a third of the noise.
 pub(crate) const REACH: i64 = 3;
 
-/// Cosine between normals below which two lumels see too different hemispheres. About 30°: along a
-/// curve light changes steadily, which the plane follows, and pillars are a few lumels around.
+/// Least cosine between the normals of two lumels, which otherwise see too different hemispheres.
+/// About 30°: along a curve light changes steadily, which the fit follows, and pillars are only a
+/// few lumels around.
 pub(crate) const SAME_FACING: f32 = 0.85;
 
-/// Lumels of a window.
+/// Width of a window in lumels.
 pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 
 /// A neighbour and its offset in texels.
@@ -27,9 +28,9 @@ impl<'m> Window<'m> {
         Window { map }
     }
 
-    /// Lumels that were gathered at about `i`, itself among them if it was, on the same piece of
-    /// surface and wholly in the open. Where light is interpolated, every second lumel of a window
-    /// twice as wide: as many as elsewhere.
+    /// Gathered lumels around `i`, including itself if gathered, on the same piece of surface and
+    /// completely visible. Where light is interpolated, the window is twice as wide and contains
+    /// every second lumel, so it has the usual number.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
         let mut found = [(0, 0, 0); SIDE * SIDE];
         if self.map.plan.bears(i) || self.map.plan.is(i) {
@@ -46,13 +47,13 @@ impl<'m> Window<'m> {
         (found, n)
     }
 
-    /// Lumels in the window about `i` whose column and row are multiples of `stride`, or any if
-    /// that is 1. With more than one, what is near something is left out: between such, barriers
-    /// are not looked for.
+    /// Lumels in the window around `i` whose column and row are multiples of `stride`, or any if
+    /// that is 1. With a larger stride, lumels near something are left out, because barriers are
+    /// only known between adjacent lumels.
     fn on_grid(&self, i: usize, stride: i64, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
         let (l, own) = (self.map.lumel(i), &self.map.received[i]);
         let [cx, cy] = l.texel.map(i64::from);
-        // From an odd lumel one column less fits in than from an even one.
+        // From an odd lumel the window has one column less than from an even one.
         let side = |c: i64| {
             let odd = c.rem_euclid(stride);
             let steps = REACH * stride - odd;
@@ -84,9 +85,9 @@ impl<'m> Window<'m> {
         n
     }
 
-    /// Keeps those of the first `n` lumels, which lie on every second column and row, that one
-    /// comes to from the middle by steps over lumels near which nothing stands: a floor that a wall
-    /// passes through lies within or beside one of them.
+    /// Keeps those of the first `n` lumels, which are in every second column and row, that can be
+    /// reached from the centre by steps over lumels with nothing near: a wall through the floor
+    /// would be within or next to one of them.
     fn over_clear_ground(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
         const WIDE: i64 = 2 * REACH;
         const ACROSS: usize = (2 * WIDE + 1) as usize;
@@ -99,7 +100,7 @@ impl<'m> Window<'m> {
         let mut waiting = 0;
         for &(_, dx, dy) in &found[..n] {
             there[place(dx, dy)] = true;
-            // What the lumel lies between; itself, if it was gathered at.
+            // The lumel's own neighbours; itself, if it was gathered.
             if dx.abs() <= 1 && dy.abs() <= 1 {
                 reached[place(dx, dy)] = true;
                 next[waiting] = (dx, dy);
@@ -129,10 +130,11 @@ impl<'m> Window<'m> {
         keep(found, n, |dx, dy| reached[place(dx, dy)])
     }
 
-    /// Keeps those of the first `n` that one comes to from the middle without crossing a barrier,
-    /// in their order, and says how many.
+    /// Keeps those of the first `n` that can be reached from the centre without crossing a barrier,
+    /// in order; returns their number.
     fn on_this_side(&self, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
-        // What a wall cuts is not among the neighbours, what it runs between has something near.
+        // Lumels that a wall cuts are not among the neighbours, and lumels next to a wall have
+        // something near.
         if !found[..n].iter().any(|f| self.map.received[f.0].near) {
             return n;
         }
@@ -153,7 +155,7 @@ impl<'m> Window<'m> {
                     continue;
                 }
                 let other = slot[place(u, v)];
-                // The middle itself may not be among those found.
+                // The centre itself may not be among those found.
                 let before = if dx + dy > 0 { own } else { other };
                 let free = other != usize::MAX
                     && (before == usize::MAX || !self.map.barriers.after(before, dy != 0));
@@ -166,9 +168,9 @@ impl<'m> Window<'m> {
         keep(found, n, |dx, dy| reached[place(dx, dy)])
     }
 
-    /// Mean variance of the lumels about `i`. A lumel's own estimate will not do: where light comes
-    /// from little (a cave's mouth), one that chanced to miss it finds itself dark and certain, and
-    /// would stay a dark dot.
+    /// Mean variance of the lumels around `i`. A lumel's own estimate is not enough: where light
+    /// comes from a small region (a cave's mouth), one that missed it by chance appears dark and
+    /// certain, and would remain a dark dot.
     pub(crate) fn pooled_variance(&self, i: usize) -> f32 {
         let (around, n) = self.around(i);
         let sum: f32 = around[..n]
@@ -186,8 +188,7 @@ impl<'m> Window<'m> {
         }
     }
 
-    /// [`pooled_variance`](Self::pooled_variance) of those lumels about `i` that have about its
-    /// light.
+    /// [`pooled_variance`](Self::pooled_variance) of the lumels around `i` with similar light.
     pub(crate) fn variance_of_alike(&self, i: usize, light: &[f32], alike: f32) -> f32 {
         let (around, n) = self.around(i);
         let (mut sum, mut count) = (0.0, 0.0);
@@ -205,7 +206,7 @@ impl<'m> Window<'m> {
     }
 }
 
-/// Keeps those of the first `n` whose place was `reached`, in their order, and says how many.
+/// Keeps those of the first `n` whose place was `reached`, in order; returns their number.
 fn keep(
     found: &mut [Neighbour; SIDE * SIDE],
     n: usize,

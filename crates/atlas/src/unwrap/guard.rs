@@ -132,7 +132,7 @@ mod tests {
         let (result, by, failures) =
             unwrap_with_fallback(&all, &Arc::new(triangle()), &OPTIONS, &|| false).expect("charts");
         assert_eq!((by, result.charts), ("box", 1));
-        assert!(failures[0].contains("broke down"), "{failures:?}");
+        assert!(failures[0].contains("panicked"), "{failures:?}");
     }
 
     #[test]

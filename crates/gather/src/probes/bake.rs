@@ -1,4 +1,4 @@
-//! Probes at points: rays over the whole sphere, and the arrivals from lamps.
+//! Probes at points: rays over the whole sphere, and light arriving directly from lamps.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -15,24 +15,25 @@ use super::grid::ProbeGrid;
 use super::probe::Probe;
 use super::sh::{Sh2, basis, on_sphere};
 
-/// A probe is inside of something when this share of its rays meets black back faces. Engines draw
-/// the line there too (the validity threshold of Unity's probe volumes, the back-face threshold of
-/// RTXGI): what has a back to it in a quarter of all directions is, in levels as they are built,
-/// behind a wall or in it, though its rays may slip out where walls do not close.
+/// A probe is inside something if this fraction of its rays hits black backfaces. Engines use
+/// similar thresholds (the validity threshold of Unity's probe volumes, the backface threshold of
+/// RTXGI). In typical levels, a point that sees backfaces in a quarter of all directions is behind
+/// or in a wall, though its rays may escape where walls do not close.
 const INSIDE: f32 = 0.25;
 
-/// Independent parts of a probe's samples; the spread among them tells the error. Fewer know less
-/// about it, more see less of the stratification. A power of two, as blocks of Sobol points are.
+/// Number of independent parts of a probe's samples, whose spread gives the error. Fewer give a
+/// less certain estimate, more lose more of the stratification. A power of two, like blocks of
+/// Sobol points.
 const GROUPS: u32 = 8;
 
-/// Probes computed between two looks at the monitor.
+/// Probes computed between two checks for cancellation.
 const BLOCK: usize = 8;
 
-/// Decides the random numbers of all probes. They share their directions, so that what sampling
-/// leaves of error changes slowly from probe to probe, and things that move do not flicker.
+/// Seed of the random numbers of all probes. They share their directions, so that sampling errors
+/// vary slowly from probe to probe, and moving objects do not flicker.
 const SEED: u32 = 0x7072_6f62;
 
-/// How carefully probes are baked.
+/// Accuracy of probes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProbeOptions {
     /// Rays over the sphere, a power of two from 8 to 65536.
@@ -50,29 +51,29 @@ impl Default for ProbeOptions {
     }
 }
 
-/// What was baked, for the report.
+/// Report on probes.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct ProbeReport {
-    /// Probes.
+    /// Number of probes.
     pub probes: u64,
-    /// Those inside or behind things.
+    /// Number of those inside or behind something.
     pub invalid: u64,
-    /// Along x, y and z, where they are a grid.
+    /// Numbers along x, y and z, if they form a grid.
     pub dims: Option<[u32; 3]>,
-    /// Gathering rays; those to lamps come on top.
+    /// Gathering rays, without those to lamps.
     pub rays: u64,
     /// Estimated relative error: root mean square over valid probes of standard error / (first
     /// coefficient + 1 % of its mean).
     pub estimated_error: f64,
 }
 
-/// Light and surfaces that probes see.
+/// The light and surfaces that probes see.
 pub struct ProbeScene<'s, 'w, 'a> {
     /// Surfaces and sky.
     pub world: &'w World<'a>,
     /// Solved light.
     pub solution: &'s Solution,
-    /// Direct light, at what rays hit and at the probes.
+    /// Direct light, at hits and at the probes.
     pub direct: &'s DirectLight<'w, 'a>,
 }
 
@@ -81,7 +82,7 @@ pub struct ProbeScene<'s, 'w, 'a> {
 /// Deterministic for any number of threads, and each probe is independent of the others.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor asks for it.
 pub fn bake_probes(
     scene: &ProbeScene,
     positions: &[Vec3],
@@ -111,8 +112,8 @@ pub fn bake_probes(
 }
 
 impl ProbeScene<'_, '_, '_> {
-    /// The point, or where it lies on a face or nearly so, one right in front of it. Points on a
-    /// grid of round numbers hit floors: what rays from there meet is up to rounding.
+    /// The point, or one right in front of the face if it is (nearly) on a face. Points on a grid
+    /// of round numbers are often on floors, where hits would depend on rounding.
     fn off_faces(&self, at: Vec3) -> Vec3 {
         let reach = 4.0 * self.world.offset(at);
         let mut p = at;
@@ -139,7 +140,7 @@ impl ProbeScene<'_, '_, '_> {
         let solid_angle = 4.0 * std::f64::consts::PI / f64::from(rays);
         let mut gathered = [DVec3::ZERO; 9];
         let mut arrived = [DVec3::ZERO; 9];
-        // What a radiance of 1 from everywhere would give.
+        // Coefficients estimated for a constant radiance of 1.
         let mut unit = [DVec3::ZERO; 9];
         let mut firsts = [0f64; GROUPS as usize];
         let mut black = 0;
@@ -163,8 +164,8 @@ impl ProbeScene<'_, '_, '_> {
             let part = gathered[0] + arrived[0] - before;
             *first = f64::from(luminance(part.as_vec3()));
         }
-        // Most of what arrives from all around is its mean, of which all but the first coefficient
-        // are 0. What the directions make of it instead is known, and taken off.
+        // Most of the light is its mean, for which all but the first coefficient should be 0. The
+        // error of the directions for a constant is known, and subtracted.
         let mean = gathered[0] / unit[0];
         for (g, u) in gathered.iter_mut().zip(unit).skip(1) {
             *g -= mean * u;
@@ -182,8 +183,8 @@ impl ProbeScene<'_, '_, '_> {
         }
     }
 
-    /// Radiance that arrives from `direction`, but for what comes straight from lamps; `None` from
-    /// a black back face.
+    /// Radiance that arrives from `direction`, except directly from lamps; `None` from a black
+    /// backface.
     fn radiance(&self, at: Vec3, direction: Vec3, seed: u32) -> Option<Vec3> {
         let (found, tint) = self.world.incoming(at, direction);
         match found {
@@ -205,7 +206,7 @@ fn add(sum: &mut [DVec3; 9], direction: Vec3, flux: DVec3) {
     }
 }
 
-/// Counts what was baked with `options`.
+/// Report on probes baked with `options`.
 pub fn report_probes(
     probes: &[Probe],
     grid: Option<&ProbeGrid>,

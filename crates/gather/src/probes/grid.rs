@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 use super::probe::{MAX_PROBES, Probe};
 use super::sh::Sh2;
 
-/// A regular grid: probe (i, j, k) is at `origin` + `spacing` · (i, j, k), and is number i +
-/// dims\[0\] · (j + dims\[1\] · k) of a list, as texels of a volume texture are.
+/// A regular grid: probe (i, j, k) is at `origin` + `spacing` · (i, j, k) and has index i +
+/// dims\[0\] · (j + dims\[1\] · k), like the texels of a volume texture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProbeGrid {
     /// Position of the first probe, metres.
@@ -24,25 +24,25 @@ pub struct ProbeGrid {
     dims[0], dims[1], dims[2]
 )]
 pub struct TooManyProbes {
-    /// Distance asked for, metres.
+    /// Requested spacing, metres.
     pub spacing: f64,
     /// Probes along x, y, z.
     pub dims: [f64; 3],
-    /// A distance that would do.
+    /// A spacing that fits.
     pub fits: f64,
 }
 
-/// Probes that cells of `spacing` have along each side of a box.
+/// Number of probes along each side of a box for cells of `spacing`.
 fn dims(extent: DVec3, spacing: f64) -> [f64; 3] {
-    // A box that is a multiple of the spacing, but for rounding, gets no cell more.
+    // A box that is a multiple of the spacing up to rounding gets no extra cell.
     extent
         .to_array()
         .map(|e| (e / spacing - 1e-6).ceil().max(1.0))
 }
 
 impl ProbeGrid {
-    /// A grid over the box from `low` to `high`: cubes with edges `spacing` > 0, together about its
-    /// middle, with a probe in each one's middle. So none lies on the box's sides, where a level's
+    /// A grid over the box from `low` to `high`: cubes with edge length `spacing` > 0, centred in
+    /// the box, with a probe at the centre of each. So none is on the box's sides, where a level's
     /// walls are.
     ///
     /// # Errors
@@ -52,16 +52,16 @@ impl ProbeGrid {
         let counts = dims(extent, spacing);
         let fits = |c: [f64; 3]| c.iter().product::<f64>() <= MAX_PROBES as f64;
         if !fits(counts) {
-            // Two digits, ever coarser; each step is 6 to 12 %, and at the box's own size there is
-            // one probe.
+            // Two digits, increasingly coarse in steps of 6 to 12 %; at the box's own size there is
+            // a single probe.
             let mut try_spacing = spacing;
             while !fits(dims(extent, try_spacing)) {
                 let step = 10f64.powf(try_spacing.log10().floor() - 1.0);
-                // The small part keeps rounding from standing still.
+                // The small term keeps rounding from stalling.
                 try_spacing = ((try_spacing / step + 1e-6).floor() + 1.0) * step;
             }
-            // `{}` prints the shortest decimal that is this number; the product above has noise in
-            // its last digits.
+            // `{}` prints the shortest decimal for this number; the product above has noise in its
+            // last digits.
             let fits = format!("{try_spacing:.1e}").parse().unwrap_or(try_spacing);
             return Err(TooManyProbes {
                 spacing,
@@ -83,7 +83,7 @@ impl ProbeGrid {
         self.dims.iter().map(|d| *d as usize).product()
     }
 
-    /// Whether there is none; never so for a grid of [`ProbeGrid::over`].
+    /// Whether there are none; never true for a grid of [`ProbeGrid::over`].
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -100,12 +100,12 @@ impl ProbeGrid {
         self.origin + DVec3::new(i, j, k) * self.spacing
     }
 
-    /// Gives probes inside of things the light of those in the open next to them, then of those
-    /// that got some, until none is left: what samples the grid between probes must not meet the
-    /// darkness within a wall. They stay marked as not valid.
+    /// Gives probes inside something the light of adjacent valid probes, then of those just filled,
+    /// until none is left, because interpolation in the grid must not read the darkness inside a
+    /// wall. They stay marked as invalid.
     ///
-    /// A probe gets the mean over its up to 26 neighbours, weighted by 1/distance. Where no probe
-    /// is valid, all stay as they are.
+    /// A probe gets the mean over its up to 26 neighbours, weighted by 1/distance. If no probe is
+    /// valid, all stay unchanged.
     pub fn fill(&self, probes: &mut [Probe]) {
         let mut known: Vec<bool> = probes.iter().map(|p| p.valid).collect();
         let mut open: Vec<usize> = (0..probes.len()).filter(|&i| !known[i]).collect();
@@ -176,7 +176,7 @@ mod tests {
         let low = DVec3::new(-1.0, 0.0, 10.0);
         let g = ProbeGrid::over(low, low + DVec3::new(4.0, 2.5, 0.0), 1.0).unwrap();
         assert_eq!((g.dims, g.len()), ([4, 3, 1], 12));
-        // Three cells about a side of 2.5: a quarter over at either end.
+        // Three cells along a side of 2.5: they extend a quarter beyond either end.
         assert_eq!(g.origin, DVec3::new(-0.5, 0.25, 10.0));
         assert_eq!(g.position(1), DVec3::new(0.5, 0.25, 10.0));
         assert_eq!(g.position(11), DVec3::new(2.5, 2.25, 10.0));
@@ -197,7 +197,7 @@ mod tests {
             let high = DVec3::new(size, 0.7 * size, 0.5 * size);
             let e = ProbeGrid::over(DVec3::ZERO, high, spacing).unwrap_err();
             let g = ProbeGrid::over(DVec3::ZERO, high, e.fits).unwrap();
-            // Not much coarser than need be: at most 12 % in each direction, and a row.
+            // Not much coarser than necessary: at most 12 % in each direction, and a row.
             assert!(g.len() * 2 > MAX_PROBES, "{e}: {}", g.len());
         }
         let high = DVec3::new(30.0, 20.0, 10.0);
@@ -227,7 +227,7 @@ mod tests {
         };
         let mut p = [1.0, -1.0, -1.0, -1.0, 4.0].map(|x: f32| probe(x.max(0.0), x > 0.0));
         grid.fill(&mut p);
-        // The ends' neighbours first, then the middle from both of them.
+        // First the ends' neighbours, then the middle from both of them.
         assert_eq!(p.map(|p| p.sh.0[0].x), [1.0, 1.0, 2.5, 4.0, 4.0]);
         assert_eq!(p.map(|p| p.valid), [true, false, false, false, true]);
         let mut none = [probe(3.0, false); 5];

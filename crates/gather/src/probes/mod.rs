@@ -1,14 +1,14 @@
-//! Light probes: the light that passes through points in the air, for things that move.
+//! Light probes: the light at points in the air, for moving objects.
 //!
-//! A probe holds the radiance that arrives from all around as nine coefficients of spherical
-//! harmonics ([`Sh2`]). Light straight from lamps is summed up lamp by lamp
-//! ([`DirectLight::for_each_arrival`](radiosity::DirectLight::for_each_arrival)); the rest is
+//! A probe stores the radiance from all directions as nine coefficients of spherical harmonics
+//! ([`Sh2`]). Light directly from lamps is summed lamp by lamp
+//! ([`DirectLight::for_each_arrival`](radiosity::DirectLight::for_each_arrival)). The rest is
 //! gathered by rays over the whole sphere, which read the solution where they hit and the sky where
-//! they leave, as those of lumels do ([`Gatherer`](crate::Gatherer)).
+//! they leave, like those of lumels ([`Gatherer`](crate::Gatherer)).
 //!
 //! Based on: R. Ramamoorthi and P. Hanrahan, *An efficient representation for irradiance
-//! environment maps*, 2001. Probes inside of things are told by the backs of faces that they see,
-//! as in Z. Majercik and others, *Dynamic diffuse global illumination with ray-traced irradiance
+//! environment maps*, 2001. Probes inside objects are recognised by the backfaces that they see, as
+//! in Z. Majercik and others, *Dynamic diffuse global illumination with ray-traced irradiance
 //! fields*, 2019.
 
 mod bake;

@@ -1,20 +1,19 @@
-//! What is known of one point in the air.
+//! The light at one point in the air.
 
 use super::sh::Sh2;
 
-/// Most probes of one bake: as many as a volume texture of 64³ has texels. Their file is some 80 MB
-/// then.
+/// Most probes of one bake: the texels of a 64³ volume texture. Their file takes about 80 MB.
 pub const MAX_PROBES: usize = 1 << 18;
 
 /// The light at a point in the air.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Probe {
-    /// Radiance that arrives, by the direction it comes from.
+    /// Arriving radiance by direction.
     pub sh: Sh2,
     /// Estimated standard error of the luminance of `sh`'s first coefficient.
     pub error: f32,
-    /// Share of rays that met the back of a single-sided face.
+    /// Fraction of rays that hit the back of a single-sided face.
     pub backfaces: f32,
-    /// Whether it is in the open; else it is inside or behind something.
+    /// Whether it is in the open, i.e. not inside or behind something.
     pub valid: bool,
 }

@@ -51,11 +51,11 @@ impl Sh2 {
         self.0.iter().zip(y).map(|(c, y)| *c * y).sum()
     }
 
-    /// Irradiance on a surface with the unit `normal`, where the function is the radiance that
-    /// arrives: Σ A_l L_lm Y_lm with A = π, 2π/3, π/4, the cosine's own coefficients. What higher
-    /// orders would add is about 1 % on average (Ramamoorthi and Hanrahan 2001). The worst is one
-    /// point light: the sum is off by up to 9.4 % of the peak, where the surface turns away from
-    /// it, and falls to −4 % beyond.
+    /// Irradiance on a surface with the unit `normal`, if the function is the arriving radiance: Σ
+    /// A_l L_lm Y_lm with the coefficients of the cosine lobe A = π, 2π/3, π/4. Higher orders would
+    /// add about 1 % on average (Ramamoorthi and Hanrahan 2001). The worst case is a single point
+    /// light: the sum is off by up to 9.4 % of the peak where the surface turns away from it, and
+    /// falls to −4 % beyond.
     pub fn irradiance(&self, normal: Vec3) -> Vec3 {
         use std::f32::consts::PI;
         let band = |i: usize| match i {

@@ -1,57 +1,57 @@
-//! Points of small triangles that share the light that surfaces send.
+//! Clusters of points on small triangles that share gathered indirect light.
 //!
-//! Where vertices lie closer to each other than lumels do, light that is gathered at each of them
-//! says more than the lightmap does, and costs by the triangle. So points within a lumel of one
-//! another, on one smooth piece of the mesh and with no wall between them, share what is gathered
-//! over the triangles about all of them. Direct light, which has the edges, is each one's own.
+//! Where vertices are closer together than lumels, gathering at each vertex is more accurate than
+//! the lightmap, but its cost depends on tessellation. So points within a lumel of each other, on
+//! one smooth piece of the mesh and without a wall between them, share one gather over all of their
+//! triangles. Direct light, which has the edges, is computed for each point.
 
 use radiosity::{SurfacePoint, World};
 
 use super::sheet::{Sheet, Tri, corners_of};
 use crate::parts::LIFT;
 
-/// How far from its first point a cluster reaches, in lumels: as far as a bilinear lookup.
+/// Extent of a cluster from its first point, in lumels: that of a bilinear lookup.
 const REACH: f32 = 1.0;
 
-/// And points that are left over join a neighbour's cluster within this.
+/// Left-over points join a neighbour's cluster within this distance, in lumels.
 const JOIN: f32 = 1.5;
 
-/// Cosine of 15° between the normals of a cluster's points and its first one's.
+/// Least cosine between the normals of a cluster's points and its first point's: 15°.
 const LIKE_NORMAL: f32 = 0.966;
 
-/// How far points may lie off the planes of one another, in lumels: steps and mouldings are none.
+/// Largest distance of points from each other's planes, in lumels; excludes steps and mouldings.
 const FLAT: f32 = 0.1;
 
 /// No cluster.
 const NONE: u32 = u32::MAX;
 
-/// A point as clusters see it.
+/// A point as seen by clustering.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Spot {
-    /// On the first of the small triangles about it.
+    /// On the first of the small triangles around it.
     pub at: SurfacePoint,
-    /// Of the lumels there, metres; 0 where there are none.
+    /// Size of the lumels there, metres; 0 if there are none.
     pub size: f32,
 }
 
-/// Which points of a sheet go together: by geometry alone, so that lamps change no cluster.
+/// Clusters of a sheet's points, from geometry alone, so that lamps do not affect them.
 #[derive(Default)]
 pub(super) struct Clusters {
-    /// By point, the first point of its cluster.
+    /// For each point, the first point of its cluster.
     pub of: Vec<u32>,
-    /// By point; `None` where there are no small triangles about it.
+    /// For each point, its spot; `None` without small triangles around it.
     pub spots: Vec<Option<Spot>>,
 }
 
 impl Clusters {
-    /// Grows a cluster from each point in turn that is in none yet.
+    /// Grows a cluster from each point that is in none yet.
     pub fn find(sheet: &Sheet, world: &World) -> Clusters {
         let spots = spots(sheet, world);
         let (starts, next) = neighbours(sheet);
         let mut of = vec![NONE; sheet.points];
-        // The first point that last looked at each: none is held against it twice. As a point's
-        // neighbours are looked through once it is in a cluster, and it is in one only, all of this
-        // is linear.
+        // The first point that last visited each point, so that pairs are compared only once. A
+        // point's neighbours are visited once it is in a cluster, and it is in only one, so all of
+        // this is linear.
         let mut seen = vec![NONE; sheet.points];
         let mut queue: Vec<u32> = Vec::new();
         for first in 0..sheet.points as u32 {
@@ -98,7 +98,7 @@ impl Clusters {
 }
 
 impl Spot {
-    /// Whether another point within `reach` lumels is of the same piece of surface.
+    /// Whether another point within `reach` lumels is on the same piece of surface.
     fn goes_with(&self, other: &Spot, reach: f32, world: &World) -> bool {
         let size = self.size.min(other.size);
         let way = other.at.position - self.at.position;
@@ -109,20 +109,20 @@ impl Spot {
             && !world.wall_between(&self.at, &other.at, LIFT * size)
     }
 
-    /// Whether anything stands on the surface so near that it may cut the triangles about a point
-    /// of this one's cluster: these reach about as far as it does.
+    /// Whether anything stands so near on the surface that it may cut the triangles around a point
+    /// of this one's cluster, which extend about as far as the cluster.
     pub fn is_beside_something(&self, world: &World) -> bool {
         world.anything_above(&self.at, (JOIN + REACH) * self.size)
     }
 }
 
-/// By point, where it is.
+/// The spot of each point.
 fn spots(sheet: &Sheet, world: &World) -> Vec<Option<Spot>> {
     let mut out: Vec<Option<Spot>> = vec![None; sheet.points];
     for tri in small(sheet) {
         let (triangle, order, back) = corners_of(world.soup, tri.face);
         let texels = tri.texels();
-        // Not so for NaN either, where there is no chart.
+        // False for NaN too, i.e. without a chart.
         let size = match texels > 0.0 {
             true => (tri.area / texels).sqrt() as f32,
             false => 0.0,
@@ -142,12 +142,12 @@ fn spots(sheet: &Sheet, world: &World) -> Vec<Option<Spot>> {
     out
 }
 
-/// Triangles with too few lumels to go by.
+/// Triangles with too few lumels.
 fn small(sheet: &Sheet) -> impl Iterator<Item = &Tri> {
     sheet.tris.iter().filter(|t| !t.moments.measured())
 }
 
-/// Points that share a small triangle with each point: where each one's begin, and all of them.
+/// Points that share a small triangle with each point: the start of each list, and all lists.
 fn neighbours(sheet: &Sheet) -> (Vec<u32>, Vec<u32>) {
     let pairs = || {
         small(sheet).flat_map(|tri| {

@@ -1,4 +1,4 @@
-//! How far interpolated vertex light is from the lightmap.
+//! Difference between interpolated vertex light and the lightmap.
 
 use atlas::{Placement, TexelIndex};
 use radiosity::luminance;
@@ -7,11 +7,11 @@ use serde::Serialize;
 use super::moments::{LumelLight, over_lumels};
 use super::sheet::Sheet;
 
-/// Interpolated vertex light against the lumels, luminance, over lumels in the open, weighted by
-/// area.
+/// Difference between interpolated vertex light and the lumels, by luminance, over visible lumels
+/// and weighted by area.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct VertexDifference {
-    /// Root mean square of the difference over that of the light.
+    /// Root mean square of the difference relative to that of the light.
     pub relative_rms: f64,
     /// Median of |difference| / (light + 1 % of the mean light).
     pub median: f64,
@@ -19,14 +19,14 @@ pub struct VertexDifference {
     pub p99: f64,
 }
 
-/// A lumel: area (m²), its light, and what is interpolated there.
+/// A lumel: its area (m²), its light, and the interpolated vertex light.
 pub(super) struct Pair {
     area: f64,
     light: f64,
     interpolated: f64,
 }
 
-/// The lumels of one instance; `range` are the numbers of them.
+/// The lumels of one instance; `range` is that of their indices.
 pub(super) fn pairs(
     sheet: &Sheet,
     values: &[glam::Vec3],
@@ -64,7 +64,7 @@ pub(super) fn pairs(
         .collect()
 }
 
-/// Sums up all instances.
+/// Summarises all instances.
 pub(super) fn summarise(pairs: &[Pair]) -> VertexDifference {
     let (mut area, mut sum, mut squares, mut errors) = (0.0, 0.0, 0.0, 0.0);
     for p in pairs {

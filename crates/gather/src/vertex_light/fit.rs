@@ -1,28 +1,28 @@
-//! Values at points such that what is interpolated between them comes closest to the light.
+//! Fits values at points so that their interpolation approximates the light.
 //!
 //! Least squares over the surface: the values c that minimise ∫ (Σ cᵢφᵢ − E)² solve M c = b with
 //! Mᵢⱼ = ∫φᵢφⱼ and bᵢ = ∫Eφᵢ (after Kavan, Bargteil & Sloan, *Least Squares Vertex Baking*, 2011).
-//! The mean of E weighted by φᵢ, which bᵢ / ∫φᵢ is, would be interpolated to something flatter than
-//! E. Where triangles are smaller than a few lumels, light hardly changes over one of them and what
-//! is left to deconvolve is noise: there M is lumped, and the mean it is.
+//! Interpolating bᵢ / ∫φᵢ, the mean of E weighted by φᵢ, would be too flat. On triangles smaller
+//! than a few lumels light hardly changes, and deconvolution would only amplify noise; there M is
+//! lumped, and the result is that mean.
 //!
-//! At shadows' edges least squares swing beyond what is there, below zero too. So each value is
-//! kept within the range of E about it: the quadratic programme in a box, by projected Gauss–Seidel
-//! sweeps, which converge for any M that is symmetric and positive definite.
+//! At shadow edges least squares overshoot, even below zero. So each value is limited to the range
+//! of E around it: a box-constrained quadratic programme, solved by projected Gauss–Seidel sweeps,
+//! which converge for any symmetric positive definite M.
 
 use glam::{DVec3, Vec3};
 
 use super::moments::PAIR;
 use super::sheet::Sheet;
 
-/// Sweeps at most. A mass matrix's condition is below ten, so that each sweep halves the error at
-/// worst; 1e-4 takes some fifteen.
+/// Most sweeps. A mass matrix has a condition number below ten, so each sweep at least halves the
+/// error; 1e-4 takes about fifteen.
 const MOST_SWEEPS: usize = 60;
 
-/// Of the largest value: small beside a step of an 8-bit screen.
+/// Relative to the largest value; small compared with a step of an 8-bit screen.
 const TOLERANCE: f64 = 1e-4;
 
-/// The points' values. `gathered` are the means that stand for unmeasured triangles, by point.
+/// The points' values. `gathered` are the means for unmeasured triangles, by point.
 pub(super) fn fit(sheet: &Sheet, gathered: &[Vec3]) -> Vec<Vec3> {
     let n = sheet.points;
     let mut system = System {
@@ -49,8 +49,8 @@ pub(super) fn fit(sheet: &Sheet, gathered: &[Vec3]) -> Vec<Vec3> {
             system.widen(i, m.range);
             for (j, &other) in points.iter().enumerate() {
                 let mass = m.mass[PAIR[j][k]];
-                // Two corners may be one point: a needle with both ends of an edge in one place has
-                // no area and is not here, but vertices of one place can be.
+                // Two corners may be the same point, because vertices may coincide in a triangle
+                // that has area.
                 if other == i {
                     system.diagonal[i] += mass;
                 } else {
@@ -59,7 +59,7 @@ pub(super) fn fit(sheet: &Sheet, gathered: &[Vec3]) -> Vec<Vec3> {
             }
         }
     }
-    // Stable, so that sums run in the triangles' order.
+    // Stable, so that sums are in the triangles' order.
     entries.sort_by_key(|e| (e.0, e.1));
     system.starts = (0..=n)
         .map(|i| entries.partition_point(|e| (e.0 as usize) < i))
@@ -72,7 +72,7 @@ struct System {
     diagonal: Vec<f64>,
     right: Vec<DVec3>,
     range: Vec<[Vec3; 2]>,
-    /// Where each row's entries begin.
+    /// Start of each row's entries.
     starts: Vec<usize>,
     /// Column and value.
     entries: Vec<(u32, f64)>,
@@ -91,7 +91,7 @@ impl System {
             v.max(low.as_dvec3()).min(high.as_dvec3())
         };
         let row = |i: usize| &self.entries[self.starts[i]..self.starts[i + 1]];
-        // The means to begin with.
+        // Starts from the means.
         let mut x: Vec<DVec3> = (0..n)
             .map(|i| {
                 let whole = self.diagonal[i] + row(i).iter().map(|e| e.1).sum::<f64>();

@@ -1,4 +1,4 @@
-//! Light that is gathered at points about which the lightmap does not know.
+//! Light gathered at points for which the lightmap is not sufficient.
 
 use radiosity::{Cancelled, Monitor, Phase, World};
 use rayon::prelude::*;
@@ -35,15 +35,15 @@ impl Job {
     }
 }
 
-/// Jobs that share what surfaces send them.
+/// Jobs that share indirect light.
 struct Group {
     /// Indices of jobs, ascending.
     jobs: Vec<u32>,
-    /// Something stands so near that it may cut their triangles.
+    /// Whether something is so near that it may cut their triangles.
     beside: bool,
 }
 
-/// By job, its light. `jobs` are in the order of sheets and points.
+/// The light of each job. `jobs` are in the order of sheets and points.
 pub(super) fn gather(
     jobs: &[Job],
     sheets: &[Sheet],
@@ -71,7 +71,7 @@ pub(super) fn gather(
     shared.resize_with(groups.len(), Received::default);
     let smoothed = mesh.has_others();
     for which in [false, true] {
-        // What neighbours smooth needs fewer rays.
+        // Points that will be smoothed need fewer rays.
         let gatherer = match which {
             false => gatherer.clone(),
             true => gatherer.with(half(&gatherer.options)),
@@ -93,7 +93,7 @@ pub(super) fn gather(
         let g = group_of[members[m] as usize] as usize;
         let (group, light) = (&groups[g], &shared[g]);
         let footprint = job.footprint(world);
-        // In part inside of something: which of them is, each has to find out.
+        // If partly inside something, each job must find out by itself.
         let whole = light.open == 1.0 || light.open == 0.0;
         let spot = || clusters[job.sheet as usize].spots[job.point as usize];
         let cut = || spot().is_none_or(|s| is_cut(job, &s, world));
@@ -108,7 +108,7 @@ pub(super) fn gather(
         };
         gatherer.gather_direct(&footprint, job.seed, &indirect)
     })?;
-    // Rays that were shared count once, with the first.
+    // Shared rays are counted once, with the first job.
     let mut out: Vec<Received> = Vec::with_capacity(jobs.len());
     let mut own = own.into_iter();
     for (k, &g) in group_of.iter().enumerate() {
@@ -127,7 +127,7 @@ pub(super) fn gather(
     Ok(out)
 }
 
-/// Half of the rays, two and more at each point.
+/// Half of the rays, but at least two per point.
 fn half(options: &GatherOptions) -> GatherOptions {
     let rays = (options.rays / 2).max(1);
     GatherOptions {
@@ -137,7 +137,7 @@ fn half(options: &GatherOptions) -> GatherOptions {
     }
 }
 
-/// Light of the groups of `part`, in its order.
+/// Light of the groups of `part`, in order.
 fn gather_groups(
     part: &[usize],
     jobs: &[Job],
@@ -163,7 +163,7 @@ fn gather_groups(
     })
 }
 
-/// Groups, and which of them lie beside each other: by edges of triangles.
+/// Groups and their adjacency by edges of triangles.
 fn mesh_of(
     jobs: &[Job],
     sheets: &[Sheet],
@@ -199,7 +199,7 @@ fn mesh_of(
     Mesh::new(spots, pairs, world)
 }
 
-/// The jobs of each cluster, by their first.
+/// The jobs of each cluster, ordered by the first.
 fn groups(jobs: &[Job], clusters: &[Clusters], world: &World) -> Vec<Group> {
     let mut slots: Vec<Vec<u32>> = (clusters.iter())
         .map(|c| vec![u32::MAX; c.of.len()])
@@ -229,7 +229,7 @@ fn groups(jobs: &[Job], clusters: &[Clusters], world: &World) -> Vec<Group> {
         .collect()
 }
 
-/// The triangles about all of some points.
+/// The triangles around all of some points.
 fn all_spokes<'j>(jobs: impl Iterator<Item = &'j Job>, world: &World) -> Vec<Spoke> {
     let mut running = 0.0;
     jobs.flat_map(|j| &j.spokes)
@@ -240,8 +240,8 @@ fn all_spokes<'j>(jobs: impl Iterator<Item = &'j Job>, world: &World) -> Vec<Spo
         .collect()
 }
 
-/// Whether something stands on a triangle about a point: looked for from there to the middle of the
-/// opposite edge.
+/// Whether something stands on a triangle around a point, tested from the point to the middle of
+/// the opposite edge.
 fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
     job.spokes.iter().any(|spoke| {
         let mut w = [0.5; 3];
@@ -252,8 +252,8 @@ fn is_cut(job: &Job, spot: &super::cluster::Spot, world: &World) -> bool {
 }
 
 impl Gatherer<'_, '_> {
-    /// The indirect light of [`gather`](Self::gather), without planes; the whole of it counts where
-    /// any of it lies inside of something.
+    /// The indirect light of [`gather`](Self::gather) without planes; the whole footprint counts
+    /// even if part of it is inside something.
     fn gather_shared(&self, footprint: &impl Footprint, seed: u32) -> Received {
         if self.world().is_dark() {
             return Received {

@@ -1,9 +1,9 @@
 //! Light at vertices.
 //!
-//! What a vertex's colour stands for is what is interpolated from it. Where the lightmap has enough
-//! lumels on a triangle, values are fitted to these ([`fit`]); smaller triangles are gathered at,
-//! as means over the surface about each point. Vertices of one place and one smoothing group have
-//! one value, whatever seams of texture coordinates or materials part them ([`sheet`]).
+//! A vertex's colour matters only through interpolation. If the lightmap has enough lumels on a
+//! triangle, values are fitted to them ([`fit`]). Smaller triangles are gathered, as means over the
+//! surface around each point. Vertices at the same position and in the same smoothing group share
+//! one value, whatever seams of texture coordinates or materials separate them ([`sheet`]).
 
 mod cluster;
 mod difference;
@@ -38,49 +38,48 @@ use read::Reader;
 use sheet::Sheet;
 use split::{Round, SplitOptions};
 
-/// Vertices that one instance may get by splitting.
+/// Most vertices that splitting may add to one instance.
 pub const MOST_ADDED_VERTICES: usize = 200_000;
 
-/// Rounds of splitting: each halves triangles, so that this many take any to a lumel's size (2²⁴
-/// lumels are a page of 4096²).
+/// Most rounds of splitting. Each halves triangles, so this many reduce any triangle to a lumel's
+/// size (2²⁴ lumels are a page of 4096²).
 const MOST_ROUNDS: usize = 24;
 
-/// What was done for vertices.
+/// Report on vertex light.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct VertexReport {
-    /// Points with a value of their own: vertices, those of one place and one smoothing group
-    /// counted once.
+    /// Points with separate values: vertices, with those at the same position and in the same
+    /// smoothing group counted once.
     pub points: u64,
-    /// Points of triangles that are smaller than some lumels whose light was read from the lumels
-    /// around.
+    /// Points of small triangles whose light was read from the surrounding lumels.
     pub read: u64,
-    /// Points of such triangles about which lumels do not know, which were gathered at.
+    /// Points of small triangles that were gathered, because lumels were not sufficient.
     pub gathered: u64,
     /// Gathering and shadow rays.
     pub rays: u64,
-    /// Vertices that splitting added, all instances together.
+    /// Vertices added by splitting, over all instances.
     pub added: u64,
-    /// Instances that would have got more than 200,000 vertices.
+    /// Instances that would have needed more than 200,000 vertices.
     pub full: u64,
-    /// Against the lightmap.
+    /// Difference from the lightmap.
     pub difference: VertexDifference,
 }
 
-/// What light at vertices is made from.
+/// Inputs of light at vertices.
 pub(crate) struct VertexBake<'b, 'w, 'a> {
     pub world: &'w World<'a>,
     pub layout: &'b Layout,
     pub map: &'b LumelMap,
     /// By lumel.
     pub light: &'b [LumelLight],
-    /// By lumel; `None` where nothing is to be read.
+    /// By lumel; `None` if lumels must not be read.
     pub places: Option<&'b [LumelPlace]>,
     /// See [`VertexOptions::error`](crate::VertexOptions::error).
     pub error: Option<f32>,
 }
 
 impl VertexBake<'_, '_, '_> {
-    /// Irradiance at every vertex that a triangle uses; 0 at the others.
+    /// Irradiance at every vertex that a triangle uses; 0 at others.
     pub fn run(
         &self,
         gatherer: &Gatherer,
@@ -131,8 +130,9 @@ impl VertexBake<'_, '_, '_> {
         }
     }
 
-    /// By sheet and point, the light over the small triangles about it: what the lumels around say
-    /// ([`read`]), or gathered where they do not know. `None` where there are no such triangles.
+    /// For each sheet and point, the light over the small triangles around it: read from
+    /// surrounding lumels ([`read`]), or gathered if they are not sufficient. `None` without such
+    /// triangles.
     fn small_triangles(
         &self,
         sheets: &[Sheet],
@@ -162,7 +162,7 @@ impl VertexBake<'_, '_, '_> {
         report.read = out.iter().flatten().flatten().count() as u64;
         let mut jobs: Vec<Job> = Vec::new();
         for (s, (sheet, known)) in sheets.iter().zip(&out).enumerate() {
-            // The first vertex of each point names it.
+            // The first vertex of each point determines its seed.
             let mut seeds = vec![None; sheet.points];
             for v in &sheet.vertices {
                 seeds[v.point as usize].get_or_insert_with(|| {
@@ -202,7 +202,7 @@ impl VertexBake<'_, '_, '_> {
         let mut values = fit::fit(sheet, &known);
         let mut full = false;
         if let Some(error) = self.error {
-            // Parts of triangles may be too small for the lumels, though the whole was not: their
+            // Parts of triangles may be too small for the lumels although the whole was not; their
             // corners keep the whole's light.
             let mut gathered: Vec<Vec3> = (gathered.iter().zip(&values))
                 .map(|(g, v)| g.unwrap_or(*v))
@@ -237,7 +237,7 @@ impl VertexBake<'_, '_, '_> {
         }
     }
 
-    /// Of the lightmap, weighted by coverage.
+    /// Mean luminance of the lightmap, weighted by coverage.
     fn mean_luminance(&self) -> f64 {
         let (mut sum, mut weight) = (0.0, 0.0);
         for (l, light) in self.map.lumels.lumels.iter().zip(self.light) {
@@ -266,7 +266,7 @@ fn empty(scene: &Scene) -> Vec<Vec<Vec<[f32; 3]>>> {
         .collect()
 }
 
-/// Puts a sheet's values, and what was split, where writers look for them.
+/// Stores a sheet's values and splits for the writers.
 fn fill(sheet: &Sheet, values: &[Vec3], scene: &Scene, world: &World, out: &mut VertexLight) {
     let light = &mut out.instances[sheet.instance];
     for (list, count) in light.iter_mut().zip(&sheet.counts) {
@@ -291,7 +291,7 @@ fn fill(sheet: &Sheet, values: &[Vec3], scene: &Scene, world: &World, out: &mut 
         (split[source.primitive as usize].triangles).push((source.triangle, corners));
     }
     for primitive in &mut split {
-        // Stable: the parts of a triangle stay in order.
+        // Stable, so parts of a triangle stay in order.
         primitive.triangles.sort_by_key(|t| t.0);
     }
     out.split[sheet.instance] = split;

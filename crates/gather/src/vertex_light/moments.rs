@@ -1,4 +1,4 @@
-//! What a lightmap says about a triangle, in the terms in which light is interpolated over it.
+//! Integrals of the lightmap over a triangle, in terms of linear interpolation.
 
 use atlas::{Placement, TexelIndex};
 use glam::{DVec2, DVec3, Vec3};
@@ -7,12 +7,12 @@ use radiosity::luminance;
 
 use crate::received::Received;
 
-/// Triangles of fewer texels than this are gathered at by themselves: a lumel's mean says too
-/// little about what lies within it.
+/// Triangles with fewer texels are gathered separately: a lumel's mean says too little about
+/// variation inside it.
 pub(super) const LEAST_TEXELS: f64 = 4.0;
 
-/// Weight of a lumel of which nothing can be seen, where one in the open has 1: such light counts
-/// only where there is no other.
+/// Weight of a lumel without a visible part, relative to a visible one: such light counts only if
+/// there is no other.
 const HIDDEN: f32 = 1e-3;
 
 /// A lumel's light.
@@ -20,7 +20,7 @@ const HIDDEN: f32 = 1e-3;
 pub(crate) struct LumelLight {
     /// Irradiance.
     pub e: Vec3,
-    /// Share of it that lies in the open.
+    /// Its visible fraction.
     pub open: f32,
     /// Estimated variance of its luminance.
     pub variance: f32,
@@ -35,14 +35,14 @@ impl LumelLight {
         }
     }
 
-    /// How much it counts.
+    /// Its weight.
     fn weight(&self) -> f64 {
         f64::from(self.open.max(HIDDEN))
     }
 }
 
-/// Integrals over a triangle, weighted by how much of each lumel can be seen, m². φ₀, φ₁, φ₂ are
-/// barycentrics.
+/// Integrals over a triangle, weighted by the visible fraction of each lumel, m². φ₀, φ₁, φ₂ are
+/// barycentric coordinates.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Moments {
     /// ∫ 1.
@@ -53,9 +53,9 @@ pub(super) struct Moments {
     pub mass: [f64; 6],
     /// ∫ Y² of E's luminance Y.
     pub square: f64,
-    /// ∫ of its estimated variance.
+    /// ∫ of the estimated variance of Y.
     pub noise: f64,
-    /// Least and greatest E of any lumel.
+    /// Minimum and maximum E of any lumel.
     pub range: [Vec3; 2],
 }
 
@@ -63,12 +63,12 @@ pub(super) struct Moments {
 pub(super) const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
 impl Moments {
-    /// Whether the lumels say enough.
+    /// Whether there are enough lumels.
     pub fn measured(&self) -> bool {
         self.weight > 0.0
     }
 
-    /// The moments of a triangle of `area` m² with corners at `page`; none where it has too few
+    /// The moments of a triangle of `area` m² with corners at `page`; empty if it has too few
     /// texels.
     pub fn of(
         (page, area): (&[DVec2; 3], f64),
@@ -81,7 +81,7 @@ impl Moments {
             ..Moments::default()
         };
         let texels = texels(page);
-        // NaN where there is no chart.
+        // NaN without a chart.
         if texels.is_nan() || texels < LEAST_TEXELS {
             return Moments::default();
         }
@@ -130,13 +130,13 @@ pub(super) fn luminance_of(c: DVec3) -> f64 {
     c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// The part of a triangle in one texel, integrals in texels.
+/// The part of a triangle in one texel; integrals are in texels.
 pub(super) struct Cell {
     /// ∫ 1.
     pub area: f64,
     /// ∫ φₖ.
     pub linear: [f64; 3],
-    /// ∫ φⱼ φₖ, as [`Moments::mass`] has them.
+    /// ∫ φⱼ φₖ, as in [`Moments::mass`].
     pub quadratic: [f64; 6],
 }
 

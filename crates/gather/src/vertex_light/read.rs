@@ -1,12 +1,11 @@
 //! Light at vertices of small triangles, read from the lightmap.
 //!
-//! Triangles smaller than some lumels cannot be fitted to them, but the light about their corners
-//! is there all the same: a bilinear lookup, at the middle of each corner's share of the triangle.
-//! A lookup is trusted where its lumels are of the same surface and agree. Whether they are is told
-//! by their places: what lumels' positions and normals are interpolated to must be the point's own
-//! position and normal. So a lookup that reads across a fold, a gap of the chart or a coarse curve
-//! is found out, whatever the reason. Lumels that walls or contacts cross hold the light of a part
-//! of them, and are not read at all.
+//! Triangles smaller than a few lumels cannot be fitted to them, but the light around their corners
+//! can still be read by a bilinear lookup, at the centre of each corner's part of the triangle. A
+//! lookup is trusted if its lumels are on the same surface and agree. Their positions and normals
+//! show this: interpolated, they must give the point's own position and normal. This detects
+//! lookups across a fold, a gap in the chart or a coarse curve, whatever the reason. Lumels that
+//! walls or contacts cross have the light of only a part of them, and are not read.
 
 use std::cell::Cell;
 
@@ -19,52 +18,51 @@ use super::sheet::{Sheet, Tri, corners_of};
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 
-/// Lumels' normals may differ from the point's by 60°: on a curve their mean can still be right,
-/// which [`SAME_NORMAL`] tells.
+/// Least cosine between normals of lumels and of the point: 60°. On a curve their mean can still be
+/// right, which [`SAME_NORMAL`] checks.
 const LIKE_NORMAL: f32 = 0.5;
 
-/// Cosine of 15° between the mean of lumels' normals and the point's own.
+/// Least cosine between the mean of the lumels' normals and the point's own: 15°.
 const SAME_NORMAL: f32 = 0.966;
 
-/// Distance in lumels of the place that was read from the point, where most of the lookup's weight
-/// is there and of whole lumels.
+/// Largest distance, in lumels, of the interpolated position from the point, if most of the
+/// lookup's weight is present and comes from whole lumels.
 const SAME_PLACE: f32 = 0.3;
 
-/// And at charts' borders, where lookups lie a little inside: there a shadow ray to each lamp that
-/// matters must find what the lumels found. What this, [`LEAST_WEIGHT`] and [`PART`] let in over
-/// the demo level (each triangle split in nine) was nearer to gathering with 2048 rays than
-/// gathering itself is, in the median and at the 95th percentile, with 16 rays (`draft`) and with
-/// 64 (`preview`); lab/profile.md has the figures.
+/// The same at chart borders, where lookups are shifted inwards. There a shadow ray to each lamp
+/// that matters must agree with the lumels. On the demo level (with each triangle split into nine),
+/// the lookups that this, [`LEAST_WEIGHT`] and [`PART`] admit were closer to gathering with 2048
+/// rays than gathering itself with 16 rays (`draft`) and 64 (`preview`), in the median and at the
+/// 95th percentile; see lab/profile.md.
 const NEAR_PLACE: f32 = 0.75;
 
-/// Share of a lookup from lumels that can be trusted which is most of it.
+/// Fraction of a lookup's weight from trusted lumels that counts as most of it.
 const MOST_WEIGHT: f32 = 0.9;
 
-/// Share of a lookup that must come from such at charts' borders.
+/// Least fraction of a lookup's weight from trusted lumels at chart borders.
 const LEAST_WEIGHT: f32 = 0.25;
 
-/// Coverage of whole lumels.
+/// Coverage from which a lumel counts as whole.
 const WHOLE: f32 = 0.9;
 
-/// Coverage of others that are read, where no shadow's edge crosses them: on which side of it a
-/// part lies says nothing about the rest.
+/// Least coverage of other lumels that are read if no shadow edge crosses them; if one does, the
+/// covered part says nothing about the rest.
 const PART: f32 = 0.25;
 
-/// Lamps that would bring less than this share of the light are not looked for.
+/// Lamps that would contribute less than this fraction of the light need no shadow ray.
 const MATTERS: f32 = 0.01;
 
-/// Lumels of a lookup that differ by more than this share of their mean do not say what lies
-/// between them.
+/// Lumels of a lookup that differ by more than this fraction of their mean cannot be interpolated.
 const MOST_SPREAD: f32 = 0.4;
 
-/// Longest edge in texels of which one lookup stands for a corner's share; longer triangles are cut
-/// for reading.
+/// Longest edge, in texels, of a triangle for which one lookup represents a corner's part; longer
+/// triangles are subdivided for reading.
 const LOOKUP: f64 = 2.0;
 
-/// Cuts of an edge at most; longer triangles are gathered at.
+/// Most subdivisions of an edge; longer triangles are gathered.
 const MOST_CUTS: u32 = 6;
 
-/// Where a lumel lies, and whether its light may be read between it and its neighbours.
+/// Place of a lumel, and whether its light may be interpolated with its neighbours'.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LumelPlace {
     position: Vec3,
@@ -72,9 +70,9 @@ pub(crate) struct LumelPlace {
     size: f32,
     sure: bool,
     whole: bool,
-    /// Lamps that all of it sees, and that are hidden from all, as [`Received`] has them.
+    /// Lamps visible from all of it, and lamps hidden from all of it, as in [`Received`].
     lamps: [u32; 2],
-    /// A wall stands right of it, and below.
+    /// Whether there is a wall on its right, and below.
     walls: [bool; 2],
 }
 
@@ -106,7 +104,7 @@ fn least_coverage(r: &Received) -> f32 {
     }
 }
 
-/// What was read for a point so far.
+/// Sum of the lookups for a point.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     light: Vec3,
@@ -114,18 +112,17 @@ struct Sum {
     border: Option<Border>,
 }
 
-/// A place at a chart's border, and the lamps that all lumels there see, and that are hidden from
-/// all.
+/// A lookup at a chart border, and the lamps visible to all lumels there, and hidden from all.
 #[derive(Clone, Copy)]
 struct Border {
     at: SurfacePoint,
     lamps: [u32; 2],
 }
 
-/// What lookups go by.
+/// Inputs of lookups.
 pub(super) struct Reader<'b, 'w, 'a> {
     pub world: &'w World<'a>,
-    /// Says where lamps are hidden.
+    /// Tells which lamps are hidden.
     pub direct: &'b DirectLight<'w, 'a>,
     pub placement: &'b Placement,
     pub index: &'b TexelIndex,
@@ -133,13 +130,13 @@ pub(super) struct Reader<'b, 'w, 'a> {
     pub places: &'b [LumelPlace],
     /// 1 % of the mean luminance.
     pub floor: f32,
-    /// Shadow rays that were cast.
+    /// Number of shadow rays.
     pub rays: Cell<u64>,
 }
 
 impl Reader<'_, '_, '_> {
-    /// By point: the mean light over its share of the small triangles about it, where the lumels
-    /// know; `None` elsewhere.
+    /// For each point, the mean light over its part of the small triangles around it, if the lumels
+    /// are sufficient; else `None`.
     pub fn read(&self, sheet: &Sheet) -> Vec<Option<Vec3>> {
         let mut sums = vec![Some(Sum::default()); sheet.points];
         for tri in sheet.tris.iter().filter(|t| !t.moments.measured()) {
@@ -175,15 +172,15 @@ impl Reader<'_, '_, '_> {
             .collect()
     }
 
-    /// The mean over a triangle weighted by corner `k`'s hat function φ, its edges cut in `cuts`.
-    /// Over a part with φ = f₀, f₁, f₂ at its corners, ∫ φ p = A/12 Σ (fⱼ + Σf) pⱼ: a lookup at
-    /// that mean place is exact for light that is linear there.
+    /// The mean over a triangle weighted by corner `k`'s hat function φ, with its edges divided
+    /// into `cuts`. Over a part with φ = f₀, f₁, f₂ at its corners, ∫ φ p = A/12 Σ (fⱼ + Σf) pⱼ, so
+    /// a lookup at that weighted centre is exact for linear light.
     fn corner(&self, tri: &Tri, k: usize, cuts: u32, border: &mut Option<Border>) -> Option<Vec3> {
         let (triangle, order, back) = corners_of(self.world.soup, tri.face);
         let n = cuts as i32;
         let (mut light, mut total) = (Vec3::ZERO, 0.0f32);
         let mut part = |corners: [[i32; 2]; 3]| -> Option<()> {
-            // Barycentrics of the triangle's own corners, corner k first.
+            // Barycentric coordinates of the triangle's own corners, corner k first.
             let at = corners.map(|[i, j]| [n - i - j, i, j].map(|x| x as f32 / n as f32));
             let sum = at[0][0] + at[1][0] + at[2][0];
             let mut w = [0.0f32; 3];
@@ -217,8 +214,8 @@ impl Reader<'_, '_, '_> {
         Some(light / total)
     }
 
-    /// The light at a place of the instance's rectangle, which is `p` in the world. Where lamps are
-    /// to be looked for, `border` gets to know.
+    /// The light at a position of the instance's rectangle, which is `p` in the world. Sets
+    /// `border` if lamps have to be checked.
     fn lookup(&self, page: DVec2, p: &SurfacePoint, border: &mut Option<Border>) -> Option<Vec3> {
         let q = page - 0.5;
         let base = q.floor();
@@ -285,8 +282,8 @@ impl Reader<'_, '_, '_> {
     }
 }
 
-/// In how many parts edges are cut so that one lookup may stand for each; `None` where there is no
-/// chart, or it is drawn out too far.
+/// Number of subdivisions of the edges for which one lookup represents each part; `None` without a
+/// chart, or if it is too elongated.
 fn cuts(tri: &Tri) -> Option<u32> {
     let [a, b, c] = tri.page;
     let longest = (a.distance(b)).max(b.distance(c)).max(c.distance(a));

@@ -1,4 +1,4 @@
-//! Light at vertices, as writers take it.
+//! Light at vertices in the form that writers take.
 
 #[cfg(doc)]
 use mesh_ingest::{Primitive, Scene};
@@ -7,22 +7,21 @@ use mesh_ingest::{Primitive, Scene};
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct VertexLight {
     /// By instance of the scene, by primitive of its mesh, by vertex of [`Primitive::positions`]:
-    /// E, linear Rec.709. What is there for instances and primitives that receive no light
-    /// ([`Scene::receives`]) is not looked at. Vertices that splitting added come after them.
+    /// E, linear Rec.709. Followed by vertices added by splitting. Entries for instances and
+    /// primitives that receive no light ([`Scene::receives`]) are ignored.
     pub instances: Vec<Vec<Vec<[f32; 3]>>>,
-    /// By instance, by primitive: how triangles were split. An inner list is empty where an
-    /// instance is as it was; so is all of it where all are.
+    /// By instance, by primitive: how triangles were split. An inner list is empty if the instance
+    /// was not split; the outer one if none was.
     pub split: Vec<Vec<SplitPrimitive>>,
 }
 
-/// A primitive whose triangles were split, without any vertex on another's edge.
+/// A primitive whose triangles were split, without T-junctions.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SplitPrimitive {
-    /// Added vertices: of each, the two earlier ones in whose middle it is. They are numbered on
-    /// from [`Primitive::positions`].
+    /// For each added vertex, the two earlier vertices whose midpoint it is. Added vertices are
+    /// numbered after those of [`Primitive::positions`].
     pub parents: Vec<[u32; 2]>,
-    /// The parts of triangles, whole ones among them: index into [`Primitive::triangles`],
-    /// ascending, and vertices.
+    /// All triangles after splitting: index into [`Primitive::triangles`], ascending, and vertices.
     pub triangles: Vec<(u32, [u32; 3])>,
 }
 

@@ -1,4 +1,4 @@
-//! The triangles of one instance as vertex light sees them, whole or split.
+//! The triangles of one instance for vertex light, whole or split.
 
 use std::collections::HashMap;
 
@@ -9,8 +9,8 @@ use mesh_ingest::{Primitive, Scene, Soup};
 use super::moments::{Moments, texels};
 use crate::vertex_footprint::Spoke;
 
-/// Normals that differ by less are of one smoothing group: cos 5°. Exporters round normals to a
-/// degree at worst (8 bits), and hard edges that anyone sees are above ten.
+/// Least cosine between normals in one smoothing group: 5°. Exporters round normals to a degree at
+/// worst (8 bits), and visible hard edges are above ten.
 const SAME_NORMAL: f32 = 0.9962;
 
 /// A vertex of a primitive.
@@ -18,11 +18,12 @@ const SAME_NORMAL: f32 = 0.9962;
 pub(super) struct Vertex {
     /// Index into the mesh's primitives.
     pub primitive: u32,
-    /// Index into the primitive's vertices; those that splitting added come after its own.
+    /// Index into the primitive's vertices; added ones come after its own.
     pub index: u32,
-    /// Where it is: the same for all vertices of the instance at one position.
+    /// Its position: equal for all vertices of the instance at the same position.
     pub place: u32,
-    /// Whose light it takes: the same for vertices of one place and one smoothing group.
+    /// Its point, i.e. value: equal for vertices at the same position and in the same smoothing
+    /// group.
     pub point: u32,
 }
 
@@ -33,11 +34,11 @@ pub(super) struct Tri {
     pub face: u32,
     /// Index into [`Sheet::vertices`], in the primitive's corner order.
     pub corners: [u32; 3],
-    /// Where the corners are in the instance's rectangle, texels; NaN where it has no chart.
+    /// Corners in the instance's rectangle, texels; NaN without a chart.
     pub page: [DVec2; 3],
-    /// m².
+    /// Area, m².
     pub area: f64,
-    /// What the lumels say about it.
+    /// Integrals of the lumels on it.
     pub moments: Moments,
 }
 
@@ -53,13 +54,12 @@ pub(super) struct Sheet {
     /// Index into [`Scene::instances`].
     pub instance: usize,
     pub vertices: Vec<Vertex>,
-    /// For vertices that splitting added, in their order: the two in whose middle each is, as
-    /// indices into `vertices`.
+    /// For each added vertex, the two vertices whose midpoint it is, as indices into `vertices`.
     pub parents: Vec<[u32; 2]>,
     pub tris: Vec<Tri>,
     /// Number of vertices of each primitive.
     pub counts: Vec<u32>,
-    /// World position of each place.
+    /// World position by place.
     pub places: Vec<Vec3>,
     /// Number of points.
     pub points: usize,
@@ -105,7 +105,7 @@ impl Sheet {
                 let slot = &mut number[p][v as usize];
                 if *slot == u32::MAX {
                     *slot = sheet.vertices.len() as u32;
-                    // Adding zero turns −0 into +0, which is the same place.
+                    // Adding zero turns −0 into +0, which is the same position.
                     let position = primitive.positions[v as usize] + Vec3::ZERO;
                     let next = sheet.places.len() as u32;
                     let place = *place_of
@@ -137,7 +137,7 @@ impl Sheet {
         sheet
     }
 
-    /// Gives vertices of one place and one smoothing group the same point.
+    /// Gives vertices at the same position and in the same smoothing group the same point.
     fn find_points(&mut self, primitives: &[Primitive]) {
         let normals = self.normals(primitives);
         let mut order: Vec<(u32, u32)> = (self.vertices.iter().zip(0u32..))
@@ -145,9 +145,9 @@ impl Sheet {
             .collect();
         order.sort_unstable();
         for at_place in order.chunk_by(|a, b| a.0 == b.0) {
-            // The first vertex of each group speaks for it: no chain of small steps joins what
-            // differs. On a sphere there is room for some two thousand of them, so that this is not
-            // quadratic however many vertices share a place.
+            // Normals are compared with the first vertex of each group, so that no chain of small
+            // steps joins different normals. A sphere has room for about two thousand groups, so
+            // this is not quadratic, however many vertices share a position.
             let mut groups: Vec<(Vec3, u32)> = Vec::new();
             for &(_, v) in at_place {
                 let normal = normals[v as usize];
@@ -166,7 +166,7 @@ impl Sheet {
         }
     }
 
-    /// Unit normals of the vertices, local space: their own, or the mean of their faces.
+    /// Unit normals of the vertices in local space: their own, or the mean of their faces'.
     fn normals(&self, primitives: &[Primitive]) -> Vec<Vec3> {
         let mut normals = vec![Vec3::ZERO; self.vertices.len()];
         for tri in &self.tris {
@@ -175,7 +175,8 @@ impl Sheet {
             if primitive.normals.is_empty() {
                 let [a, b, c] = v.map(|v| primitive.positions[v.index as usize].as_dvec3());
                 let area = (b - a).cross(c - a);
-                // In f64, and scaled, so that neither tiny nor huge triangles leave f32.
+                // In f64 and scaled, so that neither tiny nor huge triangles leave the range of
+                // f32.
                 let weighted = area * (tri.area / area.length().max(f64::MIN_POSITIVE));
                 for c in tri.corners {
                     normals[c as usize] += weighted.as_vec3();
@@ -198,7 +199,7 @@ impl Sheet {
             .map(|c| self.vertices[c as usize].point as usize)
     }
 
-    /// For each point that is `wanted`, the triangles about it that have too few lumels to go by.
+    /// For each point that is `wanted`, the triangles around it that have too few lumels.
     pub fn spokes(&self, soup: &Soup, wanted: impl Fn(usize) -> bool) -> Vec<Vec<Spoke>> {
         let mut around: Vec<Vec<Spoke>> = vec![Vec::new(); self.points];
         for tri in self.tris.iter().filter(|t| !t.moments.measured()) {
@@ -221,8 +222,8 @@ impl Sheet {
     }
 }
 
-/// The soup's triangle in whose place a face is, which of its world corners each corner of the
-/// primitive's triangle is, and whether the face lies on its back.
+/// For a face: its triangle in the soup, the world corner of each of the primitive triangle's
+/// corners, and whether the face is on the back.
 pub(super) fn corners_of(soup: &Soup, face: u32) -> (u32, [u8; 3], bool) {
     let order = if soup.source(face).mirrored {
         [0, 2, 1]

@@ -1,10 +1,10 @@
-//! Takes noise out of the light that was gathered for vertices.
+//! Denoises the light gathered for vertices.
 //!
-//! As lumels are smoothed ([`crate::smooth`]), on the mesh instead of the page: points beside each
-//! other on one piece of surface gathered about the same light with independent random numbers.
-//! Their mean is taken in which each counts as far as its difference can be noise, the weights for
-//! one half of the samples coming from the other half. A mean, not a fit: few lie about a vertex,
-//! and unevenly.
+//! Like the denoising of lumels ([`crate::smooth`]), on the mesh instead of the page: adjacent
+//! points on one piece of surface gathered similar light with independent random numbers. The
+//! result is a mean in which each point counts as far as its difference can be explained by noise,
+//! with weights for one half of the samples from the other half. A mean instead of a fit, because a
+//! vertex has few and unevenly distributed neighbours.
 
 use glam::Vec3;
 use radiosity::{World, luminance};
@@ -16,25 +16,25 @@ use crate::received::Received;
 use crate::smooth::likely;
 use crate::window::SAME_FACING;
 
-/// Steps from group to group that a window takes.
+/// Number of steps from group to group in a window.
 const RINGS: usize = 2;
 
-/// And how far it reaches, in lumels of its middle.
+/// Extent of a window, in lumels of its centre.
 const REACH: f32 = 4.0;
 
-/// Groups in a window at most.
+/// Most groups in a window.
 const MOST: usize = 24;
 
-/// What is gathered at, and what lies beside it on the mesh with no wall between.
+/// Groups to smooth, and their adjacency on the mesh without walls between them.
 pub(super) struct Mesh {
     spots: Vec<Option<Spot>>,
-    /// Where each one's neighbours begin in `next`; ascending.
+    /// Start of each one's neighbours in `next`; ascending.
     starts: Vec<u32>,
     next: Vec<u32>,
 }
 
 impl Mesh {
-    /// Of these `spots`, where `pairs` are the ends of edges.
+    /// A mesh of `spots`, whose edges are `pairs`.
     pub fn new(spots: Vec<Option<Spot>>, mut pairs: Vec<[u32; 2]>, world: &World) -> Mesh {
         pairs.retain(|[a, b]| a < b);
         pairs.par_sort_unstable();
@@ -52,7 +52,7 @@ impl Mesh {
         Mesh::of(spots, &open)
     }
 
-    /// With these neighbours.
+    /// A mesh with these neighbours.
     fn of(spots: Vec<Option<Spot>>, pairs: &[[u32; 2]]) -> Mesh {
         let mut starts = vec![0u32; spots.len() + 1];
         for g in pairs.iter().flatten() {
@@ -76,7 +76,7 @@ impl Mesh {
         }
     }
 
-    /// The groups about one, itself first.
+    /// The groups around one, itself first.
     fn around(&self, group: usize, out: &mut Vec<u32>) {
         out.clear();
         out.push(group as u32);
@@ -99,8 +99,8 @@ impl Mesh {
         }
     }
 
-    /// By group, whether there are others about it: then smoothing halves its variance at least, as
-    /// long as they are alike, and half of the rays will do.
+    /// For each group, whether there are others around it. Then smoothing at least halves its
+    /// variance, provided that they are similar, and half of the rays suffice.
     pub fn has_others(&self) -> Vec<bool> {
         (0..self.spots.len())
             .into_par_iter()
@@ -112,7 +112,7 @@ impl Mesh {
             .collect()
     }
 
-    /// Smooths indirect light in place: of groups wholly in the open.
+    /// Smooths indirect light in place, for groups that are completely visible.
     pub fn smooth(&self, received: &mut [Received]) {
         let variance = |g: u32| received[g as usize].indirect_variance;
         let pooled = self.of_windows(received, |_, around| {
@@ -129,8 +129,7 @@ impl Mesh {
         }
     }
 
-    /// `what` of each group and those about it that lie in the open; none are about one that does
-    /// not.
+    /// `what` of each group and the visible groups around it; hidden groups have none around them.
     fn of_windows<T: Send>(
         &self,
         received: &[Received],
@@ -152,7 +151,7 @@ impl Mesh {
     }
 }
 
-/// Whether another spot is of the same piece of surface as `own`, and near.
+/// Whether another spot is near `own` and on the same piece of surface.
 fn beside(own: &Spot, other: &Spot) -> bool {
     let reach = REACH * own.size;
     own.at.normal.dot(other.at.normal) >= SAME_FACING
@@ -185,9 +184,9 @@ mod tests {
     use super::*;
     use crate::smooth::tests::normal_numbers;
 
-    /// Columns of light after smoothing, over a floor of points with `light(x)`, gathered with
-    /// standard errors of `noise(x)`; edges are along rows, columns and diagonals as in a mesh, but
-    /// for those that `cut` is said of: from column x to the next.
+    /// Columns of light after smoothing, over a floor of points with light `light(x)` and standard
+    /// errors `noise(x)`. Edges run along rows, columns and diagonals as in a mesh, except from
+    /// columns x with `cut` to the next.
     fn smoothed(
         light: impl Fn(u32) -> f32,
         noise: impl Fn(u32) -> f32,
@@ -242,10 +241,10 @@ mod tests {
         let n = all.len() as f32;
         let mean = all.iter().sum::<f32>() / n;
         let left = (all.iter().map(|e| (e - mean) * (e - mean)).sum::<f32>() / n).sqrt();
-        // Nineteen points that counted alike would leave 0.069 of 0.3; weights of noisy
-        // differences, e⁻¹ᐟ⁴ at one standard deviation, some more.
+        // Nineteen points with equal weights would leave 0.069 of 0.3; noisy weights, e⁻¹ᐟ⁴ at one
+        // standard deviation, leave slightly more.
         assert!(left < 0.11, "{left}");
-        // 0.3 / √2304 = 0.006 is the noise of the whole mean.
+        // The noise of the total mean is 0.3 / √2304 = 0.006.
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
     }
 

@@ -1,10 +1,10 @@
 //! Splits triangles over which light is not linear.
 //!
 //! Longest-edge bisection (after Rivara, *Algorithms for refining triangular grids suitable for
-//! adaptive and multigrid techniques*, 1984): an edge that is to be split makes the longest edge of
-//! both its triangles be split too, so that no corner ever lies on another triangle's edge and
-//! angles stay above half of the smallest that there was. Edges are told apart by places, so that
-//! vertices which texture seams, hard edges or primitives double are split alike.
+//! adaptive and multigrid techniques*, 1984): before an edge is split, the longest edge of both its
+//! triangles is split too. So there are no T-junctions, and angles stay above half of the smallest
+//! original one. Edges are identified by positions, so that vertices duplicated at texture seams,
+//! hard edges or primitives are split alike.
 
 use std::collections::{HashMap, HashSet};
 
@@ -17,34 +17,34 @@ use super::sheet::{Sheet, Tri, Vertex};
 /// An edge: its two places, the lower first.
 type Edge = (u32, u32);
 
-/// Triangles of which less can be seen are not split for their own sake: lumels count 1e-3 where
-/// they are hidden, and one of twenty in the open is a rim that its neighbours have too.
+/// Triangles with a smaller visible fraction are not split for their own sake: hidden lumels count
+/// 1e-3, and a single visible one of twenty is a rim that its neighbours have too.
 const LEAST_SEEN: f64 = 0.05;
 
-/// When to split, and how often.
+/// Criteria for splitting.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SplitOptions {
     /// Root mean square error over a triangle, relative to its mean light.
     pub error: f64,
-    /// 1 % of the scene's mean luminance: errors in the dark count for less.
+    /// 1 % of the scene's mean luminance, so that errors in the dark count less.
     pub floor: f64,
-    /// Vertices that one instance may get.
+    /// Most added vertices of one instance.
     pub most: usize,
 }
 
-/// What a round of splitting did.
+/// Result of a round of splitting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Round {
-    /// No triangle is too far off.
+    /// No triangle exceeds the error.
     Done,
-    /// Some were split; their moments have yet to be computed ([`Tri::moments`] is empty).
+    /// Some were split; their moments must be computed ([`Tri::moments`] is empty).
     Split,
-    /// Some would have to be, but there are as many vertices as there may be.
+    /// Some exceed the error, but the maximum number of vertices is reached.
     Full,
 }
 
-/// Splits the triangles whose light is too far from what `values` make of it. `values` and
-/// `gathered` get entries for new points.
+/// Splits the triangles for which interpolating `values` is too inaccurate. `values` and `gathered`
+/// get entries for new points.
 pub(super) fn split(
     sheet: &mut Sheet,
     values: &mut Vec<Vec3>,
@@ -58,10 +58,9 @@ pub(super) fn split(
     if bad.is_empty() {
         return Round::Done;
     }
-    // The worst first, in case there is not room for all.
+    // The worst first, in case not all fit.
     bad.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    // A hard or textured edge makes two vertices and more; these rounds stop a little early rather
-    // than late.
+    // A hard or textured edge makes at least two vertices, so stop slightly early rather than late.
     let room = options.most.saturating_sub(sheet.parents.len()) / 2;
     let edges = mark(sheet, &bad, room);
     if edges.is_empty() {
@@ -83,19 +82,19 @@ pub(super) fn split(
 /// Relative error of a triangle; `None` if it cannot be split further.
 fn error(sheet: &Sheet, tri: &Tri, values: &[Vec3], options: &SplitOptions) -> Option<f64> {
     let m = &tri.moments;
-    // Nobody sees how well the light inside a wall is met.
+    // The accuracy inside a wall does not matter.
     let seen = m.weight > LEAST_SEEN * tri.area;
     if !m.measured() || !seen || tri.texels() < 2.0 * LEAST_TEXELS {
         return None;
     }
     let corners = (sheet.points_of(tri)).map(|p| f64::from(luminance(values[p])));
-    // What the lumels' own noise explains is no error.
+    // The part explained by the lumels' own noise is not an error.
     let square = (m.residual(corners) - m.noise).max(0.0) / m.weight;
     Some(square.sqrt() / (m.mean() + options.floor).max(f64::MIN_POSITIVE))
 }
 
 /// The longest edge of a triangle, by length and then by place, so that both triangles of an edge
-/// judge alike.
+/// decide alike.
 fn longest(sheet: &Sheet, tri: &Tri) -> usize {
     let edges = edges_of(sheet, tri);
     let length = |(a, b): Edge| {
@@ -117,7 +116,7 @@ fn longest(sheet: &Sheet, tri: &Tri) -> usize {
     best
 }
 
-/// Edge k is opposite of corner k: between corners k + 1 and k + 2.
+/// Edge k is opposite corner k: between corners k + 1 and k + 2.
 fn edges_of(sheet: &Sheet, tri: &Tri) -> [Edge; 3] {
     let place = |k: usize| sheet.vertices[tri.corners[k % 3] as usize].place;
     [0, 1, 2].map(|k| {
@@ -126,8 +125,8 @@ fn edges_of(sheet: &Sheet, tri: &Tri) -> [Edge; 3] {
     })
 }
 
-/// The edges to split: the longest of each triangle of `bad`, as long as there is `room`, and what
-/// they entail.
+/// The edges to split: the longest of each triangle in `bad`, while there is `room`, and those that
+/// must be split with them.
 fn mark(sheet: &Sheet, bad: &[(f64, u32)], room: usize) -> HashSet<Edge> {
     let mut at: Vec<(Edge, u32)> = (sheet.tris.iter().enumerate())
         .flat_map(|(t, tri)| edges_of(sheet, tri).map(|e| (e, t as u32)))
@@ -158,7 +157,7 @@ fn mark(sheet: &Sheet, bad: &[(f64, u32)], room: usize) -> HashSet<Edge> {
 
 struct Cutter<'s> {
     edges: &'s HashSet<Edge>,
-    /// New vertices by the two vertices between which they are.
+    /// New vertices by the two vertices whose midpoint they are.
     vertices: HashMap<[u32; 2], u32>,
     places: HashMap<[u32; 2], u32>,
     points: HashMap<[u32; 2], u32>,
@@ -183,7 +182,7 @@ impl Cutter<'_> {
             out.push(*tri);
             return;
         }
-        // Turned so that the longest edge is opposite of corner 0.
+        // Rotated so that the longest edge is opposite corner 0.
         let k = longest(self.sheet, tri);
         let turned = Tri {
             corners: [0, 1, 2].map(|i| tri.corners[(k + i) % 3]),
@@ -191,7 +190,7 @@ impl Cutter<'_> {
             ..*tri
         };
         let middle = self.middle(turned.corners[1], turned.corners[2]);
-        // Two halves that meet in the line from corner 0 to the middle; each has one more edge that
+        // Two halves that share the line from corner 0 to the midpoint; each has one more edge that
         // may be split.
         let on_page = (turned.page[1] + turned.page[2]) * 0.5;
         let half = |replaced: usize| {
@@ -205,8 +204,8 @@ impl Cutter<'_> {
             part
         };
         let (first, second) = (half(2), half(1));
-        // Corner 2 is the middle in the first half: the outer edge 0–1 is opposite of it; in the
-        // second it is corner 1.
+        // In the first half the midpoint is corner 2, opposite the outer edge 0–1; in the second it
+        // is corner 1.
         for (part, opposite, cut) in [
             (first, 2, edges[(k + 2) % 3]),
             (second, 1, edges[(k + 1) % 3]),
@@ -229,7 +228,7 @@ impl Cutter<'_> {
         }
     }
 
-    /// The vertex in the middle of two of one primitive.
+    /// The vertex at the midpoint of two vertices of one primitive.
     fn middle(&mut self, a: u32, b: u32) -> u32 {
         let pair = [a.min(b), a.max(b)];
         if let Some(&v) = self.vertices.get(&pair) {

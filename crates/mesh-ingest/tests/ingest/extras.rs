@@ -43,9 +43,9 @@ fn values_that_cannot_be_used_are_named_and_ignored() {
         doc.json["extras"] = json!({"lumel": {key: value}});
         (doc, format!("extras.lumel.{key}"))
     };
-    let boolean = "expected true or false; it is ignored";
-    let scale = "expected a number of at least 0; it is ignored";
-    let limit = "expected a number from 0 to 1; it is ignored";
+    let boolean = "expected true or false; ignored";
+    let scale = "expected a number of at least 0; ignored";
+    let limit = "expected a number from 0 to 1; ignored";
     let unknown = "unknown key; known keys are";
     for ((doc, path), message) in [
         (material("exclude", json!("yes")), boolean),
@@ -105,10 +105,7 @@ fn extras_of_others_are_none_of_our_business() {
     let loaded = doc.load().unwrap();
     assert_eq!(
         warnings(&loaded),
-        [(
-            "extras.lumel",
-            "found \"off\", expected an object; it is ignored"
-        )]
+        [("extras.lumel", "found \"off\", expected an object; ignored")]
     );
     // Places where exporters put a mesh's properties, which are ignored.
     doc.json["extras"] = json!(null);

@@ -165,7 +165,7 @@ fn hierarchies_that_are_no_forest_are_refused_at_once() {
     assert_eq!(problems.len(), 60);
     assert_eq!(
         problems[0],
-        "nodes[0].children[1]: found node 1 for the second time, expected each child once"
+        "nodes[0].children[1]: found node 1 twice, expected each child once"
     );
 }
 

@@ -349,7 +349,7 @@ fn broken_files_are_told_what_is_wrong() {
     for (from, to, words) in [
         ("TILT=NONE", "", "TILT="),
         ("3 4", "3", "the end of the file"),
-        ("3 4", "3 x", "\"x\" in place of an intensity"),
+        ("3 4", "3 x", "\"x\" instead of an intensity"),
         ("3 4", "3 inf", "\"inf\""),
         ("0 90\n0 90", "90 0\n0 90", "vertical angle of 0"),
         ("0 90\n0 90", "0 190\n0 90", "vertical angle of 190"),

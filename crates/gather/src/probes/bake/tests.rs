@@ -6,7 +6,7 @@ use radiosity::{Emitters, Silent, Sky, SolveOptions, WorldOptions};
 
 use super::*;
 
-/// L00 of a radiance of 1 from everywhere: 4π · ½ √(1/π).
+/// L00 of a constant radiance of 1: 4π · ½ √(1/π).
 const ALL: f64 = 3.544_907_701_811_032;
 
 fn material(reflectance: f32, emissive: f32) -> Material {
@@ -48,7 +48,7 @@ fn add_quad(scene: &mut Scene, material: Material, corner: Vec3, x: Vec3, y: Vec
     add_mesh(scene, material, positions, vec![[0, 1, 2], [0, 2, 3]]);
 }
 
-/// A box that is seen from outside, or from inside.
+/// A box seen from outside, or from inside.
 fn add_box(scene: &mut Scene, material: &Material, low: Vec3, high: Vec3, inside: bool) {
     let size = high - low;
     for axis in 0..3 {
@@ -75,7 +75,7 @@ fn lamp(kind: LightKind, intensity: Vec3) -> Light {
     }
 }
 
-/// A speck of black far below, so that there is a scene.
+/// A small black object far below, because a scene must not be empty.
 fn nothing() -> Scene {
     let mut scene = Scene::default();
     let corner = Vec3::new(0.0, -1000.0, 0.0);
@@ -94,7 +94,7 @@ const OPTIONS: ProbeOptions = ProbeOptions {
     samples: 4096,
 };
 
-/// The probes are to be tested, not the solve.
+/// Few patches, because only the probes are tested.
 fn few_patches() -> SolveOptions {
     SolveOptions {
         cut: patch_subdivision::Options {
@@ -134,7 +134,7 @@ fn assert_sh(got: &Sh2, expected: [Vec3; 9], tolerance: f32) {
     }
 }
 
-/// What one direction brings: flux · Y.
+/// The light from one direction: flux · Y.
 fn from_one(direction: Vec3, flux: Vec3) -> [Vec3; 9] {
     basis(direction.normalize()).map(|y| flux * y)
 }
@@ -147,7 +147,7 @@ fn constant(radiance: Vec3) -> [Vec3; 9] {
 
 #[test]
 fn a_furnace_is_the_same_from_everywhere() {
-    // L = L_e/(1 − ρ) everywhere inside, whatever the place.
+    // L = L_e/(1 − ρ) everywhere inside.
     let mut scene = Scene::default();
     add_box(
         &mut scene,
@@ -163,8 +163,8 @@ fn a_furnace_is_the_same_from_everywhere() {
     ];
     for p in bake_in(&scene, Sky::Black, &at, &OPTIONS) {
         assert!(p.valid && p.backfaces == 0.0);
-        // The solve stops where at most 1e-4 of the light is left to distribute. Directions add
-        // nothing to that: what they make of a constant is taken off.
+        // The solve stops when at most 1e-4 of the light is undistributed. Directions add no error,
+        // because their error for a constant is subtracted.
         assert_sh(&p.sh, constant(Vec3::splat(1.5)), 1.5e-4 * ALL as f32);
     }
 }
@@ -176,7 +176,7 @@ fn a_constant_sky_has_one_coefficient() {
     for rays in [64, 4096] {
         let options = ProbeOptions { rays, ..OPTIONS };
         for p in bake_in(&nothing(), sky.clone(), &at, &options) {
-            // Rounding only, whatever the rays.
+            // Only rounding.
             assert_sh(&p.sh, constant(Vec3::new(1.0, 2.0, 0.5)), 1e-6);
             assert!(p.error < 1e-6, "{}", p.error);
             assert!(p.valid);
@@ -206,8 +206,9 @@ fn a_sky_is_integrated_against_each_harmonic() {
         add(&mut expected, d, l * (4.0 * PI / f64::from(n * m)));
     }
     let p = bake_in(&nothing(), sky, &[Vec3::ZERO], &OPTIONS)[0];
-    // Independent rays would be off by 4π · 0.282 · σ/√4096 = 0.05 with σ near 0.9; the points are
-    // stratified in both dimensions, which for what is this smooth leaves less than a tenth.
+    // Independent rays would have an error of 4π · 0.282 · σ/√4096 = 0.05 with σ near 0.9. The
+    // points are stratified in both dimensions, which leaves less than a tenth for such a smooth
+    // function.
     assert_sh(&p.sh, expected.map(|c| c.as_vec3()), 0.005);
 }
 
@@ -231,8 +232,8 @@ fn a_point_light_is_the_closed_form() {
         let flux = intensity / to.length_squared();
         // f32 rounding of sums of up to 10.
         assert_sh(&p.sh, from_one(to, flux), 1e-5);
-        // Facing the light E = I/d²; second order gives 17/16 of that (Ramamoorthi and Hanrahan
-        // 2001): (1 + 2 + 5/4)/4.
+        // Facing the light E = I/d²; second-order harmonics give 17/16 of that (Ramamoorthi and
+        // Hanrahan 2001): (1 + 2 + 5/4)/4.
         let e = p.sh.irradiance(to.normalize());
         assert!((e / flux - 17.0 / 16.0).abs().max_element() < 1e-5, "{e}");
         assert!(p.error < 1e-6);
@@ -320,8 +321,8 @@ fn a_spot_lights_its_cone_only() {
 
 #[test]
 fn a_small_bright_surface_fills_its_solid_angle() {
-    // A square of 1 m² at a distance of ½ m in front of its middle: one side of a cube about the
-    // probe, 4π/6 sr. Big black walls elsewhere make it one that gathering rays must not count.
+    // A square of 1 m² at ½ m, centred: one side of a cube around the probe, 4π/6 sr. Large black
+    // walls elsewhere make it an emitter that gathering rays must not count again.
     let mut scene = nothing();
     let black = material(0.0, 0.0);
     add_box(
@@ -336,8 +337,8 @@ fn a_small_bright_surface_fills_its_solid_angle() {
     let p = bake_in(&scene, Sky::Black, &[Vec3::ZERO], &OPTIONS)[0];
     let expected = 6.0 * ALL / 6.0;
     let error = f64::from(p.error);
-    // Once, not twice: to rounding, as directions are drawn uniformly by solid angle, or to what
-    // the estimate says (four deviations).
+    // Counted once, to rounding if directions are drawn uniformly by solid angle, else to four
+    // estimated deviations.
     let off = (f64::from(p.sh.0[0].x) - expected).abs();
     assert!(off < 4.0 * error + 1e-5 * expected, "{p:?}");
     assert!(error < 0.02 * expected, "{error}");
@@ -373,7 +374,7 @@ fn light_bounces_into_probes() {
     let p = bake_in(&scene, Sky::Black, &[at], &OPTIONS)[0];
     let direct = from_one(Vec3::Y, Vec3::ONE);
     // Mean radiance of the walls: M = ρE, E = Φ/A/(1 − ρ) with Φ = 4π, A = 24: L = ρ/(1 − ρ) · 4/24
-    // = 1/6. As seen from here it differs from the mean by what the walls differ; 15 %.
+    // = 1/6. As seen from here it may differ by as much as the walls do, 15 %.
     let indirect = f64::from(p.sh.0[0].x - direct[0].x);
     assert!((indirect / (ALL / 6.0) - 1.0).abs() < 0.15, "{indirect}");
 }
@@ -389,8 +390,8 @@ fn probes_in_solid_things_are_found_and_filled() {
         Vec3::new(4.0, 2.0, 4.0),
         true,
     );
-    // It stands on the floor: looking down, rays from inside meet its bottom or the floor's front,
-    // which lie in one plane.
+    // It stands on the floor: downward rays from inside hit its bottom or the floor's front, which
+    // coincide.
     let (low, high) = (Vec3::new(1.0, 0.0, 1.0), Vec3::new(2.0, 1.0, 3.0));
     add_box(&mut scene, &white, low, high, false);
     scene.lights = vec![lamp(
@@ -451,7 +452,7 @@ fn threads_and_neighbours_change_nothing() {
     assert_eq!(all[20..23], with(1, &at[20..23]));
 }
 
-/// Says stop at once.
+/// A monitor that cancels at once.
 struct Stop;
 
 impl Monitor for Stop {
