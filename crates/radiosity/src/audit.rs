@@ -1,11 +1,10 @@
-//! Where the energy went: emitted = absorbed + escaped, within a bound that comes with it.
+//! Energy balance: emitted = absorbed + escaped, within a computed bound.
 //!
-//! The two sides are measured in different ways, so that what is lost on the way shows. What is
-//! sent is exact (Φ = 4πI, Φ = πLA), and where it goes is seen by rays *from* the lamps and from
-//! each patch; what arrives is what the solver found *at* each element and patch. That they agree
-//! is reciprocity, A_i F_ij = A_j F_ji, which rays keep up to their noise: the bound is four
-//! standard errors of that noise, taken from the rays themselves, and what relaxation and rounding
-//! may leave.
+//! The two sides are measured independently, so that any loss shows. Emitted flux is exact (Φ =
+//! 4πI, Φ = πLA). Where it goes is measured with rays *from* the lamps and from each patch, and
+//! what arrives is the solver's result *at* each element and patch. Both agree if reciprocity
+//! holds, A_i F_ij = A_j F_ji, which rays satisfy up to noise. The bound is four standard errors of
+//! that noise, estimated from the rays themselves, plus what relaxation and rounding may leave.
 
 use glam::{DVec3, Vec3};
 use patch_subdivision::{PatchId, Subdivision};
@@ -18,35 +17,37 @@ use crate::relax::RelaxReport;
 use crate::solve::PatchSurfaces;
 use crate::world::{Emission, World, luminance};
 
-/// Standard errors that the bound allows: a sum over thousands of rows is about normal, and beyond
-/// four lies one in 16,000.
+/// Number of standard errors that the bound allows. A sum over thousands of rows is approximately
+/// normal and exceeds four standard errors once in 16,000 cases.
 const SIGMAS: f64 = 4.0;
 
-/// Share of a row's rays that may be lost before the row is named. Rays of a sound scene are never
-/// lost; along the edges of a model whose vertices do not quite meet some are.
+/// Share of a row's rays that may be lost before the row is reported. A watertight scene loses
+/// none. A scene whose vertices do not quite meet loses some along its edges.
 const ROW_BOUND: f64 = 0.01;
 
-/// A scene is nearly closed where fewer than one in so many rays leave it.
+/// A scene is nearly closed if fewer than one ray in this many escapes.
 const NEARLY_CLOSED: u64 = 100;
 
-/// So many nodes are named, those with the most rows.
+/// Maximum number of nodes to report: those with the most rows.
 const MOST_NODES: usize = 32;
 
-/// Flux balance and row sums of the form-factor matrix.
+/// Energy balance, and row sums of the form-factor matrix.
 ///
-/// Fluxes are in W, or lm where the scene is photometric. Imbalance and bounds are shares of the
+/// Fluxes are in W, or in lm if the scene is photometric. Imbalance and bounds are shares of the
 /// emitted flux, by luminance.
 ///
-/// A sun emits what meets the scene's surfaces, the sky what arrives on them: neither has a flux of
-/// its own, and for the sky alone arrival is not compared with anything. A lamp with a `range`
-/// loses light on its way (the glTF extension says so): it emits what arrives.
+/// The emission of a sun is the flux that reaches the scene's surfaces, and that of the sky is the
+/// flux that arrives on them: neither has a flux of its own. For the sky alone, there is therefore
+/// nothing to compare arrival with. A lamp with a `range` loses light on the way, as the glTF
+/// extension specifies; its emission is the flux that arrives.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Audit {
-    /// Flux that lamps, emissive surfaces, suns and the sky send into the scene (RGB).
+    /// Flux that lamps, emissive surfaces, suns and the sky emit into the scene (RGB).
     pub flux_emitted: [f64; 3],
     /// Flux that surfaces receive from these before any reflection (RGB).
     pub flux_in: [f64; 3],
-    /// Flux that surfaces absorb, all reflections and what glass takes on the way counted (RGB).
+    /// Flux that surfaces absorb over all reflections, including absorption in glass on the way
+    /// (RGB).
     pub flux_absorbed: [f64; 3],
     /// Flux that ends on the backs of single-sided faces, which are black (RGB).
     pub flux_behind: [f64; 3],
@@ -54,68 +55,66 @@ pub struct Audit {
     pub flux_escaped: [f64; 3],
     /// (emitted − absorbed − behind − escaped) / emitted.
     pub imbalance: f64,
-    /// What the imbalance may be: the sum of `bounds`.
+    /// Maximum permitted imbalance: the sum of `bounds`.
     pub bound: f64,
-    /// Where the bound comes from.
+    /// The components of the bound.
     pub bounds: AuditBounds,
-    /// `imbalance` is not larger than `bound`.
+    /// Whether `imbalance` does not exceed `bound`.
     pub within_bound: bool,
     /// Mean share of a row that reaches surfaces.
     pub row_sum_mean: f64,
-    /// Smallest share of a row that reaches surfaces; 1 everywhere in a closed scene.
+    /// Minimum share of a row that reaches surfaces; 1 everywhere in a closed scene.
     pub row_sum_min: f64,
     /// Rays that left the scene.
     pub rays_escaped: u64,
     /// Rays lost on the backs of single-sided faces.
     pub rays_behind: u64,
-    /// Rays lost on surfaces that no patch stands for.
+    /// Rays lost on surfaces without a patch.
     pub rays_nowhere: u64,
-    /// Rows with at least one ray that escaped.
+    /// Rows with at least one escaped ray.
     pub rows_open: u64,
-    /// A row's sum, surfaces and sky together, may fall short of 1 by so much; it does by what
-    /// backs of faces take.
+    /// Tolerance on a row's sum, surfaces and sky together: it is below 1 by the share of rays that
+    /// hit backfaces.
     pub row_bound: f64,
-    /// Rows that fall short by more.
+    /// Rows whose sum falls short by more.
     pub rows_beyond: u64,
-    /// Nodes that have such rows, most rows first, 32 at most.
+    /// Nodes with such rows, most rows first, 32 at most.
     pub beyond: Vec<RowsOfNode>,
-    /// Nodes with open rows, where less than a hundredth of all rays escape: gaps in a scene that
-    /// is nearly closed.
+    /// Nodes with open rows, if less than 1 % of all rays escape: gaps in a nearly closed scene.
     pub gaps: Vec<RowsOfNode>,
 }
 
-/// The parts of [`Audit::bound`], shares of the emitted flux.
+/// The components of [`Audit::bound`], as shares of the emitted flux.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct AuditBounds {
-    /// Four standard errors of reciprocity, from the spread of each row's rays about their mean,
+    /// Four standard errors of reciprocity, from the spread of each row's rays around their mean,
     /// element by element.
     pub rays: f64,
-    /// Four standard errors of direct light, which each element takes at one point: from the spread
-    /// over the elements of a patch.
+    /// Four standard errors of direct light, which is evaluated at one point per element; from the
+    /// spread over the elements of a patch.
     pub direct: f64,
-    /// Four standard errors of where the light of lamps goes, from the rays that are cast from
-    /// them.
+    /// Four standard errors of the destination of lamp light, from the rays cast from the lamps.
     pub lamps: f64,
-    /// What relaxation left.
+    /// Undistributed light after relaxation.
     pub residual: f64,
-    /// Rounding of sums of `f32`.
+    /// Rounding in `f32` sums.
     pub rounding: f64,
 }
 
-/// A node's rows that fall short or stand open.
+/// Rows of a node that fall short or are open.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct RowsOfNode {
-    /// The node's name, or `node` and its number in the document.
+    /// The node's name, or `node` and its index in the document.
     pub node: String,
-    /// How many rows.
+    /// Number of rows.
     pub rows: u64,
-    /// The least of their sums: surfaces and sky (`beyond`), or surfaces alone (`gaps`).
+    /// The smallest of their sums: surfaces and sky (`beyond`), or surfaces alone (`gaps`).
     pub least: f64,
-    /// Where the patch of that row lies, world space of the document, metres.
+    /// Position of the patch of that row, in the document's world space, in metres.
     pub at: [f64; 3],
 }
 
-/// One patch's part.
+/// The contribution of one patch.
 #[derive(Default, Clone, Copy)]
 struct Row {
     emitted: DVec3,
@@ -132,9 +131,9 @@ struct Row {
     nowhere: u32,
 }
 
-/// What a patch sends out, by surface area: means over its elements.
+/// What a patch sends out per surface area: means over its elements.
 struct Outgoing {
-    /// Share of the area that is there (alpha).
+    /// Mean presence (alpha).
     solid: f64,
     /// π × radiance that gathering rays see.
     glow: DVec3,
@@ -142,11 +141,11 @@ struct Outgoing {
     lamp: DVec3,
     /// ρE.
     reflected: DVec3,
-    /// Flux per area of emission that varies within triangles, which is known at the elements'
-    /// points only.
+    /// Flux per area of emission that varies within triangles, which is known only at the elements'
+    /// points.
     textured: DVec3,
-    /// Variances of luminous flux due to taking things at one point an element: direct irradiance
-    /// with `textured`, and other emission, which only matters where some of it is lost.
+    /// Variances of luminous flux due to one sample point per element: direct irradiance with
+    /// `textured`, and other emission, which only matters if part of it is lost.
     spread: f64,
     spread_plain: f64,
 }
@@ -164,7 +163,7 @@ impl Outgoing {
         let m = range.len() as f64;
         let (mut solid, mut glow, mut lamp, mut area) = (0f64, DVec3::ZERO, DVec3::ZERO, 0f64);
         let mut textured = DVec3::ZERO;
-        // Luminance received directly and sent by each element, per area.
+        // Luminance that each element receives directly and sends, per area.
         let (mut got, mut varied, mut plain) = ([0f64; 16], [0f64; 16], [0f64; 16]);
         let mut areas = [0f64; 16];
         for (slot, k) in range.enumerate() {
@@ -193,12 +192,12 @@ impl Outgoing {
             }
         }
         let s = 1.0 / area.max(1e-300);
-        // Of the surface that is there, as reflected light is.
+        // Per area that is present, like reflected light.
         let there = 1.0 / solid.max(1e-300);
         let spread = |x: &[f64; 16]| -> f64 {
             if m < 2.0 {
-                // Nothing to compare with: the value itself, as if it might as well be twice that
-                // or nothing.
+                // With nothing to compare with, the value itself is the deviation, as if it could
+                // equally be twice as large or zero.
                 return (areas[0] * x[0]).powi(2);
             }
             let mean: f64 = x.iter().zip(&areas).map(|(x, a)| x * a).sum::<f64>() * s;
@@ -212,7 +211,7 @@ impl Outgoing {
             reflected: surfaces.direct_radiosity[patch] + surfaces.reflectance[patch] * indirect,
             textured: textured * there,
             spread: spread(&got) + spread(&varied),
-            // A patch of one element is all of one material, nearly always.
+            // A patch of one element almost always has a single material.
             spread_plain: if m < 2.0 { 0.0 } else { spread(&plain) },
         }
     }
@@ -222,13 +221,13 @@ fn lum(c: DVec3) -> f64 {
     c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
 
-/// Whether emission, or how much of the surface is there, changes over the triangle.
+/// Whether emission or presence varies over the triangle.
 fn varies(world: &World, triangle: u32) -> bool {
     let material = &world.scene.materials[world.soup.materials[triangle as usize] as usize];
     material.emissive_texture.is_some() || material.lets_light_through()
 }
 
-/// Flux of all emissive triangles whose emission does not vary: π L A, for each side that shines.
+/// Flux of all emissive triangles with uniform emission: π L A for each side that shines.
 fn plain_emission(world: &World) -> DVec3 {
     let mut sum = DVec3::ZERO;
     for (t, area) in world.soup.areas.iter().enumerate() {
@@ -242,8 +241,8 @@ fn plain_emission(world: &World) -> DVec3 {
     sum
 }
 
-/// Balances what was emitted against what `direct` (per element) and `indirect` (per patch) say
-/// arrived.
+/// Balances the emitted light with the arrivals in `direct` (per element) and `indirect` (per
+/// patch).
 pub(crate) fn audit(
     world: &World,
     cut: &Subdivision,
@@ -267,12 +266,12 @@ pub(crate) fn audit(
             let (o, area) = (&outgoing[i], surfaces.area[i] * outgoing[i].solid);
             let out = o.reflected + o.glow + o.lamp;
             let mut row = Row::default();
-            // What a ray takes along less what it would bring back; reciprocity says that it is 0
-            // on average over all patches.
+            // The luminance that a ray takes along minus what it would bring back. By reciprocity,
+            // the mean over all patches is 0.
             let level = lum(out);
             let (mut sum, mut squares) = (0f64, 0f64);
             let (mut by_element, mut count) = ([0f64; 16], [0f64; 16]);
-            // What glass on the way takes.
+            // Absorbed by glass on the way.
             let mut taken = DVec3::ZERO;
             let mut lost_behind = DVec3::ZERO;
             let mut lost_outside = DVec3::ZERO;
@@ -312,8 +311,8 @@ pub(crate) fn audit(
             }
             let mean = sum / rays;
             let independent = squares - sum * mean;
-            // Rays from one point of one element are alike; the point is as random as they are. A
-            // single one has no others to differ from, but from 0.
+            // Rays from one point of one element are correlated, and the point is as random as they
+            // are. A single element has no others to differ from, so it is compared with 0.
             let mean = match cut.elements_of(PatchId(i as u32)).len() {
                 1 => 0.0,
                 _ => mean,
@@ -398,8 +397,8 @@ fn balance(
     if emitted > 0.0 && links.rays > 0 {
         let balance = total.emitted - total.absorbed - total.behind - total.escaped;
         out.imbalance = lum(balance) / emitted;
-        // `residual` bounds Σ A|r| / (1 − ρ), as a share of what arrives; r is what is missing in
-        // the balance.
+        // `residual` bounds Σ A|r| / (1 − ρ), as a share of what arrives; r is what the balance
+        // lacks.
         left += relaxation.residual * (1.0 - most_reflecting.min(0.9999)) * indirect_flux;
         let sigmas = |variance: f64| SIGMAS * variance.sqrt() / emitted;
         out.bounds = AuditBounds {
@@ -407,13 +406,12 @@ fn balance(
             direct: sigmas(total.direct),
             lamps: sigmas(lamps.variance),
             residual: left / emitted,
-            // A row's light from outside is a sum of `rays` numbers in f32, some ten more
-            // operations follow, and E is as many times larger than what is emitted as light is
-            // reflected.
+            // A row's light from outside is a sum of `rays` f32 numbers, followed by some ten
+            // operations. E exceeds the emitted light by the factor that interreflection adds.
             rounding: (rays + 10.0) * 2f64.powi(-24) * (1.0 + indirect_flux / emitted),
         };
         let b = &out.bounds;
-        // The three samplings are independent of one another.
+        // The three samplings are independent.
         out.bound =
             (b.rays.powi(2) + b.direct.powi(2) + b.lamps.powi(2)).sqrt() + b.residual + b.rounding;
     }
@@ -434,7 +432,7 @@ fn beyond(r: &Row, rays: f64) -> bool {
     (r.black + r.nowhere) as f64 > ROW_BOUND * rays
 }
 
-/// Collects the rows for which `sum` has an answer under their nodes.
+/// Groups the rows for which `sum` returns a value by node.
 fn by_node(
     world: &World,
     cut: &Subdivision,
@@ -462,7 +460,7 @@ fn by_node(
         };
     }
     nodes.retain(|n| n.rows > 0);
-    // Stable: nodes with equally many rows stay in the scene's order.
+    // A stable sort keeps nodes with equally many rows in scene order.
     nodes.sort_by_key(|n| std::cmp::Reverse(n.rows));
     nodes.truncate(MOST_NODES);
     nodes

@@ -1,45 +1,44 @@
-//! Where vertex normals describe a rounder surface than the triangles are.
+//! Surfaces whose vertex normals describe a rounder shape than their triangles.
 //!
-//! A hemisphere about an interpolated normal, with rays that start on the flat face, sees the face
-//! itself and its neighbours, which the surface that is meant would not: light that comes in
-//! between the two horizons is lost, and the facets show, worst at the terminator. So rays of such
-//! points start on the surface that the normals describe, out of reach of its facets.
+//! A hemisphere around an interpolated normal, with rays that start on the flat face, sees the face
+//! itself and its neighbours, which the intended surface would not. Light from between the two
+//! horizons is lost and the facets show, most of all at the terminator. Rays from such points
+//! therefore start on the surface that the normals describe, clear of its facets.
 //!
 //! Based on: Hanika, *Hacking the Shadow Terminator*, Ray Tracing Gems II, 2021, ch. 4 (mean of the
-//! point's projections to the tangent planes of the corners that lie above it); Boubekeur, Alexa,
-//! *Phong Tessellation*, 2008 (the same surface, drawn). That surface lies twice as far out as a
-//! sphere through the corners with these normals, which does no harm to a shadow ray but shifts
-//! near lights and contacts; here the height is such that spheres and cylinders come out exactly:
-//! see [`height`].
+//! point's projections to those tangent planes of the corners that are above it); Boubekeur, Alexa,
+//! *Phong Tessellation*, 2008 (the same surface, drawn). That surface is twice as far out as a
+//! sphere through the corners with these normals. This is harmless for a shadow ray but shifts near
+//! lights and contacts. The height used here is exact for spheres and cylinders: see [`height`].
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use rayon::prelude::*;
 
-/// Cosine of the tilt from which a corner's normal counts as bent, 0.5°. Eight-bit normals of a
-/// flat face are off by up to √2/254 rad = 0.32°. What is lost below it: (1 − cos)/2 = 2e-5 of a
-/// sky's light, and a step of 0.9 % of the sun's at the terminator.
+/// Cosine of the tilt (0.5°) from which a corner's normal counts as bent. Eight-bit normals of a
+/// flat face are off by up to √2/254 rad = 0.32°. Below the threshold, (1 − cos)/2 = 2e-5 of a
+/// sky's light is lost, and the sun has a step of 0.9 % at the terminator.
 const BENT: f32 = 0.999_962;
 
-/// Cosine of the tilt from which a vertex is an edge that was smoothed by mistake, 40°. Every
-/// sphere down to the icosahedron stays below it (37.4°), and so do cylinders of five sides (36°);
-/// one normal for both sides of a right angle is 45° from at least one of them, that for a cube's
-/// corner 54.7° from all.
+/// Cosine of the tilt (40°) from which a vertex counts as a hard edge that was smoothed by mistake.
+/// Spheres down to the icosahedron stay below it (37.4°), and so do cylinders of five sides (36°).
+/// A normal shared by both sides of a right angle is at least 45° from one of them, and that of a
+/// cube's corner is 54.7° from all three.
 const HARD: f32 = 0.766_044;
 
 /// Triangles whose normals describe a curved surface.
 #[derive(Debug, Default)]
 pub(crate) struct Curved {
-    /// Per triangle; empty where none is.
+    /// Per triangle; empty if there are none.
     faces: Vec<bool>,
 }
 
 impl Curved {
-    /// Finds them, in O(triangles); those without vertex normals are passed over.
+    /// Finds them in O(triangles). Triangles without vertex normals are skipped.
     ///
-    /// A triangle is curved if the normal of a corner is tilted against its own and no corner is
-    /// *hard*. A vertex is hard if its normal is far from that of any face that shares it: a cap of
-    /// a cylinder whose rim has one normal for both is flat, however little its own normals are
+    /// A triangle is curved if a corner's normal is tilted against the face normal and no corner is
+    /// *hard*. A vertex is hard if its normal is far from that of any adjacent face. The cap of a
+    /// cylinder whose rim has shared normals is therefore flat, however little its own normals are
     /// tilted.
     pub(crate) fn find(scene: &Scene, soup: &Soup) -> Curved {
         let mut faces = Vec::new();
@@ -100,7 +99,7 @@ impl Curved {
     }
 }
 
-/// Vertices of a triangle of the soup, in its own order.
+/// Vertices of a triangle of the soup, in the triangle's original order.
 fn corners_of(scene: &Scene, soup: &Soup, triangle: u32) -> [u32; 3] {
     let source = soup.sources[triangle as usize];
     let mesh = &scene.meshes[scene.instances[source.instance as usize].mesh];
@@ -113,8 +112,8 @@ fn corners_of(scene: &Scene, soup: &Soup, triangle: u32) -> [u32; 3] {
     }
 }
 
-/// Unit normals of a triangle's corners in world space, on the side that the document has them;
-/// `None` without normals or where the transform leaves nothing of one.
+/// Unit normals of a triangle's corners in world space, on the side given by the document; `None`
+/// without normals or if the transform degenerates one.
 fn corner_normals(scene: &Scene, soup: &Soup, triangle: u32) -> Option<[Vec3; 3]> {
     let source = soup.sources[triangle as usize];
     let instance = &scene.instances[source.instance as usize];
@@ -123,7 +122,7 @@ fn corner_normals(scene: &Scene, soup: &Soup, triangle: u32) -> Option<[Vec3; 3]
         return None;
     }
     let m = &instance.transform.matrix3;
-    // Rows of cofactors: the inverse transpose times the determinant, whose sign mirrors.
+    // Rows of cofactors: the inverse transpose times the determinant, whose sign handles mirroring.
     let cofactors = [
         m.y_axis.cross(m.z_axis),
         m.z_axis.cross(m.x_axis),
@@ -139,14 +138,14 @@ fn corner_normals(scene: &Scene, soup: &Soup, triangle: u32) -> Option<[Vec3; 3]
     Some(out)
 }
 
-/// How far the surface that the corners' normals describe lies above the flat face, metres: 0 where
-/// it lies below. `weights` are barycentrics, `side` is −1 for the back of the face.
+/// Height of the surface described by the corner normals above the flat face, in metres; 0 where it
+/// is below. `weights` are barycentrics, `side` is −1 for the back of the face.
 ///
-/// h = Σ bᵢ max(0, (Vᵢ − P)·nᵢ) / (1 + |Σ bᵢ nᵢ|), along the interpolated normal. About a sphere of
-/// radius R, |Σ bᵢ nᵢ| = |P|/R =: r/R and the sum is (R² − r²)/R, so that h = R − r whatever the
-/// triangle; about a cylinder it is the same in its cross-section. Of any other surface it is the
-/// quadratic part. At most half the triangle's least altitude: a long strip whose ends are tilted
-/// along it is not an arch.
+/// h = Σ bᵢ max(0, (Vᵢ − P)·nᵢ) / (1 + |Σ bᵢ nᵢ|), along the interpolated normal. On a sphere of
+/// radius R, |Σ bᵢ nᵢ| = |P|/R =: r/R and the sum is (R² − r²)/R, so h = R − r for any triangle. On
+/// a cylinder, the same holds in the cross-section. For any other surface, it is the quadratic
+/// part. The height is at most half the triangle's smallest altitude: a long strip whose ends are
+/// tilted along it is not an arch.
 pub(crate) fn height(
     scene: &Scene,
     soup: &Soup,

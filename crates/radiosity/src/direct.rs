@@ -19,21 +19,22 @@ use crate::world::{SurfacePoint, World, luminance};
 use choice::Tables;
 use tally::{Mark, Tally};
 
-/// How many shadow rays a light gets.
+/// Number of shadow rays per light.
 #[derive(Debug, Clone, Copy)]
 pub struct DirectOptions {
-    /// Points (with one shadow ray each) for every light that matters.
+    /// Sample points, with one shadow ray each, for every light that contributes noticeably.
     pub base: u32,
-    /// Points where the first ones disagree about visibility: a shadow's edge crosses the receiver.
+    /// Sample points if the first ones disagree about visibility, i.e. if a shadow edge crosses the
+    /// receiver.
     pub penumbra: u32,
-    /// Points that have a shadow ray. Where these agree, the rest of `base` is taken to see what
-    /// they saw: a light's closed form varies over a receiver in any case, what is seen of it only
-    /// where a shadow's edge runs.
+    /// Sample points that get a shadow ray. If they all agree, the rest of `base` is assumed to see
+    /// the same. The closed form of a light varies over any receiver, but its visibility varies
+    /// only where there is a shadow edge.
     pub scouts: u32,
 }
 
 impl DirectOptions {
-    /// A shadow ray for every point.
+    /// Casts a shadow ray from every sample point.
     pub const fn every(base: u32, penumbra: u32) -> Self {
         DirectOptions {
             base,
@@ -43,83 +44,84 @@ impl DirectOptions {
     }
 }
 
-/// What is known of a receiver before its direct light is.
+/// What is known about a receiver before its direct light is computed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Known {
-    /// Luminance of the irradiance that arrives beside direct light. A light that brings next to
-    /// nothing beside the rest is worth few rays.
+    /// Luminance of the irradiance from everything but direct light. A light that contributes
+    /// little in comparison gets few rays.
     pub light: f32,
-    /// Lights that get a shadow ray at as many points as a penumbra has, as
-    /// [`DirectEstimate::mixed`] names them.
+    /// Lights that get as many shadow rays as in a penumbra, as a bit mask like
+    /// [`DirectEstimate::mixed`].
     pub look: u32,
 }
 
 /// Direct irradiance at a receiver.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DirectEstimate {
-    /// E, W/m² or lx.
+    /// E, in W/m² or lx.
     pub irradiance: Vec3,
-    /// Variance of the luminance of `irradiance` due to sampled visibility, as if samples were
-    /// independent: an upper bound, since they are stratified.
+    /// Variance of the luminance of `irradiance` due to sampled visibility, computed as if the
+    /// samples were independent. It is an upper bound, because the samples are stratified.
     pub variance: f32,
-    /// How far parts of the samples differ, summed over lights whose samples disagree: the squared
-    /// difference between the two halves of a light's samples times their shares of them, and the
-    /// same of the two halves of the first half. Of independent samples the first is expected to be
-    /// the variance of the mean, the second twice that; what it is less by is what stratification
-    /// brings.
+    /// How much parts of the samples differ, summed over lights whose samples disagree. The first
+    /// value is the squared difference between the two halves of a light's samples times their
+    /// shares; the second is the same for the two halves of the first half. For independent
+    /// samples, the expected values are the variance of the mean and twice that variance.
+    /// Stratification makes them smaller.
     pub doubt: [f32; 2],
-    /// Shadow rays cast.
+    /// Number of shadow rays.
     pub rays: u32,
-    /// Lights that some points see and others do not: a bit for each lamp (the 32nd and on share
-    /// with the first), the top bit for emitters and the bright parts of the sky.
+    /// Lights that some sample points see and others do not, as a bit mask: one bit per lamp (from
+    /// the 32nd on, lamps share bits with the first ones), and the top bit for emitters and the
+    /// bright parts of the sky.
     pub mixed: u32,
-    /// Lamps that some point sees, and lamps that are hidden from one, by the same bits.
+    /// Lamps visible from at least one sample point, with the same bits.
     pub lit: u32,
-    /// See `lit`.
+    /// Lamps hidden from at least one sample point, with the same bits.
     pub hidden: u32,
 }
 
-/// What is to be kept of direct light beside its sum. What is empty or `None` is not asked for and
-/// costs nothing; the rest is added to.
+/// Optional parts of direct light to record besides its sum. Fields that are empty or `None` are
+/// not requested and cost nothing; the others are added to.
 #[derive(Debug, Clone, Default)]
 pub struct DirectParts {
     /// Irradiance per group of [`LightGroups`](crate::LightGroups).
     pub groups: Vec<Vec3>,
     /// ∫ L dω, and ∫ L ω dω along x, y and z.
     pub moments: Option<[Vec3; 4]>,
-    /// Luminance of the irradiance from directional lights: what arrives, and what would if nothing
-    /// were in the way.
+    /// Luminance of the irradiance from directional lights: with and without occlusion.
     pub sun: Option<[f32; 2]>,
 }
 
-/// The bit of [`DirectEstimate::mixed`] that stands for emissive surfaces.
+/// The bit of [`DirectEstimate::mixed`] for emissive surfaces.
 const EMITTERS: u32 = 1 << 31;
 
 /// Computes direct light.
 ///
-/// Each punctual light and each near emissive triangle is computed unoccluded in closed form, and
-/// multiplied with the share of it that shadow rays find visible. The share is a ratio of sums over
-/// the same weights (self-normalised), so a fully visible light is exact and a hidden one exactly
-/// 0.
+/// The unoccluded irradiance from each punctual light and each near emissive triangle has a closed
+/// form. It is multiplied by the visible share that shadow rays measure. That share is a ratio of
+/// sums over the same weights (self-normalized), so a fully visible light is exact and a hidden
+/// light is exactly 0.
 pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
     tables: Tables,
 }
 
-/// A light as one receiver sees it.
+/// A light as seen from one receiver.
 enum Term<'e> {
-    /// A lamp and its group.
+    /// A lamp and its light group.
     Lamp(&'e Light, usize),
-    /// Some of the bright part of the sky.
+    /// A cell of the bright part of the sky.
     Sky(&'e SkyCell),
     Triangle(&'e Emitter),
-    /// A node of the emitters' tree.
+    /// A node of the emitter tree.
     Group(u32),
 }
 
 impl<'w, 'a> DirectLight<'w, 'a> {
-    /// Direct light of `world`'s lamps and of `emitters`, which were collected from it.
+    /// Direct light from the lamps of `world` and from `emitters`, which must have been collected
+    /// from it.
     pub fn new(world: &'w World<'a>, emitters: &'w Emitters) -> Self {
         DirectLight {
             world,
@@ -128,8 +130,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// The same, ready for [`sample_on`](Self::sample_on) the patches of `cut`. What hits choose
-    /// from is kept per patch: 12 bytes a lamp or group of emitters.
+    /// Prepares for [`sample_on`](Self::sample_on) on the patches of `cut`. The tables that hits
+    /// choose lights from are kept per patch and take 12 bytes per lamp or group of emitters.
     pub fn on_patches(self, cut: &Subdivision) -> Self {
         DirectLight {
             tables: Tables::new(cut.patches().len()),
@@ -137,7 +139,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// Whether there is no light to compute.
+    /// Whether there are no lights.
     pub(crate) fn is_dark(&self) -> bool {
         self.world.scene.lights.is_empty()
             && self.emitters.is_empty()
@@ -146,9 +148,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
 
     /// Mean irradiance over a receiver.
     ///
-    /// `point(i)` gives point *i* of the receiver, i < [`DirectOptions::penumbra`]; any prefix
-    /// should cover it evenly. `scale` is the receiver's size in metres (0 for a point) and `seed`
-    /// decides the random numbers.
+    /// `point(i)` returns point *i* of the receiver, i < [`DirectOptions::penumbra`]. Every prefix
+    /// of the points should cover the receiver evenly. `scale` is the size of the receiver in
+    /// metres (0 for a point), and `seed` determines the random numbers.
     pub fn irradiance(
         &self,
         point: impl FnMut(u32) -> SurfacePoint,
@@ -160,7 +162,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         self.irradiance_parts(point, scale, seed, options, &Known::default(), parts)
     }
 
-    /// [`irradiance`](Self::irradiance), of which `parts` keeps what it asks for.
+    /// Like [`irradiance`](Self::irradiance), and also records what `parts` requests.
     pub fn irradiance_parts(
         &self,
         mut point: impl FnMut(u32) -> SurfacePoint,
@@ -211,7 +213,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let mut terms = Vec::new();
             self.emitter_nodes(&first, scale, options.base.max(4) as usize * 2, &mut terms);
             let total: f32 = terms.iter().map(|t| t.1).sum();
-            // Beside strong other light they are worth less.
+            // Lights are worth fewer samples if other light is strong.
             let worth = (WORTH * total / (total + known.light + work.lit())).min(1.0);
             for (node, weight) in terms {
                 let share = worth * weight / total;
@@ -223,10 +225,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         out
     }
 
-    /// Whether a shadow ray from `p` to each lamp that would bring more than `least` (luminance of
-    /// the irradiance) meets what is `expected`: lamps that are seen and lamps that are not, by the
-    /// bits of [`DirectEstimate::lit`]. Gives the rays that it took; `None` where one does not, and
-    /// where bits cannot tell: a lamp that is in both or neither, or a sky with bright parts.
+    /// Casts a shadow ray from `p` to each lamp whose irradiance could exceed `least` (luminance),
+    /// and checks that the result is as `expected`: lamps that should be visible and lamps that
+    /// should be hidden, with the bits of [`DirectEstimate::lit`]. Returns the number of rays, or
+    /// `None` if a result differs or if the bits are ambiguous: a lamp is in both masks or in
+    /// neither, or the sky has bright parts.
     pub fn lamps_seen_as(
         &self,
         p: &SurfacePoint,
@@ -259,9 +262,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         Some(rays)
     }
 
-    /// Unbiased estimate of the direct irradiance at one point with a single shadow ray: one light
-    /// is drawn, about in proportion to what it would bring unoccluded. Also says of which group it
-    /// was.
+    /// Unbiased estimate of the direct irradiance at one point with a single shadow ray. One light
+    /// is chosen with a probability roughly proportional to its unoccluded irradiance. Also returns
+    /// its light group.
     pub fn sample_one(&self, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {
         let mut terms = Vec::new();
         for (k, light) in self.world.scene.lights.iter().enumerate() {
@@ -271,7 +274,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             }
         }
         for cell in self.world.bright.iter().flat_map(|b| &b.cells) {
-            // A cell that straddles the horizon keeps a chance.
+            // A cell that straddles the horizon must keep some probability.
             let cos = point.normal.dot(cell.direction);
             if cos > -0.2 {
                 terms.push((Term::Sky(cell), cell.power * cos.max(0.05)));
@@ -297,9 +300,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         (tally.lit() * (total / weight), tally.group)
     }
 
-    /// Takes a light's first samples, and adds it to what arrives unless they disagree about what
-    /// gets through. `share` is roughly its part of the light, which decides how much work it is
-    /// worth.
+    /// Takes the first samples of a light, and adds it to the sum unless they disagree about
+    /// visibility. `share` is roughly the light's share of the total, which determines how many
+    /// samples it gets.
     #[allow(
         clippy::too_many_arguments,
         reason = "a light, and all that decides how it is begun"
@@ -313,12 +316,12 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         sun: bool,
         work: &mut Work<'_, 't, P>,
     ) {
-        // Up to four lights of equal strength get the whole number of points each; more share four
-        // times that number, by what they bring, so that a hundred emissive triangles cost little
-        // more than four.
+        // Up to four lights of equal strength get the full number of points each. More lights share
+        // four times that number by their contribution, so that a hundred emissive triangles cost
+        // little more than four.
         let part = (4.0 * share).min(1.0);
         let is_random = self.is_random(&term);
-        // One point, one direction: all samples are the same.
+        // With one point and one direction, all samples are the same.
         let part = if is_random || work.scale > 0.0 {
             part
         } else {
@@ -326,7 +329,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         };
         let base = ((work.options.base as f32 * part).ceil() as u32).max(1);
         let most = ((work.options.penumbra as f32 * part).ceil() as u32).max(base);
-        // Half shadows of lights that have an extent are seen by many points or not at all.
+        // For area lights, a partial shadow is seen from many points or from none.
         let scouts = if is_random {
             u32::MAX
         } else {
@@ -336,8 +339,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             Term::Group(..) => self.world.group_count(),
             _ => 1,
         };
-        // Lights that get few points start at different ones: else all would be seen from the same
-        // corner of the receiver. Aligned blocks of a Sobol sequence are well distributed.
+        // Lights with few points start at different ones; otherwise all of them would be seen from
+        // the same corner of the receiver. Aligned blocks of a Sobol sequence are well distributed.
         let whole = work.options.base.max(1);
         let shift = if base < whole {
             work.set.wrapping_mul(base.next_power_of_two()) % whole
@@ -371,8 +374,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// Takes samples of a light until it has `target`, of which the first `scouts` that count have
-    /// a shadow ray, and the others too if these disagree.
+    /// Samples a light until it has `target` samples. The first `scouts` samples that count have a
+    /// shadow ray, and the others only if these disagree.
     fn go_on<P: FnMut(u32) -> SurfacePoint>(
         &self,
         light: &mut Started,
@@ -381,7 +384,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         work: &mut Work<P>,
     ) {
         let whole = work.options.base.max(1);
-        // What each of a few emitters brings, found once for all points of the receiver.
+        // The contribution of each of a few emitters is computed once for all points of the
+        // receiver.
         if let (Term::Group(node), None) = (&light.term, &light.few) {
             light.few = Some(self.emitters.few(*node, &work.first, work.scale));
         }
@@ -408,9 +412,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
     }
 
-    /// Lights of which the first samples disagree: a shadow's edge crosses the receiver. They get
-    /// more samples, the more the larger their part in all light that arrives, of which `beside` is
-    /// known to come from elsewhere.
+    /// Takes more samples of the lights whose first samples disagree, because a shadow edge crosses
+    /// the receiver. The number of samples grows with the light's share of all arriving light, of
+    /// which `beside` is known to come from elsewhere.
     fn look_closer<P: FnMut(u32) -> SurfacePoint>(&self, beside: f32, mut work: Work<P>) {
         let total = (beside + work.lit()).max(1e-30);
         let mixed = std::mem::take(&mut work.mixed);
@@ -424,48 +428,48 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     }
 }
 
-/// A light of which this part of what arrives would come, if nothing were in the way, gets one part
-/// in so many of a penumbra's points; one that would bring half of it, all of them.
+/// Scales the share of a penumbra's points that a light gets. The share is this factor times the
+/// light's share of the total unoccluded irradiance, so a light that could contribute half of it
+/// gets all points.
 const WORTH: f32 = 2.0;
 
-/// A light of which samples were taken.
+/// A light that has been sampled.
 struct Started<'t> {
     term: Term<'t>,
-    /// A group's emitters, once that was asked for.
+    /// The emitters of a group, once they have been looked up.
     few: Option<Option<Few>>,
     is_random: bool,
-    /// What stands for it in [`DirectEstimate::mixed`].
+    /// The light's bit in [`DirectEstimate::mixed`].
     bit: u32,
-    /// Its set of random numbers, and the point that it starts at.
+    /// The set of random numbers, and the index of the first point.
     set: u32,
     shift: u32,
-    /// Samples taken, and the most that it gets.
+    /// Number of samples taken, and the maximum.
     taken: u32,
     most: u32,
-    /// The sums after a quarter and after half of the samples, or what powers of two come nearest
-    /// to that.
+    /// The sums after a quarter and after half of the samples, or after the nearest powers of two.
     marks: [Mark; 2],
     tally: Tally,
 }
 
-/// What is under way at one receiver.
+/// The state of the computation at one receiver.
 struct Work<'r, 't, P> {
-    /// Points of the receiver, the first of them, and its size in metres.
+    /// The points of the receiver, the first of them, and its size in metres.
     point: &'r mut P,
     first: SurfacePoint,
     scale: f32,
-    /// Set of random numbers of the next light.
+    /// Set of random numbers for the next light.
     set: u32,
     seed: u32,
     options: &'r DirectOptions,
     out: &'r mut DirectEstimate,
     parts: &'r mut DirectParts,
-    /// Lights to be looked at more closely.
+    /// Lights that need more samples.
     mixed: Vec<Started<'t>>,
 }
 
 impl<P> Work<'_, '_, P> {
-    /// Luminance of what arrives from all lights so far.
+    /// Luminance of the light that has arrived so far.
     fn lit(&self) -> f32 {
         let mixed: f32 = (self.mixed.iter())
             .map(|l| l.tally.luminances(l.taken)[0])
@@ -478,7 +482,7 @@ impl<P> Work<'_, '_, P> {
         if light.tally.mixed() {
             self.out.mixed |= light.bit;
         }
-        // Emitters share a bit, and are seen here and hidden there all the time.
+        // All emitters share a bit, so there visible and hidden samples are often mixed.
         if light.bit != EMITTERS {
             self.out.lit |= if lit { light.bit } else { 0 };
             self.out.hidden |= if hidden { light.bit } else { 0 };

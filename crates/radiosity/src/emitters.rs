@@ -1,4 +1,4 @@
-//! Emissive surfaces, in a tree that tells near from far.
+//! Emissive surfaces, in a tree that distinguishes near from far ones.
 
 mod merge;
 mod parts;
@@ -11,11 +11,11 @@ use crate::world::{Emission, SurfacePoint, World, luminance};
 pub(crate) use parts::brightness;
 pub(crate) use tree::Node;
 
-/// A triangle that shines: one of the scene's, a part of one where a texture makes it uneven, or a
-/// part of several that lie in one plane and shine alike.
+/// An emissive triangle: a triangle of the scene, a part of one with an uneven texture, or a part
+/// of the union of several coplanar triangles with the same emission.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Emitter {
-    /// The scene's triangle that it is part of, or the first of several.
+    /// The scene triangle that it belongs to, or the first of several.
     pub triangle: u32,
     pub corners: [Vec3; 3],
     /// Unit normal of the front.
@@ -23,22 +23,23 @@ pub(crate) struct Emitter {
     pub area: f32,
     /// Mean radiance.
     pub radiance: Vec3,
-    /// Emission varies over the triangle (a texture).
+    /// Whether emission varies over the triangle (a texture).
     pub textured: bool,
     pub two_sided: bool,
 }
 
 impl Emitter {
-    /// Luminance × area: the light it sends, up to π and its sides.
+    /// Luminance × area. The power sent differs by the factor π and by the number of sides.
     fn power(&self) -> f64 {
         luminance(self.radiance) as f64 * self.area as f64
     }
 }
 
-/// Nodes of so many emitters are not descended further: the choice is made among all of them.
+/// Nodes of at most this many emitters are not descended further: the choice is made among all of
+/// them.
 const FEW: u32 = 16;
 
-/// A few emitters and about what each of them brings to a receiver.
+/// A few emitters and the approximate contribution of each to a receiver.
 pub(crate) struct Few {
     first: u32,
     count: usize,
@@ -47,8 +48,8 @@ pub(crate) struct Few {
 }
 
 impl Few {
-    /// Draws one of them in proportion, and says with what probability; `None` where none brings
-    /// any light. `x` ∈ [0, 1).
+    /// Samples one in proportion to its contribution and returns it with its probability; `None` if
+    /// none contributes. `x` ∈ [0, 1).
     pub(crate) fn pick<'e>(&self, emitters: &'e Emitters, x: f64) -> Option<(&'e Emitter, f32)> {
         let mut left = x as f32 * self.sum;
         let mut chosen = None;
@@ -68,20 +69,21 @@ impl Few {
 
 /// The surfaces whose light [`DirectLight`](crate::DirectLight) computes.
 ///
-/// A binary tree by position: a receiver takes nearby triangles one by one, in closed form, and far
-/// groups whole, so that ten thousand triangles cost little more than ten. Before that, triangles
-/// that make up one even polygon are joined, and those with a texture are cut where it is bright.
+/// They are in a binary tree by position. A receiver uses nearby triangles individually, in closed
+/// form, and distant groups as a whole, so that ten thousand triangles cost little more than ten.
+/// Before the tree is built, triangles that form a polygon of uniform emission are merged, and
+/// textured triangles are subdivided where they are bright.
 #[derive(Debug, Default)]
 pub struct Emitters {
     pub(crate) emitters: Vec<Emitter>,
     pub(crate) nodes: Vec<Node>,
-    /// Running Σ power before each emitter, one more than there are.
+    /// Running sum of power before each emitter, with one more entry than emitters.
     cumulative: Vec<f64>,
 }
 
 impl Emitters {
-    /// Collects the emitters that are to be sampled. O(n log n) in emissive triangles; textures are
-    /// sampled a bounded number of times in all (and once a triangle at least).
+    /// Collects the emitters to sample. O(n log n) in emissive triangles. The total number of
+    /// texture samples is bounded (with at least one per triangle).
     pub fn collect(world: &World) -> Self {
         let (scene, soup) = (world.scene, world.soup);
         let (varied, plain): (Vec<u32>, Vec<u32>) = (0..soup.triangles.len() as u32)
@@ -127,18 +129,18 @@ impl Emitters {
         }
     }
 
-    /// How many there are: triangles after joining and cutting.
+    /// Number of emitters: triangles after merging and subdividing.
     pub fn len(&self) -> usize {
         self.emitters.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no emitters.
     pub fn is_empty(&self) -> bool {
         self.emitters.is_empty()
     }
 
-    /// Draws one of a node's emitters, about in proportion to what it brings to `p`, and says with
-    /// what probability; `None` where none can bring any. `x` ∈ [0, 1). O(log n).
+    /// Samples one emitter of a node, roughly in proportion to its contribution to `p`, and returns
+    /// it with its probability; `None` if none can contribute. `x` ∈ [0, 1). O(log n).
     pub(crate) fn pick(&self, node: u32, p: &SurfacePoint, x: f64) -> Option<(&Emitter, f32)> {
         let mut id = node;
         let (mut x, mut probability) = (x, 1f64);
@@ -176,11 +178,11 @@ impl Emitters {
         Some((e, (probability * own as f64) as f32))
     }
 
-    /// The emitters of a node that has few, with what each brings to a receiver about `p` of size
-    /// `scale`, metres; `None` of one that has more.
+    /// The emitters of a small node, with the contribution of each to a receiver of size `scale`
+    /// (metres) around `p`; `None` for larger nodes.
     ///
-    /// Each by itself: a node's faces may look everywhere (those of a box do), and a choice between
-    /// two nodes knows nothing of which of their faces look away.
+    /// Emitters are evaluated individually: the faces of a node may look everywhere (as those of a
+    /// box do), and a choice between two nodes does not know which of their faces look away.
     pub(crate) fn few(&self, node: u32, p: &SurfacePoint, scale: f32) -> Option<Few> {
         let range = &self.nodes[node as usize];
         let count = range.end - range.start;
@@ -193,7 +195,7 @@ impl Emitters {
             sum: 0.0,
             weights: [0.0; FEW as usize],
         };
-        // A node's subtree follows it.
+        // The subtree of a node follows it.
         let subtree = &self.nodes[node as usize..(node + 2 * count - 1) as usize];
         for leaf in subtree.iter().filter(|n| n.second == 0) {
             let weight = leaf.importance(p.position, p.normal, scale);

@@ -1,4 +1,4 @@
-//! Scenes made by hand for this crate's tests.
+//! Hand-made scenes for the tests of this crate.
 
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use mesh_ingest::{AlphaMode, Instance, Light, Material, Mesh, Primitive, Scene};
@@ -61,7 +61,7 @@ pub(crate) fn add_quad(scene: &mut Scene, material: Material, corner: Vec3, x: V
     );
 }
 
-/// The unit cube [0, 1]³ seen from inside, all of one material, twelve triangles that share their
+/// The unit cube [0, 1]³ seen from inside, with one material and twelve triangles that share their
 /// corners.
 pub(crate) fn cube(reflectance: f32, emissive: Vec3) -> Scene {
     let mut scene = Scene {
@@ -104,7 +104,7 @@ pub(crate) fn light(intensity: f32, kind: mesh_ingest::LightKind) -> Light {
     }
 }
 
-/// A lamp in the unit cube, off its middle.
+/// A lamp in the unit cube, away from its centre.
 pub(crate) fn lamp() -> Light {
     let kind = mesh_ingest::LightKind::Point {
         position: Vec3::new(0.4, 0.5, 0.7),
@@ -114,8 +114,8 @@ pub(crate) fn lamp() -> Light {
     light(3.0, kind)
 }
 
-/// A sphere about the origin, an octahedron whose faces are split `level` times: 8·4^level facets,
-/// fronts inside or outside.
+/// A sphere around the origin: an octahedron whose faces are split `level` times, with 8·4^level
+/// facets and fronts inside or outside.
 pub(crate) fn add_sphere(
     scene: &mut Scene,
     material: Material,
@@ -126,7 +126,7 @@ pub(crate) fn add_sphere(
     let n = 1 << level;
     let mut positions = Vec::new();
     let mut triangles = Vec::new();
-    // Each octant's face is a triangular grid of directions, pushed out to the sphere.
+    // The face of each octant is a triangular grid of directions, projected onto the sphere.
     for octant in 0..8u32 {
         let sign = |k: u32| if octant >> k & 1 == 0 { 1.0 } else { -1.0 };
         let axes = [Vec3::X * sign(0), Vec3::Y * sign(1), Vec3::Z * sign(2)];

@@ -2,22 +2,21 @@
 
 use glam::DVec3;
 
-/// Form factor from a differential area at `point` with unit `normal` to the polygon: the
-/// irradiance there is `E = F · B` when the polygon has uniform radiosity B and nothing is in
-/// between.
+/// Form factor from a differential area at `point` with unit `normal` to the polygon. The
+/// unoccluded irradiance at `point` is `E = F · B` if the polygon has uniform radiosity B.
 ///
-/// `corners` (3 to 8, metres, planar) run counter-clockwise as seen from the polygon's front; a
-/// point behind the polygon gets a negative value of the same size. The part below the receiver's
-/// horizon is cut off first.
+/// `corners` (3 to 8, in metres, planar) are counter-clockwise as seen from the polygon's front. A
+/// point behind the polygon gets a negative value of the same magnitude. The part below the
+/// receiver's horizon is clipped.
 ///
 /// Lambert's contour sum, `F = 1/2π Σ_i Θ_i n·(r_i × r_{i+1})/|r_i × r_{i+1}|`, with Θ_i the angle
-/// that edge *i* subtends. The angle is taken as `atan2(|a × b|, a·b)`, which is exact past 90° and
-/// for tiny angles, where `asin` and `acos` are not (Lambert 1760; Baum, Rushmeier, Winget,
+/// that edge *i* subtends. The angle is computed as `atan2(|a × b|, a·b)`, which, unlike `asin` and
+/// `acos`, is accurate beyond 90° and for tiny angles (Lambert 1760; Baum, Rushmeier, Winget,
 /// *Improving radiosity solutions through the use of analytically determined form-factors*, 1989).
 ///
-/// Exact to rounding (about 1e-13 in absolute terms) when `point` is off the polygon; 0 when it
-/// lies in its plane outside it. A point on the polygon itself gets 0 or up to ±1, as its contour
-/// goes.
+/// The result is exact up to rounding (about 1e-13 absolute) if `point` is off the polygon, and 0
+/// if it is in the polygon's plane but outside it. For a point on the polygon, the result is 0 or
+/// up to ±1, depending on the contour.
 pub fn form_factor_polygon(point: DVec3, normal: DVec3, corners: &[DVec3]) -> f64 {
     let n = corners.len();
     debug_assert!((3..=8).contains(&n));
@@ -48,7 +47,7 @@ pub fn form_factor_polygon(point: DVec3, normal: DVec3, corners: &[DVec3]) -> f6
             sum += sine.atan2(a.dot(b)) * (c.dot(normal) / sine);
         }
     }
-    // Counter-clockwise from the front is clockwise from the receiver in front of it.
+    // Counter-clockwise from the front is clockwise as seen by the receiver.
     -sum / (2.0 * std::f64::consts::PI)
 }
 

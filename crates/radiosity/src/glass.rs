@@ -1,10 +1,10 @@
-//! Surfaces that let light through: holes of masks, what is blended, glass.
+//! Surfaces that let light through: masked holes, blended surfaces and glass.
 //!
-//! Light goes straight on. A surface reflects with its presence α(1 − τ) and lets T = (1 − α) + α τ
-//! c pass, per channel ([`mesh_ingest::Scene::transmittance`]). Shadow rays multiply T of all that
-//! they cross, which has no noise. Gathering rays cannot follow both ways: a [`Coin`] falls for the
-//! surface with its presence; if it does not, the ray goes on and carries T / (1 − presence), which
-//! is 1 for what is blended and a colour for glass.
+//! Light continues straight on. A surface reflects with its presence α(1 − τ) and transmits T = (1
+//! − α) + α τ c per channel ([`mesh_ingest::Scene::transmittance`]). Shadow rays multiply T over
+//! everything that they cross, which is free of noise. Gathering rays cannot follow both paths: a
+//! [`Coin`] chooses the surface with a probability equal to its presence. Otherwise, the ray goes
+//! on with T / (1 − presence), which is 1 for blended surfaces and a colour for glass.
 
 use std::cell::Cell;
 
@@ -14,7 +14,7 @@ use visibility::{HitFilter, Ray};
 
 use crate::sampling::hash_u32;
 
-/// One fair coin for each ray and surface: unbiased, and the same in every run.
+/// One random decision for each ray and surface: unbiased, and the same in every run.
 pub(crate) struct Coin<'a> {
     scene: &'a Scene,
     soup: &'a Soup,
@@ -30,7 +30,7 @@ impl<'a> Coin<'a> {
         }
     }
 
-    /// Whether the ray met, and passed, glass: here or behind where it ended.
+    /// Whether the ray hit and passed glass, before or behind its end.
     pub(crate) fn passed_glass(&self) -> bool {
         self.glass.get()
     }
@@ -65,17 +65,17 @@ impl HitFilter for Coin<'_> {
     }
 }
 
-/// What is left of light that crosses surfaces on a straight way.
+/// The transmittance along a straight path.
 pub(crate) struct Glass<'a> {
     scene: &'a Scene,
     soup: &'a Soup,
-    /// The coin has decided already that the light passes: only the colour of what does counts.
+    /// Whether the coin has already decided that light passes. Only its colour then remains.
     decided: bool,
     share: Cell<Vec3>,
 }
 
 impl<'a> Glass<'a> {
-    /// Along a shadow ray.
+    /// For a shadow ray.
     pub(crate) fn straight(scene: &'a Scene, soup: &'a Soup) -> Self {
         Glass {
             scene,
@@ -85,7 +85,7 @@ impl<'a> Glass<'a> {
         }
     }
 
-    /// Along a ray that a [`Coin`] has let through all surfaces before its end.
+    /// For a ray that a [`Coin`] has let through all surfaces before its end.
     pub(crate) fn behind_the_coin(scene: &'a Scene, soup: &'a Soup) -> Self {
         Glass {
             decided: true,
@@ -93,7 +93,7 @@ impl<'a> Glass<'a> {
         }
     }
 
-    /// Share that passed, per channel.
+    /// Transmittance per channel.
     pub(crate) fn share(&self) -> Vec3 {
         self.share.get()
     }
@@ -104,12 +104,12 @@ impl HitFilter for Glass<'_> {
         let mut passes = self.scene.transmittance(self.soup, triangle, u, v);
         if self.decided {
             let presence = self.scene.presence(self.soup, triangle, u, v);
-            // The coin let it pass, so that the presence is less than 1.
+            // The coin let it pass, so the presence is less than 1.
             passes /= (1.0 - presence).max(f32::MIN_POSITIVE);
         }
         let share = self.share.get() * passes;
         self.share.set(share);
-        // Nothing is left that could be added to.
+        // Nothing is left to contribute.
         share == Vec3::ZERO
     }
 }

@@ -1,17 +1,17 @@
-//! Light groups: parts of a scene's light that are kept apart.
+//! Light groups: parts of a scene's light that are kept separate.
 
-/// Which group each source of light belongs to.
+/// Assigns each light source to a group.
 ///
-/// Light adds up, so that what a group's sources send through the scene can be carried along beside
-/// the sum of all, on the same rays.
+/// Light is additive, so the light of each group can be computed alongside the total, with the same
+/// rays.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LightGroups {
-    /// Number of groups, at least 1 and at most 255; every entry below is less.
+    /// Number of groups, from 1 to 255; every index below is less.
     pub count: usize,
     /// Per light of [`mesh_ingest::Scene::lights`].
     pub lights: Vec<u8>,
-    /// Per material of [`mesh_ingest::Scene::materials`]: the group of what it emits.
+    /// Per material of [`mesh_ingest::Scene::materials`]: the group of its emission.
     pub materials: Vec<u8>,
-    /// The sky's.
+    /// The group of the sky.
     pub sky: u8,
 }

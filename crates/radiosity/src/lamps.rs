@@ -1,4 +1,4 @@
-//! The flux of punctual lights and where it goes, by rays from them.
+//! The flux of punctual lights and where it goes, measured with rays from them.
 
 use std::f64::consts::PI;
 
@@ -9,32 +9,32 @@ use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::{BrightSky, SkyCell};
 use crate::world::{Incoming, World};
 
-/// Rays from all lamps together, about, and from one at most and at least.
+/// Approximate number of rays from all lamps together, and the maximum and minimum per lamp.
 const RAYS: usize = 1 << 18;
 const MOST: usize = 1 << 13;
 const LEAST: usize = 1 << 7;
 
-/// Each lamp's rays are this many sets of Sobol points, scrambled independently: the spread among
-/// the sets tells the error of their mean, stratification included. With 15 degrees of freedom the
-/// error passes four standard errors once in 900 times.
+/// Number of sets of Sobol points per lamp, each scrambled independently. The spread between the
+/// sets gives the error of their mean, including the effect of stratification. With 15 degrees of
+/// freedom, the error exceeds four standard errors once in 900 cases.
 const SETS: u32 = 16;
 
-/// Where the light of all punctual lights goes (RGB, W or lm).
+/// Where the light of all punctual lights goes (RGB, in W or lm).
 #[derive(Debug, Default)]
 pub(crate) struct LampFlux {
-    /// Sent out, or, of suns and of lamps with a range, what meets a surface.
+    /// Flux emitted. For suns and for lamps with a range, the flux that reaches a surface.
     pub emitted: DVec3,
-    /// Met the back of a single-sided face.
+    /// Flux that hits the backs of single-sided faces.
     pub behind: DVec3,
-    /// Met nothing.
+    /// Flux that hits nothing.
     pub escaped: DVec3,
-    /// Absorbed by glass on the way.
+    /// Flux absorbed by glass on the way.
     pub taken: DVec3,
-    /// Variance of the luminous flux that meets surfaces.
+    /// Variance of the luminous flux that reaches surfaces.
     pub variance: f64,
 }
 
-/// Sums over one lamp's rays.
+/// Sums over the rays of one lamp.
 #[derive(Default)]
 struct Tally {
     all: f64,
@@ -45,7 +45,7 @@ struct Tally {
 }
 
 impl LampFlux {
-    /// Casts rays from every lamp, and from where the sky is bright.
+    /// Casts rays from every lamp, and from the bright parts of the sky.
     pub(crate) fn measure(world: &World) -> Self {
         let lamps = world.scene.lights.iter().map(Source::Lamp);
         let cells = world
@@ -76,8 +76,8 @@ impl LampFlux {
             let sent = source.ray(world, bounds, random);
             let (found, tint) = world.incoming(sent.origin, sent.direction);
             let tint = tint.as_dvec3();
-            // A lamp with a range loses light on the way: only what arrives is known, and how far
-            // off the back of a face is does not matter for the others.
+            // A lamp with a range loses light on the way, and only the light that arrives is known.
+            // For other lamps, the distance to a backface does not matter.
             let (share, into) = match found {
                 Incoming::Escaped | Incoming::Black if range.is_some() => continue,
                 Incoming::Escaped => (1.0, &mut t.escaped),
@@ -92,10 +92,10 @@ impl LampFlux {
                 sets[set as usize] += lum(tint * light);
             }
         }
-        // Per ray; where all of the flux is known it takes the place of its estimate.
+        // Per ray. A known total flux replaces its estimate.
         let each = match (source.exact(), t.all > 0.0) {
             (Some(flux), true) => flux / t.all,
-            // The flux that a weight of 1 in all rays stands for.
+            // The flux that corresponds to a weight of 1 in all rays.
             _ => source.whole(bounds) / (n * SETS) as f64,
         };
         let escaped = if source.is_far() {
@@ -113,25 +113,25 @@ impl LampFlux {
     }
 }
 
-/// What rays are cast from.
+/// The source of rays.
 enum Source<'w> {
     Lamp(&'w Light),
     Sky(&'w BrightSky, &'w SkyCell),
 }
 
-/// A ray of a lamp.
+/// A ray from a lamp.
 struct Sent {
     origin: Vec3,
     /// Unit.
     direction: Vec3,
-    /// Relative intensity there.
+    /// Relative intensity in this direction.
     weight: f64,
     /// Intensity.
     colour: DVec3,
 }
 
 impl Source<'_> {
-    /// Whether it shines from beyond the scene; then only what meets the scene counts.
+    /// Whether it shines from outside the scene. Only the light that reaches the scene then counts.
     fn is_far(&self) -> bool {
         match self {
             Source::Lamp(light) => matches!(light.kind, LightKind::Directional { .. }),
@@ -146,13 +146,13 @@ impl Source<'_> {
         }
     }
 
-    /// Flux per unit of intensity that a weight of 1 in all directions stands for.
+    /// Flux per unit of intensity that corresponds to a weight of 1 in all directions.
     fn whole(&self, bounds: &Bounds) -> f64 {
         let across = PI * bounds.radius * bounds.radius;
         match self {
             Source::Sky(..) => across,
             Source::Lamp(light) => match light.kind {
-                // Which way is drawn evenly over the disc's solid angle.
+                // The direction is sampled uniformly over the solid angle of the disc.
                 LightKind::Directional { angle, .. } => across * 2.0 / (1.0 + (angle as f64).cos()),
                 LightKind::Point { .. } => 4.0 * PI,
                 LightKind::Spot { outer, .. } => 2.0 * PI * (1.0 - (outer as f64).cos()),
@@ -205,19 +205,19 @@ fn range(light: &Light) -> Option<f32> {
     }
 }
 
-/// KHR_lights_punctual's window: max(1 − (d/r)⁴, 0).
+/// The window of KHR_lights_punctual: max(1 − (d/r)⁴, 0).
 fn window(d: f64, range: Option<f32>) -> f64 {
     range.map_or(1.0, |r| (1.0 - (d / r as f64).powi(4)).max(0.0))
 }
 
-/// The spot's cone: ((cosθ − cos outer)/(cos inner − cos outer))², at most 1.
+/// The cone of a spotlight: ((cosθ − cos outer)/(cos inner − cos outer))², at most 1.
 fn cone(cos: f64, inner: f32, outer: f32) -> f64 {
     let (i, o) = ((inner as f64).cos(), (outer as f64).cos());
     ((cos - o) / (i - o).max(1e-3)).clamp(0.0, 1.0).powi(2)
 }
 
-/// Flux per unit of intensity, sr, where the lamp has one: 4π, or 2π ∫ cone dcosθ. The cone's blend
-/// ends `1e-3` in cosine from its edge at the narrowest, as direct light has it.
+/// Flux per unit of intensity, in sr, for lamps with a closed form: 4π, or 2π ∫ cone dcosθ. As in
+/// direct light, the cone's falloff spans at least `1e-3` in cosine.
 fn exact(light: &Light) -> Option<f64> {
     if range(light).is_some() || light.profile.is_some() {
         return None;
@@ -228,8 +228,8 @@ fn exact(light: &Light) -> Option<f64> {
         LightKind::Spot { inner, outer, .. } => {
             let (i, o) = ((inner as f64).cos(), (outer as f64).cos());
             let blend = (i - o).max(1e-3);
-            // ∫ t² over the blend is a third of it; what of it lies beyond the axis (cosθ > 1) is
-            // not there.
+            // The integral of t² over the falloff is a third of it; the part beyond the axis (cosθ
+            // > 1) is subtracted.
             let over = ((o + blend - 1.0) / blend).max(0.0);
             let inside = (1.0 - o - blend).max(0.0);
             Some(2.0 * PI * (inside + blend * (1.0 - over).powi(3) / 3.0))
@@ -237,7 +237,7 @@ fn exact(light: &Light) -> Option<f64> {
     }
 }
 
-/// A ball about the scene.
+/// The bounding sphere of the scene.
 struct Bounds {
     centre: Vec3,
     radius: f64,
@@ -259,14 +259,14 @@ impl Bounds {
         }
     }
 
-    /// A ray of the lamp: origin, unit direction, and relative intensity there.
+    /// A ray of the lamp: origin, unit direction, and relative intensity in that direction.
     fn ray(&self, world: &World, light: &Light, random: [f32; 4]) -> (Vec3, Vec3, f64) {
         let about = |axis: Vec3, cos: f32, phi: f32| -> Vec3 {
             let (x, y) = axis.any_orthonormal_pair();
             let sine = (1.0 - cos * cos).max(0.0).sqrt();
             x * (sine * phi.cos()) + y * (sine * phi.sin()) + axis * cos
         };
-        // From the surface of a lamp that has one: seen from afar it is an even disc.
+        // From the surface of a lamp with a radius: from a distance, it looks like a uniform disc.
         let from = |position: Vec3, direction: Vec3, radius: f32| -> Vec3 {
             if radius <= 0.0 {
                 return position;
@@ -305,14 +305,15 @@ impl Bounds {
         }
     }
 
-    /// Where a ray along `direction` starts that may meet any part of the scene.
+    /// A starting point for a ray along `direction` that may hit any part of the scene.
     fn start_afar(&self, direction: Vec3, random: [f32; 4]) -> Vec3 {
         let (offset, _) = aside(direction, self.radius as f32, random);
         self.centre - direction * (1.01 * self.radius as f32) + offset
     }
 }
 
-/// A point of a disc of this radius across the direction, and its distance from the middle.
+/// A point on the disc of this radius perpendicular to the direction, and its distance from the
+/// centre.
 fn aside(direction: Vec3, radius: f32, random: [f32; 4]) -> (Vec3, f32) {
     let (x, y) = direction.any_orthonormal_pair();
     let r = radius * random[2].sqrt();

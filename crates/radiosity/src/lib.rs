@@ -1,12 +1,18 @@
 //! Light transport: form factors, direct light and the progressive radiosity solve.
 //!
-//! The quantities are those of the field: radiosity B and irradiance E in W/m² (lx where the scene
-//! is photometric), radiance L = B/π, reflectance ρ, form factor F_ij = the share of power leaving
-//! *i* that reaches *j*, so that `E_i = Σ_j F_ij B_j` and `A_i F_ij = A_j F_ji`.
+//! In reading order:
 //!
-//! [`World`] answers rays, [`DirectLight`] gives the light that arrives straight from lamps and
-//! emissive surfaces, [`solve`] finds what the surfaces exchange, and [`Solution`] holds the
-//! result, ready to be gathered from.
+//! | read | to learn about |
+//! |---|---|
+//! | [`World`] | the scene as rays see it |
+//! | [`DirectLight`], [`Emitters`] | light that arrives straight from lamps and emissive surfaces |
+//! | [`solve`], [`SolveOptions`] | the light that surfaces exchange |
+//! | [`Solution`] | the result, ready for the final gather |
+//! | [`Audit`] | the energy balance of a solve |
+//!
+//! Symbols follow the literature: radiosity B and irradiance E in W/m² (lx if the scene is
+//! photometric), radiance L = B/π, reflectance ρ, and the form factor F_ij, which is the share of
+//! power leaving *i* that reaches *j*. Therefore `E_i = Σ_j F_ij B_j` and `A_i F_ij = A_j F_ji`.
 
 mod audit;
 mod curved;

@@ -11,37 +11,36 @@ use crate::world::{Incoming, World};
 
 /// The ray left the scene.
 pub(crate) const ESCAPED: u32 = u32::MAX;
-/// The ray met the back of a single-sided face, which is black.
+/// The ray hit the back of a single-sided face, which is black.
 pub(crate) const BLACK: u32 = u32::MAX - 1;
-/// The ray met a surface that no patch stands for (a triangle too small for any cell of its
-/// region).
+/// The ray hit a surface without a patch (a triangle too small for any cell of its region).
 pub(crate) const NOWHERE: u32 = u32::MAX - 2;
 
 /// What each patch sees: `rays` cosine-distributed rays from points spread over it, and the patch
 /// that each of them hits.
 ///
-/// F_ij is estimated by the share of row *i* that names *j*. Whatever the scene, a row's shares
-/// (escaped rays included) sum to exactly 1, so in a closed scene no energy is made or lost by the
-/// matrix, which the closed-form furnace then shows.
+/// F_ij is estimated by the share of row *i* that refers to *j*. In every scene, the shares of a
+/// row (escaped rays included) sum to exactly 1. In a closed scene, the matrix therefore neither
+/// creates nor loses energy, which the closed-form furnace test verifies.
 pub(crate) struct Links {
     pub patches: usize,
-    /// Rays per patch cast so far.
+    /// Number of rays cast per patch so far.
     pub rays: u32,
     stride: u32,
     targets: Vec<u32>,
-    /// What glass on the way lets through of each ray, packed; empty where nothing colours light.
+    /// Colour transmitted along each ray, packed; empty if nothing colours light.
     tints: Vec<u32>,
-    /// Groups of light.
+    /// Number of light groups.
     groups: usize,
-    /// Σ radiance over a patch's rays of what is not another patch's reflection: the sky and
-    /// gathered emission; patch by patch, group by group.
+    /// Σ radiance over a patch's rays from everything but the reflection of other patches, i.e. the
+    /// sky and gathered emission; by patch, then by group.
     source: Vec<Vec3>,
     /// The sky's part of `source`.
     sky: Vec<Vec3>,
 }
 
 impl Links {
-    /// Room for `stride` rays a patch of a world.
+    /// Allocates `stride` rays per patch of a world.
     pub(crate) fn of(world: &World, patches: usize, stride: u32) -> Self {
         let groups = world.group_count();
         let tints = if world.tinted() {
@@ -57,7 +56,7 @@ impl Links {
         }
     }
 
-    /// Room for `stride` rays a patch, where light has one group and is not coloured on its way.
+    /// Allocates `stride` rays per patch, for one light group and colourless transmission.
     pub(crate) fn new(patches: usize, stride: u32) -> Self {
         Links {
             patches,
@@ -71,7 +70,7 @@ impl Links {
         }
     }
 
-    /// Memory, bytes.
+    /// Memory in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         (self.targets.len() * 4
             + self.tints.len() * 4
@@ -84,12 +83,12 @@ impl Links {
         &self.targets[at..at + self.rays as usize]
     }
 
-    /// Whether light is coloured on its way between patches.
+    /// Whether transmission between patches is coloured.
     pub(crate) fn tinted(&self) -> bool {
         !self.tints.is_empty()
     }
 
-    /// What arrives of the light along ray `k` of a patch.
+    /// Transmittance along ray `k` of a patch.
     pub(crate) fn tint(&self, patch: usize, k: usize) -> DVec3 {
         match self.tints.get(patch * self.stride as usize + k) {
             Some(&packed) => unpack(packed),
@@ -97,7 +96,7 @@ impl Links {
         }
     }
 
-    /// Σ over a patch's rays of what arrives of `radiosity` at the other end.
+    /// Σ over a patch's rays of `radiosity` at the other end times transmittance.
     pub(crate) fn gather(&self, patch: usize, radiosity: &[DVec3]) -> DVec3 {
         let mut sum = DVec3::ZERO;
         // Escaped and black rays have indices past the end.
@@ -123,7 +122,7 @@ impl Links {
         sum * (std::f32::consts::PI / self.rays.max(1) as f32)
     }
 
-    /// The same, of all groups.
+    /// Irradiance of a patch from the sky and from gathered emission of all groups.
     pub(crate) fn all_sources(&self, patch: usize) -> Vec3 {
         (0..self.groups).map(|g| self.source(patch, g)).sum()
     }
@@ -133,8 +132,8 @@ impl Links {
         self.sky[patch] * (std::f32::consts::PI / self.rays.max(1) as f32)
     }
 
-    /// Casts rays until every patch has `rays`, for all patches or, when cancelled, for none: the
-    /// links stay as they were.
+    /// Casts rays until every patch has `rays`. If cancelled, it leaves the links of all patches
+    /// unchanged.
     pub(crate) fn extend(
         &mut self,
         world: &World,
@@ -150,7 +149,7 @@ impl Links {
         let total = (self.patches as u64) * (rays - from) as u64;
         let tinted = self.tinted();
         let groups = self.groups;
-        // Rows of tints beside the rows of targets, where there are any.
+        // Rows of tints next to the rows of targets, if there are any.
         let mut no_tints: Vec<&mut [u32]> = Vec::new();
         let blocks = self.patches.div_ceil(BLOCK);
         let tints: Vec<&mut [u32]> = if tinted {
@@ -194,8 +193,7 @@ impl Links {
                 monitor.progress(Phase::Links, now, total);
             });
         if done.into_inner() != total {
-            // Sources of the rows that were cast have their light already: undone, so that the
-            // links stay as they were.
+            // The sources of finished rows already include the new rays, so they are restored.
             self.source = sources_before.0;
             self.sky = sources_before.1;
             return Err(Cancelled);
@@ -210,8 +208,8 @@ fn seed(cut: &Subdivision, patch: PatchId) -> u32 {
     hash_u32(cut.patches()[patch.0 as usize].name ^ 0x5bd1_e995)
 }
 
-/// Which of a patch's elements a ray starts from whose third dimension is `x`: by area, `area`
-/// being their sum.
+/// The patch element from which a ray with third sample dimension `x` starts: by area, where `area`
+/// is their sum.
 fn pick(elements: &[Element], area: f32, x: f32) -> usize {
     let mut left = x * area;
     for (k, e) in elements.iter().enumerate() {
@@ -223,8 +221,8 @@ fn pick(elements: &[Element], area: f32, x: f32) -> usize {
     elements.len() - 1
 }
 
-/// For each ray of a patch, in the order of its row, the element that it started from (counted
-/// within the patch).
+/// For each ray of a patch, in row order, the element from which it started (index within the
+/// patch).
 pub(crate) fn origins(
     cut: &Subdivision,
     patch: PatchId,
@@ -238,23 +236,23 @@ pub(crate) fn origins(
 
 /// Where the rays of one patch are written.
 struct Row<'l> {
-    /// The number of the first of them.
+    /// The index of the first ray.
     from: u32,
     targets: &'l mut [u32],
-    /// Empty where light is not coloured.
+    /// Empty if transmission is colourless.
     tints: &'l mut [u32],
-    /// Sums of radiance by group, and of the sky's.
+    /// Sums of radiance by group, and from the sky.
     source: &'l mut [Vec3],
     sky: &'l mut Vec3,
 }
 
-/// Casts rays of a patch, and adds the radiance they see that is no reflection.
+/// Casts rays of a patch and sums the radiance that is not reflected.
 fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
     let back = cut.patches()[patch.0 as usize].back;
     let elements = &cut.elements()[cut.elements_of(patch)];
     let area: f32 = elements.iter().map(|e| e.area).sum();
     let seed = seed(cut, patch);
-    // Summed apart first: the sums of few rays round less.
+    // Summed separately first, because short sums round less.
     let mut source = [Vec3::ZERO; 2];
     for (k, target) in out.targets.iter_mut().enumerate() {
         let s = sample_4d(out.from + k as u32, 0, seed);
@@ -290,10 +288,10 @@ fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
     *out.sky += source[0];
 }
 
-/// Nothing is taken away.
+/// Full transmission.
 const CLEAR: u32 = u32::MAX;
 
-/// Ten bits a channel: steps of a thousandth, of light that is an average over many rays.
+/// Ten bits per channel: steps of a thousandth, for light that is averaged over many rays.
 fn pack(tint: Vec3) -> u32 {
     let bits = tint
         .to_array()

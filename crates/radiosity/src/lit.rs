@@ -1,18 +1,18 @@
-//! Lit elements as lights.
+//! Sampling lit elements like lights.
 //!
-//! A floor that the sun shines on lights a room as a lamp does, and from a dark corner a gathering
-//! ray meets it as seldom as it would a lamp. What lamps, suns and emitters bring to elements is
-//! known after the solve. So its reflection can be sampled as lamps are: an element is drawn, about
-//! in proportion to what it would bring, and a shadow ray says whether it does.
+//! A sunlit floor illuminates a room as a lamp does, and from a dark corner a gathering ray hits it
+//! as rarely as a lamp. After the solve, the light that lamps, suns and emitters contribute to
+//! elements is known. The reflection of an element can therefore be sampled like a lamp: an element
+//! is chosen roughly in proportion to its contribution, and a shadow ray tests its visibility.
 //!
-//! Neither way is always the better one: an open place is lit by all about it, of which few samples
-//! tell less than many gathering rays. So both take a share of the light of each element, by the
-//! chance that each has of finding it ([`of_lit`](crate::of_lit); the balance heuristic of Veach
-//! and Guibas, *Optimally combining sampling techniques for Monte Carlo rendering*, 1995). The
-//! shares sum to one whatever the chances are taken for, so that these may be rough. Elements
-//! nearer than [`LitElements::FROM`] are left to gathering rays: there an element's one point does
-//! not stand for all of it, and 1/d² has no bound. So are surfaces that light passes in part, or
-//! through holes.
+//! Neither strategy is always better: a point in the open is lit from all around, where a few
+//! samples say less than many gathering rays. Both strategies therefore share the light of each
+//! element according to their probability of finding it ([`of_lit`](crate::of_lit); the balance
+//! heuristic of Veach and Guibas, *Optimally combining sampling techniques for Monte Carlo
+//! rendering*, 1995). The shares sum to one for any assumed probabilities, so these may be rough.
+//! Elements nearer than [`LitElements::FROM`] are left to gathering rays, because one point does
+//! not represent a near element and 1/d² is unbounded. Surfaces that transmit light, or have holes,
+//! are also left to gathering rays.
 
 use glam::Vec3;
 use patch_subdivision::PatchId;
@@ -21,25 +21,25 @@ use rayon::prelude::*;
 use crate::solution::Solution;
 use crate::world::{SurfacePoint, World, luminance};
 
-/// Elements of a leaf at most. The choice among them is made by what each brings.
+/// Maximum number of elements per leaf. The choice among them uses the contribution of each.
 const LEAF: usize = 8;
 
-/// Items of a block: their powers share a line of the cache.
+/// Items per block: their powers share a cache line.
 const BLOCK: usize = 16;
 
-/// An element that direct light falls on.
+/// An element that direct light reaches.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 struct Item {
     /// Where shadow rays to it end.
     origin: Vec3,
-    /// Unit normal of the side that is lit.
+    /// Unit normal of the lit side.
     normal: Vec3,
     /// Intensity along its normal: reflectance × direct irradiance × area / π.
     sends: Vec3,
-    /// Luminance of the direct irradiance on it.
+    /// Luminance of its direct irradiance.
     arrives: f32,
-    /// Gathering rays that meet it from beyond this, metres, squared, leave its direct light out.
+    /// Squared distance in metres beyond which gathering rays skip its direct light.
     from2: f32,
     element: u32,
 }
@@ -50,8 +50,8 @@ impl Item {
         luminance(self.sends)
     }
 
-    /// What it brings to a point `p` with normal `normal` if nothing is in between, per intensity:
-    /// cos cos / d².
+    /// Unoccluded contribution to a point `p` with normal `normal` per unit of intensity: cos cos /
+    /// d².
     #[inline]
     fn kernel(&self, p: Vec3, normal: Vec3) -> f32 {
         let v = self.origin - p;
@@ -70,26 +70,26 @@ impl Item {
 /// A node of the tree.
 #[derive(Debug, Clone, Copy)]
 struct Node {
-    /// Middle of what it sends.
+    /// Centre of the light it sends.
     origin: Vec3,
-    /// Radius of a ball about that, which holds its items.
+    /// Radius of a sphere around that centre that contains its items.
     radius: f32,
-    /// Σ power, and the mean direct irradiance, weighted by power.
+    /// Σ power, and the mean direct irradiance weighted by power.
     power: f32,
     arrives: f32,
     /// Σ power × normal.
     flux: Vec3,
-    /// Least radius of a ball about `flux` / power that holds the normals.
+    /// Radius of the smallest sphere around `flux` / power that contains the normals.
     spread: f32,
-    /// The shortest and the longest `from` of its items, metres.
+    /// The smallest and the largest `from` of its items, in metres.
     from: [f32; 2],
-    /// Middle and half the size of a box about its items.
+    /// Centre and half-size of its items' bounding box.
     middle: Vec3,
     half: Vec3,
     /// Items `[start, end)`.
     start: u32,
     end: u32,
-    /// The second child; the first follows its parent. 0 for a leaf.
+    /// The second child; the first one follows its parent. 0 for a leaf.
     second: u32,
 }
 
@@ -97,20 +97,20 @@ struct Node {
 #[derive(Debug, Clone, Copy)]
 pub struct LitSample {
     item: u32,
-    /// The probability that it was drawn with.
+    /// The probability with which it was drawn.
     probability: f32,
 }
 
-/// What a sample of [`LitElements`] brings to a point.
+/// The contribution of a sample of [`LitElements`] to a point.
 #[derive(Debug, Clone, Copy)]
 pub struct FromLit {
     /// From the point's origin to the element.
     pub to: Vec3,
-    /// Irradiance that it brings, over the probability of having drawn it.
+    /// Its irradiance divided by the probability of having drawn it.
     pub light: Vec3,
-    /// Luminance of the direct irradiance on it.
+    /// Luminance of the element's direct irradiance.
     pub arrives: f32,
-    /// Its irradiance per intensity, over that probability.
+    /// Its irradiance per unit of intensity, divided by that probability.
     pub kernel: f32,
     /// Unit direction towards it.
     pub direction: Vec3,
@@ -118,20 +118,19 @@ pub struct FromLit {
     pub cos: f32,
 }
 
-/// The elements that direct light falls on, in a tree by position.
+/// The elements that direct light reaches, in a tree by position.
 #[derive(Debug, Default)]
 pub struct LitElements {
     items: Vec<Item>,
     nodes: Vec<Node>,
-    /// Luminance of each item's intensity, and the running Σ of that before each block of
-    /// [`BLOCK`].
+    /// Luminance of each item's intensity, and the running sum before each block of [`BLOCK`].
     powers: Vec<f32>,
     blocks: Vec<f64>,
     /// Their mean reflectance, by luminance.
     reflects: f32,
 }
 
-/// Groups of lit elements as a receiver sees them, with about what each brings.
+/// Groups of lit elements as seen from a receiver, with their approximate contributions.
 #[derive(Debug, Default)]
 pub struct LitCut {
     groups: Vec<Group>,
@@ -139,7 +138,7 @@ pub struct LitCut {
     arrives: f32,
 }
 
-/// Items `[start, end)`, and the running Σ of weights after them.
+/// Items `[start, end)`, and the running sum of weights including them.
 #[derive(Debug, Clone, Copy)]
 struct Group {
     start: u32,
@@ -147,25 +146,25 @@ struct Group {
     after: f32,
 }
 
-/// Places of elements are told apart by this share of the size of what is split.
+/// Positions of elements are compared in steps of this share of the size of the set to split.
 const STEP: f32 = 1.0 / 65_536.0;
 
-/// What rises by less than this share of its size above a receiver lies in one plane with it.
+/// Items that rise by less than this share of their size above a receiver are coplanar with it.
 const GRAZING: f32 = 1e-3;
 
-/// Where what would be drawn has less than this times the mean chance of being met by a gathering
-/// ray, none is drawn: it would take time and bring nothing.
+/// Nothing is drawn if the expected sample is less than this times as likely to be hit by a
+/// gathering ray as the mean: it would cost time and gain nothing.
 const LEAST: f32 = 0.25;
 
-/// A node is taken whole that is seen under less than this angle (radius over distance).
+/// A node is used as a whole if its angular size (radius over distance) is below this.
 const WHOLE: f32 = 0.6;
 
 impl LitElements {
-    /// From this many patches' size on, direct light that elements reflect is sampled beside being
-    /// gathered.
+    /// Distance, in patch sizes, beyond which direct light that elements reflect is sampled in
+    /// addition to being gathered.
     pub const FROM: f32 = 1.0;
 
-    /// Those of a solution, on surfaces that let no light through. O(n log n) in elements.
+    /// Collects the lit elements of a solution, on opaque surfaces. O(n log n) in elements.
     pub fn collect(world: &World, solution: &Solution) -> Self {
         let cut = &solution.cut;
         let item = |patch: usize, e: usize| -> Option<Item> {
@@ -175,7 +174,7 @@ impl LitElements {
                 return None;
             }
             let (t, u, v) = (element.triangle, element.u, element.v);
-            // What is there by chance, or in part, gathering rays meet as often as it is.
+            // Gathering rays hit partly transparent surfaces as often as their presence requires.
             if world.lets_light_through(t) {
                 return None;
             }
@@ -207,7 +206,7 @@ impl LitElements {
         Self::of_items(items, (power / arrives.max(1e-300)) as f32)
     }
 
-    /// The tree over `items`, which reflect so much of their light on average.
+    /// Builds the tree over `items`, whose mean reflectance is `reflects`.
     fn of_items(mut items: Vec<Item>, reflects: f32) -> Self {
         let mut nodes = Vec::with_capacity(items.len() / 2);
         let n = items.len();
@@ -231,12 +230,12 @@ impl LitElements {
         }
     }
 
-    /// Whether there is none.
+    /// Whether there are no lit elements.
     pub fn is_empty(&self) -> bool {
         self.items.is_empty()
     }
 
-    /// Memory, bytes.
+    /// Memory in bytes.
     pub fn bytes(&self) -> u64 {
         (size_of_val(&self.items[..])
             + size_of_val(&self.nodes[..])
@@ -244,8 +243,8 @@ impl LitElements {
             + size_of_val(&self.blocks[..])) as u64
     }
 
-    /// What a receiver about `p` sees of them. It is `scale` metres wide, and its normals are off
-    /// that of `p` by vectors of length `bend` at most. O(log n).
+    /// The groups as seen from a receiver around `p`. The receiver is `scale` metres wide, and its
+    /// normals differ from that of `p` by vectors of length `bend` at most. O(log n).
     pub fn cut(&self, p: &SurfacePoint, scale: f32, bend: f32) -> LitCut {
         let mut cut = LitCut::default();
         if self.is_empty() {
@@ -263,7 +262,8 @@ impl LitElements {
             let d2 = v.length_squared();
             let reach = node.radius + scale;
             let most = d2.sqrt() + node.radius;
-            // By its box, not its ball: what lies in one plane with the receiver is told at once.
+            // By the node's box instead of its sphere, which rejects nodes coplanar with the
+            // receiver at once.
             let to = node.middle - p.origin;
             let above = p.normal.dot(to) + p.normal.abs().dot(node.half) + bend * most;
             let before = -node.flux.dot(to) + node.flux.abs().dot(node.half);
@@ -280,7 +280,7 @@ impl LitElements {
             if reach * reach < WHOLE * WHOLE * d2 && d2 > far * far {
                 let inverse = 1.0 / d2.sqrt();
                 let angle = reach * inverse;
-                // No less than a part of what any point of it may bring.
+                // At least a part of the maximum contribution of any of its points.
                 let receives = (height * inverse).max(0.5 * (angle + bend));
                 let sends = (-node.flux.dot(v) * inverse).max(0.5 * power * (angle + node.spread));
                 let w = receives * sends / d2;
@@ -325,12 +325,12 @@ impl LitElements {
         cut
     }
 
-    /// What gathering rays are to leave out ([`of_lit`](crate::of_lit)) at the receiver of `cut`,
-    /// where `samples` are drawn for each of them. 0 where nothing is worth drawing.
+    /// The share for gathering rays to leave out ([`of_lit`](crate::of_lit)) at the receiver of
+    /// `cut` if `samples` are drawn per gathering ray. 0 if nothing is worth drawing.
     ///
-    /// A gathering ray meets an element with a chance of cos cos' / π d² an area. A sample is drawn
-    /// with that times the element's brightness over the mean brightness of all that it may be
-    /// (what they would bring, if nothing were in the way, over π).
+    /// The probability that a gathering ray hits an element is cos cos' / π d² per area. A sample
+    /// is drawn with that probability times the element's brightness over the mean brightness of
+    /// all candidates (their unoccluded irradiance over π).
     pub fn share(&self, cut: &LitCut, samples: f32) -> f32 {
         let brings = cut.groups.last().map_or(0.0, |g| g.after);
         if brings <= 0.0 {
@@ -343,8 +343,8 @@ impl LitElements {
         }
     }
 
-    /// Draws one, about in proportion to what it brings to the receiver of `cut`; `None` where none
-    /// brings any. `x` ∈ [0, 1). O(log n).
+    /// Draws one, roughly in proportion to its contribution to the receiver of `cut`; `None` if
+    /// none contributes. `x` ∈ [0, 1). O(log n).
     pub fn draw(&self, cut: &LitCut, x: f32) -> Option<LitSample> {
         let sum = cut.groups.last()?.after;
         let at = x * sum;
@@ -375,7 +375,7 @@ impl LitElements {
         let low = self.blocks[first] + part(first * BLOCK..start);
         let high = self.blocks[last] + part(last * BLOCK..end);
         if high <= low {
-            // All of it is lost beside what comes before.
+            // The power of the range is lost in rounding next to the sum before it.
             let n = (end - start) as f32;
             return (start as u32 + (x * n).min(n - 1.0) as u32, 1.0 / n);
         }
@@ -398,12 +398,12 @@ impl LitElements {
         (chosen as u32, own as f32)
     }
 
-    /// The element that a sample is.
+    /// The element of a sample.
     pub fn element(&self, sample: LitSample) -> u32 {
         self.items[sample.item as usize].element
     }
 
-    /// What a sample brings to `p`; `None` where that is nothing.
+    /// The contribution of a sample to `p`; `None` if it is zero.
     pub fn arriving(&self, sample: LitSample, p: &SurfacePoint) -> Option<FromLit> {
         let item = &self.items[sample.item as usize];
         let kernel = item.kernel(p.origin, p.normal);
@@ -423,7 +423,7 @@ impl LitElements {
     }
 }
 
-/// Orders `items[start..end]` and appends their subtree to `nodes`.
+/// Sorts `items[start..end]` and appends their subtree to `nodes`.
 fn split(items: &mut [Item], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
     let part = &mut items[start..end];
     let id = nodes.len();
@@ -468,8 +468,9 @@ fn split(items: &mut [Item], start: usize, end: usize, nodes: &mut Vec<Node>) ->
     if part.len() <= LEAF {
         return id;
     }
-    // Elements lie on grids, so that many share a coordinate but for rounding. Places are compared in
-    // steps: else the tree, and with it what is drawn, would depend on a scene's scale and place.
+    // Elements lie on grids, so many share a coordinate up to rounding. Positions are compared in
+    // steps; otherwise the tree, and with it the samples, would depend on the scene's scale and
+    // position.
     let size = high - low;
     let longest = size.max_element();
     let axis = (0..3)
@@ -488,7 +489,7 @@ fn split(items: &mut [Item], start: usize, end: usize, nodes: &mut Vec<Node>) ->
 mod tests {
     use super::*;
 
-    /// `n` elements of very different brightness on a ceiling and a wall about a receiver on the
+    /// `n` elements of very different brightness on a ceiling and a wall around a receiver on the
     /// floor.
     fn elements(n: u32) -> LitElements {
         let items = (0..n)
@@ -538,8 +539,9 @@ mod tests {
                 sum += from.map_or(0.0, |f| f64::from(luminance(f.light)));
             }
             let mean = sum / f64::from(draws);
-            // Each element's part of [0, 1) holds a whole number of draws, one more or less: n of
-            // 2¹⁸ at most, were all as bright as the mean; the brightest are ten times that.
+            // Each element's part of [0, 1) contains a whole number of draws, give or take one: n
+            // of 2¹⁸ at most if all were as bright as the mean. The brightest are ten times
+            // brighter.
             let room = 1e-5 + 10.0 * f64::from(n) / f64::from(draws);
             assert!((mean / all - 1.0).abs() < room, "{n}: {mean} {all}");
         }

@@ -1,38 +1,38 @@
-//! How long work says where it is, and learns that it should stop.
+//! Progress reports from, and cancellation of, long work.
 
 /// A step of a bake, for progress displays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// Reading and cleaning the document.
     Ingest,
-    /// Charts and packing.
+    /// Creating charts and packing them.
     Atlas,
     /// Building the ray-casting tree.
     Tree,
-    /// Direct light on elements.
+    /// Computing direct light on elements.
     Direct,
-    /// Rays between patches.
+    /// Casting rays between patches.
     Links,
-    /// Relaxation of the radiosity equation.
+    /// Relaxing the radiosity equation.
     Solve,
     /// A first picture from the solution.
     Picture,
     /// Finding the lumels.
     Lumels,
-    /// Light at lumels.
+    /// Gathering light at lumels.
     Gather,
-    /// More rays at lumels that need them.
+    /// Casting more rays at lumels that need them.
     Refine,
-    /// Light at vertices.
+    /// Computing light at vertices.
     Vertices,
-    /// Light probes.
+    /// Gathering light probes.
     Probes,
     /// Writing files.
     Write,
 }
 
 impl Phase {
-    /// A word for it.
+    /// A short name.
     pub fn name(self) -> &'static str {
         match self {
             Phase::Ingest => "ingest",
@@ -52,27 +52,26 @@ impl Phase {
     }
 }
 
-/// Watches long work and may stop it. Called from worker threads, some hundred times a second at
-/// most.
+/// Observes long work and may stop it. Its methods are called from worker threads, at most a few
+/// hundred times per second.
 pub trait Monitor: Sync {
     /// `done` of `total` units of the phase are finished.
     fn progress(&self, _phase: Phase, _done: u64, _total: u64) {}
-    /// The solve's residual: an upper bound on the share of the light that is still to be
-    /// distributed.
+    /// The residual of the solve: an upper bound on the share of undistributed light.
     fn residual(&self, _residual: f64) {}
-    /// True once the work should stop; asked at least ten times a second.
+    /// Whether the work should stop; called at least ten times per second.
     fn cancelled(&self) -> bool {
         false
     }
 }
 
-/// Watches nothing.
+/// A monitor that does nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
 impl Monitor for Silent {}
 
-/// The work was stopped through [`Monitor::cancelled`].
+/// The work was stopped by [`Monitor::cancelled`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("cancelled")]
 pub struct Cancelled;

@@ -1,4 +1,4 @@
-//! Solving the discrete radiosity equation `E = s + F (ρ E)` on given links.
+//! Solves the discrete radiosity equation `E = s + F (ρ E)` on given links.
 //!
 //! Based on: Southwell, *Relaxation methods*, 1940; Cohen, Chen, Wallace, Greenberg, *A progressive
 //! refinement approach to fast radiosity image generation*, 1988 (shooting the largest unshot flux
@@ -12,18 +12,18 @@ use serde::Serialize;
 use crate::links::Links;
 use crate::monitor::Monitor;
 
-/// The highest reflectance that the bound believes: beyond, 1/(1 − ρ) would call any solve
-/// unfinished.
+/// The highest reflectance that the error bound uses: above it, 1/(1 − ρ) would classify every
+/// solve as unfinished.
 const HIGHEST: f64 = 0.9999;
 
 /// When relaxation stops.
 #[derive(Debug, Clone, Copy)]
 pub struct RelaxOptions {
-    /// Largest share of the light that may be left undistributed.
+    /// Maximum share of the light that may be left undistributed.
     pub tolerance: f64,
-    /// Shots per patch after which the rest is left to Bi-CGSTAB. Shooting removes about a factor ρ
-    /// a sweep, on one thread; from ρ ≈ 0.8 on the Krylov method, which does not care, is faster
-    /// (measured on the furnace, and on white rooms of 60,000 patches).
+    /// Shots per patch, after which Bi-CGSTAB takes over. Shooting reduces the residual by about a
+    /// factor of ρ per sweep, on one thread. From ρ ≈ 0.8 on, the Krylov method is faster, because
+    /// it is insensitive to ρ (measured on the furnace and on white rooms of 60,000 patches).
     pub sweeps: u32,
 }
 
@@ -36,52 +36,53 @@ impl Default for RelaxOptions {
     }
 }
 
-/// Where a relaxation stood after a round of shots or an iteration of Bi-CGSTAB.
+/// State of a relaxation after a round of shots or an iteration of Bi-CGSTAB.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct RelaxStep {
-    /// Shots so far.
+    /// Number of shots so far.
     pub shots: u64,
-    /// Iterations so far.
+    /// Number of iterations so far.
     pub iterations: u32,
-    /// [`RelaxReport::residual`] at that time.
+    /// [`RelaxReport::residual`] at that point.
     pub residual: f64,
-    /// Indirect flux that has arrived at patches by then, W (lm), sum of R, G, B.
+    /// Indirect flux received by patches so far, in W (lm), as the sum of R, G and B.
     pub flux: f64,
 }
 
-/// How relaxation went.
+/// Result of a relaxation.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct RelaxReport {
-    /// Patches that shot (one patch may shoot often).
+    /// Number of shots (a patch may shoot several times).
     pub shots: u64,
-    /// Bi-CGSTAB iterations.
+    /// Number of Bi-CGSTAB iterations.
     pub iterations: u32,
-    /// Upper bound on the light still to be distributed, as a share of all light that arrives: with
-    /// four standard errors of the rays' noise in reciprocity, so that one solve in some 16,000 may
-    /// leave more. Reflectances above 0.9999 count as that; where such surfaces close a scene in,
-    /// nothing bounds their light.
+    /// Upper bound on the undistributed light as a share of all arriving light. It includes four
+    /// standard errors of the rays' noise in reciprocity, so about one solve in 16,000 may leave
+    /// more. Reflectances above 0.9999 count as 0.9999; if such surfaces enclose a scene, their
+    /// light is unbounded.
     pub residual: f64,
-    /// `residual` is within the tolerance.
+    /// Whether `residual` is within the tolerance.
     pub converged: bool,
-    /// The way there; [`crate::SolveReport::history`] has those of all passes.
+    /// The steps of this relaxation; [`crate::SolveReport::history`] has those of all passes.
     #[serde(skip)]
     pub steps: Vec<RelaxStep>,
 }
 
 impl RelaxReport {
-    /// Of two solves of the same system, one after the other.
+    /// Combines two solves of the same system, one after the other.
     pub(crate) fn and(&self, other: &RelaxReport) -> RelaxReport {
         RelaxReport {
             shots: self.shots + other.shots,
             iterations: self.iterations + other.iterations,
-            // Each is a share of its own light; of all light it is no more than the larger.
+            // Each residual is a share of its own light. As a share of all light, it does not
+            // exceed the larger of the two.
             residual: self.residual.max(other.residual),
             converged: self.converged && other.converged,
             steps: self.steps.iter().chain(&other.steps).copied().collect(),
         }
     }
 
-    /// Notes where the relaxation stands: `flux` so far at `residual`.
+    /// Records a step with `flux` so far at `residual`.
     fn step(&mut self, residual: f64, flux: f64) {
         self.steps.push(RelaxStep {
             shots: self.shots,
@@ -99,7 +100,7 @@ pub(crate) struct System<'l> {
     pub reflectance: &'l [DVec3],
     /// m² per patch.
     pub area: &'l [f64],
-    /// s: irradiance per patch that is not from E itself.
+    /// s: irradiance per patch that does not depend on E.
     pub source: &'l [DVec3],
 }
 
@@ -108,7 +109,8 @@ impl System<'_> {
         self.area.len()
     }
 
-    /// `s·scale + F (ρ x) − x·minus`, row by row (so any number of threads gives the same bits).
+    /// `s·scale + F (ρ x) − x·minus`, row by row, so that any number of threads gives the same
+    /// bits.
     fn apply(&self, x: &[DVec3], scale: f64, minus: f64) -> Vec<DVec3> {
         let radiosity: Vec<DVec3> = x
             .iter()
@@ -126,17 +128,17 @@ impl System<'_> {
             .collect()
     }
 
-    /// Bound on the light left over, as a share of all.
+    /// Upper bound on the remaining light, as a share of all light.
     ///
-    /// A residual r leaves Σ A e = Aᵀ(I − Fρ)⁻¹ r of irradiated flux. Were Aᵀ F = Aᵀ (reciprocity
-    /// in a closed scene, and less than that in an open one), it would be at most Σ A|r| / (1 − ρ).
-    /// Rays keep that up to noise: with d = AᵀF − Aᵀ, ρ/(1 − ρ) Σ d_j e_j comes on top, of which
-    /// each d_j has a variance of A_j Ā/rays (a column is a count of rays, each worth Ā/rays, the
-    /// area-weighted mean patch) and Σ d_j = 0, so that only the uneven part of e counts, which is
-    /// about |r|. Four standard errors of it are added.
+    /// A residual r leaves Σ A e = Aᵀ(I − Fρ)⁻¹ r of irradiated flux. If Aᵀ F = Aᵀ (reciprocity in
+    /// a closed scene; less in an open one), this would be at most Σ A|r| / (1 − ρ). Rays satisfy
+    /// it up to noise. With d = AᵀF − Aᵀ, the noise adds ρ/(1 − ρ) Σ d_j e_j. Each d_j has a
+    /// variance of A_j Ā/rays, because a column is a count of rays, each worth Ā/rays, where Ā is
+    /// the area-weighted mean patch area. Since Σ d_j = 0, only the uneven part of e matters, which
+    /// is about |r|. Four standard errors of this term are added.
     ///
-    /// All light is what `x` has, less what negative residuals say that it has too much: an iterate
-    /// of Bi-CGSTAB was seen to be half as large again as the answer.
+    /// All light is `x` minus the excess that negative residuals indicate: an iterate of Bi-CGSTAB
+    /// was observed to be 1.5 times the solution.
     fn bound(&self, r: &[DVec3], x: &[DVec3]) -> f64 {
         let (mut left, mut excess, mut all) = (0f64, 0f64, DVec3::ZERO);
         let (mut most, mut uneven, mut area, mut squares) = (0f64, 0f64, 0f64, 0f64);
@@ -161,13 +163,13 @@ impl System<'_> {
         (left + noise) / (1.0 - most) / all.max(1e-300)
     }
 
-    /// Flux that arrives with irradiance `x`, all channels.
+    /// Flux that arrives with irradiance `x`, in all channels.
     fn flux(&self, x: &[DVec3]) -> f64 {
         let received = x.iter().zip(self.area).map(|(e, a)| e.element_sum() * a);
         received.sum()
     }
 
-    /// Improves `x`, which is updated in place and usable whenever this returns.
+    /// Improves `x` in place. It is usable whenever this function returns.
     pub(crate) fn relax(
         &self,
         x: &mut Vec<DVec3>,
@@ -185,15 +187,15 @@ impl System<'_> {
         if report.residual > options.tolerance && !monitor.cancelled() {
             self.bicgstab(x, options, monitor, &mut report);
         }
-        // What is reported was computed anew, not updated.
+        // The reported residual is recomputed, not updated.
         let residual = self.apply(x, 1.0, 1.0);
         report.residual = self.bound(&residual, x);
         report.converged = report.residual <= options.tolerance;
         report
     }
 
-    /// Southwell: the patch with the most unshot flux shoots, near enough: every patch above a
-    /// falling threshold does, in order.
+    /// Southwell's method, approximately: instead of the patch with the most unshot flux, every
+    /// patch above a falling threshold shoots, in order.
     fn shoot(
         &self,
         x: &mut [DVec3],
@@ -240,8 +242,8 @@ impl System<'_> {
         }
     }
 
-    /// For each patch the rows that name it (with repetition), in compressed rows, and what arrives
-    /// along each ray; the last is empty where all does.
+    /// The transposed matrix in compressed rows: for each patch, the rows that refer to it (with
+    /// repetition) and the transmittance of each ray. The latter is empty if it is always 1.
     fn transpose(&self) -> (Vec<u32>, Vec<u32>, Vec<DVec3>) {
         let n = self.len();
         let mut starts = vec![0u32; n + 1];
@@ -274,7 +276,7 @@ impl System<'_> {
         (starts, receivers, tints)
     }
 
-    /// Bi-CGSTAB on `(I − Fρ) E = s`, the three channels side by side with scalars of their own.
+    /// Bi-CGSTAB on `(I − Fρ) E = s`, with separate scalars for each of the three channels.
     fn bicgstab(
         &self,
         x: &mut Vec<DVec3>,
@@ -282,14 +284,14 @@ impl System<'_> {
         monitor: &dyn Monitor,
         report: &mut RelaxReport,
     ) {
-        // With scale 0 and minus 1, apply gives F ρ v − v.
+        // With scale 0 and minus 1, apply returns F ρ v − v.
         let operator = |v: &[DVec3]| -> Vec<DVec3> {
             self.apply(v, 0.0, 1.0).into_iter().map(|y| -y).collect()
         };
         let dot =
             |a: &[DVec3], b: &[DVec3]| -> DVec3 { a.iter().zip(b).map(|(p, q)| *p * *q).sum() };
-        // A channel that is done has vanishing denominators; its scalars become 0 and it stays
-        // where it is.
+        // A channel that has converged has vanishing denominators; its scalars become 0 and it
+        // stays unchanged.
         let ratio = |a: DVec3, b: DVec3| -> DVec3 {
             let f = |p: f64, q: f64| if q.abs() > 1e-290 { p / q } else { 0.0 };
             DVec3::new(f(a.x, b.x), f(a.y, b.y), f(a.z, b.z))

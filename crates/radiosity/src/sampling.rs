@@ -1,14 +1,14 @@
-//! Low-discrepancy points and the maps that turn them into directions and positions.
+//! Low-discrepancy points, and mappings from them to directions and positions.
 
 use glam::{Vec2, Vec3};
 
 /// Point `index` (< 2^16) of a four-dimensional Owen-scrambled Sobol sequence with scrambling
 /// `seed`, in [0, 1)⁴.
 ///
-/// Each `set` is a sequence of its own: the same first four dimensions, scrambled anew and with its
-/// points in another order, in which aligned blocks of 2^k points stay together (Burley, *Practical
-/// hash-based Owen scrambling*, 2020). Sobol's higher dimensions are no substitute: 1024 points in
-/// dimensions 252 and 253 leave half of the 32 × 32 cells empty.
+/// Each `set` is a separate sequence: the same first four dimensions with a new scrambling and a
+/// new order of points that keeps aligned blocks of 2^k points together (Burley, *Practical
+/// hash-based Owen scrambling*, 2020). The higher dimensions of Sobol's sequence are no substitute:
+/// 1024 points in dimensions 252 and 253 leave half of 32 × 32 cells empty.
 #[inline]
 pub fn sample_4d(index: u32, set: u32, seed: u32) -> [f32; 4] {
     if set == 0 {
@@ -18,8 +18,8 @@ pub fn sample_4d(index: u32, set: u32, seed: u32) -> [f32; 4] {
     sobol_burley::sample_4d(shuffled(index, seed) & 0xffff, 0, seed.rotate_left(16))
 }
 
-/// Permutes indices so that every aligned block of 2^k of them is mapped onto an aligned block:
-/// Owen's scrambling in base 2, by the hash of Laine and Karras, *Stratified sampling for
+/// Permutes indices so that every aligned block of 2^k of them is mapped to an aligned block:
+/// Owen's scrambling in base 2, with the hash of Laine and Karras, *Stratified sampling for
 /// stochastic transparency*, 2011.
 #[inline]
 fn shuffled(index: u32, seed: u32) -> u32 {
@@ -47,7 +47,8 @@ pub fn hash_u32(mut x: u32) -> u32 {
     x ^ (x >> 16)
 }
 
-/// Maps the unit square to the unit disc, keeping areas and neighbourhoods (Shirley & Chiu 1997).
+/// Maps the unit square to the unit disc, preserving area ratios and neighbourhoods (Shirley & Chiu
+/// 1997).
 #[inline]
 pub(crate) fn concentric_disc(u: f32, v: f32) -> Vec2 {
     let (a, b) = (2.0 * u - 1.0, 2.0 * v - 1.0);
@@ -64,7 +65,7 @@ pub(crate) fn concentric_disc(u: f32, v: f32) -> Vec2 {
     Vec2::new(r * c, r * s)
 }
 
-/// A direction about the unit `normal`, with density cosθ/π.
+/// A direction around the unit `normal`, with density cosθ/π.
 #[inline]
 pub fn cosine_hemisphere(normal: Vec3, u: f32, v: f32) -> Vec3 {
     let d = concentric_disc(u, v);
@@ -73,7 +74,7 @@ pub fn cosine_hemisphere(normal: Vec3, u: f32, v: f32) -> Vec3 {
     x * d.x + y * d.y + normal * z
 }
 
-/// A triangle seen from a point, ready for sampling uniformly by solid angle (Arvo, *Stratified
+/// A triangle as seen from a point, prepared for uniform sampling by solid angle (Arvo, *Stratified
 /// sampling of spherical triangles*, 1995).
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SphericalTriangle {
@@ -87,7 +88,7 @@ pub(crate) struct SphericalTriangle {
 }
 
 impl SphericalTriangle {
-    /// `None` where the triangle is degenerate as seen from the point.
+    /// `None` if the triangle is degenerate as seen from the point.
     pub(crate) fn new(corners: [Vec3; 3], from: Vec3) -> Option<Self> {
         let dir = |p: Vec3| (p - from).try_normalize();
         let (a, b, c) = (dir(corners[0])?, dir(corners[1])?, dir(corners[2])?);
@@ -96,7 +97,8 @@ impl SphericalTriangle {
         let ca = c.cross(a).try_normalize()?;
         let angle = |x: Vec3, y: Vec3| x.dot(y).clamp(-1.0, 1.0).acos();
         let (alpha, beta, gamma) = (angle(ab, -ca), angle(bc, -ab), angle(ca, -bc));
-        // Van Oosterom & Strackee 1983: no cancellation for small triangles, unlike α + β + γ − π.
+        // Van Oosterom & Strackee 1983: unlike α + β + γ − π, without cancellation for small
+        // triangles.
         let num = a.dot(b.cross(c)).abs();
         let den = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
         let solid_angle = 2.0 * num.atan2(den);
@@ -152,8 +154,8 @@ mod tests {
                             slices[(s[2 + k] * n as f32) as usize][k] += 1;
                         }
                     }
-                    // The first two dimensions are a (0, 2)-net: one point in each cell; each of
-                    // the others by itself is a (0, 1)-net.
+                    // The first two dimensions are a (0, 2)-net with one point in each cell. Each
+                    // of the others alone is a (0, 1)-net.
                     assert!(cells.iter().all(|c| *c == 1), "set {set}, {n} points");
                     assert!(slices.iter().all(|c| *c == [1, 1]), "set {set}, {n} points");
                 }
@@ -163,8 +165,8 @@ mod tests {
 
     #[test]
     fn sets_and_seeds_are_independent() {
-        // Correlation of the same point's coordinates across sets and seeds: 1/√n for independent
-        // ones, four of these allowed.
+        // Correlation of the same point's coordinates across sets and seeds. It is 1/√n for
+        // independent ones; four times that is allowed.
         let n = 4096;
         let other = [(1u32, 5u32), (2, 5), (63, 5), (0, 6), (1, 6)];
         for (k, (set, seed)) in other.into_iter().enumerate() {
@@ -181,7 +183,7 @@ mod tests {
 
     #[test]
     fn cosine_directions_have_the_moments_of_the_density() {
-        // ∫ cosθ · cosθ/π = 2/3 and ∫ x² cosθ/π = 1/4; with 4096 Sobol points the error is far
+        // ∫ cosθ · cosθ/π = 2/3 and ∫ x² cosθ/π = 1/4; with 4096 Sobol points, the error is far
         // below 1e-3.
         let (mut z, mut xx) = (0f64, 0f64);
         let n = 4096;
@@ -199,8 +201,8 @@ mod tests {
 
     #[test]
     fn spherical_triangle_samples_are_uniform_by_solid_angle() {
-        // The octant: solid angle π/2, and the mean direction is (1/2, 1/2, 1/2) (its vector area
-        // over its area).
+        // The octant has a solid angle of π/2, and its mean direction is (1/2, 1/2, 1/2), i.e. its
+        // vector area over its area.
         let t = SphericalTriangle::new([Vec3::X, Vec3::Y, Vec3::Z], Vec3::ZERO).unwrap();
         assert!((t.solid_angle - std::f32::consts::FRAC_PI_2).abs() < 1e-6);
         let n = 4096;

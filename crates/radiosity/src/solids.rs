@@ -1,20 +1,19 @@
-//! Bodies whose inside nobody sees: walls, crates, pillars.
+//! Bodies whose interior nobody sees, such as walls, crates and pillars.
 //!
-//! A floor that runs on under a wall has a part inside the wall. No one looks at it, and no light
-//! belongs there. Whether a point is in such a place is a question of geometry, so it is answered
-//! without light: a ray from a point inside a closed surface leaves it once more often than it
-//! enters it, whatever else is in the way.
+//! A floor that continues under a wall has a part inside the wall. Nobody sees it, so it should not
+//! be lit. Whether a point is in such a place is a purely geometric question: a ray from a point
+//! inside a closed surface leaves that surface once more often than it enters it.
 //!
-//! A *body* is a connected piece of one instance whose every edge is shared by as many triangles in
-//! one direction as in the other, and whose fronts face outwards. Not bodies are
-//! - closed surfaces that let light through, or that hold a lamp or most of an emitter: someone is
-//!   meant to look at what is inside them,
-//! - shells whose fronts face inwards, which are rooms, double-sided or not.
+//! A *body* is a connected piece of one instance in which every edge is shared by as many triangles
+//! in one direction as in the other, and whose fronts face outwards. The following are not bodies:
+//! - closed surfaces that transmit light, or that contain a lamp or most of an emitter, because
+//!   their interior is meant to be seen;
+//! - shells whose fronts face inwards, which are rooms, whether double-sided or not.
 //!
 //! A hollow body (a house with thick walls) is one closed surface inside another of the same
-//! instance: the inner one is taken out of the outer.
+//! instance: the inner volume is subtracted from the outer one.
 //!
-//! Open shells (a crate without a bottom) are not found here; only rays tell what they hide.
+//! Open shells (a crate without a bottom) are not found here; only rays can tell what they hide.
 //!
 //! Source: the parity of crossings is the winding number of a closed surface (A. Jacobson, L.
 //! Kavan, O. Sorkine-Hornung, *Robust inside-outside segmentation using generalized winding
@@ -28,27 +27,27 @@ use visibility::{BuildError, BuildOptions, Bvh, HitFilter, Ray};
 
 use crate::sampling::cosine_hemisphere;
 
-/// Mean thickness below which a closed surface is two sheets glued together: volume over area and
-/// length, far above the rounding of either.
+/// Mean thickness below which a closed surface is two sheets on top of each other, as volume over
+/// area and length. It is far above rounding.
 const THINNEST: f64 = 1e-6;
 
-/// A body that holds more than this share of a piece that emits is lit inside: a bulb may stand in
-/// a room's floor, and a panel be sunk in a ceiling up to its face.
+/// A body that contains more than this share of an emissive piece is lit inside. A bulb may stand
+/// in a room's floor, and a panel may be recessed into a ceiling up to its face.
 const MOST_OF_IT: f32 = 0.75;
 
-/// Directions in which crossings are counted, in the square that [`cosine_hemisphere`] maps: two
-/// that agree decide, since a ray through an edge may count it twice. Away from the horizon, so
-/// that they leave the plane that the point lies in.
+/// Directions in which crossings are counted, in the square that [`cosine_hemisphere`] maps. Two
+/// agreeing directions decide, because a ray through an edge may count it twice. They are away from
+/// the horizon, so that they leave the plane of the point.
 const DIRECTIONS: [[f32; 2]; 3] = [[0.137, 0.271], [0.293, 0.618], [0.071, 0.829]];
 
 /// The closed bodies of a scene.
 pub(crate) struct Solids {
     tree: Bvh,
-    /// By triangle of the tree: its body.
+    /// The body of each triangle of the tree.
     faces: Vec<u32>,
-    /// Fronts' normals, by triangle of the tree.
+    /// Front normals, by triangle of the tree.
     normals: Vec<Vec3>,
-    /// By body: someone is meant to see its inside.
+    /// By body: whether its interior is meant to be seen.
     inhabited: Vec<bool>,
 }
 
@@ -57,11 +56,11 @@ struct Piece {
     /// Its triangles.
     triangles: Vec<[Vec3; 3]>,
     instance: u32,
-    /// Signed, m³: positive where fronts face outwards.
+    /// Signed volume in m³; positive if fronts face outwards.
     volume: f64,
-    /// It is closed, opaque and has volume.
+    /// Whether it is closed and opaque and has volume.
     closed: bool,
-    /// Middles of its emissive triangles, just above their fronts, and their areas.
+    /// Centres of its emissive triangles, just above their fronts, and their areas.
     emits: Vec<(Vec3, f32)>,
 }
 
@@ -69,7 +68,7 @@ impl Solids {
     /// Finds the bodies of a scene. O(n log n) in triangles.
     ///
     /// # Errors
-    /// What [`Bvh::build`] reports: never for a [`Soup`] of [`Soup::build`].
+    /// Those of [`Bvh::build`]: never for a [`Soup`] from [`Soup::build`].
     pub(crate) fn find(
         scene: &Scene,
         soup: &Soup,
@@ -78,7 +77,7 @@ impl Solids {
     ) -> Result<Solids, BuildError> {
         let pieces = pieces(scene, soup, offset);
         let all: Vec<&Piece> = pieces.iter().filter(|p| p.closed).collect();
-        // First each by itself, to find out which are in which.
+        // First each piece separately, to find which pieces contain which.
         let apart: Vec<u32> = (0..all.len() as u32).collect();
         let first = Solids::of(&all, &apart, tree)?;
         let body_of = |(k, piece): (usize, &&Piece)| -> Option<u32> {
@@ -91,7 +90,7 @@ impl Solids {
             let hollow = around
                 .filter(|&b| volume(b) > 0.0 && all[b as usize].instance == piece.instance)
                 .min_by(|a, b| volume(*a).total_cmp(&volume(*b)));
-            // As seen from the body, a cavity's fronts face outwards.
+            // As seen from the body, the fronts of a cavity face outwards.
             hollow
         };
         let (kept, bodies): (Vec<&Piece>, Vec<u32>) = (all.iter().enumerate())
@@ -102,7 +101,7 @@ impl Solids {
         Ok(solids)
     }
 
-    /// The tree of some pieces, with each one's body.
+    /// The tree of some pieces, with the body of each.
     fn of(pieces: &[&Piece], bodies: &[u32], tree: &BuildOptions) -> Result<Solids, BuildError> {
         let (mut triangles, mut faces) = (Vec::new(), Vec::new());
         for (piece, body) in pieces.iter().zip(bodies) {
@@ -118,7 +117,7 @@ impl Solids {
         })
     }
 
-    /// Marks the bodies that hold a lamp, or all of a piece that emits.
+    /// Marks the bodies that contain a lamp, or most of an emissive piece.
     fn find_inhabited(&mut self, scene: &Scene, pieces: &[Piece]) {
         if self.faces.is_empty() {
             return;
@@ -149,8 +148,8 @@ impl Solids {
         }
     }
 
-    /// Whether a point is inside a body. `up` is a unit vector that leads away from the surface
-    /// that the point lies on.
+    /// Whether a point is inside a body. `up` is a unit vector away from the surface that the point
+    /// is on.
     pub(crate) fn hide(&self, point: Vec3, up: Vec3) -> bool {
         let Some((low, high)) = self.tree.bounds() else {
             return false;
@@ -167,7 +166,7 @@ impl Solids {
         if inside(b) == first { first } else { inside(c) }
     }
 
-    /// The bodies around a point, ascending.
+    /// The bodies around a point, in ascending order.
     fn around(&self, point: Vec3, up: Vec3) -> Vec<u32> {
         let found = DIRECTIONS.map(|d| self.crossings(point, cosine_hemisphere(up, d[0], d[1])));
         let mut out: Vec<u32> = found[0].iter().chain(&found[1]).map(|f| f.0).collect();
@@ -178,7 +177,7 @@ impl Solids {
         out
     }
 
-    /// How many times more often a ray leaves each body that it meets than it enters it.
+    /// For each body that a ray hits, the number of exits minus the number of entries.
     fn crossings(&self, origin: Vec3, direction: Vec3) -> Vec<(u32, i32)> {
         let count = Crossings {
             solids: self,
@@ -195,7 +194,7 @@ impl Solids {
     }
 }
 
-/// Counts what a ray passes, and lets it pass.
+/// Counts the surfaces that a ray crosses, and lets it pass.
 struct Crossings<'s> {
     solids: &'s Solids,
     found: RefCell<Vec<(u32, i32)>>,
@@ -215,8 +214,8 @@ impl HitFilter for Crossings<'_> {
     }
 }
 
-/// The connected pieces of every instance. Triangles that others take the place of are among them:
-/// without them, crates that touch would be open.
+/// The connected pieces of every instance. They include triangles replaced by duplicates: without
+/// them, touching crates would be open.
 fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece> {
     let mut out = Vec::new();
     let own = soup.len() as u32;
@@ -259,7 +258,7 @@ fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece
     out
 }
 
-/// World corners of a face, in its own order.
+/// World corners of a face, in the face's original order.
 fn corners_of(soup: &Soup, face: u32) -> [Vec3; 3] {
     match soup.duplicate(face) {
         None => soup.triangles[face as usize],
@@ -270,11 +269,12 @@ fn corners_of(soup: &Soup, face: u32) -> [Vec3; 3] {
 }
 
 fn bits(p: Vec3) -> [u32; 3] {
-    // Both zeros are one place.
+    // Both zeros are the same position.
     (p + 0.0).to_array().map(f32::to_bits)
 }
 
-/// Numbers of triangles by the connected piece that they belong to; corners in one place connect.
+/// Indices of triangles by connected piece; triangles with a corner in the same position are
+/// connected.
 fn connected(corners: &[[Vec3; 3]]) -> Vec<Vec<usize>> {
     let mut places: Vec<([u32; 3], u32)> = (corners.iter().enumerate())
         .flat_map(|(t, c)| c.map(|p| (bits(p), t as u32)))
@@ -293,7 +293,7 @@ fn connected(corners: &[[Vec3; 3]]) -> Vec<Vec<usize>> {
         let (low, high) = (a.min(b), a.max(b));
         parent[high as usize] = low;
     }
-    // A root is the first of its piece, so that pieces come in order.
+    // The root of a piece is its first triangle, so pieces come in order.
     let mut slot = vec![usize::MAX; corners.len()];
     let mut out: Vec<Vec<usize>> = Vec::new();
     for t in 0..corners.len() {
@@ -307,7 +307,7 @@ fn connected(corners: &[[Vec3; 3]]) -> Vec<Vec<usize>> {
     out
 }
 
-/// Whether every edge is run along as often in one direction as in the other.
+/// Whether every edge occurs equally often in both directions.
 fn is_closed(triangles: &[[Vec3; 3]]) -> bool {
     let mut edges: Vec<([u32; 3], [u32; 3], i32)> = Vec::with_capacity(3 * triangles.len());
     for t in triangles {
@@ -321,7 +321,7 @@ fn is_closed(triangles: &[[Vec3; 3]]) -> bool {
         .all(|edge| edge.iter().map(|e| e.2).sum::<i32>() == 0)
 }
 
-/// Signed volume, m³, and the least that is not a sheet's.
+/// Signed volume in m³, and the smallest volume that is not a thin sheet's.
 fn volume(triangles: &[[Vec3; 3]]) -> (f64, f64) {
     let from = triangles[0][0].as_dvec3();
     let (mut sum, mut area) = (0.0, 0.0);

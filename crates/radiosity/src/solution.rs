@@ -11,9 +11,9 @@ use crate::direct::DirectLight;
 use crate::relax::{RelaxReport, RelaxStep};
 use crate::world::{World, luminance};
 
-/// Irradiance of every element and patch, ready to be gathered from.
+/// Irradiance of every element and patch, ready for the final gather.
 pub struct Solution {
-    /// The surfaces' subdivision.
+    /// The subdivision of the surfaces.
     pub cut: Subdivision,
     /// Direct irradiance per element.
     pub direct: Vec<Vec3>,
@@ -23,23 +23,23 @@ pub struct Solution {
     pub direct_mean: Vec<Vec3>,
     /// Indirect irradiance per patch: reflected light, the sky, and emission that rays gather.
     pub indirect: Vec<Vec3>,
-    /// Patches over which direct light changes too much for their elements to stand for it: a
-    /// shadow's edge, a lamp close by, a wall that stands on them.
+    /// Patches whose direct light varies too much for their elements to represent it: at a shadow
+    /// edge, near a lamp, or with a wall on them.
     pub rough: Vec<bool>,
-    /// The same by group of light, where groups are kept apart.
+    /// The same by light group, if groups are separate.
     pub groups: Option<GroupLight>,
-    /// By element; of the light above when the solve ended, or [`refresh`](Self::refresh) was
-    /// called.
+    /// By element, computed from the light above when the solve ended or [`refresh`](Self::refresh)
+    /// was called.
     pub(crate) afar: Vec<Afar>,
-    /// How it was reached.
+    /// Statistics of the solve.
     pub report: SolveReport,
 }
 
-/// [`Solution`]'s irradiances by group of light: of element or patch *i* and group *g* at *i* ×
-/// `count` + *g*.
+/// The irradiances of [`Solution`] by light group: those of element or patch *i* and group *g* are
+/// at *i* × `count` + *g*.
 #[derive(Debug, Default)]
 pub struct GroupLight {
-    /// Groups.
+    /// Number of groups.
     pub count: usize,
     /// Direct irradiance per element.
     pub direct: Vec<Vec3>,
@@ -49,25 +49,25 @@ pub struct GroupLight {
     pub indirect: Vec<Vec3>,
 }
 
-/// An element as it is seen from afar: all that a gathering ray needs of it, in one place.
+/// An element as seen from a distance: everything that a gathering ray needs to know about it, in
+/// one place.
 ///
-/// From beyond a patch's size an element fills a small part of what is seen, and what changes
-/// within it, texture and indirect light, is as good as its mean: a ray need not read a texture and
-/// four patches for it.
+/// Beyond a patch's size, an element covers a small part of the view, and the mean represents its
+/// texture and indirect light well. A ray then does not need to read a texture and four patches.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Afar {
     direct: Vec3,
     triangle: u32,
-    /// Interpolated to the middle of its cell.
+    /// Interpolated to the centre of its cell.
     indirect: Vec3,
-    /// Where that is on the region's grid.
+    /// Position of that centre on the region's grid.
     q: [f32; 2],
-    /// Mean reflectance about its point, as long as that lies on the same triangle.
+    /// Mean reflectance around its point, if that is on the same triangle.
     reflectance: Vec3,
 }
 
 impl Afar {
-    /// Of all elements. O(elements).
+    /// For all elements. O(elements).
     pub(crate) fn collect(
         world: &World,
         cut: &Subdivision,
@@ -120,8 +120,8 @@ fn interpolated(indirect: &[Vec3], taps: &[Tap]) -> Vec3 {
     sum
 }
 
-/// Patch and element of the point `p`, which a ray found as `hit`: on its side of walls that stand
-/// on the surface. `None` as [`Subdivision::locate`].
+/// Patch and element of the point `p` of a `hit`, on its side of walls that stand on the surface.
+/// Returns `None` like [`Subdivision::locate`].
 #[inline]
 pub(crate) fn place(world: &World, cut: &Subdivision, hit: &Hit, p: Vec3) -> Option<Locus> {
     let at = cut.locate(hit.triangle, p, hit.back)?;
@@ -135,10 +135,10 @@ pub(crate) fn place(world: &World, cut: &Subdivision, hit: &Hit, p: Vec3) -> Opt
     }))
 }
 
-/// Height above a surface at which walls on it are looked for, in edges of an element.
+/// Height above a surface at which walls on it are searched for, in element edges.
 pub(crate) const WALL: f32 = 0.2;
 
-/// Edge of an element about `triangle`, metres.
+/// Edge length of an element around `triangle`, in metres.
 pub(crate) fn element_edge(cut: &Subdivision, triangle: u32) -> f32 {
     0.25 * cut.patch_edge(triangle)
 }
@@ -146,49 +146,49 @@ pub(crate) fn element_edge(cut: &Subdivision, triangle: u32) -> f32 {
 /// A step of the solve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SolveStep {
-    /// Rays a patch of the pass.
+    /// Rays per patch in this pass.
     pub rays: u32,
-    /// Where its relaxation stood.
+    /// State of its relaxation.
     #[serde(flatten)]
     pub step: RelaxStep,
 }
 
-/// What the solve did.
+/// Statistics of a solve.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SolveReport {
-    /// Regions, patches, elements.
+    /// Numbers of regions, patches and elements.
     pub subdivision: Stats,
-    /// Elements inside of things, which stand for nothing.
+    /// Elements inside objects, which are excluded from their patches' means.
     pub buried_elements: u64,
-    /// Pairs of neighbouring elements that something on their surface keeps apart.
+    /// Pairs of neighbouring elements that an object on their surface separates.
     pub walled_elements: u64,
-    /// Patches that are one element each, where something stands close.
+    /// Patches of one element each, where something is close.
     pub fine_patches: u64,
     /// Emissive triangles that direct light samples.
     pub emitters: usize,
-    /// Patches whose direct light is computed anew at each hit.
+    /// Patches whose direct light is computed again at each hit.
     pub rough_patches: u64,
     /// Rays cast from each patch.
     pub rays_per_patch: u32,
-    /// Rays between patches, in all.
+    /// Total number of rays between patches.
     pub link_rays: u64,
     /// Shadow rays for direct light on elements.
     pub shadow_rays: u64,
-    /// The relaxation, on the links of the last pass.
+    /// The relaxation of the last pass.
     pub relaxation: RelaxReport,
-    /// The way to it through all passes, each with more rays than the one before and starting from
-    /// its answer; with groups of light, one after the other in each pass.
+    /// The steps of all passes, each with more rays than the previous one and starting from its
+    /// result. With light groups, the steps of each pass are listed group after group.
     pub history: Vec<SolveStep>,
-    /// Where the energy went.
+    /// The energy balance.
     pub audit: Audit,
-    /// The solve was stopped early; what is here is what had been reached.
+    /// Whether the solve was stopped early. The solution is then the last intermediate result.
     pub cancelled: bool,
-    /// Memory of links, subdivision and the light of elements, bytes.
+    /// Memory of links, subdivision and the light of elements, in bytes.
     pub bytes: u64,
 }
 
 impl Solution {
-    /// Makes anew what is seen from afar, after the light was changed.
+    /// Recomputes the elements as seen from a distance, after the light was changed.
     pub fn refresh(&mut self, world: &World) {
         self.afar = Afar::collect(
             world,
@@ -199,14 +199,14 @@ impl Solution {
         );
     }
 
-    /// Radiance that leaves the point `p`, which a ray found as `hit`, towards the ray's origin:
-    /// ρE/π and gathered emission.
+    /// Radiance that leaves the point `p` of a `hit` towards the ray's origin: ρE/π and gathered
+    /// emission.
     ///
-    /// Indirect light is interpolated between patches. Direct light comes from the point's element,
-    /// or, on [`rough`](Solution::rough) patches, from the lights themselves with one shadow ray:
-    /// else what an element's one point happened to see would shine from all of it (the ceiling
-    /// just above a hanging lamp, the floor under a box's edge). `seed` decides where those rays
-    /// go.
+    /// Indirect light is interpolated between patches. Direct light is that of the point's element
+    /// or, on [`rough`](Solution::rough) patches, sampled from the lights with one shadow ray.
+    /// Otherwise, the direct light at an element's one point would represent all of it (as on the
+    /// ceiling just above a hanging lamp, or on the floor under the edge of a box). `seed`
+    /// determines the directions of these rays.
     #[inline]
     pub fn radiance(
         &self,
@@ -264,7 +264,7 @@ impl Solution {
         }
     }
 
-    /// What a place looks like from afar, if that is asked for.
+    /// A place as seen from a distance, if requested.
     #[inline]
     fn afar(&self, at: Locus, of: Reflected) -> Option<&Afar> {
         match (of, at.element) {
@@ -275,7 +275,7 @@ impl Solution {
         }
     }
 
-    /// What share of the direct light of a place is asked for.
+    /// The requested share of the direct light at a place.
     #[inline]
     fn kept(&self, at: Locus, of: Reflected) -> f32 {
         match at.element {
@@ -284,8 +284,8 @@ impl Solution {
         }
     }
 
-    /// `throughput` times what [`radiance_sent`](Self::radiance_sent) says. It is added to `parts`
-    /// by group of light, unless these are empty.
+    /// Returns `throughput` times [`radiance_sent`](Self::radiance_sent), and adds it to `parts` by
+    /// light group unless `parts` is empty.
     #[inline]
     pub fn radiance_by_group(
         &self,
@@ -296,7 +296,7 @@ impl Solution {
         parts: &mut [Vec3],
     ) -> Sent {
         let Some(groups) = self.groups.as_ref().filter(|_| !parts.is_empty()) else {
-            // One group of light is all of it.
+            // With a single light group, all light belongs to it.
             let mut sent = self.radiance_sent(world, lights, look);
             sent.light *= throughput;
             if let Some(all) = parts.first_mut() {
@@ -334,8 +334,8 @@ impl Solution {
         )
     }
 
-    /// Where on its region's grid indirect light is read for a hit, and the element's reflectance
-    /// where that is what counts.
+    /// Grid position at which indirect light is read for a hit, and the element's reflectance if
+    /// that is used.
     #[inline]
     fn seen(&self, hit: &Hit, p: Vec3, at: Locus, of: Reflected) -> ([f32; 2], Option<Vec3>) {
         match self.afar(at, of) {
@@ -345,7 +345,7 @@ impl Solution {
         }
     }
 
-    /// Intensity along the normal of element `e` for each irradiance on it: reflectance × area / π.
+    /// Intensity along the normal of element `e` per unit of irradiance: reflectance × area / π.
     pub fn intensity_of_irradiance(&self, e: usize) -> Vec3 {
         self.reflectance[e] * (self.cut.elements()[e].area * std::f32::consts::FRAC_1_PI)
     }
@@ -361,31 +361,31 @@ impl Solution {
     }
 }
 
-/// A hit whose radiance towards the ray's origin is asked for.
+/// A hit for which the radiance towards the ray's origin is requested.
 #[derive(Debug, Clone, Copy)]
 pub struct Look {
-    /// What the ray hit, and where.
+    /// The hit.
     pub hit: Hit,
-    /// See `hit`; metres, recentred.
+    /// Its position in metres, recentred.
     pub at: Vec3,
-    /// Decides where shadow rays go.
+    /// Determines the directions of shadow rays.
     pub seed: u32,
-    /// What of the light counts.
+    /// The requested part of the light.
     pub of: Reflected,
 }
 
-/// What of the light that a surface reflects is asked for.
+/// The requested part of the light that a surface reflects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reflected {
     /// All of it.
     All,
-    /// All that is seen of its element from afar, but of what lamps and emitters bring to that only
-    /// what [`of_lit`] of this leaves.
+    /// The element as seen from a distance, with only the share of light from lamps and emitters
+    /// that [`of_lit`] of this value leaves.
     Afar(f32),
 }
 
 impl Reflected {
-    /// What share of `direct` irradiance is asked for.
+    /// The requested share of `direct` irradiance.
     #[inline]
     fn kept(self, direct: Vec3) -> f32 {
         match self {
@@ -395,14 +395,14 @@ impl Reflected {
     }
 }
 
-/// Radiance that a point sends, given the light on it.
+/// Radiance that a point sends, given its light.
 #[inline]
 fn sent(reflectance: Vec3, direct: Vec3, indirect: Vec3, glow: Vec3) -> Vec3 {
     reflectance * (direct + indirect) * std::f32::consts::FRAC_1_PI + glow
 }
 
-/// The share of a lit element's direct light (of that luminance) that is sampled there, where `s`
-/// is the share of gathering rays, per luminance: the balance heuristic.
+/// The share of a lit element's direct light (of luminance `direct`) that is sampled, where `s` is
+/// the share of gathering rays per luminance: the balance heuristic.
 #[inline]
 pub fn of_lit(s: f32, direct: f32) -> f32 {
     let x = s * direct;
@@ -412,13 +412,13 @@ pub fn of_lit(s: f32, direct: f32) -> f32 {
 /// Radiance of a surface.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Sent {
-    /// What was asked for.
+    /// The requested radiance.
     pub light: Vec3,
-    /// There is more, which was not.
+    /// Whether there is more that was not requested.
     pub left_out: bool,
 }
 
-/// Adds what a point sends to `parts` by group of light, and says what it is in all.
+/// Adds the radiance of a point to `parts` by light group, and returns the total.
 #[inline]
 fn sent_by_group(
     groups: &GroupLight,

@@ -17,22 +17,21 @@ use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
 use crate::world::{Emission, Incoming, World, luminance};
 
-/// How finely a scene is solved.
+/// The resolution of a solve.
 #[derive(Debug, Clone, Copy)]
 pub struct SolveOptions {
     /// Patches and elements.
     pub cut: CutOptions,
-    /// Rays from each patch; fewer where their memory would pass `link_bytes`.
+    /// Rays per patch; fewer if their memory would exceed `link_bytes`.
     pub rays: u32,
-    /// Most memory for links, bytes.
+    /// Maximum memory for links, in bytes.
     pub link_bytes: u64,
     /// Direct light on elements.
     pub direct: DirectOptions,
-    /// Patches that something stands close to are cut into their elements, each with light of its
-    /// own.
+    /// Split patches with something close to them into their elements, each with its own light.
     pub crowded: bool,
-    /// Hits on patches over which direct light changes sample a light of their own, instead of
-    /// reading that of their element.
+    /// At hits on patches with varying direct light, sample a light instead of reading the
+    /// element's direct light.
     pub resample: bool,
     /// When to stop.
     pub relax: RelaxOptions,
@@ -52,18 +51,19 @@ impl Default for SolveOptions {
     }
 }
 
-/// Rays a patch has after the first pass; each later pass quadruples them.
+/// Rays per patch in the first pass; each later pass quadruples them.
 const FIRST_PASS: u32 = 16;
 
-/// Residual that passes before the last are relaxed to: theirs is where the next one begins, and
-/// what few rays get wrong is more than that.
+/// Residual at which passes before the last stop. Their result is only the starting point of the
+/// next pass, and the noise of few rays is larger than this.
 const EARLY: f64 = 1e-2;
 
-/// Solves the scene's light.
+/// Solves the light of a scene.
 ///
-/// Progressive: passes with ever more rays, the last relaxed until its residual is below the
-/// tolerance, each starting from the one before's answer. When the monitor cancels, the last answer
-/// stands (at least direct light on the elements done), and [`SolveReport::cancelled`] is set.
+/// The solve is progressive: its passes use more and more rays, each pass starts from the previous
+/// result, and the last one is relaxed until its residual is below the tolerance. If the monitor
+/// cancels, the last result is kept (at least direct light on the finished elements) and
+/// [`SolveReport::cancelled`] is set.
 ///
 /// The same input gives the same bits for any number of threads.
 pub fn solve(
@@ -100,7 +100,7 @@ pub fn solve(
     let reflectance = element_reflectance(world, &cut);
     let surfaces = PatchSurfaces::average(&cut, &reflectance, &direct);
     let groups = world.group_count();
-    // What each group's direct light sends on, if they are kept apart.
+    // Radiosity from each group's direct light, if groups are separate.
     let by_group: Vec<PatchSurfaces> = (0..if groups > 1 { groups } else { 0 })
         .map(|g| {
             let own: Vec<Vec3> = direct_groups
@@ -113,7 +113,7 @@ pub fn solve(
         })
         .collect();
 
-    // Links take 4 bytes a ray, and as much again while they are transposed.
+    // Links take 4 bytes per ray, and the same again while they are transposed.
     let affordable = (options.link_bytes / (8 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
     let most = if world.is_dark() {
         FIRST_PASS // for the row sums; there is no light to distribute
@@ -213,9 +213,9 @@ pub fn solve(
     solution
 }
 
-/// Patches whose elements' direct light spans more than half of the brightest: below that, what one
-/// element gets wrong is less than the noise of a gathering ray. Patches that stay under a
-/// hundredth of the mean are left alone: nobody sees their error.
+/// Patches whose elements' direct light spans more than half of the brightest. Below that, the
+/// error of a single element is less than the noise of a gathering ray. Patches below 1 % of the
+/// mean are left out, because their error is invisible.
 fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
     let (mut sum, mut area) = (0f64, 0f64);
     for (e, x) in cut.elements().iter().zip(direct) {
@@ -239,27 +239,27 @@ fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
 
 /// What a few rays from each element find.
 struct Survey {
-    /// It lies inside something: all of its rays meet black back faces.
+    /// Whether it is inside something: all of its rays hit black backfaces.
     buried: Vec<bool>,
-    /// Its ray meets something within a patch's edge.
+    /// Whether its ray hits something within a patch's edge length.
     close: Vec<bool>,
 }
 
-/// Which elements lie inside something, and which have something close to them.
+/// Finds the elements that are inside something, and those with something close to them.
 ///
-/// What stands on a floor hides the part of a patch under it. Rays from other surfaces never hit
-/// that part, so the patch's light must be the mean over the rest: with the dark part in it, every
-/// foot of a pillar takes light out of the room. The demo level's hall lost 3 % by it (35,000
-/// patches), 6 % (13,000).
+/// An object on a floor hides the part of a patch under it. Rays from other surfaces never hit that
+/// part, so the patch's light must be the mean over the rest. If the dark part were included, every
+/// foot of a pillar would remove light from the room. It removed 3 % in the hall of the demo level
+/// with 35,000 patches, and 6 % with 13,000.
 fn survey(world: &World, cut: &Subdivision) -> Survey {
-    // An open point near the backs of things sees them in half of its hemisphere at most: it is
-    // mistaken once in 256, and then fifteen others stand for it. Nearly every open point is told
-    // by its first ray.
+    // A visible point near backfaces sees them in at most half of its hemisphere. It is
+    // misclassified with a probability of 1/256, and 15 other elements then represent it. The first
+    // ray suffices for nearly every visible point.
     const RAYS: u32 = 8;
     let look = |p: PatchId, k: usize| -> (bool, bool) {
         let e = cut.elements()[k];
         if world.emission(e.triangle) != Emission::None {
-            return (false, false); // its own light is counted where it starts
+            return (false, false); // the element's own light is counted where it starts
         }
         let back = cut.patches()[p.0 as usize].back;
         let point = world.surface_point(e.triangle, e.u, e.v, back, false);
@@ -285,18 +285,18 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     Survey { buried, close }
 }
 
-/// Share of a patch's open elements that have something close to them from which on the patch is
-/// crowded. In the corner of a room it is a quarter to a third.
+/// Share of a patch's visible elements with something close to them from which the patch counts as
+/// crowded. In the corner of a room, the share is a quarter to a third.
 const CROWDED: f32 = 0.2;
 
-/// Patches that something stands close to. Light may be a hundred times less on one side of them
-/// than on the other (a wall behind a cupboard, the ground under a car): their elements each get
-/// light of their own.
+/// Finds patches with something close to them. Light may differ by a factor of 100 between their
+/// sides (a wall behind a cupboard, the ground under a car), so each of their elements gets its own
+/// light.
 ///
-/// A patch half in a gap shines into it with what it has outside: at `preview`, lumels in gaps of
-/// the garage (lab/speed_error.md) had half as much light again and more, and of godot_gi_demo
-/// three quarters. Patches a quarter as wide everywhere bring as much as this, for fourteen times
-/// the elements.
+/// A patch that is half in a gap carries the light outside into it. At `preview`, this made lumels
+/// in gaps brighter by 50 % or more in the garage (lab/speed_error.md) and by 75 % in
+/// godot_gi_demo. Patches of a quarter of the width everywhere have the same effect, with fourteen
+/// times as many elements.
 fn find_crowded(cut: &Subdivision, buried: &[bool], close: &[bool]) -> Vec<bool> {
     (0..cut.patches().len() as u32)
         .map(|p| {
@@ -307,8 +307,8 @@ fn find_crowded(cut: &Subdivision, buried: &[bool], close: &[bool]) -> Vec<bool>
         .collect()
 }
 
-/// Cuts patches where walls stand on them, and those that are crowded into their elements; gives
-/// the number of pairs of elements that a wall parts.
+/// Splits patches where walls stand on them, and splits crowded patches into their elements.
+/// Returns the number of pairs of elements that a wall separates.
 fn stand_apart(world: &World, cut: &mut Subdivision, crowded: &[bool]) -> u64 {
     let pairs = cut.neighbours();
     let point = |k: u32, back: bool| {
@@ -334,9 +334,9 @@ fn stand_apart(world: &World, cut: &mut Subdivision, crowded: &[bool]) -> u64 {
 /// Direct light on elements.
 struct ElementLight {
     direct: Vec<Vec3>,
-    /// By group, element by element, where groups are kept apart; empty else.
+    /// By group, element by element, if groups are separate; otherwise empty.
     groups: Vec<Vec3>,
-    /// Shadow rays cast.
+    /// Number of shadow rays.
     rays: u64,
     finished: bool,
 }
@@ -400,7 +400,7 @@ fn direct_light(
             for (k, cell) in cut.elements_of(PatchId(p as u32)).zip(cells) {
                 let e = cut.elements()[k];
                 let point = world.inset_point(e.triangle, e.u, e.v, back, false);
-                // Of the same element by whatever patch.
+                // The same for an element in whatever patch it is.
                 let seed = hash_u32((patch.name << 5 | cell) ^ 0x2545_f491);
                 let got = light.irradiance_parts(|_| point, 0.0, seed, options, &known, &mut parts);
                 cast += got.rays as u64;
@@ -419,8 +419,8 @@ fn direct_light(
     out
 }
 
-/// Mean reflectance over each element, textures averaged over its area: at one point, a tiled floor
-/// would be as bright as the tile or as the joint that the point happens to lie on.
+/// Mean reflectance over each element, with textures averaged over its area. Sampled at one point,
+/// a tiled floor would be as bright as the tile or the joint at that point.
 fn element_reflectance(world: &World, cut: &Subdivision) -> Vec<Vec3> {
     let pyramids = Pyramids::build(world.scene, world.soup);
     (cut.elements().par_iter())
@@ -436,13 +436,13 @@ pub(crate) struct PatchSurfaces {
     pub reflectance: Vec<DVec3>,
     /// Direct irradiance.
     pub direct: Vec<DVec3>,
-    /// Mean of ρE over elements: where light and texture go together, the product of the means
+    /// Mean of ρE over elements. Light and texture may be correlated, so the product of the means
     /// would be wrong.
     pub direct_radiosity: Vec<DVec3>,
 }
 
 impl PatchSurfaces {
-    /// Of `reflectance` and `direct`, given by element.
+    /// Averages `reflectance` and `direct`, given by element.
     fn average(cut: &Subdivision, reflectance: &[Vec3], direct: &[Vec3]) -> Self {
         let rows: Vec<[DVec3; 3]> = (0..cut.patches().len())
             .into_par_iter()

@@ -1,38 +1,38 @@
-//! Where the light of stand-ins is taken: at the nearest surface of what they stand in for.
+//! Takes the light of stand-ins at the nearest surface of the object they stand in for.
 //!
-//! A coarser level of detail lies some centimetres inside or outside of the finest one. Inside it
-//! would be dark, outside it would miss the shadows of the finest one's own parts. What is to be
-//! seen in both is the same light, so a point of a stand-in becomes the nearest point of the finest
-//! level that faces the same way.
+//! A coarser level of detail is a few centimetres inside or outside the finest one. Inside, it
+//! would be dark; outside, it would miss the shadows of the finest level's own parts. Both levels
+//! should show the same light, so a point of a stand-in is replaced by the nearest point of the
+//! finest level that faces the same way.
 
 use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, closest_point};
 
-/// Cosine of the angle up to which a surface faces the same way, 60°: a box and the ball in it
-/// differ by 55° at the box's corners.
+/// Cosine of the largest angle (60°) at which a surface still faces the same way: a box and the
+/// sphere in it differ by 55° at the box's corners.
 const SAME_WAY: f32 = 0.5;
 
-/// A surface that is turned by a right angle or more counts as so many times as far away: the
-/// underside of a table top is not taken for its top by a point that lies a tenth of the thickness
-/// above it. Bounded, so that the search is.
+/// A surface turned by 90° or more counts as this many times farther away. A point that faces
+/// upwards, a tenth of the thickness above the underside of a table top, is then assigned to the
+/// top. The factor is finite, so that the search is bounded.
 const TURNED: f32 = 16.0;
 
-/// What instances stand in for, by group.
+/// The objects that instances stand in for, by group.
 pub(crate) struct StandIns {
     groups: Vec<Shown>,
 }
 
-/// The surfaces of a group that rays see.
+/// The visible surfaces of a group.
 struct Shown {
     tree: Bvh,
-    /// By triangle of the tree: its number in the soup.
+    /// Index in the soup of each triangle of the tree.
     faces: Vec<u32>,
-    /// The root of the mean triangle's area: where to begin to look, metres.
+    /// The square root of the mean triangle area, in metres: the first search radius.
     step: f32,
 }
 
-/// A point of a triangle that rays see.
+/// A point on a triangle that rays see.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Place {
     pub triangle: u32,
@@ -43,10 +43,10 @@ pub(crate) struct Place {
 }
 
 impl StandIns {
-    /// Gathers the groups of a scene.
+    /// Collects the groups of a scene.
     ///
     /// # Errors
-    /// What [`Bvh::build`] reports: never for a [`Soup`] of [`Soup::build`].
+    /// Those of [`Bvh::build`]: never for a [`Soup`] from [`Soup::build`].
     pub(crate) fn find(
         scene: &Scene,
         soup: &Soup,
@@ -72,8 +72,8 @@ impl StandIns {
         })
     }
 
-    /// The surface of `group` that a point which faces `normal` stands in for; `None` where the
-    /// group has none.
+    /// The point of `group` that replaces a point facing `normal`; `None` if the group has no
+    /// surfaces.
     pub(crate) fn place(
         &self,
         group: usize,
@@ -84,7 +84,7 @@ impl StandIns {
     ) -> Option<Place> {
         let shown = &self.groups[group];
         let (low, high) = shown.tree.bounds()?;
-        // Of surfaces that the point lies on, the one that faces the same way.
+        // Of the surfaces that the point is on, the one that faces the same way.
         let least = 1e-3 * shown.step;
         let mut reach = shown.step;
         loop {
@@ -110,7 +110,7 @@ impl StandIns {
                 }
                 false
             });
-            // What lies outside of the box is further than its half-width.
+            // Anything outside the box is farther away than its half-width.
             let all = from.cmple(low).all() && to.cmpge(high).all();
             match best {
                 Some((score, place)) if all || score <= reach => return Some(place),
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::fixtures::{add_quad, material};
 
-    /// A table top 3 cm thick, and points within it, below and far beside it.
+    /// A table top 3 cm thick, and points inside it, below it and far beside it.
     #[test]
     fn a_stand_in_takes_the_side_that_faces_its_way() {
         let mut scene = Scene::default();

@@ -21,10 +21,10 @@ pub fn luminance(c: Vec3) -> f32 {
 /// A point on a surface that receives light.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfacePoint {
-    /// The point itself, metres, recentred world space. Of a smooth-shaded curved surface: its
-    /// place on that, not on the facet.
+    /// The point itself, in metres, in recentred world space. On a smooth-shaded curved surface, it
+    /// is on that surface and not on the facet.
     pub position: Vec3,
-    /// Where its rays start: `position` moved off the surface along `geometric`.
+    /// Origin of its rays: `position` moved off the surface along `geometric`.
     pub origin: Vec3,
     /// Unit shading normal: the axis of the receiver's hemisphere.
     pub normal: Vec3,
@@ -32,25 +32,25 @@ pub struct SurfacePoint {
     pub geometric: Vec3,
 }
 
-/// What a gathering ray finds.
+/// What a gathering ray hits.
 #[derive(Debug, Clone, Copy)]
 pub enum Incoming {
-    /// It left the scene.
+    /// The ray left the scene.
     Escaped,
-    /// It met the back of a single-sided face, which is black.
+    /// The ray hit the back of a single-sided face, which is black.
     Black,
-    /// It met a surface that reflects.
+    /// The ray hit a surface that reflects.
     Surface(Hit),
 }
 
-/// How a [`World`] is made.
+/// Options for building a [`World`].
 #[derive(Debug, Clone, Default)]
 pub struct WorldOptions {
-    /// What rays that leave the scene meet.
+    /// What rays see when they leave the scene.
     pub sky: Sky,
-    /// The tree's build options.
+    /// Build options for the tree.
     pub tree: BuildOptions,
-    /// Keep the light of these groups apart.
+    /// Light groups to keep separate.
     pub groups: Option<LightGroups>,
 }
 
@@ -58,10 +58,10 @@ pub struct WorldOptions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Emission {
     None,
-    /// By [`DirectLight`](crate::DirectLight), in closed form; rays that hit it see its reflected
-    /// light only.
+    /// Through [`DirectLight`](crate::DirectLight), in closed form. Rays that hit the triangle see
+    /// only its reflected light.
     Sampled,
-    /// By the rays that hit it.
+    /// Through the rays that hit the triangle.
     Gathered,
 }
 
@@ -71,23 +71,22 @@ pub struct World<'a> {
     pub scene: &'a Scene,
     /// Its triangles.
     pub soup: &'a Soup,
-    /// The sky as rays see it that leave the scene: without what `bright` holds.
+    /// The sky as seen by rays that leave the scene, without the part in `bright`.
     pub sky: Sky,
     /// The part of the sky that [`DirectLight`](crate::DirectLight) samples.
     pub(crate) bright: Option<BrightSky>,
-    /// Light groups, where light is to be kept apart.
+    /// Light groups, if they are to be kept separate.
     pub groups: Option<LightGroups>,
     bvh: Bvh,
     two_sided: Vec<bool>,
-    /// Reflectance of materials that have the same everywhere: rays need not look their triangles
-    /// up.
+    /// Reflectance of materials with a uniform one, so that rays need not look up their triangles.
     even: Vec<Option<Vec3>>,
-    /// Some light passes through some surfaces.
+    /// Whether any surface transmits light.
     open: bool,
-    /// Some surfaces colour or dim what they let pass.
+    /// Whether any surface colours or dims the light that it transmits.
     tinted: bool,
     radius: f32,
-    /// Per triangle; empty where nothing emits, so that such a scene pays nothing.
+    /// Per triangle; empty if nothing emits, so that such a scene costs nothing.
     emission: Vec<Emission>,
     curved: Curved,
     solids: Solids,
@@ -95,10 +94,10 @@ pub struct World<'a> {
 }
 
 impl<'a> World<'a> {
-    /// Builds the tree and sorts emitters.
+    /// Builds the tree and classifies emitters.
     ///
     /// # Errors
-    /// What [`Bvh::build`] reports: never for a [`Soup`] of [`Soup::build`].
+    /// Those of [`Bvh::build`]: never for a [`Soup`] from [`Soup::build`].
     pub fn build(
         scene: &'a Scene,
         soup: &'a Soup,
@@ -146,18 +145,18 @@ impl<'a> World<'a> {
         &self.bvh
     }
 
-    /// Whether the triangle's normals describe a curved surface, which it receives light as.
+    /// Whether the triangle's normals describe a curved surface, on which it then receives light.
     pub fn is_curved(&self, triangle: u32) -> bool {
         self.curved.is(triangle)
     }
 
-    /// Whether both sides of the triangle act on light.
+    /// Whether both sides of the triangle reflect and emit light.
     #[inline]
     pub fn two_sided(&self, triangle: u32) -> bool {
         self.two_sided[self.soup.materials[triangle as usize] as usize]
     }
 
-    /// Whether nothing at all shines: no lamp, no emissive surface, a black sky.
+    /// Whether there is no light: no lamp, no emissive surface, a black sky.
     pub fn is_dark(&self) -> bool {
         self.scene.lights.is_empty()
             && self.sky.is_black()
@@ -174,10 +173,11 @@ impl<'a> World<'a> {
     }
 
     /// The point at barycentrics (u, v) of world corners 1 and 2, on the front, or on the back if
-    /// `back`. `smooth` uses interpolated normals for the hemisphere's axis, and where these
-    /// describe a curved surface, takes the point to lie on that (after Hanika, *Hacking the Shadow
-    /// Terminator*, 2021): as far out as it is, or half as far as the way there is free. A point of
-    /// a triangle that rays do not see is that of the surface which it stands in for.
+    /// `back`. With `smooth`, the axis of its hemisphere is the interpolated normal. If the normals
+    /// describe a curved surface, the point is on that surface (after Hanika, *Hacking the Shadow
+    /// Terminator*, 2021), but at most half as far out as there is free space. A point on a
+    /// triangle that rays do not see is replaced by one on the surface that the triangle stands in
+    /// for.
     pub fn surface_point(
         &self,
         triangle: u32,
@@ -212,13 +212,13 @@ impl<'a> World<'a> {
         }
     }
 
-    /// A point on a curved surface, `height` above its facet, on which `origin` lies.
+    /// A point on a curved surface, `height` above its facet, which contains `origin`.
     ///
-    /// The shading normal stands for the geometric one, so that no light is cut off at the facet's
-    /// horizon. From where the surface bulges, no facet is seen; where it is hollow or something is
-    /// in the way, rays between the horizons soon meet the facets, as they would meet the curved
-    /// surface. Something in the way is never passed, and at half its distance the height changes
-    /// steadily as it comes near.
+    /// The geometric normal is replaced by the shading normal, so that no light is cut off at the
+    /// facet's horizon. Where the surface is convex, no facet is visible. Where it is concave or
+    /// occluded, rays between the horizons soon hit the facets, as they would hit the curved
+    /// surface. The point never passes an occluder, and because it goes only half the distance, its
+    /// height changes steadily as an occluder comes closer.
     fn lifted(&self, origin: Vec3, normal: Vec3, height: f32) -> SurfacePoint {
         let mut free = height;
         if height > 0.0 {
@@ -241,7 +241,7 @@ impl<'a> World<'a> {
         }
     }
 
-    /// What a point stands in for, if rays do not see its triangle.
+    /// The point that replaces this one if rays do not see its triangle.
     fn shown(&self, triangle: u32, u: f32, v: f32, back: bool) -> Option<Place> {
         if (triangle as usize) < self.soup.seen() {
             return None;
@@ -257,10 +257,10 @@ impl<'a> World<'a> {
             .place(group, self.soup, two_sided, position, normal)
     }
 
-    /// [`surface_point`](Self::surface_point), drawn in from the triangle's edges just enough that,
-    /// moved off the surface, it stays on its own side of a neighbouring face: a point in a corner
-    /// would see behind the wall. By four times the offset, or to the middle of triangles that are
-    /// smaller than that.
+    /// Like [`surface_point`](Self::surface_point), but moved in from the triangle's edges just
+    /// enough to stay on the correct side of a neighbouring face when it is moved off the surface.
+    /// A point in a corner would otherwise see behind the wall. The distance is four times the
+    /// offset; in smaller triangles, the point moves to the centre.
     pub fn inset_point(
         &self,
         triangle: u32,
@@ -275,7 +275,7 @@ impl<'a> World<'a> {
         let corners = self.soup.triangles[triangle as usize];
         let position = corners[0] + (corners[1] - corners[0]) * u + (corners[2] - corners[0]) * v;
         let margin = 4.0 * self.offset(position);
-        // Height above each edge is barycentric × altitude; altitude = 2 area / edge.
+        // Height above each edge = barycentric × altitude; altitude = 2 area / edge.
         let area2 = 2.0 * self.soup.areas[triangle as usize];
         let edge = |i: usize, j: usize| (corners[i] - corners[j]).length();
         let least = [edge(1, 2), edge(2, 0), edge(0, 1)]
@@ -291,26 +291,27 @@ impl<'a> World<'a> {
         self.surface_point(triangle, w[1] / sum, w[2] / sum, back, smooth)
     }
 
-    /// How far rays start from the surface, metres. A barycentric sum of three `f32` corners is off
-    /// by at most some 4 ulp of the largest coordinate (3e-7 of it, Higham's γ₅), and so is the
-    /// plane that the tree tests against: 1e-6 covers both. The second term is for points near the
-    /// origin whose triangles reach far from it.
+    /// Distance in metres between the surface and the start of rays. A barycentric sum of three
+    /// `f32` corners is off by at most some 4 ulp of the largest coordinate (3e-7 of it, Higham's
+    /// γ₅), and so is the plane that the tree tests: 1e-6 covers both. The second term is for
+    /// points near the origin whose triangles extend far from it.
     #[inline]
     pub fn offset(&self, position: Vec3) -> f32 {
         offset(position, self.radius)
     }
 
-    /// Whether a point of a surface is inside a wall, a crate or the like, where nobody sees it.
-    /// Told by geometry alone; of shells that are open somewhere only rays know.
+    /// Whether a point on a surface is inside a closed body such as a wall or a crate, where nobody
+    /// sees it. This is a purely geometric test; the interiors of open shells can be found only
+    /// with rays.
     pub fn inside_a_body(&self, p: &SurfacePoint) -> bool {
         self.solids.hide(p.origin, p.geometric)
     }
 
-    /// What arrives at `origin` from the unit `direction`, and what share of it (per channel) glass
-    /// on the way lets through.
+    /// What arrives at `origin` from the unit `direction`, and the transmittance per channel of
+    /// glass on the way.
     ///
-    /// Where a surface lets a part of the light through, a fair coin decides between the surface
-    /// and what lies behind, so that the mean is right; the share is what is left to say about
+    /// At a surface that transmits part of the light, a random decision chooses between the surface
+    /// and what is behind it, so that the mean is correct. The transmittance is what remains as a
     /// colour.
     #[inline]
     pub fn incoming(&self, origin: Vec3, direction: Vec3) -> (Incoming, Vec3) {
@@ -338,11 +339,11 @@ impl<'a> World<'a> {
         (found, tint)
     }
 
-    /// How far a second look along a ray may go that must not meet what the first one met. Near a
-    /// ray's end the tree computes hits in more digits, so that the same surface may lie a little
-    /// before its own distance; a ray would end there before it has asked all glass.
+    /// Distance limit for a second ray that must not hit the surface that the first one hit. The
+    /// tree computes hits near a ray's end with more digits, so the same surface may be slightly
+    /// nearer than its own distance. A ray would then end there before it has crossed all glass.
     fn just_before(&self, ray: &Ray, hit: &Hit) -> f32 {
-        // As far off the surface's plane as a receiver there would start.
+        // The distance from the surface's plane at which a receiver there would start.
         let height = self.soup.normals[hit.triangle as usize]
             .dot(ray.direction)
             .abs()
@@ -351,14 +352,14 @@ impl<'a> World<'a> {
         hit.t * (1.0 - (stop / height.max(1e-30)).min(1.0))
     }
 
-    /// The first surface along a ray, whatever its side.
+    /// The first surface along a ray, whichever side it shows.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         self.bvh.closest_hit(ray, &Coin::new(self.scene, self.soup))
     }
 
-    /// Share of light (per channel, 0..=1) that gets from `origin` along `direction` (any length)
-    /// to parameter `t_max`: 0 if something opaque is in between, and less than 1 behind what is
-    /// blended or made of glass.
+    /// Transmittance (per channel, 0..=1) from `origin` along `direction` (any length) to parameter
+    /// `t_max`: 0 if something opaque is in between, and less than 1 behind blended surfaces or
+    /// glass.
     #[inline]
     pub fn transmitted(&self, origin: Vec3, direction: Vec3, t_max: f32) -> Vec3 {
         let ray = Ray {
@@ -378,13 +379,13 @@ impl<'a> World<'a> {
         glass.share()
     }
 
-    /// Whether something opaque stands between two points of one surface: a wall on it, say, and
-    /// not the surface's own curvature.
+    /// Whether something opaque, such as a wall, stands between two points of one surface. The
+    /// surface's own curvature does not count.
     ///
-    /// Looks along two straight ways, from either point to one above the middle between them:
-    /// `lift` metres, and more where the surface bulges. Not along one between two lifted points: a
-    /// wall that leans would pass between a point and where it is lifted to. Cut-out, blended and
-    /// glass surfaces are no walls.
+    /// Tests two line segments, from each point to a point above the middle between them. That
+    /// point is `lift` metres up, and higher if the surface is convex. A segment between two lifted
+    /// points would not do: a leaning wall would pass between a point and its lifted copy. Cut-out,
+    /// blended and glass surfaces do not count as walls.
     pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
         let top = above_the_middle(a, b, lift);
         [a, b].into_iter().any(|end| {
@@ -398,9 +399,8 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Whether `a` lies behind a single-sided surface that `b`, of the same surface, lies before:
-    /// what is met first on the way of [`wall_between`](Self::wall_between) shows `a` its back and
-    /// `b` its front.
+    /// Whether `a` is behind and `b` in front of a single-sided surface: the first hit on the
+    /// segments of [`wall_between`](Self::wall_between) shows its back to `a` and its front to `b`.
     pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
         let top = above_the_middle(a, b, lift);
         let first = |end: &SurfacePoint| {
@@ -413,7 +413,7 @@ impl<'a> World<'a> {
             };
             self.bvh.closest_hit(&ray, &Opaque)
         };
-        // One of the two ways may meet nothing.
+        // One of the two segments may hit nothing.
         let shows = |hit: Option<Hit>, back: bool| {
             hit.map(|h| h.back == back && !self.two_sided(h.triangle))
         };
@@ -423,14 +423,14 @@ impl<'a> World<'a> {
         }
     }
 
-    /// Whether anything rises above the plane through `p` within a box of half-size `reach` about
-    /// it. What lies in the plane, or within rounding of it, does not.
+    /// Whether anything rises above the plane through `p` within a box of half-size `reach` around
+    /// it. Geometry in the plane, up to rounding, does not count.
     pub fn anything_above(&self, p: &SurfacePoint, reach: f32) -> bool {
         let (low, high) = (p.position - reach, p.position + reach);
         let floor = (4.0 * self.offset(p.position)).max(1e-3 * reach);
         let (from, to) = bounds_above(p.geometric, floor, reach);
-        // A little wider, for rounding. Without the half below, most queries over a floor end at
-        // its box.
+        // Slightly larger, for rounding. Without the restriction to the upper half, most queries
+        // above a floor would find the floor's boxes.
         let slack = 1e-5 * reach + self.offset(p.position);
         let (from, to) = (p.position + from - slack, p.position + to + slack);
         self.bvh.any_near(from, to, |_, corners| {
@@ -448,18 +448,18 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Whether light that passes surfaces may change its colour, so that
-    /// [`incoming`](Self::incoming)'s share can differ from 1.
+    /// Whether surfaces may change the colour of transmitted light, so that the transmittance of
+    /// [`incoming`](Self::incoming) can differ from 1.
     pub(crate) fn tinted(&self) -> bool {
         self.tinted
     }
 
-    /// Groups of light that are kept apart; 1 if none are.
+    /// Number of light groups kept separate; 1 without light groups.
     pub fn group_count(&self) -> usize {
         self.groups.as_ref().map_or(1, |g| g.count)
     }
 
-    /// The group of what a triangle emits.
+    /// The light group of a triangle's emission.
     #[inline]
     pub fn emission_group(&self, triangle: u32) -> usize {
         match &self.groups {
@@ -468,25 +468,25 @@ impl<'a> World<'a> {
         }
     }
 
-    /// The group of a lamp.
+    /// The light group of a lamp.
     #[inline]
     pub(crate) fn lamp_group(&self, light: usize) -> usize {
         self.groups.as_ref().map_or(0, |g| g.lights[light] as usize)
     }
 
-    /// The sky's group.
+    /// The light group of the sky.
     #[inline]
     pub fn sky_group(&self) -> usize {
         self.groups.as_ref().map_or(0, |g| g.sky as usize)
     }
 
-    /// Whether light passes a triangle, or holes in it.
+    /// Whether a triangle transmits light or has holes.
     #[inline]
     pub fn lets_light_through(&self, triangle: u32) -> bool {
         self.open && self.scene.needs_alpha(self.soup.material(triangle))
     }
 
-    /// Reflectance at a hit (linear, per channel); of any face, duplicates among them.
+    /// Reflectance at a hit (linear, per channel), for any face including duplicates.
     #[inline]
     pub fn reflectance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
         if let Some(even) = self.even[self.soup.material(triangle) as usize] {
@@ -502,7 +502,7 @@ impl<'a> World<'a> {
         self.even[material as usize]
     }
 
-    /// Radiance that the surface itself emits at a hit and that gathering rays should count (see
+    /// Radiance emitted at a hit that gathering rays should include (see
     /// [`Emitters`](crate::Emitters)).
     #[inline]
     pub fn gathered_emission(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
@@ -514,16 +514,16 @@ impl<'a> World<'a> {
     }
 }
 
-/// A triangle cut by seven planes has ten corners at most.
+/// A triangle clipped by seven planes has at most ten corners.
 type Polygon = smallvec::SmallVec<[Vec3; 10]>;
 
-/// Bounds of the part of the cube of half-size `reach` about the origin that lies `floor` and more
+/// Bounds of the part of the cube of half-size `reach` around the origin that is at least `floor`
 /// above the plane with normal `n`.
 fn bounds_above(n: Vec3, floor: f32, reach: f32) -> (Vec3, Vec3) {
     let (mut low, mut high) = (Vec3::splat(-reach), Vec3::splat(reach));
     let all = reach * n.abs().element_sum();
     for axis in 0..3 {
-        // As far up as the other axes bring a point at most.
+        // The largest height that the other axes can contribute.
         let others = all - reach * n[axis].abs();
         let edge = (floor - others) / n[axis];
         if n[axis] > 0.0 {
@@ -535,7 +535,7 @@ fn bounds_above(n: Vec3, floor: f32, reach: f32) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// The part of a convex polygon where `height` is not below zero.
+/// The part of a convex polygon where `height` is not negative.
 fn clip(polygon: &Polygon, height: impl Fn(Vec3) -> f32) -> Polygon {
     let mut out = Polygon::new();
     for (k, &a) in polygon.iter().enumerate() {
@@ -551,7 +551,7 @@ fn clip(polygon: &Polygon, height: impl Fn(Vec3) -> f32) -> Polygon {
     out
 }
 
-/// Only what lets no light through at all.
+/// Stops only at fully opaque surfaces.
 struct Opaque;
 
 impl HitFilter for Opaque {
@@ -560,8 +560,8 @@ impl HitFilter for Opaque {
     }
 }
 
-/// Reflectance by material, of those that have no texture; none where vertices have colours or
-/// instances only occlude, which triangles of the same material may differ in.
+/// Reflectance by material, for materials without a texture. `None` if vertices have colours or
+/// instances only occlude, because triangles of the same material may then differ.
 fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
     let mut primitives = scene.meshes.iter().flat_map(|m| &m.primitives);
     let differ =
@@ -578,23 +578,13 @@ fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
         .collect()
 }
 
-/// Decides per triangle how its emission travels.
-///
-/// Small bright lamps are left to closed forms and shadow rays: a hemisphere of rays finds them too
-/// rarely. A surface whose radiance is near what the scene's surfaces send anyway (a luminous
-/// ceiling, a furnace's walls) is no harder for gathering rays than any reflecting one, and as many
-/// closed forms as it has triangles would be dear. The border is four times the mean radiance Σ
-/// Φ/(π Σ A): there the light covers a quarter of the scene's surface, and the error of the two
-/// ways is alike.
-///
-/// What counts of a textured triangle is how bright its light is, not how bright all of it is on
-/// average: a sign that glows in a dark wall is a small lamp. A point above the middle between two
-/// points of one surface: `lift` metres, and more where the surface bulges.
+/// A point above the middle between two points of one surface: `lift` metres up, and higher if the
+/// surface is convex.
 fn above_the_middle(a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> Vec3 {
     let way = b.position - a.position;
-    // Where two planes meet in a ridge, each point lies this far below the other's plane. The ridge
-    // rises over the middle of the straight way by at most half of that over the cosine of half
-    // their angle: 0.6 of it up to 65°, the sharpest edge within a chart.
+    // Where two planes meet in a ridge, each point is this far below the other's plane. Above the
+    // middle of the segment, the ridge rises by at most half of this over the cosine of half the
+    // angle between the planes: 0.6 of it up to 65°, the sharpest edge within a chart.
     let below = (-a.geometric.dot(way)).max(b.geometric.dot(way)).max(0.0);
     let up = (a.geometric + b.geometric).normalize_or(a.geometric);
     0.5 * (a.origin + b.origin) + up * (lift + 0.75 * below)
@@ -605,6 +595,17 @@ fn offset(position: Vec3, radius: f32) -> f32 {
     1e-6 * position.abs().max_element() + 2e-7 * radius
 }
 
+/// Decides for each triangle how its emission reaches receivers.
+///
+/// Small bright lamps use closed forms and shadow rays, because a hemisphere of rays finds them too
+/// rarely. For gathering rays, a surface whose radiance is close to what surfaces send anyway (a
+/// luminous ceiling, the walls of a furnace) is no harder than a reflecting one, and a closed form
+/// for each of its triangles would be expensive. The threshold is four times the mean radiance
+/// Σ Φ/(π Σ A). At the threshold, the emitter covers a quarter of the scene's surface, and the
+/// error of the two methods is similar.
+///
+/// For a textured triangle, the brightness of its light counts instead of its mean brightness: a
+/// sign that glows in a dark wall is a small lamp.
 fn classify_emission(scene: &Scene, soup: &Soup) -> Vec<Emission> {
     let glows: Vec<bool> = scene
         .materials

@@ -11,11 +11,11 @@ use crate::sampling::{SphericalTriangle, sample_4d};
 use crate::world::SurfacePoint;
 
 impl DirectLight<'_, '_> {
-    /// Light that arrives at a point in space from all sides, straight from lamps, emitters and the
-    /// bright parts of the sky.
+    /// Light that arrives at a point in space from all directions, straight from lamps, emitters
+    /// and the bright parts of the sky.
     ///
-    /// Calls `f` with the unit direction towards the light and with ∫ L dω of what comes from there
-    /// (W/m² or lx on a surface that faces it), for each of about `samples` samples a light.
+    /// Calls `f` for each of about `samples` samples per light, with the unit direction towards the
+    /// light and ∫ L dω from there (W/m² or lx on a surface that faces it).
     pub fn for_each_arrival(
         &self,
         at: Vec3,
@@ -74,7 +74,7 @@ impl DirectLight<'_, '_> {
                 set += 1;
             }
         }
-        // No hemisphere: a normal of zero length puts nothing below the horizon.
+        // There is no hemisphere: with a zero normal, nothing is below the horizon.
         let point = SurfacePoint {
             position: at,
             origin: at,

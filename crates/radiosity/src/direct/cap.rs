@@ -1,4 +1,4 @@
-//! Lamps that are seen as a disc: the sun, and lamps with a radius.
+//! Lamps that appear as a disc: the sun, and lamps with a radius.
 
 use std::f32::consts::PI;
 
@@ -8,22 +8,22 @@ use mesh_ingest::{Light, LightKind};
 use super::sample::falloff;
 use crate::sampling::concentric_disc;
 
-/// A uniformly bright disc on a receiver's sky: all directions within an angle of an axis.
+/// A uniformly bright disc on the sky of a receiver: all directions within an angle of an axis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cap {
-    /// Unit direction towards the middle.
+    /// Unit direction towards the centre.
     pub axis: Vec3,
     /// sin² of the angle between the axis and the rim, in (0, 1].
     sin2: f32,
-    /// Radiance of the disc per unit of the light's intensity, 1/m² for lamps, 1/sr for suns; 0
-    /// beyond a lamp's range.
+    /// Radiance of the disc per unit of the light's intensity: in 1/m² for lamps and in 1/sr for
+    /// suns; 0 beyond a lamp's range.
     radiance: f32,
-    /// Where a lamp's sphere is: centre from the receiver, and radius.
+    /// The lamp's sphere: centre relative to the receiver, and radius.
     sphere: Option<(Vec3, f32)>,
 }
 
 impl Cap {
-    /// The light as seen from `at`; `None` for lights that are points or parallel.
+    /// The light as seen from `at`; `None` for point lights and parallel light.
     pub(super) fn of(light: &Light, at: Vec3) -> Option<Cap> {
         match light.kind {
             LightKind::Directional { direction, angle } if angle > 0.0 => {
@@ -31,7 +31,7 @@ impl Cap {
                 Some(Cap {
                     axis: -direction,
                     sin2,
-                    // E = π L sin² on a surface that faces it is what the intensity says.
+                    // The intensity is the irradiance E = π L sin² on a surface that faces the sun.
                     radiance: 1.0 / (PI * sin2),
                     sphere: None,
                 })
@@ -53,7 +53,8 @@ impl Cap {
                 let window = falloff(to, range) * d2;
                 Some(Cap {
                     axis: to.try_normalize().unwrap_or(Vec3::Y),
-                    // From within, the sphere is all there is to be seen: as if from its surface.
+                    // A receiver inside the sphere sees nothing else, as it would from the sphere's
+                    // surface.
                     sin2: (r2 / d2.max(1e-30)).min(1.0),
                     // I = π r² L in every direction.
                     radiance: window / (PI * r2),
@@ -64,12 +65,12 @@ impl Cap {
         }
     }
 
-    /// Irradiance, per unit of intensity, on a surface with this unit normal if nothing is in
-    /// between: closed form.
+    /// Unoccluded irradiance per unit of intensity on a surface with this unit normal, in closed
+    /// form.
     ///
-    /// A disc wholly above the horizon gives π L sin²σ cosθ. One that the horizon cuts: Snyder,
-    /// *Area light sources for real-time graphics*, 1996, as in Lagarde & de Rousiers, *Moving
-    /// Frostbite to physically based rendering*, 2014, listing 9.
+    /// A disc entirely above the horizon gives π L sin²σ cosθ. For one that the horizon cuts:
+    /// Snyder, *Area light sources for real-time graphics*, 1996, as in Lagarde & de Rousiers,
+    /// *Moving Frostbite to physically based rendering*, 2014, listing 9.
     pub(super) fn unoccluded(&self, normal: Vec3) -> f32 {
         let cos = normal.dot(self.axis).clamp(-1.0, 1.0);
         let sin = (1.0 - cos * cos).sqrt();
@@ -84,7 +85,7 @@ impl Cap {
         self.radiance * area
     }
 
-    /// Solid angle, sr. 2π(1 − cosσ), without its cancellation.
+    /// Solid angle in sr: 2π(1 − cosσ), computed without its cancellation.
     pub(super) fn solid_angle(&self) -> f32 {
         2.0 * PI * self.sin2 / (1.0 + (1.0 - self.sin2).sqrt())
     }
@@ -94,10 +95,11 @@ impl Cap {
         self.radiance
     }
 
-    /// A unit direction drawn evenly from the disc, and how far along it a shadow ray goes: to the
-    /// lamp's surface.
+    /// A unit direction sampled uniformly from the disc, and the length of its shadow ray, which
+    /// ends at the lamp's surface.
     pub(super) fn sample(&self, u: f32, v: f32) -> (Vec3, f32) {
-        // 1 − cos is even over solid angle: the square of the radius on the unit disc, scaled.
+        // 1 − cos is uniform over solid angle: it is the scaled square of the radius on the unit
+        // disc.
         let p = concentric_disc(u, v);
         let r2 = p.length_squared().min(1.0);
         let most = self.sin2 / (1.0 + (1.0 - self.sin2).sqrt());
@@ -137,8 +139,8 @@ mod tests {
 
     #[test]
     fn the_closed_form_is_the_mean_over_the_disc() {
-        // Above the horizon, cut by it, just touching it, almost all below, and from inside of the
-        // lamp.
+        // Above the horizon, cut by it, just touching it, almost entirely below it, and from inside
+        // the lamp.
         for (k, (position, radius)) in [
             (Vec3::new(0.3, 2.0, 0.0), 0.5),
             (Vec3::new(2.0, 0.2, 0.5), 0.9),
@@ -161,9 +163,9 @@ mod tests {
             }
             let sampled = sum / n as f64 * (cap.solid_angle() * cap.radiance()) as f64;
             let exact = cap.unoccluded(Vec3::Y) as f64;
-            // 65,536 Sobol points of an integrand with a kink: error about n^-3/4 = 2.4e-4 of the
-            // disc's whole flux; the sum in the closed form loses as much as it cancels, 1e-5 of
-            // that flux.
+            // 65,536 Sobol points on an integrand with a kink have an error of about n^-3/4 =
+            // 2.4e-4 of the disc's total flux. The sum in the closed form loses 1e-5 of that flux
+            // to cancellation.
             let whole = (cap.solid_angle() * cap.radiance()) as f64;
             assert!(
                 (sampled - exact).abs() < 3e-4 * whole,
@@ -176,7 +178,7 @@ mod tests {
     fn far_lamps_are_points_and_suns_give_their_lux() {
         let position = Vec3::new(3.0, 4.0, 0.0);
         let cap = Cap::of(&sphere(position, 0.1), Vec3::ZERO).expect("a lamp");
-        // I cosθ/d², exactly, as long as the sphere is above the horizon.
+        // Exactly I cosθ/d² while the sphere is above the horizon.
         assert!((cap.unoccluded(Vec3::Y) - 0.8 / 25.0).abs() < 1e-7);
         let sun = light(
             1.0,
@@ -187,7 +189,7 @@ mod tests {
         );
         let cap = Cap::of(&sun, Vec3::ZERO).expect("a sun");
         assert!((cap.unoccluded(Vec3::Y) - 1.0).abs() < 1e-6);
-        // L = E / (π sin²): times its solid angle π sin² (1 + O(σ²)) it is E again.
+        // L = E / (π sin²), so L times the solid angle π sin² (1 + O(σ²)) gives E again.
         assert!((cap.radiance() * cap.solid_angle() - 1.0).abs() < 1e-4);
     }
 

@@ -1,8 +1,8 @@
-//! Which light a hit draws, patch by patch.
+//! Chooses a light at a gathering ray's hit, with a table per patch.
 //!
-//! A gathering ray's hit asks for one sample of direct light. What each light may bring to it
-//! hardly differs over a patch, so the sum over lights that the choice needs is made once a patch,
-//! when the first ray hits it. For each hit by itself it took five times as long as the shadow ray.
+//! A hit takes one sample of direct light. The possible contribution of each light hardly differs
+//! over a patch, so the sum over lights that the choice needs is computed once per patch, at the
+//! first hit. Computed at each hit, it took five times as long as the shadow ray.
 
 use std::sync::OnceLock;
 
@@ -17,18 +17,18 @@ use crate::sampling::{hash_u32, sample_4d};
 use crate::solution::element_edge;
 use crate::world::{SurfacePoint, luminance};
 
-/// Groups of emitters that a patch tells apart, unless some must be split further.
+/// Number of emitter groups that a patch distinguishes, unless some must be split further.
 const GROUPS: usize = 12;
 
-/// Every light that reaches as far as a patch is drawn with at least this share of the rest's
-/// chance, whatever the patch's elements say: the few of them do not see all of it.
+/// Minimum probability of every light whose range includes the patch, as a share of the rest's
+/// probability. The few elements of a patch do not see all of it.
 const LEAST: f32 = 0.01;
 
-/// Light that nothing was seen of counts by this share: something may stand between it and the
-/// elements' points, and not everywhere.
+/// Weight of a light that no element sees. It may be hidden from the elements' points but not
+/// everywhere.
 const HIDDEN: f32 = 0.1;
 
-/// Patches whose elements' normals are within an angle of this cosine count as flat: 11°.
+/// Patches whose elements' normals are within an angle of this cosine (11°) count as flat.
 const FLAT: f32 = 0.98;
 
 /// A source of light.
@@ -36,14 +36,14 @@ const FLAT: f32 = 0.98;
 enum Source {
     Lamp(u32),
     Sky(u32),
-    /// A node of the emitters' tree.
+    /// A node of the emitter tree.
     Emitters(u32),
 }
 
-/// A source, and the chance that this or one before it is drawn.
+/// A source, and the cumulative probability up to and including it.
 type Choice = (Source, f32);
 
-/// What hits on each patch choose from, made when it is first asked for.
+/// The table of each patch, built at its first hit.
 #[derive(Default)]
 pub(super) struct Tables(Vec<OnceLock<Box<[Choice]>>>);
 
@@ -59,8 +59,8 @@ impl Tables {
 
 impl<'w> DirectLight<'w, '_> {
     /// Unbiased estimate of the direct irradiance at a point of `patch` with a single shadow ray,
-    /// and the group of the light that was drawn: [`sample_one`](Self::sample_one), with a choice
-    /// made for all of the patch.
+    /// and the light group of the sampled light. Like [`sample_one`](Self::sample_one), but with
+    /// the patch's table.
     pub fn sample_on(
         &self,
         cut: &Subdivision,
@@ -79,7 +79,7 @@ impl<'w> DirectLight<'w, '_> {
         (lit * scale, group)
     }
 
-    /// Irradiance at a point from one sample of a light, and its group.
+    /// Irradiance at a point from one sample of a light, and the light's group.
     fn sample_of(&self, source: Source, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {
         let mut tally = Tally::single();
         let random = sample_4d(0, 1, seed);
@@ -131,8 +131,8 @@ impl<'w> DirectLight<'w, '_> {
         let cells = (self.world.bright.iter().flat_map(|b| &b.cells).enumerate())
             .map(|(k, cell)| (Source::Sky(k as u32), cell.power));
         let emitters = (nodes.into_iter()).map(|(id, weight)| (Source::Emitters(id), weight));
-        // What each brings at most, or about as much as that; then what it does bring to the
-        // patch's elements, by a sample at each.
+        // The (approximate) maximum contribution of each light, followed by its actual contribution
+        // to the patch's elements, with one sample at each.
         let mut weights: Vec<(Source, f32, f32)> = (lamps.chain(cells).chain(emitters))
             .filter(|s| s.1 > 0.0)
             .map(|(source, most)| {
@@ -161,7 +161,7 @@ impl<'w> DirectLight<'w, '_> {
     }
 }
 
-/// Draws from a table: a light, and one over its chance.
+/// Samples a table. Returns a light and the reciprocal of its probability.
 #[inline]
 fn draw(choices: &[Choice], seed: u32) -> Option<(Source, f32)> {
     let &(_, total) = choices.last()?;
@@ -172,7 +172,7 @@ fn draw(choices: &[Choice], seed: u32) -> Option<(Source, f32)> {
     Some((source, total / (up_to - below)))
 }
 
-/// Luminance of the most irradiance that a lamp brings to anything within `radius` of a point.
+/// Luminance of the highest irradiance that a lamp causes anywhere within `radius` of a point.
 fn at_most(light: &Light, at: Vec3, radius: f32) -> f32 {
     let brings = match light.kind {
         LightKind::Directional { .. } => 1.0,

@@ -11,8 +11,8 @@ use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, luminance};
 
 impl DirectLight<'_, '_> {
-    /// About what a lamp brings to a point if nothing is in between; 0 only where it brings
-    /// nothing.
+    /// Approximate unoccluded contribution of a lamp to a point; 0 only if the lamp cannot
+    /// contribute.
     pub(super) fn weight_of_lamp(&self, light: &Light, point: &SurfacePoint) -> f32 {
         match Cap::of(light, point.position) {
             Some(cap) => luminance(light.intensity) * cap.unoccluded(point.normal),
@@ -33,8 +33,7 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// Takes one sample of a light at one point; `few` holds a group's emitters, where that is
-    /// known.
+    /// Takes one sample of a light at one point. `few` holds the emitters of a group, if known.
     pub(super) fn sample(
         &self,
         term: &Term,
@@ -75,7 +74,7 @@ impl DirectLight<'_, '_> {
         });
     }
 
-    /// A lamp that is seen as a disc: closed form, and one shadow ray to a point of it.
+    /// A lamp that appears as a disc: closed form, with one shadow ray to a point on it.
     pub(super) fn disc(
         &self,
         light: &Light,
@@ -136,8 +135,8 @@ impl DirectLight<'_, '_> {
         });
     }
 
-    /// Factor of a lamp's intensity in the unit direction in which its light leaves: the spot's
-    /// cone, and its profile.
+    /// Factor on a lamp's intensity in the unit direction `leaving`: the spot's cone, and its
+    /// profile.
     pub(super) fn directivity(&self, light: &Light, leaving: Vec3) -> f32 {
         let cone = match light.kind {
             LightKind::Spot {
@@ -146,8 +145,8 @@ impl DirectLight<'_, '_> {
                 outer,
                 ..
             } => {
-                // The cone of KHR_lights_punctual: linear in the cosine between the angles,
-                // squared.
+                // The cone of KHR_lights_punctual: linear in the cosine between the two angles,
+                // then squared.
                 let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
                 let cone = ((direction.dot(leaving) - outer.cos()) * scale).clamp(0.0, 1.0);
                 cone * cone
@@ -161,8 +160,8 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// A light that comes from one point, or from one direction, at `p` if nothing is in between;
-    /// `None` where it is 0.
+    /// Unoccluded light at `p` from a light that comes from one point or one direction; `None` if
+    /// it is 0.
     fn arrival(&self, light: &Light, p: &SurfacePoint) -> Option<Arrival> {
         let from = |position: Vec3| (position - p.origin, 1.0, position - p.position);
         let (to, t_max, d) = match light.kind {
@@ -193,17 +192,17 @@ impl DirectLight<'_, '_> {
 
 /// Light from one point or direction.
 struct Arrival {
-    /// The shadow ray's direction and end.
+    /// Direction and end of the shadow ray.
     to: Vec3,
     t_max: f32,
     /// Unit direction towards the light, and its cosine.
     axis: Vec3,
     cos: f32,
-    /// Irradiance if nothing is in between.
+    /// Unoccluded irradiance.
     value: Vec3,
 }
 
-/// 1/d², windowed to 0 at `range` as KHR_lights_punctual recommends.
+/// 1/d², windowed to reach 0 at `range` as KHR_lights_punctual recommends.
 pub(crate) fn falloff(d: Vec3, range: Option<f32>) -> f32 {
     let d2 = d.length_squared();
     if d2 == 0.0 {

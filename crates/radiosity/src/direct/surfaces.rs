@@ -9,21 +9,21 @@ use crate::form_factor::form_factor_polygon;
 use crate::sampling::SphericalTriangle;
 use crate::world::{SurfacePoint, luminance};
 
-/// Groups of at most so many emitters are computed in closed form.
+/// Groups of at most this many emitters are computed in closed form.
 const FEW: usize = 2;
 
-/// Textures are read where light comes from when they are nearer than this many times the emitter's
-/// size. From there the point-to-point kernel varies over it by (1 ± 1/16)⁻², so that what glows on
-/// one side of it alone counts 12 % too little or too much at most; parts are cut until that
-/// happens in few.
+/// Textures are sampled at the light's point of origin within this many times the emitter's size.
+/// At that distance, the point-to-point kernel varies over the emitter by (1 ± 1/16)⁻². If only one
+/// side glows, the error is therefore at most 12 %. Emitters are subdivided until few are like
+/// that.
 const NEAR_TEXTURE: f32 = 8.0;
 
 impl DirectLight<'_, '_> {
-    /// Share of the receiver's sky that an emitter takes if nothing is in between: the form factor;
+    /// Unoccluded form factor of an emitter, i.e. its share of the receiver's cosine-weighted sky;
     /// 0 from behind.
     pub(super) fn form_factor(&self, e: &Emitter, p: &SurfacePoint) -> f32 {
         let d = |v: Vec3| -> DVec3 { v.as_dvec3() };
-        // On the emitter's own face: rounding puts the point above or below it, and a polygon about
+        // For a point on the emitter itself, rounding puts it above or below, and a polygon around
         // the point has F = ±1.
         let height = e.normal.dot(p.position - e.corners[0]).abs();
         if height <= self.world.offset(p.position) && e.normal.dot(p.geometric).abs() > 0.99 {
@@ -32,14 +32,15 @@ impl DirectLight<'_, '_> {
                 return 0.0;
             }
         }
-        // In f64 and relative to the receiver from the start: near contact everything cancels.
+        // In f64 and relative to the receiver from the start: close to contact, everything cancels.
         let f = form_factor_polygon(
             DVec3::ZERO,
             d(p.normal),
             &e.corners.map(|c| d(c) - d(p.position)),
         ) as f32;
         let f = if e.two_sided { f.abs() } else { f };
-        // Edge terms of order 1 cancel to rounding 1e-16; what is left below 1e-12 is noise.
+        // Edge terms of order 1 cancel with a rounding error of 1e-16; values below 1e-12 are
+        // noise.
         if f > 1e-12 { f } else { 0.0 }
     }
 
@@ -54,9 +55,9 @@ impl DirectLight<'_, '_> {
         if unoccluded <= 0.0 {
             return;
         }
-        // A point on the triangle, its weight ∝ the light that comes from there. The part below the
-        // horizon is cut off, as it is from the closed form: else few samples might all fall there
-        // and lose the light.
+        // Samples a point of the triangle, weighted by the light from there. The part below the
+        // horizon is clipped as in the closed form; otherwise, a few samples might all fall below
+        // it and lose the light.
         let (pieces, count) = above_horizon(e.corners, p);
         let seen = |k: usize| {
             (k < count)
@@ -118,8 +119,8 @@ impl DirectLight<'_, '_> {
         random: [f32; 4],
         tally: &mut Tally,
     ) {
-        // A few triangles, such as a far rectangle's two, have their closed form like one; the
-        // sample says what of it is seen.
+        // A few triangles, such as the two of a distant rectangle, use their closed form like a
+        // single one; the sample measures visibility.
         let range = &self.emitters.nodes[node as usize];
         let members = &self.emitters.emitters[range.start as usize..range.end as usize];
         let closed = members.len() <= FEW && !tally.plainly;
@@ -130,7 +131,7 @@ impl DirectLight<'_, '_> {
         if unoccluded.is_some_and(|e| e <= 0.0) {
             return;
         }
-        // A group's choice may take more than the 24 bits of one number.
+        // Choosing within a group may need more than the 24 bits of one number.
         let x = random[2] as f64 + random[3] as f64 * 2f64.powi(-24);
         let picked = match few {
             Some(few) => few.pick(self.emitters, x),
@@ -170,11 +171,11 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// Share of light from the point `q` of emitter `e` that gets to `p`. The ray ends just before
-    /// the emitter, which must not hide itself.
+    /// Transmittance between the point `q` of emitter `e` and `p`. The ray ends just in front of
+    /// the emitter, so that the emitter does not occlude itself.
     pub(super) fn passed(&self, p: &SurfacePoint, q: Vec3, e: &Emitter) -> Vec3 {
         let to = q - p.origin;
-        // Stop as far off the emitter's plane as a receiver there would start.
+        // Stop as far from the emitter's plane as a receiver on it would start.
         let height = e.normal.dot(to).abs();
         let stop = 2.0 * self.world.offset(q);
         let t_max = 1.0 - (stop / height.max(1e-30)).min(1.0);
@@ -184,9 +185,9 @@ impl DirectLight<'_, '_> {
         self.world.transmitted(p.origin, to, t_max)
     }
 
-    /// Radiance that counts for the point `q` of `e` at `p`: from near what the texture says there,
-    /// and from far the part's mean, which is what arrives, without the noise of a texture read at
-    /// a few points.
+    /// Radiance of the point `q` of `e` as seen from `p`. For nearby points, this is the texture's
+    /// value at `q`. For distant ones, it is the mean over the part, which avoids the noise of a
+    /// texture sampled at a few points.
     pub(super) fn radiance_at(&self, e: &Emitter, q: Vec3, p: &SurfacePoint) -> Vec3 {
         let size2 = (e.corners[1] - e.corners[0])
             .length_squared()
@@ -211,7 +212,7 @@ pub(super) fn on_triangle([a, b, c]: [Vec3; 3], u: f32, v: f32) -> Vec3 {
     a * (1.0 - s) + b * (s * (1.0 - v)) + c * (s * v)
 }
 
-/// The part of a triangle above the receiver's horizon, as up to two triangles, and how many.
+/// The part of a triangle above the receiver's horizon, as up to two triangles, and their number.
 fn above_horizon(corners: [Vec3; 3], p: &SurfacePoint) -> ([[Vec3; 3]; 2], usize) {
     let height = corners.map(|c| p.normal.dot(c - p.origin));
     if height.iter().all(|h| *h >= 0.0) {
@@ -232,7 +233,7 @@ fn above_horizon(corners: [Vec3; 3], p: &SurfacePoint) -> ([[Vec3; 3]; 2], usize
         }
     }
     let [a, b, c, d] = kept;
-    // Nothing above (only by rounding, since the closed form found light): its corners get weight
-    // 0.
+    // The closed form found light, so nothing can be above the horizon only due to rounding; the
+    // corners get weight 0.
     ([[a, b, c], [a, c, d]], n.saturating_sub(2))
 }

@@ -1,4 +1,4 @@
-//! Sums of one light's samples at a receiver.
+//! Sums over the samples of one light at a receiver.
 
 use glam::Vec3;
 
@@ -7,53 +7,55 @@ use crate::world::luminance;
 
 /// One sample of a light.
 pub(super) struct Sample {
-    /// Irradiance that it stands for if nothing is in between, or, beside a closed form, its weight
-    /// in it times the radiance.
+    /// Unoccluded irradiance that the sample stands for. With a closed form: the sample's weight in
+    /// it times the radiance.
     pub value: Vec3,
     /// Share of it that arrives, per channel.
     pub passed: Vec3,
     /// Unit direction towards the light.
     pub direction: Vec3,
-    /// Cosine between that and the receiver's normal, above 0.
+    /// Cosine between that direction and the receiver's normal, above 0.
     pub cos: f32,
-    /// Group of the light.
+    /// Light group.
     pub group: usize,
 }
 
 /// Sums over the samples of one light.
 #[derive(Default)]
 pub(super) struct Tally {
-    /// Samples that count, the mean and the mean square of the share that arrives (by luminance).
+    /// Number of samples that count, and the mean and mean square of their transmittance
+    /// (luminance).
     count: u32,
     passed: f32,
     squares: f32,
     least: f32,
     most: f32,
-    /// What got through of the last sample that counts.
+    /// Transmittance of the last sample that counts.
     last: Vec3,
-    /// What is taken to get through of the samples to come, without a ray.
+    /// Transmittance assumed for later samples, without a ray.
     assumed: Option<Vec3>,
-    /// The light is a sun.
+    /// Whether the light is a sun.
     sun: bool,
     pub rays: u32,
-    /// Sums of lights that are estimated sample by sample.
+    /// Sums for lights that are estimated sample by sample.
     plain: Sums,
-    /// Sums of those that have a closed form: (per unit radiance) the form, and the samples'
-    /// weights in it.
+    /// Sums for lights with a closed form: the form per unit radiance, and the samples' weights in
+    /// it.
     closed: Sums,
     unoccluded: f32,
     weight: f32,
-    /// Take samples for what they are. The ratio has a bias of order 1/n at the edges of shadows,
-    /// which is nothing for a lumel with its many samples but not for the one of `sample_one`.
+    /// Use the samples as they are. The ratio estimator has a bias of order 1/n at shadow edges,
+    /// which is negligible for the many samples of a lumel but not for the single one of
+    /// `sample_one`.
     pub plainly: bool,
-    /// Group of the last sample.
+    /// Light group of the last sample.
     pub group: usize,
 }
 
-/// Sums of a light's samples so far, as luminances.
+/// Sums over a light's samples so far, as luminances.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Mark {
-    /// Points.
+    /// Number of points.
     n: u32,
     plain: f32,
     closed: f32,
@@ -61,8 +63,8 @@ pub(super) struct Mark {
 }
 
 impl Mark {
-    /// Squared difference between what these samples and the further ones up to `later` say, times
-    /// the shares of both. `unoccluded` is what the closed form has as mean.
+    /// Squared difference between the estimates from these samples and from the further ones up to
+    /// `later`, times the shares of both. `unoccluded` is the mean of the closed form.
     fn difference(&self, later: &Mark, unoccluded: f32) -> f32 {
         if self.n == 0 || later.n <= self.n {
             return 0.0;
@@ -91,10 +93,10 @@ impl Mark {
 /// What is added up.
 #[derive(Default)]
 struct Sums {
-    /// What arrives, and what would.
+    /// Light that arrives, and light that would arrive without occlusion.
     lit: Vec3,
     all: Vec3,
-    /// `lit` by group, where samples of one light belong to several; empty else.
+    /// `lit` by light group, if samples of one light belong to several groups; otherwise empty.
     groups: Vec<Vec3>,
     /// ∫ L dω and ∫ L ω dω.
     moments: Option<[Vec3; 4]>,
@@ -120,7 +122,7 @@ impl Sums {
 }
 
 impl Tally {
-    /// For a light whose samples belong to `groups` groups: 1 unless that is to be known.
+    /// For a light whose samples belong to `groups` groups; 1 unless light groups are requested.
     pub(super) fn new(parts: &DirectParts, groups: usize, sun: bool) -> Self {
         let sums = || Sums {
             groups: if groups > 1 && !parts.groups.is_empty() {
@@ -139,7 +141,7 @@ impl Tally {
         }
     }
 
-    /// Takes the one sample of [`DirectLight::sample_one`](super::DirectLight::sample_one).
+    /// For the one sample of [`DirectLight::sample_one`](super::DirectLight::sample_one).
     pub(super) fn single() -> Self {
         Tally {
             plainly: true,
@@ -147,14 +149,14 @@ impl Tally {
         }
     }
 
-    /// From `scouts` samples on, what all of them saw is taken for granted; never if they disagree.
+    /// After `scouts` samples, assumes for the rest what all of them saw; does nothing if they
+    /// disagree.
     #[inline]
     pub(super) fn assume(&mut self, scouts: u32) {
         self.assumed = (self.count >= scouts && !self.mixed()).then_some(self.last);
     }
 
-    /// Share of a sample's light that gets through, by a ray that `cast` casts unless it is taken
-    /// for granted.
+    /// Transmittance for a sample, by calling `cast` unless it is assumed.
     #[inline]
     pub(super) fn passed(&mut self, cast: impl FnOnce() -> Vec3) -> Vec3 {
         self.assumed.unwrap_or_else(|| {
@@ -163,8 +165,8 @@ impl Tally {
         })
     }
 
-    /// Luminance of what arrives, and of what would if nothing were in the way, after samples at
-    /// `n` points.
+    /// Luminance that arrives, and that would arrive without occlusion, after samples at `n`
+    /// points.
     pub(super) fn luminances(&self, n: u32) -> [f32; 2] {
         let (plain, closed) = self.scales(n);
         [
@@ -173,7 +175,7 @@ impl Tally {
         ]
     }
 
-    /// Whether a sample saw the light, and whether one did not.
+    /// Whether at least one sample saw the light, and whether at least one did not.
     pub(super) fn seen(&self) -> [bool; 2] {
         [
             self.count > 0 && self.most > 0.0,
@@ -181,7 +183,7 @@ impl Tally {
         ]
     }
 
-    /// Factors of the sums of plain and of closed samples.
+    /// Factors for the sums of plain samples and of samples with a closed form.
     fn scales(&self, n: u32) -> (f32, f32) {
         let plain = 1.0 / n as f32;
         let closed = if self.weight > 0.0 {
@@ -215,25 +217,25 @@ impl Tally {
         self.most = self.most.max(share);
     }
 
-    /// Whether samples disagree about what gets through.
+    /// Whether samples disagree about visibility.
     pub(super) fn mixed(&self) -> bool {
         self.most > self.least
     }
 
-    /// What arrived of all samples that were taken plainly.
+    /// Light that arrived from all plain samples.
     pub(super) fn lit(&self) -> Vec3 {
         self.plain.lit
     }
 
-    /// A sample that stands for itself.
+    /// Adds a sample that stands for itself.
     pub(super) fn plain(&mut self, s: &Sample) {
         self.group = s.group;
         self.count_in(s.passed);
         self.plain.add(s, s.value);
     }
 
-    /// A point whose closed form is `unoccluded` (per unit radiance), with a sample of weight
-    /// `weight` in it; the sample's value is the weight times the radiance.
+    /// Adds a point whose closed form is `unoccluded` (per unit radiance), with a sample whose
+    /// weight in it is `weight`. The value of the sample is its weight times the radiance.
     pub(super) fn weighted(&mut self, unoccluded: f32, weight: f32, s: &Sample) {
         if self.plainly {
             self.plain(s);
@@ -246,14 +248,14 @@ impl Tally {
         self.closed.add(s, s.value);
     }
 
-    /// A point whose closed form is `unoccluded`, of which the sample drawn has no weight.
+    /// Adds a point whose closed form is `unoccluded` and whose sample has no weight.
     pub(super) fn unweighted(&mut self, unoccluded: f32) {
         self.unoccluded += unoccluded;
     }
 
     /// Adds the light to `out` and `parts`, after samples at `n` points.
     ///
-    /// `marks` are sums after about a quarter and about half of the samples, for
+    /// `marks` are the sums after about a quarter and about half of the samples, for
     /// [`DirectEstimate::doubt`].
     pub(super) fn finish(
         self,

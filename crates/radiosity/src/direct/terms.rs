@@ -1,4 +1,4 @@
-//! Which lights a receiver takes singly, and how much work each is worth.
+//! Which lights a receiver treats individually, and how many samples each gets.
 
 use glam::Vec3;
 use mesh_ingest::LightKind;
@@ -7,35 +7,37 @@ use super::sample::falloff;
 use super::{DirectLight, Term};
 use crate::world::{SurfacePoint, luminance};
 
-/// Lamps beyond this number share their points by what they bring, as emissive triangles do.
+/// More lamps than this share their points by contribution, as emissive triangles do.
 const MANY_LAMPS: usize = 8;
 
-/// A group of emitters is always taken as one when it is seen under less than this angle (radius
-/// over distance). At 0.1 the point-to-point kernel varies by at most (1.1/0.9)² over it; the
-/// sampling of points inside averages that out.
+/// A group of emitters is always treated as one if its angular size (radius over distance) is below
+/// this. At 0.1, the point-to-point kernel varies by at most (1.1/0.9)² over the group, which
+/// sampling points inside it averages out.
 const FAR_GROUP: f32 = 0.1;
 
-/// A group is always split that the receiver is nearer to than this many times its radius. Further
-/// off, the nearest of its emitters is at a fifth of the way to its middle at least; at its border
-/// one may be next to the receiver, which the group's weight knows nothing of, and what it brings
-/// over a probability so small is a spark.
+/// A group is always split if the receiver is nearer than this many times its radius. Beyond that,
+/// its nearest emitter is at least a fifth of the way to its centre away. At the group's border, an
+/// emitter may be next to the receiver; the group's weight does not reflect that, and dividing by
+/// such a small probability causes fireflies.
 const NEAR: f32 = 1.5;
 
-/// Marks groups that must be split; above any weight.
+/// Marks groups that must be split; larger than any weight.
 const INSIDE: f32 = f32::MAX;
 
-/// Terms where there are more emitters than may count singly: so that each has several points,
-/// which see a shadow's edge that one point misses. From 32 to 12 the error of a panel of 10,000
-/// squares over boxes fell from 3.2 to 2.6 %, for less work; 4 did no better (lab/emitters.md).
+/// Number of terms if there are more emitters than can be treated individually. Each term then has
+/// several points, which see a shadow edge that one point misses. Going from 32 to 12 reduced the
+/// error of a panel of 10,000 squares over boxes from 3.2 % to 2.6 %, with less work; 4 was no
+/// better (lab/emitters.md).
 const GROUPS: usize = 12;
 
-/// Terms at most, whatever must be split: a receiver within a cloud of emitters has some dozen
-/// nested groups about it.
+/// Maximum number of terms, whatever must be split. A receiver inside a cloud of emitters is inside
+/// some dozens of nested groups.
 const MOST_TERMS: usize = 256;
 
 impl<'w> DirectLight<'w, '_> {
-    /// How many lamps share the work, and by which parts: `None` where they are few and each gets
-    /// all of it. A part is 0 only where the lamp's range ends before the receiver.
+    /// The share of the samples that each lamp gets, and the number of shares, or `None` if there
+    /// are few lamps and each gets all samples. A share is 0 only if the receiver is out of the
+    /// lamp's range.
     pub(super) fn shares_of_lamps(&self, first: &SurfacePoint, scale: f32) -> Option<Vec<f32>> {
         let lights = &self.world.scene.lights;
         if lights.len() <= MANY_LAMPS {
@@ -58,7 +60,7 @@ impl<'w> DirectLight<'w, '_> {
                         radius,
                         ..
                     } => {
-                        // As near as the receiver comes to it.
+                        // The shortest distance between receiver and lamp.
                         let d = (first.position.distance(position) - scale).max(radius.max(1e-3));
                         l * falloff(Vec3::X * d, range)
                     }
@@ -72,15 +74,14 @@ impl<'w> DirectLight<'w, '_> {
         Some(shares)
     }
 
-    /// Which emissive triangles count singly and which groups whole, at most `most` of both, with
-    /// roughly how much each brings.
+    /// Chooses at most `most` emissive triangles and groups, each with a rough contribution.
     ///
-    /// A group that the receiver lies within is always split: a point drawn from it may be
-    /// arbitrarily near, and 1/d² of that is a spark.
+    /// A group that contains the receiver is always split: a point sampled from it may be
+    /// arbitrarily near, and its 1/d² causes a firefly.
     ///
-    /// Starts from all emitters as one group and splits the one whose light is spread widest, until
-    /// what is left is either a single triangle or far away, or there are enough (Walter and
-    /// others, *Lightcuts*, 2005).
+    /// Starts with all emitters as one group and repeatedly splits the group with the largest
+    /// spread, until each group is a single triangle or distant, or there are enough groups (Walter
+    /// and others, *Lightcuts*, 2005).
     pub(super) fn emitter_terms(
         &self,
         first: &SurfacePoint,
@@ -93,7 +94,7 @@ impl<'w> DirectLight<'w, '_> {
         terms.extend((nodes.into_iter()).map(|(id, weight)| (self.term_of_node(id), weight)));
     }
 
-    /// A node of the emitters' tree as a term.
+    /// A node of the emitter tree as a term.
     pub(super) fn term_of_node(&self, id: u32) -> Term<'w> {
         let node = &self.emitters.nodes[id as usize];
         if node.second == 0 {
@@ -103,7 +104,7 @@ impl<'w> DirectLight<'w, '_> {
         }
     }
 
-    /// [`emitter_terms`](Self::emitter_terms) by their nodes.
+    /// The nodes of [`emitter_terms`](Self::emitter_terms).
     pub(super) fn emitter_nodes(
         &self,
         first: &SurfacePoint,
@@ -114,10 +115,10 @@ impl<'w> DirectLight<'w, '_> {
         if self.emitters.is_empty() {
             return;
         }
-        /// A node with its weight, and how much there is to gain from splitting it.
+        /// A node with its weight, and the gain from splitting it.
         type Candidate = (u32, f32, f32);
-        // Closed forms while they last; then a few groups with several points each, which see a
-        // shadow's edge that one point misses.
+        // Closed forms for as many emitters as allowed. With more emitters, few groups with several
+        // points each, which see a shadow edge that one point misses.
         let most = if self.emitters.len() <= most {
             most
         } else {
@@ -127,7 +128,7 @@ impl<'w> DirectLight<'w, '_> {
             let node = &self.emitters.nodes[id as usize];
             let weight = node.importance(first.position, first.normal, scale);
             if weight <= 0.0 {
-                return None; // below the horizon, or all of it faces away
+                return None; // below the horizon, or faces away entirely
             }
             if node.second == 0 {
                 let e = &self.emitters.emitters[node.start as usize];

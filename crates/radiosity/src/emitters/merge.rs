@@ -1,8 +1,8 @@
-//! Makes few large triangles of many small ones that shine alike.
+//! Merges many small triangles of equal emission into few large ones.
 //!
-//! A luminous ceiling may come as ten thousand triangles, for its tessellation or for the
-//! modeller's grid. It is one polygon all the same, and its light is known in closed form however
-//! many triangles it is cut into: what its outline needs, two for a rectangle.
+//! A luminous ceiling may consist of ten thousand triangles because of tessellation or the
+//! modeller's grid. It is still one polygon, and the closed form of its light is the same however
+//! it is triangulated. Its outline needs few triangles; a rectangle needs two.
 
 use std::cmp::Ordering;
 
@@ -10,21 +10,22 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::Emitter;
 
-/// A union replaces its parts where it has at most this share of their triangles: where it has not,
-/// a fan or a strip is as good as what ear clipping makes of the outline.
+/// A union replaces its parts if it has at most this share of their triangles. Otherwise, a fan or
+/// a strip is as good as the ear-clipped outline.
 const WORTHWHILE: f64 = 0.5;
 
-/// Areas before and after may differ by this, relative: each triangle's is good to 1e-7 (`f32`),
-/// and corners that are taken for points on a straight edge lie 1e-6 of the scene's size off it.
-/// More means overlaps or a hole that was taken for another's, and all stays as it was.
+/// Relative tolerance on the area before and after. Each triangle's area is accurate to 1e-7
+/// (`f32`), and corners on a straight edge may be off by 1e-6 of the scene's size. A larger
+/// difference means overlaps or a misidentified hole, and the triangles stay as they are.
 const SAME_AREA: f64 = 1e-4;
 
 /// Replaces edge-connected, coplanar triangles of one kind by a triangulation of their outline, in
 /// place. O(n log n).
 ///
-/// `kind` tells which may be joined (the same light, the same sides); `slack` is how far off a
-/// plane or a line, in metres, a corner may lie: not more than what shadow rays end short of an
-/// emitter, since they must not meet the surface itself.
+/// Triangles with equal `kind` (the same light, the same sides) may be merged. `slack` is the
+/// tolerance in metres for a corner's distance from a plane or line. It must not exceed the
+/// distance at which shadow rays end in front of an emitter, because they must not hit the emitter
+/// itself.
 pub(super) fn merge_coplanar(
     emitters: &mut Vec<Emitter>,
     kind: impl Fn(&Emitter) -> u32,
@@ -62,14 +63,14 @@ pub(super) fn merge_coplanar(
 
 const NONE: u32 = u32::MAX;
 
-/// For each triangle and each of its edges (corner *i* to *i* + 1), the one on the other side.
+/// For each triangle and each of its edges (corner *i* to *i* + 1), the neighbour across it.
 struct Links(Vec<[u32; 3]>);
 
 impl Links {
-    /// Two triangles are neighbours where one edge is, to the bit, the other's the other way round,
-    /// and no third has it.
+    /// Two triangles are neighbours if an edge of one is bitwise the reversed edge of the other and
+    /// no third triangle has that edge.
     fn find(emitters: &[Emitter], kind: &impl Fn(&Emitter) -> u32) -> Self {
-        // (least corner, greatest corner, kind), then who has it and which way round.
+        // (smaller corner, larger corner, kind), then the owner and the direction.
         let mut edges: Vec<([u32; 6], u32, u32, u8, bool)> = Vec::with_capacity(3 * emitters.len());
         for (k, e) in emitters.iter().enumerate() {
             for i in 0..3 {
@@ -93,14 +94,14 @@ impl Links {
     }
 }
 
-/// A position as integers, equal where the position is.
+/// A position as integers that are equal exactly if the position is.
 fn bits(p: Vec3) -> [u32; 3] {
     // −0 is 0.
     p.to_array().map(|x| (x + 0.0).to_bits())
 }
 
-/// A plane through triangles, which grows surer with each: a single small one's normal is off by
-/// its corners' rounding over its size.
+/// A plane fitted to triangles. Its accuracy grows with each one: the normal of a single small
+/// triangle is off by the rounding of its corners over its size.
 struct Plane {
     /// Σ area × normal, and Σ area × centre.
     normal: DVec3,
@@ -118,11 +119,11 @@ impl Plane {
         self.area += area;
     }
 
-    /// Whether all of `e` lies within `slack` of it and faces as it does.
+    /// Whether all of `e` is within `slack` of the plane and faces the same way.
     fn holds(&self, e: &Emitter, slack: &impl Fn(Vec3) -> f32) -> bool {
         let normal = self.normal.normalize_or_zero();
         let origin = self.centre / self.area.max(1e-300);
-        // Facing the other way is another side, however thin the sheet.
+        // A triangle that faces the other way is another side, however thin the sheet.
         normal.dot(e.normal.as_dvec3()) > 0.9
             && e.corners
                 .iter()
@@ -130,7 +131,7 @@ impl Plane {
     }
 }
 
-/// The triangles that hang together with `seed` by edges and lie in one plane with it.
+/// The coplanar triangles that are edge-connected to `seed`.
 fn grow(
     emitters: &[Emitter],
     links: &Links,
@@ -161,7 +162,7 @@ fn grow(
         }
         next += 1;
     }
-    // What bends slowly was followed all along its bend.
+    // A gently curved surface is followed along its curvature.
     if !region
         .iter()
         .all(|&k| plane.holds(&emitters[k as usize], slack))
@@ -172,8 +173,8 @@ fn grow(
     region
 }
 
-/// The region's outline cut into triangles; `None` where that is not worth while or the outline is
-/// no plain polygon with holes.
+/// Triangulates the outline of the region; `None` if that is not worthwhile or the outline is not a
+/// simple polygon with holes.
 fn retriangulate(
     emitters: &[Emitter],
     links: &Links,
@@ -198,15 +199,15 @@ fn retriangulate(
         })
         .sum();
     first.normal = normal.try_normalize().map_or(first.normal, |n| n.as_vec3());
-    // In the plane, about a corner of it: the scene's size must not eat the region's precision.
+    // In the plane and relative to a corner: the scene's size must not reduce the region's
+    // precision.
     let (x, y) = first.normal.as_dvec3().any_orthonormal_pair();
     let origin = first.corners[0].as_dvec3();
     let flat = |p: &Vec3| -> DVec2 {
         let d = p.as_dvec3() - origin;
         DVec2::new(x.dot(d), y.dot(d))
     };
-    // The one that goes round the other way than holes do is the outer one; a connected region has
-    // one.
+    // The outer loop runs the opposite way to holes; a connected region has exactly one.
     let area = |l: &Vec<Vec3>| -> f64 {
         (0..l.len())
             .map(|i| flat(&l[i]).perp_dot(flat(&l[(i + 1) % l.len()])))
@@ -259,8 +260,8 @@ fn retriangulate(
     ((after / before - 1.0).abs() <= SAME_AREA).then_some(out)
 }
 
-/// The loops of edges that have no neighbour in the region, counter-clockwise about it; `None`
-/// where one point has several.
+/// The loops of edges without a neighbour in the region, counter-clockwise around it; `None` if
+/// several loops meet at a point.
 fn outline(emitters: &[Emitter], links: &Links, region: &[u32]) -> Option<Vec<Vec<Vec3>>> {
     let within = |k: u32| k != NONE && region.binary_search(&k).is_ok();
     let mut edges: Vec<([u32; 3], Vec3, Vec3)> = Vec::new();
@@ -295,11 +296,11 @@ fn outline(emitters: &[Emitter], links: &Links, region: &[u32]) -> Option<Vec<Ve
     Some(loops)
 }
 
-/// Leaves out corners that lie on the line between others (Douglas and Peucker, 1973), which no
-/// corner then lies farther from than `slack`.
+/// Removes corners that are collinear with others (Douglas and Peucker, 1973). No corner is then
+/// farther than `slack` from the line.
 fn straighten(corners: &[Vec3], slack: &impl Fn(Vec3) -> f32) -> Vec<Vec3> {
     let n = corners.len();
-    // Two corners that stay for certain: the first by position, and the farthest from it.
+    // Two corners that certainly stay: the first by position, and the farthest from it.
     let order = |a: &usize, b: &usize| -> Ordering {
         let (p, q) = (corners[*a].to_array(), corners[*b].to_array());
         p.iter()
@@ -323,7 +324,8 @@ fn straighten(corners: &[Vec3], slack: &impl Fn(Vec3) -> f32) -> Vec<Vec3> {
     while let Some((from, to)) = todo.pop() {
         let (a, b) = (at(from).as_dvec3(), at(to).as_dvec3());
         let (ab, length2) = (b - a, (b - a).length_squared().max(1e-300));
-        // The farthest of all, whatever the slack at each: else a corner loses to its neighbour.
+        // The farthest of all, whatever the slack at each; otherwise a corner could lose to its
+        // neighbour.
         let (mut worst, mut strays) = ((0.0, 0), false);
         for k in from + 1..to {
             let d = at(k).as_dvec3() - a;

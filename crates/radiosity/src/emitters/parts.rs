@@ -1,10 +1,10 @@
-//! Cuts textured emissive triangles where they are bright.
+//! Subdivides textured emissive triangles where they are bright.
 //!
 //! A sign that glows in a large dark texture is one triangle to a renderer and a small lamp to a
-//! receiver: points spread over all of the triangle miss it most of the time, and its mean radiance
-//! says nothing about where its light comes from. So such triangles are cut into four similar
-//! parts, and these again, as long as radiance changes over them; black parts are left out. What
-//! remains are emitters of nearly one radiance each, which a hierarchy can tell near from far.
+//! receiver. Points spread over the whole triangle mostly miss it, and the mean radiance says
+//! nothing about where its light comes from. Such triangles are therefore split into four similar
+//! parts, recursively while the radiance changes over them; black parts are dropped. The remaining
+//! emitters have nearly uniform radiance, and a hierarchy can distinguish near from far ones.
 
 use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
@@ -14,38 +14,38 @@ use super::Emitter;
 use crate::world::{World, luminance};
 use mesh_ingest::{Scene, Soup};
 
-/// Parts of all triangles at most: 5 MB of emitters. With a quarter as many a photograph over a
-/// wall is still cut to 16,000.
+/// Maximum number of parts of all triangles together: 5 MB of emitters. With a quarter of that, a
+/// photograph on a wall is still split into 16,000.
 const MOST_PARTS: usize = 1 << 16;
 
-/// Depth at most: 4⁶ parts of a triangle, 1/64 of its edge each.
+/// Maximum depth: 4⁶ parts per triangle, each with 1/64 of its edge.
 const MOST_LEVELS: u32 = 6;
 
-/// Finest parts looked at in all, and texture samples in all: half a second on one core, however
-/// many triangles share them.
+/// Maximum number of finest parts examined, and of texture samples: half a second on one core,
+/// however many triangles share them.
 const MOST_CELLS: usize = 1 << 20;
 const MOST_SAMPLES: usize = 1 << 23;
 
-/// Texture samples a triangle may have whatever the number of triangles, and at most.
+/// Texture samples per triangle: the minimum, whatever the number of triangles, and the maximum.
 const SAMPLES: std::ops::RangeInclusive<usize> = 4..=1 << 16;
 
-/// Samples that tell the mean of a few large texels, whose edges lie anyhow, to a tenth of a per
-/// cent.
+/// Number of samples that determines the mean of a few large texels, with edges at any position, to
+/// 0.1 %.
 const WELL_KNOWN: usize = 1 << 14;
 
-/// Radiance that spreads (standard deviation over mean) by less is taken as even: a few points of
-/// the part tell its mean to a few per cent then, and cutting it would cost more than it gains.
+/// Radiance with a relative standard deviation below this counts as uniform. A few points then
+/// determine the mean to a few per cent, and splitting would cost more than it gains.
 const EVEN: f32 = 0.1;
 
 const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
 
-/// Whether [`Scene::emitted`] can change over a triangle of this material.
+/// Whether [`Scene::emitted`] can vary over a triangle of this material.
 pub(crate) fn varies(scene: &Scene, material: u32) -> bool {
     let m = &scene.materials[material as usize];
     m.emissive_texture.is_some() || m.lets_light_through()
 }
 
-/// Mean radiance of a part of a triangle, and mean of its squared luminance.
+/// Mean radiance of a part of a triangle, and the mean of its squared luminance.
 #[derive(Debug, Clone, Copy, Default)]
 struct Look {
     mean: Vec3,
@@ -64,7 +64,7 @@ impl Look {
     }
 }
 
-/// Looks at the centres of n² equal sub-triangles of a part.
+/// Samples the centres of n² equal sub-triangles of a part.
 fn look(scene: &Scene, soup: &Soup, triangle: u32, [a, b, c]: [Vec2; 3], n: u32) -> Look {
     let (ab, ac) = ((b - a) / n as f32, (c - a) / n as f32);
     let mut sum = Vec4::ZERO;
@@ -89,8 +89,8 @@ fn look(scene: &Scene, soup: &Soup, triangle: u32, [a, b, c]: [Vec2; 3], n: u32)
     }
 }
 
-/// About how many texels cover the triangle, `most` at most: as many as [`Scene::mean_over`] takes
-/// samples.
+/// Approximate number of texels that cover the triangle, at most `most`: as many as
+/// [`Scene::mean_over`] samples.
 fn texels(scene: &Scene, soup: &Soup, triangle: u32, most: usize) -> u32 {
     let count = Cell::new(0u32);
     scene.mean_over(soup, triangle, WHOLE, most as u32, |_, _| {
@@ -100,17 +100,17 @@ fn texels(scene: &Scene, soup: &Soup, triangle: u32, most: usize) -> u32 {
     count.get()
 }
 
-/// How bright each triangle is, for deciding how its light travels.
+/// The brightness of a triangle, which decides how its light is transported.
 pub(crate) struct Brightness {
     /// Mean luminance.
     pub mean: f32,
-    /// Mean luminance of the light, not of the surface: ∫L²/∫L. That of the sign, where a sign
-    /// glows in a dark texture.
+    /// Mean luminance weighted by light instead of area: ∫L²/∫L. For a sign that glows in a dark
+    /// texture, this is the luminance of the sign.
     pub bright: f32,
 }
 
-/// Brightness of the given triangles; dark ones have zeros. O(1) texture samples in all, and one a
-/// triangle.
+/// Brightness of the given triangles; zero for dark ones. The total number of texture samples is
+/// bounded, with at least one per triangle.
 pub(crate) fn brightness(scene: &Scene, soup: &Soup, triangles: &[u32]) -> Vec<Brightness> {
     let textured = triangles
         .iter()
@@ -135,8 +135,8 @@ pub(crate) fn brightness(scene: &Scene, soup: &Soup, triangles: &[u32]) -> Vec<B
         .collect()
 }
 
-/// The four similar triangles between the corners and the middles of the edges, all wound like the
-/// whole.
+/// The four similar triangles formed by the corners and the edge midpoints, with the winding of the
+/// original.
 fn quarters<P>([a, b, c]: [P; 3]) -> [[P; 3]; 4]
 where
     P: Copy + std::ops::Add<Output = P> + std::ops::Mul<f32, Output = P>,
@@ -145,15 +145,15 @@ where
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
 }
 
-/// A triangle's radiance at every level of its quartering: level *l* has 4^l cells, and cell *i*
-/// those at 4*i* and on of the next.
+/// The radiance of a triangle at every level of subdivision. Level *l* has 4^l cells; the children
+/// of cell *i* are the cells from 4*i* to 4*i* + 3 of the next level.
 struct Pyramid {
     triangle: u32,
     levels: Vec<Vec<Look>>,
 }
 
 impl Pyramid {
-    /// Looks at the finest level and averages from there, so that the means of parts add up to that
+    /// Samples the finest level and averages upwards, so that the means of parts add up to the mean
     /// of the whole.
     fn build(world: &World, triangle: u32, most_levels: u32, samples: usize) -> Self {
         let (scene, soup) = (world.scene, world.soup);
@@ -164,8 +164,8 @@ impl Pyramid {
         for _ in 0..depth {
             parts = parts.into_iter().flat_map(quarters).collect();
         }
-        // Means count from afar: several samples for each texel that a cell's edge may cross, as
-        // far as there are.
+        // Means matter even at a distance: several samples per texel that a cell's edge may cross,
+        // within the limit.
         let wanted = (4 * texels as usize).max(WELL_KNOWN).min(samples);
         let each = ((wanted >> (2 * depth)) as u32).isqrt().max(1);
         let finest: Vec<Look> = parts
@@ -190,21 +190,20 @@ impl Pyramid {
     }
 }
 
-/// A cell that may be cut.
+/// A candidate cell for splitting.
 struct Cut {
-    /// Flux that is not where an even part would have it: spread × area. A cell has never more than
-    /// the one it is part of.
+    /// Misplaced flux compared with uniform radiance: spread × area. It never exceeds that of the
+    /// parent cell.
     gain: f32,
     pyramid: u32,
     level: u32,
     cell: u32,
 }
 
-/// The parts of `triangles`, whose emission varies, as emitters. Together they cover all that
-/// shines of each triangle.
+/// Splits `triangles`, whose emission varies, into emitters. Together they cover every bright part
+/// of each triangle.
 ///
-/// The cells with the most flux in the wrong place are cut first, until [`MOST_PARTS`] are there.
-/// Deterministic.
+/// The cells with the most misplaced flux are split first, up to [`MOST_PARTS`]. Deterministic.
 pub(super) fn subdivide(world: &World, triangles: &[u32]) -> Vec<Emitter> {
     if triangles.is_empty() {
         return Vec::new();
@@ -220,7 +219,7 @@ pub(super) fn subdivide(world: &World, triangles: &[u32]) -> Vec<Emitter> {
     for (k, pyramid) in pyramids.iter().enumerate() {
         candidates(world, k as u32, pyramid, &mut cuts);
     }
-    // Ties go to the coarser cell, so that no cell comes before the one it is part of.
+    // Ties go to the coarser cell, so that no cell precedes its parent.
     cuts.sort_unstable_by(|a, b| {
         (b.gain.total_cmp(&a.gain))
             .then(a.pyramid.cmp(&b.pyramid))
@@ -240,7 +239,7 @@ pub(super) fn subdivide(world: &World, triangles: &[u32]) -> Vec<Emitter> {
     emitters
 }
 
-/// Cells whose radiance is uneven, all the way down from the whole.
+/// Finds the cells with uneven radiance, from the whole triangle downwards.
 fn candidates(world: &World, index: u32, pyramid: &Pyramid, cuts: &mut Vec<Cut>) {
     let area = world.soup.areas[pyramid.triangle as usize];
     let mut frontier = vec![(0u32, f32::INFINITY)];
@@ -268,7 +267,8 @@ fn candidates(world: &World, index: u32, pyramid: &Pyramid, cuts: &mut Vec<Cut>)
     }
 }
 
-/// The parts that the cuts leave, but for black ones. `cuts` are sorted by level and cell.
+/// Emits the parts that result from the cuts, except black ones. `cuts` are sorted by level and
+/// cell.
 fn emit(world: &World, pyramid: &Pyramid, cuts: &[Cut], emitters: &mut Vec<Emitter>) {
     let t = pyramid.triangle as usize;
     let material = &world.scene.materials[world.soup.materials[t] as usize];
@@ -291,7 +291,7 @@ fn emit(world: &World, pyramid: &Pyramid, cuts: &[Cut], emitters: &mut Vec<Emitt
             normal: world.soup.normals[t],
             area: area / (1u32 << (2 * level)) as f32,
             radiance: seen.mean,
-            // A hundredth of the mean is less than eight-bit texels resolve.
+            // 8-bit texels do not resolve less than a hundredth of the mean.
             textured: seen.spread() > 0.01 * luminance(seen.mean),
             two_sided: material.double_sided,
         });

@@ -1,4 +1,4 @@
-//! The tree over emitters, and how much a node of it may bring to a receiver.
+//! The tree over emitters, and the importance of a node to a receiver.
 
 use glam::Vec3;
 
@@ -6,44 +6,44 @@ use super::Emitter;
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
-    /// Middle and radius of a ball about its emitters.
+    /// Centre and radius of a bounding sphere of its emitters.
     pub centre: Vec3,
     pub radius: f32,
-    /// Where its light comes from on average.
+    /// Mean origin of its light.
     pub origin: Vec3,
     /// Σ luminance × area.
     pub power: f32,
-    /// All fronts face within an angle of this whose cosine is `cos_spread`: −1 where a side may
+    /// All fronts face within an angle of this axis whose cosine is `cos_spread`; −1 if a side may
     /// face anywhere.
     pub axis: Vec3,
     pub cos_spread: f32,
     /// Emitters `[start, end)`.
     pub start: u32,
     pub end: u32,
-    /// The second child; the first follows its parent. 0 for a leaf, which has one emitter.
+    /// The second child; the first one follows its parent. 0 for a leaf, which has one emitter.
     pub second: u32,
 }
 
 impl Node {
-    /// Whether power alone tells its emitters apart well enough, as seen from `p`.
+    /// Whether power alone is a good enough weight for its emitters, as seen from `p`.
     pub(crate) fn looks_alike(&self, p: Vec3) -> bool {
         let d2 = self.centre.distance_squared(p);
         self.cos_spread > ALIKE && self.radius * self.radius < SMALL * SMALL * d2
     }
 
-    /// About how much irradiance (luminance × π) its emitters bring to a receiver; 0 only where
-    /// they bring none.
+    /// Approximate irradiance (luminance × π) from its emitters at a receiver; 0 only if they
+    /// cannot contribute.
     ///
     /// power × cosθ cosθ'/d² (after Conty Estevez & Kulla, *Importance sampling of many lights with
-    /// adaptive tree splitting*, 2018), where the cosines are no less than those of any point and
-    /// face of the node: a ball under the angle whose sine is s adds at most s to a cosine that is
-    /// above 0, and where the two together are not above 0 all of it is hidden. `scale` is the
-    /// receiver's size in metres; one with a normal of length 0 receives from all sides.
+    /// adaptive tree splitting*, 2018), where the cosines are upper bounds over all points and
+    /// faces of the node. A sphere of angular radius asin s increases a positive cosine by at most
+    /// s; if even the bound is not positive, the whole node is hidden. `scale` is the size of the
+    /// receiver in metres. A receiver with a zero normal receives from all directions.
     #[inline]
     pub(crate) fn importance(&self, p: Vec3, normal: Vec3, scale: f32) -> f32 {
         let d2 = self.origin.distance_squared(p);
         let reach = self.radius + scale;
-        // About the node's own middle, since that is what the ball is about.
+        // Relative to the node's centre, which the sphere surrounds.
         let middle = self.centre - p;
         let m2 = middle.length_squared();
         let limit = d2.max(0.25 * reach * reach).max(1e-30);
@@ -64,7 +64,7 @@ impl Node {
         if self.cos_spread > -1.0 {
             let cos = -middle.dot(self.axis) * inverse;
             if cos < self.cos_spread {
-                // The least angle to a face: the faces' spread taken off.
+                // The smallest angle to a face: the spread of the faces is subtracted.
                 let sine = (1.0 - cos * cos).max(0.0).sqrt();
                 let spread = (1.0 - self.cos_spread * self.cos_spread).max(0.0).sqrt();
                 sends = cos * self.cos_spread + sine * spread + wider;
@@ -77,18 +77,18 @@ impl Node {
     }
 }
 
-/// A thousandth of a right angle for rounding, and so that nothing has a probability too small to
+/// Allows for rounding (a thousandth of a right angle), and keeps every probability large enough to
 /// divide by.
 const ROUNDING: f32 = 1e-3;
 
-/// A node is small when it is seen under less than this angle (radius over distance): 1/d² varies
-/// by a tenth to either side then.
+/// A node is small if its angular size (radius over distance) is below this: 1/d² then varies by
+/// ±10 %.
 const SMALL: f32 = 0.05;
 
-/// The cosine of an angle within which faces look alike: 18°.
+/// Cosine of the angle (18°) within which faces count as parallel.
 const ALIKE: f32 = 0.95;
 
-/// Orders `emitters` and builds their tree; empty if there are none. O(n log n).
+/// Sorts `emitters` and builds their tree, which is empty without emitters. O(n log n).
 pub(super) fn build(emitters: &mut [Emitter]) -> Vec<Node> {
     let mut nodes = Vec::with_capacity(2 * emitters.len());
     if !emitters.is_empty() {
@@ -98,7 +98,7 @@ pub(super) fn build(emitters: &mut [Emitter]) -> Vec<Node> {
     nodes
 }
 
-/// The node of one emitter, number `start`.
+/// The leaf node of emitter `start`.
 #[inline]
 pub(super) fn leaf(e: &Emitter, start: u32) -> Node {
     let [a, b, c] = e.corners;
@@ -117,7 +117,7 @@ pub(super) fn leaf(e: &Emitter, start: u32) -> Node {
     }
 }
 
-/// Middle, radius and the box's size.
+/// Centre, radius and size of the bounding box.
 fn ball(part: &[Emitter]) -> (Vec3, f32, Vec3) {
     let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for c in part.iter().flat_map(|e| e.corners) {
@@ -132,7 +132,7 @@ fn ball(part: &[Emitter]) -> (Vec3, f32, Vec3) {
     (centre, radius, high - low)
 }
 
-/// Orders `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, since
+/// Sorts `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, because
 /// halves are equal.
 fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
     let part = &mut emitters[start..end];
@@ -146,8 +146,8 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
     let key = |e: &Emitter| e.corners[0][axis] + e.corners[1][axis] + e.corners[2][axis];
     let middle = part.len() / 2;
     part.select_nth_unstable_by(middle, |a, b| {
-        // Parts of one triangle may share a key and a triangle, never a first corner and all of the
-        // others.
+        // Parts of one triangle may share a key and a triangle, but never the first corner and all
+        // other corners.
         (key(a).total_cmp(&key(b)))
             .then(a.triangle.cmp(&b.triangle))
             .then_with(|| order(&a.corners, &b.corners))
@@ -188,7 +188,7 @@ fn order(a: &[Vec3; 3], b: &[Vec3; 3]) -> std::cmp::Ordering {
         .unwrap_or(std::cmp::Ordering::Equal)
 }
 
-/// A cone of directions about both nodes'.
+/// A cone that contains the directions of both nodes.
 fn join(a: &Node, b: &Node) -> (Vec3, f32) {
     let everywhere = (Vec3::ZERO, -1.0);
     if a.cos_spread <= -1.0 || b.cos_spread <= -1.0 {
@@ -211,10 +211,10 @@ fn join(a: &Node, b: &Node) -> (Vec3, f32) {
     }
     let across = (narrow.axis - wide.axis * wide.axis.dot(narrow.axis)).normalize_or_zero();
     if across == Vec3::ZERO {
-        return everywhere; // straight against each other: the cone would be half a turn or more in any case
+        return everywhere; // opposite directions: the cone would span half a turn or more anyway
     }
     let turn = spread - w;
     let axis = wide.axis * turn.cos() + across * turn.sin();
-    // The cosine of a sum of rounded angles: on the safe side.
+    // The cosine of a sum of rounded angles, on the safe side.
     (axis, (spread + 1e-3).min(std::f32::consts::PI).cos())
 }

@@ -1,4 +1,4 @@
-//! The bright part of a sky map: a sun in the picture, a window in a studio.
+//! The bright part of a sky map, such as the sun in a photographed sky or a window in a studio.
 
 use std::f32::consts::TAU;
 
@@ -7,55 +7,58 @@ use glam::Vec3;
 use super::Sky;
 use crate::world::luminance;
 
-/// What exceeds this many times the mean radiance is sampled. Gathering rays meet what is below
-/// often enough; above, one ray in so many would bring more light than all the others. Emissive
-/// surfaces have the same border.
+/// Radiance above this multiple of the mean is sampled. Gathering rays hit darker parts often
+/// enough; above it, a rare ray would contribute more light than all others. The threshold for
+/// emissive surfaces is the same.
 const BORDER: f64 = 4.0;
 
-/// Cells at most. Each is a light of its own to every receiver.
+/// Maximum number of cells. Each is a separate light to every receiver.
 const CELLS: usize = 32;
 
-/// Cells narrower than this (half the diagonal of the box about their directions, about radians)
-/// are left whole: the cosine at a receiver changes little over them.
+/// Cells narrower than this are not split, because the cosine at a receiver varies little over
+/// them. The width is half the diagonal of the bounding box of their directions, in approximate
+/// radians.
 const NARROW: f32 = 0.08;
 
-/// What a sky sends beyond [`BORDER`] times its mean, in cells of neighbouring pixels.
+/// The radiance above [`BORDER`] times the mean, in cells of neighbouring pixels.
 #[derive(Debug, Clone)]
 pub(crate) struct BrightSky {
     width: u32,
-    /// Cosine of the polar angle at each row's upper edge, one more than there are rows.
+    /// Cosine of the polar angle at each row's upper edge, with one more entry than rows.
     cosines: Vec<f32>,
-    /// Pixel number and excess radiance, cell by cell, row-major within a cell.
+    /// Pixel index and excess radiance, cell by cell, row-major within a cell.
     pixels: Vec<(u32, Vec3)>,
-    /// Luminous flux per perpendicular area (Σ L Ω) up to each pixel, cell by cell from 0.
+    /// Luminous flux per perpendicular area (Σ L Ω) up to each pixel, starting at 0 in each cell.
     cumulative: Vec<f64>,
     pub cells: Vec<SkyCell>,
 }
 
-/// Some pixels of the bright sky.
+/// A group of pixels of the bright sky.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SkyCell {
     start: usize,
     end: usize,
-    /// Unit direction towards its middle.
+    /// Unit direction towards its centre.
     pub direction: Vec3,
     /// Σ luminance × solid angle.
     pub power: f32,
 }
 
-/// Pixels on the way to a cell, their power, and the size of the box about their directions.
+/// The pixels of a cell during construction, their power, and the size of the bounding box of their
+/// directions.
 type Part = (Vec<(u32, Vec3)>, f64, Vec3);
 
-/// Direction towards pixel coordinates (x in columns, cosine of the polar angle).
+/// Direction to pixel coordinates (x in columns, cosine of the polar angle).
 fn direction(x: f32, width: u32, cos: f32) -> Vec3 {
-    // u = ½ + atan2(z, x)/2π, as `Sky::radiance` has it.
+    // u = ½ + atan2(z, x)/2π, as in `Sky::radiance`.
     let phi = (x / width as f32 - 0.5) * TAU;
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
     Vec3::new(sin * phi.cos(), cos, sin * phi.sin())
 }
 
 impl BrightSky {
-    /// Takes the bright part out of a map; `None`, and the sky as it was, where there is none.
+    /// Removes the bright part from a map and returns both. If there is none, returns the sky
+    /// unchanged and `None`.
     pub(crate) fn split(sky: Sky) -> (Sky, Option<BrightSky>) {
         let Sky::Map {
             width,
@@ -104,7 +107,7 @@ impl BrightSky {
             let solid_angle = (cosines[y] - cosines[y + 1]) * (TAU / width as f32);
             luminance(p.1) as f64 * solid_angle as f64
         };
-        // Splits the cell whose light is spread widest, in two halves of equally much of it.
+        // Repeatedly splits the cell with the largest spread into two halves of equal power.
         let mut parts: Vec<Part> = Vec::new();
         let judge = |part: Vec<(u32, Vec3)>| -> Part {
             let (mut low, mut high, mut sum) = (Vec3::INFINITY, Vec3::NEG_INFINITY, 0f64);
@@ -141,7 +144,7 @@ impl BrightSky {
                 half += power(p);
                 half >= 0.5 * sum
             });
-            // Both halves have a pixel: a part of one pixel is not wide.
+            // Both halves have a pixel, because a cell of one pixel has no width.
             let cut = cut.unwrap_or(0).clamp(1, part.len() - 1);
             let rest = part.split_off(cut);
             parts.push(judge(part));
@@ -175,9 +178,8 @@ impl BrightSky {
         out
     }
 
-    /// A direction into the cell, drawn in proportion to what comes from there, and the light of
-    /// the whole cell as if all of it came from there: Σ L Ω, W/m² or lx on a surface that faces
-    /// it.
+    /// Samples a direction in the cell in proportion to its radiance. Also returns the light of the
+    /// whole cell as if all of it came from there: Σ L Ω, in W/m² or lx on a surface that faces it.
     pub(crate) fn sample(&self, cell: &SkyCell, x: f32, y: f32) -> (Vec3, Vec3) {
         let running = &self.cumulative[cell.start..cell.end];
         let total = running[running.len() - 1];
@@ -185,7 +187,7 @@ impl BrightSky {
         let k = running.partition_point(|&s| s <= at).min(running.len() - 1);
         let before = if k == 0 { 0.0 } else { running[k - 1] };
         let own = running[k] - before;
-        // What is left of the random number places the point within the pixel.
+        // The remainder of the random number places the point within the pixel.
         let inner = (((at - before) / own.max(1e-300)) as f32).clamp(0.0, 1.0);
         let (pixel, radiance) = self.pixels[cell.start + k];
         let row = (pixel / self.width) as usize;
@@ -226,7 +228,7 @@ mod tests {
 
     #[test]
     fn the_two_parts_are_the_whole() {
-        // A sun of one pixel, a band of brighter sky, on a ramp.
+        // A sun of one pixel and a band of brighter sky, on a gradient.
         let f = |x: u32, y: u32| match (x, y) {
             (5, 6) => 5000.0,
             (_, 8) => 60.0,
@@ -243,10 +245,10 @@ mod tests {
             sum[*i as usize] += *excess;
         }
         for (s, a) in sum.iter().zip(a) {
-            // Two roundings of f32.
+            // Two f32 roundings.
             assert!((*s - *a).abs().max_element() <= 2e-7 * a.max_element());
         }
-        // Every pixel is in one cell, and cells are narrow or as many as may be.
+        // Every pixel is in one cell, and cells are narrow unless their number is at its limit.
         let mut seen: Vec<u32> = bright.pixels.iter().map(|p| p.0).collect();
         seen.sort_unstable();
         seen.dedup();
@@ -265,7 +267,7 @@ mod tests {
         };
         let (_, bright) = BrightSky::split(map(32, 16, f));
         let bright = bright.expect("a band");
-        // ∫ L ω dω over the bright pixels, by the samples and by the pixels; 4096 samples of a
+        // ∫ L ω dω over the bright pixels, from the samples and from the pixels; 4096 samples of a
         // smooth function.
         let (mut sampled, mut exact) = (Vec3::ZERO, Vec3::ZERO);
         for cell in &bright.cells {
@@ -301,8 +303,8 @@ mod tests {
         let (_, bright) = BrightSky::split(sky.clone());
         let bright = bright.expect("a sun");
         let (d, _) = bright.sample(&bright.cells[0], 0.5, 0.5);
-        // The middle of the pixel by solid angle lies 2 % of a row off the middle by angle, and the
-        // lookup is bilinear.
+        // The centre of the pixel by solid angle is 2 % of a row away from its centre by angle, and
+        // the lookup is bilinear.
         assert!(luminance(sky.radiance(d)) > 0.97 * luminance(Vec3::new(1.0, 0.5, 0.25)) * 1e4);
     }
 }

@@ -6,16 +6,16 @@ use glam::Vec3;
 
 pub(crate) use bright::{BrightSky, SkyCell};
 
-/// What a ray meets that leaves the scene.
+/// What a ray sees when it leaves the scene.
 #[derive(Debug, Clone, Default)]
 pub enum Sky {
-    /// Nothing.
+    /// No light.
     #[default]
     Black,
-    /// The same radiance from everywhere (W/(m² sr) or nit).
+    /// The same radiance from all directions (W/(m² sr) or nit).
     Constant(Vec3),
-    /// A latitude-longitude map: column 0 begins at −X and runs through −Z, the middle is +X, row 0
-    /// is +Y (as three.js and Blender have it); values are radiances.
+    /// A latitude-longitude map. Column 0 starts at −X and the columns run through −Z, the centre
+    /// is +X, and row 0 is +Y (as in three.js and Blender). The values are radiances.
     Map {
         /// Width in pixels.
         width: u32,
@@ -27,7 +27,7 @@ pub enum Sky {
 }
 
 impl Sky {
-    /// Radiance that arrives against the unit `direction`.
+    /// Radiance that arrives from the unit `direction`.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
         match self {
             Sky::Black => Vec3::ZERO,
@@ -56,7 +56,7 @@ impl Sky {
         }
     }
 
-    /// Whether it sends any light.
+    /// Whether the sky sends no light.
     pub fn is_black(&self) -> bool {
         match self {
             Sky::Black => true,
@@ -66,7 +66,7 @@ impl Sky {
     }
 }
 
-/// Reads a decoded sky image; a helper for callers that hold pixels in another form.
+/// Creates a sky from a decoded image.
 impl From<(u32, u32, Vec<Vec3>)> for Sky {
     fn from((width, height, pixels): (u32, u32, Vec<Vec3>)) -> Self {
         debug_assert_eq!(pixels.len(), width as usize * height as usize);
