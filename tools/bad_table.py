@@ -1,12 +1,15 @@
-"""Bake every hostile, broken or odd file and say how each one ends.
+"""Bake every hostile, broken or odd file and report the outcome of each.
 
-Usage : python bad_table.py [DIR] [--out TABLE.md] [--tsv FILES.tsv] [--timeout 10] [--memory-gib 2] [--jobs 1] [--limit N]
-Input : DIR (default LUMEL_SCENES/bad); every .gltf and .glb below it is baked with draft quality, default options otherwise.
-Checks: ends within the time limit; exit code 0, 3 or 4 (2 when a file that it refers to is missing); on failure exactly one line on stderr that
-        starts with "error", and no output left; on success the outputs are there; never "panicked" and no signal; peak resident memory
-        under the limit.  MANIFEST.tsv, where present, adds the validator's verdict: files that it calls valid should bake or say
-        "unsupported", but that is a column and not a failure.
-Output: a Markdown table by outcome, a TSV by file.  Exit 1 when any check fails.
+Usage : python bad_table.py [DIR] [--out TABLE.md] [--tsv FILES.tsv] [--timeout 10]
+                           [--memory-gib 2] [--jobs 1] [--limit N]
+Input : DIR (default LUMEL_SCENES/bad); every .gltf and .glb below it is baked with draft quality
+        and otherwise default options.
+Checks: the bake ends within the time limit with exit code 0, 3 or 4 (2 if a referenced file is
+        missing). On failure, stderr has exactly one line that starts with "error", and no output
+        is left. On success, the outputs exist. There is never "panicked" or a signal, and peak
+        resident memory is below the limit. MANIFEST.tsv, if present, adds the validator's verdict:
+        valid files should bake or report "unsupported". That is a column, not a failure.
+Output: a Markdown table by outcome, and a TSV by file. Exits with 1 if any check fails.
 """
 import argparse
 import collections

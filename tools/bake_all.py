@@ -1,10 +1,13 @@
-"""Bake all measuring scenes and check what comes out.
+"""Bake all measurement scenes and check the results.
 
-Usage : python bake_all.py OUT [--scenes DIR] [--only TEXT] [--quality preview] [--timeout 600] [-- further options of `lumel bake`]
-Input : the level files and features/ below LUMEL_SCENES (not bad/, not original/, not reference/), each with default options.
-Output: OUT/NAME/… the bakes, OUT/bake_all.md and .tsv (time, peak memory, texels, warnings, faults), OUT/contact_NN.png: the
-        previews twelve a sheet.  A fault is: exit code not 0, NaN or infinity or a negative value in an EXR, a validator error in a glTF written, no
-        preview.  Exit 1 when there is one.
+Usage : python bake_all.py OUT [--scenes DIR] [--only TEXT] [--quality preview] [--timeout 600]
+                           [-- further options of `lumel bake`]
+Input : the level files and features/ below LUMEL_SCENES (not bad/, original/ or reference/), each
+        with default options.
+Output: OUT/NAME/… the bakes, OUT/bake_all.md and .tsv (time, peak memory, texels, warnings,
+        faults), OUT/contact_NN.png: contact sheets of twelve previews. Faults are: an exit code
+        other than 0, NaN, infinity or a negative value in an EXR, a validator error in a written
+        glTF, and a missing preview. Exits with 1 if there are any.
 """
 import argparse
 import csv
@@ -16,7 +19,7 @@ import numpy as np
 
 import common
 
-# Levels without lamps of their own get a sun and a sky, or they would be black.
+# Levels without lamps get a sun and a sky; otherwise they would be black.
 UNLIT = {"sponza": ["--sun", "-0.3,-1,0.2,6", "--sky", "0.5,0.6,0.8"], "default": ["--sun", "-0.3,-0.9,0.4,3", "--sky", "0.4,0.5,0.7"]}
 
 

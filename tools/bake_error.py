@@ -1,14 +1,20 @@
-"""Time and error of a build of lumel against a bake of its own at many rays: one line a scene, to try ideas with.
+"""Compare time and error of a build of lumel with its own bake at many rays, one line per scene.
+This is for trying out ideas.
 
-Usage : python bake_error.py [--scenes cornell,demo,sponza] [--quality draft,preview] [--lumel BINARY] [--reference DIR] [--repeat 1]
-              [-- further options of `lumel bake`]
-Steps : 1 the reference of each scene is looked up under DIR (default $LUMEL_REF/bakes) or baked there by BINARY at `production`, which takes
-          minutes each; 2 bake; 3 compare the pages, lumel by lumel.
-Output: a line a scene and quality: seconds, processor seconds, million rays, million instructions where `perf` is installed, then over lit
-        lumels (reference above a thousandth of its mean) relRMSE, median, 99th percentile and bias of all light, relRMSE and median of its
-        indirect part (over the mean of all light, as a share of all light), and the estimate of the bake itself.
-Note  : Reference and bake share their random points' beginnings, and the faults of the method: what both do wrong is not seen here. For the truth
-        use speed_error.py. Nothing is said about lumels where a wall cuts (`--hidden mean` takes all of a lumel on both sides).
+Usage : python bake_error.py [--scenes cornell,demo,sponza] [--quality draft,preview]
+                             [--lumel BINARY] [--reference DIR] [--repeat 1]
+                             [-- further options of `lumel bake`]
+Steps : 1 find the reference of each scene under DIR (default $LUMEL_REF/bakes), or bake it there
+          with BINARY at `production`, which takes minutes each; 2 bake; 3 compare the pages, lumel
+          by lumel.
+Output: one line per scene and quality: seconds, processor seconds, million rays, million
+        instructions if `perf` is installed; over lit lumels (reference above a thousandth of its
+        mean) relRMSE, median, 99th percentile and bias of all light; relRMSE and median of its
+        indirect part (relative to the mean of all light, and to all light); and the bake's own
+        error estimate.
+Note  : Reference and bake share the first random points and the faults of the method, so errors
+        that both have do not show. For true errors, use speed_error.py. Lumels that a wall cuts
+        are not judged (`--hidden mean` averages over a lumel on both sides).
 """
 import argparse
 import json
@@ -30,9 +36,9 @@ SCENES = {
     "demo": [os.path.join(ASSETS, "demo_level.glb"), "--sky", "0.25,0.35,0.5"],
     "sponza": [os.path.join(common.SCENES, "sponza", "sponza.glb"), "--sky", "1,1,1", "--sun", "0.3,-1,0.2,20"],
 }
-# Means by area without anything laid over them, and light in its parts.
+# Plain area means without post-processing, and light in its parts.
 PLAIN = ["--hidden", "mean", "--no-stitch", "--layers", "direct,indirect,error,coverage"]
-# The box is small enough for more.
+# The box is small enough for more rays.
 FINE = {"cornell": ["--quality", "production", "--error", "0.004"]}
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 

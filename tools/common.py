@@ -1,10 +1,11 @@
-"""What the measuring scripts share: where things are, running programs with limits, reading outputs.
+"""Shared by the measurement scripts: locations, running programs with limits, reading outputs.
 
 Environment: LUMEL          the lumel binary (default ../target/release/lumel)
-             LUMEL_SHARED_TOOLS  folder of truth.py, texels.py, … (default ../../shared/tools, seen from this folder)
-             LUMEL_SCENES   folder of the measuring scenes (default ../../shared/scenes)
+             LUMEL_SHARED_TOOLS  folder of truth.py, texels.py, … (default ../../shared/tools,
+                            relative to this folder)
+             LUMEL_SCENES   folder of the measurement scenes (default ../../shared/scenes)
              LUMEL_REF      cache of references (default /tmp/lumel-ref)
-             LUMEL_NPM      folder whose node_modules holds gltf-validator (default /opt/lumel-npm)
+             LUMEL_NPM      folder whose node_modules has gltf-validator (default /opt/lumel-npm)
 """
 import hashlib
 import json
@@ -27,7 +28,7 @@ def _env(name, default):
                                         os.path.join(os.getcwd(), os.environ[name]) if name in os.environ else default))
 
 
-# The notebooks: prose, and beside it tables/, data/ and images/ that programs write.
+# The notebooks: prose, with program-written tables/, data/ and images/ next to it.
 LAB = os.path.join(HERE, "..", "lab")
 LUMEL = _env("LUMEL", "../target/release/lumel")
 SHARED = _env("LUMEL_SHARED_TOOLS", "../../shared/tools")
@@ -36,7 +37,8 @@ REF = _env("LUMEL_REF", "/tmp/lumel-ref")
 
 
 def write_tables(lab, page, parts):
-    """LAB/tables/PAGE.md from parts (heading: Markdown); headings without a part keep what they hold"""
+    """Writes LAB/tables/PAGE.md from parts (heading: Markdown). Headings without a part keep
+    their text."""
     path = os.path.join(lab, "tables", page + ".md")
     old = open(path, encoding="utf-8").read() if os.path.exists(path) else ""
     sections = dict(s.split("\n", 1) for s in re.split(r"^## ", old, flags=re.M)[1:])
@@ -54,8 +56,10 @@ def write_tables(lab, page, parts):
 def run(args, timeout=None, memory=None, cwd=None):
     """Runs a program; -> dict(code, out, err, seconds, peak_mb, timed_out).
 
-    `code` is negative for a signal.  `memory` (bytes) limits the address space.  `peak_mb` is the peak resident size of
-    that process, read from /proc every 5 ms and so a lower bound for very short ones."""
+    `code` is negative for a signal. `memory` (bytes) limits the address space. `peak_mb` is the
+    peak resident size of that process, read from /proc every 5 ms, so it is a lower bound for
+    very short processes.
+    """
     def limit():
         if memory:
             resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
@@ -90,7 +94,8 @@ def run(args, timeout=None, memory=None, cwd=None):
 
 
 def tool(name, *args, timeout=None):
-    """Runs a script of the shared tools with this Python; -> its last line of JSON (or {}).  Raises on failure."""
+    """Runs a script of the shared tools with this Python; -> its last line of JSON (or {}).
+    Raises on failure."""
     r = run([sys.executable, os.path.join(SHARED, name), *map(str, args)], timeout)
     if r["code"] != 0:
         raise SystemExit("%s failed (%d):\n%s" % (name, r["code"], (r["err"] or r["out"])[-2000:]))
@@ -101,7 +106,7 @@ def tool(name, *args, timeout=None):
 
 
 def digest(*paths_or_text):
-    """Short content hash of files (by path) and plain text."""
+    """Short hash of the contents of files (by path) and of plain text."""
     h = hashlib.sha256()
     for x in paths_or_text:
         x = str(x)
@@ -157,14 +162,15 @@ def write_glb(path, js, bin_):
 
 
 def outputs(directory):
-    """-> the bake's files in a folder: dict(glb, vertex, report, manifest, pages)"""
+    """-> the files of a bake in a folder: dict(glb, vertex, report, manifest, pages)"""
     names = sorted(os.listdir(directory))
     pick = lambda end, skip=(): next((os.path.join(directory, n) for n in names if n.endswith(end) and not n.endswith(skip)), None)  # noqa: E731
     return dict(glb=pick(".glb", (".vertex.glb", ".flat.glb")), vertex=pick(".vertex.glb"), report=pick(".report.json"),
                 manifest=pick(".lightmap.json"), pages=[os.path.join(directory, n) for n in names if n.endswith(".exr")])
 
 
-# What is held against means over whole texels, as Cycles and the references take them: hidden parts count, and borders stay as gathered.
+# Settings for comparisons with means over whole texels, which Cycles and the references compute:
+# hidden parts count, and borders stay as gathered.
 AREA_MEAN = ("--hidden", "mean", "--no-stitch")
 
 

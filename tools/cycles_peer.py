@@ -1,7 +1,10 @@
-"""Cycles as the peer: one bake of a flattened scene, under a uniform sky where the scene has one.
+"""Cycles for comparison: one bake of a flattened scene, under a uniform sky if the scene has one.
 
-As a module: bake() runs this file as a program, in a process of its own; available() says whether Blender's Python module is there.
-As a program: cycles_bake.py of the shared tools with one more option, --sky R,G,B, a radiance: Cycles' world of that colour."""
+As a module: bake() runs this file in a separate process; available() says whether Blender's Python
+module is installed.
+As a program: cycles_bake.py of the shared tools with one more option, --sky R,G,B, the radiance of
+Cycles' world.
+"""
 import importlib.util
 import os
 import sys

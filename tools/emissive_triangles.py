@@ -69,7 +69,7 @@ class Glb:
 
 
 def grid(origin, u, v, nu, nv):
-    """Positions, uv and triangles (front u × v) of a parallelogram in nu × nv cells."""
+    """Positions, uv and triangles (front u × v) of a parallelogram with nu × nv cells."""
     s, t = np.meshgrid(np.arange(nu + 1) / nu, np.arange(nv + 1) / nv, indexing="ij")
     uv = np.stack([s.ravel(), t.ravel()], 1)
     pos = np.asarray(origin, float) + uv[:, :1] * np.asarray(u, float) + uv[:, 1:] * np.asarray(v, float)

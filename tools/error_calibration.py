@@ -1,22 +1,31 @@
-"""Is a bake's own estimate of its error right?  Estimated against true error, lumel by lumel, over five scenes.
+"""Is a bake's own error estimate right? Compares estimated with true error, lumel by lumel, over five
+scenes.
 
-Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza] [--settings draft,quick,preview,error] [--lumel BINARY]
-              [--truth bake|paths] [--references-only] [--pictures] [--docs DIR] [--work DIR]
+Usage : python error_calibration.py [--scenes cornell,demo,garage,godot,sponza]
+              [--settings draft,quick,preview,error] [--lumel BINARY] [--truth bake|paths]
+              [--references-only] [--pictures] [--docs DIR] [--work DIR]
         python error_calibration.py --page-only          lab/tables/error.md from the CSV
-Steps : for each scene of speed_scenes.py, at its density there, 1 a draft bake fixes the atlas; 2 its reference is looked up under LUMEL_REF or made; 3 every
-        setting is baked with `--layers direct,indirect,error,coverage`; 4 the error channel is held against (bake − reference), lumel by lumel.
-        `--truth bake` (default): all lumels, against a bake of BINARY at `production`, kept by the content of the scene and its atlas, not by the binary: what
-        both do wrong does not show.
-        `--truth paths`: means over the areas of drawn lumels by a path tracer that shares no code with the baker, those of speed_error.py (chart edges
-        too).  Only of lumels that lie wholly on the surface: of others the two do not take the same part.
-        Settings: a preset; `error`: preview with the scene's own `--error` of the table below; 0.02: preview with that; draft+0.1.
-Output: a line a setting, then how the estimate's deciles fare;  lab/data/error_calibration.csv;  lab/tables/error.md;
-        with --pictures lab/images/error_*.png: estimated beside true error of a whole page.
+Steps : for each scene of speed_scenes.py, at its density there, 1 fix the atlas with a draft bake;
+        2 find its reference under LUMEL_REF or make it; 3 bake every setting with
+        `--layers direct,indirect,error,coverage`; 4 compare the error channel with
+        (bake − reference), lumel by lumel.
+        `--truth bake` (default): all lumels, compared with a bake of BINARY at `production`, cached
+        by the content of the scene and its atlas but not by the binary. Errors that both have do
+        not show.
+        `--truth paths`: area means of randomly chosen lumels from a path tracer that shares no code
+        with the baker, those of speed_error.py (including chart edges). Only lumels entirely on the
+        surface, because for others, the two average over different parts.
+        Settings: a preset; `error`: preview with the scene's own `--error` from the table below;
+        0.02: preview with that error; draft+0.1.
+Output: one line per setting, and how the deciles of the estimate perform;
+        lab/data/error_calibration.csv; lab/tables/error.md;
+        with --pictures lab/images/error_*.png: estimated and true error of a whole page.
 Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lit lumels; the estimate
-        (channel error.Y) over the same. `report` is what the bake says itself, over its own light. The truth's own
-        noise is taken off its square with --truth paths.
-Time  : on two quiet cores five minutes with cached references; those of --truth bake take ten.
-Needs : Mitsuba to read EXR (and for references of paths that are not cached), numpy, scipy; matplotlib for pictures.
+        (channel error.Y) over the same. `report` is the bake's own figure, relative to its own
+        light. With --truth paths, the truth's own noise is subtracted from the squared error.
+Time  : on two idle cores, five minutes with cached references; those of --truth bake take ten.
+Needs : Mitsuba to read EXR (and for path-traced references that are not cached), numpy, scipy;
+        matplotlib for pictures.
 """
 import argparse
 import csv
@@ -37,7 +46,8 @@ CSV = os.path.join(DOCS, "data", "error_calibration.csv")
 COLUMNS = ("scene truth setting wanted reached n lumels report_rms estimated true own ratio spearman p50_estimated p50_true "
            "bias within1 within2 deciles_estimated deciles_true mrays instructions versions atlas").split()
 
-# What `error` asks of each scene: somewhat less than `preview` claims, so that there is something to do.
+# The target of `error` for each scene: slightly less than `preview` claims, so that there is work
+# to do.
 ERROR = {"cornell": "0.01", "demo": "0.05", "garage": "0.2", "godot": "0.03", "sponza": "0.1"}
 WHOLE = 0.999
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -56,7 +66,7 @@ def options_of(setting):
 
 
 def bake(binary, scene, out, *options):
-    """common.bake() with a binary of its own, and `instructions` (millions) where `perf` counts them"""
+    """common.bake() with another binary, and `instructions` (millions) if `perf` counts them"""
     os.makedirs(out, exist_ok=True)
     for old in common.outputs(out)["pages"]:
         os.remove(old)
@@ -112,12 +122,12 @@ class Scene:
         r = self.bake(setting, "%s.%s" % (self.name, setting))
         report, page = r["report_json"], channels(r["pages"][0])
         at = tuple(self.truth["texel"].T)
-        # Of a texel that hangs over a chart's border, texels.py and the baker do not take the same part.
+        # For a texel across a chart's border, texels.py and the baker average over different parts.
         whole = page["coverage"][at] > WHOLE if self.a.truth == "paths" else np.ones(len(at[0]), bool)
         m = measure(page["rgb"][at] @ LUMINANCE * np.pi, page["error"][at] * np.pi, self.truth, whole)
         gather = report["gather"]
         if self.a.truth == "bake":
-            # What the bake promises is this figure, and all of its lumels are here.
+            # The bake promises this figure, and it covers all of its lumels.
             m["ratio"] = gather["estimated_error"] / max(m["true"], 1e-12)
         return dict(m, scene=self.name, truth=self.a.truth, setting=ERROR[self.name] if setting == "error" else setting, wanted=self.asked(setting)[1] or "", reached=gather.get("error_reached", ""),
                     lumels=gather["lumels"], report_rms=gather["estimated_error"], mrays=gather["lumel_rays"] / 1e6, instructions=r.get("instructions") or "",
@@ -139,7 +149,7 @@ def measure(x, e, truth, keep):
     """x: irradiance of the bake, e: its estimated standard error, keep: lumels to compare"""
     from scipy.stats import spearmanr
     t, s = truth["irradiance"] @ LUMINANCE, truth["stderr"] @ LUMINANCE
-    # The bake's own measure: the mean is of the surface, so a lumel that lies on it in part counts in part.
+    # The bake's own measure: the mean is over the surface, so a lumel partly on it counts in part.
     mean = np.average(t, weights=truth.get("share"))
     lit = keep & (t > reference.LIT * mean)
     scale = t + 0.01 * mean
@@ -168,7 +178,8 @@ def show(r):
 
 
 def keep_rows(rows):
-    """adds rows to the CSV, in place of those of the same scene, truth and setting, and of those of the scene with another atlas"""
+    """Adds rows to the CSV. They replace those of the same scene, truth and setting, and those
+    of the scene with another atlas."""
     key = lambda r: (r["scene"], r["truth"], r["setting"])     # noqa: E731
     old = read_rows()
     fresh = {key(r) for r in rows}
@@ -213,7 +224,7 @@ def page():
 
 
 def picture(scene, setting):
-    """estimated beside true error of the page, against the reference of all lumels"""
+    """estimated and true error of the page, from the reference of all lumels"""
     import matplotlib
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt

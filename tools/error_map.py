@@ -1,10 +1,13 @@
-"""Signed error of a lightmap as a picture in page space: where a bake is too dark (blue) or too bright (red).
+"""Signed error of a lightmap as a picture in page space: too dark is blue, too bright is red.
 
-Usage : python error_map.py REF.npz MAP.exr OUT.png [--crop ROW0,ROW1,COL0,COL1] [--range 0.1] [--title TEXT]
-Input : a reference of reference.py or truth.py (texel, irradiance, stderr); a map of E/π whose row 0 is the top.
-Output: the bake's own luminance beside (x − ref)/(ref + 0.01 mean ref) of every lumel that the reference holds. What lies within two standard errors
-        of the truth is shown as 0; texels without a lumel are white, unlit ones grey. A draw of single lumels (not every one) is
-        drawn as dots. One line of figures on standard output; they are of all errors, the truth's noise included.
+Usage : python error_map.py REF.npz MAP.exr OUT.png [--crop ROW0,ROW1,COL0,COL1] [--range 0.1]
+                            [--title TEXT]
+Input : a reference of reference.py or truth.py (texel, irradiance, stderr); a map of E/π whose
+        row 0 is the top.
+Output: the bake's own luminance next to (x − ref)/(ref + 0.01 mean ref) of every lumel in the
+        reference. Errors within two standard errors of the truth are shown as 0; texels without a
+        lumel are white, and unlit ones are grey. A selection of single lumels is drawn as dots.
+        Prints one line of figures, which include all errors and the truth's noise.
 """
 import argparse
 import os
@@ -64,7 +67,8 @@ def truth_of(refs, w, refine=0):
 
 
 def of_bake(scene, w, png):
-    """One of speed_page.WEAKNESSES for a speed_error.Scene -> draw()'s figures and the reference's own noise, or None if the setting was not baked"""
+    """One of speed_page.WEAKNESSES for a speed_error.Scene -> draw()'s figures and the
+    reference's own noise, or None if the setting was not baked"""
     exr = scene.map_of(w["setting"])
     if exr is None:
         return None

@@ -1,14 +1,15 @@
 #!/usr/bin/env python3
-"""Kills bakes, fills disks, takes inputs away, and looks at what is left.
+"""Kills bakes, fills disks, removes inputs, and checks what is left.
 
     tools/faults.py [--kills N] [--lumel PATH] [--scratch DIR]
 
-Needs python3 alone; strace for kills between two renames, and root for a disk that is full and a folder that cannot be
-written (each is skipped, and said to be, where it cannot be had). Ends with 1 if anything was not as it should be:
+Needs only python3. Kills between two renames also need strace, and the tests with a full disk and
+an unwritable folder need root; without them, they are skipped with a message. Exits with 1 if any
+of the following does not hold:
 
-- files are whole, of the old bake or of the new; where both are there, `lumel report` says so;
-- a failure is one error, leaves no temporary and changes nothing;
-- the next bake works, and removes what a killed one left.
+- files are complete, from the old bake or from the new; if both occur, `lumel report` says so;
+- a failure gives one error, leaves no temporary files and changes nothing;
+- the next bake works, and removes what a killed bake left.
 """
 
 import argparse
@@ -52,7 +53,7 @@ class Faults:
         return subprocess.run([self.lumel, "report", str(out), "-o", "-"], capture_output=True, text=True)
 
     def mixed(self, out):
-        """Whether `lumel report` says that files of two bakes lie in the folder."""
+        """Whether `lumel report` says that the folder has files from two bakes."""
         run = self.report(out)
         return MIXED in run.stderr or "was changed after the bake" in run.stderr
 
@@ -76,7 +77,7 @@ class Faults:
 
 
 def files(folder):
-    """Names and hashes of the files in a folder; of reports, without what was measured."""
+    """Names and hashes of the files in a folder; of reports, without measured values."""
     out = {}
     for path in sorted(folder.iterdir()):
         data = path.read_bytes()
@@ -96,7 +97,7 @@ def temporaries(folder):
 
 
 def two_levels(f, name):
-    """Two scenes of one name, and what each bakes to."""
+    """Two scenes with the same name, and the bake of each."""
     folder = f.folder(name)
     scenes = []
     for sub, asset in (("a", "cornell_box.glb"), ("b", "furnace_cube_50.glb")):
@@ -109,7 +110,8 @@ def two_levels(f, name):
 
 
 def judge(f, what, out, old, new):
-    """Every file is of one bake or the other; says which, and whether a mix is told of."""
+    """Checks that every file is from one bake or the other, and reports which, and whether a
+    mixture is detected."""
     now = {k: v for k, v in files(out).items() if not k.startswith(TEMPORARY)}
     for name, value in now.items():
         f.check(f"{what}: {name} is whole", value in (old.get(name), new.get(name)))
@@ -191,7 +193,8 @@ def read_only_folder(f):
     scene = f.folder("open") / "c.glb"
     shutil.copy(ROOT / "assets/cornell_box.glb", scene)
     if os.geteuid() == 0:
-        # What root may not do, nobody may not either; the way there must be open to it.
+        # Tests missing permissions as nobody, because root always has them; the path must be
+        # accessible to nobody.
         how = {"user": 65534, "group": 65534, "extra_groups": []}
         for path in [scene.parent, *scene.parents]:
             if path.is_relative_to(f.scratch):
@@ -207,7 +210,7 @@ def read_only_folder(f):
 
 
 def linked_level(folder):
-    """A level of one triangle with a buffer and a picture of its own."""
+    """A level of one triangle with a separate buffer and image."""
     floats = [0, 0, 0, 1, 0, 0, 0, 0, -1]
     (folder / "c.bin").write_bytes(struct.pack("<9f", *floats))
     (folder / "p.png").write_bytes(bytes.fromhex("89504e470d0a1a0a") + b"as far as anybody knows")
@@ -224,7 +227,8 @@ def linked_level(folder):
 
 
 def lost_inputs(f):
-    # At 400 lumels a metre this takes seconds, so that there is a while between reading and writing.
+    # At 400 lumels per metre, this takes seconds, so that there is time between reading and
+    # writing.
     options = ["--sky", "1", "--texels-per-unit", "400"]
     for name, code in (("p.png", 2), ("c.bin", 0)):
         folder = f.folder("lost")
@@ -253,7 +257,7 @@ def two_at_once(f, pairs):
         now = files(out)
         f.check(f"pair {k}: the folder is one bake's", now in (of_a, of_b) and not f.mixed(out))
         seen["a" if now == of_a else "b"] += 1
-    # One is stopped; the other's temporaries are its own.
+    # One is stopped; the other's temporary files are its own.
     for k in range(pairs):
         other = f.start(a, out, "-q")
         stopped = f.start(b, out, "-q")
@@ -275,7 +279,7 @@ def flipped_bits(f):
         data = bytearray((out / name).read_bytes())
         data[len(data) // 2] ^= 1
         (out / name).write_bytes(data)
-        # A page that does not decode any more is an error of its own.
+        # A page that no longer decodes is a separate error.
         told = f.mixed(out) or f.report(out).returncode == 3
         f.check(f"a flipped bit in {name} is told of", told)
         run = f.bake(a, out, "-q", "--skip-if-unchanged")

@@ -63,7 +63,7 @@ def glass(document):
 
 
 def sky_map(path):
-    """A gradient of 256 x 128 with a sun of one pixel, Radiance HDR without run lengths."""
+    """A 256 x 128 gradient with a sun of one pixel, as Radiance HDR without run lengths."""
     h, w = 128, 256
     pixels = np.tile(np.linspace(0.8, 0.1, h)[:, None, None], (1, w, 3)).astype(np.float32)
     pixels[40, 60] = 4000.0
@@ -85,7 +85,7 @@ def cases(work):
     sky = os.path.join(work, "sky.hdr")
     sky_map(sky)
     flat = ["--sky", "0.4"]
-    # name, what it is held against, scene, options
+    # Name, baseline, scene, options.
     return [
         ("Cornell box", None, cornell, []),
         ("demo level", None, demo, []),

@@ -56,12 +56,12 @@ def expand_instances(js, doc):
                 del js[key]
 
 
-NO_AREA = 1e-12     # of the longest side's square: mesh-ingest's own bound
-DRAWN = 0.01        # texels²; less of a page is nobody's lumel
+NO_AREA = 1e-12  # of the longest side squared: the limit of mesh-ingest
+DRAWN = 0.01  # texels²; less of a page belongs to no lumel
 
 
 def painters(corners, uv, side):
-    """mask of triangles [n, 3, 3] that have no area, and one in the lightmap [n, 3, 2]"""
+    """Mask of triangles [n, 3, 3] without area in space but with area in the lightmap [n, 3, 2]"""
     cross2 = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]      # noqa: E731
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

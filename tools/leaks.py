@@ -1,15 +1,22 @@
-"""The leak suite: light where there is none, and black spots where there is light, as a viewer of the lightmap sees them.
+"""The leak suite: light where there should be none, and black spots where there should be light, as
+a viewer of the lightmap sees them.
 
-Usage : python leaks.py --out DIR [--lumel BIN] [--quality preview] [--scenes DIR] [--only NAME,...] [--bake-options "..."] [--no-pictures]
-Scenes: written by `make-assets --leaks DIR` (cargo is run for it where --scenes is not given), with leaks.json: which parts of which nodes are
-        dark (E is 0 by construction), dim (light through an opening) or lit.
-Steps : 1 points on the regions, drawn by area with a fixed seed; where d is the distance to the nearest surface that stands on the point's own (the
-          planes' cuts, exact), they are sorted into d < ½, < 1, < 2 and ≥ 2 lumels and an equal number of each kept
-        2 truth.py at the lit and dim points (kept under LUMEL_REF by content of scene and points), and at some dark ones: those must be 0
-        3 the bake; bilinear lookups of the EXR at the points by the TEXCOORD_1 of the written .glb, as an engine does; and the lumels
-          themselves, each with the part of the surface that it stands for (texel clipped against triangles and regions)
-Output: DIR/leaks.md, DIR/leaks.csv, DIR/NAME.png: floors from above, baked, truth, difference; DIR/NAME/: the bake.
-        The yardstick of a scene is its truth's mean over the lit regions.  Environment: common.py.
+Usage : python leaks.py --out DIR [--lumel BIN] [--quality preview] [--scenes DIR]
+                        [--only NAME,...] [--bake-options "..."] [--no-pictures]
+Scenes: written by `make-assets --leaks DIR` (runs cargo unless --scenes is given), with leaks.json:
+        which parts of which nodes are dark (E is 0 by construction), dim (light through an
+        opening) or lit.
+Steps : 1 points on the regions, chosen by area with a fixed seed. With the distance d to the
+          nearest surface that stands on the point's own (from exact intersections of the planes),
+          they are sorted into d < ½, < 1, < 2 and ≥ 2 lumels, and an equal number of each is kept
+        2 truth.py at the lit and dim points (cached under LUMEL_REF by content of scene and
+          points), and at some dark points, which must be 0
+        3 the bake; bilinear lookups of the EXR at the points with the TEXCOORD_1 of the written
+          .glb, as in an engine; and the lumels themselves, each with the part of the surface that
+          it covers (texel clipped against triangles and regions)
+Output: DIR/leaks.md, DIR/leaks.csv, DIR/NAME.png: floors from above (baked, truth, difference);
+        DIR/NAME/: the bake.
+        Errors are relative to the mean truth over a scene's lit regions. Environment: common.py.
 """
 import argparse
 import csv
@@ -53,7 +60,7 @@ class Scene:
         self.cuts = {}
 
     def triangles(self, region):
-        """mask of the triangles that a region may lie on"""
+        """mask of the triangles that a region can be on"""
         m = self.node == region["node"]
         if region["facing"]:
             m &= self.face @ np.array(region["facing"]) > 0.5
@@ -62,7 +69,7 @@ class Scene:
         return np.nonzero(m)[0]
 
     def walls(self, t):
-        """segments [m, 2, 3] in which other surfaces cut the plane LIFT above triangle t"""
+        """segments [m, 2, 3] where other surfaces intersect the plane LIFT above triangle t"""
         key = tuple(np.round(np.append(self.face[t], self.face[t] @ self.tri[t, 0]), 5))
         if key not in self.cuts:
             n, d = self.face[t], self.face[t] @ self.tri[t, 0] + LIFT
@@ -79,7 +86,7 @@ class Scene:
         return self.cuts[key]
 
     def distance(self, p, t):
-        """metres from points p on triangles t to the nearest wall that stands on theirs"""
+        """metres from points p on triangles t to the nearest wall on the same surface"""
         d = np.full(len(p), np.inf)
         for k in np.unique(t):
             s, mine = self.walls(k), t == k
@@ -93,7 +100,7 @@ class Scene:
 
 
 def member(region, p):
-    """mask of points in a region's bodies"""
+    """mask of the points inside the bodies of a region"""
     def inside(hull):
         h = np.array(hull).reshape(-1, 4)
         return (p @ h[:, :3].T <= h[:, 3]).all(1)
@@ -241,7 +248,7 @@ def area(poly):
 
 
 def shared(region, poly):
-    """area of a polygon's part in a region"""
+    """area of a polygon's part inside a region"""
     for a, b, c, d in region["within"]:
         poly = clip(poly, np.array([a, b, c]), d)
         if len(poly) < 3:
@@ -308,7 +315,8 @@ def measure(scene, a, lumel):
     yard = row["yard"] = float((e * lit["weight"]).sum() / lit["weight"].sum())
     value = baked.at(scene, lit)
     if scene.received:
-        # Points nearer than LEAST to walls are not drawn: the truth's mean tells what share they stand for.
+        # Points nearer than LEAST to walls are not drawn; the truth's mean says what share they
+        # stand for.
         row["received"] = float((value * lit["weight"]).sum() / (e * lit["weight"]).sum())
         row["truth received"] = float((e * lit["weight"]).sum() / scene.received)
     some = e > 0.02 * yard        # a relative error of next to nothing means nothing
@@ -352,7 +360,8 @@ def measure(scene, a, lumel):
 
 
 def picture(scene, baked, yard, a):
-    """floors from above: baked, truth, difference; what belongs to no region (under walls, under props) is left white"""
+    """floors from above: baked, truth, difference; areas without a region (under walls and
+    props) are white"""
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
@@ -377,7 +386,7 @@ def picture(scene, baked, yard, a):
     pts = dict(position=p[ok], normal=n[ok], triangle=t[ok])
     seen, true = np.full(len(x), np.nan), np.full(len(x), np.nan)
     seen[ok] = baked.at(scene, pts)
-    # Some 400 000 samples a second: more is for the table's points.
+    # Some 400,000 samples per second; more are reserved for the table's points.
     true[ok], _ = truth(scene, pts["position"], pts["normal"], "plan", 512, 0, 60)
     shown = np.zeros(len(x), bool)
     for r in scene.regions:

@@ -1,16 +1,21 @@
-"""Error of lumel on levels with the lights and materials that levels carry: suns, sky, lamps with a range, emissive boxes, leaves, glass, cut-outs.
+"""Error of lumel on levels with typical lights and materials: suns, sky, lamps with a range, emissive
+boxes, leaves, glass, cut-outs.
 
-Usage : python light_scenes.py [--scenes gi_demo,truck_town,house,lamp,emissive,sponza] [--quality preview,production]
-              [--references-only] [--reference-time 1.0] [--refine SECONDS] [--threads N] [--work /tmp/light_scenes] [--pictures]
+Usage : python light_scenes.py [--scenes gi_demo,truck_town,house,lamp,emissive,sponza]
+              [--quality preview,production] [--references-only] [--reference-time 1.0]
+              [--refine SECONDS] [--threads N] [--work /tmp/light_scenes] [--pictures]
         python light_scenes.py --page-only          the page again from the CSV
-Steps : for each scene (SCENES below): 1 a copy with the sun added; 2 a draft bake, whose atlas is flattened; 3 a draw of its lumels and their reference
-        (light_truth.py), looked up under LUMEL_REF by content; 4 a bake of every quality; 5 errors, and with --pictures an error map and lumel's own
-        preview of the lit level under --work
-Output: lab/data/light_scenes.csv       a row for every scene, quality and family of lumels; what was not run keeps its rows
-        lab/tables/light_scenes.md     tables of lab/light_scenes.md
-        WORK/SCENE.QUALITY.json         the worst lumels and the error by node
-        Pictures show assets of others: they stay under --work and are not committed.
-Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; the measuring scenes (LUMEL_SCENES).
+Steps : for each scene (SCENES below): 1 a copy with the sun added; 2 a draft bake, whose atlas is
+        flattened; 3 a selection of its lumels and their reference (light_truth.py), found under
+        LUMEL_REF by content; 4 a bake of every quality; 5 errors, and with --pictures an error map
+        and lumel's own preview of the lit level under --work
+Output: lab/data/light_scenes.csv    a row for every scene, quality and family of lumels; rows of
+                                     scenes that were not run are kept
+        lab/tables/light_scenes.md   tables of lab/light_scenes.md
+        WORK/SCENE.QUALITY.json      the worst lumels and the error by node
+        Pictures show third-party assets: they stay under --work and are not committed.
+Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; the
+        measurement scenes (LUMEL_SCENES).
 """
 import argparse
 import json
@@ -28,10 +33,11 @@ import speed_scenes
 CSV = os.path.join(common.LAB, "data", "light_scenes.csv")
 COLUMNS = ("scene quality family n relRMSE relRMSE_se p50 p95 p99 bias own truth_se zeros seconds lumels texels_per_unit sky sun options triangles threads "
            "load versions").split()
-MODEL = "light_truth 1"     # to be counted up whenever light_truth.py answers otherwise
+MODEL = "light_truth 1"  # increase whenever the results of light_truth.py change
 SUB = 16                    # points along a lumel's side
-LIMIT = 0.98                # reflectance above which both hold it to this
-CURVED = np.cos(np.radians(1.0))    # a lumel is curved where an interpolated normal leans further from the face's own than this
+LIMIT = 0.98  # both limit reflectance to this
+# a lumel is curved if an interpolated normal differs by more than this from the face normal
+CURVED = np.cos(np.radians(1.0))  #
 
 # file    under LUMEL_SCENES;  density: texels a metre, and why; None leaves it to lumel, which thins out huge meshes only then
 # sky     radiance;  sun: (direction of travel, lux, diameter in degrees), added to the document as a punctual light
@@ -65,7 +71,7 @@ def say(text):
 
 
 class Scene:
-    """One scene made ready: its file, its atlas, its reference."""
+    """One prepared scene: its file, its atlas, its reference."""
 
     def __init__(self, name, a):
         self.name, self.a, self.table = name, a, SCENES[name]
@@ -75,7 +81,7 @@ class Scene:
             speed_scenes.with_sun(path, *self.table["sun"][:2], sunny)
             path = sunny
         self.path = path
-        r = self.bake("draft", "flat")     # the atlas is the same at any quality
+        r = self.bake("draft", "flat")  # the atlas is the same at every quality
         if len(r["pages"]) != 1:
             raise SystemExit("%s: %d pages, expected one" % (name, len(r["pages"])))
         self.flat = os.path.join(a.work, name + ".flat.glb")
@@ -94,7 +100,8 @@ class Scene:
         return r
 
     def truth(self):
-        """-> path of the reference, named by all that it depends on; made if it is not there"""
+        """-> path of the reference, named by everything that it depends on; made if it is
+        missing"""
         t = self.table
         sun = t.get("sun", (None, None, 0.0))[2]
         key = common.digest(" ".join(str(x) for x in (MODEL, reference.scene_digest(self.flat), self._glass(), self.side, t["count"], t["target"], t["sky"], sun,
@@ -104,7 +111,8 @@ class Scene:
         if not os.path.exists(path):
             self._keep(path, self._trace(path, None, 0, t["seconds"] * self.a.reference_time, t["target"]))
         for _ in range(int(np.ceil(self.a.refine / 60))):
-            # Choosing lumels by the noise of their own earlier paths biases one by a part of its standard error at most (reference.py).
+            # Choosing lumels by the noise of their own earlier paths biases a lumel by at most a
+            # part of its standard error (reference.py).
             ref = reference.load(path)
             some = reference.relative_noise(ref) > 0.5 * reference.own(ref)
             self._keep(path, reference.merge(ref, some, self._trace(path, some, int(ref["parts"]), 60, 0.0)))
@@ -114,7 +122,8 @@ class Scene:
         """light_truth.py at all lumels of the draw, or at `some` of them"""
         t, points, out = self.table, path + ".points.npz", path + ".part.npz"
         draw_points(self.scene, points, self.side, t["count"], None if some is None else reference.load(path)["texel"][some])
-        # As many strata a point as a launch has room for: the error falls faster than with the number of paths.
+        # As many strata per point as fit into a launch: the error falls faster than with the number
+        # of paths.
         n = len(reference.load(points)["texel"])
         batch = 1 << max(6, min(13, int(np.log2((1 << 20) / n))))
         r = common.run(["nice", "-n", "19", sys.executable, os.path.join(common.HERE, "light_truth.py"), self.flat, points, out, "--sky", t["sky"], "--spp", str(1 << 24),
@@ -136,7 +145,7 @@ class Scene:
             100 * np.median(reference.relative_noise(ref)[reference.lit(ref)]), float(ref["seconds"])))
 
     def _glass(self):
-        """what of the materials scene_digest does not see"""
+        """the parts of materials that scene_digest does not include"""
         js, _ = common.read_glb(self.flat)
         return json.dumps([m.get("extensions", {}).get("KHR_materials_transmission") for m in js.get("materials", [])], sort_keys=True)
 

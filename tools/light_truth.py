@@ -1,20 +1,30 @@
-"""truth.py's path tracer with what issue-4 scenes carry: surfaces that let light through, discs of suns, sphere lamps, a limit on reflectance.
+"""The path tracer of truth.py with more features: surfaces that transmit light, suns with a disc,
+spherical lamps, a limit on reflectance.
 
-Usage : python light_truth.py SCENE.glb POINTS.npz OUT.npz [--spp 4096] [--batch 1024] [--target 0.002] [--time 300] [--sky R,G,B]
-              [--honour-range] [--max-reflectance 0.98] [--sun-angle DEGREES] [--eps 5e-6] [--seed 0]
+Usage : python light_truth.py SCENE.glb POINTS.npz OUT.npz [--spp 4096] [--batch 1024]
+              [--target 0.002] [--time 300] [--sky R,G,B] [--honour-range]
+              [--max-reflectance 0.98] [--sun-angle DEGREES] [--eps 5e-6] [--seed 0]
         python light_truth.py --check          tiny scenes with known answers
-Input : as truth.py --area; POINTS.npz may hold sub_face, the faces' own normals: nothing arrives from below a face whose interpolated
-        normal leans over it (Lumel's rule; truth.py lets such rays hit the face itself)
+Input : as truth.py --area; POINTS.npz may have sub_face, the face normals: nothing arrives from
+        below a face whose interpolated normal leans over it (Lumel's rule; in truth.py, such rays
+        hit the face itself)
 Output: as truth.py.
-Model : with coverage α (1 if opaque, 0 or 1 for MASK, alpha for BLEND), transmission τ (factor × red of its texture) and base colour c
-        reflects  a share α (1 − τ) of the surface, with min(c, max_reflectance)
-        passes    T = (1 − α) + α τ c per channel, straight on: shadow rays multiply T of all crossings; a path goes on with probability
-                  1 − α (1 − τ) and the weight T / (1 − α (1 − τ))
-        emits     α × emission: glass that glows does so on top of what it lets through (KHR_materials_emissive and _transmission)
-        The same from both sides; the back of a single-sided material absorbs what it neither reflects nor passes.
-        Lamps with `radius` r are spheres of uniform radiance I / (π r²), suns with `angle` (diameter) discs of uniform radiance that bring the
-        given lux to a surface that faces them; both are seen by shadow rays only and block nothing.  A receiver inside a sphere lamp has none of it.
-Method: truth.Tracer's, next event estimation with MIS for triangles; a passed surface keeps the vertex from which the path set out.
+Model : with coverage α (1 if opaque, 0 or 1 for MASK, alpha for BLEND), transmission τ (factor ×
+        red of its texture) and base colour c, a surface
+        reflects  a share α (1 − τ), with min(c, max_reflectance)
+        transmits T = (1 − α) + α τ c per channel, straight on: shadow rays multiply T over all
+                  crossings; a path continues with probability 1 − α (1 − τ) and the weight
+                  T / (1 − α (1 − τ))
+        emits     α × emission: emissive glass adds it to the light that it transmits
+                  (KHR_materials_emissive and _transmission)
+        This is the same from both sides; the back of a single-sided material absorbs what it
+        neither reflects nor transmits.
+        Lamps with `radius` r are spheres of uniform radiance I / (π r²); suns with `angle`
+        (diameter) are discs of uniform radiance with the given lux on a surface that faces them.
+        Both are visible to shadow rays only and block nothing. A receiver inside a spherical lamp
+        gets no light from it.
+Method: that of truth.Tracer, next event estimation with MIS for triangles; when a path crosses a
+        surface, it keeps the vertex from which it started.
 """
 import argparse
 import json
@@ -30,7 +40,8 @@ import gltf_scene       # noqa: E402
 import truth            # noqa: E402
 from truth import dr, mi      # noqa: E402
 
-# Up to so many lamps a receiver, or a vertex further on, asks each of them; above it draws one by power, which is noisy beside a small one.
+# Up to this many lamps are all sampled at a receiver, or at later vertices. With more lamps, one is
+# chosen by power, which is noisy next to a weak lamp.
 ALL_LAMPS, ALL_LAMPS_FURTHER = 16, 4
 
 
@@ -114,7 +125,7 @@ class Tracer(truth.Tracer):
 
     @dr.syntax
     def passes(self, o, d, dist, active):
-        """share of light, per channel, that reaches o from the distance dist along d"""
+        """transmittance per channel from the distance dist along d to o"""
         share = mi.Color3f(1)
         if dr.hint(self.open, mode="scalar"):
             done = mi.Float(0)
@@ -167,9 +178,10 @@ class Tracer(truth.Tracer):
         d2 = dr.maximum(dr.squared_norm(v), 1e-12)
         centre = dr.sqrt(d2)
         axis = dr.select(far, -ld, v / centre)
-        # Uniform in the cone that the lamp fills: its solid angle times L is 2 / (1 + cos θ) of what a point would bring.
+        # Uniform in the cone of the lamp: solid angle times L is 2 / (1 + cos θ) times the
+        # contribution of a point lamp.
         edge = dr.select(far, dr.gather(mi.Float, self.lcos, i, active), dr.sqrt(dr.maximum(1 - r * r / d2, 0)))
-        # 1 − cos θ without cancellation, for a lamp far away
+        # 1 − cos θ without cancellation for a distant lamp
         span = dr.select(far, 1 - edge, (r * r / d2) / (1 + edge))
         fall = u.x * span
         sin = dr.sqrt(dr.maximum(fall * (2 - fall), 0))
@@ -188,7 +200,7 @@ class Tracer(truth.Tracer):
         return dr.select(ok, share * mi.Color3f(dr.gather(mi.Vector3f, self.lc, i, active)) * (att * cr / dr.pi), mi.Color3f(0))
 
     def lit(self, p, n, face, u, rng, active, all_lamps):
-        """radiance · cos / π of what shines on p directly"""
+        """radiance · cos / π of light directly on p"""
         r = mi.Color3f(0)
         if self.has_area:
             r += self.lit_by_triangles(p, n, face, u, active)
@@ -202,7 +214,7 @@ class Tracer(truth.Tracer):
 
     @dr.syntax
     def gathered(self, p, n, face, rng, u1, u2, active, bounces):
-        """E/π at p (offset already), one path a lane"""
+        """E/π at p (already offset), one path per lane"""
         L = self.lit(p, n, face, u2, rng, active, self.nl <= ALL_LAMPS)
         d = self.cosine(n, u1)
         pb = dr.maximum(dr.dot(n, d), 0) / dr.pi
@@ -344,7 +356,8 @@ def check():
          {"sky": (1, 1, 1), "max_reflectance": 0.0}, list((0.5 + 0.35 * red) * np.pi)),
         ("glowing glass, τ = 1, α = 0.5", tiny([(quad(0, 300), floor[1]), (wide[0], material(base=np.array([*red, 0.5]), alpha_mode="BLEND", transmission=1.0, emissive=np.full(3, 2.0)))]),
          {"max_reflectance": 0.0}, [np.pi * 2 * 0.5] * 3),
-        ("sphere lamp r = 0.5", tiny([floor], sphere(0.5)), {}, [e0] * 3),     # a sphere wholly above the horizon lights like a point
+        # a sphere entirely above the horizon is equivalent to a point
+        ("sphere lamp r = 0.5", tiny([floor], sphere(0.5)), {}, [e0] * 3),  # a
         ("sphere lamp r = 1.9", tiny([floor], sphere(1.9)), {}, [e0] * 3),
         ("sun of 20°", tiny([floor], sun(20.0)), {}, [3.0] * 3),
         ("furnace, ρ = 0.99 held to 0.5", tiny([(quad(0, 300), white), (wide[0], white)]), {"max_reflectance": 0.5}, [2 * np.pi] * 3),

@@ -1,18 +1,24 @@
 """Lumel and Cycles on one scene and one atlas: time and error of both, in the same run.
 
-Usage : python measure.py SCENE.glb [--res 256] [--texels-per-unit X] [--quality preview] [--cycles-samples 64] [--no-cycles]
-              [--count 2000] [--target 0.002] [--time 150] [--repeat 3] [--threads 2] [--sky R,G,B] [--all] [--out DIR]
+Usage : python measure.py SCENE.glb [--res 256] [--texels-per-unit X] [--quality preview]
+              [--cycles-samples 64] [--no-cycles] [--count 2000] [--target 0.002] [--time 150]
+              [--repeat 3] [--threads 2] [--sky R,G,B] [--all] [--out DIR]
               [-- further options of `lumel bake`]
-Steps : 1 bake with lumel; without --texels-per-unit the density at which the scene fills one page of at most --res is searched with
-          draft bakes; 2 flatten its atlas (flatten_lightmap.py); 3 pick lumels (texels.py, seed 0, inset 2) and their truth
-          (truth.py --area --backface twosided: over the whole texel, which is what lumel means, and over its middle half, which is
-          what Cycles was measured to average); 4 bake again, lumel and Cycles in turn, --repeat times; 5 the figures of `lumel diff` for both, each
-          against its own footprint (reference.py); score.py on the unflattened bake with points.py when --points is given.
-Output: a Markdown table (all chosen lumels; and those that are lit and through which no shadow or contact edge runs, where the answer does
-        not hang on what a baker does with the buried part of a texel) and OUT/NAME.measure.json.  References are kept under LUMEL_REF (reference.py).
-Note  : Cycles treats every surface as two-sided, lumel a single-sided back as black.  So the truth is two-sided, and a scene is a fair one only
-        where lit backs are not seen: the Cornell box is (its backs lie outside and nothing there reflects light back in).
-        Nothing else should run meanwhile: the load average is printed.
+Steps : 1 bake with lumel; without --texels-per-unit, search with draft bakes for the density at
+          which the scene fills one page of at most --res; 2 flatten its atlas
+          (flatten_lightmap.py); 3 choose lumels (texels.py, seed 0, inset 2) and compute their
+          truth (truth.py --area --backface twosided: over the whole texel, as lumel defines it,
+          and over its middle half, which Cycles was measured to average); 4 bake again, lumel and
+          Cycles in turn, --repeat times; 5 compute the figures of `lumel diff` for both, each with
+          its own footprint (reference.py); with --points, run score.py and points.py on the
+          unflattened bake.
+Output: a Markdown table (all chosen lumels; and those that are lit and have no shadow or contact
+        edge, for which the treatment of a texel's buried part does not matter) and
+        OUT/NAME.measure.json. References are cached under LUMEL_REF (reference.py).
+Note  : Cycles treats every surface as two-sided, while in lumel, single-sided backs are black. The
+        truth is two-sided, so a comparison is fair only if lit backs are not visible. This holds
+        for the Cornell box (its backs are outside, and nothing there reflects light back in).
+        Run nothing else at the same time: the load average is printed.
 """
 import argparse
 import json
@@ -90,7 +96,8 @@ def main():
     whole, half = [reference.load(p) for p in paths]
 
     def rows_of(mine, other, exr):
-        """figures over all chosen lumels, and over those that are lit and through which no shadow or contact edge runs"""
+        """figures over all chosen lumels, and over those that are lit and have no shadow or
+        contact edge"""
         on = refs.reflecting(mine)
         return reference.errors(mine, exr, on), reference.errors(mine, exr, reference.clear(mine, other) & on)
 

@@ -13,7 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-# The same picture gives the same bytes: no date, fixed ids.
+# No date and fixed ids, so that the same picture gives the same bytes.
 plt.rcParams["svg.hashsalt"] = "lumel"
 
 # One colour and marker a method: hues that stay apart for the colour-blind (Okabe and Ito), shapes that stay apart in grey.
@@ -36,7 +36,7 @@ TITLE = {
     "l-shape": "L-shaped room",
     "spheres": "concentric spheres",
 }
-# Closer to the reference than this is the reference's own doubt.
+# Differences below this are within the reference's own uncertainty.
 FLOOR = 1e-6
 
 
@@ -51,7 +51,8 @@ def form_factors(rows, column, label, out):
             points = [r for r in rows if r["scene"] == scene and r["method"] == method]
             points = sorted((float(r["seconds"]) * 1e3, max(float(r[column]), FLOOR)) for r in points)
             if points:
-                # The line joins what is worth its time: settings that no quicker one of the same method beats.
+                # The line joins the Pareto front: settings that no faster one of the same method
+                # beats.
                 front = [p for k, p in enumerate(points) if all(q[1] > p[1] for q in points[:k])]
                 axis.loglog(*zip(*points), color=colour, marker=marker, markersize=6, linestyle="none", label=method)
                 axis.loglog(*zip(*front), color=colour, linewidth=1.2)
@@ -88,12 +89,12 @@ def convergence(rows, out):
                             linestyle="none" if name.endswith("error") else "-", label=name)
                 continue
             axis.loglog(x, y, color=colours[k], marker="o", markersize=4, linewidth=1.2, label=name)
-            # Through the geometric middle of the finer half.
+            # Through the geometric mean of the finer half.
             half = len(x) // 2
             shift = 1.0
             for a, b in zip(y[half:], promised[half:]):
                 shift *= (a / b) ** (1.0 / (len(x) - half))
-            # ln √(x/6) means nothing for patches as large as a face.
+            # ln √(x/6) is meaningless for patches as large as a face.
             drawn = [(a, shift * b) for a, b in zip(x, promised) if study != "patches" or a >= 96]
             axis.loglog(*zip(*drawn), color=colours[k], linewidth=1, linestyle="--")
         axis.set_title(study, fontsize=10)

@@ -21,8 +21,12 @@ try:
 except ModuleNotFoundError:
     gltf_scene = None   # only what reads no scene, as speed_error.py --page-only, does without
 
-SUB = 32        # points along a lumel's side: an edge across it is known to about a quarter of a per cent of its area
-LIT = 1e-3      # a lumel is lit when its reference exceeds this share of the mean: what is darker has no meaningful relative error
+# points along a lumel's side: the position of an edge across it is known to about 0.25 % of its
+# area
+SUB = 32
+# a lumel is lit if its reference exceeds this share of the mean; darker ones have no meaningful
+# relative error
+LIT = 1e-3
 _KEEP = ("texel", "irradiance", "stderr")
 
 

@@ -1,11 +1,15 @@
-"""The tests' own path tracer against Mitsuba: two references that share no code must agree.
+"""Compares the tests' own path tracer with Mitsuba: two references that share no code must agree.
 
-Usage : python second_method.py SCENE.glb [--count 300] [--seed 1] [--paths 65536] [--spp 65536] [--time 90] [--sky R,G,B]
-Steps : 1 points.py draws points by area, emitters left out (and here those nearer than 1 mm to an edge of their triangle, where Mitsuba's float32 ray
-          offset of 5e-6 of the scene may start behind the next face); 2 truth.py estimates E there (Mitsuba's ray casting, --backface black);
-          3 path-trace (cargo build --release -p lumel-tests --bin path-trace) does the same.
-Output: a line of Markdown: points, mean z with the standard error 1/sqrt(n) that it has by chance, chi2/n (1 +- sqrt(2/n)), largest |z|, the relative
-          difference of the sums per channel with its standard error, and the median relative standard error of both.  z is of luminance.
+Usage : python second_method.py SCENE.glb [--count 300] [--seed 1] [--paths 65536] [--spp 65536]
+                                 [--time 90] [--sky R,G,B]
+Steps : 1 points.py chooses points by area, without emitters (and here without points nearer than
+          1 mm to an edge of their triangle, where Mitsuba's float32 ray offset of 5e-6 of the scene
+          may start behind the next face); 2 truth.py estimates E there (Mitsuba's ray casting,
+          --backface black); 3 path-trace (cargo build --release -p lumel-tests --bin path-trace)
+          does the same.
+Output: a line of Markdown: number of points, mean z with its standard error 1/sqrt(n), chi2/n
+          (1 +- sqrt(2/n)), largest |z|, the relative difference of the sums per channel with its
+          standard error, and the median relative standard error of both. z is of luminance.
 Environment: common.py, and PATH_TRACE (default ../target/release/path-trace).
 """
 import argparse
@@ -37,7 +41,7 @@ def main():
         points, truth, csv = (os.path.join(d, n) for n in ("points.npz", "truth.npz", "points.csv"))
         common.tool("points.py", a.scene, points, "--count", a.count, "--seed", a.seed, "--min-edge", 0.001)
         p = dict(np.load(points))
-        # Lambertian surfaces by their geometric normals, as in path-trace.
+        # Lambertian surfaces with geometric normals, as in path-trace.
         p["normal"] = p["geo"]
         np.savez(points, **p)
         common.tool("truth.py", a.scene, points, truth, "--backface", "black", "--spp", a.spp, "--target", 0, "--time", a.time, "--sky", a.sky)
@@ -48,10 +52,10 @@ def main():
         seconds = time.perf_counter() - start
         e = np.loadtxt(out.stdout.splitlines(), delimiter=",", ndmin=2)
     mean, error, y_error = e[:, :3], e[:, 3:6], e[:, 6]
-    # truth.py has no error of luminance. Its channels go up and down together, so their errors add up.
+    # truth.py has no error of luminance. Its channels are correlated, so their errors add up.
     their_error = t["stderr"] @ LUM
     difference, s = (mean - t["irradiance"]) @ LUM, np.hypot(y_error, their_error)
-    # Where neither has any error (darkness) they must be equal, and chance has no part.
+    # If neither has any error (darkness), they must be equal, without statistics.
     exact = np.abs(difference[s == 0]).max(initial=0)
     keep = s > 0
     z, n = difference[keep] / s[keep], int(keep.sum())

@@ -45,16 +45,21 @@ LUMEL = {
     "production": ["--quality", "production"],
     "production, error 0.005": ["--quality", "production", "--error", 0.005],
 }
-# No goal hangs on these: if time runs out, they are missed less.  All others of a scene are taken in turn, within a quarter of an hour.
+# No goal depends on these, so losing them matters least if time runs out. All others of a scene are
+# measured in turn, within a quarter of an hour.
 LAST = ("production", "production, error 0.005")
-# A peer's map in which more of the well-lit lumels hold exactly 0 shows a fault of its bake, not noise.  Well-lit: above a third of the mean.  In darker ones
-# few samples find no light at all: on Sponza, 12 % of the lumels between a thousandth and a hundredth of the mean hold 0 after 256.
+# A peer's map in which more than this share of the well-lit lumels is exactly 0 is faulty, not
+# noisy. Well-lit means above a third of the mean. In darker lumels, few samples find no light at
+# all: on Sponza, 12 % of the lumels between a thousandth and a hundredth of the mean are 0 after
+# 256 samples.
 MOST_ZEROS, WELL_LIT = 0.01, 0.3
-BACK_LIT = 10   # a lumel that two-sided surfaces light so many times more, and by more than the mean light, is lit by a back
+# a lumel counts as lit by a back if two-sided surfaces make it this many times brighter, by more
+# than the mean light
+BACK_LIT = 10
 # What equal work leaves out: vertex colours, and of the time the phase that makes and packs charts.  Not `--uv keep` on the lightmapped level: that takes a mesh's
 # coordinates for square and packs anew, so its lumels are others (demo level: 43 of 80 nodes have rectangles of another shape).
 EQUAL_WORK, NOT_THEIRS = ("--no-vertex-colors", "--in-turn"), "atlas"
-LONG = 5.0      # s; what takes longer is run once
+LONG = 5.0  # s; settings that take longer are run once
 
 
 def machine():
@@ -68,7 +73,7 @@ def say(text):
 
 
 class Scene:
-    """One scene made ready: its file, its atlas, its three references."""
+    """One prepared scene: its file, its atlas, its three references."""
 
     def __init__(self, name, path, a):
         self.name, self.path, self.a = name, path, a
@@ -80,14 +85,15 @@ class Scene:
         self.refs = refs
         self.paths = speed_scenes.three_truths(refs, name, a.reference_time, a.refine)
         self.whole, self.half, self.edges = [reference.load(p) for p in self.paths]
-        # Two scenes in one: lumels that only a back lights (behind the garage's window pane, 800 times the mean) are nobody's, and would lift the
-        # two-sided mean, by which errors in the dark are weighed.
+        # Two scenes in one: lumels that only a back lights (behind the garage's window pane, 800
+        # times the mean) are irrelevant, and would raise the two-sided mean that weights errors in
+        # the dark.
         y, z = [r["irradiance"] @ [0.2126, 0.7152, 0.0722] for r in (self.whole, self.half)]
         same = z <= BACK_LIT * y + y.mean()
         self.whole, self.half = [{k: v[same] if v.ndim and len(v) == len(same) else v for k, v in r.items()} for r in (self.whole, self.half)]
         self.back_lit = int((~same).sum())
         on = [refs.reflecting(ref) for ref in (self.whole, self.half, self.edges)]
-        # Which lumels of which reference: lumel's and Cycles' families.
+        # The lumels that belong to each reference: lumel's and Cycles' families.
         self.families = {
             "lumel": [("all", self.whole, reference.lit(self.whole) & on[0]), ("clear", self.whole, reference.clear(self.whole, self.half) & on[0]),
                       ("edges", self.edges, reference.lit(self.edges) & on[2])],
@@ -98,7 +104,7 @@ class Scene:
         self.backs, self.maps = two / one - 1, {}
 
     def lumel(self, setting, run, equal=False):
-        """rows of a bake; with `equal`, of the work that Cycles does"""
+        """rows of a bake; with `equal`, of the same work as in Cycles"""
         out = os.path.join(self.a.work, "%s.%s%s" % (self.name, setting.replace(", ", "_").replace(" ", ""), ".equal" if equal else ""))
         load = os.getloadavg()[0]
         less = EQUAL_WORK if equal else ()
@@ -118,7 +124,7 @@ class Scene:
         return [self.row(base, family, reference.errors(ref, exr, keep)) for family, ref, keep in self.families["lumel"]]
 
     def places(self, bake):
-        """where a bake's lightmap has which node"""
+        """the lightmap rectangle of each node in a bake"""
         with open(bake["manifest"]) as f:
             return json.load(f)
 
@@ -147,7 +153,7 @@ class Scene:
         return rows
 
     def zeros(self, exr):
-        """share of the well-lit lumels in which a map holds nothing"""
+        """share of the well-lit lumels that are 0 in a map"""
         c = reference._compare()
         y = self.half["irradiance"] @ c.LUM
         keep = self.families["cycles"][0][2] & (y > WELL_LIT * y.mean())
@@ -194,18 +200,19 @@ class Scene:
 
 
 def kind_of(row):
-    """the kind of job that a row is of"""
+    """the kind of job that a row belongs to"""
     return {speed_page.LUMEL: "lumel", speed_page.EQUAL: "equal"}.get(row["method"], "cycles")
 
 
 class Book:
-    """The CSV, written after each run, so that a run that is cut off leaves what it measured."""
+    """The CSV, written after each run, so that an interrupted run keeps its measurements."""
 
     def __init__(self, path, resume):
         self.path, self.resume, self.rows = path, resume, speed_page.read_csv(path)
 
     def start(self, scene, jobs):
-        """Forgets a scene's rows of another atlas, or of another binary of lumel, and unless resuming those of the jobs."""
+        """Drops a scene's rows of another atlas or another lumel binary and, unless resuming,
+        those of the jobs."""
         name, binary = scene.name, "binary %s" % common.digest(common.LUMEL)[:8]
         mine = {(kind, "%d samples" % s if kind == "cycles" else s) for kind, s in jobs}
         runs_lumel = any(kind != "cycles" for kind, _ in jobs)

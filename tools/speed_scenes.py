@@ -12,7 +12,7 @@ import common
 
 ASSETS = os.path.join(common.HERE, "..", "assets")
 
-# Settings that cast as many rays as production or more.
+# Settings that cast at least as many rays as production.
 FINE = ("preview, error 0.02", "production, error 0.005")
 
 # Lumel's own --max-reflectance.  White of 1, or above, is no reflectance: nobody's light would end in it.
@@ -61,7 +61,7 @@ SCENES = {
 }
 
 
-# What the page is about; the others are run by name.
+# The scenes of the page; others are run by name.
 FIVE = ("cornell", "demo", "garage", "godot", "sponza")
 
 
@@ -80,7 +80,7 @@ def with_sun(scene, direction, lux, path):
     lights = js.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {}).setdefault("lights", [])
     lights.append(dict(name="sun", type="directional", color=[1.0, 1.0, 1.0], intensity=lux))
     js["extensionsUsed"] = sorted(set(js.get("extensionsUsed", [])) | {"KHR_lights_punctual"})
-    # The shortest turn of a light's own direction, −Z, into `direction`.
+    # The shortest rotation of a light's default direction, −Z, into `direction`.
     d = np.array(direction, float) / np.linalg.norm(direction)
     q = np.array([*np.cross([0.0, 0.0, -1.0], d), 1.0 - d[2]])
     if q[3] < 1e-9:
@@ -120,12 +120,13 @@ def plain_document(scene, limit, path):
         if light["type"] == "spot":
             spot = light.setdefault("spot", {})
             spot["outerConeAngle"] = spot.get("outerConeAngle", np.pi / 4)
-            spot["innerConeAngle"] = spot["outerConeAngle"] - 2e-4      # lumel holds the two 1e-4 apart
+            # lumel keeps the two at least 1e-4 apart
+            spot["innerConeAngle"] = spot["outerConeAngle"] - 2e-4
     common.write_glb(path, js, bin_)
 
 
 def prepare(name, work):
-    """-> (the .glb to bake, None) or (None, why it is not there)"""
+    """-> (the .glb to bake, None) or (None, why it is missing)"""
     s = SCENES[name]
     path = s["file"]
     if path == "dense":

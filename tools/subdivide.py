@@ -1,9 +1,12 @@
-"""Split every triangle of a .glb into n², with all that its corners hold in between: the same surface, light and lightmap, more triangles.
+"""Split every triangle of a .glb into n² and interpolate all corner attributes: the same surface, light
+and lightmap with more triangles.
 
 Usage : python subdivide.py IN.glb OUT.glb [--parts 3]
-Note  : Corners on shared edges stay shared.  Every attribute is written as float, interpolated linearly; only triangle lists are split, Draco and meshopt are
-        not read.  For the cost of triangles at the same lumels (lab/profile.md):
-        lumel bake LEVEL.glb -o once;  subdivide.py once/LEVEL.glb dense.glb;  lumel bake dense.glb --uv keep … against lumel bake once/LEVEL.glb --uv keep …
+Note  : Corners on shared edges stay shared. Every attribute is written as float and interpolated
+        linearly. Only triangle lists are split; Draco and meshopt are not read. To measure the
+        cost of triangles at the same lumels (lab/profile.md):
+        lumel bake LEVEL.glb -o once;  subdivide.py once/LEVEL.glb dense.glb;
+        compare lumel bake dense.glb --uv keep … with lumel bake once/LEVEL.glb --uv keep …
 """
 import argparse
 import sys
@@ -37,7 +40,8 @@ def split(triangles, parts):
     keys, table, out = {}, [], []
 
     def vertex(corners, weights):
-        # A vertex on an edge is known by the edge's corners alone, so that both triangles find the same one.
+        # A vertex on an edge is identified by the edge's corners alone, so that both triangles find
+        # the same one.
         key = tuple(sorted((c, w) for c, w in zip(corners, weights) if w))
         if key not in keys:
             keys[key] = len(table)

@@ -1,4 +1,5 @@
-"""Packs the add-on as a zip that Blender installs (Preferences > Get Extensions > Install from Disk).
+"""Packs the add-on into a zip that Blender can install (Preferences > Get Extensions > Install from
+Disk).
 
     python tools/blender/build.py [OUT.zip]
 
@@ -10,7 +11,7 @@ import sys
 import zipfile
 
 SOURCE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "lumel")
-# The earliest time that a zip can hold.
+# The earliest time that a zip can store.
 TIME = (1980, 1, 1, 0, 0, 0)
 
 

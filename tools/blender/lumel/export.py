@@ -1,4 +1,4 @@
-"""Writes the scene as the .glb that `lumel bake` reads, with all that the exporter leaves out."""
+"""Writes the scene as the .glb that `lumel bake` reads, and adds what Blender's exporter omits."""
 
 import contextlib
 import os
@@ -22,14 +22,15 @@ def export_level(context, path):
             export_lights=True,
             export_extras=True,
             export_cameras=False,
-            # W/sr and W/m², as glowing materials are. The default, Standard, takes lamps times 683.
+            # Exports W/sr and W/m², like emissive materials. The default mode, Standard, multiplies
+            # lamps by 683.
             export_import_convert_lighting_mode="COMPAT",
-            # Lumel leaves out what moves, and says so.
+            # Lumel skips moving objects and lists them.
             export_animation_mode="ACTIVE_ACTIONS",
             export_force_sampling=False,
         )
     glb = Glb(path)
-    # So that `lumel bake` knows that units are right and no lamps were left out by mistake.
+    # Tells `lumel bake` that units are correct and that no lamps were left out by mistake.
     asset = glb.json["asset"]
     asset["generator"] = f"{asset.get('generator', '')}, Lumel add-on"
     warnings = lamps.complete(glb, rendered_objects(context))
@@ -39,7 +40,8 @@ def export_level(context, path):
 
 @contextlib.contextmanager
 def plain_colors():
-    """Lamps' temperatures as colours for a while: the exporter of Blender 5.0 fails on them."""
+    """Temporarily replaces lamp temperatures by colours: the exporter of Blender 5.0 fails on
+    them."""
     warm = [
         (lamp, tuple(lamp.color))
         for lamp in bpy.data.lights
@@ -57,5 +59,5 @@ def plain_colors():
 
 
 def rendered_objects(context):
-    """Objects of the scene that are not switched off for renders."""
+    """Objects of the scene that are enabled for rendering."""
     return [o for o in context.view_layer.objects if not o.hide_render]

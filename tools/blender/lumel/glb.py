@@ -49,7 +49,8 @@ class Glb:
         )
 
     def add_fan(self, name, points, material):
-        """A convex polygon as a node of the scene, counter-clockwise seen from its front."""
+        """Adds a convex polygon as a node of the scene; counter-clockwise as seen from its
+        front."""
         points = [struct.unpack("<3f", struct.pack("<3f", *p)) for p in points]
         low = [min(p[i] for p in points) for i in range(3)]
         high = [max(p[i] for p in points) for i in range(3)]
@@ -74,7 +75,7 @@ class Glb:
 
 
 def lumel_extras(item, **values):
-    """Adds to `extras.lumel` of a glTF object; what its author wrote there stays."""
+    """Adds values to `extras.lumel` of a glTF object, and keeps those that its author wrote."""
     lumel = item.setdefault("extras", {}).setdefault("lumel", {})
     for key, value in values.items():
         lumel.setdefault(key, value)

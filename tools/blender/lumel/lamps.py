@@ -1,7 +1,7 @@
-"""What the glTF exporter leaves out of lamps: sizes, area lights, and the cones of spots.
+"""Adds what the glTF exporter omits from lamps: sizes, area lights, and the cones of spots.
 
-The exporter's mode *Unitless* (COMPAT) writes lamps in W/sr and W/m², the units in which it
-writes glowing materials anyway. Everything here is in those units.
+The exporter's mode *Unitless* (COMPAT) writes lamps in W/sr and W/m², the same units as for
+emissive materials. Everything here uses these units.
 """
 
 import base64
@@ -12,12 +12,13 @@ from mathutils import Vector
 
 from .glb import lumel_extras
 
-# Nodes that stand for area lights; they are no part of the level.
+# Name prefix of nodes that represent area lights; they are not part of the level.
 AREA_PREFIX = "lumel area light "
-# Corners of the polygon in place of a disc: its area is 0.2 % too small, which the radiance
-# makes up for.
+# Corners of the polygon that approximates a disc. Its area is 0.2 % too small, which the radiance
+# compensates.
 DISC_CORNERS = 64
-# Share that the polygon takes of others' light, and shows of its own: what is clear gives none.
+# Alpha of the polygon: the share of other light that it absorbs. A fully transparent polygon would
+# not emit.
 CLEAR_ALPHA = 0.01
 
 
@@ -42,13 +43,13 @@ def size(light, lamp):
     lumel_extras(light, radius=lamp.shadow_soft_size)
     if lamp.type == "SPOT":
         lumel_extras(light, ies=data_uri(cone_profile(lamp)))
-        # The profile shapes the beam; the extension's own falloff would dim it a second time.
+        # The profile shapes the beam; the extension's own falloff would dim it twice.
         outer = light["spot"]["outerConeAngle"]
         light["spot"]["innerConeAngle"] = outer * (1 - 1e-3)
 
 
 def spot_falloff(cosine, lamp):
-    """Cycles' share of a spot's intensity at an angle from its axis."""
+    """Cycles' relative intensity of a spot at an angle from its axis."""
     edge = math.cos(0.5 * lamp.spot_size)
     width = (1 - edge) * lamp.spot_blend
     if width <= 0:
@@ -58,11 +59,11 @@ def spot_falloff(cosine, lamp):
 
 
 def cone_profile(lamp):
-    """The beam as IES LM-63: glTF's own falloff has another shape."""
+    """The beam as an IES LM-63 profile, because glTF's own falloff has a different shape."""
     half = math.degrees(0.5 * lamp.spot_size)
     angles = [half * i / 90 for i in range(91)]
     values = [spot_falloff(math.cos(math.radians(a)), lamp) for a in angles]
-    # Rounding may leave the edge in the dark; the extension's cone cuts there anyway.
+    # Rounding may leave the edge dark; the extension's cone ends there anyway.
     values[-1] = values[-1] if lamp.spot_blend > 0 else 1.0
     lines = ["IESNA:LM-63-2002", "TILT=NONE", f"1 -1 1 {len(angles)} 1 1 2 0 0 0", "1 1 0"]
     lines.append(" ".join(f"{a:.5f}" for a in angles))
@@ -85,7 +86,8 @@ def color(lamp):
 
 
 def area_shape(lamp):
-    """Corners in the lamp's own plane, clockwise seen from +Z: it shines along -Z."""
+    """Corners in the lamp's own plane, clockwise as seen from +Z, because the lamp shines along
+    -Z."""
     x = 0.5 * lamp.size
     y = 0.5 * (lamp.size_y if lamp.shape in ("RECTANGLE", "ELLIPSE") else lamp.size)
     if lamp.shape in ("SQUARE", "RECTANGLE"):
@@ -95,7 +97,7 @@ def area_shape(lamp):
 
 
 def polygon_area(points):
-    """Of a polygon in one plane."""
+    """Area of a planar polygon."""
     total = Vector()
     for a, b in zip(points[1:], points[2:]):
         total += (a - points[0]).cross(b - points[0])
@@ -103,7 +105,7 @@ def polygon_area(points):
 
 
 def add_area(glb, o):
-    """An area light becomes a glowing, clear polygon without a lightmap."""
+    """Adds an area light as an emissive, transparent polygon without a lightmap."""
     lamp, warnings = o.data, []
     points = [o.matrix_world @ Vector(p) for p in area_shape(lamp)]
     if o.matrix_world.determinant() < 0:
@@ -113,7 +115,7 @@ def add_area(glb, o):
         return [f"area light {o.name}: no area or no power; it gives no light"]
     if getattr(lamp, "spread", math.pi) < math.pi * 0.999:
         warnings.append(f"area light {o.name}: its spread is taken as 180 degrees")
-    # A Lambertian surface that sends out the power. Without *Normalize* the power is per area.
+    # A Lambertian surface that emits the power. Without *Normalize*, the power is per area.
     power = lamp.energy * 2 ** getattr(lamp, "exposure", 0.0)
     radiance = power / math.pi / (area if getattr(lamp, "normalize", True) else 1.0)
     emitted = color(lamp) * radiance
@@ -125,14 +127,14 @@ def add_area(glb, o):
         "materials",
         {
             "name": AREA_PREFIX + o.name,
-            # Light of others passes: Cycles' lamps block none.
+            # The polygon lets other light pass, because Cycles' lamps do not block light.
             "pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, CLEAR_ALPHA]},
             "alphaMode": "BLEND",
             "emissiveFactor": [c / strength for c in emitted],
             "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": strength / CLEAR_ALPHA}},
         },
     )
-    # Blender's Z is up, glTF's Y.
+    # Blender's up axis is Z, glTF's is Y.
     node = glb.add_fan(AREA_PREFIX + o.name, [(p.x, p.z, -p.y) for p in points], material)
     lumel_extras(node, density=0)
     return warnings

@@ -25,7 +25,7 @@ def import_level(path):
         if o.type == "LIGHT":
             o.hide_render = True
             o.hide_set(True)
-        # Extras of nodes come as custom properties of objects.
+        # Extras of nodes become custom properties of objects.
         place = o.get("lightmap")
         if o.type != "MESH" or place is None or len(o.data.uv_layers) < 2:
             continue
@@ -37,7 +37,8 @@ def import_level(path):
             key = (slot.material.name if slot.material else None, uri, uv, *offset, *scale)
             if key not in materials:
                 materials[key] = lit_material(slot.material, pages[uri], uv, offset, scale)
-            # Instances share mesh and material; the place is the object's, so the material is too.
+            # Instances share mesh and material, but the lightmap rectangle belongs to the object,
+            # so the material must too.
             slot.link = "OBJECT"
             slot.material = materials[key]
         count += 1
@@ -46,9 +47,9 @@ def import_level(path):
 
 def load_page(path):
     image = bpy.data.images.load(path, check_existing=True)
-    # A page of an earlier bake with this name may be loaded already.
+    # A page with this name may already be loaded from an earlier bake.
     image.reload()
-    # Linear Rec.709 is Blender's own working space: nothing is to be converted.
+    # Linear Rec.709 is Blender's own working space, so nothing is converted.
     image.colorspace_settings.name = "Linear Rec.709"
     return image
 
@@ -65,8 +66,8 @@ def lit_material(material, image, uv, offset, scale):
     coordinates = node("ShaderNodeUVMap")
     coordinates.uv_map = uv
     mapping = node("ShaderNodeMapping")
-    # The importer turns v about (v' = 1 - v), and pictures have v' = 1 at the top:
-    # 1 - (offset + scale (1 - v')) = (1 - offset - scale) + scale v'.
+    # The importer flips v (v' = 1 - v), and images have v' = 1 at the top: 1 - (offset + scale (1 -
+    # v')) = (1 - offset - scale) + scale v'.
     mapping.inputs["Location"].default_value = (offset[0], 1 - offset[1] - scale[1], 0)
     mapping.inputs["Scale"].default_value = (scale[0], scale[1], 1)
     page = node("ShaderNodeTexImage")
@@ -100,7 +101,7 @@ def lit_material(material, image, uv, offset, scale):
 
 
 def connect(tree, source, target):
-    """Gives `target` what `source` has: its link or its value."""
+    """Connects `target` to what `source` has: its link or its value."""
     if source.is_linked:
         tree.links.new(source.links[0].from_socket, target)
     else:
@@ -108,7 +109,7 @@ def connect(tree, source, target):
         try:
             target.default_value = value
         except (TypeError, ValueError):
-            # A colour into a vector: without alpha.
+            # A colour becomes a vector without alpha.
             target.default_value = tuple(value)[:3]
 
 

@@ -1,4 +1,4 @@
-"""Bake, cancel, and switch between the level and its bake."""
+"""Operators that bake, cancel, and switch between the level and its bake."""
 
 import os
 import shlex
@@ -9,9 +9,9 @@ from . import show
 from .export import export_level
 from .run import Bake, find_program
 
-# Seconds between looks at a running bake.
+# Seconds between checks of a running bake.
 INTERVAL = 0.1
-# The bake that runs, if one does.
+# The running bake, if any.
 running = None
 
 
@@ -21,7 +21,7 @@ def preferences(context):
 
 
 class LumelError(Exception):
-    """Something that the user can put right."""
+    """An error that the user can fix."""
 
 
 def output_folder(scene):
@@ -41,7 +41,7 @@ def start(context):
         raise LumelError("the program lumel is not found: give its path in the preferences")
     scene = context.scene
     folder = output_folder(scene)
-    # A subfolder, since a bake must not replace its own input.
+    # A subfolder, because a bake must not overwrite its own input.
     source = os.path.join(folder, "source")
     os.makedirs(source, exist_ok=True)
     name = bpy.path.clean_name(scene.name)
@@ -58,7 +58,7 @@ def start(context):
 
 
 class LUMEL_OT_bake(bpy.types.Operator):
-    """Export the level, bake its light and show the result in a scene of its own"""
+    """Export the level, bake its lightmaps and show the result in a separate scene"""
 
     bl_idname = "lumel.bake"
     bl_label = "Bake"
@@ -68,7 +68,7 @@ class LUMEL_OT_bake(bpy.types.Operator):
         return running is None and show.level_of(context.scene) is None
 
     def execute(self, context):
-        """Without a window: waits for the bake."""
+        """Without a window, waits for the bake."""
         if not self.begin(context):
             return {"CANCELLED"}
         return self.end(context, running.wait())
@@ -91,7 +91,7 @@ class LUMEL_OT_bake(bpy.types.Operator):
         if code is None:
             return {"PASS_THROUGH"}
         wm.event_timer_remove(self.timer)
-        # The user may look at another scene by now.
+        # The user may have switched to another scene meanwhile.
         context.window.scene = self.level
         return self.end(context, code)
 
@@ -124,7 +124,7 @@ class LUMEL_OT_bake(bpy.types.Operator):
 
 
 class LUMEL_OT_cancel(bpy.types.Operator):
-    """Stop the bake; the last results stay as they are"""
+    """Stop the bake and keep the previous results"""
 
     bl_idname = "lumel.cancel"
     bl_label = "Cancel"
@@ -139,7 +139,7 @@ class LUMEL_OT_cancel(bpy.types.Operator):
 
 
 class LUMEL_OT_switch(bpy.types.Operator):
-    """Show the bake in place of the level, or the level in place of the bake"""
+    """Switch between the level and its bake"""
 
     bl_idname = "lumel.switch"
     bl_label = "Switch"

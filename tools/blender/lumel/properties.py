@@ -1,13 +1,13 @@
-"""Settings of a bake, kept in the scene, and what an object tells the baker.
+"""Bake settings, stored in the scene, and per-object settings.
 
-An object's settings live in its custom property `lumel`, which the glTF exporter writes as
-`extras.lumel`. So they work in plain exports too, and can be edited by hand.
+The settings of an object are in its custom property `lumel`, which the glTF exporter writes as
+`extras.lumel`. They therefore also work in plain exports and can be edited by hand.
 """
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
 
-# Blender 5 wants to be told that `//` may stand in a path; earlier ones do not know the word.
+# Blender 5 requires this flag for paths with `//`; earlier versions do not know it.
 RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0) else set()
 
 QUALITIES = [
@@ -49,7 +49,7 @@ def said(o, key, default):
 
 
 def say(o, key, value, default):
-    """Sets a key of the custom property `lumel`; what is as by default is not written."""
+    """Sets a key of the custom property `lumel`; default values are not written."""
     lumel = o.get("lumel")
     members = lumel.to_dict() if hasattr(lumel, "to_dict") else {}
     members.pop(key, None)

@@ -12,7 +12,7 @@ PROGRESS = re.compile(r"progress +([0-9.]+) % ([a-z]+)(?:, (.+) left)?")
 
 
 def find_program(preferred):
-    """The path in the preferences, $LUMEL, the search path, or where cargo installs programs."""
+    """Looks for the program in the preferences, $LUMEL, the search path, and cargo's folder."""
     name = "lumel.exe" if os.name == "nt" else "lumel"
     cargo = os.path.join(os.path.expanduser("~"), ".cargo", "bin", name)
     for path in (preferred, os.environ.get("LUMEL"), shutil.which("lumel"), cargo):
@@ -22,7 +22,7 @@ def find_program(preferred):
 
 
 class Bake:
-    """A running `lumel bake`. `poll` it now and then; it never blocks."""
+    """A running `lumel bake`. Call `poll` regularly; it never blocks."""
 
     def __init__(self, program, arguments):
         self.share, self.text, self.said = 0.0, "starting", []
@@ -57,7 +57,7 @@ class Bake:
             self.text = found[2] + (f", {found[3]} left" if found[3] else "")
 
     def poll(self):
-        """The exit code, or None while it works."""
+        """The exit code, or None while the bake is running."""
         code = self._process.poll()
         if code is not None:
             self._reader.join()
@@ -69,7 +69,7 @@ class Bake:
         return self.poll()
 
     def cancel(self):
-        """Stops it; results of the bake before stay as they are."""
+        """Stops the bake; the results of the previous one stay unchanged."""
         self._process.terminate()
 
     def warnings(self):

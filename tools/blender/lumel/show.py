@@ -1,11 +1,11 @@
-"""The bake as a scene of its own, beside the level: nothing of the level is changed or hidden."""
+"""Shows the bake in a separate scene, so that nothing in the level is changed or hidden."""
 
 import bpy
 
 from . import lamps, load
 
 SUFFIX = " (baked)"
-# Custom property of a baked scene: the level that it shows.
+# Custom property of a baked scene that names its level.
 LEVEL = "lumel_level"
 
 
@@ -21,20 +21,21 @@ def level_of(scene):
 
 
 def remove(scene):
-    """Removes a baked scene and what only it uses."""
+    """Removes a baked scene and everything that only it uses."""
     for o in list(scene.objects):
-        # The camera is the level's.
+        # The camera belongs to the level.
         if len(o.users_scene) == 1:
             bpy.data.objects.remove(o)
     bpy.data.scenes.remove(scene)
-    # Meshes, materials and pictures that nothing uses any more: those of this bake among them.
+    # Meshes, materials and images without users, including those of this bake.
     for kind in (bpy.data.meshes, bpy.data.materials, bpy.data.images, bpy.data.lights):
         for item in [i for i in kind if i.users == 0 and i.get("lumel_bake")]:
             kind.remove(item)
 
 
 def show_bake(context, path):
-    """Loads `path` into the baked scene of the current level and shows it. Returns lit objects."""
+    """Loads `path` into the baked scene of the current level and shows it. Returns the number of
+    lit objects."""
     level = context.scene
     old = baked_scene(level)
     if old is not None:
@@ -47,7 +48,7 @@ def show_bake(context, path):
     scene.world = level.world
     new, count = load.import_level(path)
     for o in new:
-        # Area lights are no part of the level: their light is in the lightmap.
+        # Area lights are not part of the level: their light is in the lightmap.
         if o.name.startswith(lamps.AREA_PREFIX):
             bpy.data.objects.remove(o)
     if level.camera is not None:

@@ -1,12 +1,12 @@
-"""The world as options for `lumel bake`: a colour, or a map of it rendered by Cycles."""
+"""Converts the world into options for `lumel bake`: a colour, or a map rendered by Cycles."""
 
 import os
 
 import bpy
 
-# Rows of the map: 0.18 degrees each. A sun in the sky keeps its light, spread over a few pixels.
+# Rows of the map: 0.18 degrees each. The sun keeps its total light, spread over a few pixels.
 HEIGHT = 1024
-# Only what filters and clouds need: nothing but the world is in the picture.
+# Enough for filtering and clouds: the image contains only the world.
 SAMPLES = 16
 
 
@@ -26,8 +26,8 @@ def sky_options(scene, folder):
 
 
 def constant(world):
-    """The world's radiance where it is the same in all directions, else None."""
-    # Blender 5 always uses nodes, and calls the switch deprecated.
+    """The world's radiance if it is the same in all directions, otherwise None."""
+    # Blender 5 always uses nodes, and the switch is deprecated.
     if bpy.app.version < (5, 0) and not world.use_nodes:
         return tuple(world.color)
     if world.node_tree is None:
@@ -45,7 +45,7 @@ def constant(world):
 
 
 def render(scene, path):
-    """Renders the world as a latitude-longitude map with +X in the middle, as Lumel reads it."""
+    """Renders the world as a latitude-longitude map with +X in the centre, as Lumel reads it."""
     temporary = bpy.data.scenes.new("lumel world")
     data = bpy.data.cameras.new("lumel world")
     camera = bpy.data.objects.new("lumel world", data)

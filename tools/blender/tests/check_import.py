@@ -1,9 +1,10 @@
-"""Checks that Blender imports a bake without loss, and that what it shows of it is right.
+"""Checks that Blender imports a bake without loss and shows it correctly.
 
     python check_import.py level.glb '[{"at": [x, y, z], "radiance": [r, g, b]}, ...]'
 
-Needs the module bpy (exit code 77 without it). Points are in the axes of the glTF, on surfaces. Each is rendered by Cycles from 2 cm before the
-surface, into floats. Exit code 1 says what differs.
+Needs the module bpy (exit code 77 without it). Points are on surfaces, in the axes of the glTF.
+Cycles renders each from 2 cm in front of the surface into floats. On exit code 1, the output
+says what differs.
 """
 
 import json
@@ -22,10 +23,11 @@ except ImportError as e:
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "lumel"))
 from load import import_level  # noqa: E402
 
-# A half has 11 significant bits, so the EXR is within 2^-11; Cycles works and the picture is written in floats.
+# A half has 11 significant bits, so the EXR is accurate to 2^-11; Cycles computes, and the image is
+# written, in floats.
 RELATIVE = 2.0**-11 + 1e-5
-# Cycles turns halves of pictures into floats without regard to the smallest: a half of 0 comes out as 2^-15 (seen here: 3.0517578e-5 times
-# the albedo, in a shadow whose lumels are 0).
+# Cycles converts image halves to floats without handling the smallest ones: a half of 0 becomes
+# 2^-15 (measured: 3.0517578e-5 times the albedo, in a shadow whose lumels are 0).
 ABSOLUTE = 2.0**-15 * 1.001
 
 
@@ -47,7 +49,7 @@ def floats(gltf, blob, index):
 
 
 def check_document(path):
-    """Nodes, places, positions and both kinds of coordinates are there, corner by corner."""
+    """Checks nodes, rectangles, positions and both UV sets, corner by corner."""
     gltf, blob = read_glb(path)
     problems = []
     for node in gltf["nodes"]:
@@ -64,7 +66,7 @@ def check_document(path):
                 if found[key] != place[key]:
                     problems.append(f"{node['name']}: {key} is {found[key]}, not {place[key]}")
             for key in ("offset", "scale"):
-                # Blender keeps custom numbers as doubles.
+                # Blender stores custom numbers as doubles.
                 if list(found[key]) != place[key]:
                     problems.append(f"{node['name']}: {key} is {list(found[key])}, not {place[key]}")
         primitives = gltf["meshes"][node["mesh"]]["primitives"]
@@ -87,7 +89,7 @@ def check_document(path):
 
 
 def normal_at(at):
-    """The normal of the lit surface that is nearest to a point."""
+    """The normal of the lit surface nearest to a point."""
     best = (1e9, None)
     for o in bpy.data.objects:
         if o.type == "MESH" and o.get("lightmap"):
@@ -99,7 +101,7 @@ def normal_at(at):
 
 
 def radiance(at, folder):
-    """What a camera just above a surface sees."""
+    """The radiance that a camera just above a surface sees."""
     scene = bpy.context.scene
     camera = scene.camera
     normal = normal_at(at)

@@ -26,7 +26,7 @@ LIMIT = 0.02
 
 
 def bake(folder, mode, options):
-    # Apart from the results: a bake must not replace its own input.
+    # Separate from the results: a bake must not overwrite its own input.
     path = os.path.join(folder, "source", f"{mode}.glb")
     bpy.ops.export_scene.gltf(
         filepath=path,
@@ -63,7 +63,7 @@ def main():
         print(f"MODE {mode} against COMPAT:", found)
         if found["relRMSE"] > LIMIT or abs(found["bias"]) > LIMIT:
             problems.append(f"{mode} differs from COMPAT by {found}")
-    # The exporter's defaults leave lamps out.
+    # With default settings, the exporter omits lamps.
     said = bake(folder, "COMPAT", {})
     if "Punctual Lights" not in said.split("ingest")[0]:
         problems.append(f"missing lamps are not told before the bake: {said}")

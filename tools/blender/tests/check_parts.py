@@ -1,8 +1,8 @@
-"""The add-on's parts that need no Cycles: settings of objects, what is exported, errors, cancelling.
+"""Tests the parts of the add-on that need no Cycles: object settings, export, errors, cancelling.
 
     LUMEL=target/release/lumel python check_parts.py
 
-Needs the module bpy (exit code 77 without it). Exit code 1 says what is wrong.
+Needs the module bpy (exit code 77 without it). On exit code 1, the output says what is wrong.
 """
 
 import json
@@ -38,7 +38,7 @@ def object_settings():
     expect((o.lumel_density, o.lumel_exclude), (2.0, False), "what the file says")
     o.lumel_density, o.lumel_occluder = 0.5, True
     expect(o["lumel"].to_dict(), {"density": 0.5, "occluder": True}, "edited")
-    # What another tool wrote stays.
+    # Values from other tools are kept.
     o["lumel"] = {"bake": True, "other": 1}
     o.lumel_density = 3.0
     expect(o["lumel"].to_dict(), {"bake": True, "other": 1, "density": 3.0}, "beside others")
@@ -67,7 +67,7 @@ def exported(folder):
     lights = {l["name"]: l for l in doc["extensions"]["KHR_lights_punctual"]["lights"]}
     expect(round(lights["sun"]["extras"]["lumel"]["angle"], 4), 2.0, "the sun's angle")
     expect(lights["spot"]["extras"]["lumel"]["ies"][:5], "data:", "the spot's beam")
-    # 150 W, white, of 4 pi: W/sr, not candela.
+    # 150 W, white, over 4 pi: W/sr, not candela.
     expect(round(lights["spot"]["intensity"], 3), round(150 / (4 * math.pi), 3), "the spot")
 
 
@@ -101,7 +101,8 @@ def failure():
 
 
 def twice(folder):
-    """A second bake takes the first one's place, and both ways between the scenes work."""
+    """A second bake replaces the first, and switching between the scenes works in both
+    directions."""
     scene = level.build("emission")
     scene.lumel.output, scene.lumel.quality, scene.lumel.density = folder, "draft", 4.0
     counts = []

@@ -1,16 +1,16 @@
-"""A small level made by a script: walls, a window, modifiers, and one kind of light at a time."""
+"""A small scripted level with walls, a window, modifiers, and one kind of light at a time."""
 
 import math
 
 import bpy
 
-# `hdri` is there too, but not within 1 % at `preview` (docs/from_blender.md): name it to see.
+# `hdri` also exists, but is not within 1 % at `preview` (docs/from_blender.md); name it to run it.
 CASES = ("emission", "lamps", "spot", "area", "sun", "world")
 
 
 def material(name, color, emission=0.0):
     m = bpy.data.materials.new(name)
-    # Blender 5 has nodes always.
+    # Blender 5 always has nodes.
     if bpy.app.version < (5, 0):
         m.use_nodes = True
     surface = m.node_tree.nodes["Principled BSDF"]
@@ -59,7 +59,7 @@ def build(case):
     array.constant_offset_displace = (1.2 / 0.3, 0, 0)
     box("crate", (0.6, -0.9, 0), (1.3, -0.2, 0.7), red).rotation_euler = (0, 0, 0.4)
     LIGHTS[case](scene)
-    # Not a part of any mesh: what the baker is told about an object.
+    # An object setting for the baker, not part of any mesh.
     bpy.data.objects["crate"]["lumel"] = {"density": 2.0}
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.data.lens = 18
@@ -118,7 +118,8 @@ def sun(scene):
 
 
 def mixed(scene):
-    """Lamps of all kinds beside what glows: what the exporter's lighting modes tear apart."""
+    """Lamps of all kinds next to emissive materials, which the exporter's lighting modes treat
+    differently."""
     emission(scene)
     lamps(scene)
     sun(scene)
@@ -138,13 +139,13 @@ def world(scene):
 
 
 def hdri(scene):
-    """A map that is bright towards the window alone, turned by a Mapping node."""
+    """A map that is bright only towards the window, rotated by a Mapping node."""
     tree, background = new_world(scene)
     image = bpy.data.images.new("sky", 64, 32, float_buffer=True)
     pixels = [0.0] * (4 * 64 * 32)
     for row in range(32):
         for column in range(64):
-            # The middle of the picture is +X; 16 columns to the left is +Y.
+            # The centre of the image is +X; 16 columns to the left is +Y.
             bright = abs(column - 16) < 5 and 16 <= row < 26
             i = 4 * (64 * row + column)
             pixels[i : i + 4] = (12, 10, 7, 1) if bright else (0.2, 0.3, 0.6, 1)
@@ -154,7 +155,7 @@ def hdri(scene):
     environment.image = image
     image.colorspace_settings.name = "Linear Rec.709"
     mapping = tree.nodes.new("ShaderNodeMapping")
-    # Turns +Y of the map to the window.
+    # Rotates +Y of the map towards the window.
     mapping.inputs["Rotation"].default_value = (0, 0, math.radians(90))
     coordinates = tree.nodes.new("ShaderNodeTexCoord")
     tree.links.new(coordinates.outputs["Generated"], mapping.inputs["Vector"])

@@ -45,7 +45,7 @@ fn audit_of(scene: &Scene, sky: Sky, patches: u32, rays: u32) -> Audit {
     a
 }
 
-/// The cube without its face at z = 1, all of it with reflectance `rho` and radiance `l`.
+/// The cube without its face at z = 1, all faces with reflectance `rho` and radiance `l`.
 fn open_cube(rho: f32, l: f32) -> Scene {
     let mut scene = cube(rho, Vec3::splat(l));
     let primitive = &mut scene.meshes[0].primitives[0];
@@ -76,8 +76,8 @@ fn a_furnace_keeps_what_it_emits() {
         assert_eq!(a.flux_behind, [0.0; 3]);
         assert_eq!((a.rows_open, a.rows_beyond, a.rays_nowhere), (0, 0, 0));
         assert!(a.within_bound, "rho {rho}: {a:?}");
-        // Every patch is as bright as every other, so rays have no spread; the relaxation's
-        // tolerance and rounding are left. 1e-4 × (1 − ρ) × E/(πL) = 1e-4, and 74 × 2⁻²⁴/(1 − ρ).
+        // All patches are equally bright, so rays have no spread. What remains is the relaxation's
+        // tolerance and rounding: 1e-4 × (1 − ρ) × E/(πL) = 1e-4, and 74 × 2⁻²⁴/(1 − ρ).
         let rounding = 74.0 * 2f64.powi(-24) * (1.0 + 1.0 / (1.0 - rho as f64));
         assert!(a.bound < 1.2e-4 + 1.1 * rounding, "rho {rho}: {a:?}");
     }
@@ -85,13 +85,13 @@ fn a_furnace_keeps_what_it_emits() {
 
 #[test]
 fn an_open_box_loses_what_its_mouth_sees() {
-    // Black walls of M = πL that see one another and the mouth (area 1). What passes the mouth is
-    // what would arrive on a black lid: π L Σ A_i F_i,lid = πL × (1 × Σ_i F_lid,i) = πL, for the
-    // lid sees nothing but the five walls.
+    // Black walls of M = πL that see one another and the opening (area 1). The flux through the
+    // opening is what would arrive on a black lid: π L Σ A_i F_i,lid = πL × (1 × Σ_i F_lid,i) = πL,
+    // because the lid sees only the five walls.
     let a = audit_of(&open_cube(0.0, 1.0), Sky::Black, 400, 256);
     assert!((a.flux_emitted[0] / (5.0 * PI) - 1.0).abs() < 1e-6, "{a:?}");
-    // 400 rows of 256 rays whose shares are near 1/5: σ = √(0.16/102400)/0.2 = 0.6 % of the escaped
-    // light; three of these.
+    // 400 rows of 256 rays with shares near 1/5: σ = √(0.16/102400)/0.2 = 0.6 % of the escaped
+    // light; three times that.
     assert!((a.flux_escaped[0] / PI - 1.0).abs() < 0.02, "{a:?}");
     assert!(a.within_bound && a.bound < 0.01, "{a:?}");
     assert!(a.rows_open > 300 && a.rows_beyond == 0, "{a:?}");
@@ -100,9 +100,9 @@ fn an_open_box_loses_what_its_mouth_sees() {
 
 #[test]
 fn a_grey_open_box_gives_back_what_the_sky_sends_in() {
-    // A box with reflectance ρ under a uniform sky, and the same with its own emission chosen so
-    // that B = πL everywhere: M = (1 − ρ)πL. Then E = πL all over, and in and out through the mouth
-    // go πL each.
+    // A box with reflectance ρ under a uniform sky, and the same box with its own emission chosen
+    // so that B = πL everywhere: M = (1 − ρ)πL. Then E = πL everywhere, and the flux through the
+    // opening is πL in both directions.
     let rho = 0.75;
     let a = audit_of(
         &open_cube(rho, 1.0 - rho),
@@ -110,7 +110,7 @@ fn a_grey_open_box_gives_back_what_the_sky_sends_in() {
         400,
         256,
     );
-    // As above, and interreflection that follows the same rays.
+    // As above, plus interreflection along the same rays.
     assert!((a.flux_escaped[0] / PI - 1.0).abs() < 0.02, "{a:?}");
     let emitted = 5.0 * PI * 0.25 + PI;
     assert!((a.flux_emitted[0] / emitted - 1.0).abs() < 0.01, "{a:?}");
@@ -123,8 +123,8 @@ fn a_grey_open_box_gives_back_what_the_sky_sends_in() {
 
 #[test]
 fn lamps_send_what_their_kind_says() {
-    // A point lamp over an endless floor: half of 4πI goes down; from 0.1 m over 10 m × 10 m nearly
-    // all of that arrives.
+    // A point lamp over a very large floor: half of 4πI goes down, and from 0.1 m over 10 m × 10 m
+    // nearly all of that arrives.
     let mut scene = Scene::default();
     add_quad(
         &mut scene,
@@ -149,7 +149,7 @@ fn lamps_send_what_their_kind_says() {
     };
     let h = 0.1;
     let at = |z: f32| Vec3::new(0.0, 0.0, z);
-    // What a square of half side a takes of a lamp at height h over its middle: I × 4 atan(a²/(h
+    // The flux on a square of half side a from a lamp at height h over its centre: I × 4 atan(a²/(h
     // √(2a² + h²))).
     let square = |h: f64| 4.0 * (25.0 / (h * (50.0 + h * h).sqrt())).atan();
     let (emitted, front, _, sigma) = lamps(point(at(h), 2.0, None));
@@ -158,7 +158,7 @@ fn lamps_send_what_their_kind_says() {
         (front - 2.0 * square(0.1)).abs() < 4.0 * sigma && sigma < 0.01 * front,
         "{front} {sigma}"
     );
-    // From below, that goes to the floor's back.
+    // From below, that flux hits the back of the floor.
     let (_, front, behind, sigma) = lamps(point(at(-h), 2.0, None));
     assert!(front == 0.0 && sigma == 0.0);
     assert!(
@@ -203,8 +203,8 @@ fn lamps_send_what_their_kind_says() {
 
 #[test]
 fn backs_of_faces_take_light_and_are_named() {
-    // A lit room in which a single-sided plate hangs, front up, under the lamp: the floor looks at
-    // its black underside.
+    // A lit room with a single-sided plate below the lamp, front up: the floor sees its black
+    // underside.
     let mut scene = cube(0.5, Vec3::ZERO);
     scene
         .lights
@@ -227,7 +227,7 @@ fn backs_of_faces_take_light_and_are_named() {
     assert_eq!(a.beyond.len(), 1, "{:?}", a.beyond);
     let room = &a.beyond[0];
     assert_eq!((room.node.as_str(), room.rows), ("room", a.rows_beyond));
-    // The worst is a patch of the floor below the plate.
+    // The worst row is that of a patch of the floor below the plate.
     assert!(room.least < 0.5 && room.at[2] == 0.0, "{room:?}");
     assert!(
         (0.2..0.8).contains(&room.at[0]) && (0.2..0.8).contains(&room.at[1]),
@@ -237,7 +237,7 @@ fn backs_of_faces_take_light_and_are_named() {
 
 #[test]
 fn a_crack_in_a_closed_room_is_found() {
-    // Another cube, one face of which ends a hundredth short of the edge.
+    // Another cube, one face of which ends 1 cm short of the edge.
     let mut scene = Scene::default();
     let m = || material(0.5, Vec3::ONE);
     for (corner, x, y) in [
@@ -252,8 +252,8 @@ fn a_crack_in_a_closed_room_is_found() {
     }
     scene.instances[3].name = "right".into();
     let a = audit_of(&scene, Sky::Black, 600, 256);
-    // The slit of 0.01 × 1 next to x = 1 passes πL/(1 − ρ) on nearly all of its area: 0.01 of B =
-    // 2π, of 6π emitted in all.
+    // The gap of 0.01 × 1 next to x = 1 transmits πL/(1 − ρ) on nearly all of its area: 0.01 of B =
+    // 2π, of 6π emitted in total.
     assert!(
         a.flux_escaped[0] > 0.0 && a.flux_escaped[0] < 0.01 * 2.0 * PI * 1.5,
         "{a:?}"
@@ -262,7 +262,7 @@ fn a_crack_in_a_closed_room_is_found() {
         a.row_sum_min < 1.0 && a.rays_behind == 0 && a.within_bound,
         "{a:?}"
     );
-    // The patches with the worst row stand in the wall x = 1, beside the slit (y = 1).
+    // The patches with the worst row are on the wall x = 1, next to the gap (y = 1).
     let worst = a
         .gaps
         .iter()
@@ -274,9 +274,9 @@ fn a_crack_in_a_closed_room_is_found() {
 
 #[test]
 fn light_that_is_counted_twice_is_out_of_bound() {
-    // A floor under a lamp in a room, and on it a rug in the very same plane: both get the lamp's
-    // light, only one is ever hit by other patches' rays. Elements receive more than the lamp sends
-    // down.
+    // A floor under a lamp in a room, and a rug in exactly the same plane. Both receive the lamp's
+    // light, but other patches' rays hit only one of them. Elements receive more than the lamp
+    // sends down.
     let mut scene = cube(0.5, Vec3::ZERO);
     scene
         .lights
@@ -290,8 +290,8 @@ fn light_that_is_counted_twice_is_out_of_bound() {
     );
     let a = audit_of(&scene, Sky::Black, 600, 256);
     assert!(!a.within_bound && a.imbalance < -0.05, "{a:?}");
-    // And a lamp so near to a wall that no element is where its light falls: what is missing is
-    // half of it, nearly.
+    // A lamp so close to a wall that no element is where its light falls: nearly half of the light
+    // is missing.
     let mut scene = cube(0.5, Vec3::ZERO);
     scene
         .lights
@@ -302,8 +302,8 @@ fn light_that_is_counted_twice_is_out_of_bound() {
 
 #[test]
 fn the_bound_holds_and_is_not_idle() {
-    // Lit rooms of all kinds, coarse and fine: 24 balances, none beyond its bound, and the bound is
-    // not a hundred times too wide.
+    // Lit rooms of all kinds, coarse and fine: none of 24 balances exceeds its bound, and the bound
+    // is not a hundred times too wide.
     let mut ratios = Vec::new();
     for rho in [0.2, 0.8, 0.95] {
         for (patches, rays) in [(60, 16), (200, 64), (800, 64), (300, 512)] {
@@ -333,14 +333,14 @@ fn the_bound_holds_and_is_not_idle() {
         }
     }
     let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
-    // Four sigmas of independent noise would give 0.2; stratified rays less.
+    // Four standard errors of independent noise would give 0.2; stratified rays give less.
     assert!((0.02..0.3).contains(&mean), "{mean} {ratios:?}");
 }
 
 #[test]
 fn a_lamp_that_is_half_there_sends_half() {
-    // A blended panel in a closed grey cube, its light sampled: π L A α is sent, all of it is
-    // absorbed in the end.
+    // A blended panel with sampled light in a closed grey cube: it sends π L A α, all of which is
+    // eventually absorbed.
     let mut scene = cube(0.5, Vec3::ZERO);
     let mut panel = material(0.3, Vec3::splat(20.0));
     panel.alpha = mesh_ingest::AlphaMode::Blend;

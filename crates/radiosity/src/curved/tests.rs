@@ -4,8 +4,8 @@ use super::*;
 use crate::fixtures::{add_quad, add_triangles, cube, material};
 use crate::world::{World, WorldOptions};
 
-/// A unit octahedron split `level` times: vertices of the sphere, shared within each octant, with
-/// the sphere's normals.
+/// A unit octahedron split `level` times, with vertices on the sphere, shared within each octant,
+/// and the sphere's normals.
 fn ball(level: u32, inside: bool) -> Scene {
     let mut scene = Scene::default();
     crate::fixtures::add_sphere(&mut scene, material(0.5, Vec3::ZERO), 1.0, level, inside);
@@ -52,8 +52,8 @@ fn points_of_a_sphere_lie_on_it_whatever_its_size_place_and_mirroring() {
             let centre = Vec3::Y * size as f32;
             for p in points(&scene, false) {
                 let r = p.origin - centre;
-                // Some ten roundings of coordinates up to twice the radius, and the offset: 1e-6 of
-                // these, each.
+                // Some ten roundings of coordinates up to twice the radius, and the offset, each
+                // 1e-6 of these.
                 let off = (r.length() / size as f32 - 1.0).abs();
                 assert!(off < 6e-6, "{size} {mirror}: {off}");
                 assert!(p.normal.dot(r.normalize()) > 1.0 - 1e-6);
@@ -73,7 +73,7 @@ fn a_hollow_sphere_stays_on_its_facets_but_keeps_no_flat_horizon() {
         assert!(above > 0.0 && above < 3e-6, "{above}");
         assert_eq!(p.geometric, p.normal);
     }
-    // Its back is a sphere.
+    // From behind, it is a sphere as well.
     for p in points(&scene, true) {
         assert!((p.origin.length() - 1.0).abs() < 6e-6);
         assert!(p.normal.dot(p.origin) > 0.99);
@@ -87,7 +87,7 @@ fn a_tube_is_a_cylinder_whatever_its_length() {
         (Vec3::new(d.x, y, d.y), Vec3::new(d.x, 0.0, d.y))
     };
     for length in [0.5, 50.0] {
-        // Clockwise seen from above: fronts outside.
+        // Clockwise as seen from above, so fronts are outside.
         let corners = [at(0.0, 0.0), at(0.0, length), at(0.7, 0.0)];
         for p in points(&triangle(corners.map(|c| c.0), corners.map(|c| c.1)), false) {
             let r = Vec2::new(p.origin.x, p.origin.z).length();
@@ -114,8 +114,8 @@ fn smoothed_right_angles_stay_flat() {
         let above = p.geometric.dot(p.origin - soup.triangles[k / 4][0]);
         assert!(above > 0.0 && above < 3e-6, "{above}");
     }
-    // A wide cap and a narrow side that share normals by area: 11° from the cap's, which alone
-    // would pass for a curve.
+    // A wide cap and a narrow side with shared, area-weighted normals. They are 11° from those of
+    // the cap, which alone would pass as a curve.
     let rim = Vec3::new(0.0, -0.2, 1.0).normalize();
     let mut scene = Scene::default();
     let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::new(0.5, 0.0, -0.2)];
@@ -123,7 +123,7 @@ fn smoothed_right_angles_stay_flat() {
     add_triangles(&mut scene, grey, positions, vec![[0, 1, 2], [1, 0, 3]]);
     scene.meshes[0].primitives[0].normals = vec![rim, rim, Vec3::Z, Vec3::NEG_Y];
     assert_eq!(curved_faces(&scene), 0);
-    // Without the side it is one.
+    // Without the side, the cap is a curve.
     scene.meshes[0].primitives[0].triangles.pop();
     scene.meshes[0].primitives[0].source_triangles.pop();
     assert_eq!(curved_faces(&scene), 1);

@@ -32,8 +32,8 @@ fn estimate(scene: &Scene, point: SurfacePoint, options: &DirectOptions) -> Dire
     with_light(scene, |l| l.irradiance(|_| point, 0.0, 1, options))
 }
 
-/// A black floor in z = 0 and room above it; large, so that a lamp over it is a small part of the
-/// scene and is sampled.
+/// A black floor at z = 0 with room above it. It is large, so that a lamp over it is a small part
+/// of the scene and is sampled.
 fn floor() -> Scene {
     let mut scene = Scene::default();
     add_quad(
@@ -46,7 +46,7 @@ fn floor() -> Scene {
     scene
 }
 
-/// A rectangle |x| ≤ a/2, |y| ≤ b/2 at height z that looks down.
+/// A rectangle |x| ≤ a/2, |y| ≤ b/2 at height z that faces down.
 fn add_panel(scene: &mut Scene, a: f32, b: f32, z: f32, radiance: f32, double_sided: bool) {
     let mut m = material(0.0, Vec3::splat(radiance));
     m.double_sided = double_sided;
@@ -59,7 +59,7 @@ fn add_panel(scene: &mut Scene, a: f32, b: f32, z: f32, radiance: f32, double_si
     );
 }
 
-/// Form factor of [`add_panel`]'s rectangle from the origin, axis up: four corner rectangles
+/// Form factor of the rectangle of [`add_panel`] from the origin, axis up: four corner rectangles
 /// (Howell, catalogue B-3).
 fn panel_form_factor(a: f64, b: f64, z: f64) -> f64 {
     let (x, y) = (0.5 * a / z, 0.5 * b / z);
@@ -99,9 +99,9 @@ fn a_point_light_follows_the_cosine_and_the_inverse_square() {
         let exact = 5.0 * d.z / d.length().powi(3);
         let e = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW);
         close(e.irradiance, exact, ROUNDING);
-        // One point and one direction: one ray says all.
+        // One point and one direction: a single ray is enough.
         assert_eq!((e.variance, e.rays), (0.0, 1));
-        // From below the horizon of the receiver: nothing, and no rays for it.
+        // Below the receiver's horizon: no light, and no rays.
         let away = estimate(&scene, receiver(Vec3::new(0.0, 0.0, 0.1), -Vec3::Z), &FEW);
         assert_eq!((away.irradiance, away.rays), (Vec3::ZERO, 0));
     }
@@ -152,7 +152,8 @@ fn a_spot_is_full_inside_falls_off_at_its_edge_and_ends() {
         if cone == 0.0 {
             assert_eq!(e, Vec3::ZERO, "{angle}");
         } else {
-            // cos θ − cos outer is off by 1e-7, over their distance of 0.01 at least, squared.
+            // cos θ − cos outer is off by 1e-7, divided by their difference of at least 0.01 and
+            // squared.
             close(e, 5.0 / 4.0 * cone, 3e-5);
         }
     }
@@ -170,7 +171,7 @@ fn a_directional_light_has_the_cosine_only_and_is_stopped_by_anything() {
     ));
     let at = receiver(Vec3::ZERO, Vec3::Z);
     close(estimate(&scene, at, &FEW).irradiance, 4.0, ROUNDING);
-    // A sheet in the way, a kilometre off: (−750, 0, 1000) is where the light comes from.
+    // An occluding sheet 1 km away: the light comes from (−750, 0, 1000).
     add_quad(
         &mut scene,
         material(0.5, Vec3::ZERO),
@@ -193,7 +194,8 @@ fn a_free_panel_is_exact_whatever_the_samples() {
             for seed in 0..20 {
                 let at = receiver(Vec3::ZERO, Vec3::Z);
                 let e = l.irradiance(|_| at, 0.0, seed, &FEW);
-                // The closed form is f64; f32 sums of four weights and their ratio are left.
+                // The closed form is in f64; what remains is f32 sums of four weights and their
+                // ratio.
                 close(e.irradiance, exact, 1e-5);
                 assert_eq!(e.variance, 0.0);
             }
@@ -233,15 +235,14 @@ fn an_edge_over_the_middle_hides_half() {
         for seed in 0..10 {
             let at = receiver(Vec3::ZERO, Vec3::Z);
             let e = with_light(&scene, |l| l.irradiance(|_| at, 0.0, seed, &options));
-            // Each of the two triangles has `penumbra` rays, each a coin of spread ½ of that
-            // triangle's light: the sum of both has ½/√2 of it over √penumbra. Four of these;
-            // stratification only helps.
+            // Each of the two triangles has `penumbra` rays, each a coin flip with a standard
+            // deviation of ½ of that triangle's light. The sum of both has ½/√2 of it over
+            // √penumbra. Four times that is allowed; stratification only helps.
             let sigma = 2.0 * exact * 0.5 / 2f64.sqrt() / (options.penumbra as f64).sqrt();
             let off = (e.irradiance.x as f64 - exact).abs();
             assert!(off < 4.0 * sigma, "{} {exact} {sigma}", e.irradiance);
             assert!(e.rays <= 2 * options.penumbra);
-            // Once it has looked closely at both triangles, the estimator's own figure is that same
-            // bound.
+            // Once it has sampled both triangles fully, the estimator reports the same bound.
             if e.rays == 2 * options.penumbra {
                 let claimed = (e.variance as f64).sqrt();
                 assert!((0.5..1.3).contains(&(claimed / sigma)), "{claimed} {sigma}");
@@ -258,7 +259,7 @@ fn only_a_two_sided_panel_shines_backwards() {
         let exact = 3.0 * PI * panel_form_factor(1.0, 1.0, 1.0);
         let below = estimate(&scene, receiver(Vec3::ZERO, Vec3::Z), &FEW);
         close(below.irradiance, exact, 1e-5);
-        // Mirrored in the panel's plane.
+        // Mirrored in the plane of the panel.
         let at = receiver(Vec3::new(0.0, 0.0, 2.0), -Vec3::Z);
         let above = estimate(&scene, at, &FEW);
         if double_sided {
@@ -285,7 +286,8 @@ fn a_receiver_in_the_panels_plane_or_turned_away_gets_nothing() {
 
 #[test]
 fn a_wall_lamp_that_crosses_the_horizon_counts_its_upper_half() {
-    // The receiver looks along x at a panel whose middle it stands under: half of it is behind.
+    // The receiver is below the centre of a panel and faces along x: half of the panel is behind
+    // it.
     let mut scene = floor();
     add_panel(&mut scene, 1.0, 1.0, 1.0, 3.0, false);
     let at = receiver(Vec3::new(0.0, 0.1, 0.5), Vec3::X);
@@ -299,7 +301,7 @@ fn a_wall_lamp_that_crosses_the_horizon_counts_its_upper_half() {
     let f = form_factor_polygon(at.position.as_dvec3(), DVec3::X, &corners);
     for seed in 0..20 {
         let e = with_light(&scene, |l| l.irradiance(|_| at, 0.0, seed, &FEW));
-        // Nothing hides it, so it is exact, up to f32 in the weights.
+        // Nothing hides it, so the result is exact up to the f32 weights.
         close(e.irradiance, 3.0 * PI * f, 1e-5);
     }
 }
@@ -328,7 +330,7 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
         let mut terms = Vec::new();
         l.emitter_terms(&at, 0.0, 32, &mut terms);
         assert!(terms.len() <= 32, "{} terms", terms.len());
-        // No emitter is counted twice or left out.
+        // No emitter is counted twice or omitted.
         let mut taken: Vec<u32> = Vec::new();
         for (term, _) in &terms {
             match term {
@@ -348,13 +350,14 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
         let mut mean = 0.0;
         for seed in 0..64 {
             let e = l.irradiance(|_| at, 0.0, seed, &options);
-            // 32 groups of an 8th to a 6th of a unit seen from 2: the kernel cos²/d² varies by ±10
-            // % over one, which some 64 samples in all bring to 0.1/√64 = 1.2 %; four times that.
+            // 32 groups of 1/8 to 1/6 of a unit seen from a distance of 2: the kernel cos²/d²
+            // varies by ±10 % over one, which some 64 samples reduce to 0.1/√64 = 1.2 %; four times
+            // that.
             close(e.irradiance, exact, 0.05);
             assert!(e.rays <= 4 * 16 + 32, "{} rays", e.rays);
             mean += e.irradiance.x as f64 / 64.0;
         }
-        // No bias: the mean of 64 has an eighth of that.
+        // No bias: the mean of 64 estimates has an eighth of that error.
         assert!((mean / exact - 1.0).abs() < 0.006, "{mean} {exact}");
     });
 }
@@ -394,14 +397,15 @@ fn one_sample_is_right_on_average_where_all_is_seen() {
         let at = receiver(p, Vec3::Z);
         let exact = estimate(&scene, at, &FEW).irradiance.x as f64;
         let (z, relative) = one_sample(&scene, at, exact);
-        // |z| > 4 happens once in 16000.
+        // |z| > 4 happens once in 16,000 cases.
         assert!(z.abs() < 4.0, "at {p}: {z} standard errors, {relative:+.4}");
     }
 }
 
 #[test]
 fn one_sample_is_right_on_average_under_an_edge_and_at_the_horizon() {
-    // An edge over a part of the panel, seen obliquely: what is hidden is not like what is seen.
+    // An occluder over a part of the panel, which is seen obliquely, so the hidden part differs
+    // from the visible one.
     let mut scene = floor();
     add_panel(&mut scene, 2.0, 2.0, 1.0, 3.0, false);
     add_quad(
@@ -411,7 +415,7 @@ fn one_sample_is_right_on_average_under_an_edge_and_at_the_horizon() {
         Vec3::X * 2.2, // to x = 0.2
         Vec3::Y * 4.0,
     );
-    // What is seen from the origin is x > 0.4.
+    // From the origin, x > 0.4 is visible.
     let upper = [
         Vec3::new(0.4, -1.0, 1.0),
         Vec3::new(0.4, 1.0, 1.0),
@@ -444,7 +448,7 @@ fn one_sample_is_right_on_average_under_an_edge_and_at_the_horizon() {
 
 #[test]
 fn a_choice_made_for_a_patch_is_right_on_average_at_its_points() {
-    // Two lamps and a panel, of which a board hides one or the other from parts of the floor's
+    // Two lamps and a panel, with a board that hides one or the other from parts of the floor's
     // patches.
     let mut scene = floor();
     add_panel(&mut scene, 2.0, 2.0, 1.0, 3.0, false);
@@ -490,8 +494,8 @@ fn a_choice_made_for_a_patch_is_right_on_average_at_its_points() {
             let mean = sum / f64::from(n);
             (mean, (squares / f64::from(n) - mean * mean) / f64::from(n))
         };
-        // Against the choice that each point makes for itself, which other tests hold against
-        // closed forms.
+        // Compared with the choice at each single point, which other tests compare with closed
+        // forms.
         let (one, a) = mean(&|seed| light.sample_one(&at, seed).0.x);
         let (on, b) = mean(&|seed| light.sample_on(&cut, patch, &at, seed ^ 0x55).0.x);
         let z = (one - on) / (a + b).sqrt();
@@ -529,7 +533,7 @@ fn scouts_that_agree_save_rays_and_change_nothing() {
     assert_eq!((a.irradiance, a.mixed), (b.irradiance, 0));
     assert_eq!((a.rays, b.rays), (4, 16));
     assert_eq!((a.lit, a.hidden), (1, 0));
-    // A board over half of the receiver: all points are looked at, and more.
+    // A board over half of the receiver: all points get a ray, and the light gets more samples.
     add_quad(
         &mut scene,
         material(0.5, Vec3::ZERO),
@@ -568,15 +572,15 @@ fn lamps_are_seen_as_expected_or_the_receiver_must_look() {
     with_light(&scene, |l| {
         let ask = |p, expected, least| l.lamps_seen_as(p, expected, least, 1);
         assert_eq!(ask(&here, [0b01, 0b10], 0.0), Some(2));
-        // Neighbours that see both, as those do between which a thin thing's shadow falls.
+        // Neighbours see both lamps, as on either side of a thin object's shadow.
         assert_eq!(ask(&here, [0b11, 0b00], 0.0), None);
         assert_eq!(ask(&aside, [0b01, 0b10], 0.0), None);
         assert_eq!(ask(&aside, [0b11, 0b00], 0.0), Some(2));
-        // A lamp that nobody knows of, and one of which half is said.
+        // A lamp that neither mask has, and one that only one mask has.
         assert_eq!(ask(&aside, [0b01, 0b00], 0.0), None);
         assert_eq!(ask(&aside, [0b11, 0b10], 0.0), None);
-        // Each brings 5 cosθ/d² = 0.89 at the origin: what is less than asked for is not looked
-        // for.
+        // Each contributes 5 cosθ/d² = 0.89 at the origin; lamps below the requested limit are not
+        // tested.
         assert_eq!(ask(&here, [0b11, 0b00], 1.0), Some(0));
     });
 }

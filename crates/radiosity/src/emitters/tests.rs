@@ -8,7 +8,7 @@ use crate::form_factor::form_factor_polygon;
 use crate::sampling::sample_4d;
 use crate::world::WorldOptions;
 
-/// A black floor of 20 m at z = 0: large, so that a lamp over it is a small part of the scene.
+/// A black floor of 20 m at z = 0, large so that a lamp over it is a small part of the scene.
 fn floor() -> Scene {
     let mut scene = Scene::default();
     add_quad(
@@ -21,7 +21,7 @@ fn floor() -> Scene {
     scene
 }
 
-/// A parallelogram in n × m cells, front `x × y`, whose corners `bend` moves.
+/// A parallelogram of n × m cells with front `x × y`, whose corners `bend` moves.
 fn add_grid(
     scene: &mut Scene,
     material: Material,
@@ -73,7 +73,7 @@ fn a_grid_in_one_plane_is_two_triangles_wherever_it_hangs() {
                 0 => p,
                 1 => p + Vec3::new(0.123, 7.7, 0.0),
                 2 => p * 0.1,
-                3 => Vec3::new(p.x, 1.9, p.y), // a slack that grows along a side must not move its corner
+                3 => Vec3::new(p.x, 1.9, p.y), // a tolerance that grows along a side must not move its corner
                 _ => turned * (p - Vec3::Z * 3.9) + Vec3::Z * 5.0,
             },
         );
@@ -92,13 +92,13 @@ fn receiver(position: Vec3, normal: Vec3) -> SurfacePoint {
     }
 }
 
-/// Unoccluded irradiance of an even polygon of radiance 1.
+/// Unoccluded irradiance from a uniform polygon of radiance 1.
 fn polygon(p: &SurfacePoint, [o, x, y]: [Vec3; 3]) -> f64 {
     let corners = [o, o + x, o + x + y, o + y].map(|c| c.as_dvec3());
     std::f64::consts::PI * form_factor_polygon(p.position.as_dvec3(), p.normal.as_dvec3(), &corners)
 }
 
-/// Mean, root mean square deviation from `exact` (both relative to it) and shadow rays of `n`
+/// Mean and root-mean-square deviation from `exact` (both relative to it), and shadow rays, of `n`
 /// estimates with different seeds.
 fn statistics(
     world: &World,
@@ -120,10 +120,11 @@ fn statistics(
     (sum / n, (squares / n).sqrt(), f64::from(rays) / n)
 }
 
-/// What `--quality preview` takes at a lumel.
+/// The samples that `--quality preview` takes per lumel.
 const PREVIEW: DirectOptions = DirectOptions::every(16, 128);
 
-/// Under the panel of [`panel`], beside it, on a wall, just beside its edge, and close to it.
+/// Receivers under the panel of [`panel`], beside it, on a wall, just beside its edge, and close to
+/// it.
 fn receivers() -> [SurfacePoint; 5] {
     [
         receiver(Vec3::new(0.5, 0.3, 0.0), Vec3::Z),
@@ -161,7 +162,7 @@ fn ten_thousand_triangles_in_one_plane_are_the_rectangle_exactly() {
                 statistics(world, emitters, &p, exact, 16)
             })
         });
-        // The closed form is f64; f32 sums of weights and their ratio are left.
+        // The closed form is in f64; what remains is f32 sums of weights and their ratio.
         assert!(bias.abs() < 1e-5 && rms < 1e-5, "{bias} {rms}");
         assert_eq!(rays, rays_of_one);
     }
@@ -169,8 +170,8 @@ fn ten_thousand_triangles_in_one_plane_are_the_rectangle_exactly() {
 
 #[test]
 fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average() {
-    // Each square by itself, so that none can be joined: up and down by 0.03 mm, which changes no
-    // light.
+    // Separate squares, moved up and down by 0.03 mm so that none can be merged, which does not
+    // change the light.
     let mut many = floor();
     add_grid(
         &mut many,
@@ -182,8 +183,8 @@ fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average(
     );
     with_emitters(&many, |world, emitters| {
         assert!(emitters.len() > 5000);
-        // Measured 0.5, 0.9, 1.2, 4.3 and 2.3 %: what drawing points of a group leaves. Half as
-        // much again.
+        // Measured 0.5, 0.9, 1.2, 4.3 and 2.3 %, from sampling points of a group. The limits are
+        // 1.5 times that.
         for (p, noise) in receivers().iter().zip([0.007, 0.014, 0.018, 0.065, 0.034]) {
             let exact = polygon(p, panel(3.9));
             let n = 128;
@@ -192,7 +193,7 @@ fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average(
             // Four standard errors of the mean.
             let error = 4.0 * rms / f64::from(n).sqrt();
             assert!(bias.abs() < error, "{bias} ± {error} at {}", p.position);
-            // 4 × 16 shared points and one a term; close to the panel, where terms surround the
+            // 4 × 16 shared points and one per term; close to the panel, where terms surround the
             // receiver, up to 256 terms.
             let limit = if p.position.z > 3.0 {
                 64.0 + 256.0
@@ -204,7 +205,8 @@ fn ten_thousand_triangles_in_no_plane_cost_little_more_and_are_right_on_average(
     });
 }
 
-/// `n` boxes of 4 cm in a layer of 12 × 12 × 0.4 m, six materials, so that nothing can be joined.
+/// `n` boxes of 4 cm in a layer of 12 × 12 × 0.4 m, with six materials, so that nothing can be
+/// merged.
 fn boxes(n: u32) -> Scene {
     let mut scene = floor();
     let (x, y, z) = (Vec3::X * 0.04, Vec3::Y * 0.04, Vec3::Z * 0.04);
@@ -237,8 +239,8 @@ fn lamps_all_over_a_hall_are_told_by_where_they_face() {
     with_emitters(&scene, |world, emitters| {
         assert_eq!(emitters.len(), 9996);
         for (p, noise) in receivers().iter().zip([0.04, 0.04, 0.05]) {
-            // Without shadows, which take 1 % at most of this light: the sum of ten thousand closed
-            // forms.
+            // The sum of ten thousand closed forms, without shadows, which remove at most 1 % of
+            // this light.
             let exact: f64 = emitters
                 .emitters
                 .iter()
@@ -249,7 +251,7 @@ fn lamps_all_over_a_hall_are_told_by_where_they_face() {
                 })
                 .sum();
             let (bias, rms, rays) = statistics(world, emitters, p, exact, 64);
-            // Measured 2.4, 2.5 and 3.2 %. By power alone, with no regard to where faces look, it
+            // Measured 2.4, 2.5 and 3.2 %. With power alone, ignoring the orientation of faces, it
             // was 7, 7 and 10 %.
             assert!(rms < noise, "{rms} at {}", p.position);
             assert!((-0.015..0.01).contains(&bias), "{bias} at {}", p.position);
@@ -270,7 +272,7 @@ fn picks_are_as_likely_as_they_say() {
             for k in 0..draws {
                 let x = (f64::from(k) + 0.5) / f64::from(draws);
                 let Some((e, probability)) = emitters.pick(0, &p, x) else {
-                    total += 1.0 / draws as f32; // a node that turned out to bring nothing
+                    total += 1.0 / draws as f32; // a node that turned out not to contribute
                     continue;
                 };
                 let slot = emitters
@@ -283,21 +285,21 @@ fn picks_are_as_likely_as_they_say() {
             }
             for (count, probability) in sums.into_iter().filter(|s| s.0 > 0) {
                 let share = count as f32 / draws as f32;
-                // Evenly spaced x: each interval is met to within one draw.
+                // Equidistant x: each interval is hit to within one draw.
                 assert!(
                     (share - probability).abs() < 1.5 / draws as f32,
                     "{share} {probability}"
                 );
                 total += probability;
             }
-            // What was never drawn had next to no chance, less than one draw each.
+            // Emitters that were never drawn had a probability of less than one draw each.
             assert!((total - 1.0).abs() < 1e-2, "{total}");
         }
     });
 }
 
-/// A panel of 4 × 2 m at z = 3.9 with a texture of `size` texels across: white where `bright`,
-/// black elsewhere.
+/// A panel of 4 × 2 m at z = 3.9 with a texture `size` texels wide: white where `bright`, black
+/// elsewhere.
 fn textured_panel(size: u32, bright: impl Fn(u32, u32) -> u8) -> Scene {
     let mut scene = floor();
     let pixels = (0..size * size)
@@ -345,13 +347,14 @@ fn a_small_sign_in_a_dark_texture_is_a_small_lamp() {
     let ([[u0, v0], [u1, v1]], corner) = (SIGN, at(SIGN[0][0], SIGN[0][1]));
     let sign = [corner, at(u1, v0) - corner, at(u0, v1) - corner];
     with_emitters(&scene, |world, emitters| {
-        // Cut down to the sign: its area to within the finest parts, 1/64 of the edge, about its
+        // Cut down to the sign: its area to within the finest parts, 1/64 of the edge, around its
         // rim.
         let area: f32 = emitters.emitters.iter().map(|e| e.area).sum();
         let rim = 2.0 * (sign[1].length() / 2.0 * 4.0 / 64.0 * 2.0 + sign[2].length() * 2.0 / 64.0);
         let own = sign[1].length() * sign[2].length();
         assert!((own..own + 2.0 * rim).contains(&area), "{area} {own} {rim}");
-        // Two whole triangles with their texture, as points spread over them would have it.
+        // Two whole triangles with their texture, for comparison: points are spread over all of
+        // them.
         let whole = [2, 3].map(|t: u32| Emitter {
             triangle: t,
             corners: world.soup.triangles[t as usize],
@@ -361,8 +364,8 @@ fn a_small_sign_in_a_dark_texture_is_a_small_lamp() {
             ..emitters.emitters[0]
         });
         let whole = Emitters::new(whole.to_vec());
-        // Measured 0.24, 0.43, 0.40, 1.3 and 2.0 %: what drawing from groups of parts leaves. Half
-        // as much again.
+        // Measured 0.24, 0.43, 0.40, 1.3 and 2.0 %, from sampling groups of parts. The limits are
+        // 1.5 times that.
         for (p, noise) in receivers().iter().zip([0.004, 0.007, 0.006, 0.02, 0.03]) {
             let exact = polygon(p, sign);
             let (bias, rms, rays) = statistics(world, emitters, p, exact, 64);
@@ -370,8 +373,8 @@ fn a_small_sign_in_a_dark_texture_is_a_small_lamp() {
             assert!(rays <= 1.5 * rays_before.max(32.0), "{rays} {rays_before}");
             assert!(rms < noise, "{rms} at {}", p.position);
             assert!(before > 10.0 * rms, "{before} {rms} at {}", p.position);
-            // The finest parts know the sign's rim to 1/64 of the panel; from near the texture
-            // itself is read.
+            // The finest parts resolve the sign's rim to 1/64 of the panel; from nearby, the
+            // texture itself is read.
             assert!(bias.abs() < 0.01, "{bias} at {}", p.position);
         }
     });
@@ -402,7 +405,7 @@ fn parts_cover_what_shines_and_send_what_it_sends() {
                 }
                 let whole = f64::from(world.soup.areas[t as usize]);
                 if full {
-                    // Some of the noise's texels are black, none of its parts of more than one.
+                    // Some texels of the noise are black, but no part of more than one texel is.
                     assert!(
                         area <= whole * 1.0001 && area > whole * 0.97,
                         "{area} {whole}"
@@ -412,8 +415,8 @@ fn parts_cover_what_shines_and_send_what_it_sends() {
                 }
                 sent += flux;
             }
-            // Exactly: the mean of the texels, of which the panel's 8 m² hold each once (decoded by
-            // IEC 61966-2-1).
+            // Exactly the mean of the texels, each of which the panel's 8 m² contain once (decoded
+            // by IEC 61966-2-1).
             let image = world.scene.images[0].as_ref().expect("a picture");
             let linear = |x: u8| match f64::from(x) / 255.0 {
                 x if x <= 0.04045 => x / 12.92,
@@ -421,8 +424,8 @@ fn parts_cover_what_shines_and_send_what_it_sends() {
             };
             let sum: f64 = image.pixels.iter().map(|p| linear(p[0])).sum();
             let exact = sum / image.pixels.len() as f64 * 8.0;
-            // 2^14 samples or four a texel: what they miss of the edges between texels of noise,
-            // 0.1 % and less; f32 sums.
+            // 2^14 samples or four per texel: at the edges between noise texels they are off by 0.1
+            // % at most. The rest is f32 sums.
             assert!((sent / exact - 1.0).abs() < 2e-3, "{sent} {exact}");
         });
     }
@@ -441,7 +444,7 @@ fn an_even_texture_is_not_cut() {
 fn the_number_of_parts_is_bounded() {
     let noise = |x: u32, y: u32| (crate::sampling::hash_u32(x + 5000 * y) & 255) as u8;
     let mut scene = textured_panel(256, noise);
-    // A thousand more triangles with the same texture, each all of it.
+    // A thousand more triangles, each with the whole texture.
     let m = scene.materials[1].clone();
     for k in 0..500u32 {
         let o = Vec3::new(-9.0 + 0.03 * k as f32, 3.0, 3.0 + 0.002 * k as f32);
@@ -452,14 +455,14 @@ fn the_number_of_parts_is_bounded() {
     }
     with_emitters(&scene, |_, emitters| {
         let n = emitters.len();
-        // As many as there may be, but for black parts and the last cut's remainder.
+        // As many as allowed, minus black parts and the remainder of the last split.
         assert!((60_000..=65_536).contains(&n), "{n}");
     });
 }
 
 #[test]
 fn an_outline_with_a_hole_and_a_corner_is_kept() {
-    // A frame: a hole of 20 × 20 in 40 × 40 squares, and a corner cut off.
+    // A frame: 40 × 40 squares with a hole of 20 × 20 and one corner cut off.
     let mut scene = floor();
     let keep =
         |i: u32, j: u32| !((10..30).contains(&i) && (10..30).contains(&j)) && (i < 35 || j < 35);
@@ -472,7 +475,7 @@ fn an_outline_with_a_hole_and_a_corner_is_kept() {
         |p| p,
     );
     with_emitters(&scene, |world, emitters| {
-        // 6 corners and 4 of the hole: n + 2 × holes − 2 triangles.
+        // 6 outer corners and 4 of the hole: n + 2 × holes − 2 triangles.
         assert_eq!(emitters.len(), 10);
         let [o, x, y] = panel(3.9);
         let part = |u0: f32, v0: f32, u1: f32, v1: f32| {
@@ -483,8 +486,8 @@ fn an_outline_with_a_hole_and_a_corner_is_kept() {
                 - polygon(&p, part(0.25, 0.25, 0.75, 0.75))
                 - polygon(&p, part(0.875, 0.875, 1.0, 1.0));
             let (bias, rms, _) = statistics(world, emitters, &p, exact, 8);
-            // Exact but for the two small triangles at the corner, which are a group from afar and
-            // 1 % of the light.
+            // Exact except for the two small triangles at the corner, which form a group from a
+            // distance and are 1 % of the light.
             assert!(rms < 2e-3, "{bias} {rms} at {}", p.position);
         }
     });
@@ -492,7 +495,7 @@ fn an_outline_with_a_hole_and_a_corner_is_kept() {
 
 #[test]
 fn bent_sheets_backs_and_other_lights_are_not_joined() {
-    // A quarter of a tube, a folded sheet, and a sheet with a second light on half of it.
+    // A quarter of a tube, a folded sheet, and a sheet of which half has another light.
     let mut tube = floor();
     add_grid(
         &mut tube,
@@ -506,7 +509,7 @@ fn bent_sheets_backs_and_other_lights_are_not_joined() {
         },
     );
     with_emitters(&tube, |_, emitters| {
-        // Strips across are plane: each is one rectangle of two triangles, of eight.
+        // Strips across the tube are planar: each of them is merged from eight triangles into two.
         assert_eq!(emitters.len(), 80);
     });
     let mut two = floor();
@@ -526,7 +529,7 @@ fn bent_sheets_backs_and_other_lights_are_not_joined() {
         let flux: f64 = emitters.emitters.iter().map(Emitter::power).sum();
         assert!((flux / (4.0 + 8.0) - 1.0).abs() < 1e-5, "{flux}");
     });
-    // A sheet that shines on both faces by two coincident layers of opposite winding.
+    // A sheet that shines on both faces because it has two coincident layers of opposite winding.
     let mut layers = floor();
     let [o, x, y] = panel(3.9);
     for frame in [[o, x, y], [o, y, x]] {
@@ -548,8 +551,8 @@ fn bent_sheets_backs_and_other_lights_are_not_joined() {
 
 #[test]
 fn a_dim_triangle_with_a_bright_sign_is_sampled() {
-    // Under a luminous ceiling, whose light makes the border: the sign's mean is a hundredth of it,
-    // its texels are not.
+    // Under a luminous ceiling, which determines the threshold: the sign's mean is a hundredth of
+    // it, but its texels are brighter.
     let mut scene = sign();
     let m = &mut scene.materials[1];
     m.emissive = Vec3::splat(20.0);

@@ -1,9 +1,9 @@
 use super::*;
 use std::f64::consts::PI;
 
-/// A rectangle a × b above the origin's tangent plane at height c, one corner straight above the
-/// point: F = 1/2π (A/√(1+A²) atan(B/√(1+A²)) + B/√(1+B²) atan(A/√(1+B²))), A = a/c, B = b/c
-/// (Howell, *A catalog of radiation heat transfer configuration factors*, B-3).
+/// A rectangle a × b parallel to the origin's tangent plane at height c, with one corner straight
+/// above the point: F = 1/2π (A/√(1+A²) atan(B/√(1+A²)) + B/√(1+B²) atan(A/√(1+B²))), A = a/c, B =
+/// b/c (Howell, *A catalog of radiation heat transfer configuration factors*, B-3).
 fn corner_rectangle(a: f64, b: f64, c: f64) -> f64 {
     let (x, y) = (a / c, b / c);
     let (p, q) = ((1.0 + x * x).sqrt(), (1.0 + y * y).sqrt());
@@ -11,7 +11,7 @@ fn corner_rectangle(a: f64, b: f64, c: f64) -> f64 {
 }
 
 fn facing_rectangle(a: f64, b: f64, c: f64) -> [DVec3; 4] {
-    // Front faces down (−z): counter-clockwise as seen from below.
+    // The front faces down (−z): counter-clockwise as seen from below.
     [
         DVec3::new(0., 0., c),
         DVec3::new(0., b, c),
@@ -27,7 +27,7 @@ fn rectangle_overhead_matches_the_catalogue_over_twelve_decades() {
         for (a, b) in [(1.0, 1.0), (0.01, 100.0), (3.0, 0.5)] {
             let f = form_factor_polygon(DVec3::ZERO, DVec3::Z, &facing_rectangle(a, b, c));
             let exact = corner_rectangle(a, b, c);
-            // Cancellation among four edge terms of order a/c: rounding of each is 1e-16.
+            // Cancellation among four edge terms of order a/c, each with a rounding error of 1e-16.
             assert!(
                 (f - exact).abs() <= 1e-13 + 1e-9 * exact,
                 "{a} {b} {c}: {f} {exact}"
@@ -70,7 +70,7 @@ fn a_wall_that_crosses_the_horizon_counts_its_upper_half_only() {
 fn the_inside_of_a_cube_sums_to_one_wherever_one_stands() {
     let p = DVec3::new(0.3, 0.2, 0.1);
     let c = |i: usize| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64);
-    // Faces counter-clockwise from inside.
+    // Faces are counter-clockwise as seen from inside.
     let faces = [
         [0, 2, 6, 4],
         [1, 5, 7, 3],
@@ -121,7 +121,7 @@ fn graded(layer: f64) -> Vec<(f64, f64)> {
 }
 
 /// Mean over the rectangle `corner + s x + t y` with normal `n` of the form factor to `polygon`;
-/// `layers` as in [`graded`], one a side.
+/// `layers` as in [`graded`], one per side.
 fn mean_factor(
     corner: DVec3,
     [x, y]: [DVec3; 2],
@@ -150,8 +150,8 @@ fn opposed(a: f64, b: f64, c: f64) -> f64 {
         * (log + x * q * (x / q).atan() + y * p * (y / p).atan() - x * x.atan() - y * y.atan())
 }
 
-/// Rectangles w × 1 and h × 1 at right angles with the common edge 1, from the one of depth w:
-/// Howell, *Catalog*, C-14.
+/// Rectangles w × 1 and h × 1 at right angles with a common edge of length 1, from the one of depth
+/// w: Howell, *Catalog*, C-14.
 fn perpendicular(w: f64, h: f64) -> f64 {
     let (w2, h2) = (w * w, h * h);
     let s = w2 + h2;
@@ -199,8 +199,8 @@ fn perpendicular_rectangles_match_the_catalogue_over_all_aspects() {
     assert!((perpendicular(1.0, 1.0) - 0.200_044).abs() < 5e-7);
     for w in [0.01, 0.1, 0.5, 1.0, 3.0, 10.0, 100.0] {
         for h in [0.01, 0.1, 1.0, 7.0, 100.0] {
-            // The floor w deep from x = 0, the wall on x = 0, h high, front towards +x; both from y
-            // = 0 to 1.
+            // The floor extends w from x = 0, the wall is on x = 0, h high, with its front towards
+            // +x; both extend from y = 0 to 1.
             let wall = [
                 DVec3::ZERO,
                 DVec3::Y,
@@ -215,8 +215,8 @@ fn perpendicular_rectangles_match_the_catalogue_over_all_aspects() {
                 &wall,
             );
             let exact = perpendicular(w, h);
-            // Panels of relative width 1 reach down to 1e-10 of either side; the corner left out is
-            // 1e-10 of the mean, the catalogue's formula loses (1/w + 1/h + w + h)² of 1e-16 to
+            // Panels of relative width 1 reach down to 1e-10 of either side. The omitted corner is
+            // 1e-10 of the mean, and the catalogue's formula loses (1/w + 1/h + w + h)² of 1e-16 to
             // cancellation.
             let rounding = 1e-15 * (1.0 / w + 1.0 / h + w + h).powi(3);
             assert!(
@@ -229,11 +229,11 @@ fn perpendicular_rectangles_match_the_catalogue_over_all_aspects() {
     }
 }
 
-/// Form factor from a point to a disc of radius `r` at height `z` about the axis, as `n` triangles
-/// with the disc's area.
+/// Form factor from a point to a disc of radius `r` at height `z` around the axis, approximated by
+/// `n` triangles with the disc's area.
 fn disc_factor(point: DVec3, r: f64, z: f64, n: usize) -> f64 {
     let step = 2.0 * PI / n as f64;
-    // The inscribed polygon's area is n/2 r² sin(2π/n).
+    // The area of the inscribed polygon is n/2 r² sin(2π/n).
     let r = r * (step / step.sin()).sqrt();
     let at = |k: usize| {
         let (s, c) = (k as f64 * step).sin_cos();
@@ -258,8 +258,8 @@ fn a_disc_over_a_point_on_its_axis_and_off_it() {
             let sum = a2 + h2 + 1.0;
             let exact = 0.5 * (1.0 - (a2 + h2 - 1.0) / (sum * sum - 4.0 * a2).sqrt());
             let f = disc_factor(DVec3::new(offset, 0.0, 0.0), 1.0, z, 1024);
-            // A polygon of the same area differs from the disc by the order of its angle squared,
-            // in strips at the rim that cancel but for the kernel's change across them: (2π/1024)²
+            // A polygon of equal area differs from the disc by the order of its angle squared, in
+            // strips at the rim that cancel except for the kernel's change across them: (2π/1024)²
             // = 4e-5 of the light from within a strip's width.
             assert!(
                 (f - exact).abs() < 4e-5 * exact,
@@ -306,14 +306,15 @@ fn a_needle_and_a_plate_without_end() {
     ] {
         let f = form_factor_polygon(DVec3::ZERO, DVec3::Z, &facing_rectangle(a, b, c));
         let exact = corner_rectangle(a, b, c);
-        // Two long edges whose terms cancel to the needle's width: absolute rounding 1e-16 of 1.
+        // Two long edges whose terms cancel down to the needle's width: the absolute rounding error
+        // is 1e-16.
         assert!(
             (f - exact).abs() < 1e-15 + 1e-9 * exact,
             "{a} {b} {c}: {f} {exact}"
         );
     }
-    // Between infinite plates all that one sends arrives: what a plate 1e6 wide misses is (2c/w)²
-    // of it.
+    // Between infinite plates, everything that one sends arrives; a plate 1e6 wide loses (2c/w)² of
+    // it.
     let w = 1e6;
     let plate = facing_rectangle(w, w, 1.0).map(|p| p - DVec3::new(0.5 * w, 0.5 * w, 0.0));
     let f = form_factor_polygon(DVec3::ZERO, DVec3::Z, &plate);
@@ -338,7 +339,7 @@ fn turning_moving_and_scaling_all_together_changes_nothing() {
     for (scale, move_by) in [(1.0, 0.0), (1e-6, 0.0), (1e6, 0.0), (1.0, 1e6)] {
         let at = |v: DVec3| turn * v * scale + DVec3::splat(move_by);
         let f = form_factor_polygon(at(p), turn * n, &polygon.map(at));
-        // Coordinates of 1e6 have a grain of 1e-10 against the figure's size of 1.
+        // Coordinates of 1e6 have a resolution of 1e-10, and the figure has a size of 1.
         let tolerance = if move_by > 0.0 { 1e-9 } else { 1e-14 };
         assert!((f - one).abs() < tolerance, "{scale} {move_by}: {f} {one}");
     }

@@ -1,5 +1,6 @@
-//! Rows by rays against closed forms. All tolerances are binomial: a share p of n rays has a
-//! standard error of √(p(1−p)/n), which stratification only lowers; four of these are allowed.
+//! Rows from rays compared with closed forms. All tolerances are binomial: a share p of n rays has
+//! a standard error of √(p(1−p)/n), which stratification only lowers; four standard errors are
+//! allowed.
 
 use std::f64::consts::PI;
 
@@ -15,16 +16,17 @@ use crate::world::WorldOptions;
 
 const RAYS: u32 = 1024;
 
-/// Shares of light between groups of patches.
+/// Form factors between groups of patches.
 struct Exchange {
-    /// From group, to group; the last column is the sky, the one before it black.
+    /// Row: from group; column: to group. The last column is the sky, the one before it black.
     share: Vec<Vec<f64>>,
     /// Standard error of a share of ½ from each group: rays weighted by their patch's area.
     sigma: Vec<f64>,
     area: Vec<f64>,
 }
 
-/// Casts rows and sums them by `group` of a patch's place and instance.
+/// Casts rows and sums them by the `group` of each patch, which depends on its position and
+/// instance.
 fn exchange(
     scene: &Scene,
     patches: u32,
@@ -94,16 +96,16 @@ fn close(x: &Exchange, from: usize, to: usize, exact: f64, extra: f64, what: &st
 fn inside_a_sphere_every_part_gets_its_share_of_the_area() {
     let mut scene = Scene::default();
     add_sphere(&mut scene, material(0.5, Vec3::ZERO), 2.0, 4, true);
-    // Five zones of different size; whatever the sender, F_ij = A_j/(4πR²).
+    // Five zones of different size; for any sender, F_ij = A_j/(4πR²).
     let zone = |z: f32| ((z + 2.0) * 1.25).clamp(0.0, 4.99) as usize;
     let x = exchange(&scene, 1500, 5, |_, p| zone(p.z));
     let all: f64 = x.area.iter().sum();
-    // 2048 facets, the largest of some 0.17 rad from corner to corner: they lie up to 0.17²/8
-    // inside the sphere.
+    // 2048 facets, the largest with about 0.17 rad between corners: they are up to 0.17²/8 inside
+    // the sphere.
     assert!((all / (16.0 * PI) - 1.0).abs() < 8e-3, "{all}");
     for from in 0..5 {
         for to in 0..5 {
-            // For facets the law holds to the same order.
+            // For facets, the law holds to the same order.
             close(&x, from, to, x.area[to] / all, 4e-3, "sphere");
         }
         assert_eq!(x.share[from][5] + x.share[from][6], 0.0, "no ray is lost");
@@ -118,7 +120,7 @@ fn concentric_spheres_exchange_by_the_ratio_of_their_areas() {
         add_sphere(&mut scene, material(0.5, Vec3::ZERO), 1.0, 4, true);
         let x = exchange(&scene, 1500, 2, |instance, _| instance);
         // F12 = 1, F21 = A1/A2 of the facets (their mean shadow is a quarter of the area, Cauchy),
-        // F22 = the rest.
+        // and F22 is the rest.
         let back = x.area[0] / x.area[1];
         assert_eq!(x.share[0][1], 1.0, "ratio {ratio}");
         close(&x, 1, 0, back, 2e-3, "back to the inner");
@@ -141,11 +143,11 @@ fn opposed_squares_from_afar_to_a_millionth() {
             * ((q * q / (1.0 + 2.0 * a * a).sqrt()).ln() + 2.0 * a * q * (a / q).atan()
                 - 2.0 * a * a.atan());
         for (from, to) in [(0, 1), (1, 0)] {
-            // Rays start 1e-6 m + 2e-7 of the scene's size above their surface, m the largest
-            // coordinate of the point: plates nearer than that do not see one another, which is the
-            // limit of a tree in f32. At 1e-6 it leaves the points with m < 0.8, and their rays end
-            // on the other plate before they have gone anywhere; what escapes instead is counted,
-            // and named by the audit.
+            // Rays start 1e-6 m + 2e-7 of the scene's size above their surface, where m is the
+            // largest coordinate of the point. Plates closer than that do not see each other, which
+            // is the limit of a tree in f32. At 1e-6, only the points with m < 0.8 remain, and
+            // their rays end on the other plate immediately. What escapes instead is counted and
+            // reported by the audit.
             let (exact, extra) = if d < 2e-6 {
                 (0.64, 0.02)
             } else {
@@ -177,9 +179,9 @@ fn rows_of_closed_scenes_sum_to_one_whatever_the_aspect() {
         }
         let x = exchange(&scene, 600, 1, |_, _| 0);
         assert_eq!(x.share[0][2], 0.0, "aspect {aspect}: rays escape");
-        // Rays may meet the thin triangle that they start from (see below); such rays are counted
-        // as lost behind. Measured: 8e-6 of all at 0.01 and 5e-4 at 100; the bound says only that
-        // this has not become worse.
+        // Rays may hit the thin triangle that they start from (see below); they are counted as lost
+        // behind. Measured: 8e-6 of all rays at 0.01 and 5e-4 at 100. The bound only ensures that
+        // this does not get worse.
         let thin = !(0.1..=10.0).contains(&aspect);
         let lost = if thin { 1e-3 } else { 0.0 };
         assert!(x.share[0][1] <= lost, "aspect {aspect}: {:?}", x.share);
@@ -211,7 +213,7 @@ fn a_wall_on_an_endless_floor_sees_half_of_the_sky() {
         ..WorldOptions::default()
     };
     let world = World::build(&scene, &soup, sky).unwrap();
-    // One square metre of wall in a square kilometre of floor: let patches be small enough for it.
+    // One square metre of wall on a square kilometre of floor: patches may be small enough for it.
     let options = CutOptions {
         patches: 400,
         ..CutOptions::default()
@@ -225,8 +227,8 @@ fn a_wall_on_an_endless_floor_sees_half_of_the_sky() {
         let wall = e.triangle >= 2;
         let share = f64::from(links.sky(i).x) / PI;
         assert_eq!(links.sky(i), links.all_sources(i));
-        // πL/2 on the wall, less what the floor misses below the horizon: h/half = 1e-3 of it at
-        // most. Floor: all but the wall.
+        // πL/2 on the wall, minus what the floor lacks below the horizon: at most h/half = 1e-3 of
+        // it. On the floor: everything but the wall.
         let sigma = 0.5 / f64::from(RAYS).sqrt();
         if wall {
             walls += 1;
@@ -238,8 +240,8 @@ fn a_wall_on_an_endless_floor_sees_half_of_the_sky() {
     assert!(walls > 0);
 }
 
-/// Share of rays from a lone strip of aspect 1 : `width`, turned out of the axes, that end on the
-/// strip itself: none should.
+/// Share of rays from a single strip of aspect 1 : `width`, rotated off the axes, that end on the
+/// strip itself. None should.
 fn caught_by_itself(width: f32) -> f64 {
     let mut scene = Scene::default();
     let turn = glam::Quat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 2.0);
@@ -259,9 +261,9 @@ fn rays_leave_the_surface_that_they_start_from() {
 
 #[test]
 fn rays_leave_thin_strips_too() {
-    // The watertight test finds t from barycentrics, which thin triangles divide by a small area:
-    // its error grows to 1e-7 × aspect of their length, while rays start 3e-7 to 1e-6 off. Such
-    // hits are decided in f64; before, 37 % were caught at aspect 100,000.
+    // The watertight test computes t from barycentrics, which for thin triangles are divided by a
+    // small area. Its error grows to 1e-7 × aspect of the triangle's length, while rays start 3e-7
+    // to 1e-6 off. Such hits are decided in f64; before, 37 % were caught at aspect 100,000.
     for width in [1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
         assert_eq!(caught_by_itself(width), 0.0, "width {width}");
     }
@@ -269,9 +271,9 @@ fn rays_leave_thin_strips_too() {
 
 #[test]
 fn no_ray_starts_behind_the_roof_in_an_acute_corner() {
-    // A closed wedge of 20°, a kilometre from the origin: rays start 1.2 mm off their surface,
-    // which within 3.3 mm of the edge is beyond the roof. Points are drawn in by four offsets,
-    // enough for corners of more than atan ¼ = 14°.
+    // A closed wedge of 20°, 1 km from the origin. Rays start 1.2 mm off their surface, which is
+    // beyond the roof within 3.3 mm of the edge. Points are moved in by four offsets, enough for
+    // corners of more than atan ¼ = 14°.
     let mut scene = Scene::default();
     let at = |x: f32, y: f32, z: f32| Vec3::splat(1000.0) + Vec3::new(x, y, z);
     let h = 20f32.to_radians().tan();
@@ -283,7 +285,7 @@ fn no_ray_starts_behind_the_roof_in_an_acute_corner() {
         at(1.0, 1.0, 0.0),
         at(1.0, 1.0, h),
     ];
-    // Fronts inside: floor, roof, the end at x = 1, the two sides.
+    // Fronts inside: floor, roof, the end at x = 1, and the two sides.
     let triangles = vec![
         [0, 1, 4],
         [0, 4, 3],

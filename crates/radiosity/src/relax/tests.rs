@@ -7,7 +7,7 @@ use crate::monitor::Silent;
 use crate::sampling::hash_u32;
 use crate::world::{World, WorldOptions};
 
-/// A made-up light problem on the sampled form factors of a cube.
+/// A synthetic light problem on the sampled form factors of a cube.
 struct Problem {
     links: Links,
     reflectance: Vec<DVec3>,
@@ -21,8 +21,8 @@ fn random(i: usize, salt: u32) -> f64 {
 }
 
 impl Problem {
-    /// Red has the same reflectance `rho` everywhere (the slowest case), green varies up to it,
-    /// blue has half of it. A tenth of the patches gets light.
+    /// Red has the same reflectance `rho` everywhere (the slowest case), green varies up to it, and
+    /// blue has half of it. A tenth of the patches emits light.
     fn new(rho: f64) -> Self {
         let scene = cube(0.5, glam::Vec3::ZERO);
         let soup = Soup::build(&scene);
@@ -59,8 +59,7 @@ impl Problem {
         }
     }
 
-    /// The solution by Gaussian elimination with partial pivoting of `I − Fρ`, each channel for
-    /// itself.
+    /// The solution by Gaussian elimination with partial pivoting of `I − Fρ`, channel by channel.
     fn eliminate(&self) -> Vec<DVec3> {
         let n = self.area.len();
         let mut out = vec![DVec3::ZERO; n];
@@ -106,11 +105,12 @@ impl Problem {
     }
 }
 
-/// Runs one method to the end and compares it with elimination.
+/// Runs one method to convergence and compares it with elimination.
 fn check(rho: f64, sweeps: u32) -> RelaxReport {
     let problem = Problem::new(rho);
     let exact = problem.eliminate();
-    // The elimination itself must solve the equation, to rounding times the condition 2/(1−ρ).
+    // The elimination itself must satisfy the equation, up to rounding times the condition number
+    // 2/(1−ρ).
     assert!(
         problem
             .system()
@@ -130,8 +130,8 @@ fn check(rho: f64, sweeps: u32) -> RelaxReport {
         error <= report.residual + 1e-10,
         "rho {rho}: error {error:e}, {report:?}"
     );
-    // No patch is left out: one has a 96th of the area, so its error may be 96 × 1e-8 of the mean,
-    // and the dimmest get a tenth of the mean.
+    // No patch is left out: one has 1/96 of the area, so its error may be 96 × 1e-8 of the mean,
+    // and the darkest get a tenth of the mean.
     for (a, b) in x.iter().zip(&exact) {
         assert!((*a - *b).abs().max_element() < 1e-5 * b.max_element().max(1e-3));
     }
@@ -140,7 +140,7 @@ fn check(rho: f64, sweeps: u32) -> RelaxReport {
 
 #[test]
 fn shooting_alone_finds_the_solution() {
-    // At 0.999 it would need thousands of sweeps, which is what the other method is for.
+    // At 0.999, it would need thousands of sweeps; the other method exists for this case.
     for rho in [0.5, 0.9] {
         let report = check(rho, 100_000);
         assert!(report.iterations == 0 && report.shots > 0, "{report:?}");
@@ -152,8 +152,8 @@ fn bicgstab_alone_finds_the_solution() {
     for rho in [0.5, 0.9, 0.999] {
         let report = check(rho, 0);
         assert!(report.shots == 0 && report.iterations > 0, "{report:?}");
-        // Superlinear: the factor that shooting needs, ln 1e-8 / ln 0.999 = 18000 sweeps, plays no
-        // part.
+        // Superlinear convergence: the ln 1e-8 / ln 0.999 = 18,000 sweeps that shooting needs do
+        // not matter.
         assert!(report.iterations < 60, "{report:?}");
     }
 }
@@ -167,7 +167,7 @@ fn what_shooting_leaves_is_handed_over() {
     assert!(report.shots <= (RelaxOptions::default().sweeps as u64 + 1) * n);
 }
 
-/// Cancels once the residual that it hears is below a limit.
+/// Cancels when the reported residual falls below a limit.
 struct StopAt {
     limit: f64,
     last: std::sync::Mutex<f64>,
@@ -191,7 +191,7 @@ fn the_residual_bounds_the_error_on_the_way() {
             let mut compared = 0;
             for limit in [100.0, 10.0, 1.0, 0.3, 0.1, 0.03, 1e-2, 1e-3, 1e-4, 1e-5] {
                 if rho > 0.99 && sweeps > 10 && limit < 1.0 {
-                    continue; // takes shooting too long
+                    continue; // shooting takes too long for this
                 }
                 let monitor = StopAt {
                     limit,
@@ -210,7 +210,7 @@ fn the_residual_bounds_the_error_on_the_way() {
                     error <= report.residual,
                     "rho {rho}, sweeps {sweeps}, limit {limit}: error {error:e}, {report:?}"
                 );
-                // A bound that is always huge would pass as well: for the constant channel it is
+                // A bound that is always huge would pass as well; for the constant channel, it is
                 // nearly reached.
                 compared += (error > 0.01 * report.residual) as u32;
             }

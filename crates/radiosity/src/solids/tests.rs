@@ -3,7 +3,7 @@ use mesh_ingest::{Light, Material, Scene, Soup};
 use super::*;
 use crate::fixtures::{add_triangles, material};
 
-/// A box; `faces` of its six (−x, +x, −y, +y, −z, +z) are there, turned inwards if `inwards`.
+/// A box with the given `faces` of its six (−x, +x, −y, +y, −z, +z), facing inwards if `inwards`.
 fn block(
     scene: &mut Scene,
     material: Material,
@@ -58,7 +58,7 @@ fn walls_hide_what_is_in_them_whatever_they_overlap_or_touch() {
     for double_sided in [false, true] {
         let mut scene = Scene::default();
         let grey = || grey(double_sided);
-        // Two overlap, the third touches the second with a whole face, which the soup keeps once.
+        // Two overlap. The third shares a whole face with the second, which the soup keeps once.
         block(&mut scene, grey(), [0.0; 3], [2.0, 2.0, 0.1], false, ALL);
         block(
             &mut scene,
@@ -93,7 +93,7 @@ fn walls_hide_what_is_in_them_whatever_they_overlap_or_touch() {
 
 #[test]
 fn rooms_hide_nothing() {
-    // A shell that faces inwards, and a pillar in it.
+    // A shell that faces inwards, with a pillar in it.
     let mut scene = Scene::default();
     block(&mut scene, grey(false), [-2.0; 3], [2.0; 3], true, ALL);
     block(
@@ -106,7 +106,7 @@ fn rooms_hide_nothing() {
     );
     let points = [[1.0; 3], [0.0; 3], [3.0; 3]];
     assert_eq!(hides(&scene, &points), [false, true, false]);
-    // A double-sided one, wound either way, with a lamp in it that the pillar does not hold.
+    // A double-sided shell, wound either way, with a lamp that is not inside the pillar.
     for (lamp, inwards) in [(true, false), (false, false), (false, true)] {
         let mut scene = Scene::default();
         block(&mut scene, grey(true), [-2.0; 3], [2.0; 3], inwards, ALL);
@@ -165,7 +165,7 @@ fn a_panel_sunk_in_a_ceiling_does_not_make_it_a_room() {
 
 #[test]
 fn hollow_bodies_hide_their_walls_alone() {
-    // One instance: the outer shell of a house and the inner one.
+    // One instance with the outer and the inner shell of a house.
     let mut scene = Scene::default();
     block(&mut scene, grey(true), [-2.0; 3], [2.0; 3], false, ALL);
     block(&mut scene, grey(true), [-1.8; 3], [1.8; 3], true, ALL);

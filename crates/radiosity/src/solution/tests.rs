@@ -10,7 +10,7 @@ use crate::sampling::sample_2d;
 use crate::solve::{SolveOptions, solve};
 use crate::world::WorldOptions;
 
-/// A lit room with a chequered floor, of 64 fields along each edge.
+/// A lit room with a chequered floor of 64 × 64 fields.
 fn chequered_room() -> Scene {
     let mut scene = cube(0.5, Vec3::ZERO);
     let field = |k: u32| match (k % 64 + k / 64) % 2 {
@@ -47,14 +47,14 @@ fn look(hit: &Hit, at: Vec3, of: Reflected) -> Look {
     }
 }
 
-/// What `look` makes of `n` hits spread over the middle of the floor.
+/// The results of `look` for `n` hits spread over the middle of the floor.
 fn over_the_floor(n: u32, mut look: impl FnMut(&World, &Solution, &DirectLight, &Hit, Vec3)) {
     let scene = chequered_room();
     let soup = Soup::build(&scene);
     let world = World::build(&scene, &soup, WorldOptions::default()).expect("a tree");
     let emitters = Emitters::collect(&world);
     let mut options = SolveOptions::default();
-    // Elements of seven centimetres, four fields across.
+    // Elements of 7 cm, four fields across.
     options.cut.patches = 96;
     let solution = solve(&world, &emitters, &options, &Silent);
     let lights = DirectLight::new(&world, &emitters).on_patches(&solution.cut);
@@ -88,8 +88,8 @@ fn from_afar_a_surface_sends_what_it_sends_on_average() {
         // Fields are light or dark; their mean is neither.
         differ += u32::from((pair[0] - pair[1]).abs().max_element() > 0.2 * pair[0].max_element());
     });
-    // 16,384 points of a Sobol sequence in 4,096 fields tell their share to a tenth of a percent;
-    // an element's mean is over some 16 fields, of which its border may cut more light ones or more
+    // 16,384 points of a Sobol sequence in 4,096 fields determine the share of light fields to 0.1
+    // %. An element's mean is over some 16 fields, and its border may cut more light fields or more
     // dark ones.
     let off = (afar / near - 1.0).abs().max_element();
     assert!(off < 0.02, "{near} {afar}");
@@ -109,7 +109,7 @@ fn what_is_left_out_from_afar_is_the_share_of_direct_light() {
         let afar = solution.afar[place.element.expect("an element").0 as usize];
         let share = of_lit(0.2, luminance(afar.direct));
         let left = afar.reflectance * afar.direct * (share * std::f32::consts::FRAC_1_PI);
-        // Roundings of a sum of two.
+        // The roundings of a sum of two numbers.
         let off = (all.light - part.light - left).abs().max_element();
         assert!(off < 1e-6 * all.light.max_element(), "{off}");
     });

@@ -35,7 +35,7 @@ fn solve_scene(scene: &Scene, sky: Sky, options: &SolveOptions, monitor: &dyn Mo
     solve(&world, &Emitters::collect(&world), options, monitor)
 }
 
-/// A closed room with a lamp off its centre.
+/// A closed room with a lamp away from its centre.
 fn lit_room(reflectance: f32) -> Scene {
     let mut scene = cube(reflectance, Vec3::ZERO);
     scene.lights.push(lamp());
@@ -49,9 +49,9 @@ fn a_furnace_is_as_bright_everywhere_as_the_geometric_series_says() {
         let s = solve_scene(&cube(rho, emitted), Sky::Black, &options(96, 64), &Silent);
         assert!(s.report.relaxation.converged, "{:?}", s.report);
         for (i, (d, x)) in s.direct_mean.iter().zip(&s.indirect).enumerate() {
-            // E = πL/(1−ρ), exact for any rays because rows sum to 1. What is left is the
-            // relaxation: its 1e-4 bounds the mean; the residual of a furnace is about uniform, so
-            // 1e-3 leaves a factor of ten for the worst patch.
+            // E = πL/(1−ρ), exact for any rays because rows sum to 1. What remains is the
+            // relaxation: its 1e-4 bounds the mean. The residual of a furnace is approximately
+            // uniform, so 1e-3 leaves a factor of ten for the worst patch.
             let exact = emitted * (std::f32::consts::PI / (1.0 - rho));
             let off = ((*d + *x - exact) / exact).abs().max_element();
             assert!(off < 1e-3, "rho {rho}, patch {i}: {} not {exact}", *d + *x);
@@ -82,7 +82,7 @@ fn a_plate_under_a_constant_sky_receives_pi_l() {
     let a = &s.report.audit;
     assert_eq!(a.rows_open as usize, s.indirect.len());
     assert_eq!((a.row_sum_min, a.row_sum_mean), (0.0, 0.0));
-    // Area 1, and the share ρ of what comes goes away again.
+    // The area is 1, and the share ρ of what arrives leaves again.
     for c in 0..3 {
         let flux = PI * l[c] as f64;
         assert!((a.flux_in[c] / flux - 1.0).abs() < 1e-5, "{a:?}");
@@ -101,18 +101,18 @@ fn a_plate_under_a_constant_sky_receives_pi_l() {
 fn a_closed_room_absorbs_what_its_lamp_sends() {
     let s = solve_scene(&lit_room(0.5), Sky::Black, &options(96, 1024), &Silent);
     let a = &s.report.audit;
-    // All of Φ = 4πI reaches the walls. Elements sample E at one random point each: 96 patches of
-    // up to 16 elements, E varying by some 10 % over one (2 × size/distance = 2 × 0.06/0.3 at
-    // worst), so 0.1/√1500 = 0.3 %; four times that.
+    // All of Φ = 4πI reaches the walls. Elements sample E at one random point each. There are 96
+    // patches of up to 16 elements, and E varies by some 10 % over one (2 × size/distance = 2 ×
+    // 0.06/0.3 at worst), so the error is 0.1/√1500 = 0.3 %; four times that.
     assert!(
         (a.flux_in[1] / (4.0 * PI * 3.0) - 1.0).abs() < 0.012,
         "{a:?}"
     );
     assert_eq!(a.flux_escaped, [0.0; 3]);
-    // Reciprocity holds within noise: each of some 96 columns has about 1024 rays, 3 % each, over
-    // columns 0.3 %, weighted by a light that varies about threefold: 1 %.
+    // Reciprocity holds up to noise: each of some 96 columns has about 1024 rays, 3 % each, or 0.3
+    // % over all columns. Weighted by light that varies by a factor of about three, this is 1 %.
     assert!(a.imbalance.abs() < 0.01, "{a:?}");
-    // Absorbed = Φ in all, by the same token.
+    // Absorbed = Φ in total, with the same tolerance.
     assert!(
         (a.flux_absorbed[1] / a.flux_in[1] - 1.0).abs() < 0.01,
         "{a:?}"
@@ -120,7 +120,7 @@ fn a_closed_room_absorbs_what_its_lamp_sends() {
     assert!(!s.report.cancelled && s.report.relaxation.converged);
 }
 
-/// Cancels from its n-th question on.
+/// Cancels from its n-th query on.
 struct CancelAfter(AtomicU32);
 
 impl Monitor for CancelAfter {
@@ -135,7 +135,7 @@ impl Monitor for CancelAfter {
 fn a_cancelled_solve_says_so_and_leaves_usable_numbers() {
     let scenes = [
         (lit_room(0.9), 40),
-        (cube(0.9, Vec3::ONE), 28), // has no direct phase, and asks 30 times in all
+        (cube(0.9, Vec3::ONE), 28), // has no direct phase, and is queried 30 times in total
     ];
     for (k, (scene, most)) in scenes.iter().enumerate() {
         let mut distinct = std::collections::BTreeSet::new();
@@ -152,7 +152,7 @@ fn a_cancelled_solve_says_so_and_leaves_usable_numbers() {
             assert!(s.report.audit.imbalance.is_finite());
             distinct.insert(s.report.rays_per_patch);
         }
-        // Cancelled before the first links and after some.
+        // Cancelled before the first links, and after some of them.
         assert!(distinct.len() > 1, "{distinct:?}");
         assert!(distinct.contains(&0));
     }
@@ -161,7 +161,7 @@ fn a_cancelled_solve_says_so_and_leaves_usable_numbers() {
 #[test]
 fn the_number_of_threads_does_not_change_a_bit() {
     let mut scene = lit_room(0.8);
-    // A lamp and an occluder inside, so that all kinds of light take part.
+    // A lamp and an occluder inside, so that all kinds of light contribute.
     add_quad(
         &mut scene,
         material(0.5, Vec3::splat(40.0)),
@@ -235,7 +235,7 @@ fn links_of_a_cube_are_its_form_factors() {
     let n = cut.patches().len();
     let face = faces(&soup, &cut);
     let mut links = Links::new(n, 1024);
-    // In two steps, as the solver does: the second continues the sequence of the first.
+    // In two steps, as in the solver: the second continues the sequence of the first.
     for rays in [100, 1024] {
         links.extend(&world, &cut, rays, &Silent).unwrap();
         assert_eq!(links.rays, rays);
@@ -246,8 +246,8 @@ fn links_of_a_cube_are_its_form_factors() {
         let area = cut.patches()[i].area as f64;
         from[face[i]] += area;
         squares[face[i]] += area * area;
-        // Closed: all rays end on patches, so the row sums to exactly 1, and what they see is the
-        // emission.
+        // In a closed scene, all rays end on patches, so the row sums to exactly 1, and what they
+        // see is the emission.
         assert_eq!(links.row(i).len(), 1024);
         assert!(
             (links.all_sources(i) / std::f32::consts::PI - 1.0)
@@ -273,7 +273,8 @@ fn links_of_a_cube_are_its_form_factors() {
                 (_, true) => 0.199_825,
                 _ => 0.200_044,
             };
-            // Binomial, for rays that count by their patch's area; stratification only lowers it.
+            // Binomial, for rays weighted by the area of their patch; stratification only lowers
+            // it.
             let effective = from[a] * from[a] / squares[a] * 1024.0;
             let sigma = (exact * (1.0 - exact) / effective).sqrt();
             let f = to[a][b] / from[a];
@@ -281,7 +282,7 @@ fn links_of_a_cube_are_its_form_factors() {
                 (f - exact).abs() <= 3.0 * sigma,
                 "F {a}→{b}: {f} ± {sigma}, not {exact}"
             );
-            // A_a F_ab = A_b F_ba: both have that error.
+            // A_a F_ab = A_b F_ba: both sides have that error.
             assert!(
                 (to[a][b] - back).abs() <= 3.0 * 2f64.sqrt() * sigma,
                 "{a} {b}: {} {back}",
@@ -310,7 +311,7 @@ fn cancelled_links_stay_as_they_were() {
         assert_eq!(links.row(i), row);
         assert_eq!(links.all_sources(i), *source);
     }
-    // And they can go on from there to what an uncancelled run gives.
+    // They can continue from there to the result of an uncancelled run.
     links.extend(&world, &cut, 64, &Silent).unwrap();
     let mut fresh = Links::new(n, 64);
     fresh.extend(&world, &cut, 16, &Silent).unwrap();
@@ -321,8 +322,8 @@ fn cancelled_links_stay_as_they_were() {
     }
 }
 
-/// Scenes for the bound: a closed room with a lamp, the same with a wall across it that leaves a
-/// slit, without its lid, and with dark shelves on one side.
+/// Scenes for the bound: a closed room with a lamp, the same room with a wall across it that leaves
+/// a gap, without its lid, and with dark shelves on one side.
 fn bounded_scenes(rho: f32) -> [(&'static str, Scene); 4] {
     let lit = lit_room(rho);
     let mut divided = lit_room(rho);
@@ -372,7 +373,7 @@ fn the_residual_bounds_what_a_coarse_solve_leaves() {
                     }
                     let bound = coarse.report.relaxation.residual;
                     assert!(bound <= tolerance);
-                    // Irradiances are kept in f32: 2⁻²⁴ of each. The tight solve leaves 1e-9.
+                    // Irradiances are stored in f32: 2⁻²⁴ of each. The tight solve leaves 1e-9.
                     let error = off / all.max(1e-300);
                     assert!(
                         error <= bound + 2f64.powi(-24) + 1e-9,
@@ -388,14 +389,14 @@ fn the_residual_bounds_what_a_coarse_solve_leaves() {
 }
 
 /// A plate hovers over half of a floor that is long in the other direction. At a depth d under its
-/// rim, at a height h, a black slit lets through (1 − d/√(d² + h²))/2 of a uniform sky.
+/// rim, at a height h, a black gap transmits (1 − d/√(d² + h²))/2 of a uniform sky.
 #[test]
 fn patches_do_not_carry_light_into_a_gap() {
     let mut scene = Scene::default();
     let (x, z, h) = (Vec3::X, Vec3::Z, 0.05);
     let black = || material(0.0, Vec3::ZERO);
     add_quad(&mut scene, black(), -10.0 * z - 2.0 * x, 20.0 * z, 4.0 * x);
-    // Its front looks down; its rim at x = 0.13 runs through the middle of patches.
+    // Its front faces down; its rim at x = 0.13 runs through the middle of patches.
     let rim = 0.13;
     let corner = Vec3::new(rim, h, -10.0);
     add_quad(&mut scene, black(), corner, 3.0 * x, 20.0 * z);
@@ -406,7 +407,7 @@ fn patches_do_not_carry_light_into_a_gap() {
         let (mut sum, mut n) = (0.0, 0.0);
         for k in 0..800 {
             let p = Vec3::new(rim + d, 0.0, -8.0 + 0.02 * k as f32);
-            // The floor's own two triangles come first; the second has more of x than of z.
+            // The floor's two triangles come first; the second has larger x than z.
             let t = u32::from((p.x + 2.0) / 4.0 > (p.z + 10.0) / 20.0);
             let at = s.cut.locate(t, p, false).unwrap();
             let (taps, count) = s.cut.taps(t, p, at);
@@ -417,8 +418,8 @@ fn patches_do_not_carry_light_into_a_gap() {
             n += 1.0;
         }
         let depth = |d: f32| 0.5 * (1.0 - d / (d * d + h * h).sqrt()) * std::f32::consts::PI;
-        // An element is 7 cm wide, and lets in what its lit side gets; 180 of them along the rim
-        // with 1024 rays each see the sky by 400 rays and more.
+        // An element is 7 cm wide and transmits what its lit side receives; the 180 elements along
+        // the rim, with 1024 rays each, see the sky with 400 rays and more.
         let [most, least] = [depth(d - 0.075), depth(d + 0.075)];
         let got = sum / n;
         assert!(
@@ -428,7 +429,7 @@ fn patches_do_not_carry_light_into_a_gap() {
     }
 }
 
-/// A lamp behind bars is seen in part from nearly everywhere.
+/// A lamp behind bars is partially visible from nearly everywhere.
 #[test]
 fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
     let mut scene = Scene::default();
@@ -482,8 +483,8 @@ fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
     let exact = mean(DirectOptions::every(1024, 1024));
     let few = mean(SolveOptions::default().direct);
     let adaptive = mean(DirectOptions::every(4, 8));
-    // Measured: −0.11 %, which is noise of both, and 5.0 % for going on only where the first four
-    // disagree.
+    // Measured: −0.11 %, which is noise of both, and 5.0 % if it continued only where the first
+    // four samples disagree.
     assert!((few / exact - 1.0).abs() < 0.003, "{few} {exact}");
     assert!(adaptive / exact - 1.0 > 0.03, "{adaptive} {exact}");
 }

@@ -5,7 +5,7 @@ use super::*;
 use crate::fixtures::{add_quad, cube, light, material};
 use crate::{Emitters, Silent, SolveOptions, solve};
 
-/// A black floor about the origin.
+/// A black floor around the origin.
 fn floor() -> Scene {
     let mut scene = Scene::default();
     let corner = Vec3::new(-5.0, 0.0, -5.0);
@@ -19,7 +19,7 @@ fn floor() -> Scene {
     scene
 }
 
-/// Whether a wall stands between two points of the floor of `scene`, looked for at 2 cm.
+/// Whether a wall stands between two points of the floor of `scene`, tested at 2 cm.
 fn walled(scene: &Scene, a: [f32; 2], b: [f32; 2]) -> bool {
     let soup = Soup::build(scene);
     let world = World::build(scene, &soup, WorldOptions::default()).unwrap();
@@ -49,7 +49,7 @@ fn a_wall_stands_between_what_it_parts() {
     );
     assert!(walled(&scene, [0.0, 0.0], [0.2, 0.1]));
     assert!(walled(&scene, [0.2, 0.1], [0.0, 0.0]));
-    // A point right behind it, closer than it leans over at the height that is looked along.
+    // A point right behind it, closer than the wall overhangs at the tested height.
     assert!(walled(&scene, [0.1 - 1e-4, 0.0], [0.2, 0.0]));
     assert!(!walled(&scene, [0.0, 0.0], [0.05, 0.2]));
     assert!(!walled(&scene, [0.0, 2.0], [0.2, 2.0]), "it ends before");
@@ -77,7 +77,7 @@ fn a_threshold_is_no_wall_and_neither_is_a_grille() {
 #[test]
 fn a_room_beyond_a_sheet_on_the_same_floor_is_dark() {
     let mut scene = cube(0.8, Vec3::ZERO);
-    // Askew, so that it cuts patches, through all of floor, ceiling and walls.
+    // Askew, so that it cuts patches, through the whole of floor, ceiling and walls.
     let mut sheet = material(0.8, Vec3::ZERO);
     sheet.double_sided = true;
     let x = |z: f32| 0.47 + 0.06 * z;
@@ -138,12 +138,12 @@ fn what_rises_above_a_floor_is_found_and_what_lies_in_it_is_not() {
         world.anything_above(&p, 0.5)
     };
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
-    // A needle within the box, one that passes through it, one beside it, one under the floor.
+    // A needle inside the box, one that passes through it, one beside it, and one under the floor.
     assert!(above(Vec3::new(0.4, 0.0, 0.4), y * 0.1, x * 1e-3));
     assert!(above(Vec3::new(-9.0, 0.3, 0.2), x * 20.0, y * 1e-3));
     assert!(!above(Vec3::new(0.6, 0.0, 0.4), y * 0.1, x * 1e-3));
     assert!(!above(Vec3::new(0.1, -0.3, 0.1), y * 0.2, x * 0.1));
-    // A large triangle whose box overlaps and that passes the corner by.
+    // A large triangle whose box overlaps but which misses the corner.
     assert!(!above(
         Vec3::new(2.1, 0.0, -1.0),
         Vec3::new(-3.0, 0.0, 3.0),
