@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Pictures of what goes wrong in bakes and in engines, for docs/troubleshooting.md.
+"""Pictures of faults in bakes and in engines, for docs/troubleshooting.md.
 
 Usage : python fault_pictures.py [NAME ...]
-Steps : bakes the demo level with and without each fault, and draws both as an engine does, by the judge's own
-        lookups: the fault on the left, the remedy on the right, at one exposure.  Faults of engines are done to the page.
+Steps : bakes the demo level with and without each fault, and draws both as an engine does, with the
+        judge's lookups: the fault on the left, the remedy on the right, at one exposure. Faults of
+        engines are applied to the page.
 Output: docs/images/faults/NAME.jpg
 Needs : LUMEL; the judge's requirements (tools/judge/requirements.txt)
 """
@@ -27,7 +28,7 @@ GAP = 6
 
 
 def inside_out(source, target, name):
-    """a copy whose mesh of that name has its triangles turned over"""
+    """a copy in which the triangles of the mesh with that name are flipped"""
     js, data = common.read_glb(source)
     data = bytearray(data)
     mesh = next(m for m in js["meshes"] if m.get("name") == name)
@@ -57,13 +58,13 @@ def blurred(page, size=8):
     return out
 
 
-# name: options of the faulty bake, options of the good one
+# name: options of the faulty bake, options of the correct one
 BAKES = {
     "black": (["--quality", "draft", "--texels-per-unit", "2", "--exclude-light", "*"], PLAIN),
     "blotches": (SKY + ["--quality", "draft", "--texels-per-unit", "6"], SKY + ["--quality", "preview", "--texels-per-unit", "6"]),
     "coarse": (SKY + ["--quality", "quick", "--texels-per-unit", "1.5"], PLAIN),
 }
-# name: what an engine makes of a page
+# name: what an engine does to a page
 PAGES = {
     "pi": lambda page: page * np.pi,
     "srgb": lambda page: np.where(page < 1, page, 1) ** 2.2,
@@ -73,7 +74,7 @@ PAGES = {
 
 
 def draw(bad, good, name, change=None):
-    """both pictures, side by side"""
+    """both pictures side by side"""
     pictures, exposed = [], None
     for glb, turn in ((good, None), (bad, change)):
         baked = view.Baked(glb)

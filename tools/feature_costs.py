@@ -1,9 +1,11 @@
-"""What lights, materials and layers cost: scenes that use them, and scenes that do not.
+"""The cost of lights, materials and layers: compares scenes with and without them.
 
-Usage : python feature_costs.py [--before OLD_LUMEL] [--runs 3] [--quality draft] [--work /tmp/lumel-costs]
-Steps : bakes assets/cornell_box.glb and assets/demo_level.glb plainly, with the binary LUMEL and, if given, with an older one (--before); then with one
-        feature at a time. Time is the least of the runs' wall times, taken in turns; instructions are those of user code (`perf stat`), which a loaded
-        machine does not change; -1 where perf is not there.
+Usage : python feature_costs.py [--before OLD_LUMEL] [--runs 3] [--quality draft]
+                                [--work /tmp/lumel-costs]
+Steps : bakes assets/cornell_box.glb and assets/demo_level.glb without features, with the binary
+        LUMEL and optionally with an older one (--before); then with one feature at a time. Time is
+        the minimum wall time of interleaved runs. Instructions are those of user code
+        (`perf stat`), which are independent of the machine's load; -1 without perf.
 Output: lab/data/feature_costs.csv and lab/tables/feature_costs.md
 Needs : the lumel binary (LUMEL) built for release; perf for instructions
 """

@@ -1,14 +1,19 @@
-"""Put a baked scene's lightmap coordinates into page space, for tools that know one atlas and no instances.
+"""Convert the lightmap coordinates of a baked scene to page space, for tools that support one atlas and
+no instances.
 
 Usage : python flatten_lightmap.py BAKED.glb FLAT.glb [--page 0]
-Input : a .glb written by `lumel bake`: nodes with extras.lightmap {uri, page, texCoord, offset, scale}, or a list of them on a
-        node with EXT_mesh_gpu_instancing.  The EXR beside it gives the page's size.
-Output: FLAT.glb, in which every mesh node has a mesh of its own whose TEXCOORD_1 lies in the page (offset and scale applied; a page that is
-        not square sits in the top left of a square one, so that texel (row, column) keeps its number), and TEXCOORD_0 where the
-        document had none.  Nodes on other pages, or without a lightmap, get no TEXCOORD_1: they cast and do not receive.
-        GPU instances become nodes.  Triangles without area whose lightmap coordinates have one are left out: the baker drops them, so their corners lie
-        in whatever charts their vertices are in, and a peer that draws them paints over others' lumels (on Sponza, 430 of them covered a third of
-        what was lit).  One JSON line: res (side of the square), page size, nodes, receivers, left_out.
+Input : a .glb written by `lumel bake`: nodes with extras.lightmap {uri, page, texCoord, offset,
+        scale}, or a list of them on a node with EXT_mesh_gpu_instancing. The EXR next to it gives
+        the page's size.
+Output: FLAT.glb, in which every mesh node has its own mesh with TEXCOORD_1 in page space (offset
+        and scale applied; a page that is not square is in the top left of a square one, so that
+        texel (row, column) keeps its indices), and TEXCOORD_0 if the document had none. Nodes on
+        other pages or without a lightmap get no TEXCOORD_1: they cast shadows and do not receive
+        light. GPU instances become nodes. Triangles without area in space but with area in the
+        lightmap are left out. The baker drops them, so their corners are in whatever charts their
+        vertices are in, and a peer that draws them overwrites other lumels (on Sponza, 430 of them
+        covered a third of the lit area). Prints one JSON line: res (side of the square), page
+        size, nodes, receivers, left_out.
 """
 import argparse
 import copy

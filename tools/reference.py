@@ -1,10 +1,12 @@
-"""Path-traced references of one atlas, kept on disk, and the error of a map against them.
+"""Path-traced references of one atlas, cached on disk, and the error of a map against them.
 
-A reference is an .npz of truth.py at lumels chosen by texels.py.  Its file under LUMEL_REF is named by what it is the answer to: the content
-of the flattened scene (triangles, normals, lightmap coordinates, colours, materials, pictures, lights; see scene_digest), the page's side, which lumels and
-over which footprint, how back faces behave, the sky and the precision asked for.  Not by lightmap values, version or file layout: a bake of
-another quality finds the same references.  Nor by the time limit: a reference that was cut short stays usable, says its own noise
-("own"), and refine() improves it later.
+A reference is an .npz of truth.py at lumels chosen by texels.py. Its file name under LUMEL_REF
+depends on everything that determines the answer: the content of the flattened scene (triangles,
+normals, lightmap coordinates, colours, materials, images, lights; see scene_digest), the page's
+side, the chosen lumels and their footprint, the treatment of back faces, the sky, and the requested
+precision. It does not depend on lightmap values, version or file layout, so a bake of another
+quality finds the same references. It also does not depend on the time limit: an interrupted
+reference stays usable, states its own noise ("own"), and can be improved later with refine().
 """
 import hashlib
 import json
@@ -19,7 +21,8 @@ sys.path.insert(0, common.SHARED)
 try:
     import gltf_scene   # noqa: E402
 except ModuleNotFoundError:
-    gltf_scene = None   # only what reads no scene, as speed_error.py --page-only, does without
+    # only scripts that read no scene, such as speed_error.py --page-only, work without it
+    gltf_scene = None
 
 # points along a lumel's side: the position of an edge across it is known to about 0.25 % of its
 # area

@@ -1,17 +1,25 @@
-"""Measure the seams of a finished bake: how far bilinear lookups on the two sides of chart borders differ.
+"""Measure the seams of a finished bake: the difference between bilinear lookups on the two sides of
+chart borders.
 
 Usage : python seam_error.py OUT_DIR ... [--angle 8] [--fold 65] [--no-rays] [--worst N] [--json]
-Input : folders written by `lumel bake`: the lightmapped .glb (TEXCOORD_1, and extras.lightmap with page, offset and scale) and its EXR
-        pages.  Nothing of the report is read, and no code of the baker's is used.
-Output: a line per folder: number of samples, metres of seam, and of |a - b| / (mean of both + 1 % of the map's mean), by luminance and
-        weighted by the seam's length in texels, the median, 99th percentile and maximum, and what share lies above 1 %.
+Input : folders written by `lumel bake`: the lightmapped .glb (TEXCOORD_1, and extras.lightmap with
+        page, offset and scale) and its EXR pages. The report is not read, and no code of the baker
+        is used.
+Output: one line per folder: number of samples, metres of seam, and the median, 99th percentile and
+        maximum of |a - b| / (mean of both + 1 % of the map's mean), by luminance and weighted by
+        the seam's length in texels, and the share above 1 %.
 
-Border edges are edges of lightmap triangles that no other triangle shares on the page.  Points are spread along each at random, half a
-texel apart; every other border edge through the same point (to 0.05 texels and 1 % of the shorter edge) that runs along it, whose
-shading normal is within --angle degrees and whose plane is within --fold (across a sharper fold both sides have horizons of their
-own), and whose triangle lies on the other side, makes a sample.  Those with something standing
-on the seam (a ray from half a texel on this side to half a texel on that side, 0.2 texels above the surface, by Mitsuba) are left out
-unless --no-rays says so: there light may jump.  So are those of which a side lies inside or behind something, by rays that meet backs of faces.  Each side looks for its own partners, so every seam is measured twice, at different points.
+Border edges are edges of lightmap triangles that no other triangle on the page shares. Random points
+are spread along each, half a texel apart. A point makes a sample with every other border edge that
+- runs along it through the same point (to 0.05 texels and 1 % of the shorter edge),
+- has a shading normal within --angle degrees and a plane within --fold degrees (across a sharper
+  fold, each side has a different horizon), and
+- has its triangle on the other side.
+Samples with something standing on the seam are left out unless --no-rays is given, because light
+may jump there. This is tested with a Mitsuba ray from half a texel on this side to half a texel on
+the other, 0.2 texels above the surface. Samples with a side inside or behind something, which rays
+that hit backfaces detect, are also left out. Each side searches for its own partners, so every seam
+is measured twice, at different points.
 """
 import argparse
 import glob
@@ -115,7 +123,7 @@ def ray_scene(tri):
 
 
 def free_between(scene, a, b):
-    """whether segments a-b meet no triangle"""
+    """whether the segments a-b hit no triangle"""
     mi, scene, centre = scene
     out = []
     for k in range(0, len(a), 1 << 18):
@@ -125,8 +133,9 @@ def free_between(scene, a, b):
 
 
 def inside(scene, tri, two_sided, at, normal, cover, rng, rays=32):
-    """whether the ray straight up from these points within the distance `cover`, or all but at most a tenth of those all about, meet backs of single-sided faces:
-    nobody sees the place"""
+    """whether the ray straight up from these points within the distance `cover`, or at least 90
+    % of the rays in all directions, hit backs of single-sided faces, so that nobody sees the
+    place"""
     mi, scene, centre = scene
     geo = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     backs = np.zeros(len(at))
@@ -146,7 +155,7 @@ def inside(scene, tri, two_sided, at, normal, cover, rng, rays=32):
 
 
 def mean_light(images, page, uv, rng, n=200000):
-    """mean over the map's surface, by random points"""
+    """mean over the map's surface, from random points"""
     area = np.abs(np.cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]))
     t = rng.choice(len(uv), n, p=area / area.sum())
     b = rng.random((n, 2))
@@ -156,11 +165,13 @@ def mean_light(images, page, uv, rng, n=200000):
 
 
 def seams(path, angle=8.0, rays=True, seed=1, fold=65.0):
-    """-> dict of arrays by sample (relative difference, weight in texels, metres, place, page and texel of both sides), mean light"""
+    """-> dict of arrays by sample (relative difference, weight in texels, metres, position, page
+    and texel of both sides), mean light"""
     rng = np.random.default_rng(seed)
     tri, nrm, uv, page, two_sided, images = surfaces(path)
     everything = tri
-    # Of triangles that coincide, whatever way they face, the baker lights one and leaves the others black, as its report says.
+    # Of coincident triangles, whatever way they face, the baker lights one and leaves the others
+    # black, as its report says.
     size = 1e-5 * np.abs(tri).max() if len(tri) else 1.0
     corners = np.sort(np.round(tri / size).astype(np.int64).view([("x", np.int64), ("y", np.int64), ("z", np.int64)])[..., 0], axis=1)
     _, inv, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
@@ -195,7 +206,7 @@ def seams(path, angle=8.0, rays=True, seed=1, fold=65.0):
     first = np.repeat(np.cumsum(n) - n, n)
     s = (np.arange(len(edge)) - first + rng.random(len(edge))) / n[edge]
     p = a[edge] + (b - a)[edge] * s[:, None]
-    # Partners: samples of other edges that are near, by classes of their spacing.
+    # Partners: nearby samples of other edges, by classes of their spacing.
     spacing = (le / n)[edge]
     level = np.ceil(np.log2(spacing)).astype(int)
     pairs = []

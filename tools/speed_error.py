@@ -1,24 +1,35 @@
-"""Speed against error: lumel's quality settings and Cycles' sample counts over several scenes, each with its path-traced reference.
+"""Speed against error: lumel's quality settings and Cycles' sample counts over several scenes, each
+with a path-traced reference.
 
-After Willmott and Heckbert, "An empirical comparison of progressive and wavelet radiosity", 1997: every method, every setting, the same scenes,
-one measure of error, time beside it.
+After Willmott and Heckbert, "An empirical comparison of progressive and wavelet radiosity", 1997:
+every method and every setting on the same scenes, with one measure of error and the time.
 
-Usage : python speed_error.py [--scenes cornell,demo,garage,godot,sponza] [--lumel-only] [--full] [--resume] [--smoke] [--pictures]
-              [--references-only] [--reference-time 1.0] [--refine SECONDS] [--repeat 3] [--threads N] [--work DIR] [--docs DIR]
-        python speed_error.py --final              the five scenes, resuming where an earlier call of the same binary was cut off
-        python speed_error.py --final --lumel-only   lumel's rows of both kinds again, with a new binary, on the same five scenes; Cycles' rows stay
-        python speed_error.py --page-only          plots and page again from the CSV
-Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its references are looked up under LUMEL_REF or made
-          (reference.py; their time is bounded in the scene table, --reference-time scales it, --refine adds to what is there); 3 all settings of lumel and
-          Cycles in turn, lumel's twice: the whole bake, and equal work (`--no-vertex-colors --in-turn`, and what making charts and packing them took in
-          that run is taken off: Cycles does neither); settings under 5 s three times, longer ones once; 4 errors of every map; 5 the CSV; then the plots and the page (speed_page.py).
-Output: lab/data/speed_error.csv         a row for every run and family of lumels, written after each run; what was not run keeps its rows, unless they
-                                        are of another atlas or, lumel's, of another binary
-        lab/images/speed_error.png .svg   one panel a scene;  lab/images/weakness_*.png
-        lab/tables/speed_error.md       tables of lab/speed_error.md
-Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; bpy for Cycles, else its points are left out,
-        with a warning.  The machine should be quiet: the load average goes into the CSV and onto the page.
-Time  : on a quiet machine of 2 cores with cached references about 25 minutes; --full adds the settings that take minutes each.
+Usage : python speed_error.py [--scenes cornell,demo,garage,godot,sponza] [--lumel-only] [--full]
+              [--resume] [--smoke] [--pictures] [--references-only] [--reference-time 1.0]
+              [--refine SECONDS] [--repeat 3] [--threads N] [--work DIR] [--docs DIR]
+        python speed_error.py --final                the five scenes, resuming where an earlier call
+                                                     of the same binary was interrupted
+        python speed_error.py --final --lumel-only   both kinds of lumel's rows again, with a new
+                                                     binary, on the same five scenes; Cycles' rows
+                                                     are kept
+        python speed_error.py --page-only            plots and page again from the CSV
+Steps : for each scene (speed_scenes.py): 1 a draft bake fixes the atlas; 2 its references are found
+          under LUMEL_REF or made (reference.py; the scene table limits their time,
+          --reference-time scales it, --refine adds to it); 3 all settings of lumel and Cycles run
+          in turn, lumel's twice: the whole bake, and equal work (`--no-vertex-colors --in-turn`,
+          minus the time for creating and packing charts in that run, because Cycles does neither);
+          settings under 5 s run three times, longer ones once; 4 errors of every map; 5 the CSV;
+          then the plots and the page (speed_page.py).
+Output: lab/data/speed_error.csv          a row for every run and family of lumels, written after
+                                          each run; rows that were not run are kept unless they are
+                                          of another atlas or, for lumel, of another binary
+        lab/images/speed_error.png .svg   one panel per scene; lab/images/weakness_*.png
+        lab/tables/speed_error.md         tables of lab/speed_error.md
+Needs : the lumel binary (LUMEL) built for release; Mitsuba for references that are not cached; bpy
+        for Cycles, without which its points are left out with a warning. The machine should be
+        idle: the load average is recorded in the CSV and on the page.
+Time  : about 25 minutes on an idle machine with 2 cores and cached references; --full adds the
+        settings that take minutes each.
 """
 import argparse
 import json

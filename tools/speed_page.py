@@ -1,6 +1,8 @@
-"""The page of speed_error.py: medians, Pareto fronts and ratios from the CSV's rows, as Markdown tables and plots.
+"""Writes the page of speed_error.py: medians, Pareto fronts and ratios from the CSV's rows, as
+Markdown tables and plots.
 
-The prose is written by hand in lab/speed_error.md; the tables go to lab/tables/speed_error.md."""
+The prose in lab/speed_error.md is written by hand; the tables go to lab/tables/speed_error.md.
+"""
 import csv
 import os
 import statistics
@@ -12,7 +14,7 @@ LUMEL, CYCLES, OIDN = "lumel", "Cycles", "Cycles + OIDN"
 # lumel's bake without vertex colours and the time of charts: what Cycles' bake does.
 EQUAL = "lumel, equal work"
 PRESETS = ("draft", "quick", "preview", "production")
-# Okabe and Ito's palette, told apart by people with any of the common colour deficiencies; markers differ too.
+# Okabe and Ito's palette, distinguishable with all common colour deficiencies; markers differ too.
 STYLE = {LUMEL: ("#0072B2", "o"), CYCLES: ("#E69F00", "s"), OIDN: ("#009E73", "^")}
 TARGETS = (("relRMSE", "relRMSE over lit lumels", 0.007), ("p50", "median", 0.003), ("bias", "bias", 0.001))
 
@@ -40,7 +42,7 @@ def points(rows, scene, family="all"):
 
 
 def front(ps):
-    """The Pareto front: points than which no other is both quicker and closer, by time."""
+    """The Pareto front: points that no other point beats in both speed and error, by time."""
     out = []
     for p in sorted(ps, key=lambda p: (p["seconds"], p["relRMSE"])):
         if not out or p["relRMSE"] < out[-1]["relRMSE"]:
@@ -51,8 +53,10 @@ def front(ps):
 def time_at(ps, error, extrapolate):
     """Seconds at which a method's points reach an error -> (seconds, kind).
 
-    kind "" interpolated in log-log between neighbours; "<" the quickest point is closer already; "extrapolated" past the last
-    point at Monte Carlo's slope −1/2, if allowed; "not reached" otherwise (seconds of the closest point)."""
+    kind is "" if interpolated in log-log between neighbours; "<" if the fastest point is already
+    better; "extrapolated" if beyond the last point, with the Monte Carlo slope −1/2, if allowed;
+    and "not reached" otherwise (seconds of the best point).
+    """
     import math
     ps = front(ps)
     if not ps:
@@ -95,7 +99,7 @@ def setup_text(rows):
     text = "Measured on %s, %s threads; %s; %s. Load average at the start of a run, over the five scenes: %.2f to %.2f%s.\n" % (
         "; ".join(sorted({r["machine"] for r in rows})), ", ".join(sorted({r["threads"] for r in rows})), "; ".join(sorted({r["versions"] for r in rows if r["method"] != LUMEL})),
         "; ".join("%s: %s" % (", ".join(titles), version) for version, titles in by_version.items()), min(loads, default=0.0), most,
-        # one's own previous run leaves up to the number of threads in the one-minute average
+        # a previous run contributes up to its number of threads to the one-minute average
         "" if most < 1.5 * max(int(r["threads"]) for r in rows) else ". **The machine was busy with other work: the times below are not to be quoted**")
     return text
 
@@ -176,7 +180,8 @@ def ratios_text(rows):
             "\nTime that lumel takes for Cycles' error:\n\n" + _table(["scene", "method", "setting", "relRMSE", "s", "lumel", "ratio"], back))
 
 
-# What issue 6 asks of lumel: at Cycles' error with 1024 samples, and with 64 samples denoised, so many times less time.
+# The goals of issue 6: at Cycles' error with 1024 samples, and with 64 denoised samples, lumel
+# should be this many times faster.
 GOALS = ((CYCLES, "1024 samples", 100), (OIDN, "64 samples", 10))
 
 
@@ -203,18 +208,19 @@ def goal(rows, scene, method, setting):
 
 
 def _verdict(gs, wanted):
-    """The geometric mean of goals, and whether it is met."""
+    """The geometric mean of goals, and whether the goal is met."""
     ratios, bounds = [g["ratio"] for g in gs], {g["kind"] for g in gs}
     mean, least = statistics.geometric_mean(ratios), min(ratios)
     bound = "" if not bounds - {""} else "at least " if ">" not in bounds else "at most " if "<" not in bounds else "about "
-    # A mean of lower bounds that falls short has not missed: lumel has no setting that is quick and coarse enough to tell.
+    # A mean of lower bounds that falls short does not mean "missed": lumel has no setting that is
+    # fast and coarse enough to tell.
     met = "**missed**" if ">" in bounds else "met" if mean >= wanted else "**not shown**" if "<" in bounds else "**missed**"
     return "geometric mean over %d scenes %s%.3g (asked: %d, %s); the least: %.3g (asked: %g, %s)" % (
         len(ratios), bound, mean, wanted, met, least, wanted / 2, "met" if least >= wanted / 2 and ">" not in bounds else "**not shown**" if "<" in bounds and ">" not in bounds else "**missed**")
 
 
 def goals_text(rows):
-    """What is asked for: of whole bakes, and beside it of equal work."""
+    """The goals for whole bakes and, next to them, for equal work."""
     both, text = [of_work(rows, equal) for equal in (False, True)], []
     for method, setting, wanted in GOALS:
         out, measured = [], ([], [])
@@ -264,7 +270,8 @@ def _shares(whole, equal):
 
 
 def presets_text(rows):
-    """What error each preset gives, and where it lies: on the front of all methods, of lumel's own settings, or on neither."""
+    """The error of each preset and its position: on the front of all methods, on that of lumel's
+    own settings, or on neither."""
     out = []
     for s in scenes_of(rows):
         ps = points(rows, s)
@@ -356,7 +363,7 @@ WEAKNESSES = [
     dict(name="sky", scene="demo", setting="preview", crop=(207, 255, 0, 110), limit=0.1,
          title="Demo level, preview: outer walls in shade, lit by sky and ground"),
 ]
-CROP_TARGET, CROP_SECONDS = 0.01, 60    # what these pictures show is tens of per cent
+CROP_TARGET, CROP_SECONDS = 0.01, 60  # these pictures show errors of tens of per cent
 
 
 def weaknesses(scenes, docs, say):
@@ -407,7 +414,7 @@ def write(rows, docs):
     if not rows:
         raise SystemExit("no rows: run the sweep first")
     every = [{k: str(v) for k, v in r.items()} for r in rows]
-    # Where all methods stand beside each other, lumel's are whole bakes.
+    # Where all methods are compared, lumel's rows are whole bakes.
     rows = of_work(every, False)
     plot(rows, os.path.join(docs, "images", "speed_error.png"), os.path.join(docs, "images", "speed_error.svg"))
     parts = dict(setup=setup_text(rows), goals=goals_text(every), presets=presets_text(rows), scenes=scenes_text(rows), targets=targets_text(rows), results=results_text(rows), ratios=ratios_text(rows), losses=losses_text(rows), pictures=pictures_text(docs))

@@ -12,11 +12,11 @@ use crate::density::shape_of;
 
 /// Along every direction of its surface, an instance has at least this fraction of its requested
 /// lumels per metre …
-const LEAST: f64 = 0.5;
+const MIN_RATIO: f64 = 0.5;
 
 /// … and, while copies are available, at most this multiple. Excess lumels are only wasteful, so
 /// this is weighed against another mesh in the written file.
-const MOST: f64 = 8.0;
+const MAX_RATIO: f64 = 8.0;
 
 /// Most copies of one mesh per density factor, including the first. Beyond this, the most similar
 /// instances share a mesh.
@@ -94,7 +94,7 @@ fn choose(classes: &[Class], group: &Group, edges: &[DVec3]) -> Option<usize> {
         // How far the worst direction exceeds the bounds.
         let excess = edges.iter().fold(1.0f64, |worst, &e| {
             let given = (class.shape * e).length() / (group.shape * e).length();
-            worst.max(LEAST / given).max(given / MOST)
+            worst.max(MIN_RATIO / given).max(given / MAX_RATIO)
         });
         if excess <= 1.0 {
             return Some(class.mesh);

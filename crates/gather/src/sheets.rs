@@ -1,8 +1,8 @@
-//! Double-sided sheets take the light of the side that is seen.
+//! Double-sided sheets take the light of the visible side.
 //!
-//! A face has one place in the lightmap, whichever side of it is looked at. Usually that place holds
-//! the light on its front. The front of a panel that lies right before another, or of a wall that
-//! was modelled inside out, is seen by nobody, and the back would be drawn black.
+//! A face has one place in the lightmap for both of its sides. Usually, that place holds the light
+//! on the front. If a panel is right in front of another one, or a wall was modelled inside out,
+//! nobody sees the front, and the visible back would be drawn black.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::received::Received;
 
-/// Lumels that tell whether the back of a sheet is seen.
+/// Number of lumels that test whether the back of a sheet is visible.
 const PROBES: usize = 16;
 
 /// The lumels of a region.
@@ -22,11 +22,11 @@ struct Sheet {
     lumels: Vec<usize>,
 }
 
-/// Gathers anew, on their backs, at sheets whose front is mostly unseen and whose back is not. To be
-/// run after the gathered lumels of `map` have their light.
+/// Regathers sheets on their backs if most of their front is unseen and most of their back is not.
+/// Must run after the gathered lumels of `map` have their light.
 ///
 /// # Errors
-/// [`Cancelled`] when the monitor says so.
+/// [`Cancelled`] if the monitor cancels.
 pub(crate) fn turn_unseen(
     gatherer: &Gatherer,
     map: &mut LumelMap,
@@ -50,7 +50,7 @@ pub(crate) fn turn_unseen(
     for (sheet, probes) in sheets.into_iter().zip(probes) {
         let of_back: Vec<Received> = found.by_ref().take(probes.len()).collect();
         if is_mostly(of_back.iter().map(|r| (r.is_unseen(), 1.0))) {
-            // As it was.
+            // Restores the front.
             turn(gatherer, map, &sheet);
         } else {
             again.extend(sheet.lumels);
@@ -65,16 +65,16 @@ pub(crate) fn turn_unseen(
 }
 
 impl Sheet {
-    /// Lumels spread over it.
+    /// Lumels spread evenly over it.
     fn probes(&self) -> Vec<usize> {
         let step = self.lumels.len().div_ceil(PROBES);
         self.lumels.iter().step_by(step).copied().collect()
     }
 }
 
-/// Double-sided regions whose front is seen from less than half of the gathered lumels there, by
-/// area. Left out are lumels on duplicates, which have a side of their own, and on faces whose back
-/// such a duplicate shows.
+/// Double-sided regions whose front is visible at less than half of their gathered lumels, by area.
+/// Excludes lumels on duplicates, which have their own side, and on faces whose back such a
+/// duplicate shows.
 fn mostly_unseen(gatherer: &Gatherer, map: &LumelMap) -> Vec<Sheet> {
     let (world, cut) = (gatherer.world(), &gatherer.tracer.solution.cut);
     let duplicates = &world.soup.duplicates;
@@ -102,7 +102,7 @@ fn mostly_unseen(gatherer: &Gatherer, map: &LumelMap) -> Vec<Sheet> {
         .collect()
 }
 
-/// Whether more than half of these weights is of what is `true`.
+/// Whether more than half of the weight has the value `true`.
 fn is_mostly(all: impl Iterator<Item = (bool, f32)>) -> bool {
     let (mut so, mut sum) = (0.0, 0.0);
     for (yes, weight) in all {

@@ -19,7 +19,7 @@ const THIN: f32 = 0.05;
 const AREAS: f64 = 2.0;
 
 /// Largest distance between the surfaces of two levels, as a fraction of the diagonal.
-const NEAR: f32 = 0.08;
+const MAX_DISTANCE: f32 = 0.08;
 
 /// Number of sample points on a surface, and how many of them may lie elsewhere.
 const LOOKED_AT: usize = 32;
@@ -108,7 +108,7 @@ fn are_alike(a: &Thing, b: &Thing) -> bool {
 
 /// Whether each surface lies close to the other.
 fn lie_along(soup: &Soup, a: &Thing, b: &Thing) -> bool {
-    let reach = NEAR * a.size().max(b.size()).length();
+    let reach = MAX_DISTANCE * a.size().max(b.size()).length();
     [(a, b), (b, a)].into_iter().all(|(a, b)| {
         let [first, end] = soup.instance_ranges[b.instance].map(|t| t as usize);
         let Ok(tree) = Bvh::build(

@@ -55,9 +55,9 @@ pub enum SourceKind {
     Sky,
 }
 
-/// Place of a source in a [`Scene`].
+/// Position of a source in a [`Scene`].
 #[derive(Debug, Clone, Copy)]
-enum Place {
+enum Target {
     Light(usize),
     Material(usize),
     Sky,
@@ -65,7 +65,7 @@ enum Place {
 
 /// All sources of a scene: lights, then materials in the document's order, then the sky.
 pub(crate) struct Sources {
-    sources: Vec<(Source, Place)>,
+    sources: Vec<(Source, Target)>,
 }
 
 /// Results of [`Sources::apply`] that others have to use.
@@ -96,7 +96,7 @@ impl Sources {
             };
             let node = (!node_name.is_empty() && node_name != name).then(|| node_name.into());
             let kind = SourceKind::Light;
-            sources.push((Source { kind, name, node }, Place::Light(i)));
+            sources.push((Source { kind, name, node }, Target::Light(i)));
         }
         for i in glowing_materials(scene) {
             let m = &scene.materials[i];
@@ -109,7 +109,7 @@ impl Sources {
                 name,
                 node: None,
             };
-            sources.push((source, Place::Material(i)));
+            sources.push((source, Target::Material(i)));
         }
         if sky || scene.environment.is_some() {
             let source = Source {
@@ -117,7 +117,7 @@ impl Sources {
                 name: "sky".into(),
                 node: None,
             };
-            sources.push((source, Place::Sky));
+            sources.push((source, Target::Sky));
         }
         Sources { sources }
     }
@@ -209,14 +209,14 @@ impl Sources {
                 )))
             };
             match *place {
-                Place::Light(i) => {
+                Target::Light(i) => {
                     scene.lights[i].intensity = dimmed(scene.lights[i].intensity)?;
                     keep[i] = factor > 0.0;
                 }
-                Place::Material(i) => {
+                Target::Material(i) => {
                     scene.materials[i].emissive = dimmed(scene.materials[i].emissive)?;
                 }
-                Place::Sky => {
+                Target::Sky => {
                     chosen.sky_factor = factor;
                     if factor == 0.0 {
                         scene.environment = None;
@@ -325,9 +325,9 @@ impl Sources {
             // `check` ensures that it fits.
             let g = g as u8;
             match *place {
-                Place::Light(i) => groups.lights[i] = g,
-                Place::Material(i) => groups.materials[i] = g,
-                Place::Sky => groups.sky = g,
+                Target::Light(i) => groups.lights[i] = g,
+                Target::Material(i) => groups.materials[i] = g,
+                Target::Sky => groups.sky = g,
             }
         }
         let names = report.iter().map(|g| g.name.clone()).collect();

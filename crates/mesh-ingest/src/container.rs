@@ -70,7 +70,7 @@ fn parse_json(bytes: &[u8]) -> Outcome<Value> {
     }
     let mut json = serde_json::from_slice(bytes)
         .map_err(|e| Fault::invalid("", format!("broken JSON ({e})"), "a JSON object"))?;
-    settle_integers(&mut json, Place::Other);
+    settle_integers(&mut json, Context::Other);
     Ok(json)
 }
 
@@ -116,7 +116,7 @@ const INDEX_MAPS: [&str; 2] = ["attributes", "targets"];
 
 /// Context of a JSON value.
 #[derive(Clone, Copy, PartialEq)]
-enum Place {
+enum Context {
     Other,
     Integers,
     IndexMap,
@@ -124,9 +124,9 @@ enum Place {
 
 /// Replaces `1.0` by `1` where glTF requires an integer, because some writers only know floats. All
 /// readers and the output then see one form.
-fn settle_integers(value: &mut Value, place: Place) {
+fn settle_integers(value: &mut Value, place: Context) {
     match value {
-        Value::Number(n) if place == Place::Integers && n.is_f64() => {
+        Value::Number(n) if place == Context::Integers && n.is_f64() => {
             // Beyond 2^53 a float is not an exact count.
             let whole = |x: &f64| x.fract() == 0.0 && x.abs() < 9.0e15;
             if let Some(x) = n.as_f64().filter(whole) {
@@ -138,13 +138,13 @@ fn settle_integers(value: &mut Value, place: Place) {
         }
         Value::Object(members) => {
             for (key, value) in members.iter_mut().filter(|(key, _)| *key != "extras") {
-                let of_map = place == Place::IndexMap && value.is_number();
+                let of_map = place == Context::IndexMap && value.is_number();
                 let place = if of_map || INTEGERS.contains(&key.as_str()) {
-                    Place::Integers
+                    Context::Integers
                 } else if INDEX_MAPS.contains(&key.as_str()) {
-                    Place::IndexMap
+                    Context::IndexMap
                 } else {
-                    Place::Other
+                    Context::Other
                 };
                 settle_integers(value, place);
             }

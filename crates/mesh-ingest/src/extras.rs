@@ -102,16 +102,21 @@ fn density(lumel: &Item<'_>, report: &mut IngestReport) -> Option<f64> {
 
 /// A node's group and number among levels of detail or variants.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct GroupMember {
     pub group: String,
     pub number: u32,
 }
 
 /// `{"group": …, number: …}`.
-fn place(lumel: &Item<'_>, key: &str, number: &str, report: &mut IngestReport) -> Option<Place> {
+fn place(
+    lumel: &Item<'_>,
+    key: &str,
+    number: &str,
+    report: &mut IngestReport,
+) -> Option<GroupMember> {
     let expected = format!("{{\"group\": a name, \"{number}\": a whole number from 0 to 999}}");
     value(lumel, key, &expected, report, |v| {
-        Some(Place {
+        Some(GroupMember {
             group: v.get("group")?.as_str()?.to_string(),
             // Blender writes whole numbers of custom properties as they are, some exporters as 1.0.
             number: v
@@ -135,9 +140,9 @@ pub(crate) struct NodeExtras {
     /// Factor on the scene's lumels per metre for the node and its children, ≥ 0.
     pub density: Option<f64>,
     /// The level of detail of the node and its children.
-    pub lod: Option<Place>,
+    pub lod: Option<GroupMember>,
     /// The variant of the node and its children.
-    pub variant: Option<Place>,
+    pub variant: Option<GroupMember>,
 }
 
 impl NodeExtras {

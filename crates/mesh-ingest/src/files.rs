@@ -17,25 +17,25 @@ type Resolver = dyn Fn(&str) -> io::Result<Vec<u8>> + Send + Sync;
 /// The files that a document references.
 #[derive(Debug, Clone)]
 pub(crate) struct Files {
-    place: Place,
+    place: Location,
     /// Whether `..` and links may lead out of the document's folder.
     outside: bool,
 }
 
 /// Location of the files.
 #[derive(Clone)]
-enum Place {
+enum Location {
     /// In this folder, by relative path.
     Folder(PathBuf),
     /// Provided by the caller, by name.
     Resolver(Arc<Resolver>),
 }
 
-impl fmt::Debug for Place {
+impl fmt::Debug for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Folder(folder) => f.debug_tuple("Folder").field(folder).finish(),
-            Place::Resolver(_) => f.write_str("Resolver"),
+            Location::Folder(folder) => f.debug_tuple("Folder").field(folder).finish(),
+            Location::Resolver(_) => f.write_str("Resolver"),
         }
     }
 }
@@ -44,14 +44,14 @@ impl Files {
     /// Files in `folder`, and only there until [`allow_outside`](Files::allow_outside).
     pub fn in_folder(folder: PathBuf) -> Files {
         Files {
-            place: Place::Folder(folder),
+            place: Location::Folder(folder),
             outside: false,
         }
     }
 
     fn with(resolver: Arc<Resolver>) -> Files {
         Files {
-            place: Place::Resolver(resolver),
+            place: Location::Resolver(resolver),
             outside: false,
         }
     }
@@ -65,8 +65,8 @@ impl Files {
     /// The folder; `None` if the caller provides files by name.
     pub fn folder(&self) -> Option<&Path> {
         match &self.place {
-            Place::Folder(folder) => Some(folder),
-            Place::Resolver(_) => None,
+            Location::Folder(folder) => Some(folder),
+            Location::Resolver(_) => None,
         }
     }
 
@@ -82,7 +82,7 @@ impl Files {
     /// The bytes of a file, at most `limit` of them; `path` is the place in the document that
     /// references it.
     pub fn read(&self, file: &Path, path: &str, limit: u64) -> Outcome<Vec<u8>> {
-        let Place::Resolver(resolver) = &self.place else {
+        let Location::Resolver(resolver) = &self.place else {
             return container::read_file(file, path, limit);
         };
         let bytes = resolver(&file.to_string_lossy()).map_err(|e| Fault::io(path, file, e))?;
@@ -99,8 +99,8 @@ impl Files {
     /// Whether the file exists and can be opened.
     pub fn check(&self, file: &Path) -> io::Result<()> {
         match &self.place {
-            Place::Folder(_) => open_regular(file).map(drop),
-            Place::Resolver(resolver) => resolver(&file.to_string_lossy()).map(drop),
+            Location::Folder(_) => open_regular(file).map(drop),
+            Location::Resolver(resolver) => resolver(&file.to_string_lossy()).map(drop),
         }
     }
 }

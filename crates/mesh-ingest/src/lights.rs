@@ -160,7 +160,7 @@ fn intensity_of(item: &Item<'_>, key: &str, report: &mut IngestReport) -> Outcom
 /// Inner and outer half-angle: 0 ≤ inner < outer ≤ π/2, as the extension requires.
 fn cone_of(item: &Item<'_>, report: &mut IngestReport) -> Outcome<(f32, f32)> {
     /// A cone without a penumbra would divide by zero in the extension's falloff formula.
-    const LEAST: f64 = 1e-4;
+    const MIN_PENUMBRA: f64 = 1e-4;
     let spot = item.opt_object("spot")?;
     let angle = |key: &str, default: f64| match &spot {
         Some(spot) => spot.opt_number(key).map(|x| x.unwrap_or(default)),
@@ -170,8 +170,8 @@ fn cone_of(item: &Item<'_>, report: &mut IngestReport) -> Outcome<(f32, f32)> {
         angle("innerConeAngle", 0.0)?,
         angle("outerConeAngle", FRAC_PI_4)?,
     );
-    let outer = asked.1.clamp(LEAST, FRAC_PI_2);
-    let inner = asked.0.clamp(0.0, outer - LEAST);
+    let outer = asked.1.clamp(MIN_PENUMBRA, FRAC_PI_2);
+    let inner = asked.0.clamp(0.0, outer - MIN_PENUMBRA);
     if (inner, outer) != asked {
         report.count("lights.cone_clamped", 1);
         report.warn(

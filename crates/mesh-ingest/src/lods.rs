@@ -16,7 +16,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use glam::DVec3;
 
 use crate::error::{Fault, Outcome};
-use crate::extras::Place;
+use crate::extras::GroupMember;
 use crate::json::Item;
 use crate::report::{IngestReport, LodGroup, LodSource};
 use crate::scene::Scene;
@@ -106,11 +106,11 @@ impl Lods {
         &mut self,
         index: usize,
         node: &Item<'_>,
-        said: [Option<&Place>; 2],
+        said: [Option<&GroupMember>; 2],
         from: Marked,
     ) -> Outcome<Marked> {
         let [lod, variant] = said;
-        let own = |place: &Place, key: fn(String) -> Key| Mark {
+        let own = |place: &GroupMember, key: fn(String) -> Key| Mark {
             key: key(place.group.clone()),
             level: place.number,
             name: place.group.clone(),

@@ -179,8 +179,8 @@ fn depth(tree: &Bvh2) -> usize {
     deepest
 }
 
-/// The source of a slot of the new tree.
-enum Source {
+/// The subtree that a slot of the new tree represents.
+enum Subtree {
     Obvhs(u32),
     Range { first: u32, end: u32 },
 }
@@ -195,10 +195,10 @@ fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
     let mut nodes = Vec::with_capacity(tree.nodes.len());
     let mut order: Vec<u32> = Vec::with_capacity(triangles.len());
     nodes.push(empty);
-    let mut work = vec![(Source::Obvhs(0), 0usize)];
+    let mut work = vec![(Subtree::Obvhs(0), 0usize)];
     while let Some((source, slot)) = work.pop() {
         let (left, right) = match source {
-            Source::Obvhs(index) => {
+            Subtree::Obvhs(index) => {
                 let node = &tree.nodes[index as usize];
                 if node.is_leaf() {
                     let start = order.len() as u32;
@@ -208,7 +208,7 @@ fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
                         order.extend_from_slice(items.triangles(item as usize));
                     }
                     work.push((
-                        Source::Range {
+                        Subtree::Range {
                             first: start,
                             end: order.len() as u32,
                         },
@@ -217,11 +217,11 @@ fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
                     continue;
                 }
                 (
-                    Source::Obvhs(node.first_index),
-                    Source::Obvhs(node.first_index + 1),
+                    Subtree::Obvhs(node.first_index),
+                    Subtree::Obvhs(node.first_index + 1),
                 )
             }
-            Source::Range { first, end } => {
+            Subtree::Range { first, end } => {
                 let count = end - first;
                 if count as usize <= MAX_LEAF {
                     nodes[slot].first = first;
@@ -237,8 +237,8 @@ fn to_binary(tree: Bvh2, items: Items, triangles: &[[Vec3; 3]]) -> Binary {
                 // Split at a multiple of the leaf size, so that all leaves but one are full.
                 let middle = first + (count / 2).next_multiple_of(MAX_LEAF as u32);
                 (
-                    Source::Range { first, end: middle },
-                    Source::Range { first: middle, end },
+                    Subtree::Range { first, end: middle },
+                    Subtree::Range { first: middle, end },
                 )
             }
         };

@@ -19,11 +19,11 @@ const BENT: f32 = 0.12;
 
 /// Lower bound of the weight: a step that is reduced everywhere is less visible than one that
 /// remains.
-const LEAST: f32 = 0.1;
+const MIN_WEIGHT: f32 = 0.1;
 
-/// Weight of agreement at this misfit, relative to the light: 1 down to [`LEAST`].
+/// Weight of agreement at this misfit, relative to the light: 1 down to [`MIN_WEIGHT`].
 pub(super) fn faith(misfit: f32) -> f32 {
-    (1.0 + (misfit / BENT).powi(4)).powi(-2).max(LEAST)
+    (1.0 + (misfit / BENT).powi(4)).powi(-2).max(MIN_WEIGHT)
 }
 
 /// An eighth of the largest second difference along the seam, over five texels of either side.
@@ -121,6 +121,6 @@ mod tests {
         // A step of all the light, and one of an eighth of it.
         assert!(faith(0.125) < 0.25);
         assert!(faith(0.016) > 0.99);
-        assert_eq!(faith(10.0), LEAST);
+        assert_eq!(faith(10.0), MIN_WEIGHT);
     }
 }

@@ -10,7 +10,7 @@ use super::input::{NONE, UnwrapInput};
 const EMPTY: f64 = 0.5;
 
 /// Smaller charts are not split, lumels²: a border costs more than it saves.
-const LEAST: f64 = 256.0;
+const MIN_AREA: f64 = 256.0;
 
 /// Most halvings.
 const ROUNDS: usize = 8;
@@ -23,7 +23,7 @@ pub(super) fn split_hollow(mesh: &UnwrapInput, charts: &mut Charts, lumel: f64) 
         for (c, &chart) in charts.corners.iter().zip(&charts.chart) {
             areas[chart as usize] += 0.5 * cross2(c);
         }
-        let large = |c: usize| areas[c] > LEAST * lumel * lumel;
+        let large = |c: usize| areas[c] > MIN_AREA * lumel * lumel;
         let shapes: Vec<Shape> = charts
             .by_chart()
             .into_par_iter()

@@ -15,7 +15,7 @@ use super::input::UnwrapInput;
 
 /// Positions of one vertex in one chart that are closer than this, lumels, become one. Each moves
 /// by half the distance. Joining leaves no wider slits except short ones.
-const NEAR: f64 = 1.0;
+const WELD_DISTANCE: f64 = 1.0;
 
 /// Positions closer than this, lumels, differ by rounding only; moving them would take charts off
 /// their grid alignment.
@@ -81,7 +81,7 @@ fn clusters(charts: &Charts, group: &[(u32, u32, u32)], lumel: f64) -> Vec<Vec<u
         let p = place(charts, list[0]);
         let near = sets
             .iter_mut()
-            .find(|set| p.distance(place(charts, set[0])) < NEAR * lumel);
+            .find(|set| p.distance(place(charts, set[0])) < WELD_DISTANCE * lumel);
         match near {
             Some(set) => set.extend(list),
             None => sets.push(list),

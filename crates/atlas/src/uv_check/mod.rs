@@ -263,7 +263,7 @@ impl<'a> Check<'a> {
     /// Surface without lumels.
     fn collapsed(&mut self) {
         // A ten-thousandth of a texel on a 4096² page.
-        const LEAST: f64 = 1e-4 / (4096.0 * 4096.0);
+        const MIN_AREA: f64 = 1e-4 / (4096.0 * 4096.0);
         let mut tally = Tally::default();
         let wrong =
             |kind: UvFaultKind| matches!(kind, UvFaultKind::Missing | UvFaultKind::NotFinite);
@@ -272,7 +272,7 @@ impl<'a> Check<'a> {
             return;
         }
         for (t, (corners, &area)) in self.flat.iter().zip(&self.areas).enumerate() {
-            if 0.5 * cross(corners).abs() < LEAST && area > self.total * 1e-9 {
+            if 0.5 * cross(corners).abs() < MIN_AREA && area > self.total * 1e-9 {
                 tally.add(t, area, area, Some(self.middle(t)));
             }
         }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use mesh_ingest::{LoadOptions, Scene};
 use serde_json::Value;
 
-use super::Source;
+use super::Inputs;
 use super::html::{list, note, number, percent, short};
 use super::svg::{histogram, mark};
 use crate::error::Error;
@@ -13,7 +13,7 @@ use crate::error::Error;
 /// Number of bins over the decades in use.
 const BINS: usize = 60;
 
-pub(super) fn section(source: &Source<'_>) -> String {
+pub(super) fn section(source: &Inputs<'_>) -> String {
     let mut out = String::new();
     let density = list(source.report, "/layout/density");
     if let [low, middle, high] = density
@@ -35,7 +35,7 @@ pub(super) fn section(source: &Source<'_>) -> String {
 }
 
 /// Lumels per metre and area of every triangle with a lightmap.
-fn measure(source: &Source<'_>) -> Result<Vec<[f64; 2]>, Error> {
+fn measure(source: &Inputs<'_>) -> Result<Vec<[f64; 2]>, Error> {
     let path = source.folder.expect_file(&source.manifest.scene)?;
     let scene = mesh_ingest::load(&path, &LoadOptions::default())?.scene;
     let places = source

@@ -15,7 +15,7 @@ use crate::folder::{BakeFolder, FinishedManifest};
 use html::escape;
 
 /// The data that the sections are made from.
-struct Source<'a> {
+struct Inputs<'a> {
     folder: &'a BakeFolder,
     stem: &'a str,
     manifest: &'a FinishedManifest,
@@ -33,7 +33,7 @@ struct Source<'a> {
 pub fn report_page(folder: &BakeFolder, stem: &str) -> Result<String, Error> {
     let manifest = folder.manifest(stem)?;
     let report = folder.report(stem)?;
-    let source = Source {
+    let source = Inputs {
         folder,
         stem,
         manifest: &manifest,

@@ -4,7 +4,7 @@ use atlas_bake::{ExrImage, Page, heat_png, lightmap_png, read_exr};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-use super::Source;
+use super::Inputs;
 use super::html::{escape, note};
 use super::svg::{histogram, percent_mark};
 use crate::error::Error;
@@ -32,7 +32,7 @@ pub(super) struct Maps {
 }
 
 /// Draws the pictures that the bake has data for.
-pub(super) fn maps(source: &Source<'_>) -> Result<Maps, Error> {
+pub(super) fn maps(source: &Inputs<'_>) -> Result<Maps, Error> {
     let pages = &source.manifest.pages;
     let shown = pages.len().min(PAGES);
     // The lightmap, the error and the groups share the budget.

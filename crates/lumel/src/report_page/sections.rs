@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::Source;
+use super::Inputs;
 use super::html::{Cell, count, list, note, number, percent, short, table, text};
 use super::svg::{Line, bars, lines};
 
@@ -11,7 +11,7 @@ fn row(name: &str, value: Option<String>) -> Option<Vec<Cell>> {
 }
 
 /// The most important figures.
-pub(super) fn summary(source: &Source<'_>) -> String {
+pub(super) fn summary(source: &Inputs<'_>) -> String {
     let r = source.report;
     let n = |pointer: &str| number(r, pointer);
     let pages: Vec<String> = list(r, "/layout/pages")

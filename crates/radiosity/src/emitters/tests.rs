@@ -73,7 +73,8 @@ fn a_grid_in_one_plane_is_two_triangles_wherever_it_hangs() {
                 0 => p,
                 1 => p + Vec3::new(0.123, 7.7, 0.0),
                 2 => p * 0.1,
-                3 => Vec3::new(p.x, 1.9, p.y), // a tolerance that grows along a side must not move its corner
+                // A tolerance that grows along a side must not move its corner.
+                3 => Vec3::new(p.x, 1.9, p.y),
                 _ => turned * (p - Vec3::Z * 3.9) + Vec3::Z * 5.0,
             },
         );

@@ -14,7 +14,7 @@ use crate::node::Pack;
 /// fraction of the distance to its farthest corner. Elsewhere an edge-on triangle may be what
 /// closes the gap between two others within the rounding of all three, and must stay. Surface
 /// offsets are about 1e-6 and the rounding 1e-7, so a thousandth covers both with a margin.
-const NEAR: f64 = 1e-3;
+const TOLERANCE: f64 = 1e-3;
 
 /// Decides whether the hit in `lane` is within the ray, and corrects its t and side. Except for the
 /// last comparison with `t_max`, the answer depends only on ray and triangle.
@@ -54,10 +54,10 @@ pub(crate) fn decide_range(
     lanes.t[lane] > ray.t_min && lanes.t[lane] <= t_max
 }
 
-/// Whether `p` is within [`NEAR`] of the triangle: of its plane, and of the inner side of each
+/// Whether `p` is within [`TOLERANCE`] of the triangle: of its plane, and of the inner side of each
 /// edge.
 fn is_near(corners: &[DVec3; 3], normal: DVec3, p: DVec3) -> bool {
-    let reach = NEAR
+    let reach = TOLERANCE
         * corners
             .iter()
             .map(|c| (*c - p).length())
