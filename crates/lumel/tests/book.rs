@@ -226,6 +226,29 @@ fn every_symbol_exists() {
     none(&faults.into_iter().collect::<Vec<_>>());
 }
 
+/// Texts of the table of warnings, from its first column.
+fn warnings(page: &str) -> Vec<&str> {
+    let (_, table) = page.split_once("| it says |").expect("a table of warnings");
+    let rows = table.lines().skip(2).map_while(|l| l.strip_prefix("| "));
+    rows.filter_map(|row| row.split(" | ").next()).collect()
+}
+
+#[test]
+fn every_warning_is_said() {
+    let mut sources = String::new();
+    for path in files_below(&root().join("crates"), &["rs"]) {
+        sources += &fs::read_to_string(&path).expect("sources are UTF-8");
+    }
+    let page = fs::read_to_string(root().join("docs/troubleshooting.md")).expect("a page");
+    let lost = warnings(&page).into_iter().filter(|w| !sources.contains(w));
+    none(
+        &lost
+            .map(|w| format!("no warning says {w:?}"))
+            .collect::<Vec<_>>(),
+    );
+    assert!(warnings(&page).len() > 10, "the table has rows");
+}
+
 /// Longest line of prose; tables and code cannot be wrapped.
 const WIDTH: usize = 100;
 
