@@ -1,6 +1,7 @@
 //! The book's commands run.
 #![cfg(unix)]
 
+use std::f64::consts::FRAC_1_SQRT_2;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -26,7 +27,7 @@ fn level() -> String {
         nodes.push(json!({
             "name": name,
             "translation": [0, 3, 0],
-            "rotation": [-0.7071068, 0, 0, 0.7071068],
+            "rotation": [-FRAC_1_SQRT_2, 0, 0, FRAC_1_SQRT_2],
             "extensions": {"KHR_lights_punctual": {"light": light}},
         }));
     }

@@ -99,7 +99,7 @@ pub fn files_below(folder: &Path, endings: &[&str]) -> Vec<PathBuf> {
                 if !skipped.iter().any(|s| path.ends_with(s)) {
                     folders.push(path);
                 }
-            } else if endings.iter().any(|e| has(&e)) {
+            } else if endings.iter().any(has) {
                 out.push(path);
             }
         }
