@@ -24,11 +24,11 @@
 //! | read | to learn about | example |
 //! |---|---|---|
 //! | [`Baker`] | options and baking | `01_bake_a_file` |
-//! | [`Baker::sky`], [`Baker::sun`], [`Baker::light`], [`Baker::group`], [`inspect`] | light sources, their names and light groups | `02_choose_light` |
+//! | [`Baker::sky`], [`Baker::sun`], [`Baker::light`], [`Baker::group`], [`inspect()`] | light sources, their names and light groups | `02_choose_light` |
 //! | [`Baker::on_progress`], [`CancelToken`], [`Error`] | progress, cancellation, errors and exit codes | `03_progress_and_cancel` |
 //! | [`Bake::pages`], [`Bake::vertex_colors`], [`Bake::manifest`], [`MemoryDocument`] | results and scenes in memory | `04_results_in_memory` |
 //! | [`SceneBuilder`], [`Baker::find_current`] | generated scenes, many scenes, rebaking only what changed | `05_scene_in_code` |
-//! | [`BakeFolder`], [`report_page()`], [`Viewer`] | finished bakes on disk | |
+//! | [`BakeFolder`], [`report_page()`], [`Viewer`](view::Viewer) | finished bakes on disk | |
 //!
 //! `cargo run --release -p lumel --example 01_bake_a_file` runs the first example.
 //!
