@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::fs;
 
 use super::pages::root;
-use super::{COMMANDS, none};
+use super::{COMMANDS, WIDTH, none};
 use crate::common::lumel;
 
 /// An option, or an argument: how it is written, and its text.
@@ -53,6 +53,23 @@ fn items(help: &str) -> Vec<Item> {
     items
 }
 
+/// An entry of a list in lines of at most [`WIDTH`], the first of them after `bullet`.
+fn wrapped(bullet: &str, text: &str) -> String {
+    let (mut out, mut line) = (String::new(), bullet.trim_end().to_owned());
+    for word in text.split_whitespace() {
+        if line.chars().count() + 1 + word.chars().count() > WIDTH {
+            out += &line;
+            out.push('\n');
+            line = " ".repeat(bullet.len().saturating_sub(1));
+        }
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line += word;
+    }
+    out + &line + "\n"
+}
+
 fn page() -> String {
     let mut page = "# Options\n\nWritten from `lumel COMMAND --help` by a test; \
         `LUMEL_BLESS=1 cargo test -p lumel book::` writes it\nanew.\n"
@@ -64,15 +81,18 @@ fn page() -> String {
         write!(page, "\n## `lumel {command}`\n\n{about}.\n\n").expect("memory");
         let (old, new): (Vec<_>, Vec<_>) = items(&help).into_iter().partition(|i| seen.contains(i));
         for item in &new {
-            writeln!(page, "- `{}`: {}", item.name, item.text).expect("memory");
+            page += &wrapped("- ", &format!("`{}`: {}", item.name, item.text));
             for value in &item.values {
                 let (value, text) = value.split_once(':').unwrap_or((value, ""));
-                writeln!(page, "  - `{value}`: {}", text.trim()).expect("memory");
+                page += &wrapped("  - ", &format!("`{value}`: {}", text.trim()));
             }
         }
         if !old.is_empty() {
             let names: Vec<_> = old.iter().map(|i| format!("`{}`", i.name)).collect();
-            writeln!(page, "\nAs above: {}.", names.join(", ")).expect("memory");
+            page += &format!(
+                "\n{}",
+                wrapped("", &format!("As above: {}.", names.join(", ")))
+            );
         }
         seen.extend(new);
     }
