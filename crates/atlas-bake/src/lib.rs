@@ -36,6 +36,7 @@ mod compare;
 mod cost;
 mod dilate;
 mod error;
+mod exposure;
 mod exr_io;
 mod false_color;
 mod gltf_out;
@@ -57,6 +58,7 @@ pub use bake::{BakeReport, Baked, bake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost, seam_samples};
 pub use error::{Error, Result};
+pub use exposure::suggested_exposure;
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, read_exr_within, write_lightmap_exr};
 pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,

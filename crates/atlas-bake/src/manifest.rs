@@ -87,6 +87,10 @@ pub struct Manifest {
     pub units: &'static str,
     /// Factor from the stored value to irradiance; null if there is none.
     pub scale_to_irradiance: Option<f64>,
+    /// Suggested exposure ([`suggested_exposure`](crate::suggested_exposure)), where it is known:
+    /// radiance × this is what a screen shows, 1 being white.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposure: Option<f64>,
     /// Always `linear Rec.709`.
     pub color_space: &'static str,
     /// Always `top-down`: row 0 is v = 0, as in glTF.
@@ -204,6 +208,7 @@ impl Manifest {
                 ValueKind::Irradiance | ValueKind::Radiosity => "lx or W/m2",
             },
             scale_to_irradiance: value.scale_to_irradiance(),
+            exposure: None,
             color_space: "linear Rec.709",
             row_order: "top-down",
             tex_coord: 1,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, GlbOptions, Ktx2Format, LitScene, Manifest, ManifestGroup, OutputSet, Page,
+    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, OutputSet, Page,
     PictureLight, choose_camera, render_preview, scene_camera, write_lightmap_exr,
     write_lightmap_ktx2, write_lightmapped_glb_with, write_vertex_glb,
 };
@@ -112,10 +112,10 @@ impl Bake {
                 self.write_ktx2(format, pages, &names, &mut files, &mut report)?;
             }
         }
-        let glb = format!("{}.glb", self.stem);
         let moz = settings.ext.contains(&GltfExt::Moz);
         let options = GlbOptions {
             value: self.value,
+            exposure: Some(self.exposure()),
             ktx2: (ktx2.as_ref()).map(|(format, names)| (*format, &names[..])),
             moz: moz.then_some(&self.baked.pages[..]),
         };
@@ -126,7 +126,7 @@ impl Bake {
             &uris,
             &options,
         )?;
-        files.push((glb.clone(), bytes));
+        files.push((format!("{}.glb", self.stem), bytes));
         if stats.moz_left_out > 0 {
             report.warnings.push(format!(
                 "{} EXT_mesh_gpu_instancing copies have no MOZ_lightmap, because they share their node's materials",
@@ -137,7 +137,7 @@ impl Bake {
             let (bytes, _) = write_vertex_glb(&self.loaded.document, scene, &self.baked.vertices)?;
             files.push((format!("{}.{VERTEX}", self.stem), bytes));
         }
-        let mut manifest = Manifest::new(scene, &self.layout, &glb, &uris, self.value)?;
+        let mut manifest = self.manifest()?;
         if let Some(page) = self.baked.pages.first() {
             manifest.channels = page.layers.iter().map(|(name, _)| name.clone()).collect();
         }

@@ -1,6 +1,8 @@
 //! A bake's results in memory.
 
-use atlas_bake::{Manifest, Page, write_lightmapped_glb, write_vertex_glb};
+use atlas_bake::{
+    GlbOptions, Manifest, Page, suggested_exposure, write_lightmapped_glb_with, write_vertex_glb,
+};
 
 use crate::baker::Baker;
 use crate::error::Error;
@@ -59,6 +61,12 @@ impl Bake {
         self.group_names.iter().map(String::as_str).zip(pages)
     }
 
+    /// The suggested factor from radiance to a screen's values, 1 being white:
+    /// [`suggested_exposure`] of [`pages`](Self::pages).
+    pub fn exposure(&self) -> f64 {
+        suggested_exposure(&self.baked.pages, self.value)
+    }
+
     /// The rectangle of each node on the pages, as in `level.lightmap.json`.
     ///
     /// # Errors
@@ -66,13 +74,10 @@ impl Bake {
     pub fn manifest(&self) -> Result<Manifest, Error> {
         let glb = format!("{}.glb", self.stem);
         let scene = &self.loaded.scene;
-        Ok(Manifest::new(
-            scene,
-            &self.layout,
-            &glb,
-            &self.page_names(),
-            self.value,
-        )?)
+        let mut manifest =
+            Manifest::new(scene, &self.layout, &glb, &self.page_names(), self.value)?;
+        manifest.exposure = Some(self.exposure());
+        Ok(manifest)
     }
 
     /// Light at the vertices of everything that receives light, in the order of instances and
@@ -103,7 +108,13 @@ impl Bake {
     pub fn lightmapped_glb(&self) -> Result<Vec<u8>, Error> {
         let (document, scene) = (&self.loaded.document, &self.loaded.scene);
         let uris = self.page_names();
-        let (bytes, _) = write_lightmapped_glb(document, scene, &self.layout, &uris, self.value)?;
+        let options = GlbOptions {
+            value: self.value,
+            exposure: Some(self.exposure()),
+            ..GlbOptions::default()
+        };
+        let (bytes, _) =
+            write_lightmapped_glb_with(document, scene, &self.layout, &uris, &options)?;
         Ok(bytes)
     }
 

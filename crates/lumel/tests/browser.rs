@@ -12,7 +12,7 @@ use std::process::{Child, Stdio};
 use crate::common::browser::Browser;
 use crate::common::quads::{ALBEDO, OTHER, R, points, scene, shown, sun};
 use crate::common::site::Site;
-use crate::common::{bake, command, temp, write};
+use crate::common::{bake, command, parse, temp, write};
 use image::RgbImage;
 use serde_json::json;
 use tempfile::TempDir;
@@ -98,7 +98,7 @@ fn the_viewer_shows_closed_form_pixels_and_its_switches_work() {
     };
     let (_t, out) = squares("--layers direct,indirect,error,coverage --group day=sun");
     let server = Server::start(&out);
-    b.open(&format!("{}#tone=linear&cam={ABOVE}", server.1));
+    b.open(&format!("{}#tone=values&cam={ABOVE}", server.1));
     settle(&mut b);
     let picture = b.screenshot();
     for (at, albedo, r) in points().into_iter().take(5) {
@@ -231,7 +231,7 @@ fn light_is_right_way_up_under_the_plate_and_small_windows_hold_the_page() {
     };
     let (_t, out) = squares("");
     let server = Server::start(&out);
-    b.open(&format!("{}#tone=linear&cam={BESIDE}", server.1));
+    b.open(&format!("{}#tone=values&cam={BESIDE}", server.1));
     settle(&mut b);
     let picture = b.screenshot();
     for (at, albedo, r) in points().into_iter().skip(2) {
@@ -299,7 +299,7 @@ fn a_bake_made_anew_is_shown_without_a_reload() {
     };
     let (t, out) = squares("");
     let server = Server::start(&out);
-    b.open(&format!("{}#tone=linear&panel=0&cam={ABOVE}", server.1));
+    b.open(&format!("{}#tone=values&panel=0&cam={ABOVE}", server.1));
     settle(&mut b);
     bake(
         &t.path().join("four squares #1.gltf"),
@@ -320,6 +320,29 @@ fn a_bake_made_anew_is_shown_without_a_reload() {
 }
 
 #[test]
+fn the_viewer_starts_with_the_exposure_that_the_bake_suggests() {
+    let Some(mut b) = Browser::start("lumel view's exposure", [640, 480]) else {
+        return;
+    };
+    let (_t, out) = squares("--light sun=40000");
+    let manifest = std::fs::read(out.join("four squares #1.lightmap.json")).expect("it is written");
+    let exposure = parse(manifest)["exposure"].as_f64().expect("a number");
+    let server = Server::start(&out);
+    // The same pixels as in engines, which tests/engines.rs holds against the same numbers.
+    b.open(&format!(
+        "{}#tone=linear&panel=0&cam={ABOVE}",
+        server.1
+    ));
+    settle(&mut b);
+    let picture = b.screenshot();
+    for (at, albedo, r) in points().into_iter().take(5) {
+        let found = pixel(&mut b, &picture, at);
+        assert_pixel(found, times(albedo, 4e4 * r * exposure), &format!("{at:?}"));
+    }
+    assert_eq!(b.errors, [""; 0]);
+}
+
+#[test]
 fn three_js_shows_closed_form_pixels_through_the_loader() {
     let Some(mut b) = Browser::start("three.js with tools/engines/three", [640, 480]) else {
         return;
@@ -332,7 +355,7 @@ fn three_js_shows_closed_form_pixels_through_the_loader() {
         for (cam, range) in [(ABOVE, 0..5), (BESIDE, 2..6)] {
             b.open("about:blank");
             b.open(&format!(
-                "{}/engines/index.html?glb={}&cam={cam}&{options}",
+                "{}/engines/index.html?glb={}&exposure=1&cam={cam}&{options}",
                 site.url, "/bake/four%2520squares%2520%25231.glb"
             ));
             b.wait("document.body?.dataset.state");

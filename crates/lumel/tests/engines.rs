@@ -78,8 +78,28 @@ fn srgb(share: f64) -> Storage {
     }
 }
 
-/// Checks all points through a page that reports their positions on screen.
+/// PlayCanvas approximates sRGB by the power 1/2.2, which is off by up to two steps of 255.
+fn power(share: f64) -> Storage {
+    Storage {
+        share,
+        curve: |v| 255.0 * v.clamp(0.0, 1.0).powf(1.0 / 2.2),
+    }
+}
+
+/// Checks all points, at exposure 1, through a page that reports their positions on screen.
 fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage) {
+    look_exposed(b, site, page, &format!("{query}&exposure=1"), storage, 1.0);
+}
+
+/// As [`look`]; the page shows light × `shown`.
+fn look_exposed(
+    b: &mut Browser,
+    site: &Site,
+    page: &str,
+    query: &str,
+    storage: &Storage,
+    shown: f64,
+) {
     for (cam, range) in VIEWS {
         b.open("about:blank");
         b.open(&format!(
@@ -100,7 +120,7 @@ fn look(b: &mut Browser, site: &Site, page: &str, query: &str, storage: &Storage
             let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
             let found = picture.get_pixel(x as u32, y as u32).0;
             let what = format!("{page} {query} {at:?}");
-            assert_pixel(found, albedo.map(|a| a * r), storage, &what);
+            assert_pixel(found, albedo.map(|a| a * r * shown), storage, &what);
         }
     }
 }
@@ -333,11 +353,7 @@ fn playcanvas_shows_closed_form_pixels() {
     let Some(mut b) = Browser::start(test, [640, 480]) else {
         return;
     };
-    // PlayCanvas approximates sRGB by the power 1/2.2, which is off by up to two steps of 255.
-    let storage = Storage {
-        share: 1.0 / 512.0,
-        curve: |v| 255.0 * v.clamp(0.0, 1.0).powf(1.0 / 2.2),
-    };
+    let storage = power(1.0 / 512.0);
     for options in ["--ktx2 rgb9e5", "--ktx2 bc6h --block-charts"] {
         let (_t, out) = squares(options);
         let site = Site::start(&out);
@@ -361,6 +377,66 @@ fn babylon_shows_closed_form_pixels() {
     let (_t, out) = squares("");
     let site = Site::start(&out);
     look(&mut b, &site, "/babylon/index.html", "", &srgb(0.0));
+    assert_eq!(b.errors, [""; 0]);
+}
+
+/// The squares, `times` as bright as elsewhere, and by what engines multiply that.
+fn squares_times(times: f64, options: &str) -> (TempDir, PathBuf, f64) {
+    let (t, out) = squares(&format!("--light sun={times} {options}"));
+    let manifest = std::fs::read(out.join(format!("{STEM}.lightmap.json"))).expect("it is written");
+    let exposure = parse(manifest)["exposure"].as_f64().expect("a number");
+    (t, out, exposure)
+}
+
+/// Squares in lux and in a millionth of that: far from what a screen shows without an exposure.
+const BRIGHTNESSES: [f64; 2] = [4e4, 1e-4];
+
+#[test]
+fn the_bake_suggests_one_exposure_everywhere() {
+    let mut shown = Vec::new();
+    for times in BRIGHTNESSES {
+        let (_t, out, exposure) = squares_times(times, "");
+        let glb = std::fs::read(out.join(format!("{STEM}.glb"))).expect("it is written");
+        let nodes = document(&glb)["nodes"].clone();
+        let of = |i: usize| nodes[i]["extras"]["lightmap"]["exposure"].as_f64();
+        assert_eq!([0, 1, 2, 3].map(of), [Some(exposure); 4]);
+        // The formula, on the file: all lit lumels are in the middle nine tenths or like those.
+        let exr = read_exr(&out.join(format!("{STEM}.lightmap.exr"))).expect("it is written");
+        let lit = exr.channel("G").expect("a channel").iter();
+        let lit: Vec<f64> = lit.filter(|x| **x > 0.0).map(|x| f64::from(*x)).collect();
+        let log = lit.iter().map(|x| x.ln()).sum::<f64>() / lit.len() as f64;
+        let level = 0.36 / log.exp();
+        // The page has dilated texels too.
+        assert!((exposure / level - 1.0).abs() < 0.1, "{exposure}, {level}");
+        shown.push(exposure * times);
+    }
+    // Of four digits each.
+    assert!((shown[0] / shown[1] - 1.0).abs() < 1e-3, "{shown:?}");
+}
+
+#[test]
+fn no_page_shows_white_or_black_first() {
+    let Some(mut b) = Browser::start("exposures", [640, 480]) else {
+        return;
+    };
+    for times in BRIGHTNESSES {
+        // The smallest halves have few digits.
+        let share = if times < 1.0 { 0.01 } else { 1.0 / 512.0 };
+        let (_t, out, exposure) = squares_times(times, "--ktx2 rgb9e5");
+        let site = Site::start(&out);
+        let mut see = |page: &str, query: &str, storage: &Storage| {
+            look_exposed(&mut b, &site, page, query, storage, times * exposure);
+        };
+        for query in ["diffuse=1", "diffuse=1&manifest=1", "diffuse=1&plugin=1"] {
+            see("/engines/index.html", query, &srgb(share));
+        }
+        if installed("exposures in Babylon.js", &["babylonjs", "fflate"]) {
+            see("/babylon/index.html", "", &srgb(share));
+        }
+        if installed("exposures in PlayCanvas", &["playcanvas"]) {
+            see("/playcanvas/index.html", "", &power(share));
+        }
+    }
     assert_eq!(b.errors, [""; 0]);
 }
 
@@ -411,7 +487,7 @@ fn bevy_shows_closed_form_pixels() {
             let run = Command::new(&program)
                 .arg(out.join(format!("{STEM}.glb")))
                 .arg(&picture)
-                .args(["--size", "640,480", "--cam", cam])
+                .args(["--size", "640,480", "--exposure", "1", "--cam", cam])
                 .args(flag)
                 .output()
                 .expect("LUMEL_BEVY starts");

@@ -41,7 +41,7 @@ export class Bake {
     // Factor from the stored value to the radiance of a white surface (of the surface itself if the
     // lightmap holds radiosity).
     this.outgoing = manifest.value === 'radiosity';
-    this.factor = manifest.value === 'irradiance' ? 1 / Math.PI : 1;
+    this.factor = manifest.value === 'radiance' ? 1 : 1 / Math.PI;
   }
 
   get sceneUrl() {
@@ -86,10 +86,12 @@ export function luminance([r, g, b]) {
 }
 
 /**
- * Exposure and white point from the lightmap, as in `lumel bake --preview`: the log-average of the
- * middle 90 % becomes middle grey, the 99th percentile white (Reinhard et al. 2002).
+ * Exposure, white point and mean of the light. The exposure is the one that the bake suggests, so
+ * that the page looks like engines do. Bakes before 0.2 suggest none; theirs is measured by the same
+ * rule: the log-average of the middle 90 % becomes middle grey (Reinhard et al. 2002). The 99th
+ * percentile becomes white.
  */
-export function measure(planes, factor) {
+export function measure(planes, factor, suggested) {
   const samples = [];
   for (const plane of planes) {
     const { width, height } = plane.image;
@@ -104,12 +106,15 @@ export function measure(planes, factor) {
   if (samples.length === 0) return { exposure: 1, white: 1, mean: 0 };
   samples.sort((a, b) => a - b);
   const at = (q) => samples[Math.floor((samples.length - 1) * q)];
-  const cut = Math.floor(samples.length / 20);
-  const middle = samples.slice(cut, Math.max(samples.length - cut, cut + 1));
-  const floor = at(0.9) * 1e-3;
-  const log = middle.reduce((sum, l) => sum + Math.log(Math.max(l, floor)), 0) / middle.length;
-  // Twice the exposure, because typical albedos are about a half.
-  const exposure = (0.18 / Math.exp(log)) * 2;
+  const exposure = suggested ?? measuredExposure(samples, at(0.9) * 1e-3);
   const mean = samples.reduce((a, b) => a + b, 0) / samples.length;
   return { exposure, white: Math.min(16, Math.max(0.3, at(0.99) * exposure * 0.5)), mean };
+}
+
+function measuredExposure(sorted, floor) {
+  const cut = Math.floor(sorted.length / 20);
+  const middle = sorted.slice(cut, Math.max(sorted.length - cut, cut + 1));
+  const log = middle.reduce((sum, l) => sum + Math.log(Math.max(l, floor)), 0) / middle.length;
+  // Twice the exposure, because typical albedos are about a half.
+  return (0.18 / Math.exp(log)) * 2;
 }

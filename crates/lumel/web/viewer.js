@@ -10,6 +10,7 @@ import { INSIDE, Stage } from './stage.js';
 const WATCH = 2000;
 
 const DEFAULTS = { view: 'lit', light: 'all', tone: 'film', ev: 0, grid: 0, texels: 0, glow: 1, unbaked: 1, mode: 'orbit', panel: 1 };
+const TONES = [{ name: 'film', title: 'Soft' }, { name: 'linear', title: 'Linear' }, { name: 'values', title: 'Values' }];
 const state = { ...DEFAULTS, bake: undefined, cam: undefined, groups: {} };
 
 let stage, controls, mixer, bake, stamp;
@@ -67,7 +68,7 @@ async function apply() {
 
   choices($('views'), views, state.view, (name) => set({ view: name }));
   choices($('lights'), lights, state.light, chooseLight);
-  choices($('tones'), [{ name: 'film', title: 'Soft' }, { name: 'linear', title: 'Linear' }], state.tone, (name) => set({ tone: name }));
+  choices($('tones'), TONES, state.tone, (name) => set({ tone: name }));
   choices($('modes'), [{ name: 'orbit', title: 'Orbit' }, { name: 'walk', title: 'Walk' }], state.mode, (name) => set({ mode: name }));
   $('groups').hidden = state.light !== 'groups';
   for (const key of ['grid', 'texels', 'glow', 'unbaked']) $(key).checked = Boolean(state[key]);
@@ -83,10 +84,9 @@ async function apply() {
   applied = mine;
   const u = stage.shared;
   u.lumelView.value = view.view;
-  // Linear shows the values at 0 stops; Soft starts from the lightmap's average brightness.
-  const film = state.tone !== 'linear';
-  u.lumelExposure.value = (film ? base.exposure : 1) * 2 ** state.ev;
-  u.lumelWhitePoint.value = film ? base.white * 2 ** state.ev : 0;
+  // Values shows them as they are at 0 stops; Soft and Linear start from the suggested exposure.
+  u.lumelExposure.value = (state.tone === 'values' ? 1 : base.exposure) * 2 ** state.ev;
+  u.lumelWhitePoint.value = state.tone === 'film' ? base.white * 2 ** state.ev : 0;
   u.lumelGrid.value = Number(state.grid);
   u.lumelTexels.value = Number(state.texels);
   u.lumelGlow.value = Number(state.glow);
@@ -121,7 +121,7 @@ async function open(name, keep) {
   mixer.dispose();
   bake = next;
   const planes = await Promise.all(bake.manifest.pages.map((_, page) => bake.plane(page)));
-  base = measure(planes, bake.factor);
+  base = measure(planes, bake.factor, bake.manifest.exposure);
   document.title = `${name} · lumel view`;
   $('title').textContent = name;
   $('unbaked-count').textContent = counts.unbaked > 0 ? `(${counts.unbaked})` : '(none)';

@@ -8,6 +8,7 @@ surface) plus what it emits itself. So Eevee and Cycles show what was baked, wit
 Lamps of the file are hidden: their light is in the lightmap.
 """
 
+import math
 import os
 import sys
 
@@ -119,6 +120,10 @@ if __name__ == "__main__":
         sys.exit("usage: load.py LEVEL.glb [OUT.blend]")
     if "bpy" in sys.modules and not bpy.app.binary_path:
         bpy.ops.wm.read_factory_settings(use_empty=True)
-    print(f"{import_level(arguments[0])[1]} objects with a lightmap")
+    objects, count = import_level(arguments[0])
+    places = [o["lightmap"] for o in objects if o.type == "MESH" and "lightmap" in o]
+    exposure = places[0].get("exposure", 1) if places else 1
+    bpy.context.scene.view_settings.exposure = math.log2(exposure)
+    print(f"{count} objects with a lightmap")
     if len(arguments) > 1:
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(arguments[1]))

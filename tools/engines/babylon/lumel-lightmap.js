@@ -23,13 +23,14 @@ export async function loadLevel(BABYLON, scene, url, options = {}) {
  * @param {object} level An AssetContainer (or anything with `meshes` and `lights`) from a .glb that `lumel bake` wrote.
  * @param {object} [options]
  * @param {string} [options.folder] Where the pages are, with its slash.
- * @param {number} [options.exposure] Multiplies the light of baked surfaces.
+ * @param {number} [options.exposure] Multiplies all light of the level: lightmaps, what glows, and lamps that are kept. The bake's own
+ *   suggestion unless given; 1 leaves radiance as it is, for a scene with an exposure of its own.
  * @param {boolean} [options.keepLights] Leave the file's lamps on, for what moves; baked surfaces here are unlit, and do not see them.
  * @param {string} [options.fflate] Address of fflate (npm) for EXR files; Babylon's own default is on another server.
- * @returns {Promise<{meshes: number, materials: number, pages: object[]}>}
+ * @returns {Promise<{meshes: number, materials: number, pages: object[], exposure: number}>}
  */
 export async function attachLightmaps(BABYLON, scene, level, options = {}) {
-  const { folder = '', exposure = 1, keepLights = false, fflate } = options;
+  const { folder = '', keepLights = false, fflate } = options;
   if (fflate) BABYLON.ExrLoaderGlobalConfiguration.FFLATEUrl = fflate;
   const lit = [];
   for (const mesh of level.meshes) {
@@ -40,6 +41,7 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
       lit.push({ mesh, place });
     }
   }
+  const exposure = options.exposure ?? lit[0]?.place.exposure ?? 1;
   const pages = new Map();
   for (const { place } of lit) {
     if (!pages.has(place.uri)) pages.set(place.uri, loadPage(BABYLON, scene, folder + encodeURIComponent(place.uri)));
@@ -61,7 +63,12 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
     mesh.material = materials.get(key);
   }
   if (!keepLights) for (const light of level.lights) light.setEnabled(false);
-  return { meshes: lit.length, materials: materials.size, pages: [...pages.values()] };
+  // What glows and what shines keep their ratio to the lightmap.
+  for (const light of level.lights) light.intensity *= exposure;
+  for (const material of new Set(level.meshes.map((mesh) => mesh.material))) {
+    if (material?.emissiveIntensity !== undefined) material.emissiveIntensity *= exposure;
+  }
+  return { meshes: lit.length, materials: materials.size, pages: [...pages.values()], exposure };
 }
 
 /** A node's extras; its mesh has them, or, of several primitives, the node above. */

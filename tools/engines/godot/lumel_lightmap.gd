@@ -11,7 +11,9 @@ extends RefCounted
 
 
 ## Returns the LightmapGI, or null after an error that the console shows.
-static func apply(root: Node3D, manifest_path: String) -> LightmapGI:
+##
+## `exposure` multiplies all that cameras without attributes of their own show; 0 takes what the bake suggests.
+static func apply(root: Node3D, manifest_path: String, exposure := 0.0) -> LightmapGI:
 	var text := FileAccess.get_file_as_string(manifest_path)
 	var manifest: Variant = JSON.parse_string(text)
 	if not manifest is Dictionary or int(manifest.get("version", 0)) != 1:
@@ -64,6 +66,10 @@ static func apply(root: Node3D, manifest_path: String) -> LightmapGI:
 	# Lamps that are baked do not light what has a lightmap.
 	for light in root.find_children("*", "Light3D", true, false):
 		(light as Light3D).light_bake_mode = Light3D.BAKE_STATIC
+	var world := root.get_world_3d()
+	if world.camera_attributes == null:
+		world.camera_attributes = CameraAttributesPractical.new()
+	world.camera_attributes.exposure_multiplier = exposure if exposure > 0.0 else float(manifest.get("exposure", 1.0))
 	return gi
 
 

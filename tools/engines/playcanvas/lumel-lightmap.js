@@ -20,8 +20,9 @@ const TAG = 'lumel:';
  * @param {object} app The application.
  * @param {string} url The .glb that `lumel bake --ktx2` wrote.
  * @param {object} [options]
+ * @param {number} [options.exposure] Becomes `app.scene.exposure`, which multiplies all that is shown. The bake's own suggestion unless given.
  * @param {boolean} [options.keepLights] Leave the file's lamps on: baked surfaces get their light twice.
- * @returns {Promise<{entity: object, meshes: number, pages: object[]}>}
+ * @returns {Promise<{entity: object, meshes: number, pages: object[], exposure: number}>}
  */
 export async function loadLevel(pc, app, url, options = {}) {
   const asset = new pc.Asset('level', 'container', { url }, null, {
@@ -43,7 +44,8 @@ export async function loadLevel(pc, app, url, options = {}) {
 }
 
 /** Puts lightmaps on the render components of a hierarchy whose nodes have tags from `loadLevel`. */
-export async function attachLightmaps(pc, app, entity, { folder = '', keepLights = false } = {}) {
+export async function attachLightmaps(pc, app, entity, options = {}) {
+  const { folder = '', keepLights = false } = options;
   const lit = [];
   for (const render of entity.findComponents('render')) {
     const tag = render.entity.tags.list().find((t) => t.startsWith(TAG));
@@ -72,7 +74,9 @@ export async function attachLightmaps(pc, app, entity, { folder = '', keepLights
     }
   }
   if (!keepLights) for (const light of entity.findComponents('light')) light.enabled = false;
-  return { meshes, pages: [...pages.values()] };
+  const exposure = options.exposure ?? lit[0]?.place.exposure ?? 1;
+  app.scene.exposure = exposure;
+  return { meshes, pages: [...pages.values()], exposure };
 }
 
 function placed(pc, from, page, { offset: [u, v], scale: [w, h], texCoord }) {

@@ -9,6 +9,7 @@ export interface Place {
   offset: [number, number];
   scale: [number, number];
   scaleToIrradiance?: number;
+  exposure?: number;
   ktx2?: { uri: string; format: 'bc6h' | 'rgb9e5' };
 }
 
@@ -23,7 +24,7 @@ export interface LightmapOptions {
   loadPage?: (url: string) => Promise<Texture>;
   /** Textures of `loadPage` have row 0 at the top. */
   topDown?: boolean;
-  /** Multiplies the light. */
+  /** Multiplies all light of the level; the bake's own suggestion unless given. */
   exposure?: number;
   /** Materials become Lambertian: albedo x R exactly. */
   diffuse?: boolean;
@@ -35,6 +36,14 @@ export interface Attached {
   meshes: number;
   materials: number;
   pages: Texture[];
+  /** By what the level's light was multiplied. */
+  exposure: number;
+}
+
+export interface Placement {
+  mesh: Mesh;
+  node: Object3D;
+  place: Place;
 }
 
 export function attachLightmaps(gltf: GLTF, options?: LightmapOptions): Promise<Attached>;
@@ -46,10 +55,8 @@ export class LumelLightmaps implements GLTFLoaderPlugin {
   afterRoot(gltf: GLTF): Promise<void>;
 }
 
-export function findPlacements(
-  gltf: GLTF,
-  manifest?: object,
-): { mesh: Mesh; node: Object3D; place: Place }[];
+export function findPlacements(gltf: GLTF, manifest?: object): Placement[];
+export function suggestedExposure(placements: Placement[]): number;
 export function placeTexture(page: Texture, place: Place, topDown?: boolean): Texture;
 export function diffuseMaterial(from: Material): MeshLambertMaterial;
 export function removeLights(root: Object3D): void;

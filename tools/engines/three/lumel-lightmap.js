@@ -25,7 +25,7 @@ import {
  *
  * @param {object} gltf What GLTFLoader gives, or an Object3D of it (then places are found by `userData` alone).
  * @param {object} [manifest] `level.lightmap.json`, for files whose extras some tool has dropped.
- * @returns {{mesh: Mesh, node: Object3D, place: {uri, page, texCoord, offset, scale, scaleToIrradiance}}[]}
+ * @returns {{mesh: Mesh, node: Object3D, place: {uri, page, texCoord, offset, scale, scaleToIrradiance, exposure}}[]}
  */
 export function findPlacements(gltf, manifest) {
   const root = gltf.scene ?? gltf;
@@ -61,7 +61,15 @@ function fromManifest(manifest, index, name) {
   const [{ page, offset, scale }] = nodes;
   const { texCoord, scaleToIrradiance } = manifest;
   const { uri, ktx2 } = manifest.pages[page];
-  return { uri, ktx2, page, texCoord, offset, scale, scaleToIrradiance };
+  return { uri, ktx2, page, texCoord, offset, scale, scaleToIrradiance, exposure: manifest.exposure };
+}
+
+/**
+ * The exposure that the bake suggests for what `findPlacements` found: radiance × this is what a screen shows, 1 being white. 1 for bakes
+ * that suggest none.
+ */
+export function suggestedExposure(placements) {
+  return placements[0]?.place.exposure ?? 1;
 }
 
 /**
@@ -74,18 +82,20 @@ function fromManifest(manifest, index, name) {
  * @param {boolean} [options.ktx2] Load pages as KTX2 (`lumel bake --ktx2`); needs `./lumel-ktx2.js`.
  * @param {function(string): Promise<Texture>} [options.loadPage] Makes a texture from a page's address; EXRLoader unless given.
  * @param {boolean} [options.topDown] Textures of `loadPage` have row 0 at the top (KTX2, raw data), unlike EXRLoader's.
- * @param {number} [options.exposure] Multiplies the light. Levels with lamps in candela want some 1e-3.
+ * @param {number} [options.exposure] Multiplies all light of the level: lightmaps, what glows, and lamps that are kept. The bake's own
+ *   suggestion unless given; 1 leaves radiance as it is, for a renderer with an exposure of its own.
  * @param {boolean} [options.diffuse] Materials become MeshLambertMaterial: a × R exactly, as it was baked. Else they stay, and
  *   MeshStandardMaterial shows 1 to 7 % less, most at grazing angles (and metals next to nothing, since they have no diffuse part).
  * @param {boolean} [options.keepLights] Leave the file's lamps on: for what moves, while baked surfaces get their light twice.
- * @returns {Promise<{meshes: number, materials: number, pages: Texture[]}>}
+ * @returns {Promise<{meshes: number, materials: number, pages: Texture[], exposure: number}>}
  */
 export async function attachLightmaps(gltf, options = {}) {
-  const { manifest, ktx2 = false, topDown = ktx2, exposure = 1, diffuse = false, keepLights = false } = options;
+  const { manifest, ktx2 = false, topDown = ktx2, diffuse = false, keepLights = false } = options;
   const root = gltf.scene ?? gltf;
   const path = options.path ?? gltf.parser?.options.path ?? '';
   const loadPage = options.loadPage ?? (await (ktx2 ? ktx2Pages() : exrPages()));
   const placements = findPlacements(gltf, manifest);
+  const exposure = options.exposure ?? suggestedExposure(placements);
 
   const pages = new Map();
   const materials = new Map();
@@ -118,7 +128,8 @@ export async function attachLightmaps(gltf, options = {}) {
     mesh.material = Array.isArray(mesh.material) ? mesh.material.map(each) : each(mesh.material);
   }
   if (!keepLights) removeLights(root);
-  return { meshes: placements.length, materials: materials.size, pages: [...pages.values()] };
+  expose(root, exposure);
+  return { meshes: placements.length, materials: materials.size, pages: [...pages.values()], exposure };
 }
 
 /**
@@ -180,6 +191,16 @@ export function diffuseMaterial(from) {
   }
   to.userData = from.userData;
   return to;
+}
+
+/** What glows and what shines keep their ratio to the lightmap. */
+function expose(root, exposure) {
+  const glowing = new Set();
+  root.traverse((object) => {
+    if (object.isLight) object.intensity *= exposure;
+    for (const material of [object.material ?? []].flat()) if (material.emissive) glowing.add(material);
+  });
+  for (const material of glowing) material.emissiveIntensity *= exposure;
 }
 
 /** Takes lamps out: their light is in the lightmap. */

@@ -56,6 +56,8 @@ pub struct GltfStats {
 pub struct GlbOptions<'a> {
     /// Quantity in the pages.
     pub value: ValueKind,
+    /// Suggested exposure ([`suggested_exposure`](crate::suggested_exposure)).
+    pub exposure: Option<f64>,
     /// Format and names of pages that are also stored as KTX2, in order; no names, or one per page.
     pub ktx2: Option<(Ktx2Format, &'a [String])>,
     /// The pages, if `MOZ_lightmap` is to be written. Coordinates are then those of the page, and
@@ -217,6 +219,9 @@ pub fn write_lightmapped_glb_with(
         });
         if let Some(factor) = value.scale_to_irradiance() {
             place["scaleToIrradiance"] = factor.into();
+        }
+        if let Some(exposure) = options.exposure {
+            place["exposure"] = exposure.into();
         }
         if let Some((format, names)) = options.ktx2 {
             place["ktx2"] = ktx2_json(format, &names[placement.page as usize]);

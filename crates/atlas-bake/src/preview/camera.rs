@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use serde_json::Value;
 
 use super::seen::{LitScene, Seen};
-use super::tone::luminance;
+use crate::exposure::luminance;
 
 /// Vertical field of view of chosen cameras, radians (60°).
 const FIELD: f32 = std::f32::consts::FRAC_PI_3;

@@ -2,11 +2,7 @@
 
 use glam::Vec3;
 
-use crate::compare::LUMINANCE;
-
-/// Display value of the scene's log-average luminance: middle grey (Reinhard et al., "Photographic
-/// Tone Reproduction for Digital Images", 2002).
-const KEY: f32 = 0.18;
+use crate::exposure::{KEY, Luminances};
 
 /// Scale and compression of radiance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,36 +13,20 @@ pub(super) struct Exposure {
     white: f32,
 }
 
-pub(super) fn luminance(c: Vec3) -> f32 {
-    c.dot(Vec3::from(LUMINANCE.map(|w| w as f32)))
-}
-
 impl Exposure {
-    /// Measures the luminances of a picture: the middle 90 % give the exposure, and the 99th
-    /// percentile becomes white.
+    /// Measures the luminances of a picture: the log-average of the middle 90 % becomes middle
+    /// grey, the 99th percentile white.
     pub fn measure(colors: impl Iterator<Item = Vec3>) -> Exposure {
-        let mut y: Vec<f32> = colors
-            .map(luminance)
-            .filter(|y| y.is_finite() && *y > 0.0)
-            .collect();
-        if y.is_empty() {
+        let Some(y) = Luminances::of(colors) else {
             return Exposure {
                 scale: 1.0,
                 white: 1.0,
             };
-        }
-        y.sort_unstable_by(f32::total_cmp);
-        let at = |q: f64| y[((y.len() - 1) as f64 * q) as usize];
-        let middle = &y[y.len() / 20..(y.len() - y.len() / 20).max(y.len() / 20 + 1)];
-        // Anything below a thousandth of the bright parts looks black and must not affect the
-        // exposure.
-        let floor = at(0.9) * 1e-3;
-        let sum: f64 = middle.iter().map(|y| f64::from(y.max(floor)).ln()).sum();
-        let mean = (sum / middle.len() as f64).exp() as f32;
-        let scale = KEY / mean.max(f32::MIN_POSITIVE);
+        };
+        let scale = KEY as f32 / (y.typical() as f32).max(f32::MIN_POSITIVE);
         Exposure {
             scale,
-            white: (at(0.99) * scale).clamp(0.3, 16.0),
+            white: (y.at(0.99) * scale).clamp(0.3, 16.0),
         }
     }
 

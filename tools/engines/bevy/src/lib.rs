@@ -14,8 +14,9 @@
 //! What Bevy does with a texel v of a [`Lightmap`]: a surface of albedo a shows v × a ×
 //! `lightmap_exposure` (of its material) × the camera's exposure. That is what a radiance in nit
 //! needs, and a Lumel lightmap holds R = E/π, the radiance of a white surface: no factor. Its rows
-//! run as Bevy's do: no flip.
+//! run as Bevy's do: no flip. Cameras get the exposure that the bake suggests ([`LevelExposure`]).
 
+use bevy::camera::Exposure;
 use bevy::gltf::GltfExtras;
 use bevy::light::GlobalAmbientLight;
 use bevy::math::Rect;
@@ -24,32 +25,47 @@ use bevy::prelude::*;
 use serde::Deserialize;
 
 /// Gives every baked node of every glTF that is spawned its lightmap.
-#[derive(Debug, Clone, Resource)]
+#[derive(Debug, Clone, Default, Resource)]
 pub struct LumelPlugin {
-    /// Multiplies the light of baked surfaces only (`StandardMaterial::lightmap_exposure`). Leave
-    /// it at 1 and set the camera's [`Exposure`](bevy::camera::Exposure) where lamps are
-    /// photometric; see the README for levels that are not.
-    pub exposure: f32,
+    /// What cameras' [`Exposure`] becomes.
+    pub exposure: LevelExposure,
     /// Load pages as KTX2 where the bake has them (`--ktx2`).
     pub ktx2: bool,
     /// Leave the diffuse light of the file's lamps on baked surfaces, which have it already.
     pub keep_lights: bool,
 }
 
-impl Default for LumelPlugin {
-    fn default() -> Self {
-        LumelPlugin {
-            exposure: 1.0,
-            ktx2: false,
-            keep_lights: false,
-        }
+/// By what cameras multiply all light.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum LevelExposure {
+    /// By what the bake of the level suggests that was loaded last. Bevy's own default suits lamps
+    /// in candela out of doors; a level in other units is black or white with it.
+    #[default]
+    Suggested,
+    /// By this: radiance × factor is what a screen shows, 1 being white.
+    Factor(f32),
+    /// Cameras stay as they are.
+    Untouched,
+}
+
+/// The exposure of the level that was loaded last, as a factor.
+#[derive(Debug, Clone, Copy, PartialEq, Resource)]
+pub struct Suggested(pub f32);
+
+/// A factor on radiance as Bevy's cameras have it: 2^-EV100 / 1.2.
+pub fn camera_exposure(factor: f32) -> Exposure {
+    Exposure {
+        ev100: -(1.2 * factor).log2(),
     }
 }
 
 impl Plugin for LumelPlugin {
     fn build(&self, app: &mut App) {
         app.insert_resource(self.clone())
-            .add_systems(Update, (attach, spare_lamps));
+            .add_systems(Update, ((attach, expose).chain(), spare_lamps));
+        if let LevelExposure::Factor(factor) = self.exposure {
+            app.insert_resource(Suggested(factor));
+        }
         // The bake has the sky's light already.
         app.insert_resource(GlobalAmbientLight {
             affects_lightmapped_meshes: false,
@@ -70,6 +86,7 @@ struct Place {
     uri: String,
     offset: [f32; 2],
     scale: [f32; 2],
+    exposure: Option<f32>,
     ktx2: Option<Ktx2>,
 }
 
@@ -90,20 +107,22 @@ fn attach(
     mut commands: Commands,
     settings: Res<LumelPlugin>,
     assets: Res<AssetServer>,
-    mut materials: ResMut<Assets<StandardMaterial>>,
     nodes: Query<(&GltfExtras, &Children), Added<GltfExtras>>,
-    meshes: Query<(&Mesh3d, &MeshMaterial3d<StandardMaterial>)>,
+    meshes: Query<&Mesh3d, With<MeshMaterial3d<StandardMaterial>>>,
 ) {
     for (extras, children) in &nodes {
         let Some(place) = place(&extras.value) else {
             continue;
         };
+        if let (LevelExposure::Suggested, Some(factor)) = (settings.exposure, place.exposure) {
+            commands.insert_resource(Suggested(factor));
+        }
         let page = match place.ktx2 {
             Some(ktx2) if settings.ktx2 => ktx2.uri,
             _ => place.uri,
         };
         for child in children {
-            let Ok((mesh, material)) = meshes.get(*child) else {
+            let Ok(mesh) = meshes.get(*child) else {
                 continue;
             };
             // Pages lie beside the glTF. `resolve` would take a `#` in a file's name for a label.
@@ -118,11 +137,23 @@ fn attach(
                 uv_rect: Rect::new(x, y, x + w, y + h),
                 bicubic_sampling: false,
             });
-            if settings.exposure != 1.0
-                && let Some(mut material) = materials.get_mut(&material.0)
-            {
-                material.lightmap_exposure = settings.exposure;
-            }
+        }
+    }
+}
+
+/// Gives cameras the exposure: all when it changes, later those that are new.
+fn expose(
+    settings: Res<LumelPlugin>,
+    suggested: Option<Res<Suggested>>,
+    mut cameras: Query<(&mut Exposure, Ref<Camera3d>)>,
+) {
+    let Some(suggested) = suggested.filter(|_| settings.exposure != LevelExposure::Untouched)
+    else {
+        return;
+    };
+    for (mut exposure, camera) in &mut cameras {
+        if suggested.is_changed() || camera.is_added() {
+            *exposure = camera_exposure(suggested.0);
         }
     }
 }
@@ -153,11 +184,48 @@ mod tests {
     use super::*;
 
     #[test]
+    fn cameras_multiply_by_the_factor() {
+        for factor in [1e-4, 0.36, 1.0, 5.0] {
+            let exposed = camera_exposure(factor).exposure();
+            assert!((exposed / factor - 1.0).abs() < 1e-4, "{exposed} {factor}");
+        }
+    }
+
+    #[test]
+    fn cameras_get_what_the_level_suggests_unless_told_otherwise() {
+        for (exposure, expected) in [
+            (LevelExposure::Suggested, camera_exposure(0.25).ev100),
+            (LevelExposure::Factor(2.0), camera_exposure(2.0).ev100),
+            (LevelExposure::Untouched, Exposure::default().ev100),
+        ] {
+            let mut app = App::new();
+            app.insert_resource(LumelPlugin {
+                exposure,
+                ..default()
+            });
+            app.insert_resource(Suggested(match exposure {
+                LevelExposure::Factor(x) => x,
+                _ => 0.25,
+            }));
+            app.add_systems(Update, expose);
+            let camera = app.world_mut().spawn((Camera3d::default(), Exposure::default())).id();
+            app.update();
+            let ev = |app: &App| app.world().get::<Exposure>(camera).map(|e| e.ev100);
+            assert_eq!(ev(&app), Some(expected), "{exposure:?}");
+            // What a game sets afterwards stays.
+            app.world_mut().entity_mut(camera).insert(Exposure { ev100: 3.0 });
+            app.update();
+            assert_eq!(ev(&app), Some(3.0));
+        }
+    }
+
+    #[test]
     fn places_are_read_and_other_extras_are_not() {
         let text = r#"{"lightmap": {"uri": "a b #1.exr", "page": 0, "texCoord": 1, "offset": [0.5, 0], "scale": [0.25, 1],
-            "scaleToIrradiance": 3.14, "ktx2": {"uri": "a.ktx2", "format": "bc6h"}}, "other": 1}"#;
+            "scaleToIrradiance": 3.14, "exposure": 0.25, "ktx2": {"uri": "a.ktx2", "format": "bc6h"}}, "other": 1}"#;
         let found = place(text).unwrap();
         assert_eq!((found.offset, found.scale), ([0.5, 0.0], [0.25, 1.0]));
+        assert_eq!(found.exposure, Some(0.25));
         assert_eq!(found.ktx2.map(|k| k.uri), Some("a.ktx2".into()));
         for other in [r#"{"lightmap": [null]}"#, r#"{"x": 1}"#, "3", ""] {
             assert_eq!(place(other), None, "{other}");

@@ -1,8 +1,8 @@
 //! Renders a bake to a picture, without a window.
 //!
-//!     lumel-bevy out/level.glb picture.png --cam X,Y,Z,TX,TY,TZ,FOV [--exposure X] [--ktx2] [--size W,H] [--tone]
+//!     cargo run --example picture -- out/level.glb picture.png --cam X,Y,Z,TX,TY,TZ,FOV [--exposure X] [--ktx2] [--size W,H] [--tone]
 //!
-//! Exposure is a plain factor on everything; without `--tone` a pixel is the sRGB form of radiance
+//! Exposure is a plain factor on everything, the bake's own suggestion unless given; without `--tone` a pixel is the sRGB form of radiance
 //! × exposure, clamped. Lamps of the file are out, so that only the lightmap lights.
 
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use bevy::app::{AppExit, ScheduleRunnerPlugin};
 use bevy::asset::UnapprovedPathMode;
-use bevy::camera::{Exposure, RenderTarget};
+use bevy::camera::RenderTarget;
 use bevy::core_pipeline::tonemapping::Tonemapping;
 use bevy::log::LogPlugin;
 use bevy::prelude::*;
@@ -18,7 +18,7 @@ use bevy::render::RenderPlugin;
 use bevy::render::render_resource::TextureFormat;
 use bevy::render::view::window::screenshot::{Screenshot, save_to_disk};
 use bevy::window::ExitCondition;
-use lumel_bevy::LumelPlugin;
+use lumel_bevy::{LevelExposure, LumelPlugin};
 
 /// Frames between the last file's arrival and the picture: textures go to the card one frame later.
 const SETTLE: u32 = 4;
@@ -32,7 +32,7 @@ struct Job {
     from: Vec3,
     to: Vec3,
     fov: f32,
-    exposure: f32,
+    exposure: LevelExposure,
     ktx2: bool,
     size: [u32; 2],
     tone: bool,
@@ -50,7 +50,7 @@ fn arguments() -> Option<Job> {
         from: Vec3::new(0.0, 2.0, 5.0),
         to: Vec3::ZERO,
         fov: 60.0,
-        exposure: 1.0,
+        exposure: LevelExposure::Suggested,
         ktx2: false,
         size: [1280, 720],
         tone: false,
@@ -65,7 +65,7 @@ fn arguments() -> Option<Job> {
                 job.to = Vec3::from_slice(&v[3..6]);
                 job.fov = v[6];
             }
-            "--exposure" => job.exposure = given.next()?.parse().ok()?,
+            "--exposure" => job.exposure = LevelExposure::Factor(given.next()?.parse().ok()?),
             "--size" => job.size = numbers::<2>(&given.next()?)?.map(|x| x as u32),
             "--ktx2" => job.ktx2 = true,
             "--tone" => job.tone = true,
@@ -81,7 +81,7 @@ fn arguments() -> Option<Job> {
 fn main() -> AppExit {
     let Some(job) = arguments() else {
         eprintln!(
-            "usage: lumel-bevy LEVEL.glb PICTURE.png [--cam X,Y,Z,TX,TY,TZ,FOV] [--exposure X] [--ktx2] [--size W,H] [--tone]"
+            "usage: picture LEVEL.glb PICTURE.png [--cam X,Y,Z,TX,TY,TZ,FOV] [--exposure X] [--ktx2] [--size W,H] [--tone]"
         );
         return AppExit::from_code(1);
     };
@@ -112,6 +112,7 @@ fn main() -> AppExit {
         )
         .add_plugins(ScheduleRunnerPlugin::run_loop(Duration::from_millis(5)))
         .add_plugins(LumelPlugin {
+            exposure: job.exposure,
             ktx2: job.ktx2,
             ..default()
         })
@@ -149,10 +150,6 @@ fn setup(
             ..default()
         }),
         Transform::from_translation(job.from).looking_at(job.to, Vec3::Y),
-        // 2^-ev100 / 1.2 is the factor.
-        Exposure {
-            ev100: -(1.2 * job.exposure).log2(),
-        },
         if job.tone {
             Tonemapping::ReinhardLuminance
         } else {
