@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, OutputSet, Page,
-    PictureLight, choose_camera, render_preview, scene_camera, write_lightmap_exr,
-    write_lightmap_ktx2, write_lightmapped_glb_with, write_vertex_glb,
+    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, OutputSet, Page, PictureLight,
+    choose_camera, render_preview, scene_camera, write_lightmap_exr, write_lightmap_ktx2,
+    write_lightmapped_glb_with, write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::memory;
 use crate::overwrite;
 use crate::pipeline::{Bake, Clock};
-use crate::record::{self, PREVIEW, Provenance, RecordedOutput};
+use crate::record::{self, PREVIEW, Provenance, ReadFile, RecordedInput, RecordedOutput};
 use crate::report::{Blank, Measured, Report, StoredPage};
 use crate::settings::{GltfExt, Settings};
 use crate::sources;
@@ -234,6 +234,21 @@ impl Bake {
         let locate = |i| record::locate(scene, settings, provenance, i);
         all.extend(self.option_inputs.iter().filter_map(locate));
         all
+    }
+
+    /// Every input file with the hash of its contents when it was read, missing files included: for
+    /// programs that wait until one of them changes. Complete once files were made.
+    pub fn files_read(&self, settings: &Settings, provenance: &Provenance) -> Vec<ReadFile> {
+        let document = &self.loaded.document;
+        let mut all = record::document_inputs(&self.report.scene, document.inputs());
+        all.extend(self.option_inputs.iter().cloned());
+        let read = |input: RecordedInput| {
+            Some(ReadFile {
+                path: record::locate(document.file(), settings, provenance, &input)?,
+                digest: input.digest,
+            })
+        };
+        all.into_iter().filter_map(read).collect()
     }
 
     /// Deletes files of an earlier bake that this one does not replace: further pages, KTX2 files

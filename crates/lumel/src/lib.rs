@@ -106,7 +106,8 @@ pub use overwrite::outputs_in;
 pub use pipeline::{Bake, Beside, FirstPicture, Remark, bake, bake_beside, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
-    Current, InputKind, PREVIEW, Provenance, Record, RecordedInput, RecordedOutput, find_current,
+    Current, InputKind, PREVIEW, Provenance, ReadFile, Record, RecordedInput, RecordedOutput,
+    find_current,
 };
 pub use report::{Blank, GroupReport, Measured, PhaseTime, Report, StoredPage};
 pub use report_page::report_page;

@@ -158,6 +158,15 @@ pub(crate) fn strangers(dir: &Path, report: &Path) -> Option<Vec<String>> {
     )
 }
 
+/// An input file of a bake.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReadFile {
+    /// Path on disk.
+    pub path: PathBuf,
+    /// Hash of its contents when it was read; `None` if it was missing.
+    pub digest: Option<Digest>,
+}
+
 /// A finished bake that a new bake would repeat.
 #[derive(Debug)]
 pub struct Current {

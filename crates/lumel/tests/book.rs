@@ -12,8 +12,9 @@ use self::pages::{Page, documents, files_below, notes, root};
 use crate::common::{bake, lumel, parse, quads, temp, write};
 
 /// Commands of the binary.
-const COMMANDS: [&str; 8] = [
+const COMMANDS: [&str; 9] = [
     "bake",
+    "watch",
     "inspect",
     "diff",
     "config",

@@ -329,10 +329,7 @@ fn the_viewer_starts_with_the_exposure_that_the_bake_suggests() {
     let exposure = parse(manifest)["exposure"].as_f64().expect("a number");
     let server = Server::start(&out);
     // The same pixels as in engines, which tests/engines.rs holds against the same numbers.
-    b.open(&format!(
-        "{}#tone=linear&panel=0&cam={ABOVE}",
-        server.1
-    ));
+    b.open(&format!("{}#tone=linear&panel=0&cam={ABOVE}", server.1));
     settle(&mut b);
     let picture = b.screenshot();
     for (at, albedo, r) in points().into_iter().take(5) {

@@ -323,6 +323,119 @@ fn three_js_shows_ktx2_pages() {
     }
 }
 
+/// The example of React Three Fiber, bundled as its package.json says; says so where that is not
+/// possible.
+fn react_example() -> Option<PathBuf> {
+    let packages = [
+        "esbuild",
+        "react",
+        "react-dom",
+        "@react-three/fiber",
+        "three",
+    ];
+    if !installed("React Three Fiber", &packages) {
+        return None;
+    }
+    let bundle = temp().keep();
+    let folder =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/engines/three/react-example");
+    let page = std::fs::read(folder.join("index.html")).expect("it is there");
+    write(bundle.join("index.html"), page);
+    let run = Command::new(npm_modules().join(".bin/esbuild"))
+        .arg(folder.join("main.jsx"))
+        .args([
+            "--bundle",
+            "--format=esm",
+            "--jsx=automatic",
+            "--log-level=error",
+        ])
+        .arg(format!("--outfile={}", bundle.join("bundle.js").display()))
+        .env("NODE_PATH", npm_modules())
+        .status()
+        .expect("esbuild starts");
+    assert!(run.success());
+    Some(bundle)
+}
+
+#[test]
+fn react_three_fiber_shows_closed_form_pixels() {
+    let Some(mut b) = Browser::start("React Three Fiber", [640, 480]) else {
+        return;
+    };
+    let Some(example) = react_example() else {
+        return;
+    };
+    let (_t, out) = squares("");
+    let site = Site::start_with(&out, Some(("/react/", &example)));
+    look(&mut b, &site, "/react/index.html", "diffuse=1", &srgb(0.0));
+    let (_t, out, exposure) = squares_times(4e4, "");
+    let site = Site::start_with(&out, Some(("/react/", &example)));
+    let (page, light) = ("/react/index.html", 4e4 * exposure);
+    look_exposed(&mut b, &site, page, "diffuse=1", &srgb(1.0 / 512.0), light);
+    assert_eq!(b.errors, [""; 0]);
+    let _ = std::fs::remove_dir_all(example);
+}
+
+/// Types of the npm package, against three's and React's own.
+#[test]
+fn types_of_the_npm_package_hold() {
+    let packages = [
+        "typescript",
+        "@types/three",
+        "@types/react",
+        "@react-three/fiber",
+    ];
+    if !installed("types of lumel-three", &packages) {
+        return;
+    }
+    let t = temp();
+    let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools/engines/three");
+    for name in ["lumel-lightmap.d.ts", "lumel-react.d.ts"] {
+        std::fs::copy(package.join(name), t.path().join(name)).expect("copied");
+    }
+    let user = "import { useLumelLevel, LumelLevel } from './lumel-react.js';
+        import { attachLightmaps } from './lumel-lightmap.js';
+        const exposure: number = useLumelLevel('a.glb', { ktx2: true }).userData.lumel.exposure;
+        attachLightmaps(useLumelLevel('a.glb'), { exposure }).then((a) => a.exposure.toFixed());
+        useLumelLevel.preload('a.glb');
+        export const level = <LumelLevel url='a.glb' diffuse position={[0, 1, 0]} />;";
+    let file = write(t.path().join("user.tsx"), user);
+    let bad = write(
+        t.path().join("bad.tsx"),
+        "import { LumelLevel } from './lumel-react.js'; export const level = <LumelLevel url={3} />;",
+    );
+    std::os::unix::fs::symlink(npm_modules(), t.path().join("node_modules")).expect("linked");
+    let check = |file: &Path| {
+        Command::new(npm_modules().join(".bin/tsc"))
+            .args([
+                "--noEmit",
+                "--strict",
+                "--skipLibCheck",
+                "--jsx",
+                "react-jsx",
+            ])
+            .args([
+                "--module",
+                "esnext",
+                "--moduleResolution",
+                "bundler",
+                "--target",
+                "es2022",
+            ])
+            .arg(file)
+            .current_dir(t.path())
+            .output()
+            .expect("tsc starts")
+    };
+    let run = check(&file);
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stdout)
+    );
+    assert!(!check(&bad).status.success());
+}
+
 #[test]
 fn three_js_shows_moz_lightmap() {
     let Some(mut b) = Browser::start("three.js with MOZ_lightmap", [640, 480]) else {

@@ -7,7 +7,9 @@ import { describe, pick } from './pick.js';
 import { INSIDE, Stage } from './stage.js';
 
 /** Interval of polling for new bakes, milliseconds. */
-const WATCH = 2000;
+const WATCH = 1000;
+/** The same while a bake is running. */
+const WATCH_CLOSELY = 300;
 
 const DEFAULTS = { view: 'lit', light: 'all', tone: 'film', ev: 0, grid: 0, texels: 0, glow: 1, unbaked: 1, mode: 'orbit', panel: 1 };
 const TONES = [{ name: 'film', title: 'Soft' }, { name: 'linear', title: 'Linear' }, { name: 'values', title: 'Values' }];
@@ -173,7 +175,8 @@ function lookFrom(index) {
 /** Polls the bakes and reloads one that was baked again. */
 async function watch() {
   try {
-    const { bakes } = await listBakes();
+    const { bakes, status } = await listBakes();
+    showStatus(status);
     const now = bakes.find((b) => b.name === bake?.name);
     if (now && now.stamp !== stamp) {
       await open(now.name, true);
@@ -190,7 +193,14 @@ async function watch() {
       document.body.dataset.state = 'lost';
     }
   }
-  setTimeout(watch, WATCH);
+  setTimeout(watch, $('status').hidden ? WATCH : WATCH_CLOSELY);
+}
+
+/** What `lumel watch` is doing. */
+function showStatus(status) {
+  $('status').hidden = !status;
+  $('status').textContent = status?.text ?? '';
+  $('status').classList.toggle('fault', Boolean(status?.fault));
 }
 
 function listen() {

@@ -24,7 +24,9 @@ pub(crate) struct Arguments {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Bake a level: lightmap (EXR), lightmapped glTF, vertex-coloured glTF, manifest and report
-    Bake(Box<Bake>),
+    Bake(Box<BakeScenes>),
+    /// Bake a level again on every save, a draft first, and show it in a browser
+    Watch(Box<super::watch::Watch>),
     /// Show what would be baked and every problem found; writes only the pictures you ask for
     Inspect(Box<Inspect>),
     /// Measure the error between two lightmaps
@@ -42,9 +44,22 @@ pub(crate) enum Command {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct BakeScenes {
+    /// The level, .gltf or .glb; several, or a folder of them, are baked one after the other
+    #[arg(required = true, value_name = "SCENE")]
+    pub scenes: Vec<PathBuf>,
+    #[command(flatten)]
+    pub bake: Bake,
+}
+
+#[derive(Debug, Clone, Args)]
 pub(crate) struct Bake {
-    /// The level, .gltf or .glb
+    /// The level.
+    #[arg(skip)]
     pub scene: PathBuf,
+    /// One of several levels: what is said and written for all of them is left to the caller.
+    #[arg(skip)]
+    pub one_of_many: bool,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
@@ -225,7 +240,7 @@ pub(crate) struct Inspect {
 
 /// What a bake refuses. Deliberately not in the settings file, which may come from the same
 /// untrusted source as the scene.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct BoundsArgs {
     /// Let `..` and links in the document lead outside its folder; the results then contain such
     /// files. Absolute paths are always refused
@@ -253,7 +268,7 @@ impl From<&BoundsArgs> for Bounds {
 }
 
 /// Options that decide the atlas.
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct Plan {
     /// Index of the scene in the document [default: the document's default scene]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
@@ -539,6 +554,19 @@ impl Plan {
 }
 
 impl Bake {
+    /// The same options for another scene.
+    pub(crate) fn of(&self, scene: &Path) -> Bake {
+        Bake {
+            scene: scene.to_owned(),
+            ..self.clone()
+        }
+    }
+
+    /// The dependency file, if this bake writes it itself.
+    pub(crate) fn own_depfile(&self) -> Option<&PathBuf> {
+        self.depfile.as_ref().filter(|_| !self.one_of_many)
+    }
+
     /// Defaults, overridden by the settings file, overridden by options.
     ///
     /// # Errors

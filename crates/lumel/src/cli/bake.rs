@@ -2,17 +2,19 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use lumel::atlas_bake::OutputSet;
-use lumel::{Monitor, Phase, Provenance, Remark, Report, Settings};
+use lumel::{Monitor, Phase, Provenance, ReadFile, Remark, Report, Settings};
 
 use super::Failure;
-use super::args::Bake;
+use super::args::{Bake, BakeScenes};
 use super::config::Layered;
 use super::dry_run;
 use super::interrupt;
 use super::progress::Display;
+use super::scenes;
 use super::unchanged::{self, dependencies};
 
 /// Size of the preview picture.
@@ -21,39 +23,82 @@ const PREVIEW: [u32; 2] = [1280, 720];
 /// Small, because the first picture should appear at once.
 const FIRST: [u32; 2] = [640, 360];
 
-pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
+/// Outcome of one level.
+#[derive(Debug)]
+pub(crate) enum Done {
+    /// The plan was printed.
+    Planned,
+    /// The results were up to date.
+    Unchanged(Files),
+    /// The level was baked, in this many seconds.
+    Baked(Files, f64),
+}
+
+/// Files that one level's bake read and wrote.
+#[derive(Debug, Default)]
+pub(crate) struct Files {
+    pub inputs: Vec<PathBuf>,
+    pub outputs: Vec<PathBuf>,
+    /// After a bake: inputs with their contents' hashes, missing files included.
+    pub read: Vec<ReadFile>,
+}
+
+/// Bakes one level or several.
+pub(crate) fn run(command: &BakeScenes) -> Result<(), Failure> {
+    let a = &command.bake;
+    let found = scenes::find(&command.scenes)?;
+    use_threads(a.threads)?;
+    // A dry run creates no folder that would have to be removed.
+    let output = (!a.dry_run).then(|| a.output.clone());
+    interrupt::under_control(output, || match &found[..] {
+        [scene] => {
+            let a = a.of(scene);
+            one(&a, &a.settings()?).map(drop)
+        }
+        many => scenes::run(many, a),
+    })
+}
+
+/// Limits the process to this many worker threads.
+pub(crate) fn use_threads(threads: Option<usize>) -> Result<(), lumel::Error> {
+    let Some(n) = threads else { return Ok(()) };
+    if n == 0 || n > 1024 {
+        let message = format!("--threads is {n}, expected 1 to 1024");
+        return Err(lumel::Error::Setting(message));
+    }
+    // Fails only if a pool exists, and none does yet.
+    let _ = rayon::ThreadPoolBuilder::new()
+        .num_threads(n)
+        .build_global();
+    Ok(())
+}
+
+/// Bakes and writes the level `a.scene`, unless its results are up to date.
+pub(crate) fn one(a: &Bake, layered: &Layered) -> Result<Done, Failure> {
+    one_until(a, layered, &AtomicBool::new(false))
+}
+
+/// Like [`one`], but ends with [`lumel::Error::Cancelled`] once `stop` is set.
+pub(crate) fn one_until(a: &Bake, layered: &Layered, stop: &AtomicBool) -> Result<Done, Failure> {
     let Layered {
         settings,
         provenance,
         strict,
-    } = a.settings()?;
-    check_outputs(a, &settings, &provenance)?;
-    let display = Display::new(a, &settings);
-    if a.skip_if_unchanged
-        && !a.dry_run
-        && unchanged::skip(a, &settings, &provenance, strict, &display)?
-    {
-        return Ok(());
-    }
-    if let Some(n) = a.threads {
-        if n == 0 || n > 1024 {
-            return Err(
-                lumel::Error::Setting(format!("--threads is {n}, expected 1 to 1024")).into(),
-            );
-        }
-        // Fails only if a pool exists, and none does yet.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(n)
-            .build_global();
-    }
+    } = layered;
+    check_outputs(a, settings, provenance)?;
+    let display = Display::new(a, settings, stop);
     if a.dry_run {
-        return dry_run::run(a, &settings, &provenance);
+        dry_run::run(a, settings, provenance)?;
+        return Ok(Done::Planned);
     }
-    let outcome = interrupt::under_control(Some(a.output.clone()), || {
-        bake(a, &settings, &provenance, &display)
-    });
+    if a.skip_if_unchanged
+        && let Some(files) = unchanged::skip(a, settings, provenance, *strict, &display)?
+    {
+        return Ok(Done::Unchanged(files));
+    }
+    let outcome = bake(a, settings, provenance, &display);
     display.finish();
-    let report = outcome?;
+    let (report, files) = outcome?;
     for w in &report.warnings {
         display.warn(w);
     }
@@ -61,10 +106,10 @@ pub(crate) fn run(a: &Bake) -> Result<(), Failure> {
     if a.json {
         std::io::stdout().lock().write_all(&report.to_json())?;
     }
-    if strict && !report.warnings.is_empty() {
+    if *strict && !report.warnings.is_empty() {
         return Err(Failure::Strict(report.warnings.len()));
     }
-    Ok(())
+    Ok(Done::Baked(files, report.measured.seconds))
 }
 
 /// Refuses, before any work, outputs that would replace the scene or each other.
@@ -141,7 +186,12 @@ fn all_outputs(a: &Bake, settings: &Settings) -> Result<Vec<PathBuf>, lumel::Err
 }
 
 /// Writes the first picture on its own and at once: it is not one of the results.
-fn show_first(a: &Bake, png: &[u8], start: Instant, display: &Display) -> Result<(), lumel::Error> {
+fn show_first(
+    a: &Bake,
+    png: &[u8],
+    start: Instant,
+    display: &Display<'_>,
+) -> Result<(), lumel::Error> {
     let Some(path) = &a.first_picture else {
         return Ok(());
     };
@@ -161,8 +211,8 @@ fn bake(
     a: &Bake,
     settings: &Settings,
     provenance: &Provenance,
-    display: &Display,
-) -> Result<Report, Failure> {
+    display: &Display<'_>,
+) -> Result<(Report, Files), Failure> {
     // Created first, so that an unwritable folder does not cost a bake. It disappears again if
     // dropped without a commit.
     let mut set = OutputSet::create(&a.output)?;
@@ -249,12 +299,12 @@ fn bake(
         // above, and separate blocks cost up to a tenth of the page.
         display.say("            charts share 4 x 4 texel blocks; --block-charts separates them");
     }
-    if interrupt::cancelled() {
+    if display.cancelled() {
         return Err(lumel::Error::Cancelled.into());
     }
     for (name, bytes) in &files {
         set.add(name, bytes)?;
-        if interrupt::cancelled() {
+        if display.cancelled() {
             return Err(lumel::Error::Cancelled.into());
         }
     }
@@ -264,10 +314,13 @@ fn bake(
     if let Some((path, bytes)) = preview {
         set.add_path(path, &bytes)?;
     }
-    if let Some(path) = &a.depfile {
-        let outputs: Vec<PathBuf> = set.paths().map(Path::to_owned).collect();
-        let inputs = bake.input_paths(settings, provenance);
-        set.add_path(path, &dependencies(a, outputs, &inputs)?)?;
+    let made = Files {
+        inputs: bake.input_paths(settings, provenance),
+        outputs: set.paths().map(Path::to_owned).collect(),
+        read: bake.files_read(settings, provenance),
+    };
+    if let Some(path) = a.own_depfile() {
+        set.add_path(path, &dependencies(a, &made)?)?;
     }
     bake.retire_pages(&mut set);
     let done = interrupt::committing(|| set.commit())?;
@@ -282,10 +335,10 @@ fn bake(
             display.say(&format!("  removed   {}", path.display()));
         }
     }
-    Ok(report)
+    Ok((report, made))
 }
 
-fn say_cache(cache: &lumel::CacheReport, display: &Display) {
+fn say_cache(cache: &lumel::CacheReport, display: &Display<'_>) {
     let [found, kept] = cache.charts;
     if found + kept > 0 {
         display.say(&format!(
@@ -297,7 +350,7 @@ fn say_cache(cache: &lumel::CacheReport, display: &Display) {
     }
 }
 
-fn summary(a: &Bake, report: &Report, display: &Display) {
+fn summary(a: &Bake, report: &Report, display: &Display<'_>) {
     if a.verbose {
         details(report, display);
     }
@@ -316,11 +369,13 @@ fn summary(a: &Bake, report: &Report, display: &Display) {
         "baked {} in {:.2} s, {error}: {out}",
         report.scene, report.measured.seconds
     ));
-    display.say(&format!("view it with: lumel view {out}"));
+    if !a.one_of_many {
+        display.say(&format!("view it with: lumel view {out}"));
+    }
 }
 
 /// Figures for readers who know how Lumel works.
-fn details(report: &Report, display: &Display) {
+fn details(report: &Report, display: &Display<'_>) {
     let m = &report.measured;
     let audit = &report.solve.audit;
     display.say(&format!(

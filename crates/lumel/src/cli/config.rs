@@ -61,7 +61,7 @@ impl Layered {
 }
 
 /// Options that choose the settings file.
-#[derive(Debug, Default, clap::Args)]
+#[derive(Debug, Default, Clone, clap::Args)]
 pub(crate) struct ConfigArgs {
     /// Read settings from this file; options override it [default: SCENE.lumel.toml beside the
     /// scene, if it exists]
@@ -73,18 +73,20 @@ pub(crate) struct ConfigArgs {
 }
 
 impl ConfigArgs {
+    /// Path of the settings file, which need not exist.
+    pub(crate) fn place(&self, scene: &Path) -> Option<PathBuf> {
+        let given = || self.config.clone();
+        (!self.no_config).then(|| given().unwrap_or_else(|| scene.with_extension("lumel.toml")))
+    }
+
     /// Defaults, overridden by the file's settings.
     ///
     /// # Errors
     /// [`lumel::Error::Config`].
     pub(crate) fn layered(&self, scene: &Path) -> Result<Layered, lumel::Error> {
         let mut out = Layered::default();
-        let file = match &self.config {
-            _ if self.no_config => None,
-            Some(path) => Some(path.clone()),
-            None => Some(scene.with_extension("lumel.toml")).filter(|p| p.exists()),
-        };
-        if let Some(path) = file {
+        let there = |path: &PathBuf| self.config.is_some() || path.exists();
+        if let Some(path) = self.place(scene).filter(there) {
             ConfigFile::read(path)?.apply(&mut out);
         }
         Ok(out)

@@ -10,9 +10,7 @@ use super::{Failure, config, interrupt};
 
 /// Prints the plan; writes nothing.
 pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Result<(), Failure> {
-    let e = interrupt::under_control(None, || {
-        lumel::estimate(&a.scene, settings, &interrupt::Cancel)
-    })?;
+    let e = lumel::estimate(&a.scene, settings, &interrupt::Cancel)?;
     let mut out = std::io::stdout().lock();
     if a.json {
         let v = serde_json::json!({

@@ -10,8 +10,11 @@ mod interrupt;
 mod manual;
 mod progress;
 mod report;
+mod saves;
+mod scenes;
 mod unchanged;
 mod view;
+mod watch;
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -25,6 +28,7 @@ use lumel::mesh_ingest::printable_within;
 use args::{Arguments, Command};
 
 /// Why a command failed.
+#[derive(Debug)]
 pub(crate) enum Failure {
     /// The pipeline failed.
     Lumel(lumel::Error),
@@ -32,6 +36,8 @@ pub(crate) enum Failure {
     Strict(usize),
     /// Standard output is closed, so nothing can be reported.
     Output(std::io::Error),
+    /// Of one of several levels, and told when it failed; its exit code.
+    Told(u8),
 }
 
 impl From<lumel::Error> for Failure {
@@ -65,6 +71,7 @@ pub(crate) fn run() -> ExitCode {
     };
     let outcome = match arguments.command {
         Command::Bake(a) => bake::run(&a),
+        Command::Watch(a) => watch::run(&a),
         Command::Inspect(a) => inspect(&a),
         Command::Diff(a) => diff::run(&a),
         Command::Config => manual::config(),
@@ -75,22 +82,30 @@ pub(crate) fn run() -> ExitCode {
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Lumel(e)) => {
-            let _ = writeln!(std::io::stderr(), "error: {}", lines(&e.to_string()));
-            ExitCode::from(e.exit_code() as u8)
-        }
-        Err(Failure::Strict(n)) => {
-            let _ = writeln!(
-                std::io::stderr(),
-                "error: the bake has warnings (--strict): {n}"
-            );
-            ExitCode::from(5)
-        }
-        // A reader such as `head` may close the pipe early.
-        Err(Failure::Output(e)) if e.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
-        Err(Failure::Output(e)) => {
-            let _ = writeln!(std::io::stderr(), "error: standard output: {e}");
-            ExitCode::from(2)
+        Err(failure) => ExitCode::from(failure.tell()),
+    }
+}
+
+impl Failure {
+    /// Prints the error on stderr and returns the exit code.
+    fn tell(&self) -> u8 {
+        let mut err = std::io::stderr();
+        match self {
+            Failure::Lumel(e) => {
+                let _ = writeln!(err, "error: {}", lines(&e.to_string()));
+                e.exit_code() as u8
+            }
+            Failure::Strict(n) => {
+                let _ = writeln!(err, "error: the bake has warnings (--strict): {n}");
+                5
+            }
+            // A reader such as `head` may close the pipe early.
+            Failure::Output(e) if e.kind() == std::io::ErrorKind::BrokenPipe => 0,
+            Failure::Output(e) => {
+                let _ = writeln!(err, "error: standard output: {e}");
+                2
+            }
+            Failure::Told(code) => *code,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -21,7 +22,9 @@ const LINES_EVERY: Duration = Duration::from_millis(250);
 const BAR: u64 = 1000;
 
 /// Shows the progress of a bake.
-pub(crate) struct Display {
+pub(crate) struct Display<'s> {
+    /// Another way to cancel the bake, besides Ctrl-C.
+    stop: &'s AtomicBool,
     quiet: bool,
     /// Also shows residuals of the solve.
     verbose: bool,
@@ -60,13 +63,14 @@ impl State {
     }
 }
 
-impl Display {
-    /// With `quiet` it shows nothing.
-    pub(crate) fn new(a: &Bake, settings: &Settings) -> Self {
+impl<'s> Display<'s> {
+    /// For one bake, which is cancelled once `stop` is set. With `quiet` it shows nothing.
+    pub(crate) fn new(a: &Bake, settings: &Settings, stop: &'s AtomicBool) -> Self {
         let (quiet, progress) = (a.quiet, a.progress);
         let lines = !quiet && progress == ProgressArg::Lines;
         let terminal = !quiet && !lines && std::io::stderr().is_terminal();
         Display {
+            stop,
             quiet,
             verbose: a.verbose,
             bar: terminal.then(|| {
@@ -166,7 +170,7 @@ fn style() -> ProgressStyle {
         .progress_chars("=> ")
 }
 
-impl Monitor for Display {
+impl Monitor for Display<'_> {
     fn progress(&self, phase: Phase, done: u64, total: u64) {
         if self.quiet {
             return;
@@ -209,6 +213,6 @@ impl Monitor for Display {
     }
 
     fn cancelled(&self) -> bool {
-        interrupt::cancelled()
+        interrupt::cancelled() || self.stop.load(Ordering::Relaxed)
     }
 }

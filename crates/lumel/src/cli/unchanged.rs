@@ -1,24 +1,25 @@
 //! `--skip-if-unchanged` and `--depfile`.
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use lumel::atlas_bake::OutputSet;
 use lumel::{Current, Provenance, Settings};
 
 use super::Failure;
 use super::args::Bake;
+use super::bake::Files;
 use super::interrupt;
 use super::progress::Display;
 
-/// Whether nothing needs to be baked. If so, all side results are restored and the user is told.
+/// The files of the finished bake, if nothing needs to be baked. If so, all side results are
+/// restored and the user is told.
 pub(crate) fn skip(
     a: &Bake,
     settings: &Settings,
     provenance: &Provenance,
     strict: bool,
-    display: &Display,
-) -> Result<bool, Failure> {
+    display: &Display<'_>,
+) -> Result<Option<Files>, Failure> {
     let found = lumel::find_current(
         &a.scene,
         settings,
@@ -32,10 +33,17 @@ pub(crate) fn skip(
             if a.verbose {
                 display.say(&format!("  baking because {why}"));
             }
-            return Ok(false);
+            return Ok(None);
         }
     };
-    restore(a, &current)?;
+    let mut outputs = current.outputs.clone();
+    outputs.extend(a.report.iter().chain(&a.preview).cloned());
+    let files = Files {
+        inputs: current.inputs.clone(),
+        outputs,
+        read: Vec::new(),
+    };
+    restore(a, &current, &files)?;
     display.say(&format!(
         "unchanged: {} is up to date with {}",
         a.output.display(),
@@ -47,39 +55,33 @@ pub(crate) fn skip(
     if strict && !current.warnings.is_empty() {
         return Err(Failure::Strict(current.warnings.len()));
     }
-    Ok(true)
+    Ok(Some(files))
 }
 
 /// Writes the results that the report's record does not cover: the copy of the report, and the
 /// dependency file, which ninja deletes after reading it. Files with equal contents are not
 /// touched.
-fn restore(a: &Bake, current: &Current) -> Result<(), Failure> {
-    if a.report.is_none() && a.depfile.is_none() {
+fn restore(a: &Bake, current: &Current, files: &Files) -> Result<(), Failure> {
+    let depfile = a.own_depfile();
+    if a.report.is_none() && depfile.is_none() {
         return Ok(());
     }
     let mut set = OutputSet::create(&a.output)?;
     if let Some(path) = &a.report {
         set.add_path(path, &current.report)?;
     }
-    if let Some(path) = &a.depfile {
-        let mut outputs = current.outputs.clone();
-        outputs.extend(a.report.iter().chain(&a.preview).cloned());
-        set.add_path(path, &dependencies(a, outputs, &current.inputs)?)?;
+    if let Some(path) = depfile {
+        set.add_path(path, &dependencies(a, files)?)?;
     }
     interrupt::committing(|| set.commit())?;
     Ok(())
 }
 
 /// The contents of the dependency file.
-pub(crate) fn dependencies(
-    a: &Bake,
-    outputs: Vec<PathBuf>,
-    inputs: &[PathBuf],
-) -> Result<Vec<u8>, lumel::Error> {
-    let targets = if a.depfile_target.is_empty() {
-        outputs
-    } else {
-        a.depfile_target.clone()
+pub(crate) fn dependencies(a: &Bake, files: &Files) -> Result<Vec<u8>, lumel::Error> {
+    let targets = match &a.depfile_target[..] {
+        [] => &files.outputs,
+        given => given,
     };
-    Ok(lumel::depfile(&targets, inputs)?.into_bytes())
+    Ok(lumel::depfile(targets, &files.inputs)?.into_bytes())
 }

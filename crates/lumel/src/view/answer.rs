@@ -5,11 +5,13 @@ use std::borrow::Cow;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
+use std::sync::Mutex;
 
 use mesh_ingest::open_regular;
 use percent_encoding::percent_decode_str;
 use serde_json::{Value, json};
 
+use super::Status;
 use super::assets::{compressed, media_type, plain};
 use super::plane::Planes;
 use crate::error::Error;
@@ -90,6 +92,8 @@ impl Reply {
 pub(super) struct Answers {
     pub folder: BakeFolder,
     pub planes: Planes,
+    /// Of whoever bakes into the folder.
+    pub status: Mutex<Option<Status>>,
 }
 
 impl Answers {
@@ -133,14 +137,15 @@ impl Answers {
         outcome.unwrap_or_else(|e| Reply::text(500, e.to_string()))
     }
 
-    /// The bakes in the folder, each with a stamp that changes when one of its files does.
+    /// The bakes in the folder, each with a stamp that changes when one of its files does, and the
+    /// status of the program that bakes.
     fn bakes(&self) -> Reply {
         let bakes: Vec<Value> = (self.folder.bakes().iter())
             .map(|name| json!({"name": name, "stamp": self.stamp(name)}))
             .collect();
-        Reply::json(
-            &json!({"generator": concat!("lumel ", env!("CARGO_PKG_VERSION")), "bakes": bakes}),
-        )
+        let status = self.status.lock().map_or(None, |s| s.clone());
+        let generator = concat!("lumel ", env!("CARGO_PKG_VERSION"));
+        Reply::json(&json!({"generator": generator, "bakes": bakes, "status": status}))
     }
 
     fn stamp(&self, bake: &str) -> String {

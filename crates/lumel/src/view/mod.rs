@@ -10,13 +10,24 @@ mod plane;
 
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde::Serialize;
 
 use crate::error::Error;
 use crate::folder::BakeFolder;
 use answer::Answers;
 use plane::Planes;
+
+/// What is going on, for who looks at the page.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Status {
+    /// In a line, or a few.
+    pub text: String,
+    /// Something is wrong.
+    pub fault: bool,
+}
 
 /// A server that shows the bakes of a folder.
 pub struct Viewer {
@@ -45,6 +56,7 @@ impl Viewer {
             answers: Arc::new(Answers {
                 folder,
                 planes: Planes::default(),
+                status: Mutex::default(),
             }),
             address,
             stopping: AtomicBool::new(false),
@@ -64,6 +76,13 @@ impl Viewer {
     /// Names of the bakes in the folder.
     pub fn bakes(&self) -> Vec<String> {
         self.answers.folder.bakes()
+    }
+
+    /// Sets the status that the page shows.
+    pub fn set_status(&self, status: Option<Status>) {
+        // A thread that panicked while holding the lock cannot have left half a status.
+        let mut now = (self.answers.status.lock()).unwrap_or_else(PoisonError::into_inner);
+        *now = status;
     }
 
     /// Answers requests until [`stop`](Viewer::stop), each connection on its own thread.

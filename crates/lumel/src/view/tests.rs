@@ -36,7 +36,12 @@ fn folder() -> (TempDir, Answers) {
     std::fs::write(t.path().join("secret"), "secret").unwrap();
     let folder = BakeFolder::open(&dir).unwrap();
     let planes = Planes::default();
-    (t, Answers { folder, planes })
+    let answers = Answers {
+        folder,
+        planes,
+        status: Mutex::default(),
+    };
+    (t, answers)
 }
 
 fn ask(target: &str) -> Ask<'_> {

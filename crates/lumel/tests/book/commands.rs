@@ -92,7 +92,7 @@ fn answers(line: &str, folder: &Path) -> Result<(), String> {
 }
 
 fn runs(line: &str, folder: &Path) -> Result<(), String> {
-    if line.starts_with("lumel view") {
+    if line.starts_with("lumel view") || line.starts_with("lumel watch") {
         return answers(line, folder);
     }
     let out = shell(line, folder).output().expect("a shell");

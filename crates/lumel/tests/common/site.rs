@@ -20,10 +20,15 @@ pub struct Site {
 
 impl Site {
     pub fn start(bake: &Path) -> Site {
+        Site::start_with(bake, None)
+    }
+
+    /// Serves one more folder under a path of its own.
+    pub fn start_with(bake: &Path, more: Option<(&str, &Path)>) -> Site {
         let own = Path::new(env!("CARGO_MANIFEST_DIR"));
         let three = "/engines/node_modules/three";
         let modules = npm_modules();
-        let folders = Arc::new([
+        let mut folders = vec![
             (format!("{three}/build/"), own.join("vendor/three/build")),
             (
                 format!("{three}/examples/jsm/"),
@@ -39,14 +44,16 @@ impl Site {
             ),
             ("/babylon/".into(), own.join("../../tools/engines/babylon")),
             ("/bake/".into(), bake.to_owned()),
-        ]);
+        ];
+        folders.extend(more.map(|(at, folder)| (at.to_owned(), folder.to_owned())));
+        let folders: Arc<[(String, PathBuf)]> = folders.into();
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let url = format!("http://{}", listener.local_addr().expect("an address"));
         std::thread::spawn(move || {
             for stream in listener.incoming().flatten() {
                 let folders = folders.clone();
                 // Browsers open connections in advance, so each gets its own thread.
-                std::thread::spawn(move || respond(&stream, &*folders));
+                std::thread::spawn(move || respond(&stream, &folders));
             }
         });
         Site { url }

@@ -1,0 +1,163 @@
+//! Whether files were saved anew, by content.
+//!
+//! Files are looked at several times a second, not subscribed to: systems' notifications differ,
+//! miss network drives and mounts of containers, and break when an exporter puts a new file in the
+//! place of the old. A look costs a `stat` a file; content is hashed only where that changed.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::fs::Metadata;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use lumel::ReadFile;
+use lumel::mesh_ingest::{Digest, open_regular};
+
+/// Time between two looks.
+pub(crate) const LOOK: Duration = Duration::from_millis(150);
+
+/// Looks in a row that must find the same before a file counts as written to its end: exporters
+/// write in pieces, and several files.
+const CALM: u32 = 2;
+
+/// What the system says of a file without reading it; `None` where it is not there.
+type Stat = Option<(u64, SystemTime)>;
+
+fn stat(path: &Path) -> Stat {
+    let known = |m: Metadata| Some((m.len(), m.modified().ok()?));
+    std::fs::metadata(path).ok().and_then(known)
+}
+
+fn hash(path: &Path) -> Option<Digest> {
+    Digest::of_reader(open_regular(path).ok()?).ok()
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Seen {
+    /// `None` before the first look.
+    stat: Option<Stat>,
+    digest: Option<Digest>,
+}
+
+/// Files that a bake depends on, as they were when it read them.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Saves {
+    files: BTreeMap<PathBuf, Seen>,
+}
+
+impl Saves {
+    /// Takes files as they are now.
+    pub(crate) fn note(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
+        for path in paths {
+            let seen = Seen {
+                stat: Some(stat(&path)),
+                digest: hash(&path),
+            };
+            self.files.insert(path, seen);
+        }
+    }
+
+    /// Takes files as a bake read them, whatever they hold now.
+    pub(crate) fn note_read(&mut self, read: &[ReadFile]) {
+        for file in read {
+            let seen = Seen {
+                stat: None,
+                digest: file.digest,
+            };
+            self.files.insert(file.path.clone(), seen);
+        }
+    }
+
+    /// All files that are known.
+    pub(crate) fn paths(&self) -> Vec<PathBuf> {
+        self.files.keys().cloned().collect()
+    }
+
+    /// Whether a file holds something else than when it was noted.
+    pub(crate) fn changed(&mut self) -> bool {
+        self.files.iter_mut().any(|(path, seen)| {
+            let now = Some(stat(path));
+            if now == seen.stat {
+                return false;
+            }
+            // A time stamp alone is no reason to bake: the same content is looked at once.
+            let differs = hash(path) != seen.digest;
+            if !differs {
+                seen.stat = now;
+            }
+            differs
+        })
+    }
+
+    /// Waits until nothing is being written. `false` where `ended` says so before.
+    pub(crate) fn settle(&self, ended: impl Fn() -> bool) -> bool {
+        let look = || -> Vec<Stat> { self.files.keys().map(|p| stat(p)).collect() };
+        let (mut last, mut calm) = (look(), 0);
+        while calm < CALM {
+            if ended() {
+                return false;
+            }
+            std::thread::sleep(LOOK);
+            let now = look();
+            calm = if now == last { calm + 1 } else { 0 };
+            last = now;
+        }
+        true
+    }
+}
+
+/// Names, sizes and times of the files in a folder: what may mend a level that cannot be read,
+/// whose list of files is not known either.
+pub(crate) fn listing(folder: &Path) -> Vec<(OsString, Stat)> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut all: Vec<_> = entries.map(|e| (e.file_name(), stat(&e.path()))).collect();
+    all.sort();
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn content_decides_not_time_stamps() {
+        let t = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|n| t.path().join(n));
+        std::fs::write(&a, "one").unwrap();
+        let mut saves = Saves::default();
+        saves.note([a.clone(), b.clone()]);
+        assert!(!saves.changed());
+        // Touched.
+        let later = SystemTime::now() + Duration::from_secs(5);
+        std::fs::File::options()
+            .write(true)
+            .open(&a)
+            .and_then(|f| f.set_modified(later))
+            .unwrap();
+        assert!(!saves.changed());
+        std::fs::write(&a, "two").unwrap();
+        assert!(saves.changed() && saves.changed(), "until it is noted");
+        saves.note([a]);
+        assert!(!saves.changed());
+        // A file that was not there comes.
+        std::fs::write(&b, "new").unwrap();
+        assert!(saves.changed());
+    }
+
+    #[test]
+    fn what_was_read_counts_not_what_is_there() {
+        let t = tempfile::tempdir().unwrap();
+        let path = t.path().join("a");
+        std::fs::write(&path, "new").unwrap();
+        let mut saves = Saves::default();
+        let read = |content: &[u8]| {
+            let path = path.clone();
+            let digest = Some(Digest::of(content));
+            [ReadFile { path, digest }]
+        };
+        saves.note_read(&read(b"new"));
+        assert!(!saves.changed());
+        saves.note_read(&read(b"old"));
+        assert!(saves.changed());
+    }
+}
