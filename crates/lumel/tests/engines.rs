@@ -372,6 +372,8 @@ fn react_three_fiber_shows_closed_form_pixels() {
     let site = Site::start_with(&out, Some(("/react/", &example)));
     let (page, light) = ("/react/index.html", 4e4 * exposure);
     look_exposed(&mut b, &site, page, "diffuse=1", &srgb(1.0 / 512.0), light);
+    // React Three Fiber 9.8 itself uses what three.js r187 deprecates.
+    b.errors.retain(|e| !e.contains("THREE.Clock"));
     assert_eq!(b.errors, [""; 0]);
     let _ = std::fs::remove_dir_all(example);
 }
