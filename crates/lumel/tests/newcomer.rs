@@ -176,3 +176,26 @@ fn the_viewer_has_the_loader_of_three() {
         "copy tools/engines/three/lumel-lightmap.js to crates/lumel/web"
     );
 }
+
+/// What tools/publish.sh sends to the registry can be used there: with licences and a first page.
+#[test]
+fn every_published_crate_carries_its_licences_and_is_in_the_script() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let script = std::fs::read_to_string(root.join("tools/publish.sh")).expect("the script");
+    for entry in std::fs::read_dir(root.join("crates")).expect("the crates") {
+        let folder = entry.expect("a crate").path();
+        let manifest = std::fs::read_to_string(folder.join("Cargo.toml")).expect("its manifest");
+        if manifest.contains("publish = false") {
+            continue;
+        }
+        let name = manifest.lines().find_map(|l| l.strip_prefix("name = "));
+        let name = name.expect("a name").trim_matches('"');
+        assert!(
+            script.split_whitespace().any(|word| word == name),
+            "{name} is not in tools/publish.sh"
+        );
+        for file in ["README.md", "LICENSE-MIT", "LICENSE-APACHE"] {
+            assert!(folder.join(file).is_file(), "{name} has no {file}");
+        }
+    }
+}
