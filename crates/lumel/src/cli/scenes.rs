@@ -55,13 +55,13 @@ pub(crate) fn find(given: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
 
 /// Levels of a folder, by name; results of bakes are none.
 fn levels_in(folder: &Path) -> Result<Vec<PathBuf>, Error> {
-    let failed = |message: String, io| Error::Folder {
+    let failed = |message: String| Error::Folder {
         path: folder.to_owned(),
         message,
-        io,
+        io: true,
     };
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    let entries = entries.map_err(|e| failed(e.to_string(), true))?;
+    let entries = entries.map_err(|e| failed(e.to_string()))?;
     let mut levels: Vec<PathBuf> = entries
         .into_iter()
         .map(|e| e.path())
@@ -70,7 +70,7 @@ fn levels_in(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     levels.sort();
     if levels.is_empty() {
         let message = "found no level, expected .glb or .gltf files in this folder";
-        return Err(failed(message.into(), false));
+        return Err(failed(message.into()));
     }
     Ok(levels)
 }
