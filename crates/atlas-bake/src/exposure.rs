@@ -1,4 +1,4 @@
-//! How bright a level is on the whole, as one number that engines multiply its light with.
+//! The exposure that a bake suggests to engines.
 
 use glam::Vec3;
 
@@ -10,11 +10,10 @@ use crate::page::Page;
 /// Tone Reproduction for Digital Images", 2002).
 pub(crate) const KEY: f64 = 0.18;
 
-/// Albedo that stands between the light on a surface and what is seen of it: that of plaster, wood
-/// and stone, of which levels are made.
+/// Typical albedo of the surfaces of a level.
 const ALBEDO: f64 = 0.5;
 
-/// Brightest that a level is made: where light is a million millionth there is none to speak of.
+/// Largest exposure, for levels with next to no light.
 const MOST: f64 = 1e12;
 
 pub(crate) fn luminance(c: Vec3) -> f32 {
@@ -25,7 +24,7 @@ pub(crate) fn luminance(c: Vec3) -> f32 {
 pub(crate) struct Luminances(Vec<f32>);
 
 impl Luminances {
-    /// Of all colours that are finite and brighter than black; `None` where there is none.
+    /// Of all colours that are finite and brighter than black; `None` if there are none.
     pub fn of(colors: impl Iterator<Item = Vec3>) -> Option<Luminances> {
         let mut y: Vec<f32> = colors
             .map(luminance)
@@ -40,9 +39,8 @@ impl Luminances {
         self.0[((self.0.len() - 1) as f64 * q) as usize]
     }
 
-    /// The log-average of the middle nine tenths. A sun patch or the face of a lamp, which are few
-    /// and a thousand times brighter, do not move it; nor does what is a thousandth of the bright
-    /// parts and less, which is black to the eye.
+    /// The log-average of the middle 90 %. A few very bright lumels, such as a sun patch, do not
+    /// affect it. Anything below a thousandth of the bright parts looks black and counts as that.
     pub fn typical(&self) -> f64 {
         let (y, cut) = (&self.0, self.0.len() / 20);
         let middle = &y[cut..(y.len() - cut).max(cut + 1)];
@@ -52,16 +50,16 @@ impl Luminances {
     }
 }
 
-/// The factor that takes the light of `pages` to what a screen shows, where 1 is white: a surface
-/// of albedo 0.5 in the level's typical light becomes middle grey.
+/// The factor from the radiance of `pages` to a screen's values, 1 being white. A surface of albedo
+/// 0.5 in the level's typical light becomes middle grey.
 ///
 /// exposure = 0.18 / (0.5 M), rounded to four digits, where M is the log-average of R's luminance
-/// (0.2126 R + 0.7152 G + 0.0722 B) over the middle nine tenths of all lit lumels: those with
-/// coverage and R > 0, sorted, without the darkest and the brightest twentieth. What is less than a
-/// thousandth of their ninetieth percentile counts as that. Where pages hold irradiance E, R is
-/// E/π. Where they hold radiosity, which has the albedo in it, exposure = 0.18 / M with M of B/π.
+/// (0.2126 R + 0.7152 G + 0.0722 B) over the middle 90 % of all lit lumels: those with
+/// coverage and R > 0, sorted, without the darkest and the brightest 5 %. Values below a thousandth
+/// of the 90th percentile count as that. If pages hold irradiance E, R is E/π. If they hold
+/// radiosity B, which includes the albedo, exposure = 0.18 / M with M of B/π.
 ///
-/// 1 where no lumel is lit.
+/// 1 if no lumel is lit.
 pub fn suggested_exposure(pages: &[Page], value: ValueKind) -> f64 {
     let covered = pages.iter().flat_map(|page| {
         let texels = page.value.iter().zip(&page.coverage);
@@ -76,7 +74,7 @@ pub fn suggested_exposure(pages: &[Page], value: ValueKind) -> f64 {
         ValueKind::Radiosity => std::f64::consts::FRAC_1_PI,
     };
     let exposure = (KEY / (seen * stored.typical())).min(MOST);
-    // Four digits are far finer than an eye, and what is written can be typed.
+    // Four digits are finer than anyone can see, and easy to type.
     format!("{exposure:.3e}").parse().unwrap_or(exposure)
 }
 

@@ -87,8 +87,8 @@ pub struct Manifest {
     pub units: &'static str,
     /// Factor from the stored value to irradiance; null if there is none.
     pub scale_to_irradiance: Option<f64>,
-    /// Suggested exposure ([`suggested_exposure`](crate::suggested_exposure)), where it is known:
-    /// radiance × this is what a screen shows, 1 being white.
+    /// Suggested exposure ([`suggested_exposure`](crate::suggested_exposure)): the factor from
+    /// radiance to a screen's values, 1 being white.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exposure: Option<f64>,
     /// Always `linear Rec.709`.

@@ -1,8 +1,8 @@
-//! Whether files were saved anew, by content.
+//! Detects that input files were saved again, by content.
 //!
-//! Files are looked at several times a second, not subscribed to: systems' notifications differ,
-//! miss network drives and mounts of containers, and break when an exporter puts a new file in the
-//! place of the old. A look costs a `stat` a file; content is hashed only where that changed.
+//! Files are polled. Notifications of the operating system differ between systems, miss network
+//! drives and container mounts, and break when an exporter replaces a file instead of writing to
+//! it. A poll costs one `stat` per file; contents are hashed only if that changed.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -13,14 +13,14 @@ use std::time::{Duration, SystemTime};
 use lumel::ReadFile;
 use lumel::mesh_ingest::{Digest, open_regular};
 
-/// Time between two looks.
+/// Interval of polling.
 pub(crate) const LOOK: Duration = Duration::from_millis(150);
 
-/// Looks in a row that must find the same before a file counts as written to its end: exporters
-/// write in pieces, and several files.
+/// Number of polls in a row that must agree before files count as complete: exporters write in
+/// pieces, and several files.
 const CALM: u32 = 2;
 
-/// What the system says of a file without reading it; `None` where it is not there.
+/// Size and time of a file; `None` if it is missing.
 type Stat = Option<(u64, SystemTime)>;
 
 fn stat(path: &Path) -> Stat {
@@ -34,19 +34,19 @@ fn hash(path: &Path) -> Option<Digest> {
 
 #[derive(Debug, Clone, PartialEq)]
 struct Seen {
-    /// `None` before the first look.
+    /// `None` before the first poll.
     stat: Option<Stat>,
     digest: Option<Digest>,
 }
 
-/// Files that a bake depends on, as they were when it read them.
+/// The inputs of a bake, as they were when it read them.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Saves {
     files: BTreeMap<PathBuf, Seen>,
 }
 
 impl Saves {
-    /// Takes files as they are now.
+    /// Records the present state of files.
     pub(crate) fn note(&mut self, paths: impl IntoIterator<Item = PathBuf>) {
         for path in paths {
             let seen = Seen {
@@ -57,7 +57,7 @@ impl Saves {
         }
     }
 
-    /// Takes files as a bake read them, whatever they hold now.
+    /// Records the state in which a bake read files, which may have changed since.
     pub(crate) fn note_read(&mut self, read: &[ReadFile]) {
         for file in read {
             let seen = Seen {
@@ -68,19 +68,19 @@ impl Saves {
         }
     }
 
-    /// All files that are known.
+    /// All recorded files.
     pub(crate) fn paths(&self) -> Vec<PathBuf> {
         self.files.keys().cloned().collect()
     }
 
-    /// Whether a file holds something else than when it was noted.
+    /// Whether the contents of a file differ from the recorded ones.
     pub(crate) fn changed(&mut self) -> bool {
         self.files.iter_mut().any(|(path, seen)| {
             let now = Some(stat(path));
             if now == seen.stat {
                 return false;
             }
-            // A time stamp alone is no reason to bake: the same content is looked at once.
+            // A new time stamp alone is no reason to bake; its contents are hashed only once.
             let differs = hash(path) != seen.digest;
             if !differs {
                 seen.stat = now;
@@ -89,7 +89,7 @@ impl Saves {
         })
     }
 
-    /// Waits until nothing is being written. `false` where `ended` says so before.
+    /// Waits until no file is being written. Returns `false` if `ended` becomes true first.
     pub(crate) fn settle(&self, ended: impl Fn() -> bool) -> bool {
         let look = || -> Vec<Stat> { self.files.keys().map(|p| stat(p)).collect() };
         let (mut last, mut calm) = (look(), 0);
@@ -106,8 +106,8 @@ impl Saves {
     }
 }
 
-/// Names, sizes and times of the files in a folder: what may mend a level that cannot be read,
-/// whose list of files is not known either.
+/// Names, sizes and times of the files in a folder. A level that cannot be read has no known list
+/// of inputs, so any change beside it may repair it.
 pub(crate) fn listing(folder: &Path) -> Vec<(OsString, Stat)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut all: Vec<_> = entries.map(|e| (e.file_name(), stat(&e.path()))).collect();

@@ -14,12 +14,12 @@ use super::interrupt;
 use super::progress::duration;
 use super::unchanged::dependencies;
 
-/// The levels that paths name, in order: files as they are given, of folders every .glb and .gltf
-/// in them, by name. A file that is named twice counts once.
+/// The levels to bake, in order: files as given, and every .glb and .gltf of a folder, sorted by
+/// name. A file given twice is baked once.
 ///
 /// # Errors
-/// [`Error::Folder`] for a folder that cannot be read or has no level, [`Error::Setting`] where two
-/// levels would have the same results.
+/// [`Error::Folder`] if a folder cannot be read or contains no level, [`Error::Setting`] if the
+/// results of two levels would have the same names.
 pub(crate) fn find(given: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut all: Vec<PathBuf> = Vec::new();
     for path in given {
@@ -33,7 +33,7 @@ pub(crate) fn find(given: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut known: BTreeMap<String, PathBuf> = BTreeMap::new();
     let mut found = Vec::new();
     for path in all {
-        // Systems that do not tell A from a have one file for both.
+        // Some file systems ignore case.
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         match known.get(&stem.to_lowercase()) {
             None => {
@@ -53,7 +53,7 @@ pub(crate) fn find(given: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     Ok(found)
 }
 
-/// Levels of a folder, by name; results of bakes are none.
+/// The levels in a folder, sorted by name, without results of earlier bakes.
 fn levels_in(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let failed = |message: String| Error::Folder {
         path: folder.to_owned(),
@@ -75,7 +75,7 @@ fn levels_in(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(levels)
 }
 
-/// Whether a file is called like a level, and not like a result of a bake that lies beside it.
+/// Whether a file is named like a level and is not the result of a bake in the same folder.
 fn is_level(path: &Path) -> bool {
     let Some(name) = path.file_name().and_then(|n| n.to_str()) else {
         return false;
@@ -91,10 +91,10 @@ fn is_level(path: &Path) -> bool {
         .exists()
 }
 
-/// Bakes levels one after the other. One that fails does not stop the others.
+/// Bakes levels one after the other. A level that fails does not stop the others.
 ///
 /// # Errors
-/// [`Failure::Told`] with the code of the first level that failed, or of Ctrl-C.
+/// [`Failure::Told`] with the exit code of the first level that failed, or of Ctrl-C.
 pub(crate) fn run(scenes: &[PathBuf], a: &Bake) -> Result<(), Failure> {
     refuse_single_files(scenes.len(), a)?;
     let all = Bake {
@@ -126,7 +126,7 @@ pub(crate) fn run(scenes: &[PathBuf], a: &Bake) -> Result<(), Failure> {
     write_depfile(a, outcomes.into_iter().flatten())
 }
 
-/// Options that name one file for one level.
+/// Refuses options that name one file for one level.
 fn refuse_single_files(levels: usize, a: &Bake) -> Result<(), Error> {
     let options = [
         ("--preview", &a.preview),
@@ -141,7 +141,7 @@ fn refuse_single_files(levels: usize, a: &Bake) -> Result<(), Error> {
     }
 }
 
-/// One rule for all levels: their results depend on everything that any of them read.
+/// Writes one rule for all levels: every result depends on every input.
 fn write_depfile(a: &Bake, done: impl Iterator<Item = Done>) -> Result<(), Failure> {
     let Some(path) = &a.depfile else {
         return Ok(());

@@ -16,7 +16,7 @@ use super::saves::{LOOK, Saves, listing};
 use super::view::Serve;
 use super::{Failure, interrupt};
 
-/// Options of `lumel watch`: those of `lumel bake`, and the page's.
+/// Options of `lumel watch`: those of `lumel bake` and of the page.
 #[derive(Debug, Args)]
 pub(crate) struct Watch {
     /// The level, .gltf or .glb
@@ -27,7 +27,7 @@ pub(crate) struct Watch {
     pub serve: Serve,
 }
 
-/// Bakes until Ctrl-C, which is how it is meant to end.
+/// Bakes on every save until Ctrl-C, which is a success.
 pub(crate) fn run(command: &Watch) -> Result<(), Failure> {
     let a = command.bake.of(&command.scene);
     refuse(&a)?;
@@ -43,7 +43,7 @@ pub(crate) fn run(command: &Watch) -> Result<(), Failure> {
     })
 }
 
-/// Options of bakes that make no sense here.
+/// Refuses options that only make sense for a single bake.
 fn refuse(a: &Bake) -> Result<(), Error> {
     let options = [
         ("--dry-run", a.dry_run),
@@ -53,7 +53,7 @@ fn refuse(a: &Bake) -> Result<(), Error> {
     ];
     match options.iter().find(|(_, given)| *given) {
         Some((option, _)) => Err(Error::Setting(format!(
-            "{option} is for single bakes, and watch goes on baking: leave it out"
+            "{option} is for single bakes: leave it out of lumel watch"
         ))),
         None => Ok(()),
     }
@@ -63,7 +63,7 @@ struct Session<'a> {
     a: &'a Bake,
     serve: &'a Serve,
     saves: Saves,
-    /// Once there is a bake to look at.
+    /// The viewer's server, once there is a bake to show.
     page: Option<Arc<Viewer>>,
 }
 
@@ -84,16 +84,16 @@ impl Session<'_> {
             match outcome {
                 Ok(()) => {
                     self.show("", false);
-                    self.say("up to date; waiting for the next save, Ctrl-C ends it");
+                    self.say("up to date; waiting for the next save, press Ctrl-C to stop");
                     self.wait(|| false);
                 }
-                Err(Failure::Lumel(Error::Cancelled)) => self.say("saved again: starting anew"),
+                Err(Failure::Lumel(Error::Cancelled)) => self.say("saved again: starting over"),
                 Err(failure) => {
                     failure.tell();
                     if let Failure::Lumel(e) = &failure {
                         self.show(&super::lines(&e.to_string()), true);
                     }
-                    self.say("the last good bake stays; waiting for the next save");
+                    self.say("keeping the last good bake; waiting for the next save");
                     self.wait(mended);
                 }
             }
@@ -101,7 +101,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Bakes the level as it is now, coarse and then as asked.
+    /// Bakes the present level, first as a draft and then as asked.
     fn bake(&mut self) -> Result<(), Failure> {
         let asked = settings(self.a)?;
         self.saves.note(files_of_settings(&asked));
@@ -116,7 +116,7 @@ impl Session<'_> {
         self.one(&asked)
     }
 
-    /// Whether the folder holds what was asked for already.
+    /// Whether the folder already holds the results.
     fn is_current(&mut self, asked: &Layered) -> bool {
         let Layered {
             settings,
@@ -129,7 +129,7 @@ impl Session<'_> {
         current.is_ok()
     }
 
-    /// One bake, which ends early when the level is saved again.
+    /// Runs one bake, which is cancelled when an input is saved again.
     fn one(&mut self, layered: &Layered) -> Result<(), Failure> {
         let (stop, over) = (AtomicBool::new(false), AtomicBool::new(false));
         let mut saves = self.saves.clone();
@@ -150,7 +150,7 @@ impl Session<'_> {
         self.open_page()
     }
 
-    /// Starts the page once there is something to look at.
+    /// Starts the viewer's server, unless it runs already.
     fn open_page(&mut self) -> Result<(), Failure> {
         if self.page.is_some() {
             return Ok(());
@@ -168,14 +168,14 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Waits until a file that the bake depends on is saved, `or` is true, or Ctrl-C.
+    /// Waits until an input changes, `or` is true, or the user presses Ctrl-C.
     fn wait(&mut self, or: impl Fn() -> bool) {
         while !interrupt::cancelled() && !self.saves.changed() && !or() {
             std::thread::sleep(LOOK);
         }
     }
 
-    /// Tells who looks at the page.
+    /// Shows a status on the page; none if `text` is empty.
     fn show(&self, text: &str, fault: bool) {
         if let Some(page) = &self.page {
             let text = text.to_owned();
@@ -190,21 +190,21 @@ impl Session<'_> {
     }
 }
 
-/// The folder that a scene lies in.
+/// The folder of a scene.
 fn folder_of(scene: &Path) -> &Path {
     let parent = scene.parent();
     let named = parent.filter(|p| !p.as_os_str().is_empty());
     named.unwrap_or(Path::new("."))
 }
 
-/// Settings as they are now. Warnings are said, and no reason to stop, whatever settings say.
+/// The present settings. Warnings are printed but never end a watch, so `strict` is off.
 fn settings(a: &Bake) -> Result<Layered, Error> {
     let mut layered = a.settings()?;
     layered.strict = false;
     Ok(layered)
 }
 
-/// Files that settings name; the scene's own are known once it was read.
+/// Files that settings name. The scene's own inputs are known once it was read.
 fn files_of_settings(layered: &Layered) -> Vec<PathBuf> {
     let settings = &layered.settings;
     let mut all = Vec::new();
@@ -217,7 +217,7 @@ fn files_of_settings(layered: &Layered) -> Vec<PathBuf> {
     all
 }
 
-/// The settings of a first look, where they are less work than what was asked for.
+/// Settings of the draft; `None` if a draft is what was asked for.
 fn coarse(a: &Bake) -> Result<Option<Layered>, Error> {
     let mut layered = settings(a)?;
     let settings = &mut layered.settings;

@@ -20,12 +20,12 @@ use crate::folder::BakeFolder;
 use answer::Answers;
 use plane::Planes;
 
-/// What is going on, for who looks at the page.
+/// Status of the program that bakes into the folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Status {
-    /// In a line, or a few.
+    /// One line or a few.
     pub text: String,
-    /// Something is wrong.
+    /// Whether the text is an error.
     pub fault: bool,
 }
 
