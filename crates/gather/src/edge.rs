@@ -1,12 +1,15 @@
 //! Footprints at contacts: many points, sorted into visible, hidden and walled-off parts.
 
-use radiosity::{DirectEstimate, DirectOptions, SurfacePoint, hash_u32, luminance};
+use radiosity::{
+    DirectEstimate, DirectOptions, Incoming, SurfacePoint, cosine_hemisphere, hash_u32, luminance,
+    sample_4d,
+};
 
 use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gatherer::{Gatherer, known};
 use crate::parts::Parts;
-use crate::planes::{Plane, PlaneSums, Wanted};
+use crate::planes::{Plane, PlaneSums};
 use crate::points::{OpenPoints, Place, Sampling, spread};
 use crate::received::{Edge, Received};
 
@@ -237,12 +240,13 @@ impl Gatherer<'_, '_> {
 
     /// Whether any ray from the points of a contact footprint hits anything but black backfaces.
     pub(crate) fn anything_open(&self, footprint: &impl Footprint, seed: u32) -> bool {
+        let world = self.tracer.world;
         (self.options.points..self.options.edge_points).any(|i| {
             footprint.candidate(i).is_some_and(|p| {
-                let mut probe = Point::default();
-                let mut planes = PlaneSums::new(Wanted::default());
-                self.indirect(&p, i..i + 1, seed ^ 0x9e37_79b9, &mut probe, &mut planes);
-                probe.black == 0 && !self.tracer.world.inside_a_body(&p)
+                let s = sample_4d(i, 0, seed ^ 0x9e37_79b9);
+                let toward = cosine_hemisphere(p.normal, s[0], s[1]);
+                let black = || matches!(world.incoming(p.origin, toward).0, Incoming::Black);
+                (p.geometric.dot(toward) <= 0.0 || !black()) && !world.inside_a_body(&p)
             })
         })
     }

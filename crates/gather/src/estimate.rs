@@ -41,9 +41,6 @@ const EVEN: f32 = 1e-6;
 pub(crate) struct Point {
     /// Hits closer than this are near, metres; hits closer than a quarter of it are about to touch.
     pub reach: f32,
-    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
-    /// [`radiosity::of_lit`].
-    pub share: f32,
     /// Whether a ray hit something near.
     pub near: bool,
     pub sum: Vec3,
@@ -63,10 +60,9 @@ pub(crate) struct Point {
 }
 
 impl Point {
-    pub(crate) fn new(reach: f32, share: f32) -> Self {
+    pub(crate) fn new(reach: f32) -> Self {
         Point {
             reach,
-            share,
             ..Point::default()
         }
     }

@@ -55,6 +55,7 @@
 
 mod bake;
 mod barriers;
+mod batch;
 mod between;
 mod blocks;
 mod certainty;

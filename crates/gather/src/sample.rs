@@ -1,15 +1,16 @@
-//! The only loop over a footprint's points: gathering rays from each, and shadow rays to lit
-//! elements.
+//! The only loop over a footprint's points: gathering rays from each, as one batch, and shadow rays
+//! to lit elements.
 
 use glam::Vec3;
 use radiosity::{SurfacePoint, cosine_hemisphere, sample_4d};
 
+use crate::batch::{Common, Ray, Traced};
 use crate::estimate::Point;
 use crate::gatherer::Gatherer;
 use crate::lit::LitRays;
 use crate::planes::PlaneSums;
 use crate::points::Sampling;
-use crate::tracer::{Found, Ray};
+use crate::tracer::Found;
 
 /// A ray that hits something closer than this many footprints is in a gap that is not visible from
 /// outside, e.g. under a crate that hovers by a millimetre.
@@ -33,67 +34,65 @@ impl Gatherer<'_, '_> {
         mut taken: impl FnMut(usize, &mut PlaneSums),
     ) -> Sampled {
         let lit = LitRays::new(self, points, &sampling);
+        let rays = generate(points, &sampling);
+        let common = Common {
+            seed: sampling.seed,
+            lit_share: lit.share,
+            near: self.options.near,
+            groups: self.wanted.groups,
+        };
+        let traced = self.tracer.trace(points, &rays, common);
         let mut planes = PlaneSums::new(self.wanted);
-        let mut rays = u64::from(sampling.rays) * points.len() as u64;
+        let mut cast = rays.len() as u64;
+        let each = sampling.rays as usize;
         let sums = (points.iter().enumerate())
             .map(|(k, point)| {
-                let number = sampling.before + k as u32;
                 planes.first_half = 2 * k < points.len();
-                let mut sum = Point::new(sampling.reach, lit.share);
-                let samples = number * sampling.rays..(number + 1) * sampling.rays;
-                self.indirect(point, samples, sampling.seed, &mut sum, &mut planes);
-                rays += u64::from(lit.reach(point, number, &mut sum, &mut planes));
+                let mut sum = Point::new(sampling.reach);
+                for i in k * each..(k + 1) * each {
+                    self.add(point, rays[i].toward, (&traced, i), &mut sum, &mut planes);
+                }
+                let number = sampling.before + k as u32;
+                cast += u64::from(lit.reach(point, number, &mut sum, &mut planes));
                 taken(k, &mut planes);
                 sum
             })
             .collect();
-        Sampled { sums, rays }
+        Sampled { sums, rays: cast }
     }
 
-    /// Casts the gathering rays of `samples` from a point.
-    pub(crate) fn indirect(
+    /// Adds what ray `i` of a batch found to the sums of its point.
+    fn add(
         &self,
         point: &SurfacePoint,
-        samples: std::ops::Range<u32>,
-        seed: u32,
-        out: &mut Point,
+        toward: Vec3,
+        (traced, i): (&Traced, usize),
+        sum: &mut Point,
         planes: &mut PlaneSums,
     ) {
-        for sample in samples {
-            out.rays += 1;
-            let s = sample_4d(sample, 0, seed);
-            let toward = cosine_hemisphere(point.normal, s[0], s[1]);
-            // An interpolated normal's hemisphere extends below the face itself, from where nothing
-            // arrives.
-            let found = if point.geometric.dot(toward) <= 0.0 {
-                Found::default()
-            } else {
-                let ray = Ray {
-                    toward,
-                    sample,
-                    seed,
-                    lit_share: out.share,
-                    near: self.options.near,
-                };
-                let found = self.tracer.arriving(point, ray, &mut planes.of_ray);
-                self.count(found, out)
-            };
-            if !planes.is_empty() {
-                let cos = point.normal.dot(toward);
-                planes.add(found.radiance, toward, cos, found.distance);
-            }
+        sum.rays += 1;
+        let found = traced.found[i];
+        if point.geometric.dot(toward) > 0.0 {
+            self.count(found, sum);
+        }
+        if !planes.is_empty() {
+            let Found {
+                radiance, distance, ..
+            } = found.unwrap_or_default();
+            planes.of_ray.copy_from_slice(traced.groups(i));
+            planes.add(radiance, toward, point.normal.dot(toward), distance);
         }
     }
 
     /// Counts a ray's hit; a black backface contributes nothing.
     #[inline]
-    fn count(&self, found: Option<Found>, out: &mut Point) -> Found {
+    fn count(&self, found: Option<Found>, out: &mut Point) {
         let Some(found) = found else {
             out.black += 1;
             out.backs += 1;
             out.void += 1;
             out.near = true;
-            return Found::default();
+            return;
         };
         let light = out.add(found.radiance);
         out.backs += u32::from(found.back);
@@ -105,6 +104,22 @@ impl Gatherer<'_, '_> {
         out.unlit += u32::from(touching || unlit);
         let lost = found.distance == f32::INFINITY && found.radiance == Vec3::ZERO;
         out.void += u32::from(unlit || lost);
-        found
     }
+}
+
+/// The gathering rays of some points of a footprint, point by point.
+fn generate(points: &[SurfacePoint], sampling: &Sampling) -> Vec<Ray> {
+    (points.iter().enumerate())
+        .flat_map(|(k, point)| {
+            let first = (sampling.before + k as u32) * sampling.rays;
+            (first..first + sampling.rays).map(move |sample| {
+                let s = sample_4d(sample, 0, sampling.seed);
+                Ray {
+                    point: k as u32,
+                    toward: cosine_hemisphere(point.normal, s[0], s[1]),
+                    sample,
+                }
+            })
+        })
+        .collect()
 }

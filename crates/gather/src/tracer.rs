@@ -7,6 +7,8 @@ use radiosity::{
 };
 use visibility::Hit;
 
+use crate::batch::{Common, Ray};
+
 /// After this many near bounces a path reads the solution: light that was reflected so often in a
 /// gap no longer varies from place to place.
 const MOST_NEAR_BOUNCES: u32 = 4;
@@ -38,23 +40,35 @@ pub(crate) struct Tracer<'w, 'a> {
     dim: f32,
 }
 
-/// A gathering ray.
-#[derive(Clone, Copy)]
-pub(crate) struct Ray {
-    /// Unit direction.
-    pub toward: Vec3,
-    /// Its index in the footprint's sequence, and the sequence's seed.
-    pub sample: u32,
-    pub seed: u32,
-    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
-    /// [`radiosity::of_lit`].
-    pub lit_share: f32,
-    /// Hits within this many patch sizes continue as paths.
-    pub near: f32,
+/// A gathering ray on its way.
+pub(crate) struct Path {
+    /// Index of the ray in its batch.
+    pub ray: u32,
+    /// Its index in the footprint's sequence.
+    sample: u32,
+    /// Where the path is, and its unit direction.
+    pub point: SurfacePoint,
+    pub direction: Vec3,
+    /// Fraction of the light found next that reaches the footprint.
+    throughput: Vec3,
+}
+
+impl Path {
+    /// Ray `i` of its batch, starting at `point`. `None` if it starts below the face: an interpolated
+    /// normal's hemisphere extends there, but nothing arrives from there.
+    pub(crate) fn start(i: usize, ray: &Ray, point: &SurfacePoint) -> Option<Path> {
+        (point.geometric.dot(ray.toward) > 0.0).then_some(Path {
+            ray: i as u32,
+            sample: ray.sample,
+            point: *point,
+            direction: ray.toward,
+            throughput: Vec3::ONE,
+        })
+    }
 }
 
 /// Result of a gathering ray.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Found {
     pub radiance: Vec3,
     /// Distance to the first surface; infinite if there is none, 0 if nothing can arrive.
@@ -102,89 +116,93 @@ impl<'w, 'a> Tracer<'w, 'a> {
         radiance <= SHADE / DIM * self.dim
     }
 
-    /// Radiance that arrives at `p` along a ray; `None` from a black backface. Light is also added
-    /// to `groups`, unless that is empty.
+    /// Shades the hit that a path found: adds the radiance to `found`, and returns the path if it
+    /// continues. Light is also added to `groups`, unless that is empty.
     ///
     /// Far hits read the solution. Hits within an element's size do not: there a single value would
     /// represent places that differ as much as those of the gather itself (the inside of a corner,
     /// the gap behind a picture). Such a ray continues as a path, with its own shadow ray for
     /// direct light (after Jensen, *Global illumination using photon maps*, 1996, who treats near
     /// hits of his final gather like this).
-    pub(crate) fn arriving(
+    pub(crate) fn shade(
         &self,
-        p: &SurfacePoint,
-        ray: Ray,
+        mut path: Path,
+        (incoming, tint): (Incoming, Vec3),
+        bounce: u32,
+        common: &Common,
+        found: &mut Option<Found>,
         groups: &mut [Vec3],
-    ) -> Option<Found> {
-        let (world, solution) = (self.world, self.solution);
-        let cut = &solution.cut;
-        let (mut point, mut direction) = (*p, ray.toward);
-        let mut throughput = Vec3::ONE;
-        let mut out = Found {
-            distance: f32::INFINITY,
-            ..Found::default()
-        };
-        for bounce in 0.. {
-            let (found, tint) = world.incoming(point.origin, direction);
-            throughput *= tint;
-            let hit = match found {
-                Incoming::Escaped => {
-                    let sky = throughput * world.sky.radiance(direction);
-                    add(sky, world.sky_group(), &mut out.radiance, groups);
-                    break;
+    ) -> Option<Path> {
+        let (world, cut) = (self.world, &self.solution.cut);
+        path.throughput *= tint;
+        let hit = match incoming {
+            Incoming::Black if bounce == 0 => {
+                *found = None;
+                return None;
+            }
+            Incoming::Black => return None,
+            Incoming::Escaped => {
+                let out = found.as_mut()?;
+                if bounce == 0 {
+                    out.distance = f32::INFINITY;
                 }
-                Incoming::Black if bounce == 0 => return None,
-                Incoming::Black => break,
-                Incoming::Surface(hit) => hit,
-            };
-            if bounce == 0 {
-                (out.distance, out.back) = (hit.t, hit.back);
+                let sky = path.throughput * world.sky.radiance(path.direction);
+                add(sky, world.sky_group(), &mut out.radiance, groups);
+                return None;
             }
-            let at = point.origin + direction * hit.t;
-            let random = hash_u32(ray.seed ^ ray.sample ^ (bounce << 24));
-            let edge = cut.patch_edge(hit.triangle);
-            if bounce == MOST_NEAR_BOUNCES || hit.t > ray.near * NEAR[bounce as usize] * edge {
-                let look = Look {
-                    hit,
-                    at,
-                    seed: random,
-                    of: self.counted(&ray, &hit, bounce, edge),
-                };
-                let sent =
-                    solution.radiance_by_group(world, &self.direct, &look, throughput, groups);
-                out.radiance += sent.light;
-                out.left_out = sent.left_out;
-                break;
-            }
-            point = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
-            let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
-            if glow != Vec3::ZERO {
-                let group = world.emission_group(hit.triangle);
-                add(throughput * glow, group, &mut out.radiance, groups);
-            }
-            throughput *= world.reflectance(hit.triangle, hit.u, hit.v);
-            let (direct, group) = match cut.locate(hit.triangle, at, hit.back) {
-                Some(place) => self.direct.sample_on(cut, place.patch, &point, random),
-                None => self.direct.sample_one(&point, random),
-            };
-            let reflected = throughput * direct * std::f32::consts::FRAC_1_PI;
-            add(reflected, group, &mut out.radiance, groups);
-            let [u, v] = sample_2d(ray.sample, 40 + bounce, ray.seed);
-            direction = cosine_hemisphere(point.normal, u, v);
-            if point.geometric.dot(direction) <= 0.0 {
-                break;
-            }
+            Incoming::Surface(hit) => hit,
+        };
+        let out = found.as_mut()?;
+        if bounce == 0 {
+            (out.distance, out.back) = (hit.t, hit.back);
         }
-        Some(out)
+        let at = path.point.origin + path.direction * hit.t;
+        let random = hash_u32(common.seed ^ path.sample ^ (bounce << 24));
+        let edge = cut.patch_edge(hit.triangle);
+        if bounce == MOST_NEAR_BOUNCES || hit.t > common.near * NEAR[bounce as usize] * edge {
+            let of = self.counted(common.lit_share, &hit, bounce, edge);
+            let look = Look {
+                hit,
+                at,
+                seed: random,
+                of,
+            };
+            let sent = (self.solution).radiance_by_group(
+                world,
+                &self.direct,
+                &look,
+                path.throughput,
+                groups,
+            );
+            out.radiance += sent.light;
+            out.left_out = sent.left_out;
+            return None;
+        }
+        path.point = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
+        let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+        if glow != Vec3::ZERO {
+            let group = world.emission_group(hit.triangle);
+            add(path.throughput * glow, group, &mut out.radiance, groups);
+        }
+        path.throughput *= world.reflectance(hit.triangle, hit.u, hit.v);
+        let (direct, group) = match cut.locate(hit.triangle, at, hit.back) {
+            Some(place) => (self.direct).sample_on(cut, place.patch, &path.point, random),
+            None => self.direct.sample_one(&path.point, random),
+        };
+        let reflected = path.throughput * direct * std::f32::consts::FRAC_1_PI;
+        add(reflected, group, &mut out.radiance, groups);
+        let [u, v] = sample_2d(path.sample, 40 + bounce, common.seed);
+        path.direction = cosine_hemisphere(path.point.normal, u, v);
+        (path.point.geometric.dot(path.direction) > 0.0).then_some(path)
     }
 
     /// The part of a hit's light that counts after this many bounces. Light of lit elements is
     /// sampled separately from points that gather, but not where light passes through the elements.
     #[inline]
-    fn counted(&self, ray: &Ray, hit: &Hit, bounce: u32, edge: f32) -> Reflected {
+    fn counted(&self, lit_share: f32, hit: &Hit, bounce: u32, edge: f32) -> Reflected {
         match hit.t > LitElements::FROM * edge {
             true if bounce == 0 && !self.world.lets_light_through(hit.triangle) => {
-                Reflected::Afar(ray.lit_share)
+                Reflected::Afar(lit_share)
             }
             true => Reflected::Afar(0.0),
             false => Reflected::All,

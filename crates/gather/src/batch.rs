@@ -1,0 +1,87 @@
+//! Batches of gathering rays.
+//!
+//! The rays of a footprint pass through stages: they are generated ([`sample`](crate::sample)),
+//! traced, shaded, and accumulated by the caller. Paths that continue after near hits form the next
+//! wave. Each ray has its own result, so neither the order of tracing nor the size of a batch
+//! matters.
+//!
+//! Sorting a footprint's rays by direction gained nothing (lab/ideas.md).
+
+use glam::Vec3;
+use radiosity::{Incoming, SurfacePoint};
+
+use crate::tracer::{Found, Path, Tracer};
+
+/// A gathering ray.
+#[derive(Clone, Copy)]
+pub(crate) struct Ray {
+    /// Index of the point that it starts from.
+    pub point: u32,
+    /// Unit direction.
+    pub toward: Vec3,
+    /// Its index in the footprint's sequence.
+    pub sample: u32,
+}
+
+/// Parameters of all rays of a batch.
+#[derive(Clone, Copy)]
+pub(crate) struct Common {
+    /// Seed of their random numbers.
+    pub seed: u32,
+    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
+    /// [`radiosity::of_lit`].
+    pub lit_share: f32,
+    /// Hits within this many patch sizes continue as paths.
+    pub near: f32,
+    /// Number of light groups.
+    pub groups: usize,
+}
+
+/// Results of a batch, by ray.
+pub(crate) struct Traced {
+    /// `None` for a ray that met a black backface.
+    pub found: Vec<Option<Found>>,
+    groups: usize,
+    /// Radiance of ray *i* and group *g* at *i* × `groups` + *g*.
+    by_group: Vec<Vec3>,
+}
+
+impl Traced {
+    /// Radiance that ray `i` found, by light group.
+    pub(crate) fn groups(&self, i: usize) -> &[Vec3] {
+        &self.by_group[i * self.groups..(i + 1) * self.groups]
+    }
+}
+
+impl Tracer<'_, '_> {
+    /// Radiance that arrives at `points` along `rays`.
+    pub(crate) fn trace(&self, points: &[SurfacePoint], rays: &[Ray], common: Common) -> Traced {
+        let mut traced = Traced {
+            found: vec![Some(Found::default()); rays.len()],
+            groups: common.groups,
+            by_group: vec![Vec3::ZERO; rays.len() * common.groups],
+        };
+        let mut wave: Vec<Path> = (rays.iter().enumerate())
+            .filter_map(|(i, ray)| Path::start(i, ray, &points[ray.point as usize]))
+            .collect();
+        let mut hits: Vec<(Incoming, Vec3)> = Vec::new();
+        for bounce in 0.. {
+            if wave.is_empty() {
+                break;
+            }
+            hits.clear();
+            hits.extend(
+                (wave.iter()).map(|path| self.world.incoming(path.point.origin, path.direction)),
+            );
+            let mut next = Vec::new();
+            for (path, hit) in wave.into_iter().zip(&hits) {
+                let i = path.ray as usize;
+                let parts = &mut traced.by_group[i * common.groups..(i + 1) * common.groups];
+                let on = self.shade(path, *hit, bounce, &common, &mut traced.found[i], parts);
+                next.extend(on);
+            }
+            wave = next;
+        }
+        traced
+    }
+}
