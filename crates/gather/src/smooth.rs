@@ -29,9 +29,9 @@ use rayon::prelude::*;
 use crate::between::{Taps, taps};
 use crate::certainty::Certainty;
 use crate::map::LumelMap;
-use crate::quadratic::{TERMS, shares_of_fit};
+use crate::quadratic::{PLANE, TERMS, shares_of_fit};
 use crate::received::{Edge, Received};
-use crate::window::{REACH, Window};
+use crate::window::{Neighbour, REACH, Window};
 
 /// Scale of the weights in standard errors: exp(−d²/2K²) = 0.61 at a difference of K.
 const SIGMAS: f32 = 2.0;
@@ -295,9 +295,14 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
         return keep(own.indirect_variance);
     }
     let (around, n) = Window::new(map).around(i);
-    if n < 2 * TERMS {
+    let terms = if is_cut(own) { PLANE } else { TERMS };
+    if n < 2 * terms {
         return keep(variance[i]);
     }
+    let trust = match is_cut(own) {
+        true => trust_in_part(i, &around[..n], variance),
+        false => 1.0,
+    };
     let halves: Vec<[Vec3; 2]> = around[..n].iter().map(|a| received[a.0].halves()).collect();
     let wide = (around[..n].iter()).any(|a| a.1.abs().max(a.2.abs()) > REACH);
     let reach = if wide { 2 * REACH } else { REACH };
@@ -309,9 +314,10 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
             let (j, dx, dy) = around[k];
             let d = by.halves[j][judge] - value;
             let near = (-0.5 * (dx * dx + dy * dy) as f32 / (reach * reach) as f32).exp();
-            likely(d, by.noise[i] + by.noise[j]) * near * map.lumel(j).coverage.max(0.05)
+            let trust = if j == i { trust } else { 1.0 };
+            likely(d, by.noise[i] + by.noise[j]) * near * trust * map.lumel(j).coverage.max(0.05)
         };
-        let Some(shares) = shares_of_fit(&around[..n], weigh) else {
+        let Some(shares) = shares_of_fit(&around[..n], terms, weigh) else {
             return keep(variance[i]);
         };
         for (k, share) in shares[..n].iter().enumerate() {
@@ -334,6 +340,19 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
         least: None,
         planes,
     }
+}
+
+/// Whether a wall cuts the lumel. All of its neighbours then lie on one side, and a quadratic would
+/// follow the lumel's own value, which is noisy: specks ran along the corners of rooms.
+fn is_cut(r: &Received) -> bool {
+    r.open < 1.0
+}
+
+/// Weight of a cut lumel in its own fit, relative to a neighbour: by their variances.
+fn trust_in_part(i: usize, around: &[Neighbour], variance: &[f32]) -> f32 {
+    let others = around.iter().filter(|a| a.0 != i);
+    let sum: f32 = others.clone().map(|a| variance[a.0]).sum();
+    (sum / others.count().max(1) as f32 / variance[i]).min(1.0)
 }
 
 /// Weight of a neighbour whose half of the samples differs by `d`, if the variances of both whole
