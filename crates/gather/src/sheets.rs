@@ -4,8 +4,6 @@
 //! on the front. If a panel is right in front of another one, or a wall was modelled inside out,
 //! nobody sees the front, and the visible back would be drawn black.
 
-use std::collections::BTreeSet;
-
 use radiosity::{Cancelled, Monitor, Phase};
 
 use crate::blocks::in_blocks;
@@ -77,10 +75,7 @@ impl Sheet {
 /// duplicate shows.
 fn mostly_unseen(gatherer: &Gatherer, map: &LumelMap) -> Vec<Sheet> {
     let (world, cut) = (gatherer.world(), &gatherer.tracer.solution.cut);
-    let duplicates = &world.soup.duplicates;
-    let backed: BTreeSet<u32> = (duplicates.iter().filter(|d| d.turned))
-        .map(|d| d.kept)
-        .collect();
+    let backed = world.soup.backed();
     let region_of = |i: usize| {
         let first = map.lumels.fragments(map.lumel(i)).next()?;
         let own = first.face == first.triangle && !backed.contains(&first.triangle);

@@ -78,6 +78,7 @@ mod scene_input;
 mod settings;
 mod sky;
 mod sources;
+mod two_sides;
 mod units;
 pub mod view;
 mod warnings;

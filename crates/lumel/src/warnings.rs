@@ -13,6 +13,7 @@ use crate::likeness::{Likeness, unmarked_levels};
 use crate::named::{node_of, some_of};
 use crate::report::{audit_warnings, clamped_warning};
 use crate::settings::Settings;
+use crate::two_sides;
 
 /// Fraction of hidden lumels from which on to warn. Props that intersect floors hide fewer.
 const MANY_HIDDEN: f64 = 0.05;
@@ -140,6 +141,7 @@ impl Warned<'_> {
         out.extend(self.not_reached());
         out.extend(brightness::clamped_warning(&self.baked.pages));
         out.extend(self.hidden());
+        out.extend(two_sides::warning(self.world, self.solution));
         out
     }
 

@@ -1,5 +1,7 @@
 //! All triangles of a scene in one world-space list for ray casting.
 
+use std::collections::BTreeSet;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -188,6 +190,13 @@ impl Soup {
     pub fn duplicate(&self, face: u32) -> Option<&Duplicate> {
         self.duplicates
             .get((face as usize).checked_sub(self.len())?)
+    }
+
+    /// Triangles whose back is shown by a coincident face that has its own lumels.
+    pub fn backed(&self) -> BTreeSet<u32> {
+        (self.duplicates.iter().filter(|d| d.turned))
+            .map(|d| d.kept)
+            .collect()
     }
 
     /// Drops triangles that add no new side to an earlier one with the same corners: a BVH cannot
