@@ -10,32 +10,7 @@
 use glam::Vec3;
 use radiosity::{Incoming, SurfacePoint};
 
-use crate::tracer::{Found, Path, Tracer};
-
-/// A gathering ray.
-#[derive(Clone, Copy)]
-pub(crate) struct Ray {
-    /// Index of the point that it starts from.
-    pub point: u32,
-    /// Unit direction.
-    pub toward: Vec3,
-    /// Its index in the footprint's sequence.
-    pub sample: u32,
-}
-
-/// Parameters of all rays of a batch.
-#[derive(Clone, Copy)]
-pub(crate) struct Common {
-    /// Seed of their random numbers.
-    pub seed: u32,
-    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
-    /// [`radiosity::of_lit`].
-    pub lit_share: f32,
-    /// Hits within this many patch sizes continue as paths.
-    pub near: f32,
-    /// Number of light groups.
-    pub groups: usize,
-}
+use crate::tracer::{Common, Found, Path, Ray, Tracer};
 
 /// Results of a batch, by ray.
 pub(crate) struct Traced {

@@ -4,13 +4,13 @@
 use glam::Vec3;
 use radiosity::{SurfacePoint, cosine_hemisphere, sample_4d};
 
-use crate::batch::{Common, Ray, Traced};
+use crate::batch::Traced;
 use crate::estimate::Point;
 use crate::gatherer::Gatherer;
 use crate::lit::LitRays;
 use crate::planes::PlaneSums;
 use crate::points::Sampling;
-use crate::tracer::Found;
+use crate::tracer::{Common, Found, Ray};
 
 /// A ray that hits something closer than this many footprints is in a gap that is not visible from
 /// outside, e.g. under a crate that hovers by a millimetre.

@@ -7,8 +7,6 @@ use radiosity::{
 };
 use visibility::Hit;
 
-use crate::batch::{Common, Ray};
-
 /// After this many near bounces a path reads the solution: light that was reflected so often in a
 /// gap no longer varies from place to place.
 const MOST_NEAR_BOUNCES: u32 = 4;
@@ -38,6 +36,31 @@ pub(crate) struct Tracer<'w, 'a> {
     /// Radiance below this on the back of a double-sided face counts as none, i.e. as the inside of
     /// something.
     dim: f32,
+}
+
+/// A gathering ray.
+#[derive(Clone, Copy)]
+pub(crate) struct Ray {
+    /// Index of the point that it starts from.
+    pub point: u32,
+    /// Unit direction.
+    pub toward: Vec3,
+    /// Its index in the footprint's sequence.
+    pub sample: u32,
+}
+
+/// Parameters of all rays of a batch.
+#[derive(Clone, Copy)]
+pub(crate) struct Common {
+    /// Seed of their random numbers.
+    pub seed: u32,
+    /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
+    /// [`radiosity::of_lit`].
+    pub lit_share: f32,
+    /// Hits within this many patch sizes continue as paths.
+    pub near: f32,
+    /// Number of light groups.
+    pub groups: usize,
 }
 
 /// A gathering ray on its way.

@@ -55,9 +55,10 @@ fn the_back_of_a_double_sided_sheet_reflects_and_of_a_single_sided_one_is_black(
     let exact = 0.5 * 2.0 * form_factor_opposed_squares(1.0);
     let e = mean(&lumels_of(&bake, "plate"));
     assert!((e / exact - 1.0).abs() < GOLDEN, "{e} {exact}");
-    // The lightmap is the front's, which nothing lights: no light comes through.
+    // Nobody sees the front, which looks into the void: the lightmap holds the light of the back.
+    // It has no noise, so only half float rounds (2⁻¹¹).
     for l in lumels_of(&bake, "sheet") {
-        assert_eq!(l.irradiance, [0.0; 3]);
+        assert!((l.red() - 2.0).abs() < 2.0 * 5e-4, "{}", l.red());
     }
     let bake = golden(&sheet_lit_from_behind(false), &at(8.0));
     for node in ["sheet", "plate"] {

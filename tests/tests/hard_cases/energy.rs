@@ -140,7 +140,7 @@ fn light_lost_behind_faces_is_named_with_the_node() {
     );
     assert_eq!(audit.beyond[0].node, "room");
     assert!(
-        says(&b.report.warnings, "backs of single-sided faces"),
+        says(&b.report.warnings, "backfaces of single-sided materials"),
         "{:?}",
         b.report.warnings
     );
