@@ -49,8 +49,8 @@ impl Gatherer<'_, '_> {
             .map(|(k, point)| {
                 planes.first_half = 2 * k < points.len();
                 let mut sum = Point::new(sampling.reach);
-                for i in k * each..(k + 1) * each {
-                    self.add(point, rays[i].toward, (&traced, i), &mut sum, &mut planes);
+                for (i, ray) in rays.iter().enumerate().skip(k * each).take(each) {
+                    self.add(point, ray.toward, (&traced, i), &mut sum, &mut planes);
                 }
                 let number = sampling.before + k as u32;
                 cast += u64::from(lit.reach(point, number, &mut sum, &mut planes));
