@@ -11,6 +11,7 @@ mod hard_cases;
 mod leaks;
 mod levels;
 mod lods;
+mod not_physical;
 mod outputs;
 mod round_trip;
 mod seams;

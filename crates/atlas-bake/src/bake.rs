@@ -1,5 +1,7 @@
 //! Bakes a whole scene: light at lumels and vertices, and pages.
 
+use std::f32::consts::PI;
+
 use atlas::Layout;
 use gather::{LightReport, VertexLight, VertexOptions, VertexReport, bake_light, bake_vertices};
 use radiosity::{Cancelled, Emitters, Monitor, Solution, World};
@@ -69,9 +71,11 @@ pub fn bake(
     let (mut vertices, mut at_vertices) = (VertexLight::default(), None);
     if let Some(gather) = options.vertices {
         let error = options.vertex_error;
+        let ambient_floor = options.ambient_floor;
         let options = VertexOptions { gather, error };
         let (lit, report) = bake_vertices(&gatherer, layout, map, options, monitor)?;
         (vertices, at_vertices) = (lit, Some(report));
+        raise(&mut vertices, ambient_floor);
     }
     Ok(Baked {
         pages,
@@ -84,4 +88,15 @@ pub fn bake(
             bytes,
         },
     })
+}
+
+/// Raises the irradiance of all vertices to π × `floor`.
+fn raise(light: &mut VertexLight, floor: [f32; 3]) {
+    if floor == [0.0; 3] {
+        return;
+    }
+    let least = floor.map(|x| x * PI);
+    for e in light.instances.iter_mut().flatten().flatten() {
+        *e = std::array::from_fn(|c| e[c].max(least[c]));
+    }
 }

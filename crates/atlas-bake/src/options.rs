@@ -69,6 +69,12 @@ pub struct BakeOptions {
     /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh
     /// unchanged.
     pub vertex_error: Option<f32>,
+    /// Least R = E/π of every lumel and vertex, per channel; 0 for none. Applied last, to R, G, B
+    /// and what `L0` lacks, not to the layers.
+    pub ambient_floor: [f32; 3],
+    /// How much of the openness of [`Layer::Ao`] is multiplied into light: 0 for nothing, 1 for all
+    /// of it. Applied to R, G, B, to groups and to [`Directional::Sh1`], not to the layers.
+    pub ao_multiply: f32,
 }
 
 /// Value of lumels that are partly inside, behind or beyond something.
@@ -112,7 +118,7 @@ impl BakeOptions {
         Wanted {
             groups: world.groups.as_ref().map_or(0, |g| g.count),
             moments: self.directional.is_some(),
-            openness: (self.layers.contains(&Layer::Ao))
+            openness: (self.layers.contains(&Layer::Ao) || self.ao_multiply > 0.0)
                 .then(|| self.ao_distance.unwrap_or_else(|| 0.1 * diagonal(world))),
             sun: self.layers.contains(&Layer::SunMask),
         }

@@ -52,6 +52,7 @@ impl Pages<'_, '_, '_> {
             let ranges: Vec<Range> = channels.iter().map(|c| c.range).collect();
             stitch(&mut stitcher, &mut full, &mut groups, &ranges);
         }
+        self.apply_floor(&mut full, &texels);
         self.apply_tint(&channels, &mut full, &mut groups);
         self.apply_unit(&channels, &mut full, &mut groups);
         (full, groups, stitcher.report())
@@ -61,7 +62,7 @@ impl Pages<'_, '_, '_> {
     fn full(&self, channels: &[Channel]) -> (Vec<Page>, Texels) {
         let mut values = Vec::new();
         self.fill(channels, |l, r, page, at| {
-            let scale = FRAC_1_PI;
+            let scale = FRAC_1_PI * self.occlusion(r);
             page.value[at] = ((r.direct + r.indirect) * scale).to_array();
             values.clear();
             for layer in &self.options.layers {
@@ -83,9 +84,49 @@ impl Pages<'_, '_, '_> {
     /// The light of one group without tint.
     fn group(&self, group: usize) -> Vec<Page> {
         self.fill(&[], |_, r, page, at| {
-            page.value[at] = (r.planes[group].sum() * FRAC_1_PI).to_array();
+            let scale = FRAC_1_PI * self.occlusion(r);
+            page.value[at] = (r.planes[group].sum() * scale).to_array();
         })
         .0
+    }
+
+    /// Openness of a lumel, which must be wanted.
+    fn openness(&self, r: &Received) -> f32 {
+        let open = r.planes[self.wanted.openness_plane()].sum().x;
+        open.clamp(0.0, 1.0)
+    }
+
+    /// Factor of [`BakeOptions::ao_multiply`].
+    fn occlusion(&self, r: &Received) -> f32 {
+        match self.options.ao_multiply {
+            0.0 => 1.0,
+            share => 1.0 - share * (1.0 - self.openness(r)),
+        }
+    }
+
+    /// Raises light to [`BakeOptions::ambient_floor`]. This comes after stitching: the floor is the
+    /// same on both sides of a seam, so it does not part them.
+    fn apply_floor(&self, full: &mut [Page], texels: &Texels) {
+        let floor = self.options.ambient_floor;
+        if floor == [0.0; 3] {
+            return;
+        }
+        for (page, charts) in full.iter_mut().zip(&texels.chart) {
+            for (c, part) in ["L0.R", "L0.G", "L0.B"].into_iter().enumerate() {
+                let mut layers = page.layers.iter_mut();
+                let mut flat = layers.find(|(name, _)| name == part).map(|l| &mut l.1);
+                for (at, v) in page.value.iter_mut().enumerate() {
+                    let lacking = (floor[c] - v[c]).max(0.0);
+                    if charts[at] == EMPTY || lacking == 0.0 {
+                        continue;
+                    }
+                    v[c] = floor[c];
+                    if let Some(flat) = &mut flat {
+                        flat[at] += lacking;
+                    }
+                }
+            }
+        }
     }
 
     /// Multiplies channels of reflected light with the surface's reflectance, and removes the tint
@@ -156,10 +197,7 @@ impl Pages<'_, '_, '_> {
                 out.push(r.error() * tint * scale);
             }
             Layer::Coverage => out.push(l.coverage),
-            Layer::Ao => {
-                let open = r.planes[self.wanted.openness_plane()].sum().x;
-                out.push(open.clamp(0.0, 1.0));
-            }
+            Layer::Ao => out.push(self.openness(r)),
             Layer::SunMask => {
                 let sun = r.planes[self.wanted.sun_plane()].sum();
                 let share = if sun.y > 0.0 { sun.x / sun.y } else { 0.0 };

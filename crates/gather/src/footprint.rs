@@ -84,7 +84,7 @@ impl LumelFootprint<'_, '_, '_> {
             None => [u, v],
             Some(d) => [w[d.corners[1] as usize], w[d.corners[2] as usize]],
         };
-        self.world.reflectance(fragment.face, u, v)
+        self.world.own_reflectance(fragment.face, u, v)
     }
 
     /// Triangle and barycentrics of candidate `i`.

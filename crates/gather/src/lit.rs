@@ -74,7 +74,8 @@ impl<'g, 'w, 'a> LitRays<'g, 'w, 'a> {
             if passed == Vec3::ZERO {
                 continue;
             }
-            let passed = passed * (of_lit(self.share, from.arrives) / each as f32);
+            let boost = tracer.world.bounce.reflected;
+            let passed = passed * (boost * of_lit(self.share, from.arrives) / each as f32);
             let light = from.light * passed;
             sum.from_lit += light;
             if planes.is_empty() {

@@ -190,15 +190,23 @@ impl<'w, 'a> Tracer<'w, 'a> {
                 seed: random,
                 of,
             };
+            let boost = boost(world, bounce);
             let sent = (self.solution).radiance_by_group(
                 world,
                 &self.direct,
                 &look,
-                path.throughput,
+                path.throughput * boost,
                 groups,
             );
             out.radiance += sent.light;
             out.left_out = sent.left_out;
+            if boost != 1.0 {
+                // What the surface emits is not reflected.
+                let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+                let excess = path.throughput * glow * (1.0 - boost);
+                let group = world.emission_group(hit.triangle);
+                add(excess, group, &mut out.radiance, groups);
+            }
             return None;
         }
         path.point = world.surface_point(hit.triangle, hit.u, hit.v, hit.back, false);
@@ -207,7 +215,7 @@ impl<'w, 'a> Tracer<'w, 'a> {
             let group = world.emission_group(hit.triangle);
             add(path.throughput * glow, group, &mut out.radiance, groups);
         }
-        path.throughput *= world.reflectance(hit.triangle, hit.u, hit.v);
+        path.throughput *= world.reflectance(hit.triangle, hit.u, hit.v) * boost(world, bounce);
         let (direct, group) = match cut.locate(hit.triangle, at, hit.back) {
             Some(place) => (self.direct).sample_on(cut, place.patch, &path.point, random),
             None => self.direct.sample_one(&path.point, random),
@@ -230,6 +238,17 @@ impl<'w, 'a> Tracer<'w, 'a> {
             true => Reflected::Afar(0.0),
             false => Reflected::All,
         }
+    }
+}
+
+/// Factor on the light that a path's hit reflects. Only the first hit applies it, so that it counts
+/// once.
+#[inline]
+fn boost(world: &World, bounce: u32) -> f32 {
+    if bounce == 0 {
+        world.bounce.reflected
+    } else {
+        1.0
     }
 }
 

@@ -146,6 +146,8 @@ fn gather_draft(bencher: Bencher, name: &str) {
             stitch: true,
             error: None,
             vertex_error: None,
+            ambient_floor: [0.0; 3],
+            ao_multiply: 0.0,
         };
         let count = atlas_bake::bake(world, emitters, &solution, layout, &options, &Silent)
             .expect("nobody cancels")

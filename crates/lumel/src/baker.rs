@@ -11,6 +11,7 @@ use crate::cache::Cache;
 use crate::error::Error;
 use crate::estimate::{Estimate, estimate};
 use crate::inspect::{Inspection, inspect};
+use crate::not_physical::NotPhysical;
 use crate::pipeline::{Bake, Beside, FirstPicture, bake_scene};
 use crate::record::{Current, Provenance, find_current};
 use crate::scene_input::SceneInput;
@@ -144,6 +145,8 @@ options! {
     error(relative: f32) => |s| s.error = Some(relative);
     /// Clamps reflectances to this, above 0 and at most 1; 0.98 by default.
     max_reflectance(limit: f32) => |s| s.max_reflectance = limit;
+    /// Departures from physics.
+    not_physical(knobs: NotPhysical) => |s| s.not_physical = knobs;
     /// Value of lumels that are partly inside or behind something.
     hidden(kind: Hidden) => |s| s.hidden = kind;
     /// Whether chart borders are stitched, so that lookups on both sides agree; true by default.

@@ -92,6 +92,12 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
     if let Some(d) = settings.ao_distance {
         positive("the distance of ambient occlusion", d)?;
     }
+    settings.not_physical.check()?;
+    if settings.not_physical.ambient_floor != [0.0; 3] && !settings.groups.is_empty() {
+        return Err(Error::Setting(
+            "--ambient-floor with --group: expected only one of the two, because the pages of groups sum to the lightmap".into(),
+        ));
+    }
     sources::check(settings)?;
     if !(8..=16384).contains(&settings.max_page) {
         return Err(Error::Setting(format!(

@@ -14,7 +14,7 @@ use gather::probes::{ProbeReport, ProbeScene, bake_probes, report_probes};
 use glam::Vec3;
 use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{
-    DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, World, WorldOptions,
+    Bounce, DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, World, WorldOptions,
 };
 
 use crate::brightness;
@@ -136,6 +136,10 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
         settings.sky != SkySource::None,
     );
     let chosen = sources.apply(&mut loaded.scene, settings)?;
+    let departures = settings.not_physical.describe();
+    if !departures.is_empty() {
+        (early.notes).push(format!("not physical: {}", departures.join("; ")));
+    }
     let sky = sky::load(
         settings,
         chosen.sky_factor,
@@ -375,6 +379,7 @@ pub(crate) fn bake_scene(
         probes: probe_report,
         clamped: Vec::new(),
         ktx2: Vec::new(),
+        not_physical: settings.not_physical.describe(),
         notes,
         warnings: all,
         measured: Measured {
@@ -444,6 +449,7 @@ impl<'l> Level<'l> {
         let options = WorldOptions {
             sky,
             groups,
+            bounce: bounce(self.settings),
             ..WorldOptions::default()
         };
         let world = World::build(&self.loaded.scene, self.soup, options)
@@ -548,6 +554,16 @@ impl Monitor for Side<'_> {
     }
 }
 
+/// What the settings change about bounces.
+fn bounce(settings: &Settings) -> Bounce {
+    let changed = &settings.not_physical;
+    Bounce {
+        albedo: changed.albedo_boost,
+        saturation: changed.bounce_saturation,
+        reflected: changed.indirect_boost,
+    }
+}
+
 /// Gathering and page options from the settings.
 pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
     BakeOptions {
@@ -562,6 +578,8 @@ pub(crate) fn bake_options(settings: &Settings) -> BakeOptions {
         stitch: settings.stitch,
         error: settings.error,
         vertex_error: settings.vertex_error,
+        ambient_floor: settings.not_physical.ambient_floor,
+        ao_multiply: settings.not_physical.ao_multiply,
     }
 }
 

@@ -57,6 +57,9 @@ pub struct Report {
     /// `--ktx2`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ktx2: Vec<StoredPage>,
+    /// Departures from physics that the settings ask for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub not_physical: Vec<String>,
     /// Decisions that the bake made, which need no action.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,

@@ -11,6 +11,7 @@ use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
 
 use crate::memory::{COPIES, TRIANGLE};
+use crate::not_physical::NotPhysical;
 
 /// How much time a bake takes for how much accuracy.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -194,6 +195,9 @@ pub struct Settings {
     pub vertex_colors: bool,
     /// Split edges of the scene with vertex colours until its relative error is about this.
     pub vertex_error: Option<f32>,
+    /// Departures from physics.
+    #[serde(skip_serializing_if = "NotPhysical::is_physical")]
+    pub not_physical: NotPhysical,
     /// What the bake refuses; the result does not depend on it.
     #[serde(skip)]
     pub bounds: Bounds,
@@ -275,6 +279,7 @@ impl Default for Settings {
             stitch: true,
             vertex_colors: true,
             vertex_error: None,
+            not_physical: NotPhysical::default(),
             bounds: Bounds::default(),
         }
     }

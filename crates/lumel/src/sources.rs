@@ -214,7 +214,9 @@ impl Sources {
                     keep[i] = factor > 0.0;
                 }
                 Target::Material(i) => {
-                    scene.materials[i].emissive = dimmed(scene.materials[i].emissive)?;
+                    let boost = settings.not_physical.emissive_boost;
+                    let boosted = scene.materials[i].emissive * boost;
+                    scene.materials[i].emissive = dimmed(boosted)?;
                 }
                 Target::Sky => {
                     chosen.sky_factor = factor;

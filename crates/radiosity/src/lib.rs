@@ -15,6 +15,7 @@
 //! power leaving *i* that reaches *j*. Therefore `E_i = Σ_j F_ij B_j` and `A_i F_ij = A_j F_ji`.
 
 mod audit;
+mod bounce;
 mod curved;
 mod direct;
 mod emitters;
@@ -37,6 +38,7 @@ mod stand_in;
 mod world;
 
 pub use audit::{Audit, AuditBounds, RowsOfNode};
+pub use bounce::Bounce;
 pub use direct::{DirectEstimate, DirectLight, DirectOptions, DirectParts, Known};
 pub use emitters::Emitters;
 pub use form_factor::form_factor_polygon;

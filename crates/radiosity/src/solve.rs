@@ -425,7 +425,10 @@ fn element_reflectance(world: &World, cut: &Subdivision) -> Vec<Vec3> {
     let pyramids = Pyramids::build(world.scene, world.soup);
     (cut.elements().par_iter())
         .with_min_len(256)
-        .map(|e| pyramids.reflectance(world.scene, world.soup, e.triangle, e.u, e.v, e.area))
+        .map(|e| {
+            let own = pyramids.reflectance(world.scene, world.soup, e.triangle, e.u, e.v, e.area);
+            world.bounced(e.triangle, own)
+        })
         .collect()
 }
 

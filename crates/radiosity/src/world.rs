@@ -4,6 +4,7 @@ use glam::Vec3;
 use mesh_ingest::{Scene, Soup};
 use visibility::{BuildError, BuildOptions, Bvh, Hit, HitFilter, Ray};
 
+use crate::bounce::Bounce;
 use crate::curved::{Curved, height};
 use crate::emitters::brightness;
 use crate::glass::{Coin, Glass};
@@ -52,6 +53,8 @@ pub struct WorldOptions {
     pub tree: BuildOptions,
     /// Light groups to keep separate.
     pub groups: Option<LightGroups>,
+    /// Changes of bounced light.
+    pub bounce: Bounce,
 }
 
 /// How a triangle's own emission reaches receivers.
@@ -77,6 +80,8 @@ pub struct World<'a> {
     pub(crate) bright: Option<BrightSky>,
     /// Light groups, if they are to be kept separate.
     pub groups: Option<LightGroups>,
+    /// Changes of bounced light.
+    pub bounce: Bounce,
     bvh: Bvh,
     two_sided: Vec<bool>,
     /// Reflectance of materials with a uniform one, so that rays need not look up their triangles.
@@ -130,7 +135,8 @@ impl<'a> World<'a> {
             sky,
             bright,
             groups: options.groups,
-            even: even_reflectances(scene),
+            even: even_reflectances(scene, &options.bounce),
+            bounce: options.bounce,
             open: (scene.materials.iter()).any(|m| m.lets_light_through()),
             tinted: scene.materials.iter().any(|m| m.transmission > 0.0),
             scene,
@@ -486,13 +492,33 @@ impl<'a> World<'a> {
         self.open && self.scene.needs_alpha(self.soup.material(triangle))
     }
 
-    /// Reflectance at a hit (linear, per channel), for any face including duplicates.
+    /// Reflectance with which light bounces off a hit (linear, per channel), for any face including
+    /// duplicates.
     #[inline]
     pub fn reflectance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
         if let Some(even) = self.even[self.soup.material(triangle) as usize] {
             return even;
         }
+        let own = self.scene.base_color(self.soup, triangle, u, v).truncate();
+        self.bounced(triangle, own)
+    }
+
+    /// The surface's own reflectance, whatever [`Bounce`] makes of it.
+    pub fn own_reflectance(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        if self.bounce.keeps_reflectance() {
+            return self.reflectance(triangle, u, v);
+        }
         self.scene.base_color(self.soup, triangle, u, v).truncate()
+    }
+
+    /// What [`Bounce`] makes of a triangle's own reflectance.
+    #[inline]
+    pub(crate) fn bounced(&self, triangle: u32, own: Vec3) -> Vec3 {
+        if self.bounce.keeps_reflectance() {
+            return own;
+        }
+        let material = &self.scene.materials[self.soup.material(triangle) as usize];
+        self.bounce.reflectance(own, material.max_reflectance)
     }
 
     /// Reflectance of a triangle whose material has the same everywhere.
@@ -562,7 +588,7 @@ impl HitFilter for Opaque {
 
 /// Reflectance by material, for materials without a texture. `None` if vertices have colours or
 /// instances only occlude, because triangles of the same material may then differ.
-fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
+fn even_reflectances(scene: &Scene, bounce: &Bounce) -> Vec<Option<Vec3>> {
     let mut primitives = scene.meshes.iter().flat_map(|m| &m.primitives);
     let differ =
         primitives.any(|p| !p.colors.is_empty()) || scene.instances.iter().any(|i| i.occluder);
@@ -571,7 +597,8 @@ fn even_reflectances(scene: &Scene) -> Vec<Option<Vec3>> {
             None if !differ && m.occluder_only => Some(Vec3::ZERO),
             None if !differ => {
                 let c = m.base_color.truncate().clamp(Vec3::ZERO, Vec3::ONE);
-                Some(c.min(Vec3::splat(m.max_reflectance)))
+                let own = c.min(Vec3::splat(m.max_reflectance));
+                Some(bounce.reflectance(own, m.max_reflectance))
             }
             _ => None,
         })

@@ -192,8 +192,14 @@ impl ProbeScene<'_, '_, '_> {
             Incoming::Black => None,
             Incoming::Surface(hit) => {
                 let p = at + direction * hit.t;
-                let solution = self.solution;
-                Some(tint * solution.radiance(self.world, self.direct, &hit, p, seed))
+                let (world, solution) = (self.world, self.solution);
+                let all = solution.radiance(world, self.direct, &hit, p, seed);
+                let boost = world.bounce.reflected;
+                if boost == 1.0 {
+                    return Some(tint * all);
+                }
+                let glow = world.gathered_emission(hit.triangle, hit.u, hit.v);
+                Some(tint * (glow + (all - glow) * boost))
             }
         }
     }

@@ -128,6 +128,8 @@ pub(crate) struct Bake {
     /// {"points": [[x, y, z], …]}, or on a grid with this spacing in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
+    #[command(flatten)]
+    pub knobs: Knobs,
     /// Clamp reflectances to X [default: 0.98]
     #[arg(long, value_name = "X")]
     pub max_reflectance: Option<f32>,
@@ -264,6 +266,54 @@ impl From<&BoundsArgs> for Bounds {
             max_image: a.max_image.unwrap_or(default.max_image),
             memory: a.memory,
         }
+    }
+}
+
+/// Departures from physics.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Not physical (the report says so)")]
+pub(crate) struct Knobs {
+    /// Multiply light that surfaces reflected by X, wherever it is received
+    #[arg(long, value_name = "X")]
+    pub indirect_boost: Option<f32>,
+    /// Multiply the light of emissive materials by X; their own look stays
+    #[arg(long, value_name = "X")]
+    pub emissive_boost: Option<f32>,
+    /// Multiply reflectances by X while light bounces; the surfaces' own look stays
+    #[arg(long, value_name = "X")]
+    pub albedo_boost: Option<f32>,
+    /// Saturation of bounced colours: 0 grey, 1 as they are, above 1 stronger
+    #[arg(long, value_name = "X")]
+    pub bounce_saturation: Option<f32>,
+    /// Least R = E/π of the lightmap, per channel: one number, R,G,B or #rrggbb
+    #[arg(long, value_name = "COLOR", value_parser = parse_color)]
+    pub ambient_floor: Option<[f32; 3]>,
+    /// Multiply the lightmap by this much of the ambient occlusion, 0 to 1; see --ao-distance
+    #[arg(long, value_name = "X")]
+    pub ao_multiply: Option<f32>,
+}
+
+impl Knobs {
+    fn apply(&self, out: &mut Layered) {
+        use Origin::Flag;
+        out.put(Flag, "indirect-boost", self.indirect_boost, |s, x| {
+            s.not_physical.indirect_boost = x
+        });
+        out.put(Flag, "emissive-boost", self.emissive_boost, |s, x| {
+            s.not_physical.emissive_boost = x
+        });
+        out.put(Flag, "albedo-boost", self.albedo_boost, |s, x| {
+            s.not_physical.albedo_boost = x
+        });
+        out.put(Flag, "bounce-saturation", self.bounce_saturation, |s, x| {
+            s.not_physical.bounce_saturation = x
+        });
+        out.put(Flag, "ambient-floor", self.ambient_floor, |s, x| {
+            s.not_physical.ambient_floor = x
+        });
+        out.put(Flag, "ao-multiply", self.ao_multiply, |s, x| {
+            s.not_physical.ao_multiply = x
+        });
     }
 }
 
@@ -491,6 +541,14 @@ fn parse_probes(text: &str) -> Result<ProbeSource, String> {
     }
 }
 
+/// A colour: a sky that is not a file.
+fn parse_color(text: &str) -> Result<[f32; 3], String> {
+    match parse_sky(text) {
+        Ok(SkySource::Color(c)) => Ok(c),
+        _ => Err("expected one number, R,G,B (each at least 0) or #rrggbb".into()),
+    }
+}
+
 pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
     if let Some(hex) = text.strip_prefix('#')
         && hex.len() == 6
@@ -622,6 +680,7 @@ impl Bake {
         out.put(Flag, "probes", self.probes.clone(), |s, x| {
             s.probes = Some(x)
         });
+        self.knobs.apply(&mut out);
         out.put(Flag, "max-reflectance", self.max_reflectance, |s, x| {
             s.max_reflectance = x
         });

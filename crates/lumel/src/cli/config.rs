@@ -211,6 +211,18 @@ struct FileOptions {
     #[serde(deserialize_with = "positive")]
     ao_distance: Option<f32>,
     probes: Option<ProbesValue>,
+    #[serde(deserialize_with = "not_negative")]
+    indirect_boost: Option<f32>,
+    #[serde(deserialize_with = "not_negative")]
+    emissive_boost: Option<f32>,
+    #[serde(deserialize_with = "not_negative")]
+    albedo_boost: Option<f32>,
+    #[serde(deserialize_with = "not_negative")]
+    bounce_saturation: Option<f32>,
+    #[serde(deserialize_with = "color")]
+    ambient_floor: Option<[f32; 3]>,
+    #[serde(deserialize_with = "not_negative")]
+    ao_multiply: Option<f32>,
     #[serde(deserialize_with = "positive")]
     max_reflectance: Option<f32>,
     hidden: Option<Choice<HiddenArg>>,
@@ -299,6 +311,24 @@ impl FileOptions {
                 grid => grid,
             })
         });
+        out.put(File, "indirect-boost", self.indirect_boost, |s, x| {
+            s.not_physical.indirect_boost = x
+        });
+        out.put(File, "emissive-boost", self.emissive_boost, |s, x| {
+            s.not_physical.emissive_boost = x
+        });
+        out.put(File, "albedo-boost", self.albedo_boost, |s, x| {
+            s.not_physical.albedo_boost = x
+        });
+        out.put(File, "bounce-saturation", self.bounce_saturation, |s, x| {
+            s.not_physical.bounce_saturation = x
+        });
+        out.put(File, "ambient-floor", self.ambient_floor, |s, x| {
+            s.not_physical.ambient_floor = x
+        });
+        out.put(File, "ao-multiply", self.ao_multiply, |s, x| {
+            s.not_physical.ao_multiply = x
+        });
         out.put(File, "max-reflectance", self.max_reflectance, |s, x| {
             s.max_reflectance = x
         });
@@ -380,6 +410,15 @@ fn positive<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f32>, D
 
 fn not_negative<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f32>, D::Error> {
     number_where(deserializer, |x| x >= 0.0, "a number of at least 0")
+}
+
+fn color<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f32; 3]>, D::Error> {
+    match SkyValue::deserialize(deserializer)?.0 {
+        SkySource::Color(c) => Ok(Some(c)),
+        _ => Err(D::Error::custom(
+            "found a file name, expected a number of at least 0, [R, G, B] or \"#rrggbb\"",
+        )),
+    }
 }
 
 fn factor<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f32, D::Error> {
