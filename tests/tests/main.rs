@@ -12,6 +12,7 @@ mod leaks;
 mod levels;
 mod lods;
 mod not_physical;
+mod page_groups;
 mod outputs;
 mod round_trip;
 mod seams;

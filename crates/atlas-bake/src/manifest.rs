@@ -120,6 +120,9 @@ pub struct ManifestPage {
     pub width: u32,
     /// Height in texels.
     pub height: u32,
+    /// Name of the page group, if it is in one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub group: Option<String>,
     /// The same page as KTX2, if that was written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ktx2: Option<ManifestKtx2>,
@@ -217,7 +220,9 @@ impl Manifest {
                 .pages
                 .iter()
                 .zip(page_uris)
-                .map(|(&[width, height], uri)| ManifestPage {
+                .enumerate()
+                .map(|(i, (&[width, height], uri))| ManifestPage {
+                    group: (layout.page_groups.get(i).cloned()).filter(|g| !g.is_empty()),
                     uri: uri.clone(),
                     width,
                     height,
@@ -347,6 +352,7 @@ mod tests {
             placements: vec![place(0, 0), place(1, 32)],
             pages: vec![[64, 32], [128, 16]],
             texels_per_unit: 2.5,
+            page_groups: vec![String::new(), "room".into()],
         };
         (scene, layout)
     }
@@ -361,8 +367,9 @@ mod tests {
         assert_eq!(json["value"], "radiance");
         assert_eq!(
             json["pages"][1],
-            serde_json::json!({"uri": "a.lightmap.1.exr", "width": 128, "height": 16})
+            serde_json::json!({"uri": "a.lightmap.1.exr", "width": 128, "height": 16, "group": "room"})
         );
+        assert!(json["pages"][0].get("group").is_none());
         let n = &json["nodes"][1];
         assert_eq!(
             (&n["node"], &n["copy"], &n["mesh"], &n["page"]),

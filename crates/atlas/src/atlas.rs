@@ -83,6 +83,8 @@ pub struct Layout {
     pub placements: Vec<Placement>,
     /// Width and height of each page in texels.
     pub pages: Vec<[u32; 2]>,
+    /// Name of each page's group, empty for pages of no group; an empty list if no page has one.
+    pub page_groups: Vec<String>,
     /// Requested lumels per metre.
     pub texels_per_unit: f32,
 }

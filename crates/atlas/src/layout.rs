@@ -1,5 +1,6 @@
 //! Layout of the whole lightmap: densities, charts by mesh, rectangles by instance, pages.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -110,6 +111,9 @@ pub struct LayoutReport {
     pub instances: usize,
     /// Sizes of the pages in texels.
     pub pages: Vec<[u32; 2]>,
+    /// Name of each page's group, empty for pages of no group; absent if no page has one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub page_groups: Vec<String>,
     /// Number of texels covered by charts, over all instances (by area).
     pub lumels: f64,
     /// `lumels` divided by the pages' texels.
@@ -123,6 +127,19 @@ pub struct LayoutReport {
     pub density: [f64; 3],
     /// Warnings for the user.
     pub warnings: Vec<String>,
+}
+
+impl LayoutReport {
+    /// Each page's size and group, for people: `512 x 256 (kitchen)`.
+    pub fn describe_pages(&self) -> Vec<String> {
+        let group = |i: usize| self.page_groups.get(i).filter(|g| !g.is_empty());
+        (self.pages.iter().enumerate())
+            .map(|(i, [w, h])| match group(i) {
+                Some(group) => format!("{w} x {h} ({group})"),
+                None => format!("{w} x {h}"),
+            })
+            .collect()
+    }
 }
 
 /// Report on one mesh's charts.
@@ -583,11 +600,43 @@ fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
     }
 }
 
-/// Gives every instance that receives light a rectangle of its mesh's size.
+/// Gives every instance that receives light a rectangle of its mesh's size. Page groups share no
+/// page: first come the pages of instances in none, then those of each group, by name.
 fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) {
-    let receiving: Vec<usize> = (0..scene.instances.len())
-        .filter(|&i| scene.has_lumels(i))
-        .collect();
+    let mut groups: BTreeMap<Option<&str>, Vec<usize>> = BTreeMap::new();
+    for i in (0..scene.instances.len()).filter(|&i| scene.has_lumels(i)) {
+        groups.entry(scene.page_group(i)).or_default().push(i);
+    }
+    let nowhere = Rect {
+        x: 0,
+        y: 0,
+        w: 0,
+        h: 0,
+    };
+    layout.placements = vec![
+        Placement {
+            page: 0,
+            rect: nowhere
+        };
+        scene.instances.len()
+    ];
+    let named = groups.keys().any(Option::is_some);
+    for (name, receiving) in &groups {
+        place_group(scene, options, receiving, layout);
+        if named {
+            let name = name.unwrap_or_default().to_string();
+            layout.page_groups.resize(layout.pages.len(), name);
+        }
+    }
+}
+
+/// Appends pages for these instances.
+fn place_group(
+    scene: &Scene,
+    options: &LayoutOptions,
+    receiving: &[usize],
+    layout: &mut Layout,
+) {
     let lone = receiving.len() == 1;
     // Generated charts keep their distance from the rectangle's border; an asset's own may touch
     // it.
@@ -605,23 +654,11 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
         })
         .collect();
     let packed = pack_pages(&sizes, max, options.block).unwrap_or_default();
-    let nowhere = Rect {
-        x: 0,
-        y: 0,
-        w: 0,
-        h: 0,
-    };
-    layout.placements = vec![
-        Placement {
-            page: 0,
-            rect: nowhere
-        };
-        scene.instances.len()
-    ];
+    let before = layout.pages.len() as u32;
     for ((&i, &(page, [x, y])), outer) in receiving.iter().zip(&packed.places).zip(&sizes) {
         let [w, h] = layout.meshes[mesh_of(i)].size;
         layout.placements[i] = Placement {
-            page,
+            page: before + page,
             rect: Rect {
                 x: x + (outer[0] - w) / 2,
                 y: y + (outer[1] - h) / 2,
@@ -630,7 +667,7 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
             },
         };
     }
-    layout.pages = packed.pages;
+    layout.pages.extend(packed.pages);
 }
 
 fn summarise(
@@ -640,6 +677,7 @@ fn summarise(
     report: &mut LayoutReport,
 ) {
     report.pages.clone_from(&layout.pages);
+    report.page_groups.clone_from(&layout.page_groups);
     let receiving = plan.meshes.iter().filter(|m| m.instances > 0);
     let (mut area, mut greediest) = (0.0, (0.0, String::new()));
     for (mesh, density) in report.meshes.iter().zip(receiving) {

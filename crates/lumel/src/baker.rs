@@ -107,6 +107,9 @@ options! {
     block_align(texels: u32) => |s| s.block = texels;
     /// Whether charts are aligned to blocks too.
     block_charts(yes: bool) => |s| s.block_charts = yes;
+    /// Gives meshes pages of their own by names of nodes and materials: see
+    /// [`Settings::page_by`].
+    page_by(pattern: impl Into<String>) => |s| s.page_by.push(pattern.into());
     /// Whether to use the asset's own `TEXCOORD_1` or new charts.
     uv(mode: UvMode) => |s| s.uv = mode;
     /// The unwrapper that makes new charts.

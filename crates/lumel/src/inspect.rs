@@ -15,6 +15,7 @@ use crate::early;
 use crate::error::Error;
 use crate::files::NamedFile;
 use crate::named::some_of;
+use crate::page_groups;
 use crate::pictures::Drawn;
 use crate::pipeline::plan_layout;
 use crate::report::clamped_warning;
@@ -78,6 +79,7 @@ pub fn inspect_and_draw(
     check(settings)?;
     let mut loaded = SceneInput::File(file).load(settings)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
+    page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
     atlas::separate_unlike(&mut loaded.scene);
     let scene = &loaded.scene;
     let soup = Soup::build(scene);
@@ -269,12 +271,7 @@ impl Inspection {
         if let Some(lods) = describe_lods(&self.ingest.lods) {
             writeln!(s, "  lods        {lods}")?;
         }
-        let pages: Vec<String> = self
-            .layout
-            .pages
-            .iter()
-            .map(|[w, h]| format!("{w} x {h}"))
-            .collect();
+        let pages = self.layout.describe_pages();
         writeln!(
             s,
             "  lightmap    {:.4} texels per metre, about {:.0} lumels, pages {} ({:.0} % used)",

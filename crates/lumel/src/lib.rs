@@ -67,6 +67,7 @@ mod named;
 mod not_physical;
 mod origin;
 mod overwrite;
+mod page_groups;
 mod pictures;
 mod pipeline;
 mod probes;

@@ -24,6 +24,7 @@ use crate::early;
 use crate::error::Error;
 use crate::memory::Need;
 use crate::overwrite;
+use crate::page_groups;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
 use crate::report::{Measured, PhaseTime, Report};
@@ -147,6 +148,7 @@ pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prep
     )?;
     brightness::check(&loaded.scene, &sky)?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
+    page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
     atlas::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
     early::density(&soup, settings)?;

@@ -146,6 +146,10 @@ pub struct Settings {
     pub block: u32,
     /// Whether charts are aligned to blocks too.
     pub block_charts: bool,
+    /// Names of nodes and materials, with wildcards, that give meshes pages of their own, in
+    /// addition to `extras.lumel.page`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub page_by: Vec<String>,
     /// Whether to use the asset's lightmap coordinates.
     pub uv: UvMode,
     /// The unwrapper that makes new ones.
@@ -257,6 +261,7 @@ impl Default for Settings {
             padding: 2,
             block: 4,
             block_charts: false,
+            page_by: Vec::new(),
             uv: UvMode::Auto,
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,

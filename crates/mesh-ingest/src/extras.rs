@@ -11,7 +11,7 @@ use crate::report::IngestReport;
 
 /// Keys of nodes; `radius` and `angle` apply to the node's light.
 const NODE_KEYS: &[&str] = &[
-    "angle", "bake", "density", "exclude", "lod", "occluder", "radius", "variant",
+    "angle", "bake", "density", "exclude", "lod", "occluder", "page", "radius", "variant",
 ];
 
 /// Keys of materials.
@@ -128,6 +128,20 @@ fn place(
     })
 }
 
+/// Longest name of a page group, characters: names are for people.
+const PAGE_NAME: usize = 64;
+
+/// Name of a page group.
+fn page(lumel: &Item<'_>, report: &mut IngestReport) -> Option<String> {
+    let expected = "a name of 1 to 64 characters";
+    value(lumel, "page", expected, report, |v| {
+        let name = v.as_str()?;
+        (1..=PAGE_NAME)
+            .contains(&name.chars().count())
+            .then(|| name.to_string())
+    })
+}
+
 /// A node's extras; `None` if a key is absent.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct NodeExtras {
@@ -143,6 +157,8 @@ pub(crate) struct NodeExtras {
     pub lod: Option<GroupMember>,
     /// The variant of the node and its children.
     pub variant: Option<GroupMember>,
+    /// Name of the page group of the node and its children.
+    pub page: Option<String>,
 }
 
 impl NodeExtras {
@@ -158,6 +174,7 @@ impl NodeExtras {
             density: density(&lumel, report),
             lod: place(&lumel, "lod", "level", report),
             variant: place(&lumel, "variant", "index", report),
+            page: page(&lumel, report),
         }
     }
 }

@@ -76,6 +76,8 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
         });
     }
     scene.origin = recentre(&mut scene, &mut report);
+    let name = |(node, page): (&usize, &usize)| (*node, graph.page_names[*page].clone());
+    scene.page_groups = graph.pages.iter().map(name).collect();
     lods::settle(&mut scene, &graph.lods, &mut report);
     lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
     let needed = needed_images(&scene.materials, &used_materials);

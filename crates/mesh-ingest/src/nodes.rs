@@ -1,5 +1,7 @@
 //! The scene graph: placed meshes and lights, and nodes that are left out.
 
+use std::collections::BTreeMap;
+
 use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3, Vec3};
 use serde_json::Value;
 
@@ -35,6 +37,9 @@ pub(crate) struct Graph {
     pub measured_lights: Vec<Placed>,
     /// Levels of detail and variants.
     pub lods: Lods,
+    /// Names of page groups, and the group of each node that is in one.
+    pub page_names: Vec<String>,
+    pub pages: BTreeMap<usize, usize>,
 }
 
 /// Properties that a node passes on to its children.
@@ -52,6 +57,8 @@ struct Inherited {
     density: f64,
     /// Level of detail and variant.
     marked: Marked,
+    /// The nearest `extras.lumel.page`: index into [`Graph::page_names`].
+    page: Option<usize>,
 }
 
 /// What animations change on each node.
@@ -96,6 +103,7 @@ pub(crate) fn walk(
         density: density_of_all(&root, chosen_scene(&root, scene).unwrap_or(None), report)
             .unwrap_or(1.0),
         marked: [None; 2],
+        page: None,
     };
     let mut stack: Vec<(usize, Inherited)> = roots.iter().rev().map(|&r| (r, top)).collect();
     while let Some((index, from_parent)) = stack.pop() {
@@ -183,7 +191,15 @@ fn visit(
             [extras.lod.as_ref(), extras.variant.as_ref()],
             from.marked,
         )?,
+        page: match &extras.page {
+            Some(name) => {
+                graph.page_names.push(name.clone());
+                Some(graph.page_names.len() - 1)
+            }
+            None => from.page,
+        },
     };
+    graph.pages.extend(own.page.map(|page| (index, page)));
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
     let light = light_of(&root, &node, "KHR_lights_punctual")?;
     let measured = light_of(&root, &node, "EXT_lights_ies")?;

@@ -42,9 +42,19 @@ pub struct Scene {
     /// For each group of levels of detail or variants, its instances that rays see, ascending; see
     /// [`Instance::stands_in`].
     pub firsts: Vec<Vec<usize>>,
+    /// Page groups: the name of each node's group, for nodes that are in one
+    /// (`extras.lumel.page` of the node or the nearest ancestor that has it). Instances of
+    /// different groups share no page of the lightmap.
+    pub page_groups: BTreeMap<usize, String>,
 }
 
 impl Scene {
+    /// The page group of instance `instance`.
+    pub fn page_group(&self, instance: usize) -> Option<&str> {
+        let node = self.instances[instance].node;
+        self.page_groups.get(&node).map(String::as_str)
+    }
+
     /// Whether primitive `primitive` of instance `instance` receives light, i.e. neither the node
     /// nor the material is an occluder.
     pub fn receives(&self, instance: usize, primitive: usize) -> bool {

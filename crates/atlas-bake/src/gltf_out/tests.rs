@@ -200,6 +200,7 @@ fn side_by_side(scene: &Scene, meshes: Vec<MeshAtlas>) -> Layout {
         placements,
         pages: vec![[x.max(1), height.max(1)]],
         texels_per_unit: 4.0,
+        ..Layout::default()
     }
 }
 

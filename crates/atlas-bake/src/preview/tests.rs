@@ -71,6 +71,7 @@ fn wall() -> (Scene, Layout, Vec<Page>) {
         placements: vec![Placement { page: 0, rect }],
         pages: vec![[16, 16]],
         texels_per_unit: 4.0,
+        ..Layout::default()
     };
     let value = (0..256)
         .map(|i| if i % 16 < 6 { [1.0; 3] } else { [3.0; 3] })

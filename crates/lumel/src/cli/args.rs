@@ -348,6 +348,11 @@ pub(crate) struct Plan {
     /// Override `block-charts = true` in the settings file
     #[arg(long, conflicts_with = "block_charts")]
     pub no_block_charts: bool,
+    /// Keep meshes on pages of their own: those of each node that matches PATTERN (with its
+    /// children), or with a material that matches. The name is the group's. `*` and `?` are
+    /// wildcards; extras.lumel.page of a node takes precedence; repeatable
+    #[arg(long, value_name = "PATTERN")]
+    pub page_by: Vec<String>,
     /// Use the asset's TEXCOORD_1 or make new charts [default: auto]
     #[arg(long, value_enum)]
     pub uv: Option<UvArg>,
@@ -604,6 +609,7 @@ impl Plan {
         out.put(Flag, "block-align", self.block_align, |s, x| s.block = x);
         let charts = either(self.block_charts, self.no_block_charts);
         out.put(Flag, "block-charts", charts, |s, x| s.block_charts = x);
+        out.put(Flag, "page-by", given(&self.page_by), |s, x| s.page_by = x);
         out.put(Flag, "uv", self.uv, |s, x| s.uv = x.into());
         out.put(Flag, "unwrapper", self.unwrapper, |s, x| {
             s.unwrapper = x.into()

@@ -253,11 +253,7 @@ fn bake(
         display.say(&format!("  lods      {lods}"));
     }
     let layout = &bake.report.layout;
-    let pages: Vec<String> = layout
-        .pages
-        .iter()
-        .map(|[w, h]| format!("{w} x {h}"))
-        .collect();
+    let pages = layout.describe_pages();
     display.say(&format!(
         "  lightmap  {:.4} texels per unit, {} lumels, pages {}",
         layout.texels_per_unit,

@@ -190,6 +190,7 @@ struct FileOptions {
     padding: Option<u32>,
     block_align: Option<u32>,
     block_charts: Option<bool>,
+    page_by: Option<Vec<String>>,
     uv: Option<Choice<UvArg>>,
     unwrapper: Option<Choice<UnwrapperArg>>,
     quality: Option<Choice<QualityArg>>,
@@ -249,6 +250,7 @@ impl FileOptions {
         out.put(File, "block-charts", self.block_charts, |s, x| {
             s.block_charts = x
         });
+        out.put(File, "page-by", self.page_by, |s, x| s.page_by = x);
         out.put(File, "uv", self.uv, |s, x| s.uv = x.0.into());
         out.put(File, "unwrapper", self.unwrapper, |s, x| {
             s.unwrapper = x.0.into()

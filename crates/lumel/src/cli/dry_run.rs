@@ -21,9 +21,7 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
         writeln!(out, "{v:#}")?;
         return Ok(());
     }
-    let pages: Vec<String> = (e.layout.pages.iter())
-        .map(|[w, h]| format!("{w} x {h}"))
-        .collect();
+    let pages = e.layout.describe_pages();
     writeln!(out, "scene     {}, {} triangles", e.scene, e.triangles)?;
     if let Some((path, _)) = &provenance.config {
         writeln!(out, "settings  {}", path.display())?;
