@@ -132,5 +132,8 @@ fn a_pattern_without_a_match_is_an_error_that_lists_names() {
     let e = lumel::bake(&path, &settings(&["room_*", "kitchen"]), &Silent).expect_err("no kitchen");
     assert!(matches!(e, Error::Setting(_)));
     let text = e.to_string();
-    assert!(text.contains("\"kitchen\"") && text.contains("\"moss\""), "{text}");
+    assert!(
+        text.contains("\"kitchen\"") && text.contains("\"moss\""),
+        "{text}"
+    );
 }

@@ -631,12 +631,7 @@ fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) 
 }
 
 /// Appends pages for these instances.
-fn place_group(
-    scene: &Scene,
-    options: &LayoutOptions,
-    receiving: &[usize],
-    layout: &mut Layout,
-) {
+fn place_group(scene: &Scene, options: &LayoutOptions, receiving: &[usize], layout: &mut Layout) {
     let lone = receiving.len() == 1;
     // Generated charts keep their distance from the rectangle's border; an asset's own may touch
     // it.
