@@ -15,7 +15,7 @@ fn level() -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
     let moss = b.material(&Material::diffuse("moss", [0.2, 0.5, 0.1]));
-    let cube = cuboid(Vec3::ZERO, Vec3::ONE).bare();
+    let cube = cuboid(Vec3::ZERO, Vec3::ONE, 1).bare();
     let plain = b.mesh("cube", &[(&cube, grey)]);
     let mossy = b.mesh("mossy", &[(&cube, moss)]);
     let mut x = 0.0;
@@ -43,7 +43,7 @@ fn level() -> Vec<u8> {
         children: vec![loose],
         ..Node::default()
     });
-    let sun = b.light("sun", Light::Directional([1.0; 3]), json!({}));
+    let sun = b.light("sun", Light::Directional([1.0; 3]));
     b.node(Node {
         light: Some(sun),
         ..Node::default()
