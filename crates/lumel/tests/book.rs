@@ -131,7 +131,10 @@ fn every_option_exists() {
 fn every_field_of_the_report_exists() {
     let t = temp();
     let scene = write(t.path().join("level.gltf"), quads::scene());
-    let options = format!("--sun {} --probes 4 --ktx2 rgb9e5 --page-by flat", quads::sun());
+    let options = format!(
+        "--sun {} --probes 4 --ktx2 rgb9e5 --page-by flat",
+        quads::sun()
+    );
     let out = t.path().join("out");
     bake(&scene, &out, &options).ok();
     let report = parse(fs::read(out.join("level.report.json")).expect("a report"));
