@@ -54,6 +54,30 @@ pub struct Soup {
     pub dropped_duplicate: u64,
     /// Number of triangles at the end of the list that rays do not see.
     pub unseen: usize,
+    /// Single-sided triangles back to back with another one, sorted by `of`.
+    twins: Vec<Twin>,
+}
+
+/// The other side of a single-sided triangle: a single-sided triangle with the same corners that
+/// faces the other way.
+///
+/// A ray that meets such a pair hits both at the same distance. It must see the one that faces it,
+/// whichever of them the tree reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Twin {
+    of: u32,
+    /// The triangle that faces the other way.
+    pub triangle: u32,
+    /// For each of its corners, the corresponding corner of `of`.
+    corners: [u8; 3],
+}
+
+impl Twin {
+    /// The twin's barycentric weights of corners 1 and 2 at the same place.
+    pub fn weights(&self, u: f32, v: f32) -> [f32; 2] {
+        let own = [1.0 - u - v, u, v];
+        [1, 2].map(|k: usize| own[self.corners[k] as usize])
+    }
 }
 
 /// A triangle that rays never hit, because another one coincides with it.
@@ -192,6 +216,13 @@ impl Soup {
             .get((face as usize).checked_sub(self.len())?)
     }
 
+    /// The triangle back to back with a single-sided one.
+    #[inline]
+    pub fn twin(&self, triangle: u32) -> Option<&Twin> {
+        let at = self.twins.binary_search_by_key(&triangle, |t| t.of).ok()?;
+        Some(&self.twins[at])
+    }
+
     /// Triangles whose back is shown by a coincident face that has its own lumels.
     pub fn backed(&self) -> BTreeSet<u32> {
         (self.duplicates.iter().filter(|d| d.turned))
@@ -212,6 +243,7 @@ impl Soup {
         order.par_sort_unstable();
         // (Dropped triangle, coinciding triangle.)
         let mut dropped: Vec<(u32, u32)> = Vec::new();
+        let mut back_to_back: Vec<[u32; 2]> = Vec::new();
         for run in order
             .chunk_by(|a, b| a.0 == b.0)
             .filter(|run| run.len() > 1)
@@ -243,9 +275,16 @@ impl Soup {
                         }
                     }
                 }
+                if let [Some(a), Some(b)] = sides
+                    && a != b
+                {
+                    back_to_back.extend([[a, b], [b, a]]);
+                }
             }
         }
+        back_to_back.sort_unstable();
         if dropped.is_empty() {
+            self.find_twins(&back_to_back, |i| i);
             return;
         }
         dropped.sort_unstable();
@@ -260,18 +299,15 @@ impl Soup {
                 Some(*kept - u32::from(*k))
             })
             .collect();
+        self.find_twins(&back_to_back, |i| before[i as usize]);
         self.duplicates = (dropped.iter())
             .map(|&(i, kept)| {
                 let (own, other) = (self.order(i), self.order(kept));
-                let mut corners = [0; 3];
-                for (o, k) in own.places.into_iter().zip(other.places) {
-                    corners[o as usize] = k;
-                }
                 Duplicate {
                     source: self.sources[i as usize],
                     material: self.materials[i as usize],
                     kept: before[kept as usize],
-                    corners,
+                    corners: own.corners_of(&other),
                     turned: own.odd != other.odd,
                 }
             })
@@ -281,6 +317,18 @@ impl Soup {
         retain(&mut self.areas, &keep);
         retain(&mut self.sources, &keep);
         retain(&mut self.materials, &keep);
+    }
+
+    /// Records pairs of a triangle and its twin, in ascending order; `renamed` gives the index of a
+    /// triangle once duplicates are dropped.
+    fn find_twins(&mut self, pairs: &[[u32; 2]], renamed: impl Fn(u32) -> u32) {
+        self.twins = (pairs.iter())
+            .map(|&[of, triangle]| Twin {
+                of: renamed(of),
+                triangle: renamed(triangle),
+                corners: self.order(triangle).corners_of(&self.order(of)),
+            })
+            .collect();
     }
 
     fn order(&self, triangle: u32) -> Key {
@@ -363,6 +411,16 @@ impl Key {
             places,
             odd,
         }
+    }
+
+    /// For each of the triangle's corners, the corresponding corner of another one with the same
+    /// corners.
+    fn corners_of(&self, other: &Key) -> [u8; 3] {
+        let mut corners = [0; 3];
+        for (own, of) in self.places.into_iter().zip(other.places) {
+            corners[own as usize] = of;
+        }
+        corners
     }
 }
 

@@ -328,7 +328,7 @@ impl<'a> World<'a> {
             t_max: f32::INFINITY,
         };
         let coin = Coin::new(self.scene, self.soup);
-        let hit = self.bvh.closest_hit(&ray, &coin);
+        let hit = (self.bvh.closest_hit(&ray, &coin)).map(|hit| self.facing(hit));
         let tint = if self.tinted && coin.passed_glass() {
             let t_max = hit.map_or(f32::INFINITY, |h| self.just_before(&ray, &h));
             let glass = Glass::behind_the_coin(self.scene, self.soup);
@@ -360,7 +360,17 @@ impl<'a> World<'a> {
 
     /// The first surface along a ray, whichever side it shows.
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        self.bvh.closest_hit(ray, &Coin::new(self.scene, self.soup))
+        let hit = (self.bvh).closest_hit(ray, &Coin::new(self.scene, self.soup))?;
+        Some(self.facing(hit))
+    }
+
+    /// See [`facing`].
+    #[inline]
+    fn facing(&self, hit: Hit) -> Hit {
+        match hit.back && !self.two_sided(hit.triangle) {
+            true => facing(self.soup, hit),
+            false => hit,
+        }
     }
 
     /// Transmittance (per channel, 0..=1) from `origin` along `direction` (any length) to parameter
@@ -417,7 +427,7 @@ impl<'a> World<'a> {
                 t_min: 0.0,
                 t_max: 1.0,
             };
-            self.bvh.closest_hit(&ray, &Opaque)
+            (self.bvh.closest_hit(&ray, &Opaque)).map(|hit| self.facing(hit))
         };
         // One of the two segments may hit nothing.
         let shows = |hit: Option<Hit>, back: bool| {
@@ -537,6 +547,22 @@ impl<'a> World<'a> {
         } else {
             Vec3::ZERO
         }
+    }
+}
+
+/// A hit on the back of a single-sided triangle, moved to the front of the triangle that is back to
+/// back with it, if there is one: both are at the same distance, and the tree reports either.
+pub fn facing(soup: &Soup, hit: Hit) -> Hit {
+    let Some(twin) = soup.twin(hit.triangle) else {
+        return hit;
+    };
+    let [u, v] = twin.weights(hit.u, hit.v);
+    Hit {
+        triangle: twin.triangle,
+        t: hit.t,
+        u,
+        v,
+        back: false,
     }
 }
 

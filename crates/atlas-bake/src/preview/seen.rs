@@ -148,10 +148,13 @@ impl LitScene<'_> {
             t_max: f32::INFINITY,
         };
         for _ in 0..MAX_LAYERS {
-            let Some(hit) = self.bvh.closest_hit(&ray, &Masks(self.scene, self.soup)) else {
+            let Some(mut hit) = self.bvh.closest_hit(&ray, &Masks(self.scene, self.soup)) else {
                 break;
             };
             ray.t_min = hit.t;
+            if hit.back {
+                hit = radiosity::facing(self.soup, hit);
+            }
             let material =
                 &self.scene.materials[self.soup.materials[hit.triangle as usize] as usize];
             if hit.back && !material.double_sided {
