@@ -152,6 +152,9 @@ options! {
     not_physical(knobs: NotPhysical) => |s| s.not_physical = knobs;
     /// Value of lumels that are partly inside or behind something.
     hidden(kind: Hidden) => |s| s.hidden = kind;
+    /// Whether sheets with different light on their two sides get faces of their own for each side;
+    /// true by default.
+    split_sides(yes: bool) => |s| s.split_sides = yes;
     /// Whether chart borders are stitched, so that lookups on both sides agree; true by default.
     stitch(yes: bool) => |s| s.stitch = yes;
     /// Also writes every page as KTX2 in this format.

@@ -1,5 +1,6 @@
 //! Plan and cost of a bake, without baking.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::Instant;
 
@@ -103,7 +104,7 @@ pub fn estimate(
     let start = Instant::now();
     let Prepared {
         loaded, soup, sky, ..
-    } = prepare(SceneInput::File(file), settings)?;
+    } = prepare(SceneInput::File(file), settings, &BTreeSet::new())?;
     let scene = &loaded.scene;
     let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
     let probes = match (&settings.probes, points) {

@@ -1,6 +1,6 @@
 //! `lumel inspect`: what a bake would do, and every problem found.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -77,7 +77,7 @@ pub fn inspect_and_draw(
     monitor: &dyn Monitor,
 ) -> Result<(Inspection, Vec<NamedFile>, usize), Error> {
     check(settings)?;
-    let mut loaded = SceneInput::File(file).load(settings)?;
+    let mut loaded = SceneInput::File(file).load(settings, &BTreeSet::new())?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
     atlas::separate_unlike(&mut loaded.scene);

@@ -80,6 +80,7 @@ mod scene_input;
 mod settings;
 mod sky;
 mod sources;
+mod split;
 mod two_sides;
 mod units;
 pub mod view;

@@ -1,5 +1,6 @@
 //! The bake from the input file to the output files.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -32,6 +33,7 @@ use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
 use crate::sources::{Chosen, Sources};
+use crate::split;
 use crate::units;
 use crate::warnings::Warned;
 
@@ -125,8 +127,12 @@ pub(crate) struct Early {
 ///
 /// # Errors
 /// [`Error`], by fault.
-pub(crate) fn prepare(scene: SceneInput<'_>, settings: &Settings) -> Result<Prepared, Error> {
-    let mut loaded = scene.load(settings)?;
+pub(crate) fn prepare(
+    scene: SceneInput<'_>,
+    settings: &Settings,
+    split_sides: &BTreeSet<(usize, usize)>,
+) -> Result<Prepared, Error> {
+    let mut loaded = scene.load(settings, split_sides)?;
     let mut early = Early::default();
     let document = loaded.document.json();
     (early.notes).extend(units::settle(&mut loaded.scene, document, settings.units));
@@ -255,6 +261,46 @@ pub(crate) fn bake_scene(
     beside: &Beside<'_>,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
+    let mut clock = Clock::new();
+    let shared = BTreeSet::new();
+    match bake_with(
+        scene, settings, provenance, beside, monitor, &shared, &mut clock,
+    )? {
+        Attempt::Done(bake) => Ok(*bake),
+        // At most once: the light is solved anew with the separate sides, which have none to share.
+        Attempt::Split(sides) => {
+            let beside = Beside {
+                first_picture: None,
+                tell: None,
+                ..*beside
+            };
+            match bake_with(
+                scene, settings, provenance, &beside, monitor, &sides, &mut clock,
+            )? {
+                Attempt::Done(bake) => Ok(*bake),
+                Attempt::Split(_) => Err(Error::Internal("sides were split twice".into())),
+            }
+        }
+    }
+}
+
+/// How far a bake came.
+enum Attempt {
+    Done(Box<Bake>),
+    /// These primitives (mesh, primitive) need separate faces for their two sides.
+    Split(BTreeSet<(usize, usize)>),
+}
+
+/// Bakes with separate faces for the sides of `split`.
+fn bake_with(
+    scene: SceneInput<'_>,
+    settings: &Settings,
+    provenance: &Provenance,
+    beside: &Beside<'_>,
+    monitor: &dyn Monitor,
+    split: &BTreeSet<(usize, usize)>,
+    clock: &mut Clock,
+) -> Result<Attempt, Error> {
     let cache = beside.cache;
     let file = scene.path();
     check(settings)?;
@@ -265,7 +311,6 @@ pub(crate) fn bake_scene(
     // hash.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
-    let mut clock = Clock::new();
     begin(monitor, Phase::Ingest)?;
     let Prepared {
         loaded,
@@ -274,7 +319,7 @@ pub(crate) fn bake_scene(
         sky,
         clamped_materials,
         early,
-    } = prepare(scene, settings)?;
+    } = prepare(scene, settings, split)?;
     if let Some(tell) = beside.tell {
         let warnings = early.warnings.iter().map(|w| Remark::Warning(w));
         let notes = early.notes.iter().map(|n| Remark::Note(n));
@@ -311,15 +356,22 @@ pub(crate) fn bake_scene(
             level.check_memory(&planned, &sky)?;
         }
         clock.lap(Phase::Atlas);
-        (planned, level.light(sky, groups, monitor, &mut clock)?)
+        (planned, level.light(sky, groups, monitor, clock)?)
     } else {
-        level.charts_and_light(kept, sky, groups, monitor, &mut clock)?
+        level.charts_and_light(kept, sky, groups, monitor, clock)?
     };
     let Lit {
         world,
         emitters,
         solution,
     } = lit;
+
+    if settings.split_sides && split.is_empty() {
+        let wanted = split::wanted(&loaded, &world, &solution);
+        if !wanted.is_empty() {
+            return Ok(Attempt::Split(wanted));
+        }
+    }
 
     begin(monitor, Phase::Gather)?;
     let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
@@ -338,10 +390,11 @@ pub(crate) fn bake_scene(
         None => (None, None),
     };
     let Early {
-        notes,
+        mut notes,
         warnings: mut all,
         dark: foretold,
     } = early;
+    notes.extend(split::note(&loaded.scene, split));
     let warned = Warned {
         loaded: &loaded,
         world: &world,
@@ -389,7 +442,7 @@ pub(crate) fn bake_scene(
             ..Measured::default()
         },
     };
-    Ok(Bake {
+    Ok(Attempt::Done(Box::new(Bake {
         loaded,
         layout,
         baked,
@@ -399,8 +452,8 @@ pub(crate) fn bake_scene(
         option_inputs,
         stem,
         value: settings.value,
-        clock,
-    })
+        clock: clock.clone(),
+    })))
 }
 
 /// A level that was read, and the settings.

@@ -1,5 +1,6 @@
 //! Input of a bake: a file, or a document in memory.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
@@ -27,9 +28,15 @@ impl<'a> SceneInput<'a> {
         }
     }
 
-    /// Reads the scene that the settings choose.
-    pub(crate) fn load(self, settings: &Settings) -> Result<Loaded, Error> {
+    /// Reads the scene that the settings choose, with separate faces for the two sides of some
+    /// primitives.
+    pub(crate) fn load(
+        self,
+        settings: &Settings,
+        split_sides: &BTreeSet<(usize, usize)>,
+    ) -> Result<Loaded, Error> {
         let options = LoadOptions {
+            split_sides: split_sides.clone(),
             scene: settings.scene,
             ignore_lod_names: !settings.lods,
             allow_outside: settings.bounds.allow_outside,

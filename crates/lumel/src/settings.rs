@@ -192,6 +192,8 @@ pub struct Settings {
     pub max_reflectance: f32,
     /// Value of lumels that are partly inside or behind something.
     pub hidden: Hidden,
+    /// Whether sheets with different light on their two sides get faces of their own for each side.
+    pub split_sides: bool,
     /// Whether bilinear lookups on both sides of chart borders are made to agree.
     pub stitch: bool,
     /// Whether the scene with vertex colours is baked too. If false, no light is computed for it
@@ -281,6 +283,7 @@ impl Default for Settings {
             error: None,
             max_reflectance: 0.98,
             hidden: Hidden::Fill,
+            split_sides: true,
             stitch: true,
             vertex_colors: true,
             vertex_error: None,

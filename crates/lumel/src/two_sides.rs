@@ -3,6 +3,8 @@
 //! A double-sided face has one place in the lightmap, which holds the light of its front. A wall
 //! without thickness between a bright and a dark room is wrong in one of them, whatever it holds.
 
+use glam::Vec3;
+use mesh_ingest::TriangleSource;
 use radiosity::{Solution, World, luminance};
 
 use crate::named::{node_of, some_of};
@@ -60,19 +62,44 @@ pub(crate) fn warning(world: &World, solution: &Solution) -> Option<String> {
 
 /// Light of the sheets of each instance.
 fn sides(world: &World, solution: &Solution) -> Vec<Sides> {
-    let (soup, cut) = (world.soup, &solution.cut);
     let mut out = vec![Sides::default(); world.scene.instances.len()];
+    each_side(world, solution, |patch| {
+        let of = &mut out[patch.source.instance as usize];
+        let side = usize::from(patch.back);
+        of.light[side] += f64::from(luminance(patch.light) * patch.area);
+        of.area[side] += f64::from(patch.area);
+    });
+    out
+}
+
+/// A visible patch of a double-sided face.
+pub(crate) struct SidePatch<'a> {
+    pub source: &'a TriangleSource,
+    /// A triangle of it, in the soup.
+    pub triangle: u32,
+    /// Whether it is on the back.
+    pub back: bool,
+    /// Irradiance.
+    pub light: Vec3,
+    /// Area, m².
+    pub area: f32,
+}
+
+/// Calls `take` with each of them.
+pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut(&SidePatch)) {
+    let (soup, cut) = (world.soup, &solution.cut);
     let backed = soup.backed();
     for (i, patch) in cut.patches().iter().enumerate() {
-        let t = cut.elements()[patch.first_element as usize].triangle;
-        if patch.hidden || !world.two_sided(t) || backed.contains(&t) {
+        let triangle = cut.elements()[patch.first_element as usize].triangle;
+        if patch.hidden || !world.two_sided(triangle) || backed.contains(&triangle) {
             continue;
         }
-        let light = luminance(solution.direct_mean[i] + solution.indirect[i]);
-        let sides = &mut out[soup.sources[t as usize].instance as usize];
-        let side = usize::from(patch.back);
-        sides.light[side] += f64::from(light * patch.area);
-        sides.area[side] += f64::from(patch.area);
+        take(&SidePatch {
+            source: &soup.sources[triangle as usize],
+            triangle,
+            back: patch.back,
+            light: solution.direct_mean[i] + solution.indirect[i],
+            area: patch.area,
+        });
     }
-    out
 }

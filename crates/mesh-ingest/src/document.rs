@@ -14,6 +14,7 @@ use crate::files::{Files, MemoryDocument};
 use crate::input::{Digest, Input};
 use crate::json::Item;
 use crate::options::{Limits, LoadOptions};
+use crate::sides;
 use crate::uri::Target;
 use crate::version;
 
@@ -160,6 +161,28 @@ impl Document {
         }
     }
 
+    /// Adds a buffer; returns its index.
+    pub(crate) fn add_buffer(&mut self, bytes: Vec<u8>) -> usize {
+        let index = self.buffers.len();
+        if let Some(list) = self.json["buffers"].as_array_mut() {
+            list.push(serde_json::json!({ "byteLength": bytes.len() }));
+        }
+        self.buffers.push(Some(bytes));
+        index
+    }
+
+    /// The JSON, for changes before anything is read from it. Call
+    /// [`refresh_views`](Self::refresh_views) after adding buffer views.
+    pub(crate) fn json_mut(&mut self) -> &mut Value {
+        &mut self.json
+    }
+
+    /// Makes room for the decoded contents of all buffer views.
+    pub(crate) fn refresh_views(&mut self) {
+        let views = self.json["bufferViews"].as_array().map_or(0, Vec::len);
+        self.decoded.resize_with(views, OnceLock::new);
+    }
+
     pub(crate) fn root(&self) -> Item<'_> {
         Item::root(&self.json)
     }
@@ -192,6 +215,14 @@ impl Document {
     /// floats (`1.0`) are integers.
     pub fn json(&self) -> &Value {
         &self.json
+    }
+
+    /// Whether the two sides of a primitive can become separate ones; see
+    /// [`LoadOptions::split_sides`].
+    pub fn can_split(&self, mesh: usize, primitive: usize) -> bool {
+        let item = self.root().element("meshes", mesh);
+        item.and_then(|mesh| mesh.element("primitives", primitive))
+            .is_ok_and(|item| sides::can_split(&item))
     }
 
     /// All files that were read, each once: the document first, then buffers, IES profiles and

@@ -55,6 +55,7 @@ mod report;
 mod scene;
 mod settle;
 mod shading;
+mod sides;
 mod soup;
 mod uri;
 mod version;

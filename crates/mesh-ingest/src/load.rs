@@ -19,7 +19,7 @@ use crate::primitive::{Want, attribute_list, primitive_mode};
 use crate::report::{IngestReport, Totals};
 use crate::scene::{Instance, Mesh, Primitive, Scene};
 use crate::settle::{needed_images, settle_alpha};
-use crate::{environment, extensions, extras, images, lights, lods};
+use crate::{environment, extensions, extras, images, lights, lods, sides};
 
 /// A loaded document in normal form, the original, and a report.
 #[derive(Debug)]
@@ -57,6 +57,10 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     extensions::check(&document.root(), &mut faults, &mut report);
     check_layout(&document, &mut faults);
     faults.check(path)?;
+    if !options.split_sides.is_empty() {
+        faults.take(sides::split(&mut document, &options.split_sides));
+        faults.check(path)?;
+    }
 
     let graph = nodes::walk(&document, options, &mut faults, &mut report);
     let materials = read_materials(&document, options.scene, &mut faults, &mut report);

@@ -1,5 +1,7 @@
 //! Options of a load.
 
+use std::collections::BTreeSet;
+
 /// Options of [`load`](crate::load).
 #[derive(Debug, Clone, Default)]
 pub struct LoadOptions {
@@ -12,6 +14,10 @@ pub struct LoadOptions {
     pub allow_outside: bool,
     /// Ignore levels of detail in node names; extras and `MSFT_lod` still apply.
     pub ignore_lod_names: bool,
+    /// Double-sided primitives (mesh, primitive of the mesh) that are to become two single-sided
+    /// ones, so that each side has its own lumels. Those with extensions or morph targets stay as
+    /// they are.
+    pub split_sides: BTreeSet<(usize, usize)>,
     /// Limits beyond which a load fails with [`Error::Limit`](crate::Error::Limit) instead of
     /// exhausting the machine.
     pub limits: Limits,

@@ -136,6 +136,12 @@ pub(crate) struct Bake {
     /// Value of lumels that are partly inside or behind something [default: fill]
     #[arg(long, value_enum)]
     pub hidden: Option<HiddenArg>,
+    /// Keep one lightmap value for both sides of double-sided faces, even if their light differs
+    #[arg(long)]
+    pub no_split_sides: bool,
+    /// Override `split-sides = false` in the settings file
+    #[arg(long, conflicts_with = "no_split_sides")]
+    pub split_sides: bool,
     /// Do not stitch chart borders
     #[arg(long)]
     pub no_stitch: bool,
@@ -691,6 +697,8 @@ impl Bake {
             s.max_reflectance = x
         });
         out.put(Flag, "hidden", self.hidden, |s, x| s.hidden = x.into());
+        let sides = either(self.split_sides, self.no_split_sides);
+        out.put(Flag, "split-sides", sides, |s, x| s.split_sides = x);
         let stitch = either(self.stitch, self.no_stitch);
         out.put(Flag, "stitch", stitch, |s, x| s.stitch = x);
         let colors = either(self.vertex_colors, self.no_vertex_colors);

@@ -228,6 +228,7 @@ struct FileOptions {
     max_reflectance: Option<f32>,
     hidden: Option<Choice<HiddenArg>>,
     units: Option<Choice<UnitsArg>>,
+    split_sides: Option<bool>,
     stitch: Option<bool>,
     vertex_colors: Option<bool>,
     #[serde(deserialize_with = "positive")]
@@ -336,6 +337,9 @@ impl FileOptions {
         });
         out.put(File, "units", self.units, |s, x| s.units = x.0.into());
         out.put(File, "hidden", self.hidden, |s, x| s.hidden = x.0.into());
+        out.put(File, "split-sides", self.split_sides, |s, x| {
+            s.split_sides = x
+        });
         out.put(File, "stitch", self.stitch, |s, x| s.stitch = x);
         out.put(File, "vertex-colors", self.vertex_colors, |s, x| {
             s.vertex_colors = x

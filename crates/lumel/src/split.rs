@@ -1,0 +1,147 @@
+//! Chooses the double-sided primitives whose two sides get separate faces.
+//!
+//! A lightmap has one value for both sides of a face. If people can be on both sides of a sheet and
+//! its light differs, as on a wall without thickness between two rooms, one value is wrong on one
+//! side. The outside of a room's shell, or the inside of a box, needs no lumels of its own.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::Vec3;
+use mesh_ingest::{Loaded, Scene};
+use radiosity::{Incoming, Solution, World, cosine_hemisphere, luminance, sample_4d};
+
+use crate::named::{node_of, some_of};
+use crate::two_sides::each_side;
+
+/// Difference of the light on two sides, relative to their mean, that is visible on walls.
+const DIFFERENT: f32 = 0.1;
+
+/// A place is inside the level if this fraction of its rays meets the front of something. The
+/// outside of a shell sees backs and the sky.
+const INSIDE: f32 = 0.1;
+
+/// The same where there is no light: a dark room has walls all around, the underside of an open
+/// crate only the floor.
+const INSIDE_IN_THE_DARK: f32 = 0.5;
+
+/// Irradiance below this fraction of the scene's mean counts as none.
+const UNLIT: f32 = 0.01;
+
+/// Rays from each patch.
+const RAYS: u32 = 8;
+
+/// Hits closer than this fraction of the sheet's size do not count: nobody looks between a picture
+/// and its wall.
+const TOUCHING: f32 = 0.05;
+
+/// One side of a primitive of an instance.
+#[derive(Clone, Copy, Default)]
+struct Side {
+    /// Irradiance × area.
+    light: Vec3,
+    area: f32,
+    rays: u32,
+    /// Rays that met the front of something.
+    fronts: u32,
+}
+
+impl Side {
+    fn mean(&self) -> Vec3 {
+        self.light / self.area.max(f32::MIN_POSITIVE)
+    }
+
+    /// Whether people can be there.
+    fn is_inside(&self, mean: f32) -> bool {
+        let dark = luminance(self.mean()) <= UNLIT * mean;
+        let least = if dark { INSIDE_IN_THE_DARK } else { INSIDE };
+        self.fronts as f32 >= least * self.rays as f32 && self.rays > 0
+    }
+}
+
+fn differ([a, b]: [Side; 2]) -> bool {
+    let (a, b) = (a.mean(), b.mean());
+    (a - b).abs().max_element() > DIFFERENT * 0.5 * (a + b).max_element()
+}
+
+/// The primitives to split, as (mesh, primitive) of the document.
+pub(crate) fn wanted(
+    loaded: &Loaded,
+    world: &World,
+    solution: &Solution,
+) -> BTreeSet<(usize, usize)> {
+    let scene = &loaded.scene;
+    let may = |instance: u32, primitive: u32| {
+        let mesh = &scene.meshes[scene.instances[instance as usize].mesh];
+        let primitive = &mesh.primitives[primitive as usize];
+        let material = &scene.materials[primitive.material];
+        !material.lets_light_through()
+            && !material.occluder_only
+            && !scene.instances[instance as usize].occluder
+            && (loaded.document).can_split(mesh.gltf_mesh, primitive.gltf_primitive)
+    };
+    let mut found: BTreeMap<(u32, u32), [Side; 2]> = BTreeMap::new();
+    each_side(world, solution, |patch| {
+        let of = &mut found
+            .entry((patch.source.instance, patch.source.primitive))
+            .or_default()[usize::from(patch.back)];
+        of.light += patch.light * patch.area;
+        of.area += patch.area;
+    });
+    found.retain(|&(instance, primitive), sides| differ(*sides) && may(instance, primitive));
+    if found.is_empty() {
+        return BTreeSet::new();
+    }
+    each_side(world, solution, |patch| {
+        let key = (patch.source.instance, patch.source.primitive);
+        let Some(sides) = found.get_mut(&key) else {
+            return;
+        };
+        let of = &mut sides[usize::from(patch.back)];
+        let near = TOUCHING * of.area.sqrt();
+        of.rays += RAYS;
+        of.fronts += fronts(world, patch.triangle, patch.back, near);
+    });
+    let mean = luminance(solution.mean_irradiance().as_vec3());
+    (found.into_iter())
+        .filter(|(_, sides)| sides.iter().all(|s| s.is_inside(mean)))
+        .map(|((instance, primitive), _)| {
+            let mesh = &scene.meshes[scene.instances[instance as usize].mesh];
+            (
+                mesh.gltf_mesh,
+                mesh.primitives[primitive as usize].gltf_primitive,
+            )
+        })
+        .collect()
+}
+
+/// Names the nodes whose sides were split.
+pub(crate) fn note(scene: &Scene, split: &BTreeSet<(usize, usize)>) -> Option<String> {
+    let meshes: BTreeSet<usize> = split.iter().map(|(mesh, _)| *mesh).collect();
+    let nodes = (0..scene.instances.len())
+        .filter(|&i| meshes.contains(&scene.meshes[scene.instances[i].mesh].gltf_mesh));
+    (!split.is_empty()).then(|| {
+        format!(
+            "double-sided faces have different light on their two sides, so each side has faces of its own in the output: {} (--no-split-sides keeps one value for both)",
+            some_of(nodes.map(|i| node_of(scene, i)))
+        )
+    })
+}
+
+/// Number of [`RAYS`] from a side of a triangle that meet the front of something farther than
+/// `near`.
+fn fronts(world: &World, triangle: u32, back: bool, near: f32) -> u32 {
+    let met = (0..RAYS).filter(|&k| {
+        let s = sample_4d(k, 0, triangle);
+        let (u, v) = match s[2] + s[3] > 1.0 {
+            true => (1.0 - s[2], 1.0 - s[3]),
+            false => (s[2], s[3]),
+        };
+        let p = world.inset_point(triangle, u, v, back, false);
+        let toward = cosine_hemisphere(p.normal, s[0], s[1]);
+        match world.incoming(p.origin, toward).0 {
+            Incoming::Surface(hit) => !hit.back && hit.t > near,
+            Incoming::Escaped | Incoming::Black => false,
+        }
+    });
+    met.count() as u32
+}

@@ -1,0 +1,178 @@
+//! Gives each side of a double-sided primitive its own faces.
+//!
+//! A face has one place in a lightmap, so a sheet between two rooms can hold the light of only one
+//! of them. Here the document itself is changed, before it is read: the primitive becomes
+//! single-sided, and a copy of it that faces the other way is added. Everything after that, the
+//! writers included, sees an ordinary document.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::{Map, Value, json};
+
+use crate::document::Document;
+use crate::error::Outcome;
+use crate::json::Item;
+
+/// Number of a primitive in the document: mesh, primitive of that mesh.
+type PrimitiveNumber = (usize, usize);
+
+/// Component type and size of written indices and vectors.
+const U32: u32 = 5125;
+const F32: u32 = 5126;
+
+/// A primitive can be split if all of its data is in plain accessors, which the copy then shares or
+/// mirrors. With an extension or morph targets it may not be.
+pub(crate) fn can_split(primitive: &Item) -> bool {
+    let json = &primitive.value;
+    let is_list = json.get("mode").is_none_or(|m| m.as_u64() == Some(4));
+    let plain = json.get("extensions").is_none() && json.get("targets").is_none();
+    is_list && plain && json.get("material").is_some()
+}
+
+/// Splits the primitives of `which` that [`can_split`] allows. The copies follow all primitives of
+/// their mesh, in order.
+pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) -> Outcome<()> {
+    let mut added = Added::default();
+    let mut copies: Vec<(PrimitiveNumber, Value)> = Vec::new();
+    let root = document.root();
+    let [mut accessors, mut views, materials] = [
+        root.len_of("accessors")?,
+        root.len_of("bufferViews")?,
+        root.len_of("materials")?,
+    ];
+    // New material by old one.
+    let mut single: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut clones: Vec<Value> = Vec::new();
+    for &(mesh, number) in which {
+        let primitive = root
+            .element("meshes", mesh)?
+            .element("primitives", number)?;
+        if !can_split(&primitive) {
+            continue;
+        }
+        let Some(material) = primitive.opt_index("material", "materials", materials)? else {
+            continue;
+        };
+        let of_one_side = *single.entry(material).or_insert_with(|| {
+            let mut clone = root.value["materials"][material].clone();
+            clone["doubleSided"] = json!(false);
+            clones.push(clone);
+            materials + clones.len() - 1
+        });
+        let mut copy = primitive.value.clone();
+        copy["material"] = json!(of_one_side);
+        let mirrored = mirrored(document, &primitive)?;
+        for (slot, data) in mirrored {
+            added.push(&data, views);
+            views += 1;
+            let at = match slot {
+                "indices" => &mut copy[slot],
+                _ => &mut copy["attributes"][slot],
+            };
+            *at = json!(accessors);
+            accessors += 1;
+        }
+        copies.push(((mesh, number), copy));
+    }
+    if copies.is_empty() {
+        return Ok(());
+    }
+    let buffer = document.add_buffer(added.bytes);
+    let json = document.json_mut();
+    for view in &mut added.views {
+        view["buffer"] = json!(buffer);
+    }
+    append(json, "bufferViews", added.views);
+    append(json, "accessors", added.accessors);
+    append(json, "materials", clones);
+    for ((mesh, number), copy) in copies {
+        let primitives = &mut json["meshes"][mesh]["primitives"];
+        primitives[number]["material"] = copy["material"].clone();
+        if let Some(list) = primitives.as_array_mut() {
+            list.push(copy);
+        }
+    }
+    document.refresh_views();
+    Ok(())
+}
+
+fn append(json: &mut Value, list: &str, values: Vec<Value>) {
+    if let Some(list) = json[list].as_array_mut() {
+        list.extend(values);
+    }
+}
+
+/// Data of a new accessor.
+enum Data {
+    Indices(Vec<u32>),
+    Normals(Vec<[f32; 3]>),
+    Tangents(Vec<[f32; 4]>),
+}
+
+/// Members of the copy that differ: corners in reverse order, normals that point the other way, and
+/// tangents whose bitangent stays as it is.
+fn mirrored(document: &Document, primitive: &Item) -> Outcome<Vec<(&'static str, Data)>> {
+    let attribute = |name: &str| {
+        let number = primitive.value["attributes"][name].as_u64();
+        let number = number.and_then(|n| usize::try_from(n).ok());
+        number.map(|n| document.accessor(n)).transpose()
+    };
+    let indices = match primitive.opt_uint("indices")? {
+        Some(i) => document.accessor(i)?.to_indices().unwrap_or_default(),
+        None => {
+            let count = attribute("POSITION")?.map_or(0, |a| a.count);
+            (0..count as u32).collect()
+        }
+    };
+    let turned = indices
+        .chunks_exact(3)
+        .flat_map(|t| [t[0], t[2], t[1]])
+        .collect();
+    let mut out = vec![("indices", Data::Indices(turned))];
+    if let Some(normals) = attribute("NORMAL")? {
+        let normals = normals.to_floats::<3>(0.0);
+        let turned = normals.into_iter().map(|n| n.map(|x| -x)).collect();
+        out.push(("NORMAL", Data::Normals(turned)));
+    }
+    if let Some(tangents) = attribute("TANGENT")? {
+        let tangents = tangents.to_floats::<4>(1.0);
+        let turned = tangents.into_iter().map(|[x, y, z, w]| [x, y, z, -w]);
+        out.push(("TANGENT", Data::Tangents(turned.collect())));
+    }
+    Ok(out)
+}
+
+/// A buffer with its views and accessors.
+#[derive(Default)]
+struct Added {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Added {
+    fn push(&mut self, data: &Data, view: usize) {
+        let at = self.bytes.len();
+        let (component, kind, count) = match data {
+            Data::Indices(list) => {
+                (self.bytes).extend(list.iter().flat_map(|i| i.to_le_bytes()));
+                (U32, "SCALAR", list.len())
+            }
+            Data::Normals(list) => {
+                (self.bytes).extend(list.iter().flatten().flat_map(|x| x.to_le_bytes()));
+                (F32, "VEC3", list.len())
+            }
+            Data::Tangents(list) => {
+                (self.bytes).extend(list.iter().flatten().flat_map(|x| x.to_le_bytes()));
+                (F32, "VEC4", list.len())
+            }
+        };
+        let mut members = Map::new();
+        members.insert("byteOffset".into(), json!(at));
+        members.insert("byteLength".into(), json!(self.bytes.len() - at));
+        self.views.push(Value::Object(members));
+        self.accessors.push(json!({
+            "bufferView": view, "componentType": component, "count": count, "type": kind,
+        }));
+    }
+}
