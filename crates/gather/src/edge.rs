@@ -5,7 +5,7 @@ use radiosity::{
     sample_4d,
 };
 
-use crate::estimate::{BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
+use crate::estimate::{Around, BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gatherer::{Gatherer, known};
 use crate::parts::Parts;
@@ -123,6 +123,7 @@ impl Gatherer<'_, '_> {
             edge: Edge::Contact,
             rays,
             near: all.sums.iter().any(|s| s.near),
+            around: Point::around(counted()),
             behind: (dark && Point::in_the_void(counted()))
                 || Point::dark_shares(counted())[0] >= BEHIND,
             // A lumel that a wall cuts is not whole.
@@ -175,7 +176,8 @@ impl Gatherer<'_, '_> {
         (sorted, sampled.rays)
     }
 
-    /// The visible parts, the largest last, and a flag for each part that is hidden.
+    /// The visible parts, the largest last, and a flag for each part that is hidden. Parts outside
+    /// the level are hidden if others are in a room.
     fn seen_parts<F: Footprint>(&self, all: &Sorted<F>) -> (Vec<Seen>, Vec<bool>) {
         let mut hidden = vec![false; all.parts()];
         let dark: Vec<[f32; 2]> = (0..all.parts())
@@ -183,12 +185,15 @@ impl Gatherer<'_, '_> {
             .collect();
         let some_before = dark.iter().any(|d| d[0] < BEHIND && d[1] < MOSTLY_INSIDE);
         let mut seen: Vec<Seen> = Vec::with_capacity(all.parts());
+        let around: Vec<Around> = (0..all.parts()).map(|k| Point::around(all.of(k))).collect();
+        let some_in_a_room = all.walled && around.contains(&Around::Room);
         for (k, hidden) in hidden.iter_mut().enumerate() {
             let mask = all.mask(k);
             if !mask.contains(&true) {
                 continue;
             }
-            *hidden = some_before && dark[k][0] >= BEHIND;
+            let outside = some_in_a_room && around[k] == Around::Outside;
+            *hidden = outside || some_before && dark[k][0] >= BEHIND;
             if *hidden {
                 continue;
             }

@@ -19,6 +19,26 @@ pub(crate) const MOSTLY_INSIDE: f32 = 0.75;
 /// Half-way between nothing and the fraction right behind a plane.
 pub(crate) const BEHIND: f32 = 0.25;
 
+/// Points of whose rays fewer than this fraction meet the front of something are outside the level,
+/// if others near them are in a room: under a floor or beyond a wall there are only backs and the
+/// sky.
+const OUTSIDE: f32 = 0.1;
+
+/// Points of whose rays this fraction meets the front of something are in a room. Beside a fence on
+/// a plain it is half of them.
+const IN_A_ROOM: f32 = 0.75;
+
+/// What the rays of a footprint meet.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) enum Around {
+    /// Backs and the sky.
+    Outside,
+    #[default]
+    Open,
+    /// Fronts nearly everywhere.
+    Room,
+}
+
 /// Points disagree if their spread exceeds the noise of their rays by this factor (an F-test). One
 /// of sixteen points with eight rays that sees light through a slit with three of them is at 4.2.
 /// Gaussian noise exceeds 2.5 in 3 of 1000 lumels with sixteen points of eight rays. It exceeds 2
@@ -52,6 +72,8 @@ pub(crate) struct Point {
     pub black: u32,
     /// Number of rays that hit any backface.
     pub backs: u32,
+    /// Number of rays that hit any front.
+    pub fronts: u32,
     /// Number of rays that hit unlit backs of double-sided faces, or ended in the dark right above
     /// the point.
     pub unlit: u32,
@@ -92,6 +114,20 @@ impl Point {
             return [1.0; 2];
         }
         [black, black + unlit].map(|n| n as f32 / rays as f32)
+    }
+
+    /// What surrounds these points.
+    pub(crate) fn around<'p>(points: impl Iterator<Item = &'p Point>) -> Around {
+        let (mut fronts, mut rays) = (0, 0);
+        for p in points {
+            fronts += p.fronts;
+            rays += p.rays;
+        }
+        match fronts as f32 / rays.max(1) as f32 {
+            share if share < OUTSIDE => Around::Outside,
+            share if share < IN_A_ROOM => Around::Open,
+            _ => Around::Room,
+        }
     }
 
     /// Whether these points are invisible: nearly all of their rays end right above, or on unlit

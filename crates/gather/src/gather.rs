@@ -94,6 +94,7 @@ impl Gatherer<'_, '_> {
         out.rays += rays;
         out.near = near;
         out.void = void;
+        out.around = Point::around(sums.iter());
         out.behind = void && near || Point::dark_shares(sums.iter())[0] >= BEHIND;
         out.open = match in_the_open {
             0 if !buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,

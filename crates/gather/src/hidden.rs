@@ -1,9 +1,10 @@
 //! Hidden lumels take the light of their neighbours.
 
 use glam::Vec3;
-use radiosity::{World, luminance};
+use radiosity::{Backs, World, luminance};
 use rayon::prelude::*;
 
+use crate::estimate::Around;
 use crate::map::LumelMap;
 use crate::parts::LIFT;
 use crate::planes::Plane;
@@ -13,22 +14,30 @@ use crate::received::Received;
 /// them read it.
 ///
 /// Lumels behind a surface that their neighbours are in front of are filled too, e.g. a wall's
-/// first row below ground, which may see the sky from below.
+/// first row below ground, which may see the sky from below. So are those outside the level beside
+/// ones in a room, e.g. where a sofa's back passes through a wall without thickness.
 pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
     let mut filled: Vec<bool> = map.received.iter().map(|r| r.open > 0.0).collect();
     let received = &map.received;
     let behind: Vec<(usize, Received)> = (0..map.len())
         .into_par_iter()
         .with_min_len(1024)
-        .filter(|&i| received[i].behind && filled[i])
+        .filter(|&i| filled[i] && (received[i].behind || received[i].around == Around::Outside))
         .filter_map(|i| {
             let own = received[i].point(world);
             let lift = LIFT * received[i].size;
             let before = |j: usize| {
+                let other = &received[j];
+                let outside = received[i].around == Around::Outside;
+                let of = match outside && other.around == Around::Room {
+                    true => Backs::All,
+                    false if received[i].behind => Backs::Black,
+                    false => return false,
+                };
                 filled[j]
-                    && !received[j].behind
+                    && !other.behind
                     && map.barriers.between(&map.lumels, i, j)
-                    && world.backs_onto(&own, &received[j].point(world), lift)
+                    && world.backs_onto(&own, &other.point(world), lift, of)
             };
             let around = beside(map, &before, i, EDGES);
             Some((i, blend(received, &around, i)?))

@@ -3,7 +3,7 @@
 use glam::Vec3;
 use radiosity::{DirectEstimate, SurfacePoint, World};
 
-use crate::estimate::Estimate;
+use crate::estimate::{Around, Estimate};
 use crate::planes::Plane;
 use crate::points::Place;
 
@@ -41,6 +41,8 @@ pub struct Received {
     /// Whether many of its rays hit black backfaces, i.e. it is behind a surface that others are in
     /// front of.
     pub(crate) behind: bool,
+    /// What surrounds it.
+    pub(crate) around: Around,
     /// Whether it is dark and nearly all of its rays escaped or hit black backfaces.
     pub(crate) void: bool,
     /// The edge that crosses the footprint.

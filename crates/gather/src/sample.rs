@@ -96,6 +96,7 @@ impl Gatherer<'_, '_> {
         };
         let light = out.add(found.radiance);
         out.backs += u32::from(found.back);
+        out.fronts += u32::from(!found.back && found.distance.is_finite());
         out.near |= found.distance < out.reach;
         let open_only = self.options.open_only;
         let unlit = open_only && found.back && self.tracer.is_dim(light) && !found.left_out;

@@ -50,4 +50,4 @@ pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
 pub use sky::Sky;
 pub use solution::{Look, Reflected, Sent, Solution, SolveReport, SolveStep, of_lit};
 pub use solve::{SolveOptions, solve};
-pub use world::{Incoming, SurfacePoint, World, WorldOptions, facing, luminance};
+pub use world::{Backs, Incoming, SurfacePoint, World, WorldOptions, facing, luminance};

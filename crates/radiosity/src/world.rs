@@ -44,6 +44,15 @@ pub enum Incoming {
     Surface(Hit),
 }
 
+/// The surfaces whose backs count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Backs {
+    /// Those of single-sided faces, which are black.
+    Black,
+    /// Those of double-sided faces too.
+    All,
+}
+
 /// Options for building a [`World`].
 #[derive(Debug, Clone, Default)]
 pub struct WorldOptions {
@@ -415,9 +424,9 @@ impl<'a> World<'a> {
         })
     }
 
-    /// Whether `a` is behind and `b` in front of a single-sided surface: the first hit on the
-    /// segments of [`wall_between`](Self::wall_between) shows its back to `a` and its front to `b`.
-    pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
+    /// Whether `a` is behind and `b` in front of a surface: the first hit on the segments of
+    /// [`wall_between`](Self::wall_between) shows its back to `a` and its front to `b`.
+    pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32, of: Backs) -> bool {
         let top = above_the_middle(a, b, lift);
         let first = |end: &SurfacePoint| {
             let direction = top - end.origin;
@@ -431,7 +440,7 @@ impl<'a> World<'a> {
         };
         // One of the two segments may hit nothing.
         let shows = |hit: Option<Hit>, back: bool| {
-            hit.map(|h| h.back == back && !self.two_sided(h.triangle))
+            hit.map(|h| h.back == back && (of == Backs::All || !self.two_sided(h.triangle)))
         };
         match (shows(first(a), true), shows(first(b), false)) {
             (None, None) => false,
