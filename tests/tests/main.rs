@@ -18,6 +18,7 @@ mod round_trip;
 mod seams;
 mod second_method;
 mod shared_scenes;
+mod sheets;
 mod smooth;
 mod surfaces;
 mod uvs;
