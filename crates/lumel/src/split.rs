@@ -7,11 +7,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::Vec3;
-use mesh_ingest::{Loaded, Scene};
+use mesh_ingest::{Loaded, Scene, TriangleSource};
 use radiosity::{Incoming, Solution, World, cosine_hemisphere, luminance, sample_4d};
 
 use crate::named::{node_of, some_of};
-use crate::two_sides::each_side;
 
 /// Difference of the light on two sides, relative to their mean, that is visible on walls.
 const DIFFERENT: f32 = 0.1;
@@ -70,15 +69,25 @@ pub(crate) fn wanted(
     solution: &Solution,
 ) -> BTreeSet<(usize, usize)> {
     let scene = &loaded.scene;
-    let may = |instance: u32, primitive: u32| {
-        let mesh = &scene.meshes[scene.instances[instance as usize].mesh];
-        let primitive = &mesh.primitives[primitive as usize];
-        let material = &scene.materials[primitive.material];
-        !material.lets_light_through()
-            && !material.occluder_only
-            && !scene.instances[instance as usize].occluder
-            && (loaded.document).can_split(mesh.gltf_mesh, primitive.gltf_primitive)
-    };
+    (seen_from_both_sides(world, solution).into_iter())
+        .filter_map(|(instance, primitive)| {
+            let placed = &scene.instances[instance as usize];
+            let mesh = &scene.meshes[placed.mesh];
+            let primitive = &mesh.primitives[primitive as usize];
+            let material = &scene.materials[primitive.material];
+            let number = (mesh.gltf_mesh, primitive.gltf_primitive);
+            let may = !material.lets_light_through()
+                && !material.occluder_only
+                && !placed.occluder
+                && (loaded.document).can_split(number.0, number.1);
+            may.then_some(number)
+        })
+        .collect()
+}
+
+/// Double-sided primitives, as (instance, primitive of its mesh), with different light on their two
+/// sides, if people can be on both.
+pub(crate) fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u32)> {
     let mut found: BTreeMap<(u32, u32), [Side; 2]> = BTreeMap::new();
     each_side(world, solution, |patch| {
         let of = &mut found
@@ -87,7 +96,7 @@ pub(crate) fn wanted(
         of.light += patch.light * patch.area;
         of.area += patch.area;
     });
-    found.retain(|&(instance, primitive), sides| differ(*sides) && may(instance, primitive));
+    found.retain(|_, sides| differ(*sides));
     if found.is_empty() {
         return BTreeSet::new();
     }
@@ -102,16 +111,8 @@ pub(crate) fn wanted(
         of.fronts += fronts(world, patch.triangle, patch.back, near);
     });
     let mean = luminance(solution.mean_irradiance().as_vec3());
-    (found.into_iter())
-        .filter(|(_, sides)| sides.iter().all(|s| s.is_inside(mean)))
-        .map(|((instance, primitive), _)| {
-            let mesh = &scene.meshes[scene.instances[instance as usize].mesh];
-            (
-                mesh.gltf_mesh,
-                mesh.primitives[primitive as usize].gltf_primitive,
-            )
-        })
-        .collect()
+    found.retain(|_, sides| sides.iter().all(|s| s.is_inside(mean)));
+    found.into_keys().collect()
 }
 
 /// Names the nodes whose sides were split.
@@ -144,4 +145,36 @@ fn fronts(world: &World, triangle: u32, back: bool, near: f32) -> u32 {
         }
     });
     met.count() as u32
+}
+
+/// A visible patch of a double-sided face.
+pub(crate) struct SidePatch<'a> {
+    pub source: &'a TriangleSource,
+    /// A triangle of it, in the soup.
+    pub triangle: u32,
+    /// Whether it is on the back.
+    pub back: bool,
+    /// Irradiance.
+    pub light: Vec3,
+    /// Area, m².
+    pub area: f32,
+}
+
+/// Calls `take` with each of them.
+pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut(&SidePatch)) {
+    let (soup, cut) = (world.soup, &solution.cut);
+    let backed = soup.backed();
+    for (i, patch) in cut.patches().iter().enumerate() {
+        let triangle = cut.elements()[patch.first_element as usize].triangle;
+        if patch.hidden || !world.two_sided(triangle) || backed.contains(&triangle) {
+            continue;
+        }
+        take(&SidePatch {
+            source: &soup.sources[triangle as usize],
+            triangle,
+            back: patch.back,
+            light: solution.direct_mean[i] + solution.indirect[i],
+            area: patch.area,
+        });
+    }
 }

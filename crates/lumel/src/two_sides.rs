@@ -2,12 +2,14 @@
 //!
 //! A double-sided face has one place in the lightmap, which holds the light of its front. A wall
 //! without thickness between a bright and a dark room is wrong in one of them, whatever it holds.
+//! [`split`](crate::split) gives such sides separate faces; this is for those that it cannot split.
 
-use glam::Vec3;
-use mesh_ingest::TriangleSource;
+use std::collections::BTreeSet;
+
 use radiosity::{Solution, World, luminance};
 
 use crate::named::{node_of, some_of};
+use crate::split::{each_side, seen_from_both_sides};
 
 /// Ratio of the light on the two sides from which on to warn: two stops.
 const RATIO: f64 = 4.0;
@@ -41,7 +43,11 @@ impl Sides {
 pub(crate) fn warning(world: &World, solution: &Solution) -> Option<String> {
     let mean = f64::from(luminance(solution.mean_irradiance().as_vec3()));
     let sides = sides(world, solution);
+    let seen: BTreeSet<u32> = (seen_from_both_sides(world, solution).into_iter())
+        .map(|(instance, _)| instance)
+        .collect();
     let mut found: Vec<(usize, [f64; 2])> = (sides.iter().enumerate())
+        .filter(|(i, _)| seen.contains(&(*i as u32)))
         .filter_map(|(i, s)| Some((i, s.differ(mean)?)))
         .collect();
     found.sort_by(|a, b| sides[b.0].area[0].total_cmp(&sides[a.0].area[0]));
@@ -70,36 +76,4 @@ fn sides(world: &World, solution: &Solution) -> Vec<Sides> {
         of.area[side] += f64::from(patch.area);
     });
     out
-}
-
-/// A visible patch of a double-sided face.
-pub(crate) struct SidePatch<'a> {
-    pub source: &'a TriangleSource,
-    /// A triangle of it, in the soup.
-    pub triangle: u32,
-    /// Whether it is on the back.
-    pub back: bool,
-    /// Irradiance.
-    pub light: Vec3,
-    /// Area, m².
-    pub area: f32,
-}
-
-/// Calls `take` with each of them.
-pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut(&SidePatch)) {
-    let (soup, cut) = (world.soup, &solution.cut);
-    let backed = soup.backed();
-    for (i, patch) in cut.patches().iter().enumerate() {
-        let triangle = cut.elements()[patch.first_element as usize].triangle;
-        if patch.hidden || !world.two_sided(triangle) || backed.contains(&triangle) {
-            continue;
-        }
-        take(&SidePatch {
-            source: &soup.sources[triangle as usize],
-            triangle,
-            back: patch.back,
-            light: solution.direct_mean[i] + solution.indirect[i],
-            area: patch.area,
-        });
-    }
 }
