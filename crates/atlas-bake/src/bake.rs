@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::options::BakeOptions;
 use crate::page::Page;
-use crate::pages::Pages;
+use crate::pages::{Made, Pages};
 use crate::seams::SeamReport;
 
 /// What was gathered, and what became of it.
@@ -34,6 +34,9 @@ pub struct Baked {
     /// Pages of each light group, without extra channels; they sum to `pages`. Empty without
     /// groups.
     pub groups: Vec<Vec<Page>>,
+    /// Shadow masks of the lamps of [`radiosity::LampRoles`], page by page: R, G and B, and the layer
+    /// `A`. Empty without masks.
+    pub masks: Vec<Page>,
     /// Irradiance by instance, primitive and vertex of the primitive; empty if
     /// [`BakeOptions::vertices`] is `None`.
     pub vertices: VertexLight,
@@ -65,8 +68,13 @@ pub fn bake(
         options,
         wanted: gatherer.wanted,
     };
-    let (pages, groups, seams) = pages.make();
-    let all_pages = pages.iter().chain(groups.iter().flatten());
+    let Made {
+        pages,
+        masks,
+        groups,
+        seams,
+    } = pages.make();
+    let all_pages = pages.iter().chain(&masks).chain(groups.iter().flatten());
     let bytes = map.bytes() + gatherer.bytes() + all_pages.map(Page::bytes).sum::<u64>();
     let (mut vertices, mut at_vertices) = (VertexLight::default(), None);
     if let Some(gather) = options.vertices {
@@ -79,6 +87,7 @@ pub fn bake(
     }
     Ok(Baked {
         pages,
+        masks,
         groups,
         vertices,
         report: BakeReport {

@@ -42,6 +42,7 @@ mod false_color;
 mod gltf_out;
 mod ktx2;
 mod manifest;
+mod mixed;
 mod options;
 mod output;
 mod page;
@@ -50,6 +51,7 @@ mod preview;
 mod probe_file;
 mod probe_points;
 mod seams;
+mod small;
 mod temporary;
 mod texture;
 mod uv_picture;
@@ -64,10 +66,12 @@ pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,
     write_lightmapped_glb_with, write_vertex_glb,
 };
-pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2};
+pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2, write_mask_ktx2};
 pub use manifest::{
-    Manifest, ManifestGroup, ManifestKtx2, ManifestNode, ManifestPage, UvTransform, ValueKind,
+    Manifest, ManifestGroup, ManifestKtx2, ManifestMask, ManifestNode, ManifestPage, ManifestPng,
+    UvTransform, ValueKind,
 };
+pub use mixed::{ManifestLamp, MixedLight, NodelessSun};
 pub use options::{BakeOptions, Directional, Hidden, Layer};
 pub use output::{Committed, OutputSet};
 pub use page::Page;
@@ -78,5 +82,6 @@ pub use preview::{
 pub use probe_file::{FilledGrid, ProbeFile};
 pub use probe_points::{PointsError, parse_points};
 pub use seams::{SeamError, SeamReport};
+pub use small::{PngFormat, PngReport, write_lightmap_png};
 pub use temporary::{Leftovers, remove_own_temporaries};
 pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};

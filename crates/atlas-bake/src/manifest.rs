@@ -8,6 +8,8 @@ use serde_json::{Value, json};
 
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
+use crate::mixed::{ManifestLamp, MixedLight};
+use crate::small::PngFormat;
 
 /// Quantity in the R, G and B channels of a lightmap.
 ///
@@ -104,6 +106,12 @@ pub struct Manifest {
     /// Channels of the pages in addition to R, G and B.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub channels: Vec<String>,
+    /// `indirect` or `shadowmask` if lamps are left out; absent for a full bake.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mode: Option<&'static str>,
+    /// Lamps whose direct light is not in the pages.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lamps: Vec<ManifestLamp>,
     /// Light groups with their own pages, which sum to `pages`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<ManifestGroup>,
@@ -112,7 +120,7 @@ pub struct Manifest {
 }
 
 /// A page file.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ManifestPage {
     /// File name, next to the manifest.
     pub uri: String,
@@ -126,6 +134,33 @@ pub struct ManifestPage {
     /// The same page as KTX2, if that was written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ktx2: Option<ManifestKtx2>,
+    /// The same page with 8 bits per channel, if that was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub png: Option<ManifestPng>,
+    /// Its shadow mask, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mask: Option<ManifestMask>,
+}
+
+/// A page as PNG.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ManifestPng {
+    /// File name, next to the manifest.
+    pub uri: String,
+    /// How light is stored.
+    pub format: PngFormat,
+    /// Factor of the decoding.
+    pub scale: f32,
+}
+
+/// The shadow mask of a page.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ManifestMask {
+    /// File name, next to the manifest: RGBA.
+    pub uri: String,
+    /// The same as KTX2 (RGBA, 8 bits), if that was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ktx2: Option<String>,
 }
 
 /// A page as KTX2.
@@ -166,9 +201,15 @@ pub struct ManifestNode {
     pub page: u32,
     /// Rectangle in texels of the page.
     pub rect: Rect,
+    /// Lamps in its shadow mask: indices into the manifest's `lamps`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub lamps: Vec<usize>,
     /// The rectangle as a transform of `TEXCOORD_1`.
     #[serde(flatten)]
     pub uv: UvTransform,
+    /// Index of its instance in the scene.
+    #[serde(skip)]
+    pub(crate) instance: usize,
 }
 
 impl Manifest {
@@ -198,7 +239,9 @@ impl Manifest {
                 mesh: scene.meshes[instance.mesh].gltf_mesh,
                 page: placement.page,
                 rect: placement.rect,
+                lamps: Vec::new(),
                 uv: uv_of(layout, placement, i)?,
+                instance: i,
             });
         }
         Ok(Manifest {
@@ -227,9 +270,13 @@ impl Manifest {
                     width,
                     height,
                     ktx2: None,
+                    png: None,
+                    mask: None,
                 })
                 .collect(),
             channels: Vec::new(),
+            mode: None,
+            lamps: Vec::new(),
             groups: Vec::new(),
             nodes,
         })
@@ -240,6 +287,29 @@ impl Manifest {
         for (page, uri) in self.pages.iter_mut().zip(uris) {
             let uri = uri.clone();
             page.ktx2 = Some(ManifestKtx2 { uri, format });
+        }
+    }
+
+    /// Adds the pages' PNG files, in order.
+    pub fn set_png(&mut self, format: PngFormat, scale: f32, uris: &[String]) {
+        for (page, uri) in self.pages.iter_mut().zip(uris) {
+            let uri = uri.clone();
+            page.png = Some(ManifestPng { uri, format, scale });
+        }
+    }
+
+    /// Adds lamps that are left out, and shadow masks.
+    pub fn set_mixed(&mut self, mixed: &MixedLight) {
+        self.mode = Some(mixed.mode);
+        self.lamps.clone_from(&mixed.lamps);
+        for (i, (page, uri)) in self.pages.iter_mut().zip(&mixed.masks).enumerate() {
+            page.mask = Some(ManifestMask {
+                uri: uri.clone(),
+                ktx2: mixed.ktx2.get(i).cloned(),
+            });
+        }
+        for node in &mut self.nodes {
+            node.lamps = mixed.lamps_of(node.instance);
         }
     }
 

@@ -121,6 +121,8 @@ impl BakeOptions {
             openness: (self.layers.contains(&Layer::Ao) || self.ao_multiply > 0.0)
                 .then(|| self.ao_distance.unwrap_or_else(|| 0.1 * diagonal(world))),
             sun: self.layers.contains(&Layer::SunMask),
+            kept: world.roles.is_some(),
+            masks: (world.roles.as_ref()).is_some_and(|r| !r.masks.is_empty()),
         }
     }
 }

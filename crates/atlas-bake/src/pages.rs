@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_1_PI, PI};
 use atlas::{Layout, Lumel, Lumels, Rect, UvOrigin};
 use gather::{LumelFootprint, Plane, Received, Wanted};
 use glam::{Vec2, Vec3};
-use radiosity::{World, luminance};
+use radiosity::{MASKS, World, luminance};
 
 use crate::dilate::dilate;
 use crate::manifest::ValueKind;
@@ -34,8 +34,20 @@ struct Channel {
     in_unit: bool,
 }
 
-/// Lightmap pages, those of each group, and the report on seams.
-pub(crate) type Made = (Vec<Page>, Vec<Vec<Page>>, SeamReport);
+/// Finished pages.
+pub(crate) struct Made {
+    /// The lightmap's.
+    pub pages: Vec<Page>,
+    /// Shadow masks.
+    pub masks: Vec<Page>,
+    /// Those of each group.
+    pub groups: Vec<Vec<Page>>,
+    /// Report on seams.
+    pub seams: SeamReport,
+}
+
+/// Temporary channels with shadow masks.
+const MASK: [&str; MASKS] = ["mask.R", "mask.G", "mask.B", "mask.A"];
 
 /// Temporary channels with the surface's reflectance.
 const TINT: [&str; 3] = ["tint.R", "tint.G", "tint.B"];
@@ -55,7 +67,12 @@ impl Pages<'_, '_, '_> {
         self.apply_floor(&mut full, &texels);
         self.apply_tint(&channels, &mut full, &mut groups);
         self.apply_unit(&channels, &mut full, &mut groups);
-        (full, groups, stitcher.report())
+        Made {
+            masks: self.split_masks(&mut full),
+            pages: full,
+            groups,
+            seams: stitcher.report(),
+        }
     }
 
     /// Light and extra channels without tint.
@@ -63,7 +80,7 @@ impl Pages<'_, '_, '_> {
         let mut values = Vec::new();
         self.fill(channels, |l, r, page, at| {
             let scale = FRAC_1_PI * self.occlusion(r);
-            page.value[at] = ((r.direct + r.indirect) * scale).to_array();
+            page.value[at] = ((self.direct(r) + r.indirect) * scale).to_array();
             values.clear();
             for layer in &self.options.layers {
                 self.layer(*layer, l, r, &mut values);
@@ -71,6 +88,9 @@ impl Pages<'_, '_, '_> {
             if let Some(directional) = self.options.directional {
                 let moments = &r.planes[self.wanted.moments_plane()..];
                 directions(directional, moments, scale, &mut values);
+            }
+            if self.wanted.masks {
+                values.extend(self.masks(l, r));
             }
             if channels.len() > values.len() {
                 values.extend(self.reflectance(l).to_array());
@@ -88,6 +108,53 @@ impl Pages<'_, '_, '_> {
             page.value[at] = (r.planes[group].sum() * scale).to_array();
         })
         .0
+    }
+
+    /// Direct light that is not left out.
+    fn direct(&self, r: &Received) -> Vec3 {
+        match self.wanted.kept {
+            true => r.planes[self.wanted.kept_plane()].direct,
+            false => r.direct,
+        }
+    }
+
+    /// The lumel's shadow mask: the share of each lamp's irradiance that arrives. 0 in channels
+    /// without a lamp on this instance. 1 where the surface faces away from the lamp: a lookup next
+    /// to the terminator would otherwise darken the lit side.
+    fn masks(&self, l: &Lumel, r: &Received) -> [f32; MASKS] {
+        let lamps = self.world.mask_lamps(l.instance as usize);
+        let found = self.wanted.masks_of(&r.planes);
+        std::array::from_fn(|c| match (lamps[c], found[c]) {
+            (None, _) => 0.0,
+            (Some(_), [seen, all]) if all > 0.0 => (seen / all).clamp(0.0, 1.0),
+            (Some(_), _) => 1.0,
+        })
+    }
+
+    /// Takes the shadow masks out of the pages.
+    fn split_masks(&self, full: &mut [Page]) -> Vec<Page> {
+        if !self.wanted.masks {
+            return Vec::new();
+        }
+        let take = |page: &mut Page| {
+            let at = page.layers.iter().position(|(name, _)| name == MASK[0]);
+            let at = at.unwrap_or(page.layers.len());
+            let mut parts: Vec<Vec<f32>> = (page.layers.drain(at..at + MASKS))
+                .map(|(_, values)| values)
+                .collect();
+            let alpha = parts.pop().unwrap_or_default();
+            let value = (0..page.value.len())
+                .map(|i| std::array::from_fn(|c| parts[c][i]))
+                .collect();
+            Page {
+                width: page.width,
+                height: page.height,
+                value,
+                coverage: page.coverage.clone(),
+                layers: vec![("A".into(), alpha)],
+            }
+        };
+        full.iter_mut().map(take).collect()
     }
 
     /// Openness of a lumel, which must be wanted.
@@ -185,10 +252,10 @@ impl Pages<'_, '_, '_> {
     fn layer(&self, layer: Layer, l: &Lumel, r: &Received, out: &mut Vec<f32>) {
         let scale = FRAC_1_PI;
         match layer {
-            Layer::Direct => out.extend((r.direct * scale).to_array()),
+            Layer::Direct => out.extend((self.direct(r) * scale).to_array()),
             Layer::Indirect => out.extend((r.indirect * scale).to_array()),
             // Multiplied with the reflectance at the end.
-            Layer::Radiosity => out.extend(((r.direct + r.indirect) * FRAC_1_PI).to_array()),
+            Layer::Radiosity => out.extend(((self.direct(r) + r.indirect) * FRAC_1_PI).to_array()),
             Layer::Error => {
                 let tint = match self.options.value {
                     ValueKind::Radiosity => luminance(self.reflectance(l)),
@@ -244,7 +311,14 @@ impl Pages<'_, '_, '_> {
             tint: None,
             in_unit: false,
         });
-        named.chain(tint).collect()
+        let masks = MASK.iter().filter(|_| self.wanted.masks);
+        let masks = masks.map(|name| Channel {
+            name: (*name).into(),
+            range: Share,
+            tint: None,
+            in_unit: false,
+        });
+        named.chain(masks).chain(tint).collect()
     }
 
     /// Pages with these extra channels; `put` gives each lumel's values. Dilated beyond chart

@@ -33,6 +33,9 @@ pub struct PrimitiveAtlas {
     pub triangles: Vec<[u32; 3]>,
     /// Chart of each triangle, 0..[`MeshAtlas::charts`].
     pub chart: Vec<u32>,
+    /// Whether each triangle is without lumels because nobody sees it; empty if all have some. Its
+    /// corners are then at one point of another triangle's chart.
+    pub culled: Vec<bool>,
 }
 
 /// Origin of a mesh's lightmap coordinates.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::Vec2;
-use mesh_ingest::{Instance, Mesh, Scene, Soup};
+use mesh_ingest::{Instance, Mesh, Primitive, Scene, Soup};
 use rayon::prelude::*;
 use serde::Serialize;
 use thiserror::Error;
@@ -260,7 +260,7 @@ pub fn layout_kept(
                 kept,
                 node: first_node[i],
             };
-            let result = lay_out_receiving(scene, task, &cancel);
+            let result = lay_out_seen(scene, i, task, &cancel);
             done.fetch_add(triangle_count(mesh), Ordering::Relaxed);
             if cancel() {
                 return Err(LayoutError::Cancelled);
@@ -339,6 +339,93 @@ struct Task<'a> {
     kept: Option<&'a dyn KeptCharts>,
     /// First instance with lumels.
     node: Option<&'a Instance>,
+}
+
+/// As [`lay_out_receiving`], without charts for triangles that nobody sees ([`Scene::unseen`]). An
+/// asset's own coordinates stay whole.
+fn lay_out_seen(
+    scene: &Scene,
+    mesh: usize,
+    task: Task<'_>,
+    cancel: Cancel<'_>,
+) -> Result<Option<LaidOut>, LayoutError> {
+    let unseen = scene.unseen.get(mesh).map_or(&[][..], Vec::as_slice);
+    let any = |flag: bool| unseen.iter().flatten().any(|u| *u == flag);
+    if !any(true) || !any(false) {
+        return lay_out_receiving(scene, task, cancel);
+    }
+    let mut own = task.mesh.clone();
+    for (primitive, unseen) in own.primitives.iter_mut().zip(unseen) {
+        keep(&mut primitive.triangles, unseen);
+        keep(&mut primitive.source_triangles, unseen);
+    }
+    let charted =
+        |p: &Primitive| !p.triangles.is_empty() && !scene.materials[p.material].occluder_only;
+    let charted: Vec<bool> = own.primitives.iter().map(charted).collect();
+    let mut flags = charted.iter();
+    (own.primitives).retain(|_| flags.next().copied().unwrap_or(false));
+    if own.primitives.is_empty() {
+        return lay_out_receiving(scene, task, cancel);
+    }
+    let (mut atlas, report, warnings) = lay_out_mesh(Task { mesh: &own, ..task }, cancel)?;
+    if atlas.origin == UvOrigin::Kept {
+        return lay_out_receiving(scene, task, cancel);
+    }
+    let mut parts = std::mem::take(&mut atlas.primitives).into_iter();
+    let point = parts
+        .as_slice()
+        .iter()
+        .find_map(|p| Some((*p.uv.first()?, *p.chart.first()?)));
+    let point = point.unwrap_or_default();
+    atlas.primitives = (task.mesh.primitives.iter().enumerate())
+        .map(|(k, primitive)| {
+            let own = if charted[k] { parts.next() } else { None };
+            if scene.materials[primitive.material].occluder_only {
+                return PrimitiveAtlas::default();
+            }
+            with_culled(primitive, own.unwrap_or_default(), &unseen[k], point)
+        })
+        .collect();
+    Ok(Some((atlas, report, warnings)))
+}
+
+/// Keeps the items that are seen.
+fn keep<T>(items: &mut Vec<T>, unseen: &[bool]) {
+    let mut flags = unseen.iter();
+    items.retain(|_| !flags.next().copied().unwrap_or(false));
+}
+
+/// The charts of the seen triangles of `primitive`, with the others collapsed to a point.
+fn with_culled(
+    primitive: &Primitive,
+    seen: PrimitiveAtlas,
+    unseen: &[bool],
+    (at, chart): (Vec2, u32),
+) -> PrimitiveAtlas {
+    let mut out = PrimitiveAtlas {
+        xref: seen.xref,
+        uv: seen.uv,
+        culled: unseen.to_vec(),
+        ..PrimitiveAtlas::default()
+    };
+    let mut rest = seen.triangles.into_iter().zip(seen.chart);
+    let mut copies: BTreeMap<u32, u32> = BTreeMap::new();
+    for (triangle, unseen) in primitive.triangles.iter().zip(unseen) {
+        let kept = if *unseen { None } else { rest.next() };
+        let (corners, chart) = kept.unwrap_or_else(|| {
+            let corners = triangle.map(|v| {
+                *copies.entry(v).or_insert_with(|| {
+                    out.xref.push(v);
+                    out.uv.push(at);
+                    out.xref.len() as u32 - 1
+                })
+            });
+            (corners, chart)
+        });
+        out.triangles.push(corners);
+        out.chart.push(chart);
+    }
+    out
 }
 
 /// Lays out the primitives of a mesh that receive light; `None` if there are none, or if no

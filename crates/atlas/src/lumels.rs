@@ -209,7 +209,11 @@ fn rasterise_instance(
     // (Texel in the rectangle, face, covered area in texels.)
     let mut covered: Vec<(u32, u32, f32)> = Vec::new();
     for t in faces_of(soup, instance) {
-        if size[0] == 0 || !scene.receives(instance, soup.source(t).primitive as usize) {
+        let source = soup.source(t);
+        let culled = atlas.primitives.get(source.primitive as usize);
+        let culled = culled.and_then(|p| p.culled.get(source.triangle as usize));
+        let nobody = culled.copied().unwrap_or(false);
+        if size[0] == 0 || nobody || !scene.receives(instance, source.primitive as usize) {
             corners.push([Vec2::NAN; 3]);
             continue;
         }

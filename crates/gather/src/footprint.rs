@@ -20,6 +20,10 @@ pub trait Footprint: Sync {
     fn reach(&self) -> f32 {
         self.size()
     }
+    /// The instance that it is on, if it is on only one.
+    fn instance(&self) -> Option<usize> {
+        None
+    }
 }
 
 /// The part of a lumel's texel on the surface.
@@ -139,6 +143,10 @@ fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
 }
 
 impl Footprint for LumelFootprint<'_, '_, '_> {
+    fn instance(&self) -> Option<usize> {
+        Some(self.lumel.instance as usize)
+    }
+
     fn candidate(&self, i: u32) -> Option<SurfacePoint> {
         let (f, u, v) = self.locate(i)?;
         Some(self.world.inset_point(f.triangle, u, v, f.back, true))

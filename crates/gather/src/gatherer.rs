@@ -75,7 +75,8 @@ impl Gatherer<'_, '_> {
         known: &Known,
         planes: &mut [Plane],
     ) -> DirectEstimate {
-        let mut parts = self.wanted.direct_parts();
+        let masks = points.instance().map(|i| self.world().mask_lamps(i));
+        let mut parts = self.wanted.direct_parts(masks.unwrap_or_default());
         let (seed, size) = (seed ^ 0x68bc_21eb, points.size());
         let point = |i: u32| points.get(i);
         let lights = &self.tracer.direct;

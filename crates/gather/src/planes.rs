@@ -8,7 +8,7 @@
 use std::f32::consts::{FRAC_1_PI, PI};
 
 use glam::Vec3;
-use radiosity::DirectParts;
+use radiosity::{DirectParts, MASKS, MaskLamps};
 
 /// The quantities to record.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -22,6 +22,11 @@ pub struct Wanted {
     pub openness: Option<f32>,
     /// Irradiance from directional lights, with and without occlusion.
     pub sun: bool,
+    /// Direct irradiance without the lamps that are left out ([`radiosity::LampRoles`]); `indirect`
+    /// is 0.
+    pub kept: bool,
+    /// Luminances from the lamps of the shadow mask, with and without occlusion.
+    pub masks: bool,
 }
 
 /// One quantity of one lumel, in the parts of [`Received`](crate::Received).
@@ -49,9 +54,30 @@ impl Plane {
 
 impl Wanted {
     /// Number of planes per lumel: the groups, four moments, openness (x), the sun (x: with, y:
-    /// without occlusion).
+    /// without occlusion), kept direct light, shadow masks (three).
     pub fn planes(&self) -> usize {
+        self.masks_plane() + if self.masks { 3 } else { 0 }
+    }
+
+    /// Index of direct light that is kept.
+    pub fn kept_plane(&self) -> usize {
         self.sun_plane() + usize::from(self.sun)
+    }
+
+    /// Index of the first of three planes of shadow masks; see [`masks_of`](Self::masks_of).
+    pub fn masks_plane(&self) -> usize {
+        self.kept_plane() + usize::from(self.kept)
+    }
+
+    /// Luminance from the lamp of each channel, with and without occlusion.
+    pub fn masks_of(&self, planes: &[Plane]) -> [[f32; 2]; MASKS] {
+        let [seen, all, last] = [0, 1, 2].map(|k| planes[self.masks_plane() + k].direct);
+        [
+            [seen.x, all.x],
+            [seen.y, all.y],
+            [seen.z, all.z],
+            [last.x, last.y],
+        ]
     }
 
     /// Index of the first moment.
@@ -70,11 +96,13 @@ impl Wanted {
     }
 
     /// The parts of direct light to record.
-    pub(crate) fn direct_parts(&self) -> DirectParts {
+    pub(crate) fn direct_parts(&self, lamps: MaskLamps) -> DirectParts {
         DirectParts {
             groups: vec![Vec3::ZERO; self.groups],
             moments: self.moments.then_some([Vec3::ZERO; 4]),
             sun: self.sun.then_some([0.0; 2]),
+            kept: self.kept.then_some(Vec3::ZERO),
+            masks: self.masks.then_some((lamps, [[0.0; 2]; MASKS])),
         }
     }
 
@@ -90,6 +118,15 @@ impl Wanted {
         }
         if let Some([seen, all]) = parts.sun {
             planes[self.sun_plane()].direct = Vec3::new(seen, all, 0.0);
+        }
+        if let Some(kept) = parts.kept {
+            planes[self.kept_plane()].direct = kept;
+        }
+        if let Some((_, [r, g, b, a])) = parts.masks {
+            let at = self.masks_plane();
+            planes[at].direct = Vec3::new(r[0], g[0], b[0]);
+            planes[at + 1].direct = Vec3::new(r[1], g[1], b[1]);
+            planes[at + 2].direct = Vec3::new(a[0], a[1], 0.0);
         }
     }
 }

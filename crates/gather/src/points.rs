@@ -88,6 +88,11 @@ impl<'p, F: Footprint> OpenPoints<'p, F> {
         self.footprint.size()
     }
 
+    /// The instance that the footprint is on.
+    pub(crate) fn instance(&self) -> Option<usize> {
+        self.footprint.instance()
+    }
+
     /// The place of the open points.
     pub(crate) fn place(&self) -> Place {
         Place::of(&self.valid)

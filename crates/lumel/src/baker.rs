@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use atlas::{UnwrapperChoice, UvMode};
-use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, ValueKind};
+use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, PngFormat, ValueKind};
 
 use crate::cache::Cache;
 use crate::error::Error;
@@ -16,7 +16,8 @@ use crate::pipeline::{Bake, Beside, FirstPicture, bake_scene};
 use crate::record::{Current, Provenance, find_current};
 use crate::scene_input::SceneInput;
 use crate::settings::{
-    GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun, Units,
+    BakeMode, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun,
+    Units,
 };
 use crate::watch::{CancelToken, Progress, Watch, Watcher};
 
@@ -110,6 +111,10 @@ options! {
     /// Gives meshes pages of their own by names of nodes and materials: see
     /// [`Settings::page_by`].
     page_by(pattern: impl Into<String>) => |s| s.page_by.push(pattern.into());
+    /// Whether surfaces that nobody sees from where players walk get no lumels.
+    cull_unseen(yes: bool) => |s| s.cull_unseen = yes;
+    /// Declares the boxes of nodes as walkable, by name with wildcards.
+    walkable(name: impl Into<String>) => |s| s.walkable.push(name.into());
     /// Whether to use the asset's own `TEXCOORD_1` or new charts.
     uv(mode: UvMode) => |s| s.uv = mode;
     /// The unwrapper that makes new charts.
@@ -132,6 +137,12 @@ options! {
     light(name: impl Into<String>, factor: f32) => |s| s.lights.push(LightScale { name: name.into(), factor });
     /// Leaves out the sources called `name`.
     exclude_light(name: impl Into<String>) => |s| s.lights.push(LightScale { name: name.into(), factor: 0.0 });
+    /// Whether lamps are left out whose direct light the engine adds.
+    mode(mode: BakeMode) => |s| s.mode = mode;
+    /// Marks lamps as mixed, by name with wildcards.
+    mixed(name: impl Into<String>) => |s| s.mixed.push(name.into());
+    /// Marks lamps as realtime, by name with wildcards.
+    realtime(name: impl Into<String>) => |s| s.realtime.push(name.into());
     /// Quantity stored in the lightmap; [`ValueKind::Radiance`] by default.
     value(kind: ValueKind) => |s| s.value = kind;
     /// Adds channels to the pages.
@@ -159,6 +170,8 @@ options! {
     stitch(yes: bool) => |s| s.stitch = yes;
     /// Also writes every page as KTX2 in this format.
     ktx2(format: Ktx2Format) => |s| s.ktx2 = Some(format);
+    /// Also writes every page as PNG with 8 bits per channel.
+    png(format: PngFormat) => |s| s.png = Some(format);
     /// Additional conventions for referencing the lightmap in the glTF.
     ext(conventions: impl IntoIterator<Item = GltfExt>) => |s| s.ext.extend(conventions);
     /// Whether the scene with vertex colours is baked too; true by default. If false, no light is

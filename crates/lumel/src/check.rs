@@ -7,7 +7,7 @@ use atlas_bake::ValueKind;
 use glam::Vec3;
 
 use crate::error::Error;
-use crate::settings::{GltfExt, Settings};
+use crate::settings::{BakeMode, GltfExt, Settings};
 use crate::sources;
 
 /// Largest diameter of a sun, degrees. Larger ones hardly have a direction and are better described
@@ -96,6 +96,11 @@ pub(crate) fn check(settings: &Settings) -> Result<(), Error> {
     if settings.not_physical.ambient_floor != [0.0; 3] && !settings.groups.is_empty() {
         return Err(Error::Setting(
             "--ambient-floor with --group: expected only one of the two, because the pages of groups sum to the lightmap".into(),
+        ));
+    }
+    if settings.mode != BakeMode::Full && !settings.groups.is_empty() {
+        return Err(Error::Setting(
+            "--mode with --group: expected only one of the two, because the pages of groups hold all light".into(),
         ));
     }
     sources::check(settings)?;

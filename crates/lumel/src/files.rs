@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, OutputSet, Page, PictureLight,
-    choose_camera, render_preview, scene_camera, write_lightmap_exr, write_lightmap_ktx2,
-    write_lightmapped_glb_with, write_vertex_glb,
+    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, MixedLight, OutputSet, Page,
+    PictureLight, PngFormat, choose_camera, render_preview, scene_camera, write_lightmap_exr,
+    write_lightmap_ktx2, write_lightmap_png, write_lightmapped_glb_with, write_mask_ktx2,
+    write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
@@ -16,8 +17,8 @@ use crate::memory;
 use crate::overwrite;
 use crate::pipeline::{Bake, Clock};
 use crate::record::{self, PREVIEW, Provenance, ReadFile, RecordedInput, RecordedOutput};
-use crate::report::{Blank, Measured, Report, StoredPage};
-use crate::settings::{GltfExt, Settings};
+use crate::report::{Blank, Measured, Report, StoredPage, StoredPng};
+use crate::settings::{BakeMode, GltfExt, Settings};
 use crate::sources;
 
 /// An output file: name and bytes.
@@ -30,6 +31,11 @@ pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
     ends.extend(settings.vertex_colors.then_some(VERTEX));
     ends.push("lightmap.json");
     ends.extend(settings.ktx2.map(|_| "lightmap.ktx2"));
+    ends.extend(settings.png.map(|_| "lightmap.png"));
+    if settings.mode == BakeMode::Shadowmask {
+        ends.push("shadowmask.exr");
+        ends.extend(settings.ktx2.map(|_| "shadowmask.ktx2"));
+    }
     ends.extend(settings.probes.as_ref().map(|_| PROBES));
     let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
     let groups = settings.groups.iter().map(|g| g.name.as_str());
@@ -112,12 +118,15 @@ impl Bake {
                 self.write_ktx2(format, pages, &names, &mut files, &mut report)?;
             }
         }
+        let png = self.write_png(&mut files, &mut report)?;
+        let mixed = self.write_masks(ktx2.is_some(), &mut files)?;
         let moz = settings.ext.contains(&GltfExt::Moz);
         let options = GlbOptions {
             value: self.value,
             exposure: Some(self.exposure()),
             ktx2: (ktx2.as_ref()).map(|(format, names)| (*format, &names[..])),
             moz: moz.then_some(&self.baked.pages[..]),
+            mixed: mixed.as_ref(),
         };
         let (bytes, stats) = write_lightmapped_glb_with(
             &self.loaded.document,
@@ -143,6 +152,12 @@ impl Bake {
         }
         if let Some((format, names)) = &ktx2 {
             manifest.set_ktx2(*format, names);
+        }
+        if let Some((format, scale)) = png {
+            manifest.set_png(format, scale, &self.numbered("lightmap", "png"));
+        }
+        if let Some(mixed) = &mixed {
+            manifest.set_mixed(mixed);
         }
         if moz {
             manifest.set_coordinates_on_page();
@@ -186,6 +201,52 @@ impl Bake {
             });
         }
         Ok(())
+    }
+
+    /// Adds the pages as PNG, and their errors to the report. Returns their form and factor.
+    fn write_png(
+        &self,
+        files: &mut Vec<NamedFile>,
+        report: &mut Report,
+    ) -> Result<Option<(PngFormat, f32)>, Error> {
+        let Some(format) = self.report.settings.png else {
+            return Ok(None);
+        };
+        let scale = format.scale(&self.baked.pages, self.exposure());
+        let names = self.numbered("lightmap", "png");
+        for (page, name) in self.baked.pages.iter().zip(&names) {
+            let (bytes, stored) = write_lightmap_png(page, format, scale)?;
+            files.push((name.clone(), bytes));
+            let file = name.clone();
+            report.png.push(StoredPng { file, stored });
+        }
+        Ok(Some((format, scale)))
+    }
+
+    /// Adds shadow masks. Returns what the manifest says about lamps that are left out.
+    fn write_masks(
+        &self,
+        ktx2: bool,
+        files: &mut Vec<NamedFile>,
+    ) -> Result<Option<MixedLight>, Error> {
+        let Some(mut mixed) = self.mixed.clone() else {
+            return Ok(None);
+        };
+        if self.baked.masks.is_empty() {
+            return Ok(Some(mixed));
+        }
+        mixed.masks = self.numbered("shadowmask", "exr");
+        for (page, name) in self.baked.masks.iter().zip(&mixed.masks) {
+            let (bytes, _) = write_lightmap_exr(page, &ExrOptions::default())?;
+            files.push((name.clone(), bytes));
+        }
+        if ktx2 {
+            mixed.ktx2 = self.numbered("shadowmask", "ktx2");
+            for (page, name) in self.baked.masks.iter().zip(&mixed.ktx2) {
+                files.push((name.clone(), write_mask_ktx2(page)?));
+            }
+        }
+        Ok(Some(mixed))
     }
 
     /// Completes the record of inputs and outputs.
@@ -259,7 +320,11 @@ impl Bake {
         let report = set.dir().join(self.report_name());
         let vertex = format!("{}.{VERTEX}", self.stem);
         for name in record::outputs_of(&report) {
-            let ours = name.ends_with(".ktx2") || name == vertex;
+            let mask = format!("{}.shadowmask.", self.stem);
+            let ours = name.ends_with(".ktx2")
+                || name.ends_with(".png")
+                || name == vertex
+                || name.starts_with(&mask);
             if ours && Path::new(&name).file_name() == Some(name.as_ref()) {
                 set.remove_obsolete(&name);
             }

@@ -11,6 +11,7 @@ use radiosity::{Monitor, Sky, World, WorldOptions};
 use serde::Serialize;
 
 use crate::check::check;
+use crate::cull;
 use crate::early;
 use crate::error::Error;
 use crate::files::NamedFile;
@@ -81,8 +82,9 @@ pub fn inspect_and_draw(
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
     atlas::separate_unlike(&mut loaded.scene);
+    let soup = Soup::build(&loaded.scene);
+    cull::apply(&mut loaded.scene, &soup, settings)?;
     let scene = &loaded.scene;
-    let soup = Soup::build(scene);
     let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
     let mut low = glam::Vec3::INFINITY;
     let mut high = glam::Vec3::NEG_INFINITY;

@@ -54,6 +54,7 @@ mod baker;
 mod brightness;
 mod cache;
 mod check;
+mod cull;
 mod depfile;
 mod early;
 mod error;
@@ -63,6 +64,7 @@ mod folder;
 mod inspect;
 mod likeness;
 mod memory;
+mod mixed;
 mod named;
 mod not_physical;
 mod origin;
@@ -95,9 +97,10 @@ pub use radiosity;
 pub use visibility;
 
 pub use atlas::{UnwrapperChoice, UvMode};
-pub use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, Page, Paint, ValueKind};
+pub use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, Page, Paint, PngFormat, ValueKind};
 pub use baker::Baker;
 pub use cache::{Cache, CacheReport};
+pub use cull::CullReport;
 pub use depfile::depfile;
 pub use error::Error;
 pub use estimate::{ESTIMATE_FACTOR, Estimate, estimate};
@@ -114,13 +117,14 @@ pub use record::{
     Current, InputKind, PREVIEW, Provenance, ReadFile, Record, RecordedInput, RecordedOutput,
     find_current,
 };
-pub use report::{Blank, GroupReport, Measured, PhaseTime, Report, StoredPage};
+pub use report::{Blank, GroupReport, Measured, PhaseTime, Report, StoredPage, StoredPng};
 pub use report_page::report_page;
 pub use results::VertexColors;
 pub use scene_builder::{MaterialId, MeshId, SceneBuilder, Surface};
 pub use scene_input::SceneInput;
 pub use settings::{
-    Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource, Sun, Units,
+    BakeMode, Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource,
+    Sun, Units,
 };
 pub use sources::{Source, SourceKind};
 pub use watch::{CancelToken, Progress};

@@ -113,7 +113,7 @@ pub fn outputs_in(dir: &Path, scene: &Path, names: &[String]) -> Result<Vec<Path
     let pages: Vec<_> = names
         .iter()
         .filter_map(|name| name.rsplit_once('.'))
-        .filter(|(_, end)| ["exr", "ktx2"].contains(end))
+        .filter(|(_, end)| ["exr", "ktx2", "png"].contains(end))
         .collect();
     for entry in std::fs::read_dir(dir).into_iter().flatten().flatten() {
         let name = entry.file_name();

@@ -8,12 +8,12 @@ use std::time::Instant;
 use atlas::{KeptCharts, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport};
 use atlas_bake::ProbeFile;
 use atlas_bake::{
-    BakeOptions, Baked, LitScene, PictureLight, ValueKind, choose_camera, render_preview,
-    scene_camera,
+    BakeOptions, Baked, LitScene, MixedLight, PictureLight, ValueKind, choose_camera,
+    render_preview, scene_camera,
 };
 use gather::probes::{ProbeReport, ProbeScene, bake_probes, report_probes};
 use glam::Vec3;
-use mesh_ingest::{Light, LightKind, Loaded, Scene, Soup};
+use mesh_ingest::{LampMode, Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{
     Bounce, DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, World, WorldOptions,
 };
@@ -21,9 +21,11 @@ use radiosity::{
 use crate::brightness;
 use crate::cache::{Cache, Charts};
 use crate::check::{check, check_name};
+use crate::cull::{self, CullReport};
 use crate::early;
 use crate::error::Error;
 use crate::memory::Need;
+use crate::mixed;
 use crate::overwrite;
 use crate::page_groups;
 use crate::probes::{self, ProbePlan};
@@ -51,6 +53,8 @@ pub struct Bake {
     pub report: Report,
     /// Names of the groups of [`Baked::groups`].
     pub(crate) group_names: Vec<String>,
+    /// Lamps that are left out; `None` for a full bake.
+    pub(crate) mixed: Option<MixedLight>,
     /// Files that the settings name.
     pub(crate) option_inputs: Vec<RecordedInput>,
     pub(crate) stem: String,
@@ -109,8 +113,11 @@ pub(crate) struct Prepared {
     pub loaded: Loaded,
     pub soup: Soup,
     pub chosen: Chosen,
+    /// By light: who computes its direct light.
+    pub modes: Vec<LampMode>,
     pub sky: Sky,
     pub clamped_materials: u64,
+    pub culled: Option<CullReport>,
     pub early: Early,
 }
 
@@ -143,6 +150,7 @@ pub(crate) fn prepare(
         settings.sky != SkySource::None,
     );
     let chosen = sources.apply(&mut loaded.scene, settings)?;
+    let modes = mixed::modes(&loaded.scene, loaded.document.json(), settings)?;
     let departures = settings.not_physical.describe();
     if !departures.is_empty() {
         (early.notes).push(format!("not physical: {}", departures.join("; ")));
@@ -157,6 +165,7 @@ pub(crate) fn prepare(
     page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
     atlas::separate_unlike(&mut loaded.scene);
     let soup = Soup::build(&loaded.scene);
+    let culled = cull::apply(&mut loaded.scene, &soup, settings)?;
     early::density(&soup, settings)?;
     let (scene, document) = (&loaded.scene, loaded.document.json());
     let dark = early::no_light(scene, &soup, &sky, document);
@@ -167,8 +176,10 @@ pub(crate) fn prepare(
         loaded,
         soup,
         chosen,
+        modes,
         sky,
         clamped_materials,
+        culled,
         early,
     })
 }
@@ -316,8 +327,10 @@ fn bake_with(
         loaded,
         soup,
         chosen,
+        modes,
         sky,
         clamped_materials,
+        culled,
         early,
     } = prepare(scene, settings, split)?;
     if let Some(tell) = beside.tell {
@@ -361,10 +374,18 @@ fn bake_with(
         level.charts_and_light(kept, sky, groups, monitor, clock)?
     };
     let Lit {
-        world,
+        mut world,
         emitters,
         solution,
     } = lit;
+    let (mixed, mixed_warnings) =
+        match mixed::settle(&world, &emitters, &solution, &modes, settings) {
+            Some(mixed) => {
+                world.roles = Some(mixed.roles);
+                (Some(mixed.light), mixed.warnings)
+            }
+            None => (None, Vec::new()),
+        };
 
     if settings.split_sides && split.is_empty() {
         let wanted = split::wanted(&loaded, &world, &solution);
@@ -406,6 +427,7 @@ fn bake_with(
         foretold,
     };
     all.extend(warned.list());
+    all.extend(mixed_warnings);
     drop(world);
 
     let name = file
@@ -428,12 +450,14 @@ fn bake_with(
         dropped_triangles: [soup.dropped_zero_area, soup.dropped_duplicate],
         clamped_materials,
         groups: chosen.report,
+        culled,
         layout: layout_report,
         solve: solution.report.clone(),
         gather: baked.report.clone(),
         probes: probe_report,
         clamped: Vec::new(),
         ktx2: Vec::new(),
+        png: Vec::new(),
         not_physical: settings.not_physical.describe(),
         notes,
         warnings: all,
@@ -449,6 +473,7 @@ fn bake_with(
         probes,
         report,
         group_names: group_names.unwrap_or_default(),
+        mixed,
         option_inputs,
         stem,
         value: settings.value,

@@ -1,7 +1,7 @@
 //! The bake's report.
 
 use atlas::LayoutReport;
-use atlas_bake::{BakeReport, ExrStats, Ktx2Report};
+use atlas_bake::{BakeReport, ExrStats, Ktx2Report, PngReport};
 use gather::probes::ProbeReport;
 use mesh_ingest::IngestReport;
 use radiosity::{Audit, SolveReport};
@@ -13,6 +13,7 @@ use mesh_ingest::Digest;
 use serde_json::Value;
 
 use crate::cache::CacheReport;
+use crate::cull::CullReport;
 use crate::origin::Origin;
 use crate::record::Record;
 use crate::settings::Settings;
@@ -43,6 +44,9 @@ pub struct Report {
     pub clamped_materials: u64,
     /// Light groups, in order; empty if light is not separated.
     pub groups: Vec<GroupReport>,
+    /// What `--cull-unseen` left without lumels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub culled: Option<CullReport>,
     /// Charts and pages.
     pub layout: LayoutReport,
     /// The solve: patches, elements, residual, row sums, energy.
@@ -57,6 +61,9 @@ pub struct Report {
     /// `--ktx2`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ktx2: Vec<StoredPage>,
+    /// Pages stored as PNG, and their errors; empty without `--png`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub png: Vec<StoredPng>,
     /// Departures from physics that the settings ask for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub not_physical: Vec<String>,
@@ -86,6 +93,16 @@ pub struct StoredPage {
     /// Format and compression error.
     #[serde(flatten)]
     pub stored: Ktx2Report,
+}
+
+/// A page stored as PNG.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StoredPng {
+    /// The file.
+    pub file: String,
+    /// Form and error.
+    #[serde(flatten)]
+    pub stored: PngReport,
 }
 
 /// Times and memory of this run. Zeroed when results are compared.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use atlas::{UnwrapperChoice, UvMode};
-use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, ValueKind};
+use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, PngFormat, ValueKind};
 use gather::{GatherOptions, Interpolation};
 use mesh_ingest::Limits;
 use patch_subdivision::Options as CutOptions;
@@ -93,6 +93,25 @@ pub struct LightScale {
     pub factor: f32,
 }
 
+/// Whose direct light lumels hold.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BakeMode {
+    /// That of all lamps.
+    #[default]
+    Full,
+    /// Not that of mixed and realtime lamps, whose reflected light stays.
+    Indirect,
+    /// As `Indirect`, with shadow masks for mixed lamps.
+    Shadowmask,
+}
+
+impl BakeMode {
+    fn is_full(&self) -> bool {
+        *self == BakeMode::Full
+    }
+}
+
 /// Units of the file's lamps. Emissive materials and skies are radiances in W/(m² sr), or whatever
 /// unit the level's author chose.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -150,6 +169,13 @@ pub struct Settings {
     /// addition to `extras.lumel.page`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub page_by: Vec<String>,
+    /// Whether surfaces that nobody sees from where players walk get no lumels.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub cull_unseen: bool,
+    /// Names of nodes, with wildcards, in whose boxes players walk, in addition to
+    /// `extras.lumel.walkable`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub walkable: Vec<String>,
     /// Whether to use the asset's lightmap coordinates.
     pub uv: UvMode,
     /// The unwrapper that makes new ones.
@@ -168,11 +194,24 @@ pub struct Settings {
     pub lights: Vec<LightScale>,
     /// Light groups; sources in no group go to a last one, `rest`. Empty if light is not separated.
     pub groups: Vec<LightGroup>,
+    /// Whether lamps are left out whose direct light the engine adds.
+    #[serde(skip_serializing_if = "BakeMode::is_full")]
+    pub mode: BakeMode,
+    /// Names of mixed lamps, with wildcards: lights or their nodes, `sun` for
+    /// [`suns`](Self::suns). In addition to `extras.lumel.mode`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub mixed: Vec<String>,
+    /// Names of realtime lamps.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub realtime: Vec<String>,
     /// Quantity stored in the lightmap.
     pub value: ValueKind,
     /// Also write pages as KTX2 in this format.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ktx2: Option<Ktx2Format>,
+    /// Also write pages as PNG with 8 bits per channel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub png: Option<PngFormat>,
     /// Conventions for referencing the lightmap in the glTF, in addition to the nodes' extras.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ext: Vec<GltfExt>,
@@ -264,6 +303,8 @@ impl Default for Settings {
             block: 4,
             block_charts: false,
             page_by: Vec::new(),
+            cull_unseen: false,
+            walkable: Vec::new(),
             uv: UvMode::Auto,
             unwrapper: UnwrapperChoice::Auto,
             sky: SkySource::None,
@@ -273,8 +314,12 @@ impl Default for Settings {
             suns: Vec::new(),
             lights: Vec::new(),
             groups: Vec::new(),
+            mode: BakeMode::Full,
+            mixed: Vec::new(),
+            realtime: Vec::new(),
             value: ValueKind::Radiance,
             ktx2: None,
+            png: None,
             ext: Vec::new(),
             layers: Vec::new(),
             directional: None,

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::common::browser::Browser;
-use crate::common::quads::{points, scene, shown, sun};
+use crate::common::quads::{R, points, scene, shown, sun};
 use crate::common::site::{Site, npm_modules};
 use crate::common::{files, lumel, names, outputs, parse, temp, write};
 use image::RgbImage;
@@ -318,6 +318,65 @@ fn three_js_shows_ktx2_pages() {
             "/engines/index.html",
             "diffuse=1&ktx2=1",
             &srgb(share),
+        );
+        assert_eq!(b.errors, [""; 0]);
+    }
+}
+
+/// The squares with the sun as a mixed lamp of the file, baked with shadow masks.
+fn squares_with_mask(options: &str) -> (TempDir, PathBuf) {
+    let mut scene = parse(scene().as_bytes());
+    let half = 0.5f64.sqrt();
+    let nodes = scene["nodes"].as_array_mut().expect("nodes");
+    nodes.push(json!({
+        "name": "sun",
+        // From −Z to straight down.
+        "rotation": [-half, 0.0, 0.0, half],
+        "extensions": {"KHR_lights_punctual": {"light": 0}},
+        "extras": {"lumel": {"mode": "mixed"}},
+    }));
+    scene["scenes"][0]["nodes"] = json!([0, 1, 2, 3, 4]);
+    scene["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    let lux = R * std::f64::consts::PI;
+    scene["extensions"] = json!({"KHR_lights_punctual": {"lights": [
+        {"type": "directional", "intensity": lux},
+    ]}});
+    let t = temp();
+    let file = write(t.path().join(format!("{STEM}.gltf")), scene.to_string());
+    let out = t.path().join("out");
+    let more =
+        format!("--quality draft --texels-per-unit 16 --no-stitch --mode shadowmask {options}");
+    let mut a = vec![
+        "bake".into(),
+        file.into(),
+        "-o".into(),
+        out.as_os_str().to_owned(),
+    ];
+    a.extend(more.split_whitespace().map(Into::into));
+    lumel(a).ok();
+    (t, out)
+}
+
+#[test]
+fn three_js_adds_mixed_lamps_through_shadow_masks() {
+    for (options, query) in [("", "diffuse=1"), ("--ktx2 rgb9e5", "diffuse=1&ktx2=1")] {
+        let Some(mut b) = Browser::start("three.js with shadow masks", [640, 480]) else {
+            return;
+        };
+        let (_t, out) = squares_with_mask(options);
+        // Without the sun's direct light there is none.
+        let page = read_exr(&out.join(format!("{STEM}.lightmap.exr"))).expect("a page");
+        let all = ["R", "G", "B"].map(|c| page.channel(c).expect("a channel").to_vec());
+        let most = all.into_iter().flatten().fold(0.0, f32::max);
+        assert!(most < 0.05 * R as f32, "{most}");
+        let site = Site::start(&out);
+        // Bounces between the squares are below a step of 255; the mask is exact away from edges.
+        look(
+            &mut b,
+            &site,
+            "/engines/index.html",
+            query,
+            &srgb(1.0 / 128.0),
         );
         assert_eq!(b.errors, [""; 0]);
     }

@@ -11,7 +11,8 @@ use crate::report::IngestReport;
 
 /// Keys of nodes; `radius` and `angle` apply to the node's light.
 const NODE_KEYS: &[&str] = &[
-    "angle", "bake", "density", "exclude", "lod", "occluder", "page", "radius", "variant",
+    "angle", "bake", "density", "exclude", "lod", "mode", "occluder", "page", "radius", "variant",
+    "walkable",
 ];
 
 /// Keys of materials.
@@ -159,6 +160,8 @@ pub(crate) struct NodeExtras {
     pub variant: Option<GroupMember>,
     /// Name of the page group of the node and its children.
     pub page: Option<String>,
+    /// The node is a volume where players walk, and is not part of the level.
+    pub walkable: Option<bool>,
 }
 
 impl NodeExtras {
@@ -175,6 +178,7 @@ impl NodeExtras {
             lod: place(&lumel, "lod", "level", report),
             variant: place(&lumel, "variant", "index", report),
             page: page(&lumel, report),
+            walkable: flag(&lumel, "walkable", report),
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::json::Item;
 use crate::nodes::{Graph, Placed};
 use crate::options::MAX_COORDINATE;
 use crate::report::IngestReport;
-use crate::scene::{Light, LightKind, Scene};
+use crate::scene::{LampMode, Light, LightKind, Scene};
 
 /// Reads all lights of the chosen scene: `KHR_lights_punctual` in scene-graph order, then
 /// `EXT_lights_ies`.
@@ -29,12 +29,32 @@ pub(crate) fn read_all(
     for placed in &graph.lights {
         let light = read(document, placed, scene.origin, &mut profiles, report);
         scene.lights.extend(faults.take(light).flatten());
+        let mode = mode_of(document, placed, "KHR_lights_punctual", report);
+        (scene.lamp_modes).extend(faults.take(mode).flatten().map(|m| (placed.node, m)));
     }
     for placed in &graph.measured_lights {
         let light = measured::read(document, placed, scene.origin, &mut profiles, report);
         scene.lights.extend(faults.take(light).flatten());
+        let mode = mode_of(document, placed, "EXT_lights_ies", report);
+        (scene.lamp_modes).extend(faults.take(mode).flatten().map(|m| (placed.node, m)));
     }
     scene.profiles = profiles.finish(document);
+}
+
+/// `extras.lumel.mode` of the light at `placed`, or of its node, which takes precedence.
+fn mode_of(
+    document: &Document,
+    placed: &Placed,
+    extension: &str,
+    report: &mut IngestReport,
+) -> Outcome<Option<LampMode>> {
+    let root = document.root();
+    let Some(ext) = root.extension(extension)? else {
+        return Ok(None);
+    };
+    let item = ext.element("lights", placed.index)?;
+    let node = root.element("nodes", placed.node)?;
+    Ok(extras::mode([&node, &item], report))
 }
 
 /// Reads the punctual light at `placed`; `None` if it emits nothing. `origin` is [`Scene::origin`].

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::document::{Document, ImageSource};
@@ -82,6 +82,14 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     scene.origin = recentre(&mut scene, &mut report);
     let name = |(node, page): (&usize, &usize)| (*node, graph.page_names[*page].clone());
     scene.page_groups = graph.pages.iter().map(name).collect();
+    let origin = scene.origin;
+    scene.cameras = graph
+        .cameras
+        .iter()
+        .map(|p| (*p - origin).as_vec3())
+        .collect();
+    let recentred = |v: &DAffine3| DAffine3::from_translation(-origin) * *v;
+    scene.walkable = graph.walkable.iter().map(recentred).collect();
     lods::settle(&mut scene, &graph.lods, &mut report);
     lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
     let needed = needed_images(&scene.materials, &used_materials);

@@ -40,6 +40,9 @@ pub(crate) struct Graph {
     /// Names of page groups, and the group of each node that is in one.
     pub page_names: Vec<String>,
     pub pages: BTreeMap<usize, usize>,
+    /// Walkable volumes and cameras, not recentred.
+    pub walkable: Vec<DAffine3>,
+    pub cameras: Vec<DVec3>,
 }
 
 /// Properties that a node passes on to its children.
@@ -201,6 +204,15 @@ fn visit(
     };
     graph.pages.extend(own.page.map(|page| (index, page)));
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
+    if node.value.get("camera").is_some() {
+        graph.cameras.push(own.transform.translation);
+    }
+    if extras.walkable == Some(true) {
+        graph
+            .walkable
+            .extend(volume(&root, mesh, report)?.map(|v| own.transform * v));
+        return Ok(own);
+    }
     let light = light_of(&root, &node, "KHR_lights_punctual")?;
     let measured = light_of(&root, &node, "EXT_lights_ies")?;
     if mesh.is_none() && light.is_none() && measured.is_none() {
@@ -249,6 +261,43 @@ fn visit(
         }
     }
     Ok(own)
+}
+
+/// The box of a mesh by its accessors' bounds, or the cube from −1 to 1 of an empty node: a map of
+/// that cube.
+fn volume(
+    root: &Item<'_>,
+    mesh: Option<usize>,
+    report: &mut IngestReport,
+) -> Outcome<Option<DAffine3>> {
+    let Some(mesh) = mesh else {
+        return Ok(Some(DAffine3::IDENTITY));
+    };
+    let mesh = root.element("meshes", mesh)?;
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for primitive in mesh.elements("primitives")? {
+        let position = primitive.value["attributes"]["POSITION"].as_u64();
+        let Some(accessor) = position else { continue };
+        let accessor = root.element("accessors", accessor as usize)?;
+        if let (Some(a), Some(b)) = (
+            accessor.opt_numbers::<3>("min")?,
+            accessor.opt_numbers::<3>("max")?,
+        ) {
+            (low, high) = (low.min(a.into()), high.max(b.into()));
+        }
+    }
+    if !(low.is_finite() && high.is_finite()) {
+        report.warn(
+            mesh.path,
+            "the walkable volume has no bounds: expected min and max of its POSITION accessor",
+        );
+        return Ok(None);
+    }
+    Ok(Some(DAffine3::from_scale_rotation_translation(
+        0.5 * (high - low),
+        DQuat::IDENTITY,
+        0.5 * (high + low),
+    )))
 }
 
 fn why_left_out(

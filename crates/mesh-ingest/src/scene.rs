@@ -46,6 +46,17 @@ pub struct Scene {
     /// (`extras.lumel.page` of the node or the nearest ancestor that has it). Instances of
     /// different groups share no page of the lightmap.
     pub page_groups: BTreeMap<usize, String>,
+    /// Who computes the direct light of lamps, by node; lamps of other nodes are baked
+    /// (`extras.lumel.mode` of the node or the light).
+    pub lamp_modes: BTreeMap<usize, LampMode>,
+    /// Volumes where players walk (`extras.lumel.walkable`): each maps the cube from −1 to 1 to
+    /// recentred world space.
+    pub walkable: Vec<DAffine3>,
+    /// Positions of the document's cameras, recentred.
+    pub cameras: Vec<Vec3>,
+    /// By mesh, primitive and triangle: whether nobody sees it, so that it needs no lumels. Empty
+    /// if nothing is culled.
+    pub unseen: Vec<Vec<Vec<bool>>>,
 }
 
 impl Scene {
@@ -272,6 +283,19 @@ pub struct Light {
     pub kind: LightKind,
     /// Measured distribution of a point or spot light, multiplied with `intensity`.
     pub profile: Option<PlacedProfile>,
+}
+
+/// Who computes a lamp's direct light: the bake or the engine. Light that surfaces reflect is always
+/// baked.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum LampMode {
+    /// The bake.
+    #[default]
+    Baked,
+    /// The engine, with baked shadows.
+    Mixed,
+    /// The engine, with shadows of its own.
+    Realtime,
 }
 
 /// A [`Profile`] attached to a light.

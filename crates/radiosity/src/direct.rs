@@ -13,6 +13,7 @@ use mesh_ingest::{Light, LightKind};
 use patch_subdivision::Subdivision;
 
 use crate::emitters::{Emitter, Emitters, Few};
+use crate::roles::{MASKS, MaskLamps};
 use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
@@ -91,6 +92,38 @@ pub struct DirectParts {
     pub moments: Option<[Vec3; 4]>,
     /// Luminance of the irradiance from directional lights: with and without occlusion.
     pub sun: Option<[f32; 2]>,
+    /// Irradiance from everything but the lamps that are left out
+    /// ([`LampRoles`](crate::LampRoles)). If requested, `moments` leave them out too.
+    pub kept: Option<Vec3>,
+    /// The lamps of a shadow mask, and the luminance of the irradiance from each: with and without
+    /// occlusion.
+    pub masks: Option<(MaskLamps, [[f32; 2]; MASKS])>,
+}
+
+impl DirectParts {
+    /// The channel of light `k` in the shadow mask.
+    fn channel_of(&self, k: usize) -> Option<usize> {
+        let (lamps, _) = self.masks.as_ref()?;
+        lamps.iter().position(|lamp| *lamp == Some(k as u32))
+    }
+}
+
+/// What is recorded of a light.
+#[derive(Debug, Clone, Copy, Default)]
+struct Kind {
+    /// It is a sun.
+    sun: bool,
+    /// It is a lamp whose direct light is left out.
+    left_out: bool,
+    /// Its channel in the shadow mask.
+    channel: Option<usize>,
+}
+
+impl Kind {
+    /// The share of the samples that it gets. A mask must be accurate whatever the lamp contributes.
+    fn share(&self, share: f32) -> f32 {
+        if self.channel.is_some() { 1.0 } else { share }
+    }
 }
 
 /// The bit of [`DirectEstimate::mixed`] for emissive surfaces.
@@ -198,7 +231,13 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let sun = matches!(light.kind, LightKind::Directional { .. });
                 let bit = 1 << (k % 31);
                 let look = known.look & bit != 0;
-                self.begin(term, share, bit, look, sun, &mut work);
+                let kind = Kind {
+                    sun,
+                    left_out: self.world.leaves_out(k),
+                    channel: work.parts.channel_of(k),
+                };
+                let share = kind.share(share);
+                self.begin(term, share, bit, look, kind, &mut work);
             }
         }
         if !self.emitters.is_empty() || bright.is_some() {
@@ -207,7 +246,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
                 let total: f32 = bright.cells.iter().map(|c| c.power).sum();
                 for cell in &bright.cells {
                     let share = cell.power / total;
-                    self.begin(Term::Sky(cell), share, EMITTERS, look, false, &mut work);
+                    let kind = Kind::default();
+                    self.begin(Term::Sky(cell), share, EMITTERS, look, kind, &mut work);
                 }
             }
             let mut terms = Vec::new();
@@ -218,7 +258,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             for (node, weight) in terms {
                 let share = worth * weight / total;
                 let term = self.term_of_node(node);
-                self.begin(term, share, EMITTERS, look, false, &mut work);
+                let kind = Kind::default();
+                self.begin(term, share, EMITTERS, look, kind, &mut work);
             }
         }
         self.look_closer(known.light, work);
@@ -242,6 +283,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         }
         let mut rays = 0;
         for (k, light) in self.world.scene.lights.iter().enumerate() {
+            // A shadow mask needs every lamp.
+            let least = if self.world.is_masked(k) { 0.0 } else { least };
             if self.weight_of_lamp(light, p) <= least {
                 continue;
             }
@@ -260,6 +303,19 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             }
         }
         Some(rays)
+    }
+
+    /// Whether `point`, which is on `triangle`, sees lamp `k` and receives light from it.
+    pub(crate) fn lamp_is_seen(&self, k: usize, point: &SurfacePoint, triangle: u32) -> bool {
+        let light = &self.world.scene.lights[k];
+        if self.weight_of_lamp(light, point) <= 0.0 {
+            return false;
+        }
+        let term = Term::Lamp(light, 0);
+        let mut tally = Tally::single();
+        let random = sample_4d(triangle, 3, k as u32);
+        self.sample(&term, None, point, random, &mut tally);
+        tally.seen()[0]
     }
 
     /// Unbiased estimate of the direct irradiance at one point with a single shadow ray. One light
@@ -313,7 +369,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         share: f32,
         bit: u32,
         look: bool,
-        sun: bool,
+        kind: Kind,
         work: &mut Work<'_, 't, P>,
     ) {
         // Up to four lights of equal strength get the full number of points each. More lights share
@@ -347,7 +403,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         } else {
             0
         };
-        let tally = Tally::new(work.parts, groups, sun);
+        let tally = Tally::new(work.parts, groups, kind);
         let mut light = Started {
             is_random,
             tally,
@@ -420,7 +476,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let mixed = std::mem::take(&mut work.mixed);
         for mut light in mixed {
             let [_, full] = light.tally.luminances(light.taken);
-            let worth = (WORTH * full / total).min(1.0) * light.most as f32;
+            let share = light.tally.kind.share(WORTH * full / total);
+            let worth = share.min(1.0) * light.most as f32;
             let target = (worth.ceil() as u32).clamp(light.taken, light.most);
             self.go_on(&mut light, target, u32::MAX, &mut work);
             work.finish(light);

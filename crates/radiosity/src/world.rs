@@ -9,6 +9,7 @@ use crate::curved::{Curved, height};
 use crate::emitters::brightness;
 use crate::glass::{Coin, Glass};
 use crate::groups::LightGroups;
+use crate::roles::{LampRoles, MaskLamps};
 use crate::sky::{BrightSky, Sky};
 use crate::solids::Solids;
 use crate::stand_in::{Place, StandIns};
@@ -91,6 +92,8 @@ pub struct World<'a> {
     pub groups: Option<LightGroups>,
     /// Changes of bounced light.
     pub bounce: Bounce,
+    /// Lamps whose direct light lumels leave out, if there are any.
+    pub roles: Option<LampRoles>,
     bvh: Bvh,
     two_sided: Vec<bool>,
     /// Reflectance of materials with a uniform one, so that rays need not look up their triangles.
@@ -146,6 +149,7 @@ impl<'a> World<'a> {
             groups: options.groups,
             even: even_reflectances(scene, &options.bounce),
             bounce: options.bounce,
+            roles: None,
             open: (scene.materials.iter()).any(|m| m.lets_light_through()),
             tinted: scene.materials.iter().any(|m| m.transmission > 0.0),
             scene,
@@ -497,6 +501,28 @@ impl<'a> World<'a> {
     #[inline]
     pub(crate) fn lamp_group(&self, light: usize) -> usize {
         self.groups.as_ref().map_or(0, |g| g.lights[light] as usize)
+    }
+
+    /// Whether lumels leave out the direct light of a lamp.
+    #[inline]
+    pub fn leaves_out(&self, light: usize) -> bool {
+        self.roles.as_ref().is_some_and(|r| r.leaves_out(light))
+    }
+
+    /// Whether a lamp has a channel in the shadow masks.
+    pub(crate) fn is_masked(&self, light: usize) -> bool {
+        let channels = self.roles.as_ref().map(|r| &r.channels[..]);
+        channels
+            .and_then(|c| c.get(light))
+            .is_some_and(Option::is_some)
+    }
+
+    /// The lamps of the shadow mask of an instance.
+    pub fn mask_lamps(&self, instance: usize) -> MaskLamps {
+        let masks = self.roles.as_ref().map(|r| &r.masks[..]);
+        masks
+            .and_then(|m| m.get(instance).copied())
+            .unwrap_or_default()
     }
 
     /// The light group of the sky.

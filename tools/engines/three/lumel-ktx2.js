@@ -1,18 +1,18 @@
 /**
- * Reads the KTX2 files that `lumel bake --ktx2` writes: one level, no supercompression, BC6H or rgb9e5, row 0 at the top.
+ * Reads the KTX2 files that `lumel bake --ktx2` writes: one level, no supercompression, BC6H, rgb9e5 or (shadow masks) RGBA8, row 0 at the top.
  *
  * Engines' own readers know Basis and some formats besides, but none of those here knows both of these.
  */
 
 /** VkFormat numbers. */
-const FORMATS = { 143: 'bc6h', 123: 'rgb9e5' };
+const FORMATS = { 143: 'bc6h', 123: 'rgb9e5', 37: 'rgba8' };
 
 const MAGIC = [0xab, 0x4b, 0x54, 0x58, 0x20, 0x32, 0x30, 0xbb, 0x0d, 0x0a, 0x1a, 0x0a];
 
 /**
  * @param {ArrayBuffer} buffer A file.
- * @returns {{width: number, height: number, format: 'bc6h' | 'rgb9e5', data: Uint8Array | Uint32Array}}
- *   Blocks of 16 bytes for 4×4 texels (Uint8Array), or a word a texel (Uint32Array).
+ * @returns {{width: number, height: number, format: 'bc6h' | 'rgb9e5' | 'rgba8', data: Uint8Array | Uint32Array}}
+ *   Blocks of 16 bytes for 4×4 texels, bytes R, G, B, A (Uint8Array), or a word a texel (Uint32Array).
  */
 export function parseKtx2(buffer) {
   const view = new DataView(buffer);
@@ -26,7 +26,7 @@ export function parseKtx2(buffer) {
   const [offset, length] = [80, 88].map((at) => Number(view.getBigUint64(at, true)));
   const expected = format === 'bc6h' ? 16 * Math.ceil(width / 4) * Math.ceil(height / 4) : 4 * width * height;
   if (length !== expected || offset + length > buffer.byteLength) throw new Error('this KTX2 file is cut off');
-  const data = format === 'bc6h' ? new Uint8Array(buffer, offset, length) : new Uint32Array(buffer.slice(offset, offset + length));
+  const data = format !== 'rgb9e5' ? new Uint8Array(buffer, offset, length) : new Uint32Array(buffer.slice(offset, offset + length));
   return { width, height, format, data };
 }
 

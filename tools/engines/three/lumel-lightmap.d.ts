@@ -1,4 +1,4 @@
-import type { Material, MeshLambertMaterial, Mesh, Object3D, Texture } from 'three';
+import type { Light, Material, MeshLambertMaterial, Mesh, Object3D, Texture } from 'three';
 import type { GLTF, GLTFLoaderPlugin, GLTFParser } from 'three/addons/loaders/GLTFLoader.js';
 
 /** Where a node's light is: `extras.lightmap` of the .glb, or a node of the manifest. */
@@ -11,6 +11,15 @@ export interface Place {
   scaleToIrradiance?: number;
   exposure?: number;
   ktx2?: { uri: string; format: 'bc6h' | 'rgb9e5' };
+  /** The node's shadow mask: for each channel the lamp, as an index into the manifest's lamps. */
+  mask?: { uri: string; lamps: (number | null)[]; ktx2?: { uri: string; format: 'rgba8' } };
+}
+
+/** A lamp whose direct light is not in the lightmap: `extras.lightmapLamp` of its node. */
+export interface Lamp {
+  id: number;
+  mode: 'mixed' | 'realtime';
+  channel?: number;
 }
 
 export interface LightmapOptions {
@@ -59,4 +68,7 @@ export function findPlacements(gltf: GLTF, manifest?: object): Placement[];
 export function suggestedExposure(placements: Placement[]): number;
 export function placeTexture(page: Texture, place: Place, topDown?: boolean): Texture;
 export function diffuseMaterial(from: Material): MeshLambertMaterial;
+/** What the bake says about a lamp; undefined for lamps whose light is in the lightmap. */
+export function lampOf(light: Light): Lamp | undefined;
+/** Takes lamps out whose light is in the lightmap. */
 export function removeLights(root: Object3D): void;

@@ -17,6 +17,7 @@ use super::texcoord;
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
 use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
+use crate::mixed::{LAMP_EXTRA, MixedLight};
 use crate::page::Page;
 
 /// Changes that writing a glTF made besides coordinates.
@@ -63,6 +64,8 @@ pub struct GlbOptions<'a> {
     /// The pages, if `MOZ_lightmap` is to be written. Coordinates are then those of the page, and
     /// the rectangle in extras is the whole page.
     pub moz: Option<&'a [Page]>,
+    /// Lamps that are left out, and shadow masks.
+    pub mixed: Option<&'a MixedLight>,
 }
 
 /// Writes `document` with the lightmap coordinates of `layout`. `page_uris` are the names of the
@@ -226,6 +229,10 @@ pub fn write_lightmapped_glb_with(
         if let Some((format, names)) = options.ktx2 {
             place["ktx2"] = ktx2_json(format, &names[placement.page as usize]);
         }
+        let page = placement.page as usize;
+        if let Some(mask) = options.mixed.and_then(|m| m.mask_json(i, page)) {
+            place["mask"] = mask;
+        }
         places.push((instance.node, instance.copy, place));
     }
     if let Some(pages) = options.moz {
@@ -247,6 +254,11 @@ pub fn write_lightmapped_glb_with(
             });
         };
         set_extra(object, LIGHTMAP_EXTRA, place);
+    }
+    for (node, lamp) in options.mixed.into_iter().flat_map(MixedLight::node_extras) {
+        if let Some(object) = element_mut(&mut editor.json, "nodes", node) {
+            set_extra(object, LAMP_EXTRA, lamp);
+        }
     }
     let (glb, finished) = editor.finish()?;
     stats.images_embedded = finished.images_embedded;

@@ -174,6 +174,7 @@ fn whole(scene: &Scene, uv: impl Fn(usize) -> Vec2) -> Layout {
         uv: (0..p.positions.len()).map(|v| uv(v) * 64.0).collect(),
         triangles: p.triangles.clone(),
         chart: vec![0; p.triangles.len()],
+        ..PrimitiveAtlas::default()
     };
     let mesh = |m: &mesh_ingest::Mesh| MeshAtlas {
         size: [64; 2],

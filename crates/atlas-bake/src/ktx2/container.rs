@@ -9,19 +9,23 @@ use ktx2::{Format, Header, Index, LevelIndex};
 use super::format::Ktx2Format;
 use crate::error::{Error, Result};
 
+/// The Vulkan format of a lightmap page, and the alignment of its data in bytes.
+pub(super) fn layout_of(format: Ktx2Format) -> (Format, usize) {
+    match format {
+        Ktx2Format::Bc6h => (Format::BC6H_UFLOAT_BLOCK, 16),
+        Ktx2Format::Rgb9e5 => (Format::E5B9G9R9_UFLOAT_PACK32, 4),
+    }
+}
+
 /// A KTX2 file with one level.
 ///
 /// # Errors
 /// [`Error::Image`] if the crate cannot describe the format, which would be a bug there.
 pub(super) fn assemble(
-    format: Ktx2Format,
+    (vulkan, alignment): (Format, usize),
     [width, height]: [u32; 2],
     data: &[u8],
 ) -> Result<Vec<u8>> {
-    let (vulkan, alignment) = match format {
-        Ktx2Format::Bc6h => (Format::BC6H_UFLOAT_BLOCK, 16),
-        Ktx2Format::Rgb9e5 => (Format::E5B9G9R9_UFLOAT_PACK32, 4),
-    };
     let (basic, type_size) = Basic::from_format(vulkan).map_err(|e| Error::Image {
         what: "KTX2".into(),
         message: e.to_string(),

@@ -80,7 +80,7 @@ pub fn write_lightmap_ktx2(page: &Page, format: Ktx2Format) -> Result<(Vec<u8>, 
             (words.iter().flat_map(|w| w.to_le_bytes()).collect(), back)
         }
     };
-    let bytes = container::assemble(format, size, &data)?;
+    let bytes = container::assemble(container::layout_of(format), size, &data)?;
     let report = Ktx2Report {
         format,
         bytes: bytes.len() as u64,
@@ -92,6 +92,35 @@ pub fn write_lightmap_ktx2(page: &Page, format: Ktx2Format) -> Result<(Vec<u8>, 
         psnr: psnr(page, &back),
     };
     Ok((bytes, report))
+}
+
+/// Encodes a shadow mask, i.e. R, G and B of `page` and its layer `A`, as
+/// `VK_FORMAT_R8G8B8A8_UNORM`. Values are rounded to multiples of 1/255.
+///
+/// # Errors
+/// [`Error::Inconsistent`] if the page is empty, has no layer `A`, or its lists do not match its
+/// size.
+pub fn write_mask_ktx2(page: &Page) -> Result<Vec<u8>> {
+    let texels = page.width as usize * page.height as usize;
+    let alpha = page.channel("A").unwrap_or_default();
+    if texels == 0 || page.value.len() != texels || alpha.len() != texels {
+        return Err(Error::Inconsistent {
+            at: "shadow mask for KTX2".into(),
+            message: format!(
+                "expected {} x {} values and at least one, got {} and {} of A",
+                page.width,
+                page.height,
+                page.value.len(),
+                alpha.len()
+            ),
+        });
+    }
+    let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let data: Vec<u8> = (page.value.iter().zip(alpha))
+        .flat_map(|([r, g, b], a)| [*r, *g, *b, *a].map(byte))
+        .collect();
+    let format = (ktx2::Format::R8G8B8A8_UNORM, 4);
+    container::assemble(format, [page.width, page.height], &data)
 }
 
 /// Values clamped to 0..=max, and counts of the changes.

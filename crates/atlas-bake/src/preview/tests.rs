@@ -54,6 +54,7 @@ fn wall() -> (Scene, Layout, Vec<Page>) {
         uv: uv.to_vec(),
         triangles,
         chart: vec![0, 0],
+        ..PrimitiveAtlas::default()
     };
     let rect = Rect {
         x: 2,

@@ -531,6 +531,7 @@ impl<'a> Check<'a> {
                         .collect(),
                     triangles: primitive.triangles.clone(),
                     chart: chart[first..end].to_vec(),
+                    ..PrimitiveAtlas::default()
                 };
                 first = end;
                 atlas

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use lumel::{
-    Bounds, Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale, Origin, Paint,
-    ProbeSource, Quality, Settings, SkySource, Sun, Units, UnwrapperChoice, UvMode, ValueKind,
+    BakeMode, Bounds, Directional, GltfExt, Hidden, Ktx2Format, Layer, LightGroup, LightScale,
+    Origin, Paint, PngFormat, ProbeSource, Quality, Settings, SkySource, Sun, Units,
+    UnwrapperChoice, UvMode, ValueKind,
 };
 
 use super::config::{self, ConfigArgs, Layered};
@@ -105,6 +106,16 @@ pub(crate) struct Bake {
     /// group `rest`; repeatable
     #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
     pub group: Vec<LightGroup>,
+    /// Leave out the direct light of lamps that the engine adds itself [default: full]
+    #[arg(long, value_enum)]
+    pub mode: Option<ModeArg>,
+    /// Mark a lamp as mixed: the engine adds its direct light, with baked shadows in --mode
+    /// shadowmask. A light or its node, or `sun`; `*` and `?` are wildcards; repeatable
+    #[arg(long, value_name = "NAME")]
+    pub mixed: Vec<String>,
+    /// Mark a lamp as realtime: the engine adds its direct light and its shadows; repeatable
+    #[arg(long, value_name = "NAME")]
+    pub realtime: Vec<String>,
     /// Quantity stored in the lightmap [default: radiance]
     #[arg(long, value_enum)]
     pub value: Option<ValueArg>,
@@ -121,6 +132,9 @@ pub(crate) struct Bake {
     /// Also write the lightmap pages as KTX2 for GPUs: R, G and B, one mip level
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub ktx2: Option<Ktx2Arg>,
+    /// Also write the lightmap pages as PNG with 8 bits per channel, for small targets
+    #[arg(long, value_enum, value_name = "FORMAT")]
+    pub png: Option<PngArg>,
     /// Also reference the lightmap in the .glb by this convention, in addition to the nodes' extras
     #[arg(long, value_enum, value_delimiter = ',')]
     pub ext: Vec<ExtArg>,
@@ -359,6 +373,18 @@ pub(crate) struct Plan {
     /// wildcards; extras.lumel.page of a node takes precedence; repeatable
     #[arg(long, value_name = "PATTERN")]
     pub page_by: Vec<String>,
+    /// Give no lumels to surfaces that nobody sees from where players walk: walkable volumes
+    /// (extras.lumel.walkable, --walkable), else the points of a --probes file, else places that
+    /// rays from the cameras reach
+    #[arg(long)]
+    pub cull_unseen: bool,
+    /// Override `cull-unseen = true` in the settings file
+    #[arg(long, conflicts_with = "cull_unseen")]
+    pub no_cull_unseen: bool,
+    /// Players walk on this node, and look around up to 2 m above it; `*` and `?` are wildcards;
+    /// repeatable
+    #[arg(long, value_name = "NODE")]
+    pub walkable: Vec<String>,
     /// Use the asset's TEXCOORD_1 or make new charts [default: auto]
     #[arg(long, value_enum)]
     pub uv: Option<UvArg>,
@@ -417,6 +443,11 @@ mirror!(QualityArg => Quality {
     Preview => Quality::Preview, "Everyday work: about 1 % error";
     Production => Quality::Production, "Final bake for shipping";
 });
+mirror!(ModeArg => BakeMode {
+    Full => BakeMode::Full, "All light";
+    Indirect => BakeMode::Indirect, "Without the direct light of mixed and realtime lamps; what they light still reflects";
+    Shadowmask => BakeMode::Shadowmask, "As indirect, with RGBA shadow masks for mixed lamps";
+});
 mirror!(ValueArg => ValueKind {
     Radiance => ValueKind::Radiance, "R = E/pi, which engines multiply with the albedo";
     Irradiance => ValueKind::Irradiance, "E, irradiance";
@@ -425,6 +456,10 @@ mirror!(ValueArg => ValueKind {
 mirror!(Ktx2Arg => Ktx2Format {
     Bc6h => Ktx2Format::Bc6h, "BC6H, unsigned: 1 byte per texel, for desktop GPUs";
     Rgb9e5 => Ktx2Format::Rgb9e5, "Shared exponent: 4 bytes per texel, for all GPUs";
+});
+mirror!(PngArg => PngFormat {
+    Rgbm => PngFormat::Rgbm, "light = (rgb * a)^2 * scale";
+    Rgbd => PngFormat::Rgbd, "light = rgb^2 / a * scale";
 });
 mirror!(ExtArg => GltfExt {
     Moz => GltfExt::Moz, "MOZ_lightmap on materials: copies meshes and materials for each instance and embeds the pages in the .glb";
@@ -615,6 +650,11 @@ impl Plan {
         out.put(Flag, "block-align", self.block_align, |s, x| s.block = x);
         let charts = either(self.block_charts, self.no_block_charts);
         out.put(Flag, "block-charts", charts, |s, x| s.block_charts = x);
+        let cull = either(self.cull_unseen, self.no_cull_unseen);
+        out.put(Flag, "cull-unseen", cull, |s, x| s.cull_unseen = x);
+        out.put(Flag, "walkable", given(&self.walkable), |s, x| {
+            s.walkable = x
+        });
         out.put(Flag, "page-by", given(&self.page_by), |s, x| s.page_by = x);
         out.put(Flag, "uv", self.uv, |s, x| s.uv = x.into());
         out.put(Flag, "unwrapper", self.unwrapper, |s, x| {
@@ -665,8 +705,14 @@ impl Bake {
             s.lights.extend(x.into_iter().map(config::excluded))
         });
         out.put(Flag, "group", given(&self.group), |s, x| s.groups = x);
+        out.put(Flag, "mode", self.mode, |s, x| s.mode = x.into());
+        out.put(Flag, "mixed", given(&self.mixed), |s, x| s.mixed = x);
+        out.put(Flag, "realtime", given(&self.realtime), |s, x| {
+            s.realtime = x
+        });
         out.put(Flag, "value", self.value, |s, x| s.value = x.into());
         out.put(Flag, "ktx2", self.ktx2, |s, x| s.ktx2 = Some(x.into()));
+        out.put(Flag, "png", self.png, |s, x| s.png = Some(x.into()));
         out.put(Flag, "ext", given(&self.ext), |s, x| {
             s.ext.clear();
             for ext in x.into_iter().map(GltfExt::from) {

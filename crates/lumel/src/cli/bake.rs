@@ -252,6 +252,15 @@ fn bake(
     if let Some(lods) = lumel::describe_lods(&bake.report.ingest.lods) {
         display.say(&format!("  lods      {lods}"));
     }
+    if let Some(culled) = &bake.report.culled {
+        display.say(&format!(
+            "  culled    {:.0} % of the surface, seen from none of {} points ({}); {} nodes have no lumels",
+            100.0 * culled.area,
+            culled.points,
+            culled.from,
+            culled.nodes.len()
+        ));
+    }
     let layout = &bake.report.layout;
     let pages = layout.describe_pages();
     display.say(&format!(
@@ -284,6 +293,15 @@ fn bake(
     for page in &report.ktx2 {
         display.say(&format!(
             "  ktx2      {}: compression error {:.2} % root mean square, {:.1} % at the 99th percentile, {} KiB",
+            page.file,
+            100.0 * page.stored.error.rel_rmse,
+            100.0 * page.stored.error.p99,
+            page.stored.bytes.div_ceil(1024)
+        ));
+    }
+    for page in &report.png {
+        display.say(&format!(
+            "  png       {}: error {:.2} % root mean square, {:.1} % at the 99th percentile, {} KiB",
             page.file,
             100.0 * page.stored.error.rel_rmse,
             100.0 * page.stored.error.p99,

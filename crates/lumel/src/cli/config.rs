@@ -17,8 +17,8 @@ use serde::de::{Deserializer, Error as _, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, de};
 
 use super::args::{
-    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, QualityArg, UnitsArg, UnwrapperArg,
-    UvArg, ValueArg, parse_sky,
+    DirectionalArg, ExtArg, HiddenArg, Ktx2Arg, LayerArg, ModeArg, PngArg, QualityArg, UnitsArg,
+    UnwrapperArg, UvArg, ValueArg, parse_sky,
 };
 
 /// All keys with their defaults, commented out: the output of `lumel config`.
@@ -191,6 +191,8 @@ struct FileOptions {
     block_align: Option<u32>,
     block_charts: Option<bool>,
     page_by: Option<Vec<String>>,
+    cull_unseen: Option<bool>,
+    walkable: Option<Vec<String>>,
     uv: Option<Choice<UvArg>>,
     unwrapper: Option<Choice<UnwrapperArg>>,
     quality: Option<Choice<QualityArg>>,
@@ -204,8 +206,12 @@ struct FileOptions {
     light: Option<Vec<LightTable>>,
     exclude_light: Option<Vec<String>>,
     group: Option<Vec<GroupTable>>,
+    mode: Option<Choice<ModeArg>>,
+    mixed: Option<Vec<String>>,
+    realtime: Option<Vec<String>>,
     value: Option<Choice<ValueArg>>,
     ktx2: Option<Choice<Ktx2Arg>>,
+    png: Option<Choice<PngArg>>,
     ext: Option<Vec<Choice<ExtArg>>>,
     layers: Option<Vec<Choice<LayerArg>>>,
     directional: Option<Choice<DirectionalArg>>,
@@ -251,6 +257,10 @@ impl FileOptions {
         out.put(File, "block-charts", self.block_charts, |s, x| {
             s.block_charts = x
         });
+        out.put(File, "cull-unseen", self.cull_unseen, |s, x| {
+            s.cull_unseen = x
+        });
+        out.put(File, "walkable", self.walkable, |s, x| s.walkable = x);
         out.put(File, "page-by", self.page_by, |s, x| s.page_by = x);
         out.put(File, "uv", self.uv, |s, x| s.uv = x.0.into());
         out.put(File, "unwrapper", self.unwrapper, |s, x| {
@@ -282,8 +292,12 @@ impl FileOptions {
         out.put(File, "group", self.group, |s, x| {
             s.groups = x.into_iter().map(LightGroup::from).collect()
         });
+        out.put(File, "mode", self.mode, |s, x| s.mode = x.0.into());
+        out.put(File, "mixed", self.mixed, |s, x| s.mixed = x);
+        out.put(File, "realtime", self.realtime, |s, x| s.realtime = x);
         out.put(File, "value", self.value, |s, x| s.value = x.0.into());
         out.put(File, "ktx2", self.ktx2, |s, x| s.ktx2 = Some(x.0.into()));
+        out.put(File, "png", self.png, |s, x| s.png = Some(x.0.into()));
         out.put(File, "ext", self.ext, |s, x| {
             s.ext.clear();
             for ext in x {

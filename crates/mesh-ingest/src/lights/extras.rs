@@ -8,7 +8,7 @@ use crate::json::{Item, show};
 use crate::nodes::Placed;
 use crate::options::MAX_COORDINATE;
 use crate::report::IngestReport;
-use crate::scene::PlacedProfile;
+use crate::scene::{LampMode, PlacedProfile};
 
 /// Member `key` of `extras.lumel`, with its path.
 fn member<'a>(item: &Item<'a>, key: &str) -> Option<Item<'a>> {
@@ -48,6 +48,22 @@ fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
 pub(super) fn radius(places: [&Item<'_>; 2], report: &mut IngestReport) -> f32 {
     let expected = "a radius in metres, at least 0";
     number(places, "radius", MAX_COORDINATE, expected, report).unwrap_or(0.0) as f32
+}
+
+/// `mode`: who computes the lamp's direct light; `None` if absent.
+pub(super) fn mode(places: [&Item<'_>; 2], report: &mut IngestReport) -> Option<LampMode> {
+    for place in places {
+        let Some(item) = member(place, "mode") else {
+            continue;
+        };
+        match item.value.as_str() {
+            Some("baked") => return Some(LampMode::Baked),
+            Some("mixed") => return Some(LampMode::Mixed),
+            Some("realtime") => return Some(LampMode::Realtime),
+            _ => ignore(&item, "\"baked\", \"mixed\" or \"realtime\"", report),
+        }
+    }
+    None
 }
 
 /// Half of `angle` (degrees, the diameter of the disc), in radians.

@@ -12,7 +12,7 @@ use crate::world::SurfacePoint;
 
 impl DirectLight<'_, '_> {
     /// Light that arrives at a point in space from all directions, straight from lamps, emitters
-    /// and the bright parts of the sky.
+    /// and the bright parts of the sky. Lamps whose direct light is left out do not count.
     ///
     /// Calls `f` for each of about `samples` samples per light, with the unit direction towards the
     /// light and ∫ L dω from there (W/m² or lx on a surface that faces it).
@@ -26,7 +26,11 @@ impl DirectLight<'_, '_> {
         let world = self.world;
         let n = samples.max(1);
         let mut set = 1;
-        for light in &world.scene.lights {
+        for (k, light) in world.scene.lights.iter().enumerate() {
+            if world.leaves_out(k) {
+                set += 1;
+                continue;
+            }
             let cap = Cap::of(light, at);
             for i in 0..if cap.is_some() { n } else { 1 } {
                 let (direction, reach, flux) = match &cap {

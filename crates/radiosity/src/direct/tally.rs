@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{DirectEstimate, DirectParts};
+use super::{DirectEstimate, DirectParts, Kind};
 use crate::world::luminance;
 
 /// One sample of a light.
@@ -34,8 +34,8 @@ pub(super) struct Tally {
     last: Vec3,
     /// Transmittance assumed for later samples, without a ray.
     assumed: Option<Vec3>,
-    /// Whether the light is a sun.
-    sun: bool,
+    /// What is recorded of the light.
+    pub kind: Kind,
     pub rays: u32,
     /// Sums for lights that are estimated sample by sample.
     plain: Sums,
@@ -123,20 +123,22 @@ impl Sums {
 
 impl Tally {
     /// For a light whose samples belong to `groups` groups; 1 unless light groups are requested.
-    pub(super) fn new(parts: &DirectParts, groups: usize, sun: bool) -> Self {
+    pub(super) fn new(parts: &DirectParts, groups: usize, kind: Kind) -> Self {
         let sums = || Sums {
             groups: if groups > 1 && !parts.groups.is_empty() {
                 vec![Vec3::ZERO; groups]
             } else {
                 Vec::new()
             },
-            moments: parts.moments.map(|_| [Vec3::ZERO; 4]),
+            moments: (parts.moments)
+                .filter(|_| !(kind.left_out && parts.kept.is_some()))
+                .map(|_| [Vec3::ZERO; 4]),
             ..Sums::default()
         };
         Tally {
             plain: sums(),
             closed: sums(),
-            sun,
+            kind,
             ..Tally::default()
         }
     }
@@ -295,9 +297,16 @@ impl Tally {
                 into[k] += a[k] * plain + b[k] * closed;
             }
         }
-        if let Some(sun) = parts.sun.as_mut().filter(|_| self.sun) {
+        let all = luminance(self.plain.all * plain + self.closed.all * closed);
+        if let Some(sun) = parts.sun.as_mut().filter(|_| self.kind.sun) {
             sun[0] += luminance(lit);
-            sun[1] += luminance(self.plain.all * plain + self.closed.all * closed);
+            sun[1] += all;
+        }
+        if let Some(kept) = parts.kept.as_mut().filter(|_| !self.kind.left_out) {
+            *kept += lit;
+        }
+        if let (Some((_, masks)), Some(c)) = (&mut parts.masks, self.kind.channel) {
+            masks[c] = [luminance(lit), all];
         }
     }
 }
