@@ -87,7 +87,7 @@ pub(crate) fn wanted(
 
 /// Double-sided primitives, as (instance, primitive of its mesh), with different light on their two
 /// sides, if people can be on both.
-pub(crate) fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u32)> {
+fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u32)> {
     let mut found: BTreeMap<(u32, u32), [Side; 2]> = BTreeMap::new();
     each_side(world, solution, |patch| {
         let of = &mut found

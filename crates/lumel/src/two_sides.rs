@@ -2,14 +2,13 @@
 //!
 //! A double-sided face has one place in the lightmap, which holds the light of its front. A wall
 //! without thickness between a bright and a dark room is wrong in one of them, whatever it holds.
-//! [`split`](crate::split) gives such sides separate faces; this is for those that it cannot split.
-
-use std::collections::BTreeSet;
+//! [`split`](crate::split) gives such sides separate faces; this is for
+//! those that it cannot split, or whose one side it takes for the outside of the level.
 
 use radiosity::{Solution, World, luminance};
 
 use crate::named::{node_of, some_of};
-use crate::split::{each_side, seen_from_both_sides};
+use crate::split::each_side;
 
 /// Ratio of the light on the two sides from which on to warn: two stops.
 const RATIO: f64 = 4.0;
@@ -43,11 +42,7 @@ impl Sides {
 pub(crate) fn warning(world: &World, solution: &Solution) -> Option<String> {
     let mean = f64::from(luminance(solution.mean_irradiance().as_vec3()));
     let sides = sides(world, solution);
-    let seen: BTreeSet<u32> = (seen_from_both_sides(world, solution).into_iter())
-        .map(|(instance, _)| instance)
-        .collect();
     let mut found: Vec<(usize, [f64; 2])> = (sides.iter().enumerate())
-        .filter(|(i, _)| seen.contains(&(*i as u32)))
         .filter_map(|(i, s)| Some((i, s.differ(mean)?)))
         .collect();
     found.sort_by(|a, b| sides[b.0].area[0].total_cmp(&sides[a.0].area[0]));

@@ -8,11 +8,15 @@ use rayon::prelude::*;
 use super::footprint::Footprint;
 use super::random::Random;
 use super::scene::{Light, Scene, Triangle};
-use super::tree::{Ray, Tree};
+use super::tree::{Hit, Ray, Tree};
 
 /// Highest survival probability of Russian roulette, so that paths end even between surfaces that
 /// absorb nothing.
 const MOST_SURVIVAL: f64 = 0.99;
+
+/// Largest relative difference of the distances of two faces with the same corners: some hundred
+/// roundings of `f64`, and a millionth of any gap that is modelled.
+const SAME: f64 = 1e-12;
 
 /// How the light of emissive triangles is found. All three methods are unbiased and count every
 /// emitter once; they differ in variance.
@@ -184,14 +188,23 @@ impl PathTracer {
                 t_max: f64::INFINITY,
                 skip: [x.triangle; 2],
             };
-            let Some(hit) = self.tree.closest(&ray) else {
+            let Some(mut hit) = self.tree.closest(&ray) else {
                 return sum + weight * self.scene.sky * PI;
             };
+            if self.is_black(&hit, direction) {
+                // A face back to back with this one is at the same distance, up to rounding.
+                let same = Ray {
+                    t_max: hit.t * (1.0 + SAME),
+                    skip: [x.triangle, hit.triangle],
+                    ..ray
+                };
+                match self.tree.closest(&same) {
+                    Some(front) if !self.is_black(&front, direction) => hit = front,
+                    _ => return sum,
+                }
+            }
             let surface = self.scene.surfaces[self.scene.triangles[hit.triangle].surface];
             let facing = -self.normals[hit.triangle].dot(direction);
-            if facing <= 0.0 && !surface.double_sided {
-                return sum;
-            }
             let share = match effort.emitters {
                 EmitterSampling::Hits => 1.0,
                 EmitterSampling::Points => 0.0,
@@ -219,6 +232,12 @@ impl PathTracer {
                 triangle: hit.triangle,
             };
         }
+    }
+
+    /// Whether a hit shows the back of a single-sided face.
+    fn is_black(&self, hit: &Hit, direction: DVec3) -> bool {
+        let surface = self.scene.surfaces[self.scene.triangles[hit.triangle].surface];
+        self.normals[hit.triangle].dot(direction) >= 0.0 && !surface.double_sided
     }
 
     /// Irradiance at `x` from every punctual light.
