@@ -440,3 +440,30 @@ fn names_that_are_not_utf8_are_refused_and_line_breaks_in_names_escaped() {
     let run = bake(&missing, &out, "-q");
     run.fails(2, &["b\\nerror: fake.glb"]);
 }
+
+#[test]
+fn a_level_whose_only_picture_is_ktx2_is_baked() {
+    let folder = temp();
+    write(folder.path().join("b.bin"), triangle());
+    let mut level = document("b.bin", "p.ktx2");
+    level["extensionsUsed"] = json!(["KHR_texture_basisu"]);
+    level["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+    level["textures"] = json!([{"extensions": {"KHR_texture_basisu": {"source": 0}}}]);
+    level["materials"] = json!([{"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}}]);
+    let whole = &mut level["meshes"][0]["primitives"][0];
+    whole["attributes"]["TEXCOORD_0"] = json!(1);
+    whole["material"] = json!(0);
+    let second = json!({"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC2"});
+    level["accessors"]
+        .as_array_mut()
+        .expect("a list")
+        .push(second);
+    let scene = write(folder.path().join("c.gltf"), level.to_string());
+    let out = folder.path().join("out");
+    for picture in crate::fuzz::seeds::KTX2 {
+        write(folder.path().join("p.ktx2"), picture);
+        bake(&scene, &out, "-q").ok();
+        write(folder.path().join("p.ktx2"), &picture[..picture.len() - 9]);
+        bake(&scene, &out, "-q").fails(3, &["images[0]", "KTX2"]);
+    }
+}

@@ -20,6 +20,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
     "MSFT_lod",
 ];
@@ -39,7 +40,6 @@ const HARMLESS: &[&str] = &[
     "KHR_interactivity",
     "KHR_node_hoverability",
     "KHR_node_selectability",
-    "KHR_texture_basisu",
     "KHR_xmp",
     "KHR_xmp_json_ld",
     "MSFT_packing_normalRoughnessMetallic",

@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use crate::document::{Document, ImageSource};
 use crate::error::{Fault, Faults, Outcome};
 use crate::input::Input;
-use crate::material::{AVIF_WAY_OUT, KTX2_WAY_OUT};
+use crate::ktx2;
+use crate::material::AVIF_WAY_OUT;
 use crate::scene::Image;
 
 /// Most pixels of one image, 16384².
@@ -149,9 +150,6 @@ fn open(document: &Document, i: usize) -> Outcome<Opened> {
 /// Detects the format by content, because media types and file names are often wrong.
 fn format_of(i: usize, bytes: &[u8]) -> Outcome<ImageFormat> {
     let path = format!("images[{i}]");
-    if bytes.starts_with(b"\xabKTX 20\xbb") {
-        return Err(Fault::unsupported(path, "a KTX2 image", KTX2_WAY_OUT));
-    }
     if bytes.get(4..12) == Some(b"ftypavif") {
         return Err(Fault::unsupported(path, "an AVIF image", AVIF_WAY_OUT));
     }
@@ -160,12 +158,12 @@ fn format_of(i: usize, bytes: &[u8]) -> Outcome<ImageFormat> {
         Ok(other) => Err(Fault::unsupported(
             path,
             format!("a {other:?} image"),
-            "a PNG, JPEG or WebP image",
+            "a PNG, JPEG, WebP or KTX2 image",
         )),
         Err(_) => Err(Fault::invalid(
             path,
             "an unknown image format",
-            "a PNG, JPEG or WebP image",
+            "a PNG, JPEG, WebP or KTX2 image",
         )),
     }
 }
@@ -200,6 +198,9 @@ fn broken(i: usize, e: image::ImageError) -> Fault {
 }
 
 fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
+    if ktx2::is_ktx2(bytes) {
+        return ktx2::dimensions(i, bytes);
+    }
     let (width, height) = reader(i, bytes)?
         .into_dimensions()
         .map_err(|e| broken(i, e))?;
@@ -241,6 +242,9 @@ fn png_bits(bytes: &[u8]) -> u64 {
 }
 
 fn decode_one(i: usize, bytes: &[u8]) -> Outcome<Image> {
+    if ktx2::is_ktx2(bytes) {
+        return ktx2::decode(i, bytes);
+    }
     let rgba = reader(i, bytes)?
         .decode()
         .map_err(|e| broken(i, e))?

@@ -41,6 +41,7 @@ mod ies;
 mod images;
 mod input;
 mod json;
+mod ktx2;
 mod lights;
 mod load;
 mod lods;

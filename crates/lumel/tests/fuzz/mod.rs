@@ -5,7 +5,7 @@
 //! each should become a test in the crate with the fault.
 
 mod mutate;
-mod seeds;
+pub mod seeds;
 mod targets;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -196,8 +196,11 @@ fn documents() {
 #[test]
 fn pictures() {
     let (_folder, place) = place();
-    let seeds = [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP].map(seeds::picture);
-    run("pictures", 3000, of_bytes(seeds.to_vec()), |b| {
+    let mut seeds = [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP]
+        .map(seeds::picture)
+        .to_vec();
+    seeds.extend(seeds::KTX2.map(<[u8]>::to_vec));
+    run("pictures", 3000, of_bytes(seeds), |b| {
         targets::picture(&place, b)
     });
 }

@@ -143,6 +143,13 @@ pub fn with_files(picture: &[u8], ies: &[u8]) -> Level {
     level
 }
 
+/// 16 × 8 pixels in ETC1S, UASTC and compressed UASTC.
+pub const KTX2: [&[u8]; 3] = [
+    include_bytes!("../../../mesh-ingest/tests/ingest/ktx2/etc1s.ktx2"),
+    include_bytes!("../../../mesh-ingest/tests/ingest/ktx2/uastc.ktx2"),
+    include_bytes!("../../../mesh-ingest/tests/ingest/ktx2/uastc_zstd.ktx2"),
+];
+
 /// A 4 × 4 image.
 pub fn picture(format: ImageFormat) -> Vec<u8> {
     let picture = RgbImage::from_fn(4, 4, |x, y| image::Rgb([60 * x as u8, 60 * y as u8, 128]));

@@ -214,26 +214,112 @@ fn images_are_decoded_only_if_light_needs_them() {
     assert_eq!(doc.load().unwrap_err().exit_code(), 2);
 }
 
-#[test]
-fn undecodable_textures_fall_back_or_name_a_way_out() {
+/// 16 × 8 pixels: (200, 100, 40), then (30, 60, 180) with alpha 64, in its lower right corner a
+/// block (20, 160, 50). Written by ktx2-encoder 0.6 (npm), which is Binomial's own encoder.
+const KTX2: [(&str, &[u8]); 3] = [
+    ("ETC1S", include_bytes!("ktx2/etc1s.ktx2")),
+    ("UASTC", include_bytes!("ktx2/uastc.ktx2")),
+    ("UASTC, Zstandard", include_bytes!("ktx2/uastc_zstd.ktx2")),
+];
+
+/// A quad whose colour is a KTX2 picture, with a PNG as images[0] that no texture names.
+fn with_ktx2(bytes: &[u8]) -> Doc {
     let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
     let mut doc = textured(material, Some(&black_white()));
-    let ktx = doc.view(b"\xabKTX 20\xbb\r\n\x1a\n");
+    let ktx = doc.view(bytes);
     doc.push(
         "images",
         json!({"bufferView": ktx, "mimeType": "image/ktx2"}),
     );
-    doc.json["textures"][0]["extensions"]["KHR_texture_basisu"]["source"] = json!(1);
+    doc.json["textures"][0] = json!({"extensions": {"KHR_texture_basisu": {"source": 1}}});
+    doc.json["extensionsUsed"] = json!(["KHR_texture_basisu"]);
+    doc.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
+    doc
+}
+
+#[test]
+fn ktx2_textures_are_read_without_a_fallback() {
+    for (name, bytes) in KTX2 {
+        let loaded = with_ktx2(bytes).load().unwrap();
+        assert!(
+            loaded.report.warnings.is_empty(),
+            "{:?}",
+            loaded.report.warnings
+        );
+        let image = loaded.scene.images[1].as_ref().unwrap();
+        assert_eq!((image.width, image.height), (16, 8));
+        for (at, colour) in [
+            ((0, 0), [200, 100, 40, 255]),
+            ((8, 7), [30, 60, 180, 64]),
+            ((15, 7), [20, 160, 50, 255]),
+        ] {
+            let found = image.pixels[at.1 * 16 + at.0];
+            // ETC1S stores five bits of a colour: steps of 8.
+            let off = (0..4).map(|c| found[c].abs_diff(colour[c])).max();
+            assert!(
+                off <= Some(8),
+                "{name} at {at:?}: {found:?}, not {colour:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_fallback_is_preferred_to_ktx2() {
+    let mut doc = with_ktx2(b"\xabKTX 20\xbb\r\n\x1a\n");
+    doc.json["textures"][0]["source"] = json!(0);
     assert!(doc.load().unwrap().scene.images[0].is_some());
-    doc.json["textures"][0]
-        .as_object_mut()
-        .unwrap()
-        .remove("source");
+}
+
+#[test]
+fn broken_ktx2_is_one_error() {
+    for (name, bytes) in KTX2 {
+        let mut wide = bytes.to_vec();
+        wide[20..24].copy_from_slice(&u32::MAX.to_le_bytes());
+        // What the first level takes when it is inflated.
+        let mut inflated = bytes.to_vec();
+        inflated[96..104].copy_from_slice(&(1u64 << 50).to_le_bytes());
+        let mut afar = bytes.to_vec();
+        afar[80..88].copy_from_slice(&u64::MAX.to_le_bytes());
+        let mut layers = bytes.to_vec();
+        layers[32] = 9;
+        // VK_FORMAT_R8G8B8A8_SRGB
+        let mut plain = bytes.to_vec();
+        plain[12] = 43;
+        let cut = bytes[..bytes.len() - 40].to_vec();
+        for (what, bytes, code) in [
+            ("wide", wide, 3),
+            ("inflated", inflated, 3),
+            ("afar", afar, 3),
+            ("layers", layers, 4),
+            ("plain", plain, 4),
+            ("cut", cut, 3),
+            ("empty", bytes[..12].to_vec(), 3),
+        ] {
+            let error = with_ktx2(&bytes).load().unwrap_err();
+            let paths: Vec<_> = error.problems().iter().map(|p| p.path.as_str()).collect();
+            assert_eq!(
+                (error.exit_code(), &paths[..]),
+                (code, &["images[1]"][..]),
+                "{name}, {what}"
+            );
+            assert_eq!(
+                error.to_string().contains("ktxdecompress"),
+                what == "plain",
+                "{error}"
+            );
+        }
+    }
+}
+
+#[test]
+fn avif_names_a_way_out() {
+    let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
+    let mut doc = textured(material, Some(&black_white()));
+    doc.json["textures"][0] = json!({"extensions": {"EXT_texture_avif": {"source": 0}}});
     let error = doc.load().unwrap_err();
     assert_eq!(error.exit_code(), 4);
-    assert!(error.to_string().contains("ktxdecompress"), "{error}");
-    doc.json["textures"][0]["source"] = json!(1);
-    assert_eq!(doc.load().unwrap_err().exit_code(), 4);
+    assert!(error.to_string().contains("gltf-transform"), "{error}");
 }
 
 #[test]
