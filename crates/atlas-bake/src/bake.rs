@@ -3,7 +3,10 @@
 use std::f32::consts::PI;
 
 use atlas::Layout;
-use gather::{LightReport, VertexLight, VertexOptions, VertexReport, bake_light, bake_vertices};
+use gather::{
+    LightReport, Records, Shard, VertexLight, VertexOptions, VertexReport, bake_light,
+    bake_vertices, merge_light,
+};
 use radiosity::{Cancelled, Emitters, Monitor, Solution, World};
 use serde::Serialize;
 
@@ -58,8 +61,52 @@ pub fn bake(
     options: &BakeOptions,
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
+    bake_with((world, emitters, solution), layout, options, None, monitor)
+}
+
+/// As [`bake`], with light that [`gather_shard`](gather_shard()) has put into `records`. The
+/// result is the same.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub fn merge(
+    (world, emitters, solution): (&World, &Emitters, &Solution),
+    layout: &Layout,
+    options: &BakeOptions,
+    records: &dyn Records,
+    monitor: &dyn Monitor,
+) -> Result<Baked, Cancelled> {
+    let solved = (world, emitters, solution);
+    bake_with(solved, layout, options, Some(records), monitor)
+}
+
+/// Gathers the light of a shard into `records`.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub fn gather_shard(
+    (world, emitters, solution): (&World, &Emitters, &Solution),
+    layout: &Layout,
+    options: &BakeOptions,
+    (shard, records): (&Shard, &dyn Records),
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
     let gatherer = options.gatherer(world, emitters, solution);
-    let (map, light) = bake_light(&gatherer, layout, options.light(), monitor)?;
+    gather::gather_shard(&gatherer, layout, shard, records, monitor)
+}
+
+fn bake_with(
+    (world, emitters, solution): (&World, &Emitters, &Solution),
+    layout: &Layout,
+    options: &BakeOptions,
+    records: Option<&dyn Records>,
+    monitor: &dyn Monitor,
+) -> Result<Baked, Cancelled> {
+    let gatherer = options.gatherer(world, emitters, solution);
+    let (map, light) = match records {
+        None => bake_light(&gatherer, layout, options.light(), monitor)?,
+        Some(records) => merge_light(&gatherer, layout, options.light(), records, monitor)?,
+    };
     let pages = Pages {
         world,
         layout,

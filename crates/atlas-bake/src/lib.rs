@@ -56,7 +56,7 @@ mod temporary;
 mod texture;
 mod uv_picture;
 
-pub use bake::{BakeReport, Baked, bake};
+pub use bake::{BakeReport, Baked, bake, gather_shard, merge};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost, seam_samples};
 pub use error::{Error, Result};

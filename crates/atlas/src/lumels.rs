@@ -1,5 +1,7 @@
 //! Finds lumels, i.e. texels with a surface, and the triangles under each.
 
+use std::ops::Range;
+
 use glam::{DVec2, Vec2};
 use mesh_ingest::{Scene, Soup};
 use patch_subdivision::raster::cover_triangle;
@@ -73,7 +75,12 @@ pub struct Lumels {
 impl Lumels {
     /// Rasterises every instance's charts. Memory: 24 bytes per face, 32 per lumel, 4 per fragment.
     pub fn find(scene: &Scene, soup: &Soup, layout: &Layout) -> Self {
-        let parts: Vec<InstanceLumels> = (0..scene.instances.len())
+        Lumels::find_of(scene, soup, layout, 0..scene.instances.len())
+    }
+
+    /// As [`find`](Self::find), of these instances only.
+    pub fn find_of(scene: &Scene, soup: &Soup, layout: &Layout, instances: Range<usize>) -> Self {
+        let parts: Vec<InstanceLumels> = (instances.clone())
             .into_par_iter()
             .map(|i| rasterise_instance(scene, soup, layout, i))
             .collect();
@@ -84,7 +91,7 @@ impl Lumels {
                 .collect(),
             ..Lumels::default()
         };
-        for (i, part) in parts.into_iter().enumerate() {
+        for (i, part) in instances.zip(parts) {
             let base = all.faces.len() as u32;
             all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {
                 first: l.first + base,
@@ -96,6 +103,14 @@ impl Lumels {
             }
         }
         all
+    }
+
+    /// The number of lumels of each instance.
+    pub fn count(scene: &Scene, soup: &Soup, layout: &Layout) -> Vec<u32> {
+        (0..scene.instances.len())
+            .into_par_iter()
+            .map(|i| rasterise_instance(scene, soup, layout, i).lumels.len() as u32)
+            .collect()
     }
 
     /// The triangles under a lumel.

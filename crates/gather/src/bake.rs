@@ -15,6 +15,7 @@ use crate::reach::{mean_square, reach, relative_errors, settle};
 use crate::received::{Edge, Received};
 use crate::refine::{add_rays, follow_edges};
 use crate::vertex_light::{LumelLight, LumelPlace, VertexBake, VertexLight, VertexReport};
+use crate::work::{Records, Shard, Work};
 
 /// Report on gathering at lumels.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -65,16 +66,75 @@ pub fn bake_light(
     options: LightOptions,
     monitor: &dyn Monitor,
 ) -> Result<(LumelMap, LightReport), Cancelled> {
+    bake_with(gatherer, layout, options, monitor, None)
+}
+
+/// As [`bake_light`], with light that [`gather_shard`] has put into `records`. The result is the
+/// same, whatever they hold of it.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub fn merge_light(
+    gatherer: &Gatherer,
+    layout: &Layout,
+    options: LightOptions,
+    records: &dyn Records,
+    monitor: &dyn Monitor,
+) -> Result<(LumelMap, LightReport), Cancelled> {
+    bake_with(gatherer, layout, options, monitor, Some(records))
+}
+
+/// Gathers the light of a shard into `records`: what [`bake_light`] does before it looks at all
+/// lumels together.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub fn gather_shard(
+    gatherer: &Gatherer,
+    layout: &Layout,
+    shard: &Shard,
+    records: &dyn Records,
+    monitor: &dyn Monitor,
+) -> Result<(), Cancelled> {
+    let careful = &gatherer.options;
+    let (instances, base) = shard.instances();
+    let mut map = LumelMap::of(gatherer.world(), layout, careful.interpolation, instances);
+    let mut work = Work::whole(monitor, careful.follow).shard(shard, base, records);
+    gather_passes(gatherer, &mut map, &mut work)
+}
+
+/// The passes that a shard can do.
+fn gather_passes(
+    gatherer: &Gatherer,
+    map: &mut LumelMap,
+    work: &mut Work,
+) -> Result<(), Cancelled> {
+    gather_first(gatherer, map, work)?;
+    follow_edges(gatherer, map, work)?;
+    if gatherer.options.open_only {
+        map.barriers = Barriers::find(gatherer.world(), &map.lumels, &map.index, &map.received);
+        work.see_walls(map);
+    }
+    add_rays(gatherer, map, work)
+}
+
+fn bake_with(
+    gatherer: &Gatherer,
+    layout: &Layout,
+    options: LightOptions,
+    monitor: &dyn Monitor,
+    records: Option<&dyn Records>,
+) -> Result<(LumelMap, LightReport), Cancelled> {
     let (world, careful) = (gatherer.world(), &gatherer.options);
     let mut report = LightReport::default();
     let mut map = LumelMap::new(world, layout, careful.interpolation);
-    gather_first(gatherer, &mut map, monitor)?;
-    follow_edges(gatherer, &mut map, monitor)?;
+    let work = Work::whole(monitor, careful.follow);
+    let mut work = match records {
+        None => work,
+        Some(records) => work.rest(records),
+    };
+    gather_passes(gatherer, &mut map, &mut work)?;
     let fill = careful.open_only;
-    if fill {
-        map.barriers = Barriers::find(world, &map.lumels, &map.index, &map.received);
-    }
-    add_rays(gatherer, &mut map, monitor)?;
     // Hidden lumels take their neighbours' light.
     let finish = |map: &mut LumelMap| {
         if fill {

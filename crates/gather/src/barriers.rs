@@ -54,6 +54,11 @@ impl Barriers {
         Barriers { bits, matter }
     }
 
+    /// Lets them matter. A shard does not know whether they do elsewhere.
+    pub(crate) fn let_matter(&mut self) {
+        self.matter = true;
+    }
+
     /// Whether light could leak from lumel to lumel through a wall.
     pub(crate) fn matter(&self) -> bool {
         self.matter

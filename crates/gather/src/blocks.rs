@@ -1,5 +1,6 @@
 //! Parallel gathering of footprints.
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use radiosity::{Cancelled, Monitor, Phase};
@@ -20,21 +21,36 @@ pub(crate) fn in_blocks(
     monitor: &dyn Monitor,
     gather: impl Fn(usize) -> Received + Sync,
 ) -> Result<Vec<Received>, Cancelled> {
+    part_in_blocks(0..n, n, phase, monitor, gather)
+}
+
+/// As [`in_blocks`], for a part of the `n`.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub(crate) fn part_in_blocks(
+    part: Range<usize>,
+    n: usize,
+    phase: Phase,
+    monitor: &dyn Monitor,
+    gather: impl Fn(usize) -> Received + Sync,
+) -> Result<Vec<Received>, Cancelled> {
     let mut received = Vec::new();
-    received.resize_with(n, Received::default);
+    received.resize_with(part.len(), Received::default);
     let done = AtomicU64::new(0);
+    let before = part.start as u64;
     let blocks = received.par_chunks_mut(BLOCK).enumerate();
     blocks.for_each(|(b, out)| {
         if monitor.cancelled() {
             return;
         }
         for (k, r) in out.iter_mut().enumerate() {
-            *r = gather(b * BLOCK + k);
+            *r = gather(part.start + b * BLOCK + k);
         }
         let now = done.fetch_add(out.len() as u64, Ordering::Relaxed) + out.len() as u64;
-        monitor.progress(phase, now, n as u64);
+        monitor.progress(phase, before + now, n as u64);
     });
-    if done.load(Ordering::Relaxed) < n as u64 {
+    if done.load(Ordering::Relaxed) < part.len() as u64 {
         return Err(Cancelled);
     }
     Ok(received)

@@ -3,6 +3,7 @@
 
 use glam::Vec3;
 use radiosity::luminance;
+use serde::{Deserialize, Serialize};
 
 /// A sample point is inside something if this fraction of its rays hits black backfaces. Not all,
 /// because a ray may escape through a seam. A point that is merely near backfaces sees them in at
@@ -29,7 +30,7 @@ const OUTSIDE: f32 = 0.1;
 const IN_A_ROOM: f32 = 0.75;
 
 /// What the rays of a footprint meet.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Around {
     /// Backs and the sky.
     Outside,

@@ -1,14 +1,14 @@
 //! The first pass over the map: light at every lumel.
 
-use radiosity::{Cancelled, Monitor, Phase};
+use radiosity::Cancelled;
 
 use crate::between::{between, direct_between};
-use crate::blocks::in_blocks;
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::options::Interpolation;
 use crate::received::Received;
 use crate::sheets::turn_unseen;
+use crate::work::{Pass, Work};
 
 /// Gathers at all lumels; interpolated ones get at most their own direct light. If neighbours
 /// differ too much, the lumels between them are gathered after all.
@@ -18,28 +18,27 @@ use crate::sheets::turn_unseen;
 pub(crate) fn gather_first(
     gatherer: &Gatherer,
     map: &mut LumelMap,
-    monitor: &dyn Monitor,
+    work: &mut Work,
 ) -> Result<(), Cancelled> {
     let n = map.len();
     let world = gatherer.world();
-    let first: Vec<usize> = (0..n).filter(|&i| !map.plan.is(i)).collect();
-    let gathered = in_blocks(first.len(), Phase::Gather, monitor, |k| {
-        let (footprint, seed) = map.footprint(world, first[k]);
-        gatherer.gather(&footprint, seed)
-    })?;
-    map.received.resize_with(n, Received::default);
-    for (i, r) in first.into_iter().zip(gathered) {
-        map.received[i] = r;
-    }
-    turn_unseen(gatherer, map, monitor)?;
-    let unsteady = map.plan.drop_unsteady(&map.received);
-    let rest: Vec<usize> = (0..n).filter(|&i| map.plan.is(i) || unsteady[i]).collect();
-    let gathered = in_blocks(rest.len(), Phase::Gather, monitor, |k| {
-        let i = rest[k];
+    let whole = |map: &LumelMap, i: usize, ()| {
         let (footprint, seed) = map.footprint(world, i);
-        if unsteady[i] {
-            return gatherer.gather(&footprint, seed);
-        }
+        gatherer.gather(&footprint, seed)
+    };
+    map.received.resize_with(n, Received::default);
+    let first = listed((0..n).filter(|&i| !map.plan.is(i)));
+    work.gather(map, Pass::First, &first, whole)?;
+    // A sheet may reach beyond a shard. Shards take sheets as not turned, and the bake that takes
+    // their light does those that are anew.
+    if !work.is_shard() {
+        let turned = turn_unseen(gatherer, map, work.monitor)?;
+        work.distrust(map, &turned);
+    }
+    let unsteady = map.plan.drop_unsteady(&map.received);
+    let planned = listed((0..n).filter(|&i| map.plan.is(i)));
+    work.gather(map, Pass::Between, &planned, |map, i, ()| {
+        let (footprint, seed) = map.footprint(world, i);
         let between = between(map, i);
         let direct = match map.plan.rule {
             Interpolation::Open => None,
@@ -49,8 +48,12 @@ pub(crate) fn gather_first(
             .and_then(|direct| gatherer.gather_nothing(&footprint, seed, &between, direct))
             .unwrap_or_else(|| gatherer.gather_direct(&footprint, seed, &between))
     })?;
-    for (i, r) in rest.into_iter().zip(gathered) {
-        map.received[i] = r;
-    }
-    Ok(())
+    // After the others, which do not read them.
+    let unsteady = listed((0..n).filter(|&i| unsteady[i]));
+    work.gather(map, Pass::Unsteady, &unsteady, whole)
+}
+
+/// Lumels of which nothing else is to be known.
+fn listed(lumels: impl Iterator<Item = usize>) -> Vec<(usize, ())> {
+    lumels.map(|i| (i, ())).collect()
 }

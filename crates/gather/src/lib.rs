@@ -8,6 +8,7 @@
 //! | [`bake_light`], [`LumelMap`] | the passes of a bake over the map of lumels |
 //! | [`Gatherer`], [`GatherOptions`], [`Footprint`] | gathering at a single piece of surface |
 //! | [`Received`], [`Wanted`], [`Plane`] | the result: irradiance, and optional quantities from the same rays |
+//! | [`gather_shard`], [`merge_light`], [`Records`] | the same, divided among processes |
 //! | [`bake_vertices`], [`VertexLight`] | light at vertices, fitted to the lumels |
 //! | [`probes`] | light at points in the air |
 //!
@@ -85,8 +86,9 @@ mod tracer;
 mod vertex_footprint;
 mod vertex_light;
 mod window;
+mod work;
 
-pub use bake::{HiddenIn, LightReport, bake_light, bake_vertices};
+pub use bake::{HiddenIn, LightReport, bake_light, bake_vertices, gather_shard, merge_light};
 pub use footprint::{Footprint, LumelFootprint};
 pub use gatherer::Gatherer;
 pub use map::LumelMap;
@@ -94,3 +96,4 @@ pub use options::{GatherOptions, Interpolation, LightOptions, VertexOptions};
 pub use planes::{Plane, Wanted};
 pub use received::Received;
 pub use vertex_light::{SplitPrimitive, VertexDifference, VertexLight, VertexReport};
+pub use work::{Pass, Records, Shard};

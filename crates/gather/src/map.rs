@@ -1,5 +1,7 @@
 //! The map of lumels that the passes of a bake work on.
 
+use std::ops::Range;
+
 use atlas::{Layout, Lumel, Lumels, TexelIndex};
 use radiosity::World;
 
@@ -27,7 +29,17 @@ pub struct LumelMap {
 impl LumelMap {
     /// Finds the lumels of a layout, without gathering.
     pub fn new(world: &World, layout: &Layout, rule: Interpolation) -> Self {
-        let lumels = Lumels::find(world.scene, world.soup, layout);
+        LumelMap::of(world, layout, rule, 0..world.scene.instances.len())
+    }
+
+    /// As [`new`](Self::new), with the lumels of these instances only.
+    pub(crate) fn of(
+        world: &World,
+        layout: &Layout,
+        rule: Interpolation,
+        instances: Range<usize>,
+    ) -> Self {
+        let lumels = Lumels::find_of(world.scene, world.soup, layout, instances);
         let index = TexelIndex::build(&lumels.lumels, layout);
         let count = lumels.lumels.len();
         let plan = match world.is_dark() {

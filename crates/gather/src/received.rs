@@ -2,13 +2,15 @@
 
 use glam::Vec3;
 use radiosity::{DirectEstimate, SurfacePoint, World};
+use serde::{Deserialize, Serialize};
 
 use crate::estimate::{Around, Estimate};
 use crate::planes::Plane;
 use crate::points::Place;
 
 /// Light that a footprint receives.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(into = "Stored", from = "Stored")]
 pub struct Received {
     /// Irradiance directly from lamps and emitters.
     pub direct: Vec3,
@@ -60,7 +62,7 @@ pub struct Received {
 }
 
 /// An edge across a footprint.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub(crate) enum Edge {
     /// No edge was found.
     #[default]
@@ -160,6 +162,88 @@ impl Received {
             origin: self.position + self.normal * world.offset(self.position),
             normal: self.normal,
             geometric: self.normal,
+        }
+    }
+}
+
+/// [`Received`] as it is stored: vectors as arrays, and little besides the light as bits.
+#[derive(Serialize, Deserialize)]
+struct Stored {
+    light: [[f32; 3]; 3],
+    variances: [f32; 2],
+    least: Option<f32>,
+    doubt: [f32; 2],
+    place: [[f32; 3]; 2],
+    size: f32,
+    open: f32,
+    rays: u64,
+    flags: [bool; 3],
+    around: Around,
+    edge: Edge,
+    /// Mixed, lit, hidden, looked.
+    lamps: [u32; 4],
+    planes: Vec<[[f32; 3]; 3]>,
+}
+
+impl From<Received> for Stored {
+    fn from(r: Received) -> Stored {
+        let plane = |p: &Plane| [p.direct, p.indirect, p.first_half].map(|v| v.to_array());
+        Stored {
+            light: [r.direct, r.indirect, r.first_half].map(|v| v.to_array()),
+            variances: [r.direct_variance, r.indirect_variance],
+            least: r.least,
+            doubt: r.direct_doubt,
+            place: [r.position, r.normal].map(|v| v.to_array()),
+            size: r.size,
+            open: r.open,
+            rays: r.rays,
+            flags: [r.near, r.behind, r.void],
+            around: r.around,
+            edge: r.edge,
+            lamps: [r.mixed, r.lit, r.hidden, r.looked],
+            planes: r.planes.iter().map(plane).collect(),
+        }
+    }
+}
+
+impl From<Stored> for Received {
+    fn from(s: Stored) -> Received {
+        let [direct, indirect, first_half] = s.light.map(Vec3::from_array);
+        let [direct_variance, indirect_variance] = s.variances;
+        let [position, normal] = s.place.map(Vec3::from_array);
+        let [near, behind, void] = s.flags;
+        let [mixed, lit, hidden, looked] = s.lamps;
+        let plane = |p: [[f32; 3]; 3]| {
+            let [direct, indirect, first_half] = p.map(Vec3::from_array);
+            Plane {
+                direct,
+                indirect,
+                first_half,
+            }
+        };
+        Received {
+            direct,
+            indirect,
+            first_half,
+            direct_variance,
+            indirect_variance,
+            least: s.least,
+            direct_doubt: s.doubt,
+            position,
+            normal,
+            size: s.size,
+            open: s.open,
+            rays: s.rays,
+            near,
+            behind,
+            around: s.around,
+            void,
+            edge: s.edge,
+            mixed,
+            lit,
+            hidden,
+            looked,
+            planes: s.planes.into_iter().map(plane).collect(),
         }
     }
 }

@@ -4,14 +4,14 @@
 //! window appears dark and certain. Gathering more only where something was seen loses light
 //! (between plates ten sides apart, three quarters of it). So neighbours decide.
 
-use radiosity::{Cancelled, Monitor, Phase, luminance};
+use radiosity::{Cancelled, luminance};
 use rayon::prelude::*;
 
-use crate::blocks::in_blocks;
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::received::{Edge, Received};
 use crate::window::Window;
+use crate::work::{Pass, Work};
 
 /// Gathers again at apparently whole lumels next to one that an edge crosses: the edge continues,
 /// and may cut off less of them than one of their first points represents.
@@ -21,7 +21,7 @@ use crate::window::Window;
 pub(crate) fn follow_edges(
     gatherer: &Gatherer,
     map: &mut LumelMap,
-    monitor: &dyn Monitor,
+    work: &Work,
 ) -> Result<(), Cancelled> {
     // If edges get no more points than other footprints, there is nothing to gain.
     let options = &gatherer.options;
@@ -39,8 +39,7 @@ pub(crate) fn follow_edges(
         if beside.is_empty() {
             break;
         }
-        let refined = in_blocks(beside.len(), Phase::Refine, monitor, |k| {
-            let (i, look) = beside[k];
+        work.gather(map, Pass::Edges(round), &beside, |map, i, look| {
             let (footprint, seed) = map.footprint(gatherer.world(), i);
             let first = &map.received[i];
             if !look.contact {
@@ -54,9 +53,6 @@ pub(crate) fn follow_edges(
                 ..again
             }
         })?;
-        for ((i, _), again) in beside.into_iter().zip(refined) {
-            map.received[i] = again;
-        }
     }
     Ok(())
 }
@@ -98,7 +94,7 @@ fn look_again(map: &LumelMap, i: usize) -> Look {
 pub(crate) fn add_rays(
     gatherer: &Gatherer,
     map: &mut LumelMap,
-    monitor: &dyn Monitor,
+    work: &Work,
 ) -> Result<(), Cancelled> {
     let options = &gatherer.options;
     let most = (options.most_rays / options.rays.max(1)).max(1);
@@ -136,14 +132,11 @@ pub(crate) fn add_rays(
             (times > 1).then_some((i, times))
         })
         .collect();
-    let more = in_blocks(short.len(), Phase::Refine, monitor, |k| {
-        let (i, times) = short[k];
-        let (footprint, seed) = map.footprint(gatherer.world(), i);
-        gatherer.gather_more(&footprint, seed, &map.received[i], (1, times))
-    })?;
-    for ((i, times), again) in short.into_iter().zip(more) {
-        map.received[i] = again;
+    for &(i, times) in &short {
         map.times[i] = times;
     }
-    Ok(())
+    work.gather(map, Pass::More, &short, |map, i, times| {
+        let (footprint, seed) = map.footprint(gatherer.world(), i);
+        gatherer.gather_more(&footprint, seed, &map.received[i], (1, times))
+    })
 }

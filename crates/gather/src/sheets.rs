@@ -25,7 +25,7 @@ struct Sheet {
 const UNSEEN: f32 = 0.95;
 
 /// Regathers sheets on their backs if their front is unseen and most of their back is not.
-/// Must run after the gathered lumels of `map` have their light.
+/// Must run after the gathered lumels of `map` have their light. Returns the turned ones.
 ///
 /// # Errors
 /// [`Cancelled`] if the monitor cancels.
@@ -33,10 +33,10 @@ pub(crate) fn turn_unseen(
     gatherer: &Gatherer,
     map: &mut LumelMap,
     monitor: &dyn Monitor,
-) -> Result<(), Cancelled> {
+) -> Result<Vec<usize>, Cancelled> {
     let sheets = mostly_unseen(gatherer, map);
     if sheets.is_empty() {
-        return Ok(());
+        return Ok(Vec::new());
     }
     let world = gatherer.world();
     sheets.iter().for_each(|sheet| turn(gatherer, map, sheet));
@@ -59,11 +59,11 @@ pub(crate) fn turn_unseen(
         }
     }
     let light = gather(map, &again)?;
-    for (i, r) in again.into_iter().zip(light) {
+    for (&i, r) in again.iter().zip(light) {
         map.plan.drop(i);
         map.received[i] = r;
     }
-    Ok(())
+    Ok(again)
 }
 
 impl Sheet {

@@ -28,6 +28,7 @@
 //! | [`Baker::on_progress`], [`CancelToken`], [`Error`] | progress, cancellation, errors and exit codes | `03_progress_and_cancel` |
 //! | [`Bake::pages`], [`Bake::vertex_colors`], [`Bake::manifest`], [`MemoryDocument`] | results and scenes in memory | `04_results_in_memory` |
 //! | [`SceneBuilder`], [`Baker::find_current`] | generated scenes, many scenes, rebaking only what changed | `05_scene_in_code` |
+//! | [`solve`], [`gather_work`], [`merge_work`] | one bake on many machines | |
 //! | [`BakeFolder`], [`report_page()`], [`Viewer`](view::Viewer) | finished bakes on disk | |
 //!
 //! `cargo run --release -p lumel --example 01_bake_a_file` runs the first example.
@@ -62,6 +63,7 @@ mod estimate;
 mod files;
 mod folder;
 mod inspect;
+mod joints;
 mod likeness;
 mod memory;
 mod mixed;
@@ -80,6 +82,7 @@ mod results;
 mod scene_builder;
 mod scene_input;
 mod settings;
+mod shards;
 mod sky;
 mod sources;
 mod split;
@@ -88,6 +91,7 @@ mod units;
 pub mod view;
 mod warnings;
 mod watch;
+mod work;
 
 pub use atlas;
 pub use atlas_bake;
@@ -107,6 +111,7 @@ pub use estimate::{ESTIMATE_FACTOR, Estimate, estimate};
 pub use files::{NamedFile, output_names};
 pub use folder::{BakeFolder, FinishedGroup, FinishedManifest, FinishedPage};
 pub use inspect::{Inspection, describe_lods, inspect, inspect_and_draw};
+pub use joints::{GatherDone, Order, SolveDone, gather_work, merge_work, solve};
 pub use mesh_ingest::MemoryDocument;
 pub use not_physical::NotPhysical;
 pub use origin::Origin;
@@ -126,5 +131,7 @@ pub use settings::{
     BakeMode, Bounds, GltfExt, LightGroup, LightScale, ProbeSource, Quality, Settings, SkySource,
     Sun, Units,
 };
+pub use shards::ShardOf;
 pub use sources::{Source, SourceKind};
 pub use watch::{CancelToken, Progress};
+pub use work::{Told, WorkFolder};

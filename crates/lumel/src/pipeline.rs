@@ -1,6 +1,7 @@
 //! The bake from the input file to the output files.
 
 use std::collections::BTreeSet;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -11,15 +12,17 @@ use atlas_bake::{
     BakeOptions, Baked, LitScene, MixedLight, PictureLight, ValueKind, choose_camera,
     render_preview, scene_camera,
 };
+use gather::Records;
 use gather::probes::{ProbeReport, ProbeScene, bake_probes, report_probes};
 use glam::Vec3;
 use mesh_ingest::{LampMode, Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{
-    Bounce, DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, World, WorldOptions,
+    Bounce, DirectLight, Emitters, LightGroups, Monitor, Phase, Sky, Solution, StoredSolution,
+    World, WorldOptions,
 };
 
 use crate::brightness;
-use crate::cache::{Cache, Charts};
+use crate::cache::{Cache, CacheReport, Charts};
 use crate::check::{check, check_name};
 use crate::cull::{self, CullReport};
 use crate::early;
@@ -30,7 +33,7 @@ use crate::overwrite;
 use crate::page_groups;
 use crate::probes::{self, ProbePlan};
 use crate::record::{self, Provenance, Record, RecordedInput};
-use crate::report::{Measured, PhaseTime, Report};
+use crate::report::{GroupReport, Measured, PhaseTime, Report};
 use crate::scene_input::SceneInput;
 use crate::settings::{Settings, SkySource};
 use crate::sky;
@@ -137,7 +140,7 @@ pub(crate) struct Early {
 pub(crate) fn prepare(
     scene: SceneInput<'_>,
     settings: &Settings,
-    split_sides: &BTreeSet<(usize, usize)>,
+    split_sides: &Sides,
 ) -> Result<Prepared, Error> {
     let mut loaded = scene.load(settings, split_sides)?;
     let mut early = Early::default();
@@ -225,6 +228,17 @@ pub struct Beside<'a> {
     pub tell: Option<&'a (dyn Fn(Remark<'_>) + Sync)>,
 }
 
+impl<'a> Beside<'a> {
+    /// For a second attempt: what was shown and said stays.
+    pub(crate) fn again(&self) -> Beside<'a> {
+        Beside {
+            first_picture: None,
+            tell: None,
+            ..*self
+        }
+    }
+}
+
 /// A remark that is known before a bake begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remark<'a> {
@@ -272,56 +286,98 @@ pub(crate) fn bake_scene(
     beside: &Beside<'_>,
     monitor: &dyn Monitor,
 ) -> Result<Bake, Error> {
-    let mut clock = Clock::new();
-    let shared = BTreeSet::new();
-    match bake_with(
-        scene, settings, provenance, beside, monitor, &shared, &mut clock,
-    )? {
+    let file = scene.path();
+    let order = (settings, provenance);
+    let fresh = Start::default();
+    let (opened, outside) = open(scene, order, beside, fresh, monitor)?;
+    match bake_opened(file, opened, outside, order, (beside, None), monitor)? {
         Attempt::Done(bake) => Ok(*bake),
         // At most once: the light is solved anew with the separate sides, which have none to share.
-        Attempt::Split(sides) => {
-            let beside = Beside {
-                first_picture: None,
-                tell: None,
-                ..*beside
-            };
-            match bake_with(
-                scene, settings, provenance, &beside, monitor, &sides, &mut clock,
-            )? {
+        Attempt::Again(start) => {
+            let beside = beside.again();
+            let (opened, outside) = open(scene, order, &beside, start, monitor)?;
+            match bake_opened(file, opened, outside, order, (&beside, None), monitor)? {
                 Attempt::Done(bake) => Ok(*bake),
-                Attempt::Split(_) => Err(Error::Internal("sides were split twice".into())),
+                Attempt::Again(_) => Err(Error::Internal("sides were split twice".into())),
             }
         }
     }
 }
 
+/// Primitives (mesh, primitive) that have separate faces for their two sides.
+pub(crate) type Sides = BTreeSet<(usize, usize)>;
+
+/// How a bake begins.
+#[derive(Debug, Default)]
+pub(crate) struct Start {
+    pub split: Sides,
+    /// Whether that was decided, by an attempt or by another process.
+    pub decided: bool,
+    /// The clock of an attempt before.
+    pub clock: Option<Clock>,
+}
+
 /// How far a bake came.
 enum Attempt {
     Done(Box<Bake>),
-    /// These primitives (mesh, primitive) need separate faces for their two sides.
-    Split(BTreeSet<(usize, usize)>),
+    /// It has to begin again, so.
+    Again(Start),
 }
 
-/// Bakes with separate faces for the sides of `split`.
-fn bake_with(
+/// A scene that was read and planned, before its light is computed.
+pub(crate) struct Opened {
+    pub loaded: Loaded,
+    soup: Soup,
+    groups: Vec<GroupReport>,
+    group_names: Vec<String>,
+    /// By light: who computes its direct light.
+    modes: Vec<LampMode>,
+    clamped_materials: u64,
+    culled: Option<CullReport>,
+    early: Early,
+    pub option_inputs: Vec<RecordedInput>,
+    probes: Option<ProbePlan>,
+    pub clock: Clock,
+    /// Which sides are separate, and whether that is decided.
+    split: Sides,
+    decided: bool,
+}
+
+/// What lights a scene from outside, how its light is divided, and its solution, if another process
+/// has solved it.
+pub(crate) struct Outside {
+    sky: Sky,
+    groups: Option<LightGroups>,
+    pub solved: Option<Solved>,
+}
+
+/// The solution of another process.
+pub(crate) struct Solved {
+    pub light: StoredSolution,
+    /// Where it was read from.
+    pub file: PathBuf,
+}
+
+/// Reads a scene and checks everything that can be checked before its light is computed.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub(crate) fn open(
     scene: SceneInput<'_>,
-    settings: &Settings,
-    provenance: &Provenance,
+    (settings, provenance): (&Settings, &Provenance),
     beside: &Beside<'_>,
+    start: Start,
     monitor: &dyn Monitor,
-    split: &BTreeSet<(usize, usize)>,
-    clock: &mut Clock,
-) -> Result<Attempt, Error> {
-    let cache = beside.cache;
-    let file = scene.path();
+) -> Result<(Opened, Outside), Error> {
     check(settings)?;
-    check_name(file)?;
+    check_name(scene.path())?;
     sky::check_file(settings)?;
     probes::check_file(settings)?;
     // Hashed before they are read: if a file changes in between, the next run sees a different
     // hash.
     let option_inputs = record::option_inputs(settings, provenance);
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
+    let mut clock = start.clock.unwrap_or_else(Clock::new);
     begin(monitor, Phase::Ingest)?;
     let Prepared {
         loaded,
@@ -332,7 +388,7 @@ fn bake_with(
         clamped_materials,
         culled,
         early,
-    } = prepare(scene, settings, split)?;
+    } = prepare(scene, settings, &start.split)?;
     if let Some(tell) = beside.tell {
         let warnings = early.warnings.iter().map(|w| Remark::Warning(w));
         let notes = early.notes.iter().map(|n| Remark::Note(n));
@@ -343,116 +399,190 @@ fn bake_with(
         overwrite::refuse_inputs(beside.outputs, &inputs)?;
     }
     let (groups, group_names) = chosen.groups.unzip();
-    let plan = match (&settings.probes, points) {
+    let probes = match (&settings.probes, points) {
         (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
         _ => None,
     };
     clock.lap(Phase::Ingest);
-
-    begin(monitor, Phase::Atlas)?;
-    let options = bake_options(settings);
-    let charts = cache.map(Charts::new);
-    let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
-    let level = Level {
-        file,
-        loaded: &loaded,
-        soup: &soup,
-        settings,
-        first_picture: beside.first_picture.as_ref(),
+    let opened = Opened {
+        loaded,
+        soup,
+        groups: chosen.report,
+        group_names: group_names.unwrap_or_default(),
+        modes,
+        clamped_materials,
+        culled,
+        early,
+        option_inputs,
+        probes,
+        clock,
+        split: start.split,
+        decided: start.decided,
     };
-    // A single thread would only alternate between the two.
-    let bounded = settings.bounds.memory.is_some();
-    let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
-    let ((layout, layout_report), lit) = if in_turn {
-        let planned = level.charts(kept, monitor)?;
-        if bounded {
-            level.check_memory(&planned, &sky)?;
-        }
-        clock.lap(Phase::Atlas);
-        (planned, level.light(sky, groups, monitor, clock)?)
-    } else {
-        level.charts_and_light(kept, sky, groups, monitor, clock)?
+    let outside = Outside {
+        sky,
+        groups,
+        solved: None,
     };
-    let Lit {
-        mut world,
-        emitters,
-        solution,
-    } = lit;
-    let (mixed, mixed_warnings) =
-        match mixed::settle(&world, &emitters, &solution, &modes, settings) {
-            Some(mixed) => {
-                world.roles = Some(mixed.roles);
-                (Some(mixed.light), mixed.warnings)
-            }
-            None => (None, Vec::new()),
-        };
+    Ok((opened, outside))
+}
 
-    if settings.split_sides && split.is_empty() {
-        let wanted = split::wanted(&loaded, &world, &solution);
-        if !wanted.is_empty() {
-            return Ok(Attempt::Split(wanted));
+/// Charts of a level, and its light on patches.
+pub(crate) struct Planned<'l> {
+    pub layout: Layout,
+    pub report: LayoutReport,
+    pub lit: Lit<'l>,
+    /// Lamps left out of the pages, and what to say about them.
+    mixed: Option<(MixedLight, Vec<String>)>,
+    /// What the cache did.
+    cached: Option<CacheReport>,
+}
+
+impl Opened {
+    /// The sides that need separate faces, now that the light is known.
+    pub(crate) fn to_split(&self, lit: &Lit<'_>, settings: &Settings) -> Sides {
+        match settings.split_sides && !self.decided {
+            true => split::wanted(&self.loaded, &lit.world, &lit.solution),
+            false => Sides::new(),
         }
     }
 
-    begin(monitor, Phase::Gather)?;
-    let baked = atlas_bake::bake(&world, &emitters, &solution, &layout, &options, monitor)
-        .map_err(|_| Error::Cancelled)?;
-    let cached = charts.map(Charts::close);
-    clock.lap(Phase::Gather);
+    /// Makes charts and solves the light, or takes the solution of another process.
+    ///
+    /// # Errors
+    /// [`Error`], by fault.
+    pub(crate) fn plan<'l>(
+        &'l self,
+        file: &'l Path,
+        outside: Outside,
+        settings: &'l Settings,
+        beside: &'l Beside<'l>,
+        (clock, monitor): (&mut Clock, &dyn Monitor),
+    ) -> Result<Planned<'l>, Error> {
+        begin(monitor, Phase::Atlas)?;
+        let charts = beside.cache.map(Charts::new);
+        let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
+        let level = Level {
+            file,
+            loaded: &self.loaded,
+            soup: &self.soup,
+            settings,
+            first_picture: beside.first_picture.as_ref(),
+        };
+        // A single thread would only alternate between the two.
+        let bounded = settings.bounds.memory.is_some();
+        let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
+        let ((layout, report), mut lit) = if in_turn {
+            let planned = level.charts(kept, monitor)?;
+            if bounded {
+                level.check_memory(&planned, &outside.sky)?;
+            }
+            clock.lap(Phase::Atlas);
+            (planned, level.light(outside, monitor, clock)?)
+        } else {
+            level.charts_and_light(kept, outside, monitor, clock)?
+        };
+        let (world, emitters, solution) = lit.parts();
+        let settled = mixed::settle(world, emitters, solution, &self.modes, settings);
+        let mixed = settled.map(|mixed| {
+            lit.world.roles = Some(mixed.roles);
+            (mixed.light, mixed.warnings)
+        });
+        Ok(Planned {
+            layout,
+            report,
+            lit,
+            mixed,
+            cached: charts.map(Charts::close),
+        })
+    }
+}
 
-    let (probes, probe_report) = match &plan {
+/// What other processes have done of a bake.
+pub(crate) struct Elsewhere<'e> {
+    /// The light of shards.
+    pub records: &'e dyn Records,
+    /// Refuses charts that are not those of the shards.
+    pub check: &'e dyn Fn(&Layout) -> Result<(), Error>,
+}
+
+/// Bakes a scene that was read; `elsewhere` has what shards have done already.
+fn bake_opened(
+    file: &Path,
+    opened: Opened,
+    outside: Outside,
+    (settings, provenance): (&Settings, &Provenance),
+    (beside, elsewhere): (&Beside<'_>, Option<&Elsewhere<'_>>),
+    monitor: &dyn Monitor,
+) -> Result<Attempt, Error> {
+    let mut clock = opened.clock.clone();
+    let planned = opened.plan(file, outside, settings, beside, (&mut clock, monitor))?;
+    let Planned {
+        layout,
+        report: layout_report,
+        lit,
+        mixed,
+        cached,
+    } = planned;
+    let split = opened.to_split(&lit, settings);
+    if !split.is_empty() {
+        return Ok(Attempt::Again(Start {
+            split,
+            decided: true,
+            clock: Some(clock),
+        }));
+    }
+    begin(monitor, Phase::Gather)?;
+    let baked = match elsewhere {
+        None => lit.bake(&layout, settings, monitor),
+        Some(elsewhere) => {
+            (elsewhere.check)(&layout)?;
+            lit.merge(&layout, settings, elsewhere.records, monitor)
+        }
+    }?;
+    clock.lap(Phase::Gather);
+    let (probes, probe_report) = match &opened.probes {
         Some(plan) => {
             begin(monitor, Phase::Probes)?;
-            let (file, report) =
-                light_probes(&world, &emitters, &solution, plan, settings, monitor)?;
+            let (file, report) = light_probes(&lit, plan, settings, monitor)?;
             clock.lap(Phase::Probes);
             (Some(file), Some(report))
         }
         None => (None, None),
     };
-    let Early {
-        mut notes,
-        warnings: mut all,
-        dark: foretold,
-    } = early;
-    notes.extend(split::note(&loaded.scene, split));
     let warned = Warned {
-        loaded: &loaded,
-        world: &world,
-        clamped_materials,
+        loaded: &opened.loaded,
+        world: &lit.world,
+        clamped_materials: opened.clamped_materials,
         layout: &layout_report,
-        solution: &solution,
+        solution: &lit.solution,
         baked: &baked,
         settings,
-        foretold,
+        foretold: opened.early.dark,
     };
-    all.extend(warned.list());
-    all.extend(mixed_warnings);
-    drop(world);
-
-    let name = file
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
-    let stem = file
-        .file_stem()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
+    let mut warnings = opened.early.warnings.clone();
+    warnings.extend(warned.list());
+    let mixed = mixed.map(|(light, said)| {
+        warnings.extend(said);
+        light
+    });
+    let solve = lit.solution.report.clone();
+    drop(lit);
+    let mut notes = opened.early.notes;
+    notes.extend(split::note(&opened.loaded.scene, &opened.split));
     let report = Report {
         generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
-        scene: name,
+        scene: name_of(file.file_name()),
         settings: settings.clone(),
         origins: provenance.origins.clone(),
         content: Record::default(),
-        ingest: loaded.report.clone(),
-        dropped_triangles: [soup.dropped_zero_area, soup.dropped_duplicate],
-        clamped_materials,
-        groups: chosen.report,
-        culled,
+        ingest: opened.loaded.report.clone(),
+        dropped_triangles: [opened.soup.dropped_zero_area, opened.soup.dropped_duplicate],
+        clamped_materials: opened.clamped_materials,
+        groups: opened.groups,
+        culled: opened.culled,
         layout: layout_report,
-        solve: solution.report.clone(),
+        solve,
         gather: baked.report.clone(),
         probes: probe_report,
         clamped: Vec::new(),
@@ -460,25 +590,50 @@ fn bake_with(
         png: Vec::new(),
         not_physical: settings.not_physical.describe(),
         notes,
-        warnings: all,
+        warnings,
         measured: Measured {
             cache: cached,
             ..Measured::default()
         },
     };
     Ok(Attempt::Done(Box::new(Bake {
-        loaded,
+        loaded: opened.loaded,
         layout,
         baked,
         probes,
         report,
-        group_names: group_names.unwrap_or_default(),
+        group_names: opened.group_names,
         mixed,
-        option_inputs,
-        stem,
+        option_inputs: opened.option_inputs,
+        stem: name_of(file.file_stem()),
         value: settings.value,
-        clock: clock.clone(),
+        clock,
     })))
+}
+
+/// As [`bake_opened`], of what another process has begun: it decided which sides are separate.
+pub(crate) fn bake_rest(
+    file: &Path,
+    (opened, outside): (Opened, Outside),
+    order: (&Settings, &Provenance),
+    (beside, elsewhere): (&Beside<'_>, &Elsewhere<'_>),
+    monitor: &dyn Monitor,
+) -> Result<Bake, Error> {
+    match bake_opened(
+        file,
+        opened,
+        outside,
+        order,
+        (beside, Some(elsewhere)),
+        monitor,
+    )? {
+        Attempt::Done(bake) => Ok(*bake),
+        Attempt::Again(_) => Err(Error::Internal("sides were split late".into())),
+    }
+}
+
+fn name_of(part: Option<&OsStr>) -> String {
+    part.unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// A level that was read, and the settings.
@@ -491,10 +646,41 @@ struct Level<'l> {
 }
 
 /// A level with a solution on patches.
-struct Lit<'l> {
-    world: World<'l>,
-    emitters: Emitters,
-    solution: Solution,
+pub(crate) struct Lit<'l> {
+    pub world: World<'l>,
+    pub emitters: Emitters,
+    pub solution: Solution,
+}
+
+impl Lit<'_> {
+    /// What the gather reads.
+    pub(crate) fn parts(&self) -> (&World<'_>, &Emitters, &Solution) {
+        (&self.world, &self.emitters, &self.solution)
+    }
+
+    fn bake(
+        &self,
+        layout: &Layout,
+        settings: &Settings,
+        monitor: &dyn Monitor,
+    ) -> Result<Baked, Error> {
+        let (world, emitters, solution) = self.parts();
+        let options = bake_options(settings);
+        atlas_bake::bake(world, emitters, solution, layout, &options, monitor)
+            .map_err(|_| Error::Cancelled)
+    }
+
+    fn merge(
+        &self,
+        layout: &Layout,
+        settings: &Settings,
+        records: &dyn Records,
+        monitor: &dyn Monitor,
+    ) -> Result<Baked, Error> {
+        let options = bake_options(settings);
+        atlas_bake::merge(self.parts(), layout, &options, records, monitor)
+            .map_err(|_| Error::Cancelled)
+    }
 }
 
 impl<'l> Level<'l> {
@@ -520,12 +706,16 @@ impl<'l> Level<'l> {
     /// Builds the tree, solves the light, and shows the first picture.
     fn light(
         &self,
-        sky: Sky,
-        groups: Option<LightGroups>,
+        outside: Outside,
         monitor: &dyn Monitor,
         clock: &mut Clock,
     ) -> Result<Lit<'l>, Error> {
         begin(monitor, Phase::Tree)?;
+        let Outside {
+            sky,
+            groups,
+            solved,
+        } = outside;
         let options = WorldOptions {
             sky,
             groups,
@@ -539,7 +729,18 @@ impl<'l> Level<'l> {
 
         begin(monitor, Phase::Solve)?;
         let options = self.settings.solve_options();
-        let solution = radiosity::solve(&world, &emitters, &options, monitor);
+        let solution = match solved {
+            None => radiosity::solve(&world, &emitters, &options, monitor),
+            Some(Solved { light, file }) => {
+                let message = "found the light of other patches than the scene has";
+                let other = || Error::Folder {
+                    path: file,
+                    message: message.into(),
+                    io: false,
+                };
+                light.restore(&world, &options).ok_or_else(other)?
+            }
+        };
         if solution.report.cancelled {
             return Err(Error::Cancelled);
         }
@@ -562,8 +763,7 @@ impl<'l> Level<'l> {
     fn charts_and_light(
         &self,
         kept: Option<&dyn KeptCharts>,
-        sky: Sky,
-        groups: Option<LightGroups>,
+        outside: Outside,
         monitor: &dyn Monitor,
         clock: &mut Clock,
     ) -> Result<((Layout, LayoutReport), Lit<'l>), Error> {
@@ -588,7 +788,7 @@ impl<'l> Level<'l> {
             },
             || {
                 own.phases.clear();
-                let lit = self.light(sky, groups, &side(&planned), &mut own);
+                let lit = self.light(outside, &side(&planned), &mut own);
                 stop.fetch_or(lit.is_err(), Ordering::Relaxed);
                 lit
             },
@@ -688,13 +888,12 @@ fn first_picture(
 
 /// Bakes the probes of a plan.
 fn light_probes(
-    world: &World,
-    emitters: &Emitters,
-    solution: &Solution,
+    lit: &Lit<'_>,
     plan: &ProbePlan,
     settings: &Settings,
     monitor: &dyn Monitor,
 ) -> Result<(ProbeFile, ProbeReport), Error> {
+    let (world, emitters, solution) = lit.parts();
     let origin = world.scene.origin;
     let at: Vec<Vec3> = plan
         .positions

@@ -12,8 +12,11 @@ use self::pages::{Page, documents, files_below, notes, root};
 use crate::common::{bake, lumel, parse, quads, temp, write};
 
 /// Commands of the binary.
-const COMMANDS: [&str; 9] = [
+const COMMANDS: [&str; 12] = [
     "bake",
+    "solve",
+    "gather",
+    "merge",
     "watch",
     "inspect",
     "diff",

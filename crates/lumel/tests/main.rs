@@ -8,6 +8,7 @@ mod cli;
 mod common;
 mod engines;
 mod examples;
+mod farm;
 mod fuzz;
 mod hostile;
 mod inspect;

@@ -3,7 +3,7 @@
 use glam::{DVec2, Vec3};
 use mesh_ingest::Soup;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::grid::{
     Fragment, Frame, choose_frame, clip_to_fine, fine_corners, frame_of_cluster, rasterise,
@@ -97,7 +97,7 @@ pub struct Locus {
 }
 
 /// Sizes for the report.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Stats {
     /// Number of regions.
     pub regions: u32,

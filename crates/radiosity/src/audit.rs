@@ -9,7 +9,7 @@
 use glam::{DVec3, Vec3};
 use patch_subdivision::{PatchId, Subdivision};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::lamps::LampFlux;
 use crate::links::{BLACK, ESCAPED, Links, NOWHERE, origins};
@@ -40,7 +40,7 @@ const MOST_NODES: usize = 32;
 /// flux that arrives on them: neither has a flux of its own. For the sky alone, there is therefore
 /// nothing to compare arrival with. A lamp with a `range` loses light on the way, as the glTF
 /// extension specifies; its emission is the flux that arrives.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Audit {
     /// Flux that lamps, emissive surfaces, suns and the sky emit into the scene (RGB).
     pub flux_emitted: [f64; 3],
@@ -85,7 +85,7 @@ pub struct Audit {
 }
 
 /// The components of [`Audit::bound`], as shares of the emitted flux.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct AuditBounds {
     /// Four standard errors of reciprocity, from the spread of each row's rays around their mean,
     /// element by element.
@@ -102,7 +102,7 @@ pub struct AuditBounds {
 }
 
 /// Rows of a node that fall short or are open.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RowsOfNode {
     /// The node's name, or `node` and its index in the document.
     pub node: String,

@@ -36,6 +36,7 @@ mod solids;
 mod solution;
 mod solve;
 mod stand_in;
+mod stored;
 mod world;
 
 pub use audit::{Audit, AuditBounds, RowsOfNode};
@@ -52,4 +53,5 @@ pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
 pub use sky::Sky;
 pub use solution::{Look, Reflected, Sent, Solution, SolveReport, SolveStep, of_lit};
 pub use solve::{SolveOptions, solve};
+pub use stored::StoredSolution;
 pub use world::{Backs, Incoming, SurfacePoint, World, WorldOptions, facing, luminance};

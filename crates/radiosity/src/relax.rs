@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::links::Links;
 use crate::monitor::Monitor;
@@ -37,7 +37,7 @@ impl Default for RelaxOptions {
 }
 
 /// State of a relaxation after a round of shots or an iteration of Bi-CGSTAB.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RelaxStep {
     /// Number of shots so far.
     pub shots: u64,
@@ -50,7 +50,7 @@ pub struct RelaxStep {
 }
 
 /// Result of a relaxation.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct RelaxReport {
     /// Number of shots (a patch may shoot several times).
     pub shots: u64,

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use patch_subdivision::{ElementId, Locus, PatchId, Stats, Subdivision, Tap};
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use visibility::Hit;
 
 use crate::audit::Audit;
@@ -144,7 +144,7 @@ pub(crate) fn element_edge(cut: &Subdivision, triangle: u32) -> f32 {
 }
 
 /// A step of the solve.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SolveStep {
     /// Rays per patch in this pass.
     pub rays: u32,
@@ -154,7 +154,7 @@ pub struct SolveStep {
 }
 
 /// Statistics of a solve.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct SolveReport {
     /// Numbers of regions, patches and elements.
     pub subdivision: Stats,

@@ -72,19 +72,16 @@ pub fn solve(
     options: &SolveOptions,
     monitor: &dyn Monitor,
 ) -> Solution {
-    let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
-    let Survey { buried, close } = survey(world, &cut);
-    let crowded = match options.crowded {
-        true => find_crowded(&cut, &buried, &close),
-        false => vec![false; cut.patches().len()],
-    };
-    cut.hide(&buried);
-    let walled_elements = stand_apart(world, &mut cut, &crowded);
+    let Divided {
+        cut,
+        buried,
+        walled,
+    } = divide(world, options);
     let n = cut.patches().len();
     let mut report = SolveReport {
         subdivision: cut.stats(),
-        buried_elements: buried.iter().filter(|b| **b).count() as u64,
-        walled_elements,
+        buried_elements: buried,
+        walled_elements: walled,
         fine_patches: (cut.patches().iter()).filter(|p| p.fine).count() as u64,
         emitters: emitters.len(),
         ..SolveReport::default()
@@ -211,6 +208,31 @@ pub fn solve(
     };
     solution.refresh(world);
     solution
+}
+
+/// A scene divided into patches and elements.
+pub(crate) struct Divided {
+    pub cut: Subdivision,
+    /// Elements inside something, and pairs of neighbours with a wall between them.
+    buried: u64,
+    walled: u64,
+}
+
+/// Divides a scene. The same scene and options give the same patches.
+pub(crate) fn divide(world: &World, options: &SolveOptions) -> Divided {
+    let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
+    let Survey { buried, close } = survey(world, &cut);
+    let crowded = match options.crowded {
+        true => find_crowded(&cut, &buried, &close),
+        false => vec![false; cut.patches().len()],
+    };
+    cut.hide(&buried);
+    let walled = stand_apart(world, &mut cut, &crowded);
+    Divided {
+        cut,
+        buried: buried.iter().filter(|b| **b).count() as u64,
+        walled,
+    }
 }
 
 /// Patches whose elements' direct light spans more than half of the brightest. Below that, the

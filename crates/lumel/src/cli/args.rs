@@ -26,6 +26,13 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Bake a level: lightmap (EXR), lightmapped glTF, vertex-coloured glTF, manifest and report
     Bake(Box<BakeScenes>),
+    /// Begin a bake that many machines share: make charts, solve the light, and write both into a
+    /// folder
+    Solve(Box<super::farm::Solve>),
+    /// Gather one shard of a solved bake into its folder
+    Gather(super::farm::Gather),
+    /// Finish a bake whose shards are gathered: the results are those of `lumel bake`
+    Merge(super::farm::Merge),
     /// Bake a level again on every save, a draft first, and show it in a browser
     Watch(Box<super::watch::Watch>),
     /// Show what would be baked and every problem found; writes only the pictures you ask for

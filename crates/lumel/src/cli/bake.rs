@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use lumel::atlas_bake::OutputSet;
-use lumel::{Monitor, Phase, Provenance, ReadFile, Remark, Report, Settings};
+use lumel::{Monitor, Order, Phase, Provenance, ReadFile, Remark, Report, Settings, WorkFolder};
 
 use super::Failure;
 use super::args::{Bake, BakeScenes};
@@ -96,17 +96,37 @@ pub(crate) fn one_until(a: &Bake, layered: &Layered, stop: &AtomicBool) -> Resul
     {
         return Ok(Done::Unchanged(files));
     }
-    let outcome = bake(a, settings, provenance, &display);
+    let outcome = bake(a, settings, provenance, None, &display);
+    conclude(a, outcome, *strict, &display)
+}
+
+/// Finishes a bake whose shards are gathered.
+pub(crate) fn merge(a: &Bake, layered: &Layered, work: &WorkFolder) -> Result<Done, Failure> {
+    let (settings, provenance) = (&layered.settings, &layered.provenance);
+    check_outputs(a, settings, provenance)?;
+    let stop = AtomicBool::new(false);
+    let display = Display::new(a, settings, &stop);
+    let outcome = bake(a, settings, provenance, Some(work), &display);
+    conclude(a, outcome, layered.strict, &display)
+}
+
+/// Tells what came out.
+fn conclude(
+    a: &Bake,
+    outcome: Result<(Report, Files), Failure>,
+    strict: bool,
+    display: &Display<'_>,
+) -> Result<Done, Failure> {
     display.finish();
     let (report, files) = outcome?;
     for w in &report.warnings {
         display.warn(w);
     }
-    summary(a, &report, &display);
+    summary(a, &report, display);
     if a.json {
         std::io::stdout().lock().write_all(&report.to_json())?;
     }
-    if *strict && !report.warnings.is_empty() {
+    if strict && !report.warnings.is_empty() {
         return Err(Failure::Strict(report.warnings.len()));
     }
     Ok(Done::Baked(files, report.measured.seconds))
@@ -211,6 +231,7 @@ fn bake(
     a: &Bake,
     settings: &Settings,
     provenance: &Provenance,
+    work: Option<&WorkFolder>,
     display: &Display<'_>,
 ) -> Result<(Report, Files), Failure> {
     // Created first, so that an unwritable folder does not cost a bake. It disappears again if
@@ -245,7 +266,15 @@ fn bake(
         outputs: &outputs,
         tell: Some(&tell),
     };
-    let bake = lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?;
+    let order = Order {
+        scene: &a.scene,
+        settings,
+        provenance,
+    };
+    let bake = match work {
+        None => lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?,
+        Some(work) => lumel::merge_work(order, work, &beside, display)?,
+    };
     if let Some(cache) = &bake.report.measured.cache {
         say_cache(cache, display);
     }

@@ -6,6 +6,7 @@ mod config;
 mod course;
 mod diff;
 mod dry_run;
+mod farm;
 mod interrupt;
 mod manual;
 mod progress;
@@ -71,6 +72,9 @@ pub(crate) fn run() -> ExitCode {
     };
     let outcome = match arguments.command {
         Command::Bake(a) => bake::run(&a),
+        Command::Solve(a) => farm::solve(&a),
+        Command::Gather(a) => farm::gather(&a),
+        Command::Merge(a) => farm::merge(&a),
         Command::Watch(a) => watch::run(&a),
         Command::Inspect(a) => inspect(&a),
         Command::Diff(a) => diff::run(&a),

@@ -1,0 +1,326 @@
+//! Divides the passes of a bake among processes.
+//!
+//! A shard gathers a range of lumels, as far as it can decide by itself what a pass does: a lumel
+//! whose pass reads neighbours beyond the range is left out. What it gathers goes to [`Records`].
+//! The bake that takes them runs all passes over all lumels. It decides anew what each pass does,
+//! which costs no rays, takes the light that a record has, and gathers the rest itself. So missing
+//! records cost time and never change the result.
+//!
+//! Lumels are in the order of instances, rows and columns, and passes read neighbours of the same
+//! instance only. A shard's lumels that know all their neighbours are therefore a range too.
+
+use std::ops::Range;
+
+use radiosity::{Cancelled, Monitor, Phase};
+
+use crate::blocks::part_in_blocks;
+use crate::map::LumelMap;
+use crate::received::Received;
+use crate::window::REACH;
+
+/// A pass that gathers light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Pass {
+    /// The first, at lumels that are not interpolated.
+    First,
+    /// Direct light at interpolated lumels.
+    Between,
+    /// Lumels that were to be interpolated, between neighbours that differ too much.
+    Unsteady,
+    /// A round of following edges, from 0.
+    Edges(u32),
+    /// More rays, as neighbours show.
+    More,
+}
+
+/// Rows around a lumel that decide what happens to it between the first pass and the second: the
+/// taps of interpolation are three lumels away, and whether a tap is interpolated itself depends
+/// on its neighbours.
+const BETWEEN: u32 = 4;
+
+/// The same for a round of following edges, and for walls.
+const BESIDE: u32 = 1;
+
+impl Pass {
+    /// Rows around a lumel that the light after this pass depends on, over all passes up to this.
+    /// `follow` is the number of rounds of [`Pass::Edges`].
+    fn depth(self, follow: u32) -> u32 {
+        match self {
+            Pass::First => 0,
+            Pass::Between | Pass::Unsteady => BETWEEN,
+            Pass::Edges(round) => BETWEEN + (round + 1) * BESIDE,
+            Pass::More => BETWEEN + follow * BESIDE + BESIDE + 2 * REACH as u32,
+        }
+    }
+
+    /// How progress names it.
+    fn phase(self) -> Phase {
+        match self {
+            Pass::First | Pass::Between | Pass::Unsteady => Phase::Gather,
+            Pass::Edges(_) | Pass::More => Phase::Refine,
+        }
+    }
+}
+
+/// Keeps the light that shards gather.
+pub trait Records: Sync {
+    /// Keeps the light of these lumels, which are numbered over the whole layout, after a pass.
+    fn put(&self, pass: Pass, lumels: &[u32], light: &[Received]);
+
+    /// Hands over everything that was kept of a pass.
+    fn take(&self, pass: Pass, to: &mut dyn FnMut(u32, Received));
+}
+
+/// The part of a layout that a shard gathers.
+#[derive(Debug, Clone, Copy)]
+pub struct Shard<'c> {
+    /// Number of lumels of each instance, [`atlas::Lumels::count`].
+    pub counts: &'c [u32],
+    /// Its number, from 0.
+    pub number: u32,
+    /// Number of shards.
+    pub of: u32,
+}
+
+impl Shard<'_> {
+    /// The shard's lumels, numbered over the whole layout.
+    pub fn lumels(&self) -> Range<usize> {
+        let all: u64 = self.counts.iter().map(|&c| u64::from(c)).sum();
+        let cut = |i: u32| (all * u64::from(i) / u64::from(self.of.max(1))) as usize;
+        cut(self.number)..cut(self.number + 1)
+    }
+
+    /// The instances that the shard's lumels belong to, and the number of lumels before them.
+    pub(crate) fn instances(&self) -> (Range<usize>, usize) {
+        let lumels = self.lumels();
+        let (mut before, mut first, mut base, mut last) = (0usize, None, 0, 0);
+        for (i, &count) in self.counts.iter().enumerate() {
+            let own = before..before + count as usize;
+            if own.start < lumels.end && own.end > lumels.start {
+                if first.is_none() {
+                    (first, base) = (Some(i), before);
+                }
+                last = i + 1;
+            }
+            before = own.end;
+        }
+        (first.unwrap_or(last)..last, base)
+    }
+}
+
+/// Who gathers what.
+enum Role<'r> {
+    /// Everything.
+    Whole,
+    /// A shard: a range of the map, whose first lumel has the number `base` in the layout.
+    Shard {
+        own: Range<usize>,
+        base: usize,
+        records: &'r dyn Records,
+    },
+    /// What no shard has gathered.
+    Rest(&'r dyn Records),
+}
+
+/// The gathering of one process.
+pub(crate) struct Work<'r> {
+    pub monitor: &'r dyn Monitor,
+    role: Role<'r>,
+    /// Rounds of [`Pass::Edges`].
+    follow: u32,
+    /// Instances of which shards do not know what happened; empty if there are none.
+    stale: Vec<bool>,
+    /// Whether shards could not know how far to look.
+    unsure: bool,
+}
+
+/// Lumels gathered at a time, so that results wait in little memory.
+const BATCH: usize = 1 << 16;
+
+impl<'r> Work<'r> {
+    pub(crate) fn whole(monitor: &'r dyn Monitor, follow: u32) -> Self {
+        Work {
+            monitor,
+            role: Role::Whole,
+            follow,
+            stale: Vec::new(),
+            unsure: false,
+        }
+    }
+
+    /// What shards have left, of a bake that takes their light from `records`.
+    pub(crate) fn rest(self, records: &'r dyn Records) -> Self {
+        Work {
+            role: Role::Rest(records),
+            ..self
+        }
+    }
+
+    /// A shard, whose map begins with lumel `base` of the layout.
+    pub(crate) fn shard(self, shard: &Shard, base: usize, records: &'r dyn Records) -> Self {
+        let lumels = shard.lumels();
+        let own = lumels.start - base..lumels.end - base;
+        Work {
+            role: Role::Shard { own, base, records },
+            ..self
+        }
+    }
+
+    pub(crate) fn is_shard(&self) -> bool {
+        matches!(self.role, Role::Shard { .. })
+    }
+
+    /// Declares records after the first pass invalid for the instances of these lumels.
+    pub(crate) fn distrust(&mut self, map: &LumelMap, lumels: &[usize]) {
+        for &i in lumels {
+            let instance = map.lumel(i).instance as usize;
+            if self.stale.len() <= instance {
+                self.stale.resize(instance + 1, false);
+            }
+            self.stale[instance] = true;
+        }
+    }
+
+    /// Settles whether walls matter: shards assume that they do.
+    pub(crate) fn see_walls(&mut self, map: &mut LumelMap) {
+        match self.role {
+            Role::Shard { .. } => map.barriers.let_matter(),
+            _ => self.unsure = !map.barriers.matter(),
+        }
+    }
+
+    /// Gathers at `items`, lumels in rising order with what else `one` wants to know, and stores
+    /// the light in the map. `one` sees the map as it was before up to 65,536 lumels earlier; it
+    /// must not depend on that.
+    ///
+    /// # Errors
+    /// [`Cancelled`] if the monitor asks for it.
+    pub(crate) fn gather<T: Copy + Sync>(
+        &self,
+        map: &mut LumelMap,
+        pass: Pass,
+        items: &[(usize, T)],
+        one: impl Fn(&LumelMap, usize, T) -> Received + Sync,
+    ) -> Result<(), Cancelled> {
+        let left;
+        let items = match &self.role {
+            Role::Whole => items,
+            Role::Shard { own, .. } => {
+                let known = known(map, own, pass.depth(self.follow));
+                let start = items.partition_point(|item| item.0 < known.start);
+                let end = items.partition_point(|item| item.0 < known.end);
+                &items[start..end.max(start)]
+            }
+            Role::Rest(records) => {
+                left = self.take(map, pass, items, *records);
+                &left
+            }
+        };
+        for start in (0..items.len()).step_by(BATCH) {
+            let batch = &items[start..items.len().min(start + BATCH)];
+            let part = start..start + batch.len();
+            let (phase, seen) = (pass.phase(), &*map);
+            let light = part_in_blocks(part, items.len(), phase, self.monitor, |k| {
+                let (i, what) = items[k];
+                one(seen, i, what)
+            })?;
+            if let Role::Shard { base, records, .. } = &self.role {
+                let lumels: Vec<u32> = batch.iter().map(|item| (base + item.0) as u32).collect();
+                records.put(pass, &lumels, &light);
+            }
+            for (item, light) in batch.iter().zip(light) {
+                map.received[item.0] = light;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the light that shards have of these items; returns the other items.
+    fn take<T: Copy>(
+        &self,
+        map: &mut LumelMap,
+        pass: Pass,
+        items: &[(usize, T)],
+        records: &dyn Records,
+    ) -> Vec<(usize, T)> {
+        if self.unsure && pass == Pass::More {
+            return items.to_vec();
+        }
+        let mut there = vec![false; items.len()];
+        // Both are in rising order.
+        let mut at = 0;
+        records.take(pass, &mut |lumel, light| {
+            let lumel = lumel as usize;
+            if at > 0 && items.get(at - 1).is_some_and(|item| item.0 > lumel) {
+                at = 0;
+            }
+            at += items[at..].partition_point(|item| item.0 < lumel);
+            if items.get(at).is_none_or(|item| item.0 != lumel) {
+                return;
+            }
+            let instance = map.lumel(lumel).instance as usize;
+            let stale = pass != Pass::First && self.stale.get(instance) == Some(&true);
+            if !stale {
+                map.received[lumel] = light;
+                there[at] = true;
+            }
+        });
+        (items.iter().zip(there))
+            .filter(|(_, there)| !there)
+            .map(|(item, _)| *item)
+            .collect()
+    }
+}
+
+/// The lumels of the range `own` that have no lumel of their instance outside it within `depth`
+/// rows.
+fn known(map: &LumelMap, own: &Range<usize>, depth: u32) -> Range<usize> {
+    let lumels = &map.lumels.lumels;
+    let row = |i: usize| (lumels[i].instance, lumels[i].texel[1]);
+    let Range { mut start, mut end } = own.clone();
+    if depth == 0 || start >= end {
+        return own.clone();
+    }
+    if start > 0 {
+        let (instance, y) = row(start - 1);
+        let is_near = |i: usize| row(i) <= (instance, y + depth);
+        start += (start..end).take_while(|&i| is_near(i)).count();
+    }
+    if end < lumels.len() {
+        let (instance, y) = row(end);
+        let is_near = |i: usize| row(i).0 == instance && row(i).1 + depth >= y;
+        end -= (start..end).rev().take_while(|&i| is_near(i)).count();
+    }
+    start..end.max(start)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards_divide_all_lumels_among_them() {
+        let counts = [10, 0, 7, 33];
+        for of in [1, 3, 8, 60] {
+            let shard = |number| Shard {
+                counts: &counts,
+                number,
+                of,
+            };
+            let mut next = 0;
+            for number in 0..of {
+                let lumels = shard(number).lumels();
+                assert_eq!(lumels.start, next);
+                next = lumels.end;
+                let (instances, base) = shard(number).instances();
+                let before: u32 = counts[..instances.start].iter().sum();
+                let upto: u32 = counts[..instances.end].iter().sum();
+                if !lumels.is_empty() {
+                    assert_eq!(before as usize, base);
+                    assert!(base <= lumels.start && lumels.end <= upto as usize);
+                }
+            }
+            assert_eq!(next, 50);
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! A bake cut at its joints: solve, gather in shards, merge.
+
+use std::path::Path;
+
+use atlas::Lumels;
+use atlas_bake::OutputSet;
+use gather::Shard;
+use mesh_ingest::Digest;
+use radiosity::{Monitor, Phase, StoredSolution};
+use serde::Serialize;
+
+use crate::cache::Cache;
+use crate::error::Error;
+use crate::pipeline::{
+    Bake, Beside, Elsewhere, Opened, Outside, Sides, Solved, Start, bake_options, bake_rest, open,
+};
+use crate::record::{self, Provenance, RecordedInput};
+use crate::scene_input::SceneInput;
+use crate::settings::Settings;
+use crate::shards::{ShardOf, ShardWriter, Shards, is_gathered};
+use crate::work::{
+    CHARTS, Description, Hashed, SOLUTION, Told, WORK, WorkFolder, hashes_in, layout_digest,
+};
+
+/// A level: its file, the settings, and where they came from.
+#[derive(Clone, Copy)]
+pub struct Order<'o> {
+    /// The scene.
+    pub scene: &'o Path,
+    /// The settings.
+    pub settings: &'o Settings,
+    /// Where they came from.
+    pub provenance: &'o Provenance,
+}
+
+/// What `lumel solve` did.
+#[derive(Debug, Clone, Serialize)]
+pub struct SolveDone {
+    /// Lumels to gather.
+    pub lumels: u64,
+    /// Patches of the solution.
+    pub patches: u32,
+    /// Bytes of the solution.
+    pub bytes: u64,
+}
+
+/// What `lumel gather` did.
+#[derive(Debug, Clone, Serialize)]
+pub struct GatherDone {
+    /// The shard's lumels.
+    pub lumels: u64,
+    /// Light that it stored, by lumel and pass; 0 if the shard was there.
+    pub records: u64,
+    /// Bytes of its file; 0 if the shard was there.
+    pub bytes: u64,
+}
+
+impl Order<'_> {
+    /// Reads the scene.
+    fn open(
+        &self,
+        beside: &Beside<'_>,
+        start: Start,
+        monitor: &dyn Monitor,
+    ) -> Result<(Opened, Outside), Error> {
+        let scene = SceneInput::File(self.scene);
+        let order = (self.settings, self.provenance);
+        open(scene, order, beside, start, monitor)
+    }
+
+    /// What was read, and the hash of all of it and of the settings.
+    fn inputs(&self, opened: &Opened) -> (String, Vec<Hashed>) {
+        let name = self.scene.file_name().unwrap_or_default().to_string_lossy();
+        let mut all = record::document_inputs(&name, opened.loaded.document.inputs());
+        all.extend(opened.option_inputs.iter().cloned());
+        let key = record::key(self.settings, &self.provenance.origins, &all);
+        let hashed = |input: RecordedInput| {
+            let path = record::locate(self.scene, self.settings, self.provenance, &input);
+            Hashed {
+                file: path.map_or(input.uri, |p| p.display().to_string()),
+                digest: input.digest.map(|d| d.to_string()),
+            }
+        };
+        (key, all.into_iter().map(hashed).collect())
+    }
+
+    /// The scene of a work folder, with its solution.
+    fn resume(
+        &self,
+        work: &WorkFolder,
+        beside: &Beside<'_>,
+        monitor: &dyn Monitor,
+    ) -> Result<(Opened, Outside), Error> {
+        let start = Start {
+            split: work.description.split.iter().copied().collect(),
+            decided: true,
+            clock: None,
+        };
+        let (opened, mut outside) = self.open(beside, start, monitor)?;
+        let (key, inputs) = self.inputs(&opened);
+        work.check_inputs(&key, &inputs)?;
+        let (light, file) = work.solution()?;
+        outside.solved = Some(Solved { light, file });
+        Ok((opened, outside))
+    }
+}
+
+/// Charts that a work folder keeps.
+fn charts(folder: &Path) -> Cache {
+    Cache {
+        folder: folder.join(CHARTS),
+        limit: u64::MAX,
+    }
+}
+
+/// Makes charts, solves the light and writes both into the folder `work`. `told` is what other
+/// processes need to take the same settings.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub fn solve(
+    order: Order<'_>,
+    told: Told,
+    work: &Path,
+    beside: &Beside<'_>,
+    monitor: &dyn Monitor,
+) -> Result<SolveDone, Error> {
+    let mut set = OutputSet::create(work)?;
+    let cache = charts(work);
+    let beside = Beside {
+        cache: Some(&cache),
+        ..*beside
+    };
+    let (mut opened, outside) = order.open(&beside, Start::default(), monitor)?;
+    let mut clock = opened.clock.clone();
+    let mut split = Sides::new();
+    let first = opened.plan(
+        order.scene,
+        outside,
+        order.settings,
+        &beside,
+        (&mut clock, monitor),
+    )?;
+    split.extend(opened.to_split(&first.lit, order.settings));
+    let again = beside.again();
+    let planned = if split.is_empty() {
+        first
+    } else {
+        drop(first);
+        let start = Start {
+            split: split.clone(),
+            decided: true,
+            clock: None,
+        };
+        let (second, outside) = order.open(&again, start, monitor)?;
+        opened = second;
+        opened.plan(
+            order.scene,
+            outside,
+            order.settings,
+            &again,
+            (&mut clock, monitor),
+        )?
+    };
+    let (key, inputs) = order.inputs(&opened);
+    let world = &planned.lit.world;
+    let solution = postcard::to_stdvec(&StoredSolution::of(&planned.lit.solution))
+        .map_err(|e| Error::Internal(format!("the solution cannot be stored: {e}")))?;
+    let mut description = Description::new(told, key, inputs);
+    description.split = split.into_iter().collect();
+    description.layout = layout_digest(&planned.layout);
+    description.lumels = Lumels::count(world.scene, world.soup, &planned.layout);
+    description.files = hashes_in(&cache.folder)?;
+    description.files.push(Hashed {
+        file: SOLUTION.into(),
+        digest: Some(Digest::of(&solution).to_string()),
+    });
+    monitor.progress(Phase::Write, 0, 0);
+    if monitor.cancelled() {
+        return Err(Error::Cancelled);
+    }
+    set.add(SOLUTION, &solution)?;
+    // Last: without it, a folder is no work.
+    set.add(WORK, &description.to_json())?;
+    set.commit()?;
+    Ok(SolveDone {
+        lumels: description.lumels.iter().map(|&n| u64::from(n)).sum(),
+        patches: planned.lit.solution.report.subdivision.patches,
+        bytes: solution.len() as u64,
+    })
+}
+
+/// Gathers a shard of a work, unless its file is there already, whole and of this work.
+///
+/// # Errors
+/// [`Error`], by fault; [`Error::Folder`] if the work is damaged or its inputs changed.
+pub fn gather_work(
+    order: Order<'_>,
+    work: &WorkFolder,
+    shard: ShardOf,
+    beside: &Beside<'_>,
+    monitor: &dyn Monitor,
+) -> Result<GatherDone, Error> {
+    let part = Shard {
+        counts: &work.description.lumels,
+        number: shard.number - 1,
+        of: shard.of,
+    };
+    let lumels = part.lumels().len() as u64;
+    if is_gathered(&work.folder, &work.digest, shard) {
+        let (records, bytes) = (0, 0);
+        return Ok(GatherDone {
+            lumels,
+            records,
+            bytes,
+        });
+    }
+    let cache = charts(&work.folder);
+    let beside = Beside {
+        cache: Some(&cache),
+        ..*beside
+    };
+    let (opened, outside) = order.resume(work, &beside, monitor)?;
+    let mut clock = opened.clock.clone();
+    let steps = (&mut clock, monitor);
+    let planned = opened.plan(order.scene, outside, order.settings, &beside, steps)?;
+    work.check_layout(&planned.layout)?;
+    let records = ShardWriter::create(&work.folder, &work.digest, shard)?;
+    let options = bake_options(order.settings);
+    let (lit, into) = (planned.lit.parts(), (&part, &records as _));
+    monitor.progress(Phase::Gather, 0, 0);
+    atlas_bake::gather_shard(lit, &planned.layout, &options, into, monitor)
+        .map_err(|_| Error::Cancelled)?;
+    let (bytes, records) = records.finish()?;
+    Ok(GatherDone {
+        lumels,
+        records,
+        bytes,
+    })
+}
+
+/// Bakes a work whose shards are gathered: what needs all lumels together.
+///
+/// # Errors
+/// [`Error`], by fault; [`Error::Folder`] if the work or a shard is damaged or missing, or inputs
+/// changed.
+pub fn merge_work(
+    order: Order<'_>,
+    work: &WorkFolder,
+    beside: &Beside<'_>,
+    monitor: &dyn Monitor,
+) -> Result<Bake, Error> {
+    let shards = Shards::open(&work.folder, &work.digest)?;
+    let cache = charts(&work.folder);
+    let beside = Beside {
+        cache: Some(&cache),
+        ..*beside
+    };
+    let (opened, outside) = order.resume(work, &beside, monitor)?;
+    let check = |layout: &_| work.check_layout(layout);
+    let elsewhere = Elsewhere {
+        records: &shards,
+        check: &check,
+    };
+    let settled = (order.settings, order.provenance);
+    let with = (&beside, &elsewhere);
+    let bake = bake_rest(order.scene, (opened, outside), settled, with, monitor);
+    match shards.fault() {
+        Some(fault) => Err(fault),
+        None => bake,
+    }
+}
