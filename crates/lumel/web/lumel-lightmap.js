@@ -13,8 +13,8 @@
  * EXRLoader's at the bottom, so v runs backwards.
  */
 import {
-  CompressedTexture, DataTexture, LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial, RGBFormat, RGB_BPTC_UNSIGNED_Format,
-  UnsignedInt5999Type,
+  CompressedTexture, DataTexture, LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial, RGBFormat, RGBAFormat,
+  RGB_BPTC_UNSIGNED_Format, ShaderChunk, UnsignedByteType, UnsignedInt5999Type, Vector4,
 } from 'three';
 
 /**
@@ -109,6 +109,10 @@ export async function attachLightmaps(gltf, options = {}) {
     // The name is a plain file name; as part of an address it is encoded.
     if (!pages.has(place.uri)) pages.set(place.uri, loadPage(path + encodeURIComponent(place.uri)));
   }
+  for (const { place } of placements) {
+    const uri = maskUri(place, ktx2);
+    if (uri && !pages.has(uri)) pages.set(uri, loadPage(path + encodeURIComponent(uri)));
+  }
   for (const [uri, page] of pages) pages.set(uri, await page);
 
   for (const { mesh, place } of placements) {
@@ -116,16 +120,20 @@ export async function attachLightmaps(gltf, options = {}) {
       throw new Error('this lightmap holds radiosity, which three.js cannot light with: bake with --value radiance');
     }
     const each = (material) => {
-      const key = [material.uuid, place.uri, place.texCoord, ...place.offset, ...place.scale].join(' ');
+      const lamps = place.mask?.lamps ?? [];
+      const key = [material.uuid, place.uri, place.texCoord, ...place.offset, ...place.scale, ...lamps].join(' ');
       if (!materials.has(key)) {
         const own = diffuse ? diffuseMaterial(material) : material.clone();
         own.lightMap = placeTexture(pages.get(place.uri), place, topDown);
         own.lightMapIntensity = place.scaleToIrradiance * exposure;
+        const mask = maskUri(place, ktx2);
+        if (mask) useMask(own, placeTexture(pages.get(mask), place, topDown), place.mask.lamps);
         materials.set(key, own);
       }
       return materials.get(key);
     };
     mesh.material = Array.isArray(mesh.material) ? mesh.material.map(each) : each(mesh.material);
+    if (place.mask) followLights(mesh);
   }
   if (!keepLights) removeLights(root);
   expose(root, exposure);
@@ -203,10 +211,89 @@ function expose(root, exposure) {
   for (const material of glowing) material.emissiveIntensity *= exposure;
 }
 
-/** Takes lamps out: their light is in the lightmap. */
+/** What the bake says about a lamp whose direct light is not in the lightmap: `{id, mode, channel}`; undefined for other lamps. */
+export function lampOf(light) {
+  return light.userData.lightmapLamp ?? light.parent?.userData.lightmapLamp;
+}
+
+/** File name of a node's shadow mask, if it has one. */
+function maskUri(place, ktx2) {
+  return ktx2 ? place.mask?.ktx2?.uri : place.mask?.uri;
+}
+
+/** Which channel of a mask each light of a scene uses, in the order in which three.js counts lights of a kind. */
+function selectors(scene, lamps) {
+  const lights = [];
+  scene.traverseVisible((object) => object.isLight && lights.push(object));
+  // As WebGLLights does: lights with shadow maps and pictures come first, and the order is stable.
+  const rank = (light) => (light.castShadow ? 2 : 0) + (light.map ? 1 : 0);
+  lights.sort((a, b) => rank(b) - rank(a));
+  const one = (light) => {
+    const lamp = lampOf(light);
+    // Lights of the game, and lamps with shadows of their own, are not masked.
+    if (!lamp || lamp.mode !== 'mixed' || lamp.channel === undefined) return new Vector4(-1, 0, 0, 0);
+    const channel = lamps.indexOf(lamp.id);
+    return new Vector4(...[0, 1, 2, 3].map((c) => (c === channel ? 1 : 0)));
+  };
+  const of = (kind) => lights.filter((light) => light[kind]).map(one);
+  return { point: of('isPointLight'), spot: of('isSpotLight'), directional: of('isDirectionalLight') };
+}
+
+/** Uniforms and lamps by material; not in `userData`, which copies of a material turn to text. */
+const masks = new WeakMap();
+
+/** Makes a material multiply mixed lamps by the mask. */
+function useMask(material, texture, lamps) {
+  const uniforms = {
+    lumelMask: { value: texture },
+    lumelPoint: { value: [] },
+    lumelSpot: { value: [] },
+    lumelDirectional: { value: [] },
+  };
+  masks.set(material, { uniforms, lamps });
+  material.customProgramCacheKey = () => 'lumel-mask';
+  material.onBeforeCompile = (shader) => {
+    Object.assign(shader.uniforms, uniforms);
+    const kinds = [['POINT', 'Point', 'point'], ['SPOT', 'Spot', 'spot'], ['DIR', 'Directional', 'directional']];
+    const declare = kinds.map(
+      ([define, name]) => `#if NUM_${define}_LIGHTS > 0\nuniform vec4 lumel${name}[ NUM_${define}_LIGHTS ];\n#endif\n`,
+    );
+    const head = `uniform sampler2D lumelMask;\n${declare.join('')}
+float lumelVisible( const in vec4 selector ) {
+  return selector.x < 0.0 ? 1.0 : clamp( dot( texture2D( lumelMask, vLightMapUv ), selector ), 0.0, 1.0 );
+}
+`;
+    let body = ShaderChunk.lights_fragment_begin;
+    for (const [, name, kind] of kinds) {
+      const call = new RegExp(`get${name}LightInfo\\( ${kind}Light,.*?\\);`);
+      if (!call.test(body)) throw new Error(`this version of three.js lights in another way: ${name}`);
+      body = body.replace(call, (found) => `${found}\n\t\tdirectLight.color *= lumelVisible( lumel${name}[ i ] );`);
+    }
+    shader.fragmentShader = shader.fragmentShader
+      .replace('#include <lights_pars_begin>', `#include <lights_pars_begin>\n${head}`)
+      .replace('#include <lights_fragment_begin>', body);
+  };
+}
+
+/** Keeps the channels of a mesh's materials in step with the lights of its scene. */
+function followLights(mesh) {
+  const before = mesh.onBeforeRender;
+  mesh.onBeforeRender = function (renderer, scene, camera, geometry, material, group) {
+    before.call(this, renderer, scene, camera, geometry, material, group);
+    const mask = masks.get(material);
+    if (!mask || !scene.isScene) return;
+    const { point, spot, directional } = selectors(scene, mask.lamps);
+    mask.uniforms.lumelPoint.value = point;
+    mask.uniforms.lumelSpot.value = spot;
+    mask.uniforms.lumelDirectional.value = directional;
+    material.uniformsNeedUpdate = true;
+  };
+}
+
+/** Takes lamps out whose light is in the lightmap. */
 export function removeLights(root) {
   const lights = [];
-  root.traverse((object) => object.isLight && lights.push(object));
+  root.traverse((object) => object.isLight && !lampOf(object) && lights.push(object));
   for (const light of lights) light.removeFromParent();
 }
 
@@ -224,7 +311,9 @@ async function ktx2Pages() {
     const texture =
       format === 'bc6h'
         ? new CompressedTexture([{ data, width, height }], width, height, RGB_BPTC_UNSIGNED_Format)
-        : new DataTexture(data, width, height, RGBFormat, UnsignedInt5999Type);
+        : format === 'rgba8'
+          ? new DataTexture(data, width, height, RGBAFormat, UnsignedByteType)
+          : new DataTexture(data, width, height, RGBFormat, UnsignedInt5999Type);
     texture.needsUpdate = true;
     return texture;
   };

@@ -250,8 +250,10 @@ fn choose_image(
     if let Some(source) = texture.opt_index("source", "images", images)? {
         return Ok(Some(source));
     }
+    if let Some(ktx2) = of("KHR_texture_basisu")? {
+        return Ok(Some(ktx2));
+    }
     for (name, way_out) in [
-        ("KHR_texture_basisu", KTX2_WAY_OUT),
         ("EXT_texture_avif", AVIF_WAY_OUT),
         ("MSFT_texture_dds", "a PNG, JPEG or WebP image"),
     ] {
