@@ -29,7 +29,7 @@ pub(crate) fn can_split(primitive: &Item) -> bool {
     is_list && plain && json.get("material").is_some()
 }
 
-/// Splits the primitives of `which` that [`can_split`] allows. The copies follow all primitives of
+/// Splits the primitives of `which` that exist and that [`can_split`] allows. The copies follow all primitives of
 /// their mesh, in order.
 pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) -> Outcome<()> {
     let mut added = Added::default();
@@ -44,9 +44,11 @@ pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) 
     let mut single: BTreeMap<usize, usize> = BTreeMap::new();
     let mut clones: Vec<Value> = Vec::new();
     for &(mesh, number) in which {
-        let primitive = root
-            .element("meshes", mesh)?
-            .element("primitives", number)?;
+        // The document may be another one than when they were chosen.
+        let item = root.element("meshes", mesh);
+        let Ok(primitive) = item.and_then(|mesh| mesh.element("primitives", number)) else {
+            continue;
+        };
         if !can_split(&primitive) {
             continue;
         }
