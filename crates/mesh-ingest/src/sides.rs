@@ -29,8 +29,8 @@ pub(crate) fn can_split(primitive: &Item) -> bool {
     is_list && plain && json.get("material").is_some()
 }
 
-/// Splits the primitives of `which` that exist and that [`can_split`] allows. The copies follow all primitives of
-/// their mesh, in order.
+/// Splits the primitives of `which` that exist and that [`can_split`] allows. The copies follow all
+/// primitives of their mesh, in order.
 pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) -> Outcome<()> {
     let mut added = Added::default();
     let mut copies: Vec<(PrimitiveNumber, Value)> = Vec::new();
