@@ -26,16 +26,15 @@ pub(crate) struct Arguments {
 pub(crate) enum Command {
     /// Bake a level: lightmap (EXR), lightmapped glTF, vertex-coloured glTF, manifest and report
     Bake(Box<BakeScenes>),
-    /// Begin a bake that many machines share: make charts, solve the light, and write both into a
-    /// folder
+    /// Start a bake that many machines share: write charts and solved light into a work folder
     Solve(Box<super::farm::Solve>),
     /// Gather one shard of a solved bake into its folder
     Gather(super::farm::Gather),
-    /// Finish a bake whose shards are gathered: the results are those of `lumel bake`
+    /// Finish a bake whose shards are all gathered; the results are those of `lumel bake`
     Merge(super::farm::Merge),
     /// Bake a level again on every save, a draft first, and show it in a browser
     Watch(Box<super::watch::Watch>),
-    /// Show what would be baked and every problem found; writes only the pictures you ask for
+    /// Show what would be baked and every problem; writes only the pictures you ask for
     Inspect(Box<Inspect>),
     /// Measure the error between two lightmaps
     Diff(Diff),
@@ -47,13 +46,13 @@ pub(crate) enum Command {
     Man(Man),
     /// Show a finished bake in the browser; the server answers this machine only
     View(super::view::View),
-    /// Write a finished bake as one HTML page: lightmaps, errors, convergence curves and problems
+    /// Summarise a finished bake in one HTML page: lightmaps, errors, convergence and problems
     Report(super::report::Report),
 }
 
 #[derive(Debug, Args)]
 pub(crate) struct BakeScenes {
-    /// The level, .gltf or .glb; several, or a folder of them, are baked one after the other
+    /// Levels (.gltf or .glb), or folders of them
     #[arg(required = true, value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
     #[command(flatten)]
@@ -80,9 +79,8 @@ pub(crate) struct Bake {
     /// Trade bake time for accuracy [default: preview]
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
-    /// Keep gathering until the estimated relative error (root mean square over lit lumels) is
-    /// below X, e.g. 0.02; warns where that is out of reach [default: the fixed ray count of
-    /// --quality]
+    /// Gather until the estimated relative error (root mean square over lit lumels) is below X,
+    /// e.g. 0.02; warns if that is out of reach [default: the fixed ray count of --quality]
     #[arg(long, value_name = "X")]
     pub error: Option<f32>,
     /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr image
@@ -97,9 +95,8 @@ pub(crate) struct Bake {
     /// Rotate a sky map about +Y by DEG degrees, counter-clockwise seen from above [default: 0]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     pub sky_rotation: Option<f32>,
-    /// Add a sun: the direction its light travels in, its illuminance in lux and the angular
-    /// diameter of its disc (0.533 for the real sun; without it shadows are sharp), e.g.
-    /// 0.3,-1,0.2,100000,0.533; repeatable
+    /// Add a sun: the direction its light travels in, its illuminance in lux, and the diameter of
+    /// its disc (the real sun's is 0.533; without it shadows are sharp); repeatable
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun: Vec<Sun>,
     /// Scale a light source: a light or its node, an emissive material, `sky` or `sun`. `*` and `?`
@@ -109,11 +106,11 @@ pub(crate) struct Bake {
     /// Leave a light source out, regardless of --light; repeatable
     #[arg(long, value_name = "NAME")]
     pub exclude_light: Vec<String>,
-    /// Bake light sources into a separate group with the given name; sources in no group go to the
-    /// group `rest`; repeatable
+    /// Write the light of these sources into separate pages; sources in no group go to the group
+    /// `rest`; repeatable
     #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
     pub group: Vec<LightGroup>,
-    /// Leave out the direct light of lamps that the engine adds itself [default: full]
+    /// Leave out direct light that the engine adds itself [default: full]
     #[arg(long, value_enum)]
     pub mode: Option<ModeArg>,
     /// Mark a lamp as mixed: the engine adds its direct light, with baked shadows in --mode
@@ -132,21 +129,21 @@ pub(crate) struct Bake {
     /// Store the light's directionality, for normal maps
     #[arg(long, value_enum)]
     pub directional: Option<DirectionalArg>,
-    /// Distance beyond which surfaces no longer occlude each other in the layer `ao` [default: from
-    /// the scene's size]
+    /// Distance beyond which surfaces no longer occlude in the layer `ao` [default: from the scene's
+    /// size]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
-    /// Also write the lightmap pages as KTX2 for GPUs: R, G and B, one mip level
+    /// Also write pages as KTX2 for GPUs: R, G and B, one mip level
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub ktx2: Option<Ktx2Arg>,
-    /// Also write the lightmap pages as PNG with 8 bits per channel, for small targets
+    /// Also write pages as PNG with 8 bits per channel, for targets without float textures
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub png: Option<PngArg>,
-    /// Also reference the lightmap in the .glb by this convention, in addition to the nodes' extras
+    /// Also reference the lightmap in the .glb by another convention than the nodes' extras
     #[arg(long, value_enum, value_delimiter = ',')]
     pub ext: Vec<ExtArg>,
-    /// Bake light probes for moving objects into SCENE.probes.json: at the points in a file
-    /// {"points": [[x, y, z], …]}, or on a grid with this spacing in metres
+    /// Bake light probes for moving objects: at the points in a file {"points": [[x, y, z], …]}, or
+    /// on a grid with this spacing in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
     #[command(flatten)]
@@ -157,7 +154,7 @@ pub(crate) struct Bake {
     /// Value of lumels that are partly inside or behind something [default: fill]
     #[arg(long, value_enum)]
     pub hidden: Option<HiddenArg>,
-    /// Keep one lightmap value for both sides of double-sided faces, even if their light differs
+    /// Keep one value for both sides of double-sided faces, even if their light differs
     #[arg(long)]
     pub no_split_sides: bool,
     /// Override `split-sides = false` in the settings file
@@ -175,14 +172,14 @@ pub(crate) struct Bake {
     /// Override `vertex-colors = false` in the settings file
     #[arg(long, conflicts_with = "no_vertex_colors")]
     pub vertex_colors: bool,
-    /// Split edges of the vertex-coloured scene until its relative error is about X
+    /// Split triangles of the vertex-coloured scene until its relative error is about X
     #[arg(long, value_name = "X", conflicts_with = "no_vertex_colors")]
     pub vertex_error: Option<f32>,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// Make charts and solve the light one after the other instead of concurrently, so that the
-    /// report's phase times do not overlap. The results are the same
+    /// Make charts and solve the light one after the other, so that the report's phase times do not
+    /// overlap. The results are the same
     #[arg(long)]
     pub in_turn: bool,
     /// Cache the charts of large meshes in this folder; later bakes of the same meshes reuse them.
@@ -196,14 +193,13 @@ pub(crate) struct Bake {
     /// Render the lit level to a picture, from its first camera if it has one
     #[arg(long, value_name = "FILE.png")]
     pub preview: Option<PathBuf>,
-    /// Render a coarse picture of the lit level as soon as the solve is done, long before the bake
-    /// is
+    /// Render a coarse picture of the lit level as soon as light between surfaces is solved
     #[arg(long, value_name = "FILE.png")]
     pub first_picture: Option<PathBuf>,
     /// Also write the report to this file
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Write a dependency file for make or ninja, listing every file that was read
+    /// Write a dependency file for make or ninja
     #[arg(long, value_name = "FILE")]
     pub depfile: Option<PathBuf>,
     /// Target named in the dependency file instead of all results, e.g. a stamp file; repeatable
@@ -212,8 +208,8 @@ pub(crate) struct Bake {
     /// Print the bake's plan (pages, lumels, memory and time) and write nothing
     #[arg(long)]
     pub dry_run: bool,
-    /// Do nothing if the existing results are intact and were made from the same inputs, settings
-    /// and version; compares contents, not time stamps
+    /// Do nothing if the results exist and come from the same inputs, settings and version; compares
+    /// contents, not time stamps
     #[arg(long)]
     pub skip_if_unchanged: bool,
     /// Print the report to standard output
@@ -258,8 +254,8 @@ pub(crate) struct Inspect {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Write pictures of the lightmap's charts into this folder: one for each page, and one for
-    /// each mesh with problems or many lumels
+    /// Write pictures of charts into this folder: one for each page, and one for each mesh with
+    /// problems or many lumels
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// What the pictures show
@@ -271,16 +267,15 @@ pub(crate) struct Inspect {
 /// untrusted source as the scene.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct BoundsArgs {
-    /// Let `..` and links in the document lead outside its folder; the results then contain such
-    /// files. Absolute paths are always refused
+    /// Allow `..` and links in the document to lead outside its folder; the results then contain
+    /// such files. Absolute paths are always refused
     #[arg(long)]
     pub allow_outside: bool,
-    /// Refuse images that take more memory than this when decoded, all of the scene's together or
-    /// the sky's, e.g. 4G [default: 1G]
+    /// Refuse images that decode to more bytes than this (the scene's in all, or the sky's), e.g. 4G
+    /// [default: 1G]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub max_image: Option<u64>,
-    /// Refuse a bake whose estimated memory (within a factor of 1.3) exceeds this, before any light
-    /// is computed, e.g. 4G
+    /// Refuse a bake whose estimated memory exceeds this (within a factor of 1.3), e.g. 4G
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub memory: Option<u64>,
 }
@@ -300,22 +295,22 @@ impl From<&BoundsArgs> for Bounds {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Not physical (the report says so)")]
 pub(crate) struct Knobs {
-    /// Multiply light that surfaces reflected by X, wherever it is received
+    /// Multiply reflected light by X, where it is received
     #[arg(long, value_name = "X")]
     pub indirect_boost: Option<f32>,
-    /// Multiply the light of emissive materials by X; their own look stays
+    /// Multiply the light of emissive materials by X; their own look does not change
     #[arg(long, value_name = "X")]
     pub emissive_boost: Option<f32>,
-    /// Multiply reflectances by X while light bounces; the surfaces' own look stays
+    /// Multiply reflectances by X at every bounce; the surfaces' own look does not change
     #[arg(long, value_name = "X")]
     pub albedo_boost: Option<f32>,
-    /// Saturation of bounced colours: 0 grey, 1 as they are, above 1 stronger
+    /// Saturation of bounced colours: 0 is grey, 1 changes nothing
     #[arg(long, value_name = "X")]
     pub bounce_saturation: Option<f32>,
-    /// Least R = E/π of the lightmap, per channel: one number, R,G,B or #rrggbb
+    /// Minimum of R = E/π, per channel: one number, R,G,B or #rrggbb
     #[arg(long, value_name = "COLOR", value_parser = parse_color)]
     pub ambient_floor: Option<[f32; 3]>,
-    /// Multiply the lightmap by this much of the ambient occlusion, 0 to 1; see --ao-distance
+    /// Darken the lightmap by ambient occlusion: 0 not at all, 1 fully; see --ao-distance
     #[arg(long, value_name = "X")]
     pub ao_multiply: Option<f32>,
 }
@@ -350,7 +345,7 @@ pub(crate) struct Plan {
     /// Index of the scene in the document [default: the document's default scene]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
     pub scene: Option<usize>,
-    /// Do not treat nodes named ..._LOD0, ..._LOD1 and so on as levels of detail
+    /// Do not treat nodes named …_LOD0, …_LOD1, … as levels of detail
     #[arg(long)]
     pub no_lods: bool,
     /// Override `lods = false` in the settings file
@@ -365,37 +360,34 @@ pub(crate) struct Plan {
     /// Texels between charts [default: 2]
     #[arg(long, value_name = "N")]
     pub padding: Option<u32>,
-    /// Align pages and instance rectangles to blocks of N x N texels (4 for BC formats, 1 for any
-    /// size) [default: 4]
+    /// Align pages and instances to blocks of N x N texels; BC formats need 4 [default: 4]
     #[arg(long, value_name = "N")]
     pub block_align: Option<u32>,
-    /// Align charts to blocks too, so that no two charts share a block
+    /// Keep charts from sharing a block
     #[arg(long)]
     pub block_charts: bool,
     /// Override `block-charts = true` in the settings file
     #[arg(long, conflicts_with = "block_charts")]
     pub no_block_charts: bool,
-    /// Keep meshes on pages of their own: those of each node that matches PATTERN (with its
-    /// children), or with a material that matches. The name is the group's. `*` and `?` are
-    /// wildcards; extras.lumel.page of a node takes precedence; repeatable
+    /// Separate pages for each node that matches PATTERN, with its children; else for each material
+    /// that matches. `*` and `?` are wildcards; extras.lumel.page takes precedence; repeatable
     #[arg(long, value_name = "PATTERN")]
     pub page_by: Vec<String>,
-    /// Give no lumels to surfaces that nobody sees from where players walk: walkable volumes
-    /// (extras.lumel.walkable, --walkable), else the points of a --probes file, else places that
-    /// rays from the cameras reach
+    /// Give no lumels to surfaces that players cannot see from walkable volumes
+    /// (extras.lumel.walkable, --walkable), else from the points of a --probes file, else from places
+    /// that rays from the cameras reach
     #[arg(long)]
     pub cull_unseen: bool,
     /// Override `cull-unseen = true` in the settings file
     #[arg(long, conflicts_with = "cull_unseen")]
     pub no_cull_unseen: bool,
-    /// Players walk on this node, and look around up to 2 m above it; `*` and `?` are wildcards;
-    /// repeatable
+    /// A node that players walk on, for --cull-unseen; `*` and `?` are wildcards; repeatable
     #[arg(long, value_name = "NODE")]
     pub walkable: Vec<String>,
-    /// Use the asset's TEXCOORD_1 or make new charts [default: auto]
+    /// Keep the asset's TEXCOORD_1 or make charts [default: auto]
     #[arg(long, value_enum)]
     pub uv: Option<UvArg>,
-    /// Unwrapper that makes new charts [default: auto]
+    /// Unwrapper that makes charts [default: auto]
     #[arg(long, value_enum)]
     pub unwrapper: Option<UnwrapperArg>,
 }
@@ -452,13 +444,13 @@ mirror!(QualityArg => Quality {
 });
 mirror!(ModeArg => BakeMode {
     Full => BakeMode::Full, "All light";
-    Indirect => BakeMode::Indirect, "Without the direct light of mixed and realtime lamps; what they light still reflects";
-    Shadowmask => BakeMode::Shadowmask, "As indirect, with RGBA shadow masks for mixed lamps";
+    Indirect => BakeMode::Indirect, "All but the direct light of mixed and realtime lamps";
+    Shadowmask => BakeMode::Shadowmask, "As indirect, and RGBA shadow masks of mixed lamps";
 });
 mirror!(ValueArg => ValueKind {
-    Radiance => ValueKind::Radiance, "R = E/pi, which engines multiply with the albedo";
+    Radiance => ValueKind::Radiance, "R = E/π, which engines multiply by the albedo";
     Irradiance => ValueKind::Irradiance, "E, irradiance";
-    Radiosity => ValueKind::Radiosity, "B = reflectance x E";
+    Radiosity => ValueKind::Radiosity, "B = reflectance × E";
 });
 mirror!(Ktx2Arg => Ktx2Format {
     Bc6h => Ktx2Format::Bc6h, "BC6H, unsigned: 1 byte per texel, for desktop GPUs";
@@ -469,15 +461,15 @@ mirror!(PngArg => PngFormat {
     Rgbd => PngFormat::Rgbd, "light = rgb^2 / a * scale";
 });
 mirror!(ExtArg => GltfExt {
-    Moz => GltfExt::Moz, "MOZ_lightmap on materials: copies meshes and materials for each instance and embeds the pages in the .glb";
+    Moz => GltfExt::Moz, "MOZ_lightmap: copies meshes and materials for each instance and embeds the pages";
 });
 mirror!(UvArg => UvMode {
-    Auto => UvMode::Auto, "Use TEXCOORD_1 where it is valid, else make charts";
-    Keep => UvMode::Keep, "Use TEXCOORD_1 even if it overlaps or has holes, with warnings; make charts only where it is unusable";
+    Auto => UvMode::Auto, "Keep a valid TEXCOORD_1";
+    Keep => UvMode::Keep, "Keep it even if it overlaps or has holes, with warnings";
     Generate => UvMode::Generate, "Always make charts";
 });
 mirror!(UnwrapperArg => UnwrapperChoice {
-    Auto => UnwrapperChoice::Auto, "The one that measures best: uvunwrap";
+    Auto => UnwrapperChoice::Auto, "The one with the best measurements: uvunwrap";
     Uvunwrap => UnwrapperChoice::UvUnwrap, "The uvunwrap crate";
     Xatlas => UnwrapperChoice::Xatlas, "The xatlas-rs crate";
     Box => UnwrapperChoice::Box, "Projection along the axes";
@@ -493,20 +485,20 @@ mirror!(LayerArg => Layer {
     SunMask => Layer::SunMask, "sun_mask.Y: visible fraction of the directional lights";
 });
 mirror!(UnitsArg => Units {
-    Auto => Units::Auto, "The materials' units; detects and corrects the scale that Blender's exporter gave lamps";
-    Watt => Units::Watt, "The materials' units: W/sr and W/m², or candela and lux if materials are in nit";
-    Lumen => Units::Lumen, "Candela and lux beside materials in W/(m² sr): divides lamps by 683 lm/W";
+    Auto => Units::Auto, "As watt, but detects and corrects lamps that Blender's exporter scaled";
+    Watt => Units::Watt, "W/sr and W/m², or candela and lux if materials are in nit";
+    Lumen => Units::Lumen, "Candela and lux: divides lamps by 683 lm/W";
 });
 mirror!(PaintArg => Paint {
-    Charts => Paint::Charts, "Charts, with overlapping, mirrored and too closely packed ones marked";
-    Density => Paint::Density, "Lumels per metre: blue is too low, orange too high";
+    Charts => Paint::Charts, "Charts; overlapping, mirrored and too closely packed ones are marked";
+    Density => Paint::Density, "Lumels per metre; blue is too low, orange too high";
 });
 mirror!(HiddenArg => Hidden {
-    Fill => Hidden::Fill, "Light of the visible part; of the neighbours if nothing is visible";
+    Fill => Hidden::Fill, "Light of the visible part, or of the neighbours if nothing is visible";
     Mean => Hidden::Mean, "Mean over the whole lumel, counting hidden parts as black";
 });
 mirror!(DirectionalArg => Directional {
-    Sh1 => Directional::Sh1, "Spherical harmonics of first order";
+    Sh1 => Directional::Sh1, "First-order spherical harmonics";
     Dominant => Directional::Dominant, "One dominant direction";
 });
 

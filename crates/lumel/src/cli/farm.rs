@@ -42,7 +42,7 @@ pub(crate) struct Run {
 pub(crate) struct Gather {
     /// The folder that `lumel solve` wrote
     pub work: PathBuf,
-    /// The shard to gather, and how many there are, e.g. 3/8; a shard that is there is left alone
+    /// The shard to gather, and the number of shards, e.g. 3/8; an existing shard is kept
     #[arg(long, value_name = "I/N", value_parser = parse_shard)]
     pub shard: ShardOf,
     #[command(flatten)]
@@ -214,7 +214,7 @@ pub(crate) fn gather(a: &Gather) -> Result<(), Failure> {
         let done = done?;
         let ShardOf { number, of } = a.shard;
         display.say(&match done.bytes {
-            0 => format!("shard {number}/{of} is there already"),
+            0 => format!("shard {number}/{of} exists already"),
             bytes => format!(
                 "gathered shard {number}/{of}: {} lumels, {} KiB",
                 done.lumels,

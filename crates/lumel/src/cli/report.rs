@@ -15,7 +15,7 @@ pub(crate) struct Report {
     /// A folder written by `lumel bake`, or the .lightmap.json of one bake in it
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// The page [default: SCENE.report.html in that folder; - for standard output]
+    /// Output file, or - for standard output [default: SCENE.report.html in that folder]
     #[arg(short, long, value_name = "FILE.html")]
     pub output: Option<PathBuf>,
 }

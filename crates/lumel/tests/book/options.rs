@@ -71,10 +71,11 @@ fn wrapped(bullet: &str, text: &str) -> String {
 }
 
 fn page() -> String {
-    let mut page = "# Options\n\nWritten from `lumel COMMAND --help` by a test; \
-        `LUMEL_BLESS=1 cargo test -p lumel book::` writes it\nanew.\n"
+    let mut page = "# Options\n\nA test keeps this page equal to `lumel COMMAND --help`; \
+        `LUMEL_BLESS=1 cargo test -p lumel book::`\nregenerates it.\n"
         .to_owned();
     let mut seen: Vec<Item> = Vec::new();
+    let mut bake = 0;
     for command in COMMANDS {
         let help = lumel([command, "--help"]).ok().stdout;
         let about = help.lines().next().expect("help says something");
@@ -88,15 +89,32 @@ fn page() -> String {
             }
         }
         if !old.is_empty() {
-            let names: Vec<_> = old.iter().map(|i| format!("`{}`", i.name)).collect();
-            page += &format!(
-                "\n{}",
-                wrapped("", &format!("As above: {}.", names.join(", ")))
-            );
+            page += &format!("\n{}", wrapped("", &known(&seen[..bake], &old)));
         }
         seen.extend(new);
+        if command == "bake" {
+            bake = seen.len();
+        }
     }
     page
+}
+
+/// A sentence on items explained further up; a command that shares most options with `bake` lists
+/// those that it lacks.
+fn known(bake: &[Item], old: &[Item]) -> String {
+    let list = |items: &[&Item]| {
+        let names: Vec<_> = items.iter().map(|i| format!("`{}`", i.name)).collect();
+        names.join(", ")
+    };
+    let lacking: Vec<&Item> = bake.iter().filter(|i| !old.contains(i)).collect();
+    if lacking.len() >= old.len() {
+        return format!("As above: {}.", list(&old.iter().collect::<Vec<_>>()));
+    }
+    let options: Vec<&Item> = lacking.into_iter().filter(|i| i.name.starts_with('-')).collect();
+    if options.is_empty() {
+        return "All options of `lumel bake`.".to_owned();
+    }
+    format!("Options of `lumel bake`, except {}.", list(&options))
 }
 
 #[test]
