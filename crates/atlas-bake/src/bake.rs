@@ -15,7 +15,7 @@ use crate::page::Page;
 use crate::pages::{Made, Pages};
 use crate::seams::SeamReport;
 
-/// What was gathered, and what became of it.
+/// Report of a bake.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct BakeReport {
     /// Light at lumels.
@@ -64,7 +64,7 @@ pub fn bake(
     bake_with((world, emitters, solution), layout, options, None, monitor)
 }
 
-/// As [`bake`], with light that [`gather_shard`](gather_shard()) has put into `records`. The
+/// As [`bake`], reusing the light that [`gather_shard`](gather_shard()) put into `records`. The
 /// result is the same.
 ///
 /// # Errors

@@ -23,7 +23,7 @@ use crate::small::PngFormat;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ValueKind {
-    /// R = E/π, the radiance of a white diffuse surface, which engines multiply with the albedo.
+    /// R = E/π, the radiance of a white diffuse surface, which engines multiply by the albedo.
     #[default]
     Radiance,
     /// E.

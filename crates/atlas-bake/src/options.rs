@@ -69,11 +69,11 @@ pub struct BakeOptions {
     /// Split edges for vertex light until its relative error is about this; `None` keeps the mesh
     /// unchanged.
     pub vertex_error: Option<f32>,
-    /// Least R = E/π of every lumel and vertex, per channel; 0 for none. Applied last, to R, G, B
-    /// and what `L0` lacks, not to the layers.
+    /// Minimum of R = E/π for every lumel and vertex, per channel; 0 for none. Applied last, to R,
+    /// G and B (`L0` gets the difference), not to the layers.
     pub ambient_floor: [f32; 3],
-    /// How much of the openness of [`Layer::Ao`] is multiplied into light: 0 for nothing, 1 for all
-    /// of it. Applied to R, G, B, to groups and to [`Directional::Sh1`], not to the layers.
+    /// Share of the occlusion of [`Layer::Ao`] that darkens light: 0 for none, 1 for all of it.
+    /// Applied to R, G, B, to groups and to [`Directional::Sh1`], not to the layers.
     pub ao_multiply: f32,
 }
 

@@ -110,7 +110,7 @@ impl Pages<'_, '_, '_> {
         .0
     }
 
-    /// Direct light that is not left out.
+    /// Direct light, without lamps that the engine adds.
     fn direct(&self, r: &Received) -> Vec3 {
         match self.wanted.kept {
             true => r.planes[self.wanted.kept_plane()].direct,
@@ -157,7 +157,7 @@ impl Pages<'_, '_, '_> {
         full.iter_mut().map(take).collect()
     }
 
-    /// Openness of a lumel, which must be wanted.
+    /// Openness of a lumel; it must be among the quantities that are recorded.
     fn openness(&self, r: &Received) -> f32 {
         let open = r.planes[self.wanted.openness_plane()].sum().x;
         open.clamp(0.0, 1.0)
@@ -171,8 +171,8 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    /// Raises light to [`BakeOptions::ambient_floor`]. This comes after stitching: the floor is the
-    /// same on both sides of a seam, so it does not part them.
+    /// Raises light to [`BakeOptions::ambient_floor`]. This comes after stitching, because the same
+    /// floor on both sides of a seam does not open it.
     fn apply_floor(&self, full: &mut [Page], texels: &Texels) {
         let floor = self.options.ambient_floor;
         if floor == [0.0; 3] {

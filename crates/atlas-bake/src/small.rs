@@ -1,6 +1,6 @@
 //! Lightmap pages as PNG with 8 bits per channel, for targets without float textures.
 //!
-//! Alpha holds a common factor of the three colours. Both forms store square roots, so that steps
+//! Alpha holds a common factor of the three colours. Both formats store square roots, so that steps
 //! are finer where light is dim.
 
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
@@ -27,7 +27,7 @@ pub enum PngFormat {
 /// How a page was stored.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PngReport {
-    /// Form.
+    /// Format.
     pub format: PngFormat,
     /// Factor of the decoding.
     pub scale: f32,
@@ -40,8 +40,8 @@ pub struct PngReport {
 }
 
 impl PngFormat {
-    /// The factor for `pages`, with the exposure that they suggest (the factor from radiance to a
-    /// screen's values).
+    /// The factor for `pages`; `exposure` is the one that they suggest, from radiance to a screen's
+    /// values.
     pub fn scale(self, pages: &[Page], exposure: f64) -> f32 {
         let values = pages.iter().flat_map(|p| p.value.iter().flatten());
         let most = values

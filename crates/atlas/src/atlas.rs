@@ -33,8 +33,8 @@ pub struct PrimitiveAtlas {
     pub triangles: Vec<[u32; 3]>,
     /// Chart of each triangle, 0..[`MeshAtlas::charts`].
     pub chart: Vec<u32>,
-    /// Whether each triangle is without lumels because nobody sees it; empty if all have some. Its
-    /// corners are then at one point of another triangle's chart.
+    /// For each triangle, whether it has no lumels because nobody sees it; empty if every triangle
+    /// has some. All corners of such a triangle are at one point of another triangle's chart.
     pub culled: Vec<bool>,
 }
 
@@ -72,7 +72,7 @@ pub struct Rect {
 pub struct Placement {
     /// Page index.
     pub page: u32,
-    /// Its rectangle there, of the mesh's [`MeshAtlas::size`]; zero for an instance that receives
+    /// Its rectangle on that page, of size [`MeshAtlas::size`]; zero for an instance that receives
     /// no light.
     pub rect: Rect,
 }
@@ -86,7 +86,8 @@ pub struct Layout {
     pub placements: Vec<Placement>,
     /// Width and height of each page in texels.
     pub pages: Vec<[u32; 2]>,
-    /// Name of each page's group, empty for pages of no group; an empty list if no page has one.
+    /// Group name of each page, empty for pages without a group. The list is empty if no page has a
+    /// group.
     pub page_groups: Vec<String>,
     /// Requested lumels per metre.
     pub texels_per_unit: f32,

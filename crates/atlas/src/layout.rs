@@ -111,7 +111,7 @@ pub struct LayoutReport {
     pub instances: usize,
     /// Sizes of the pages in texels.
     pub pages: Vec<[u32; 2]>,
-    /// Name of each page's group, empty for pages of no group; absent if no page has one.
+    /// Group name of each page, empty for pages without a group; absent if no page has a group.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub page_groups: Vec<String>,
     /// Number of texels covered by charts, over all instances (by area).
@@ -342,7 +342,7 @@ struct Task<'a> {
 }
 
 /// As [`lay_out_receiving`], without charts for triangles that nobody sees ([`Scene::unseen`]). An
-/// asset's own coordinates stay whole.
+/// asset's own coordinates are kept whole.
 fn lay_out_seen(
     scene: &Scene,
     mesh: usize,
@@ -395,7 +395,7 @@ fn keep<T>(items: &mut Vec<T>, unseen: &[bool]) {
     items.retain(|_| !flags.next().copied().unwrap_or(false));
 }
 
-/// The charts of the seen triangles of `primitive`, with the others collapsed to a point.
+/// The charts of the visible triangles of `primitive`, with the others collapsed to a point.
 fn with_culled(
     primitive: &Primitive,
     seen: PrimitiveAtlas,
@@ -688,7 +688,7 @@ fn assemble(mesh: &Mesh, flat: &UnwrappedMesh, origin: UvOrigin) -> MeshAtlas {
 }
 
 /// Gives every instance that receives light a rectangle of its mesh's size. Page groups share no
-/// page: first come the pages of instances in none, then those of each group, by name.
+/// page: pages without a group come first, then those of each group, by name.
 fn place_instances(scene: &Scene, options: &LayoutOptions, layout: &mut Layout) {
     let mut groups: BTreeMap<Option<&str>, Vec<usize>> = BTreeMap::new();
     for i in (0..scene.instances.len()).filter(|&i| scene.has_lumels(i)) {

@@ -66,7 +66,8 @@ pub struct Lumels {
     /// Page corners of each face, NaN if unused. Corners of a duplicate are in the order of its
     /// original triangle.
     corners: Vec<[Vec2; 3]>,
-    /// For each face: lumels lie on its back. Empty until one was turned.
+    /// For each face, whether its lumels are on its back; empty until [`turn`](Self::turn) is
+    /// called.
     turned: Vec<bool>,
     /// For each duplicate: its original triangle, and whether it faces the other way.
     duplicates: Vec<(u32, bool)>,
@@ -78,7 +79,7 @@ impl Lumels {
         Lumels::find_of(scene, soup, layout, 0..scene.instances.len())
     }
 
-    /// As [`find`](Self::find), of these instances only.
+    /// As [`find`](Self::find), for these instances only.
     pub fn find_of(scene: &Scene, soup: &Soup, layout: &Layout, instances: Range<usize>) -> Self {
         let parts: Vec<InstanceLumels> = (instances.clone())
             .into_par_iter()
@@ -131,8 +132,7 @@ impl Lumels {
             })
     }
 
-    /// Turns faces over: lumels on the front of one lie on its back from now on, and the other way
-    /// round.
+    /// Turns faces over: their lumels move from the front to the back, or vice versa.
     pub fn turn(&mut self, faces: &[u32]) {
         self.turned.resize(self.corners.len(), false);
         for &face in faces {

@@ -108,8 +108,7 @@ options! {
     block_align(texels: u32) => |s| s.block = texels;
     /// Whether charts are aligned to blocks too.
     block_charts(yes: bool) => |s| s.block_charts = yes;
-    /// Gives meshes pages of their own by names of nodes and materials: see
-    /// [`Settings::page_by`].
+    /// Gives meshes separate pages by names of nodes and materials: see [`Settings::page_by`].
     page_by(pattern: impl Into<String>) => |s| s.page_by.push(pattern.into());
     /// Whether surfaces that nobody sees from where players walk get no lumels.
     cull_unseen(yes: bool) => |s| s.cull_unseen = yes;
@@ -137,7 +136,7 @@ options! {
     light(name: impl Into<String>, factor: f32) => |s| s.lights.push(LightScale { name: name.into(), factor });
     /// Leaves out the sources called `name`.
     exclude_light(name: impl Into<String>) => |s| s.lights.push(LightScale { name: name.into(), factor: 0.0 });
-    /// Whether lamps are left out whose direct light the engine adds.
+    /// Whether the direct light of lamps that the engine adds is left out.
     mode(mode: BakeMode) => |s| s.mode = mode;
     /// Marks lamps as mixed, by name with wildcards.
     mixed(name: impl Into<String>) => |s| s.mixed.push(name.into());
@@ -163,7 +162,7 @@ options! {
     not_physical(knobs: NotPhysical) => |s| s.not_physical = knobs;
     /// Value of lumels that are partly inside or behind something.
     hidden(kind: Hidden) => |s| s.hidden = kind;
-    /// Whether sheets with different light on their two sides get faces of their own for each side;
+    /// Whether sheets with different light on their two sides get separate faces for each side;
     /// true by default.
     split_sides(yes: bool) => |s| s.split_sides = yes;
     /// Whether chart borders are stitched, so that lookups on both sides agree; true by default.
@@ -181,7 +180,7 @@ options! {
     allow_outside(yes: bool) => |s| s.bounds.allow_outside = yes;
     /// Most bytes of decoded images, for the scene's together and for the sky's; 1 GiB by default.
     max_image(bytes: u64) => |s| s.bounds.max_image = bytes;
-    /// Most bytes of memory that a bake may need by its estimate; beyond it ends with
+    /// Most bytes of memory that a bake may need by its estimate. Beyond that, it ends with
     /// [`Error::Memory`] before light is computed.
     memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
@@ -339,7 +338,7 @@ impl<'a> Baker<'a> {
     /// inputs, settings and program; only reads.
     ///
     /// # Errors
-    /// The reason why not, as a short text for people.
+    /// The reason to bake again, as a short text for people.
     pub fn find_current(
         &self,
         file: impl AsRef<Path>,

@@ -15,8 +15,8 @@ pub(crate) const BRIGHTEST: f32 = 1e12;
 /// The largest half float, which is the limit of EXR pages.
 const HALF: f32 = 65504.0;
 
-/// Clamped lumels are warned about from this fraction on. A lamp at a wall clamps a few lumels,
-/// which would look white anyway.
+/// Fraction of clamped lumels that gives a warning. A lamp at a wall clamps a few lumels, which
+/// would look white anyway.
 const WORTH_TELLING: f64 = 0.01;
 
 /// Refuses sources brighter than [`BRIGHTEST`].

@@ -76,7 +76,7 @@ impl<'a> Charts<'a> {
         let folder = &self.cache.folder;
         let removed = match trim(folder, self.cache.limit) {
             Ok(removed) => removed,
-            // Either nothing was ever stored, or the folder's fault is noted already.
+            // Either nothing was stored, or a note about the folder exists already.
             Err(_) if !folder.is_dir() => 0,
             Err(e) => {
                 notes.push(format!(

@@ -1,9 +1,9 @@
 //! `--cull-unseen`: surfaces that nobody sees from where players walk get no lumels.
 //!
-//! Sample points stand for the places of players: in walkable volumes, at the points of a probe
-//! file, or where a flood of rays from the cameras arrives. A triangle is seen if a ray from a
-//! sample point hits it, or if a segment between a point on it and a sample point is free. Cut-out,
-//! blended and glass surfaces hide nothing. Triangles that no test sees are culled.
+//! Sample points represent the places where players can be: in walkable volumes, at the points of a
+//! probe file, or wherever a flood of rays from the cameras arrives. A triangle is seen if a ray
+//! from a sample point hits it, or if a segment between a point on it and a sample point is free.
+//! Cut-out, blended and glass surfaces hide nothing. Triangles that fail both tests are culled.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -27,17 +27,17 @@ const POINTS: usize = 1024;
 /// Rays from each sample point over the sphere.
 const RAYS: u32 = 1024;
 
-/// Sample points that each unseen triangle is tested against, and points on the triangle for each.
-/// If a fiftieth of all segments between a triangle and the points is free, all of these are blocked
-/// with a probability of 0.98^512 = 3e-5.
+/// Number of sample points that each unseen triangle is tested against, and of points on the
+/// triangle for each. If a fiftieth of all segments between the triangle and the sample points is
+/// free, all of these tests miss it with a probability of 0.98^512 = 3e-5.
 const AGAINST: usize = 128;
 const ON_TRIANGLE: u32 = 4;
 
-/// Heights above a walkable node between which players look around, metres.
+/// Range of heights above a walkable node from which players look around, metres.
 const FEET: f32 = 0.1;
 const EYES: f32 = 2.0;
 
-/// Rounds of a flood; each reaches as far as its rays.
+/// Rounds of a flood; each extends as far as its rays.
 const FLOODS: usize = 8;
 
 /// What was culled.
@@ -49,7 +49,7 @@ pub struct CullReport {
     pub points: usize,
     /// Number of triangles without lumels.
     pub triangles: u64,
-    /// Their share of the surface that could have lumels.
+    /// Share of the surface that could have lumels.
     pub area: f64,
     /// Nodes without any lumels.
     pub nodes: Vec<String>,
@@ -57,7 +57,7 @@ pub struct CullReport {
     pub partly: Vec<(String, f64)>,
 }
 
-/// Finds what nobody sees, and marks it in `scene`.
+/// Finds the surfaces that nobody sees, and marks them in `scene`.
 ///
 /// # Errors
 /// [`Error::Setting`] if nothing says where players walk, or a name matches nothing.
@@ -86,7 +86,7 @@ pub(crate) fn apply(
     Ok(Some(report))
 }
 
-/// Nothing that lets light through hides anything.
+/// A filter by which surfaces that let light through hide nothing.
 struct Opaque;
 
 impl HitFilter for Opaque {
@@ -138,7 +138,8 @@ impl Looker<'_> {
         Ok((from, points))
     }
 
-    /// The box of an instance's triangles, and what a player who walks on it can reach with the eyes.
+    /// The box of an instance's triangles, extended by the heights from which a player on it looks
+    /// around.
     fn bounds(&self, instance: usize) -> DAffine3 {
         let [start, end] = self.soup.instance_ranges[instance];
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
@@ -157,7 +158,7 @@ impl Looker<'_> {
         )
     }
 
-    /// Points that rays from `start` reach: half way to what they hit, and shortly before it.
+    /// Points that rays from `start` reach: halfway to each hit, and just before it.
     fn flood(&self, start: &[Vec3]) -> Vec<Vec3> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for p in self.soup.seen_triangles().iter().flatten() {
@@ -176,7 +177,7 @@ impl Looker<'_> {
                     next.push(p);
                 }
             }
-            // Few rays each, because the next round casts them from all the places reached.
+            // Few rays each, because the next round starts from every place reached.
             let reached: Vec<Vec<Vec3>> = (next.par_iter())
                 .map(|p| {
                     let rays = (0..64).filter_map(|i| {
@@ -211,7 +212,7 @@ impl Looker<'_> {
         }
     }
 
-    /// For each triangle of the soup, whether a sample point sees it.
+    /// For each triangle of the soup, whether any sample point sees it.
     fn seen(&self, points: &[Vec3]) -> Vec<bool> {
         let n = self.soup.triangles.len();
         let hit: Vec<AtomicBool> = (0..n).map(|_| AtomicBool::new(false)).collect();
@@ -291,8 +292,7 @@ fn in_boxes(boxes: &[DAffine3]) -> Vec<Vec3> {
     out
 }
 
-/// Marks what is not seen: triangles of meshes that none of its instances shows, and instances of
-/// which nothing is seen.
+/// Marks triangles of meshes that no instance shows, and instances that are completely unseen.
 fn mark(scene: &mut Scene, soup: &Soup, seen: &[bool]) -> CullReport {
     let mut report = CullReport::default();
     let mut unseen: Vec<Vec<Vec<bool>>> = (scene.meshes.iter())
@@ -318,7 +318,7 @@ fn mark(scene: &mut Scene, soup: &Soup, seen: &[bool]) -> CullReport {
             unseen[mesh][source.primitive as usize][source.triangle as usize] = false;
         }
     }
-    // Triangles that coincide with others have the light of those.
+    // Triangles that coincide with others take the light of those.
     for d in &soup.duplicates {
         let mesh = scene.instances[d.source.instance as usize].mesh;
         unseen[mesh][d.source.primitive as usize][d.source.triangle as usize] = false;

@@ -8,8 +8,8 @@ use crate::error::Error;
 use crate::settings::Settings;
 use crate::units::plain_blender;
 
-/// Most lumels that a bake may have: their pages alone, three halves per texel, take 6 GiB, and a
-/// bake needs some hundred bytes per lumel.
+/// Most lumels of a bake. Their pages alone (three halves per texel) take 6 GiB, and a bake needs
+/// some hundred bytes per lumel.
 const MOST_LUMELS: f64 = (1_u64 << 30) as f64;
 
 /// Warns if the scene is black: no lamp, no emissive material in use, no sky.

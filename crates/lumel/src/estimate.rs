@@ -74,18 +74,18 @@ pub const ESTIMATE_FACTOR: f64 = 2.0;
 /// Patches and rays of the coarse solve that the trial gather uses; its light is discarded.
 const TRIAL: [u32; 2] = [2_000, 16];
 
-/// Cost of a point of a seam in units of a ray: to find it and set up its equation, and to stitch
-/// it in up to four channels. Stitching runs a fixed number of steps. Measured on slow_dive_level
-/// with 175,000 points: 0.65 s on one thread at 1.6 million rays per second.
+/// Cost of a seam sample, in rays: for finding it and setting up its equation, and for stitching it
+/// in up to four channels. Stitching runs a fixed number of steps. Measured on slow_dive_level with
+/// 175,000 samples: 0.65 s on one thread at 1.6 million rays per second.
 const SEAM: [f64; 2] = [4.0, 8.0];
 
 /// Total time of short repeated trials, seconds.
 const ENOUGH: f64 = 0.5;
 
-/// Rays of the measurement of the ray rate.
+/// Rays for measuring the ray rate.
 const PROBES: usize = 1 << 16;
 
-/// Number of parts in which they are timed.
+/// Parts in which they are timed.
 const PARTS: usize = 8;
 
 /// Reads the scene, plans its lightmap and casts some rays to estimate the bake time; writes

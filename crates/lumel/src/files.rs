@@ -203,7 +203,7 @@ impl Bake {
         Ok(())
     }
 
-    /// Adds the pages as PNG, and their errors to the report. Returns their form and factor.
+    /// Adds the pages as PNG, and their errors to the report. Returns their format and scale.
     fn write_png(
         &self,
         files: &mut Vec<NamedFile>,
@@ -223,7 +223,7 @@ impl Bake {
         Ok(Some((format, scale)))
     }
 
-    /// Adds shadow masks. Returns what the manifest says about lamps that are left out.
+    /// Adds shadow masks. Returns the manifest's entries about lamps that are left out.
     fn write_masks(
         &self,
         ktx2: bool,
@@ -252,7 +252,7 @@ impl Bake {
     /// Completes the record of inputs and outputs.
     fn record(&self, files: &[NamedFile], preview: Option<&[u8]>, report: &mut Report) {
         let content = &mut report.content;
-        // Queried only now, because writers read images that light does not need.
+        // Queried only now, because writers also read images that light does not need.
         content.inputs = record::document_inputs(&report.scene, self.loaded.document.inputs());
         content.inputs.extend(self.option_inputs.iter().cloned());
         content.key = record::key(&report.settings, &report.origins, &content.inputs);
@@ -297,8 +297,8 @@ impl Bake {
         all
     }
 
-    /// Every input file with the hash of its contents when it was read, missing files included: for
-    /// programs that wait until one of them changes. Complete once files were made.
+    /// Every input file with its hash when it was read, missing files included, for programs that
+    /// wait for one of them to change. Complete once the output files were made.
     pub fn files_read(&self, settings: &Settings, provenance: &Provenance) -> Vec<ReadFile> {
         let document = &self.loaded.document;
         let mut all = record::document_inputs(&self.report.scene, document.inputs());

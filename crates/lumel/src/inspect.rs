@@ -36,7 +36,7 @@ pub struct Inspection {
     pub dropped_triangles: [u64; 2],
     /// Size of the scene, metres.
     pub extent: [f32; 3],
-    /// What was read, dropped, clamped and left out.
+    /// Surface area of the scene, m².
     pub area: f64,
     /// Emissive triangles.
     pub emissive_triangles: u64,

@@ -1,4 +1,5 @@
-//! A bake cut at its joints: solve, gather in shards, merge.
+//! A bake cut at its joints: solve, gather in shards, merge. [`work`](crate::work) describes the
+//! folder that connects them.
 
 use std::path::Path;
 
@@ -44,14 +45,14 @@ pub struct SolveDone {
     pub bytes: u64,
 }
 
-/// What `lumel gather` did.
+/// What `lumel gather` did. Records and bytes are 0 if the shard existed already.
 #[derive(Debug, Clone, Serialize)]
 pub struct GatherDone {
     /// The shard's lumels.
     pub lumels: u64,
-    /// Light that it stored, by lumel and pass; 0 if the shard was there.
+    /// Number of records that it stored: the light of a lumel after a pass.
     pub records: u64,
-    /// Bytes of its file; 0 if the shard was there.
+    /// Size of its file, bytes.
     pub bytes: u64,
 }
 
@@ -68,7 +69,7 @@ impl Order<'_> {
         open(scene, order, beside, start, monitor)
     }
 
-    /// What was read, and the hash of all of it and of the settings.
+    /// All inputs, and the hash of them and of the settings.
     fn inputs(&self, opened: &Opened) -> (String, Vec<Hashed>) {
         let name = self.scene.file_name().unwrap_or_default().to_string_lossy();
         let mut all = record::document_inputs(&name, opened.loaded.document.inputs());
@@ -84,7 +85,7 @@ impl Order<'_> {
         (key, all.into_iter().map(hashed).collect())
     }
 
-    /// The scene of a work folder, with its solution.
+    /// Reopens the scene of a work folder, with its solution.
     fn resume(
         &self,
         work: &WorkFolder,
@@ -105,7 +106,7 @@ impl Order<'_> {
     }
 }
 
-/// Charts that a work folder keeps.
+/// The charts stored in a work folder.
 fn charts(folder: &Path) -> Cache {
     Cache {
         folder: folder.join(CHARTS),
@@ -113,8 +114,8 @@ fn charts(folder: &Path) -> Cache {
     }
 }
 
-/// Makes charts, solves the light and writes both into the folder `work`. `told` is what other
-/// processes need to take the same settings.
+/// Makes charts, solves the light, and writes both into the folder `work`. `told` is the command
+/// from which other processes take the same settings.
 ///
 /// # Errors
 /// [`Error`], by fault.
@@ -180,7 +181,7 @@ pub fn solve(
         return Err(Error::Cancelled);
     }
     set.add(SOLUTION, &solution)?;
-    // Last: without it, a folder is no work.
+    // Written last: without this file, a folder is not a work folder.
     set.add(WORK, &description.to_json())?;
     set.commit()?;
     Ok(SolveDone {
@@ -190,7 +191,7 @@ pub fn solve(
     })
 }
 
-/// Gathers a shard of a work, unless its file is there already, whole and of this work.
+/// Gathers a shard, unless its file exists already, is complete, and belongs to this work folder.
 ///
 /// # Errors
 /// [`Error`], by fault; [`Error::Folder`] if the work is damaged or its inputs changed.
@@ -239,7 +240,7 @@ pub fn gather_work(
     })
 }
 
-/// Bakes a work whose shards are gathered: what needs all lumels together.
+/// Finishes a bake whose shards are all gathered, by everything that needs all lumels together.
 ///
 /// # Errors
 /// [`Error`], by fault; [`Error::Folder`] if the work or a shard is damaged or missing, or inputs

@@ -1,6 +1,6 @@
 //! Lumel bakes diffuse global illumination into glTF levels. It computes the light that arrives at
 //! every lumel (lightmap texel) of every surface, both directly from light sources and by
-//! interreflection. The result is a lightmap that an engine multiplies with the surfaces' albedo.
+//! interreflection. The result is a lightmap that an engine multiplies by the surfaces' albedo.
 //!
 //! # A first bake
 //!

@@ -21,7 +21,7 @@ const AREAS: f64 = 2.0;
 /// Largest distance between the surfaces of two levels, as a fraction of the diagonal.
 const MAX_DISTANCE: f32 = 0.08;
 
-/// Number of sample points on a surface, and how many of them may lie elsewhere.
+/// Number of sample points on a surface, and how many of them may be away from the other surface.
 const LOOKED_AT: usize = 32;
 const ELSEWHERE: usize = 4;
 
@@ -42,8 +42,8 @@ impl Thing {
     }
 }
 
-/// Groups of such instances. If `named`, node names mark levels, so named ones are known. If not,
-/// the user has turned names off, so named ones are not reported either.
+/// Groups of such instances. If `named`, node names mark levels, so nodes with such names are left
+/// out. If not, the user has turned names off, so these are left out too.
 pub(crate) fn unmarked_levels(scene: &Scene, soup: &Soup, named: bool) -> Vec<Likeness> {
     let mut things = things(scene, soup, named);
     things.sort_by(|a, b| a.low.x.total_cmp(&b.low.x));

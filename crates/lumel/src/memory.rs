@@ -15,7 +15,7 @@ const BYTES: [f64; 5] = [20.0e6, TRIANGLE as f64, 520.0, 13.2, 350.0];
 /// Bytes that a triangle takes before the bake.
 pub(crate) const TRIANGLE: u64 = 1700;
 
-/// Bytes of a decoded texel with its pyramid (`mesh_ingest::Pyramids`), and of a pixel of a sky.
+/// Bytes of a decoded texel with its pyramid (`mesh_ingest::Pyramids`), and of a sky's pixel.
 const TEXEL: f64 = 4.0 + 8.0 / 3.0;
 const SKY: f64 = 12.0;
 

@@ -11,7 +11,7 @@ use crate::named::some_of;
 use crate::page_groups;
 use crate::settings::{BakeMode, Settings};
 
-/// The mode of each light of `scene`, by options and extras. Options take precedence.
+/// The mode of each light of `scene`, from options and extras. Options take precedence.
 ///
 /// # Errors
 /// [`Error::Setting`] if a pattern matches no lamp, or both options match the same lamp.
@@ -66,14 +66,14 @@ pub(crate) fn modes(
     Ok(scene.lights.iter().enumerate().map(mode).collect())
 }
 
-/// What is left out of the lightmap, and what the manifest says about it.
+/// Lamps that are left out of the lightmap, and their entries in the manifest.
 pub(crate) struct Mixed {
     pub roles: LampRoles,
     pub light: MixedLight,
     pub warnings: Vec<String>,
 }
 
-/// Decides what is left out; `None` for a full bake.
+/// Decides which lamps are left out; `None` for a full bake.
 pub(crate) fn settle(
     world: &World,
     emitters: &Emitters,
@@ -124,7 +124,7 @@ pub(crate) fn settle(
     })
 }
 
-/// The manifest's part; file names are added when files are made.
+/// The manifest's entries; file names are added when files are made.
 fn describe(
     scene: &Scene,
     modes: &[LampMode],

@@ -1,4 +1,4 @@
-//! Knobs with which artists depart from physics, and how the report says so.
+//! Artists' controls that depart from physics, and how the report describes them.
 
 use serde::Serialize;
 
@@ -7,8 +7,8 @@ use crate::error::Error;
 /// Departures from physics. The default has none, and costs neither time nor bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NotPhysical {
-    /// Factor on light that surfaces reflected at least once, where lumels, vertices and probes
-    /// receive it. The solve stays as it is, so a factor of 2 doubles such light exactly.
+    /// Factor on light that surfaces reflected at least once, applied where lumels, vertices and
+    /// probes receive it. The solve does not use it, so a factor of 2 exactly doubles such light.
     pub indirect_boost: f32,
     /// Factor on the light of emissive materials. Their own look in the glTF does not change.
     pub emissive_boost: f32,
@@ -18,9 +18,9 @@ pub struct NotPhysical {
     /// Saturation of reflectances while light bounces: 0 for grey of the same luminance, 1 for the
     /// surfaces' colours, more for stronger ones.
     pub bounce_saturation: f32,
-    /// Least R = E/π of every lumel and vertex, per channel.
+    /// Minimum of R = E/π for every lumel and vertex, per channel.
     pub ambient_floor: [f32; 3],
-    /// How much of the ambient occlusion is multiplied into the lightmap, 0..=1.
+    /// Share of the ambient occlusion that darkens the lightmap, 0..=1.
     pub ao_multiply: f32,
 }
 
@@ -37,16 +37,16 @@ impl Default for NotPhysical {
     }
 }
 
-/// Largest factor: beyond it, a level is better lit by other lamps.
+/// Largest factor. A level that needs more should have brighter lamps.
 const MOST: f32 = 1000.0;
 
 impl NotPhysical {
-    /// Whether everything is as in nature.
+    /// Whether nothing departs from physics.
     pub fn is_physical(&self) -> bool {
         *self == NotPhysical::default()
     }
 
-    /// What differs from physics, one sentence each; empty if nothing does.
+    /// The departures from physics, one sentence each; empty if there are none.
     pub fn describe(&self) -> Vec<String> {
         let mut out = Vec::new();
         let mut factor = |what: &str, x: f32| {

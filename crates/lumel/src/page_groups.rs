@@ -15,8 +15,8 @@ const LISTED: usize = 20;
 /// Puts nodes into page groups by the settings' patterns, in addition to `extras.lumel.page`, which
 /// takes precedence.
 ///
-/// A node that matches, or the nearest such ancestor, names the group. If none does, the first
-/// material of the mesh that matches does.
+/// The group of an instance is the name of the nearest node that matches, starting with its own and
+/// going up; otherwise the first material of its mesh that matches.
 ///
 /// # Errors
 /// [`Error::Setting`] if a pattern matches neither a node nor a material in use.
@@ -44,7 +44,7 @@ pub(crate) fn assign(
     let parent = parents(nodes);
     let mut found = BTreeMap::new();
     for instance in &scene.instances {
-        // The scene graph is a tree, so this ends; the bound only says so.
+        // The scene graph is a tree, so this always ends; the bound makes that evident.
         let up = std::iter::successors(Some(instance.node), |n| parent[*n]).take(nodes.len());
         let by_node = up.map(name).find(|n| matching(n));
         let worn = (scene.meshes[instance.mesh].primitives.iter())

@@ -102,7 +102,7 @@ impl Clock {
     }
 }
 
-/// Begins a phase: tells the monitor, and stops if the monitor asks to.
+/// Begins a phase: reports it to the monitor, and stops if the monitor asks to.
 fn begin(monitor: &dyn Monitor, phase: Phase) -> Result<(), Error> {
     monitor.progress(phase, 0, 0);
     if monitor.cancelled() {
@@ -129,7 +129,7 @@ pub(crate) struct Prepared {
 pub(crate) struct Early {
     pub notes: Vec<String>,
     pub warnings: Vec<String>,
-    /// One of the warnings is that the scene has no light.
+    /// Whether one of the warnings is that the scene has no light.
     pub dark: bool,
 }
 
@@ -189,7 +189,7 @@ pub(crate) fn prepare(
 
 /// Bakes the scene in `file`.
 ///
-/// The result is the same for any number of threads of the current rayon pool. `monitor` is told
+/// The result is the same for any number of threads of the current rayon pool. `monitor` receives
 /// the phases and may cancel.
 ///
 /// # Errors
@@ -229,7 +229,7 @@ pub struct Beside<'a> {
 }
 
 impl<'a> Beside<'a> {
-    /// For a second attempt: what was shown and said stays.
+    /// For a second attempt: the first picture was shown and remarks were told already.
     pub(crate) fn again(&self) -> Beside<'a> {
         Beside {
             first_picture: None,
@@ -254,7 +254,7 @@ pub enum Remark<'a> {
 pub struct FirstPicture<'a> {
     /// Width and height, pixels.
     pub size: [u32; 2],
-    /// Receives the PNG on a worker thread, which waits. An error ends the bake.
+    /// Receives the PNG on a worker thread, which waits for it. An error ends the bake.
     pub show: &'a (dyn Fn(Vec<u8>) -> Result<(), Error> + Sync),
 }
 
@@ -292,7 +292,7 @@ pub(crate) fn bake_scene(
     let (opened, outside) = open(scene, order, beside, fresh, monitor)?;
     match bake_opened(file, opened, outside, order, (beside, None), monitor)? {
         Attempt::Done(bake) => Ok(*bake),
-        // At most once: the light is solved anew with the separate sides, which have none to share.
+        // At most once: the second solve has separate sides, and nothing is left to split.
         Attempt::Again(start) => {
             let beside = beside.again();
             let (opened, outside) = open(scene, order, &beside, start, monitor)?;
@@ -311,16 +311,16 @@ pub(crate) type Sides = BTreeSet<(usize, usize)>;
 #[derive(Debug, Default)]
 pub(crate) struct Start {
     pub split: Sides,
-    /// Whether that was decided, by an attempt or by another process.
+    /// Whether `split` is final, by an earlier attempt or by another process.
     pub decided: bool,
-    /// The clock of an attempt before.
+    /// The clock of the earlier attempt.
     pub clock: Option<Clock>,
 }
 
-/// How far a bake came.
+/// Outcome of an attempt.
 enum Attempt {
     Done(Box<Bake>),
-    /// It has to begin again, so.
+    /// The bake must start again like this.
     Again(Start),
 }
 
@@ -338,23 +338,23 @@ pub(crate) struct Opened {
     pub option_inputs: Vec<RecordedInput>,
     probes: Option<ProbePlan>,
     pub clock: Clock,
-    /// Which sides are separate, and whether that is decided.
+    /// Sides that are separate, and whether that is final.
     split: Sides,
     decided: bool,
 }
 
-/// What lights a scene from outside, how its light is divided, and its solution, if another process
-/// has solved it.
+/// Light from outside the scene, the light groups, and the solution, if another process has solved
+/// it.
 pub(crate) struct Outside {
     sky: Sky,
     groups: Option<LightGroups>,
     pub solved: Option<Solved>,
 }
 
-/// The solution of another process.
+/// A solution from another process.
 pub(crate) struct Solved {
     pub light: StoredSolution,
-    /// Where it was read from.
+    /// The file that it was read from.
     pub file: PathBuf,
 }
 
@@ -432,14 +432,14 @@ pub(crate) struct Planned<'l> {
     pub layout: Layout,
     pub report: LayoutReport,
     pub lit: Lit<'l>,
-    /// Lamps left out of the pages, and what to say about them.
+    /// Lamps left out of the pages, and warnings about them.
     mixed: Option<(MixedLight, Vec<String>)>,
     /// What the cache did.
     cached: Option<CacheReport>,
 }
 
 impl Opened {
-    /// The sides that need separate faces, now that the light is known.
+    /// The sides that need separate faces, decided by the light.
     pub(crate) fn to_split(&self, lit: &Lit<'_>, settings: &Settings) -> Sides {
         match settings.split_sides && !self.decided {
             true => split::wanted(&self.loaded, &lit.world, &lit.solution),
@@ -447,7 +447,7 @@ impl Opened {
         }
     }
 
-    /// Makes charts and solves the light, or takes the solution of another process.
+    /// Makes charts and solves the light, or uses the solution of another process.
     ///
     /// # Errors
     /// [`Error`], by fault.
@@ -469,7 +469,7 @@ impl Opened {
             settings,
             first_picture: beside.first_picture.as_ref(),
         };
-        // A single thread would only alternate between the two.
+        // With a single thread, concurrency would only alternate between the two.
         let bounded = settings.bounds.memory.is_some();
         let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
         let ((layout, report), mut lit) = if in_turn {
@@ -498,15 +498,15 @@ impl Opened {
     }
 }
 
-/// What other processes have done of a bake.
+/// What other processes have contributed to a bake.
 pub(crate) struct Elsewhere<'e> {
     /// The light of shards.
     pub records: &'e dyn Records,
-    /// Refuses charts that are not those of the shards.
+    /// Refuses charts that differ from those of the shards.
     pub check: &'e dyn Fn(&Layout) -> Result<(), Error>,
 }
 
-/// Bakes a scene that was read; `elsewhere` has what shards have done already.
+/// Bakes a scene that was read; `elsewhere` holds the records of shards.
 fn bake_opened(
     file: &Path,
     opened: Opened,
@@ -611,7 +611,8 @@ fn bake_opened(
     })))
 }
 
-/// As [`bake_opened`], of what another process has begun: it decided which sides are separate.
+/// As [`bake_opened`], for a bake that another process has begun and that decided which sides are
+/// separate.
 pub(crate) fn bake_rest(
     file: &Path,
     (opened, outside): (Opened, Outside),
@@ -636,7 +637,7 @@ fn name_of(part: Option<&OsStr>) -> String {
     part.unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// A level that was read, and the settings.
+/// An opened level with its settings.
 struct Level<'l> {
     file: &'l Path,
     loaded: &'l Loaded,
@@ -653,7 +654,7 @@ pub(crate) struct Lit<'l> {
 }
 
 impl Lit<'_> {
-    /// What the gather reads.
+    /// The parts that the gather reads.
     pub(crate) fn parts(&self) -> (&World<'_>, &Emitters, &Solution) {
         (&self.world, &self.emitters, &self.solution)
     }
@@ -834,7 +835,7 @@ impl Monitor for Side<'_> {
     }
 }
 
-/// What the settings change about bounces.
+/// The settings' changes to bounced light.
 fn bounce(settings: &Settings) -> Bounce {
     let changed = &settings.not_physical;
     Bounce {

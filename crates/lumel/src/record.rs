@@ -1,4 +1,4 @@
-//! Contents that a bake read and wrote, and whether another bake would do the same.
+//! Records what a bake read and wrote, and decides whether another bake would do the same.
 //!
 //! The report contains the record. It does not depend on the clock or on file locations: inputs are
 //! named as in the document, and outputs by file name.
@@ -71,13 +71,13 @@ pub struct RecordedOutput {
 /// Represents the picture of `--preview` among outputs; file names cannot contain `/`.
 pub const PREVIEW: &str = "/preview";
 
-/// Where settings came from. Part of the report, so two bakes with equal settings from different
-/// origins have different reports.
+/// Origins of settings. They are part of the report, so two bakes with equal settings from
+/// different origins have different reports.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Provenance {
     /// The settings file, if there was one, and its hash.
     pub config: Option<(PathBuf, Digest)>,
-    /// Settings that are not defaults, and who set them.
+    /// Settings that are not defaults, and their origins.
     pub origins: BTreeMap<String, Origin>,
 }
 
@@ -186,7 +186,7 @@ pub struct Current {
 /// `preview` is the path of the preview picture, if one is wanted.
 ///
 /// # Errors
-/// The reason why not, as a short text for people.
+/// The reason to bake again, as a short text for people.
 pub fn find_current(
     scene: &Path,
     settings: &Settings,

@@ -30,7 +30,7 @@ pub struct Report {
     pub scene: String,
     /// Settings.
     pub settings: Settings,
-    /// Settings that are not defaults, and who set them.
+    /// Settings that are not defaults, and their origins.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub origins: BTreeMap<String, Origin>,
     /// Inputs and outputs, by content.
@@ -100,7 +100,7 @@ pub struct StoredPage {
 pub struct StoredPng {
     /// The file.
     pub file: String,
-    /// Form and error.
+    /// Format and error.
     #[serde(flatten)]
     pub stored: PngReport,
 }

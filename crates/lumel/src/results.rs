@@ -61,7 +61,7 @@ impl Bake {
         self.group_names.iter().map(String::as_str).zip(pages)
     }
 
-    /// The suggested factor from radiance to a screen's values, 1 being white:
+    /// The suggested exposure, from radiance to a screen's values, 1 being white:
     /// [`suggested_exposure`] of [`pages`](Self::pages).
     pub fn exposure(&self) -> f64 {
         suggested_exposure(&self.baked.pages, self.value)

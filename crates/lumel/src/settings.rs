@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::memory::{COPIES, TRIANGLE};
 use crate::not_physical::NotPhysical;
 
-/// How much time a bake takes for how much accuracy.
+/// Trade-off between bake time and accuracy.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
@@ -93,16 +93,16 @@ pub struct LightScale {
     pub factor: f32,
 }
 
-/// Whose direct light lumels hold.
+/// Which direct light the lightmap holds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BakeMode {
-    /// That of all lamps.
+    /// Light of all lamps.
     #[default]
     Full,
-    /// Not that of mixed and realtime lamps, whose reflected light stays.
+    /// Without the direct light of mixed and realtime lamps; their reflected light stays.
     Indirect,
-    /// As `Indirect`, with shadow masks for mixed lamps.
+    /// As `Indirect`, and with shadow masks for mixed lamps.
     Shadowmask,
 }
 
@@ -165,14 +165,14 @@ pub struct Settings {
     pub block: u32,
     /// Whether charts are aligned to blocks too.
     pub block_charts: bool,
-    /// Names of nodes and materials, with wildcards, that give meshes pages of their own, in
-    /// addition to `extras.lumel.page`.
+    /// Names of nodes and materials, with wildcards, whose meshes get separate pages, in addition
+    /// to `extras.lumel.page`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub page_by: Vec<String>,
     /// Whether surfaces that nobody sees from where players walk get no lumels.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub cull_unseen: bool,
-    /// Names of nodes, with wildcards, in whose boxes players walk, in addition to
+    /// Names of nodes, with wildcards, that players walk on, in addition to
     /// `extras.lumel.walkable`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub walkable: Vec<String>,
@@ -194,7 +194,7 @@ pub struct Settings {
     pub lights: Vec<LightScale>,
     /// Light groups; sources in no group go to a last one, `rest`. Empty if light is not separated.
     pub groups: Vec<LightGroup>,
-    /// Whether lamps are left out whose direct light the engine adds.
+    /// Whether the direct light of lamps that the engine adds is left out.
     #[serde(skip_serializing_if = "BakeMode::is_full")]
     pub mode: BakeMode,
     /// Names of mixed lamps, with wildcards: lights or their nodes, `sun` for
@@ -231,7 +231,7 @@ pub struct Settings {
     pub max_reflectance: f32,
     /// Value of lumels that are partly inside or behind something.
     pub hidden: Hidden,
-    /// Whether sheets with different light on their two sides get faces of their own for each side.
+    /// Whether sheets with different light on their two sides get separate faces for each side.
     pub split_sides: bool,
     /// Whether bilinear lookups on both sides of chart borders are made to agree.
     pub stitch: bool,

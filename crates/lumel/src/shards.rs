@@ -1,7 +1,7 @@
-//! Files with the light that a shard gathered.
+//! Files with the light that shards gathered.
 //!
-//! A file is a head, sections and the hash of both. A section has the light of some lumels after a
-//! pass, in postcard's format. Nothing of a file is used before its hash was checked.
+//! A file is a header, sections, and a hash of both. A section holds the light of some lumels after
+//! a pass, in postcard's format. Nothing in a file is used before its hash is checked.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -17,12 +17,12 @@ use crate::error::Error;
 /// First bytes of a file.
 const MAGIC: &[u8; 16] = b"lumel shard 1\n\0\0";
 
-/// Bytes of the hash at the end, and of a head: magic, the work's seal in hexadecimal digits, number,
-/// count.
+/// Bytes of the hash at the end, and of the header: magic, the seal of the work folder in
+/// hexadecimal digits, number, count.
 const HASH: u64 = 32;
 const HEAD: u64 = 16 + 64 + 8;
 
-/// Bytes of a section's head: pass, round, lumels, bytes.
+/// Bytes of a section's header: pass, round, lumels, bytes.
 const SECTION: usize = 20;
 
 /// Number of a shard, from 1, and the number of shards.
@@ -52,7 +52,7 @@ impl ShardOf {
     }
 }
 
-/// A pass as two numbers.
+/// A pass encoded as two numbers.
 fn code(pass: Pass) -> [u32; 2] {
     match pass {
         Pass::First => [0, 0],
@@ -63,7 +63,7 @@ fn code(pass: Pass) -> [u32; 2] {
     }
 }
 
-/// Hashes what is written.
+/// Hashes everything that is written through it.
 struct Hashed<W> {
     out: W,
     hasher: blake3::Hasher,
@@ -81,7 +81,7 @@ impl<W: Write> Write for Hashed<W> {
     }
 }
 
-/// A shard's file while it is written: a temporary file beside its place.
+/// A shard's file while it is being written: a temporary file beside its final place.
 pub(crate) struct ShardWriter {
     path: PathBuf,
     state: Mutex<Writing>,
@@ -128,7 +128,8 @@ impl ShardWriter {
         })
     }
 
-    /// Completes the file and renames it to its place. Returns its bytes and its records.
+    /// Completes the file and renames it to its final place. Returns its size in bytes and its
+    /// number of records.
     pub(crate) fn finish(self) -> Result<(u64, u64), Error> {
         let path = self.path;
         let state = self.state.into_inner();
@@ -153,7 +154,7 @@ impl ShardWriter {
     }
 }
 
-/// Temporary files are private, and a farm's nodes may run as different users.
+/// Temporary files are private, but the nodes of a farm may run as different users.
 fn readable_by_all(file: &File) -> std::io::Result<()> {
     #[cfg(unix)]
     {
@@ -180,7 +181,7 @@ impl Records for ShardWriter {
     fn take(&self, _: Pass, _: &mut dyn FnMut(u32, Received)) {}
 }
 
-/// A section with its head.
+/// A section with its header.
 fn section(pass: Pass, lumels: &[u32], light: &[Received]) -> std::io::Result<Vec<u8>> {
     let mut out = vec![0; SECTION];
     for (lumel, light) in lumels.iter().zip(light) {
@@ -205,13 +206,13 @@ struct Section {
     bytes: u64,
 }
 
-/// A shard's file that was checked.
+/// A shard's file after its check.
 struct ShardFile {
     path: PathBuf,
     sections: Vec<Section>,
 }
 
-/// The files of all shards of a work.
+/// The files of all shards of a work folder.
 pub(crate) struct Shards {
     files: Vec<ShardFile>,
     fault: Mutex<Option<Error>>,
@@ -234,7 +235,7 @@ fn broken(path: &Path, message: String) -> Error {
 }
 
 impl ShardFile {
-    /// Checks a file: whose it is, and that it is whole.
+    /// Checks that a file is complete and belongs to this work folder and shard.
     fn open(path: PathBuf, work: &Digest, shard: ShardOf) -> Result<ShardFile, Error> {
         let failed = |e: &std::io::Error| unreadable(&path, e);
         let file = open_regular(&path).map_err(|e| failed(&e))?;
@@ -270,7 +271,7 @@ impl ShardFile {
         Ok(ShardFile { path, sections })
     }
 
-    /// Hands over the records of a pass.
+    /// Passes on the records of a pass.
     fn take(&self, pass: [u32; 2], to: &mut dyn FnMut(u32, Received)) -> Result<(), Error> {
         let failed = |e: &std::io::Error| unreadable(&self.path, e);
         let changed = || broken(&self.path, "the file changed while it was read".into());
@@ -292,7 +293,7 @@ impl ShardFile {
     }
 }
 
-/// Hash of a head and of the next `length` bytes.
+/// Hash of a header and of the next `length` bytes.
 fn hash_of_rest(head: &[u8], reader: &mut impl Read, length: u64) -> std::io::Result<[u8; 32]> {
     let mut hasher = blake3::Hasher::new();
     hasher.update(head);
@@ -329,13 +330,13 @@ fn sections(file: &mut BufReader<File>, length: u64) -> std::io::Result<Option<V
     Ok(Some(out))
 }
 
-/// Whether the shard's file is there, whole and of this work.
+/// Whether the shard's file exists, is complete, and belongs to this work folder.
 pub(crate) fn is_gathered(folder: &Path, work: &Digest, shard: ShardOf) -> bool {
     ShardFile::open(folder.join(shard.file()), work, shard).is_ok()
 }
 
 impl Shards {
-    /// Opens the shards in a work folder, all of one division.
+    /// Opens the shards in a work folder, which must all belong to one division.
     pub(crate) fn open(folder: &Path, work: &Digest) -> Result<Shards, Error> {
         let entries = std::fs::read_dir(folder).map_err(|e| unreadable(folder, &e))?;
         let mut found: Vec<ShardOf> = entries
@@ -363,7 +364,7 @@ impl Shards {
     }
 }
 
-/// Which shards are missing.
+/// Describes which shards are missing.
 fn missing(divisions: &[&[ShardOf]]) -> String {
     let most = divisions.iter().max_by_key(|d| d.len());
     let Some(most) = most else {

@@ -2,8 +2,8 @@
 //!
 //! A pattern is a case-sensitive name in which `*` stands for any characters and `?` for one. It
 //! matches every source with such a name: a punctual light by its own or its node's name, an
-//! emissive material, the sky as `sky`, and suns of the command line as `sun`. Unnamed sources go
-//! by their place in the document, `nodes[3]` or `materials[2]`.
+//! emissive material, the sky as `sky`, and suns of the command line as `sun`. Unnamed sources are
+//! called by their place in the document, `nodes[3]` or `materials[2]`.
 
 use std::collections::BTreeSet;
 
@@ -68,7 +68,7 @@ pub(crate) struct Sources {
     sources: Vec<(Source, Target)>,
 }
 
-/// Results of [`Sources::apply`] that others have to use.
+/// Results of [`Sources::apply`] for later stages.
 #[derive(Debug, Default)]
 pub(crate) struct Chosen {
     /// Groups of the remaining sources with their names; `None` if none were requested.

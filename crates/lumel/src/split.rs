@@ -12,25 +12,25 @@ use radiosity::{Incoming, Solution, World, cosine_hemisphere, luminance, sample_
 
 use crate::named::{node_of, some_of};
 
-/// Difference of the light on two sides, relative to their mean, that is visible on walls.
+/// Relative difference of the light on two sides from which it is visible on walls.
 const DIFFERENT: f32 = 0.1;
 
-/// A place is inside the level if this fraction of its rays meets the front of something. The
+/// A place is inside the level if this fraction of its rays hits the front of something. The
 /// outside of a shell sees backs and the sky.
 const INSIDE: f32 = 0.1;
 
-/// The same where there is no light: a dark room has walls all around, the underside of an open
-/// crate only the floor.
+/// The same for unlit places: a dark room has walls all around, but the underside of an open crate
+/// sees only the floor.
 const INSIDE_IN_THE_DARK: f32 = 0.5;
 
-/// Irradiance below this fraction of the scene's mean counts as none.
+/// Irradiance below this fraction of the scene's mean counts as unlit.
 const UNLIT: f32 = 0.01;
 
 /// Rays from each patch.
 const RAYS: u32 = 8;
 
-/// Hits closer than this fraction of the sheet's size do not count: nobody looks between a picture
-/// and its wall.
+/// Hits closer than this fraction of the sheet's size do not count, because nobody looks between a
+/// picture and its wall.
 const TOUCHING: f32 = 0.05;
 
 /// One side of a primitive of an instance.
@@ -40,7 +40,7 @@ struct Side {
     light: Vec3,
     area: f32,
     rays: u32,
-    /// Rays that met the front of something.
+    /// Rays that hit the front of something.
     fronts: u32,
 }
 
@@ -128,8 +128,7 @@ pub(crate) fn note(scene: &Scene, split: &BTreeSet<(usize, usize)>) -> Option<St
     })
 }
 
-/// Number of [`RAYS`] from a side of a triangle that meet the front of something farther than
-/// `near`.
+/// Number of the [`RAYS`] from a side of a triangle that hit the front of something beyond `near`.
 fn fronts(world: &World, triangle: u32, back: bool, near: f32) -> u32 {
     let met = (0..RAYS).filter(|&k| {
         let s = sample_4d(k, 0, triangle);
@@ -160,7 +159,7 @@ pub(crate) struct SidePatch<'a> {
     pub area: f32,
 }
 
-/// Calls `take` with each of them.
+/// Calls `take` with each visible patch of a double-sided face.
 pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut(&SidePatch)) {
     let (soup, cut) = (world.soup, &solution.cut);
     let backed = soup.backed();

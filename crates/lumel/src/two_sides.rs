@@ -1,20 +1,20 @@
 //! Warns about sheets that have different light on their two sides.
 //!
-//! A double-sided face has one place in the lightmap, which holds the light of its front. A wall
-//! without thickness between a bright and a dark room is wrong in one of them, whatever it holds.
-//! [`split`](crate::split) gives such sides separate faces; this is for
-//! those that it cannot split, or whose one side it takes for the outside of the level.
+//! A double-sided face has one place in the lightmap, which holds the light of its front. On a wall
+//! without thickness between a bright and a dark room, one side is wrong. [`split`](crate::split)
+//! gives such sides separate faces; this warns about those that it cannot split, or of which it
+//! takes one side for the outside of the level.
 
 use radiosity::{Solution, World, luminance};
 
 use crate::named::{node_of, some_of};
 use crate::split::each_side;
 
-/// Ratio of the light on the two sides from which on to warn: two stops.
+/// Ratio of the light on the two sides that gives a warning: two stops.
 const RATIO: f64 = 4.0;
 
-/// A side with less than this fraction of the scene's mean light is not visible, e.g. the inside of
-/// a closed box.
+/// Below this fraction of the scene's mean light, a side is taken to be invisible, e.g. the inside
+/// of a closed box.
 const UNLIT: f64 = 0.01;
 
 /// Light of an instance's sheets, irradiance × area by side: front, back.

@@ -2,8 +2,8 @@
 //!
 //! Blender's exporter writes materials in W/(m² sr). Its *Lighting Mode* decides the units of
 //! lamps: *Standard* multiplies them by 683 (candela and lux), *Unitless* leaves them in W/sr and
-//! W/m², and *Raw* writes a lamp's watts instead of W/sr. No file records the mode. But users type
-//! round figures, so the mode that gives the roundest figures is assumed.
+//! W/m², and *Raw* writes a lamp's watts instead of W/sr. Files do not record the mode. But users
+//! type round figures, so the mode that gives the roundest figures is assumed.
 
 use std::f64::consts::PI;
 
@@ -20,8 +20,8 @@ const LUMENS_PER_WATT: f64 = 683.0;
 pub(crate) const BLENDER: &str = "Khronos glTF Blender I/O";
 const ADD_ON: &str = "Lumel add-on";
 
-/// Significant digits from which an intensity is a product instead of a figure that someone typed;
-/// an `f32` holds 7.
+/// An intensity with this many significant digits is a product, not a figure that someone typed; an
+/// `f32` holds 7.
 const MOST_DIGITS: u32 = 7;
 
 /// A mode needs this many fewer digits, over all lamps, to be chosen. A single product that is

@@ -15,7 +15,7 @@ use crate::report::{audit_warnings, clamped_warning};
 use crate::settings::Settings;
 use crate::two_sides;
 
-/// Fraction of hidden lumels from which on to warn. Props that intersect floors hide fewer.
+/// Fraction of hidden lumels that gives a warning. Props that intersect floors hide fewer.
 const MANY_HIDDEN: f64 = 0.05;
 
 /// Number of sampled triangles that decide whether an instance is inside something.
@@ -106,7 +106,7 @@ fn is_inside(world: &World, instance: usize) -> bool {
             .all(|t| world.inside_a_body(&point(t)))
 }
 
-/// Inputs of a finished bake's warnings.
+/// What the warnings of a finished bake are made from.
 pub(crate) struct Warned<'w> {
     pub loaded: &'w Loaded,
     pub world: &'w World<'w>,
@@ -115,7 +115,7 @@ pub(crate) struct Warned<'w> {
     pub solution: &'w Solution,
     pub baked: &'w Baked,
     pub settings: &'w Settings,
-    /// Whether the user was already told that the bake will be black.
+    /// Whether the user was already warned that the bake will be black.
     pub foretold: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Work folders: what `lumel solve` leaves to other processes.
+//! Work folders, through which `lumel solve` passes its results to other processes.
 //!
 //! | file | holds |
 //! |---|---|
@@ -7,8 +7,8 @@
 //! | `charts/` | charts of large meshes, as `--cache` stores them |
 //! | `shard-I-of-N.light` | the light of shard I |
 //!
-//! The rest follows from the scene: patches, the tree and the layout are made again, and are the
-//! same.
+//! Everything else follows from the scene: each process rebuilds patches, tree and layout
+//! identically.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::record::PROGRAM;
 
-/// Changes with the format of the folder.
+/// Raised when the format of the folder changes.
 const FORMAT: u32 = 1;
 
 /// Name of the file that describes the work.
@@ -36,10 +36,10 @@ const MAX_WORK: u64 = 64 << 20;
 /// Longest solution that is read, bytes.
 const MAX_SOLUTION: u64 = 16 << 30;
 
-/// Stands for the seal while it is computed.
+/// Placeholder of the seal while it is computed.
 const BLANK: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// A `lumel solve` command, so that other processes take the same settings.
+/// A recorded `lumel solve` command, from which other processes take the same settings.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Told {
     /// The folder in which it ran.
@@ -52,11 +52,11 @@ pub struct Told {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Hashed {
     pub file: String,
-    /// Null if there was none.
+    /// Null if the file did not exist.
     pub digest: Option<String>,
 }
 
-/// The description of a work.
+/// The description of a work folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Description {
     pub format: u32,
@@ -64,9 +64,9 @@ pub(crate) struct Description {
     pub told: Told,
     /// Hash of program, settings and inputs: [`Record::key`](crate::Record::key).
     pub key: String,
-    /// What was read.
+    /// Files that were read.
     pub inputs: Vec<Hashed>,
-    /// What was written beside this.
+    /// Files that were written beside this one.
     pub files: Vec<Hashed>,
     /// Primitives (mesh, primitive) that got separate faces for their two sides.
     pub split: Vec<(usize, usize)>,
@@ -74,7 +74,7 @@ pub(crate) struct Description {
     pub layout: String,
     /// Lumels of each instance.
     pub lumels: Vec<u32>,
-    /// Hash of all this.
+    /// Hash of everything above.
     pub seal: String,
 }
 
@@ -94,7 +94,7 @@ impl Description {
         }
     }
 
-    /// The file, sealed.
+    /// The bytes of the file, sealed.
     pub(crate) fn to_json(&self) -> Vec<u8> {
         let with = |seal: String| {
             let sealed = Description {
@@ -107,12 +107,12 @@ impl Description {
     }
 }
 
-/// A work folder that was checked.
+/// A work folder whose description and files were checked.
 #[derive(Debug, Clone)]
 pub struct WorkFolder {
     pub(crate) folder: PathBuf,
     pub(crate) description: Description,
-    /// The seal.
+    /// The seal of its description.
     pub(crate) digest: Digest,
 }
 
@@ -125,7 +125,7 @@ fn fault(path: &Path, message: impl Into<String>, io: bool) -> Error {
 }
 
 impl WorkFolder {
-    /// Opens a folder that `lumel solve` wrote, and checks everything in it but shards.
+    /// Opens a folder that `lumel solve` wrote, and checks everything in it except shards.
     ///
     /// # Errors
     /// [`Error::Folder`].
@@ -164,7 +164,7 @@ impl WorkFolder {
         Ok(work)
     }
 
-    /// Checks the files beside the description.
+    /// Checks the files listed in the description.
     fn check_files(&self) -> Result<(), Error> {
         for Hashed { file, digest } in &self.description.files {
             let path = self.folder.join(file);
@@ -184,7 +184,7 @@ impl WorkFolder {
         &self.description.told
     }
 
-    /// Refuses inputs and settings other than those that were solved.
+    /// Refuses inputs and settings that differ from those that were solved.
     pub(crate) fn check_inputs(&self, key: &str, inputs: &[Hashed]) -> Result<(), Error> {
         let mut known = self.description.inputs.iter();
         for input in inputs {
@@ -201,7 +201,7 @@ impl WorkFolder {
         Ok(())
     }
 
-    /// Refuses a layout other than the one that was solved.
+    /// Refuses a layout that differs from the one that was solved.
     pub(crate) fn check_layout(&self, layout: &Layout) -> Result<(), Error> {
         if layout_digest(layout) == self.description.layout {
             return Ok(());
@@ -222,7 +222,7 @@ impl WorkFolder {
     }
 }
 
-/// Hash of everything that lumels depend on.
+/// Hash of the layout, which determines the lumels.
 pub(crate) fn layout_digest(layout: &Layout) -> String {
     let mut h = blake3::Hasher::new();
     let mut put = |x: &[u32]| {
@@ -246,7 +246,7 @@ pub(crate) fn layout_digest(layout: &Layout) -> String {
     h.finalize().to_hex().to_string()
 }
 
-/// Hashes of the files in a folder, sorted by name, named with the folder's own name.
+/// Hashes of the files in a folder, sorted by name; names include the folder's.
 pub(crate) fn hashes_in(folder: &Path) -> Result<Vec<Hashed>, Error> {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return Ok(Vec::new()); // No mesh was large enough.

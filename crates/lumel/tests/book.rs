@@ -1,4 +1,4 @@
-//! The documents are true: every path, option, field and symbol that they name exists, links lead
+//! The documents are true: every path, option, field and symbol in them exists, links lead
 //! somewhere, and the book's commands run.
 
 mod commands;
@@ -66,7 +66,7 @@ fn every_page_is_in_the_books_index() {
     none(&lost);
 }
 
-/// Folders of the project that documents name files in.
+/// Folders of the project whose files documents name.
 const FOLDERS: [&str; 7] = [
     "crates/", "docs/", "lab/", "tools/", "assets/", "tests/", ".ci/",
 ];
@@ -100,8 +100,8 @@ fn long_options(text: &str) -> impl Iterator<Item = &str> {
         })
 }
 
-/// What is given to `lumel` in a line of a shell, of a build file or of a text; `None` where another
-/// program is called.
+/// The arguments of `lumel` in a line of a shell, a build file or prose; `None` if the line calls
+/// another program.
 fn arguments(line: &str) -> Option<&str> {
     if line.starts_with("--") {
         return Some(line);
@@ -162,7 +162,7 @@ fn every_field_of_the_report_exists() {
     none(&faults);
 }
 
-/// Words in documents that are other programs'.
+/// Names in documents that belong to other programs.
 const FOREIGN: [&str; 5] = [
     "AmbientLight",
     "KHR_lights_environment",
@@ -171,7 +171,7 @@ const FOREIGN: [&str; 5] = [
     "use_bicubic_filter",
 ];
 
-/// Words of a text, and as serde writes them in files: `row_order` as `rowOrder`.
+/// Words of a text, also in the spelling that serde writes: `row_order` as `rowOrder`.
 fn words_of(text: &str) -> impl Iterator<Item = String> {
     let words = text.split(|c: char| !(c.is_alphanumeric() || c == '_'));
     words.flat_map(|w| [w.to_owned(), camel_case(w)])
@@ -218,7 +218,7 @@ fn every_symbol_exists() {
     let known = words();
     let mut faults = BTreeSet::new();
     for page in documents() {
-        // What the page itself defines in an example.
+        // Names that the page's own examples define.
         let own: HashSet<String> = page.blocks.iter().flat_map(|(_, b)| words_of(b)).collect();
         for span in &page.spans {
             let name = span.split('(').next().expect("split gives something");

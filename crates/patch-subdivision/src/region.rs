@@ -123,7 +123,7 @@ fn merge_small(
     for (t, &r) in of_triangle.iter().enumerate() {
         parts[r as usize].add(soup, t, two_sided(t));
     }
-    // The part that each region belongs to now.
+    // The part that each region belongs to so far.
     let mut now: Vec<u32> = (0..regions).collect();
     for level in 0..3 {
         let voxel = size * (1 << level) as f32;

@@ -54,7 +54,7 @@ pub struct Patch {
     pub mask: u16,
     /// Whether the patch is the back of its surface.
     pub back: bool,
-    /// Whether all of it is where no light arrives and from which none is seen; see
+    /// Whether all of it is where no light arrives and from where none is seen; see
     /// [`Subdivision::hide`].
     pub hidden: bool,
     /// Whether it is a single element of a cell whose elements are all separate patches; nothing is
@@ -236,7 +236,7 @@ impl Subdivision {
         p.first_element as usize..p.first_element as usize + p.elements as usize
     }
 
-    /// The region of a triangle: connected and nearly flat. `None` of one that rays do not see.
+    /// The region of a triangle; `None` for a triangle that rays do not see.
     pub fn region_of(&self, triangle: u32) -> Option<usize> {
         (self.region_of_triangle.get(triangle as usize)).map(|&region| region as usize)
     }
@@ -248,7 +248,7 @@ impl Subdivision {
         1.0 / x.length().min(y.length())
     }
 
-    /// Patch and element of the point `p` on `triangle`, on its back if `back`; `None` on the back
+    /// Patch and element of the point `p` on `triangle`, on its back if `back`. `None` on the back
     /// of a single-sided face, which has no light.
     #[inline]
     pub fn locate(&self, triangle: u32, p: Vec3, back: bool) -> Option<Locus> {

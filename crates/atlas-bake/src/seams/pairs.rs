@@ -215,7 +215,7 @@ const BESIDE: f32 = 0.5;
 /// obstacles cast no shadow that a lumel would show.
 const ABOVE: f32 = 0.4;
 
-/// Whether the surface continues from one piece to the other: normals agree and nothing stands in
+/// Whether the surface continues from one piece to the other: normals agree and nothing stands
 /// between. Buried sides are recognised later by their lumels.
 fn goes_on(world: &World, pieces: [&Piece; 2], params: [f32; 2]) -> bool {
     let normals = [0, 1].map(|k| {

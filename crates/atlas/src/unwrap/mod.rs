@@ -40,7 +40,7 @@ pub use xatlas::Xatlas;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UnwrapperChoice {
-    /// The one that measures best: uvunwrap.
+    /// The one with the best measurements: uvunwrap.
     #[default]
     Auto,
     /// The `uvunwrap` crate.

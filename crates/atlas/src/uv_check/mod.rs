@@ -11,15 +11,15 @@ use crate::unwrap::{UnwrapInput, weighted_median};
 
 pub use fault::{Severity, UvFault, UvFaultKind, UvPlace};
 
-/// Largest fraction of covered texels under two triangles. Shared borders in authors' atlases cross
-/// a few texel centres; real overlaps (tiled or mirrored layouts) are far above this.
+/// Largest allowed fraction of covered texels under two triangles. Shared borders in authors'
+/// atlases cross a few texel centres; real overlaps (tiled or mirrored layouts) are far above this.
 const MAX_OVERLAP: f64 = 0.005;
 
 /// How far a coordinate may be outside 0..1: the rounding of quantised coordinates, far below a
 /// texel.
 const RANGE_SLACK: f32 = 1e-4;
 
-/// Largest fraction of the surface without area in the lightmap.
+/// Largest allowed fraction of the surface without area in the lightmap.
 const MAX_COLLAPSED: f64 = 0.01;
 
 /// Least side of the grid for finding overlaps, texels, because a small lightmap could miss them
@@ -30,8 +30,7 @@ const LEAST_GRID: u32 = 256;
 /// few corners.
 const CLOSE: f64 = 0.01;
 
-/// Ratio of the largest to the smallest density (their 99 % and 1 % quantiles by area) from which
-/// on to warn.
+/// Densities that differ by more than this factor (99 % and 1 % quantiles by area) give a warning.
 const UNEVEN: f64 = 4.0;
 
 /// Choice of lightmap coordinates.

@@ -64,7 +64,8 @@ pub(crate) struct Bake {
     /// The level.
     #[arg(skip)]
     pub scene: PathBuf,
-    /// One of several levels: what is said and written for all of them is left to the caller.
+    /// Whether it is one of several levels: the caller then prints and writes what concerns all of
+    /// them.
     #[arg(skip)]
     pub one_of_many: bool,
     /// Folder for the results
@@ -339,7 +340,7 @@ impl Knobs {
     }
 }
 
-/// Options that decide the atlas.
+/// Options that determine charts and pages.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Plan {
     /// Index of the scene in the document [default: the document's default scene]

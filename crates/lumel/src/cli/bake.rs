@@ -78,7 +78,7 @@ pub(crate) fn one(a: &Bake, layered: &Layered) -> Result<Done, Failure> {
     one_until(a, layered, &AtomicBool::new(false))
 }
 
-/// Like [`one`], but ends with [`lumel::Error::Cancelled`] once `stop` is set.
+/// As [`one`], but ends with [`lumel::Error::Cancelled`] once `stop` is set.
 pub(crate) fn one_until(a: &Bake, layered: &Layered, stop: &AtomicBool) -> Result<Done, Failure> {
     let Layered {
         settings,
@@ -100,7 +100,7 @@ pub(crate) fn one_until(a: &Bake, layered: &Layered, stop: &AtomicBool) -> Resul
     conclude(a, outcome, *strict, &display)
 }
 
-/// Finishes a bake whose shards are gathered.
+/// Finishes a bake whose shards are all gathered.
 pub(crate) fn merge(a: &Bake, layered: &Layered, work: &WorkFolder) -> Result<Done, Failure> {
     let (settings, provenance) = (&layered.settings, &layered.provenance);
     check_outputs(a, settings, provenance)?;
@@ -110,7 +110,7 @@ pub(crate) fn merge(a: &Bake, layered: &Layered, work: &WorkFolder) -> Result<Do
     conclude(a, outcome, layered.strict, &display)
 }
 
-/// Tells what came out.
+/// Prints what the user wants to know about the result.
 fn conclude(
     a: &Bake,
     outcome: Result<(Report, Files), Failure>,
@@ -173,7 +173,7 @@ fn check_outputs(
     taken.push(place(&a.scene));
     taken.extend(points.map(|p| place(p)));
     taken.extend(provenance.config.iter().map(|(path, _)| place(path)));
-    // `--report` may name the place where the report goes anyway.
+    // `--report` may name the report's usual place.
     let report = a
         .report
         .iter()
@@ -417,7 +417,7 @@ fn summary(a: &Bake, report: &Report, display: &Display<'_>) {
     }
 }
 
-/// Figures for readers who know how Lumel works.
+/// Figures for readers who know Lumel's internals.
 fn details(report: &Report, display: &Display<'_>) {
     let m = &report.measured;
     let audit = &report.solve.audit;

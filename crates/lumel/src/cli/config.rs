@@ -35,7 +35,7 @@ pub(crate) struct ConfigFile {
     options: FileOptions,
 }
 
-/// Settings, and who set each of them.
+/// Settings, and the origin of each of them.
 #[derive(Debug, Default)]
 pub(crate) struct Layered {
     pub settings: Settings,
@@ -45,7 +45,7 @@ pub(crate) struct Layered {
 }
 
 impl Layered {
-    /// Applies a value that `who` gave for option `key`, if any, and records its origin.
+    /// Applies the value of option `key`, if `who` gave one, and records its origin.
     pub(crate) fn put<T>(
         &mut self,
         who: Origin,
@@ -586,7 +586,7 @@ impl From<GroupTable> for LightGroup {
     }
 }
 
-/// Settings that are not defaults and who set them, one per line.
+/// Settings that are not defaults and their origins, one per line.
 pub(crate) fn describe(origins: &BTreeMap<String, Origin>) -> String {
     let list = |who: Origin| {
         let keys: Vec<&str> = (origins.iter())

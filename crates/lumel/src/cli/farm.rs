@@ -21,7 +21,7 @@ pub(crate) struct Solve {
     pub bake: Bake,
 }
 
-/// How a command is run.
+/// How a command runs and shows its progress.
 #[derive(Debug, Args)]
 pub(crate) struct Run {
     /// Worker threads [default: one per core]
@@ -83,14 +83,15 @@ fn parse_shard(text: &str) -> Result<ShardOf, String> {
         .ok_or_else(|| format!("expected I/N with I from 1 to N, and N at most {MOST}, e.g. 3/8"))
 }
 
-/// The command that solves, and its settings.
+/// The `lumel solve` command of a work folder, and its settings.
 struct Solved {
     bake: Bake,
     layered: Layered,
 }
 
 impl Solved {
-    /// Reads a `lumel solve` command. Its paths are relative to the folder in which it ran.
+    /// Parses the command that a work folder records. Its paths are relative to the folder in which
+    /// it ran.
     fn of(told: &Told) -> Result<Solved, Failure> {
         let words = ["lumel", "solve"].map(str::to_owned);
         let words = words.into_iter().chain(told.arguments.iter().cloned());
@@ -122,7 +123,7 @@ impl Solved {
         }
     }
 
-    /// Shows what is done as this command asks.
+    /// Takes over this command's display options.
     fn run_as(&mut self, run: &Run) {
         self.bake.quiet = run.quiet;
         self.bake.verbose = run.verbose;
@@ -130,7 +131,7 @@ impl Solved {
     }
 }
 
-/// This command, for other processes.
+/// This command, recorded for other processes.
 fn told() -> Result<Told, Error> {
     let setting = |message: &str| Error::Setting(message.into());
     let folder = std::env::current_dir().ok();
@@ -148,7 +149,7 @@ fn told() -> Result<Told, Error> {
     Ok(Told { folder, arguments })
 }
 
-/// Refuses options about results, which `lumel merge` writes.
+/// Refuses options about results, because `lumel merge` writes those.
 fn refuse_results(a: &Bake) -> Result<(), Error> {
     let options = [
         ("--preview", a.preview.is_some()),

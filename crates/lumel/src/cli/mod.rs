@@ -37,7 +37,7 @@ pub(crate) enum Failure {
     Strict(usize),
     /// Standard output is closed, so nothing can be reported.
     Output(std::io::Error),
-    /// Of one of several levels, and told when it failed; its exit code.
+    /// One of several levels failed, and the error was printed; its exit code.
     Told(u8),
 }
 
@@ -126,13 +126,12 @@ fn warn_of_strangers(folder: &lumel::BakeFolder) {
 /// Longest line printed, bytes: fits the longest path that systems allow.
 const LINE: usize = 5000;
 
-/// One line of text without control characters: names in documents and of files may contain them.
+/// One line of text without control characters, which names of files and nodes may contain.
 fn line(text: &str) -> Cow<'_, str> {
     printable_within(text, LINE)
 }
 
-/// An error message. Its own further lines are indented; other line breaks come from names and are
-/// removed.
+/// An error message. Its own further lines are indented; line breaks from names are removed.
 fn lines(text: &str) -> String {
     let mut parts = text.split("\n  ").map(line);
     let first = parts.next().unwrap_or_default().into_owned();

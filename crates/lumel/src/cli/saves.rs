@@ -127,7 +127,7 @@ mod tests {
         let mut saves = Saves::default();
         saves.note([a.clone(), b.clone()]);
         assert!(!saves.changed());
-        // Touched.
+        // A new time stamp alone.
         let later = SystemTime::now() + Duration::from_secs(5);
         std::fs::File::options()
             .write(true)
@@ -139,7 +139,7 @@ mod tests {
         assert!(saves.changed() && saves.changed(), "until it is noted");
         saves.note([a]);
         assert!(!saves.changed());
-        // A file that was not there comes.
+        // A file that was missing appears.
         std::fs::write(&b, "new").unwrap();
         assert!(saves.changed());
     }

@@ -11,8 +11,8 @@ use super::bake::Files;
 use super::interrupt;
 use super::progress::Display;
 
-/// The files of the finished bake, if nothing needs to be baked. If so, all side results are
-/// restored and the user is told.
+/// The files of the finished bake, if it is up to date. Side results are then restored, and the
+/// user is told.
 pub(crate) fn skip(
     a: &Bake,
     settings: &Settings,

@@ -30,7 +30,7 @@ pub(crate) struct Serve {
 }
 
 impl Serve {
-    /// Says where the page is, and opens it if that was asked for.
+    /// Prints where the page is, and opens it if requested.
     pub(crate) fn start(&self, bakes: &Path) -> Result<Viewer, Failure> {
         let viewer = Viewer::bind(bakes, self.port)?;
         let url = viewer.url();

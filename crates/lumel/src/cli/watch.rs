@@ -101,7 +101,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Bakes the present level, first as a draft and then as asked.
+    /// Bakes the level as it is now, first as a draft and then as requested.
     fn bake(&mut self) -> Result<(), Failure> {
         let asked = settings(self.a)?;
         self.saves.note(files_of_settings(&asked));
@@ -175,7 +175,7 @@ impl Session<'_> {
         }
     }
 
-    /// Shows a status on the page; none if `text` is empty.
+    /// Shows a status on the page; an empty `text` removes it.
     fn show(&self, text: &str, fault: bool) {
         if let Some(page) = &self.page {
             let text = text.to_owned();
@@ -197,14 +197,14 @@ fn folder_of(scene: &Path) -> &Path {
     named.unwrap_or(Path::new("."))
 }
 
-/// The present settings. Warnings are printed but never end a watch, so `strict` is off.
+/// The current settings. Warnings are printed but never end a watch, so `strict` is off.
 fn settings(a: &Bake) -> Result<Layered, Error> {
     let mut layered = a.settings()?;
     layered.strict = false;
     Ok(layered)
 }
 
-/// Files that settings name. The scene's own inputs are known once it was read.
+/// Files that settings name. The scene's own inputs are only known once it was read.
 fn files_of_settings(layered: &Layered) -> Vec<PathBuf> {
     let settings = &layered.settings;
     let mut all = Vec::new();
@@ -217,7 +217,7 @@ fn files_of_settings(layered: &Layered) -> Vec<PathBuf> {
     all
 }
 
-/// Settings of the draft; `None` if a draft is what was asked for.
+/// Settings of the draft; `None` if the user asked for a draft.
 fn coarse(a: &Bake) -> Result<Option<Layered>, Error> {
     let mut layered = settings(a)?;
     let settings = &mut layered.settings;

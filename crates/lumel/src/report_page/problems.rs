@@ -10,7 +10,7 @@ const ROWS: usize = 100;
 /// Rows of each kind that are visible without unfolding.
 const OPEN: usize = 8;
 
-/// Fraction of the light absorbed by backfaces from which the baker warns.
+/// Fraction of the light absorbed by backfaces that gives a warning in the bake.
 const LOST_BEHIND: f64 = 0.05;
 
 pub(super) fn section(report: &Value) -> String {

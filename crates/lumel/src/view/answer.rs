@@ -92,7 +92,7 @@ impl Reply {
 pub(super) struct Answers {
     pub folder: BakeFolder,
     pub planes: Planes,
-    /// Of whoever bakes into the folder.
+    /// Status of the program that bakes into the folder.
     pub status: Mutex<Option<Status>>,
 }
 

@@ -13,10 +13,10 @@ use tempfile::TempDir;
 use super::pages::{Page, documents};
 use crate::common::{lumel, parse, quads, temp, write};
 
-/// Settings that keep the bakes of commands which say nothing else short.
+/// Settings that keep bakes short if a command sets nothing else.
 const CHEAP: &str = "quality = \"draft\"\ntexels-per-unit = 2\n";
 
-/// Squares under lamps with the names of the demo level's.
+/// Squares under lamps with the names of the demo level's lamps.
 fn level() -> String {
     let mut document = parse(quads::scene());
     let nodes = document["nodes"].as_array_mut().expect("nodes");
@@ -43,7 +43,7 @@ fn level() -> String {
     document.to_string()
 }
 
-/// A folder with what the commands read.
+/// A folder with the files that the commands read.
 fn folder() -> TempDir {
     let t = temp();
     let at = |name: &str| t.path().join(name);
@@ -64,7 +64,7 @@ fn folder() -> TempDir {
     t
 }
 
-/// `lumel` at the front of the path.
+/// A command with `lumel` at the front of the path.
 fn shell(line: &str, folder: &Path) -> Command {
     let binary = Path::new(env!("CARGO_BIN_EXE_lumel"));
     let path = std::env::var("PATH").unwrap_or_default();

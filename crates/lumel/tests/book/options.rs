@@ -1,4 +1,4 @@
-//! The book's page of options is what `lumel COMMAND --help` says.
+//! The book's page of options matches `lumel COMMAND --help`.
 
 use std::fmt::Write;
 use std::fs;
@@ -7,7 +7,7 @@ use super::pages::root;
 use super::{COMMANDS, WIDTH, none};
 use crate::common::lumel;
 
-/// An option, or an argument: how it is written, and its text.
+/// An option or an argument: its syntax and its text.
 #[derive(PartialEq)]
 struct Item {
     name: String,
@@ -53,7 +53,7 @@ fn items(help: &str) -> Vec<Item> {
     items
 }
 
-/// An entry of a list in lines of at most [`WIDTH`], the first of them after `bullet`.
+/// A list entry in lines of at most [`WIDTH`], the first after `bullet`.
 fn wrapped(bullet: &str, text: &str) -> String {
     let (mut out, mut line) = (String::new(), bullet.trim_end().to_owned());
     for word in text.split_whitespace() {
@@ -99,8 +99,8 @@ fn page() -> String {
     page
 }
 
-/// A sentence on items explained further up; a command that shares most options with `bake` lists
-/// those that it lacks.
+/// A sentence on items explained further up. If a command shares most options with `bake`, it names
+/// those that are missing instead.
 fn known(bake: &[Item], old: &[Item]) -> String {
     let list = |items: &[&Item]| {
         let names: Vec<_> = items.iter().map(|i| format!("`{}`", i.name)).collect();
@@ -110,7 +110,10 @@ fn known(bake: &[Item], old: &[Item]) -> String {
     if lacking.len() >= old.len() {
         return format!("As above: {}.", list(&old.iter().collect::<Vec<_>>()));
     }
-    let options: Vec<&Item> = lacking.into_iter().filter(|i| i.name.starts_with('-')).collect();
+    let options: Vec<&Item> = lacking
+        .into_iter()
+        .filter(|i| i.name.starts_with('-'))
+        .collect();
     if options.is_empty() {
         return "All options of `lumel bake`.".to_owned();
     }
