@@ -69,8 +69,8 @@ pub fn bake_light(
     bake_with(gatherer, layout, options, monitor, None)
 }
 
-/// As [`bake_light`], with light that [`gather_shard`] has put into `records`. The result is the
-/// same, whatever they hold of it.
+/// As [`bake_light`], reusing the light that [`gather_shard`] put into `records`. The result does
+/// not depend on which records exist.
 ///
 /// # Errors
 /// [`Cancelled`] if the monitor asks for it.
@@ -84,8 +84,8 @@ pub fn merge_light(
     bake_with(gatherer, layout, options, monitor, Some(records))
 }
 
-/// Gathers the light of a shard into `records`: what [`bake_light`] does before it looks at all
-/// lumels together.
+/// Gathers the light of a shard into `records`, with the passes of [`bake_light`] that do not need
+/// all lumels.
 ///
 /// # Errors
 /// [`Cancelled`] if the monitor asks for it.
@@ -103,7 +103,7 @@ pub fn gather_shard(
     gather_passes(gatherer, &mut map, &mut work)
 }
 
-/// The passes that a shard can do.
+/// The passes that a shard can run.
 fn gather_passes(
     gatherer: &Gatherer,
     map: &mut LumelMap,

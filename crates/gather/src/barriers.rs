@@ -54,7 +54,7 @@ impl Barriers {
         Barriers { bits, matter }
     }
 
-    /// Lets them matter. A shard does not know whether they do elsewhere.
+    /// Makes barriers matter. A shard does not know whether they do outside of it.
     pub(crate) fn let_matter(&mut self) {
         self.matter = true;
     }

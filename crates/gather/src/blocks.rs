@@ -24,7 +24,7 @@ pub(crate) fn in_blocks(
     part_in_blocks(0..n, n, phase, monitor, gather)
 }
 
-/// As [`in_blocks`], for a part of the `n`.
+/// As [`in_blocks`], for some of the `n`.
 ///
 /// # Errors
 /// [`Cancelled`] if the monitor asks for it.

@@ -20,16 +20,16 @@ pub(crate) const MOSTLY_INSIDE: f32 = 0.75;
 /// Half-way between nothing and the fraction right behind a plane.
 pub(crate) const BEHIND: f32 = 0.25;
 
-/// Points of whose rays fewer than this fraction meet the front of something are outside the level,
-/// if others near them are in a room: under a floor or beyond a wall there are only backs and the
-/// sky.
+/// Points are outside the level if fewer than this fraction of their rays hit the front of
+/// something and nearby points are in a room: under a floor or beyond a wall there are only backs
+/// and the sky.
 const OUTSIDE: f32 = 0.1;
 
-/// Points of whose rays this fraction meets the front of something are in a room. Beside a fence on
-/// a plain it is half of them.
+/// Points are in a room if at least this fraction of their rays hit the front of something. Beside
+/// a fence on a plain, half of them do.
 const IN_A_ROOM: f32 = 0.75;
 
-/// What the rays of a footprint meet.
+/// What surrounds the points of a footprint.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Around {
     /// Backs and the sky.
@@ -103,7 +103,7 @@ impl Point {
     }
 
     /// Fraction of these points' rays that hit black backfaces, and fraction that hit these, unlit
-    /// backfaces, or something right above; 1 without points.
+    /// backfaces, or something right above; both are 1 without points.
     pub(crate) fn dark_shares<'p>(points: impl Iterator<Item = &'p Point>) -> [f32; 2] {
         let (mut black, mut unlit, mut rays) = (0, 0, 0);
         for p in points {
@@ -164,9 +164,9 @@ pub(crate) struct Estimate {
     pub mean: Vec3,
     /// The mean over the first half of the points.
     pub first_half: Vec3,
-    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. Consecutive points of a
-    /// Sobol sequence are stratified against each other, and so are the groups, which this ignores:
-    /// it is on the safe side.
+    /// Variance of the mean's luminance, from [`GROUPS`] groups of points. It ignores that
+    /// consecutive points of a Sobol sequence, and so the groups, are stratified against each
+    /// other, which makes it an upper bound.
     pub variance: f32,
     /// Whether the points differ by more than their rays' noise.
     pub disagree: bool,

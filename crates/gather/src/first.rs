@@ -29,8 +29,8 @@ pub(crate) fn gather_first(
     map.received.resize_with(n, Received::default);
     let first = listed((0..n).filter(|&i| !map.plan.is(i)));
     work.gather(map, Pass::First, &first, whole)?;
-    // A sheet may reach beyond a shard. Shards take sheets as not turned, and the bake that takes
-    // their light does those that are anew.
+    // A sheet may extend beyond a shard. Shards treat sheets as not turned, and the merge gathers
+    // turned sheets again.
     if !work.is_shard() {
         let turned = turn_unseen(gatherer, map, work.monitor)?;
         work.distrust(map, &turned);
@@ -53,7 +53,7 @@ pub(crate) fn gather_first(
     work.gather(map, Pass::Unsteady, &unsteady, whole)
 }
 
-/// Lumels of which nothing else is to be known.
+/// These lumels, without further data.
 fn listed(lumels: impl Iterator<Item = usize>) -> Vec<(usize, ())> {
     lumels.map(|i| (i, ())).collect()
 }

@@ -50,7 +50,7 @@ impl Gatherer<'_, '_> {
             planes.take(of_point);
         });
         let (sums, mut rays) = (sampled.sums, sampled.rays);
-        // The light inside a wall is irrelevant, whatever its rays find.
+        // Inside a wall, light is irrelevant, whatever the rays find.
         let covered = options.open_only && sums.iter().any(|s| s.near || s.backs > 0);
         let buried: Vec<bool> = (points.iter())
             .map(|p| covered && world.inside_a_body(p))

@@ -14,8 +14,8 @@ use crate::received::Received;
 /// them read it.
 ///
 /// Lumels behind a surface that their neighbours are in front of are filled too, e.g. a wall's
-/// first row below ground, which may see the sky from below. So are those outside the level beside
-/// ones in a room, e.g. where a sofa's back passes through a wall without thickness.
+/// first row below ground, which may see the sky from below. So are lumels outside the level that
+/// are next to lumels in a room, e.g. where a sofa's back passes through a wall without thickness.
 pub(crate) fn fill_hidden(world: &World, map: &mut LumelMap, rings: u32) {
     let mut filled: Vec<bool> = map.received.iter().map(|r| r.open > 0.0).collect();
     let received = &map.received;

@@ -32,7 +32,7 @@ impl LumelMap {
         LumelMap::of(world, layout, rule, 0..world.scene.instances.len())
     }
 
-    /// As [`new`](Self::new), with the lumels of these instances only.
+    /// As [`new`](Self::new), for the lumels of these instances only.
     pub(crate) fn of(
         world: &World,
         layout: &Layout,
@@ -56,12 +56,12 @@ impl LumelMap {
         }
     }
 
-    /// How many lumels there are.
+    /// Number of lumels.
     pub fn len(&self) -> usize {
         self.lumels.lumels.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no lumels.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -76,7 +76,7 @@ impl LumelMap {
         &self.received
     }
 
-    /// Whether lumel `i` is to be interpolated rather than gathered at.
+    /// Whether lumel `i` is interpolated instead of gathered.
     pub fn is_interpolated(&self, i: usize) -> bool {
         self.plan.is(i)
     }

@@ -1,10 +1,10 @@
 //! Gathers until the estimated error reaches the requested one.
 //!
-//! Each round smooths the map on trial and estimates its error. The lumels that contribute most to
-//! it get four times their samples, of the kind that they lack (gathering rays; points at a
-//! contact; points of a penumbra). As few lumels are chosen as bring the sum down to the target.
-//! The first samples only decide where to continue. A lumel that appears accurate by chance is
-//! judged together with its neighbours: their claims are pooled.
+//! Each round smooths the map tentatively and estimates its error. The lumels that contribute most
+//! to the error get four times their samples, of the kind that they lack (gathering rays, points at
+//! a contact, or points of a penumbra). As few lumels are chosen as reduce the sum to the target.
+//! The first samples only decide where to continue: a lumel that appears accurate by chance is
+//! judged together with its neighbours, because their claims are pooled.
 
 use std::collections::BTreeMap;
 
@@ -28,8 +28,8 @@ const TIMES: u32 = 4;
 /// rays each. The sequences have 2¹⁶ points; a lumel with a coverage of an eighth uses all of them.
 const MOST: u32 = 8192;
 
-/// Most rounds: from the least to the most samples there are eight doublings; the rest corrects
-/// misjudgements of earlier rounds.
+/// Most rounds. From the least to the most samples there are eight doublings; the other rounds
+/// correct misjudgements of earlier ones.
 const ROUNDS: u32 = 10;
 
 /// Largest fraction of a chosen lumel's squared error that remains after a round.

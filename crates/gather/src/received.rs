@@ -40,8 +40,8 @@ pub struct Received {
     pub rays: u64,
     /// Whether there is something within the footprint's size.
     pub(crate) near: bool,
-    /// Whether many of its rays hit black backfaces, i.e. it is behind a surface that others are in
-    /// front of.
+    /// Whether many of its rays hit black backfaces, i.e. it is behind a surface that its
+    /// neighbours are in front of.
     pub(crate) behind: bool,
     /// What surrounds it.
     pub(crate) around: Around,
@@ -135,7 +135,7 @@ impl Received {
         self.direct + self.indirect
     }
 
-    /// Whether nobody looks at the footprint: it is hidden, or lies in the void.
+    /// Whether nobody sees the footprint: it is hidden, or in the void.
     pub(crate) fn is_unseen(&self) -> bool {
         self.open == 0.0 || self.void
     }

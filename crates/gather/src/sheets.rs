@@ -75,8 +75,8 @@ impl Sheet {
 }
 
 /// Double-sided regions whose front is unseen at [`UNSEEN`] of their gathered lumels, by area.
-/// Excludes lumels on duplicates, which have their own side, and on faces whose back such a
-/// duplicate shows.
+/// Lumels on duplicates, which have their own side, are excluded, and so are faces whose back such
+/// a duplicate shows.
 fn mostly_unseen(gatherer: &Gatherer, map: &LumelMap) -> Vec<Sheet> {
     let (world, cut) = (gatherer.world(), &gatherer.tracer.solution.cut);
     let backed = world.soup.backed();

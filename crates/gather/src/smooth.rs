@@ -342,8 +342,8 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     }
 }
 
-/// Whether a wall cuts the lumel. All of its neighbours then lie on one side, and a quadratic would
-/// follow the lumel's own value, which is noisy: specks ran along the corners of rooms.
+/// Whether a wall cuts the lumel. All of its neighbours are then on one side, and a quadratic would
+/// follow the lumel's own noisy value. This caused specks along the corners of rooms.
 fn is_cut(r: &Received) -> bool {
     r.open < 1.0
 }

@@ -90,7 +90,7 @@ impl Path {
     }
 }
 
-/// Result of a gathering ray.
+/// What a gathering ray found.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Found {
     pub radiance: Vec3,

@@ -1,13 +1,13 @@
 //! Divides the passes of a bake among processes.
 //!
-//! A shard gathers a range of lumels, as far as it can decide by itself what a pass does: a lumel
-//! whose pass reads neighbours beyond the range is left out. What it gathers goes to [`Records`].
-//! The bake that takes them runs all passes over all lumels. It decides anew what each pass does,
-//! which costs no rays, takes the light that a record has, and gathers the rest itself. So missing
-//! records cost time and never change the result.
+//! A shard gathers a range of lumels, as far as it can decide each pass by itself: lumels whose
+//! pass reads neighbours beyond the range are left out. The results go to [`Records`]. The merge
+//! runs all passes over all lumels. It decides each pass again, which costs no rays, reuses the
+//! light in the records, and gathers the rest itself. So missing records cost time but never change
+//! the result.
 //!
-//! Lumels are in the order of instances, rows and columns, and passes read neighbours of the same
-//! instance only. A shard's lumels that know all their neighbours are therefore a range too.
+//! Lumels are ordered by instance, row and column, and passes read neighbours of the same instance
+//! only. The lumels of a shard whose neighbours are all known therefore form a range too.
 
 use std::ops::Range;
 
@@ -29,21 +29,21 @@ pub enum Pass {
     Unsteady,
     /// A round of following edges, from 0.
     Edges(u32),
-    /// More rays, as neighbours show.
+    /// More rays, where neighbours show a need.
     More,
 }
 
-/// Rows around a lumel that decide what happens to it between the first pass and the second: the
-/// taps of interpolation are three lumels away, and whether a tap is interpolated itself depends
-/// on its neighbours.
+/// Number of rows around a lumel that decide its fate between the first pass and the second: the
+/// taps of interpolation are three lumels away, and whether a tap is itself interpolated depends on
+/// its neighbours.
 const BETWEEN: u32 = 4;
 
 /// The same for a round of following edges, and for walls.
 const BESIDE: u32 = 1;
 
 impl Pass {
-    /// Rows around a lumel that the light after this pass depends on, over all passes up to this.
-    /// `follow` is the number of rounds of [`Pass::Edges`].
+    /// Number of rows around a lumel that its light after this pass depends on, over all passes so
+    /// far. `follow` is the number of rounds of [`Pass::Edges`].
     fn depth(self, follow: u32) -> u32 {
         match self {
             Pass::First => 0,
@@ -53,7 +53,7 @@ impl Pass {
         }
     }
 
-    /// How progress names it.
+    /// The phase that progress shows.
     fn phase(self) -> Phase {
         match self {
             Pass::First | Pass::Between | Pass::Unsteady => Phase::Gather,
@@ -62,12 +62,12 @@ impl Pass {
     }
 }
 
-/// Keeps the light that shards gather.
+/// Stores the light that shards gather.
 pub trait Records: Sync {
-    /// Keeps the light of these lumels, which are numbered over the whole layout, after a pass.
+    /// Stores the light of these lumels after a pass. Lumels are numbered over the whole layout.
     fn put(&self, pass: Pass, lumels: &[u32], light: &[Received]);
 
-    /// Hands over everything that was kept of a pass.
+    /// Passes on everything that was stored for a pass.
     fn take(&self, pass: Pass, to: &mut dyn FnMut(u32, Received));
 }
 
@@ -90,7 +90,7 @@ impl Shard<'_> {
         cut(self.number)..cut(self.number + 1)
     }
 
-    /// The instances that the shard's lumels belong to, and the number of lumels before them.
+    /// The instances of the shard's lumels, and the number of lumels before them.
     pub(crate) fn instances(&self) -> (Range<usize>, usize) {
         let lumels = self.lumels();
         let (mut before, mut first, mut base, mut last) = (0usize, None, 0, 0);
@@ -108,33 +108,34 @@ impl Shard<'_> {
     }
 }
 
-/// Who gathers what.
+/// What a process gathers.
 enum Role<'r> {
     /// Everything.
     Whole,
-    /// A shard: a range of the map, whose first lumel has the number `base` in the layout.
+    /// A shard: a range of the map, whose first lumel is number `base` of the layout.
     Shard {
         own: Range<usize>,
         base: usize,
         records: &'r dyn Records,
     },
-    /// What no shard has gathered.
+    /// Everything that no shard has gathered.
     Rest(&'r dyn Records),
 }
 
-/// The gathering of one process.
+/// The share of the gathering that one process does.
 pub(crate) struct Work<'r> {
     pub monitor: &'r dyn Monitor,
     role: Role<'r>,
     /// Rounds of [`Pass::Edges`].
     follow: u32,
-    /// Instances of which shards do not know what happened; empty if there are none.
+    /// Instances for which shards could not know the outcome of earlier passes; empty if there are
+    /// none.
     stale: Vec<bool>,
-    /// Whether shards could not know how far to look.
+    /// Whether shards could not know how far their lumels depend on others.
     unsure: bool,
 }
 
-/// Lumels gathered at a time, so that results wait in little memory.
+/// Lumels gathered at a time, to bound the memory for results.
 const BATCH: usize = 1 << 16;
 
 impl<'r> Work<'r> {
@@ -148,7 +149,7 @@ impl<'r> Work<'r> {
         }
     }
 
-    /// What shards have left, of a bake that takes their light from `records`.
+    /// The rest of a bake whose shards have put light into `records`.
     pub(crate) fn rest(self, records: &'r dyn Records) -> Self {
         Work {
             role: Role::Rest(records),
@@ -170,7 +171,7 @@ impl<'r> Work<'r> {
         matches!(self.role, Role::Shard { .. })
     }
 
-    /// Declares records after the first pass invalid for the instances of these lumels.
+    /// Declares records of passes after the first invalid for the instances of these lumels.
     pub(crate) fn distrust(&mut self, map: &LumelMap, lumels: &[usize]) {
         for &i in lumels {
             let instance = map.lumel(i).instance as usize;
@@ -181,7 +182,7 @@ impl<'r> Work<'r> {
         }
     }
 
-    /// Settles whether walls matter: shards assume that they do.
+    /// Decides whether walls matter; shards assume that they do.
     pub(crate) fn see_walls(&mut self, map: &mut LumelMap) {
         match self.role {
             Role::Shard { .. } => map.barriers.let_matter(),
@@ -189,9 +190,9 @@ impl<'r> Work<'r> {
         }
     }
 
-    /// Gathers at `items`, lumels in rising order with what else `one` wants to know, and stores
-    /// the light in the map. `one` sees the map as it was before up to 65,536 lumels earlier; it
-    /// must not depend on that.
+    /// Gathers at `items` (lumels in ascending order, with further data for `one`) and stores the
+    /// light in the map. `one` sees the map as it was up to 65,536 lumels earlier and must not
+    /// depend on that.
     ///
     /// # Errors
     /// [`Cancelled`] if the monitor asks for it.
@@ -235,7 +236,7 @@ impl<'r> Work<'r> {
         Ok(())
     }
 
-    /// Takes the light that shards have of these items; returns the other items.
+    /// Takes the light that shards have recorded for these items; returns the other items.
     fn take<T: Copy>(
         &self,
         map: &mut LumelMap,
@@ -247,7 +248,7 @@ impl<'r> Work<'r> {
             return items.to_vec();
         }
         let mut there = vec![false; items.len()];
-        // Both are in rising order.
+        // Both are in ascending order.
         let mut at = 0;
         records.take(pass, &mut |lumel, light| {
             let lumel = lumel as usize;

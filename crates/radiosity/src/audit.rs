@@ -266,8 +266,8 @@ pub(crate) fn audit(
             let (o, area) = (&outgoing[i], surfaces.area[i] * outgoing[i].solid);
             let out = o.reflected + o.glow + o.lamp;
             let mut row = Row::default();
-            // The luminance that a ray takes along minus what it would bring back. By reciprocity,
-            // the mean over all patches is 0.
+            // The luminance that a ray takes along minus what it would return. By reciprocity, the
+            // mean over all patches is 0.
             let level = lum(out);
             let (mut sum, mut squares) = (0f64, 0f64);
             let (mut by_element, mut count) = ([0f64; 16], [0f64; 16]);

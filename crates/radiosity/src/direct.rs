@@ -108,7 +108,7 @@ impl DirectParts {
     }
 }
 
-/// What is recorded of a light.
+/// How a light is recorded.
 #[derive(Debug, Clone, Copy, Default)]
 struct Kind {
     /// It is a sun.
@@ -120,7 +120,8 @@ struct Kind {
 }
 
 impl Kind {
-    /// The share of the samples that it gets. A mask must be accurate whatever the lamp contributes.
+    /// The share of the samples that it gets. A mask must be accurate even if the lamp contributes
+    /// little.
     fn share(&self, share: f32) -> f32 {
         if self.channel.is_some() { 1.0 } else { share }
     }

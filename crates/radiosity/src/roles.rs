@@ -1,5 +1,5 @@
-//! Lamps whose direct light an engine adds while a game runs: which of them are left out of
-//! lightmaps, and which have a shadow mask on which surface.
+//! Lamps whose direct light an engine adds while a game runs: which lightmaps leave them out, and
+//! which surfaces have shadow masks for them.
 
 use rayon::prelude::*;
 
@@ -13,7 +13,7 @@ pub const MASKS: usize = 4;
 /// The lamps of each channel of a shadow mask: indices into [`mesh_ingest::Scene::lights`].
 pub type MaskLamps = [Option<u32>; MASKS];
 
-/// What lumels do with the direct light of each lamp. Light that surfaces reflect is not affected.
+/// How lumels treat the direct light of each lamp. Light that surfaces reflect is not affected.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct LampRoles {
     /// By light of [`mesh_ingest::Scene::lights`]: whether its direct light is left out.
@@ -61,7 +61,7 @@ impl LampRoles {
     }
 }
 
-/// For each of `lamps`, the instances that it reaches: whether some element of theirs sees it. An
+/// For each of `lamps`, the instances that it reaches, i.e. those with an element that sees it. An
 /// instance that stands in for others is reached where they are.
 pub fn lamps_that_reach(
     world: &World,

@@ -330,7 +330,7 @@ fn textured_panel(size: u32, bright: impl Fn(u32, u32) -> u8) -> Scene {
     scene
 }
 
-/// A sign of 12 × 13 texels of 128 × 128: 1 % of the panel.
+/// No emitter is counted twice or omitted.
 const SIGN: [[u32; 2]; 2] = [[70, 30], [82, 43]];
 
 fn sign() -> Scene {
