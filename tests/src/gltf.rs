@@ -26,12 +26,12 @@ pub struct Material {
     pub name: String,
     /// Linear RGB reflectance, 0..=1 (`baseColorFactor`).
     pub reflectance: [f32; 3],
-    /// Index from [`GltfBuilder::texture`], multiplied with `reflectance`; needs uv.
+    /// Index from [`GltfBuilder::texture`], multiplied by `reflectance`; needs uv.
     pub texture: Option<usize>,
     /// Radiance of the front in W/(m² sr), any size ≥ 0; above 1 `KHR_materials_emissive_strength`
     /// is used.
     pub emission: [f32; 3],
-    /// Index from [`GltfBuilder::texture`], multiplied with `emission`; needs uv.
+    /// Index from [`GltfBuilder::texture`], multiplied by `emission`; needs uv.
     pub emission_texture: Option<usize>,
     /// `alphaMode` MASK with this cutoff.
     pub mask: Option<f32>,

@@ -27,7 +27,7 @@ pub(crate) struct Pages<'p, 'w, 'a> {
 struct Channel {
     name: String,
     range: Range,
-    /// Colour channel of the reflectance that the channel is finally multiplied with.
+    /// Colour channel of the reflectance that the channel is finally multiplied by.
     /// Multiplication comes last because reflectance jumps where light does not.
     tint: Option<usize>,
     /// Whether it holds light in the requested unit.
@@ -222,7 +222,7 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    /// Whether any channel is multiplied with the reflectance.
+    /// Whether any channel is multiplied by the reflectance.
     fn tinted(&self) -> bool {
         self.options.value == ValueKind::Radiosity
             || self.options.layers.contains(&Layer::Radiosity)
@@ -254,7 +254,7 @@ impl Pages<'_, '_, '_> {
         match layer {
             Layer::Direct => out.extend((self.direct(r) * scale).to_array()),
             Layer::Indirect => out.extend((r.indirect * scale).to_array()),
-            // Multiplied with the reflectance at the end.
+            // Multiplied by the reflectance at the end.
             Layer::Radiosity => out.extend(((self.direct(r) + r.indirect) * FRAC_1_PI).to_array()),
             Layer::Error => {
                 let tint = match self.options.value {

@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .texels_per_unit(8.0)
         .bake(&document)?;
 
-    // Lightmap: R = E/π per texel, which an engine multiplies with the albedo.
+    // Lightmap: R = E/π per texel, which an engine multiplies by the albedo.
     let page = &bake.pages()[0];
     let lumels =
         || (page.value.iter().zip(&page.coverage)).filter(|(_, coverage)| **coverage > 0.0);

@@ -173,7 +173,7 @@ pub struct Material {
     /// `emissiveFactor` × `emissiveStrength`: radiance in W/(m² sr), or nit if the scene is
     /// photometric.
     pub emissive: Vec3,
-    /// `emissiveTexture` (sRGB), multiplied with `emissive`.
+    /// `emissiveTexture` (sRGB), multiplied by `emissive`.
     pub emissive_texture: Option<TextureRef>,
     /// How alpha is used; opaque if no alpha value lets light through, whatever the document says.
     pub alpha: AlphaMode,
@@ -183,7 +183,7 @@ pub struct Material {
     /// `KHR_materials_transmission`: the fraction of light that passes straight through, tinted by
     /// the base colour, instead of being reflected diffusely; 0..=1.
     pub transmission: f32,
-    /// `transmissionTexture` (red channel, linear), multiplied with `transmission`.
+    /// `transmissionTexture` (red channel, linear), multiplied by `transmission`.
     pub transmission_texture: Option<TextureRef>,
     /// Upper limit of reflectance in each channel, 0..=1.
     pub max_reflectance: f32,
@@ -281,7 +281,7 @@ pub struct Light {
     pub intensity: Vec3,
     /// The kind, with its geometry.
     pub kind: LightKind,
-    /// Measured distribution of a point or spot light, multiplied with `intensity`.
+    /// Measured distribution of a point or spot light, multiplied by `intensity`.
     pub profile: Option<PlacedProfile>,
 }
 
