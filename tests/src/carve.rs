@@ -14,7 +14,7 @@ use crate::geometry::Geometry;
 /// Number of an empty space: 0 is the outside, others are up to the caller.
 pub type Space = u8;
 
-/// A face for which the caller of [`Carver::faces`] chooses the paint.
+/// A face that the caller of [`Carver::faces`] paints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Face {
     /// The empty space that the face looks into.

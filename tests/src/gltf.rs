@@ -86,8 +86,8 @@ impl Material {
 pub enum Light {
     /// Candela (W/sr) per colour channel.
     Point([f32; 3]),
-    /// Candela per colour channel, then the half-angles in radians of full intensity and of its
-    /// end.
+    /// Candela per colour channel, then the half-angles in radians at which full intensity and all
+    /// light end.
     Spot([f32; 3], f32, f32),
     /// Lux (W/m²) on a plane facing it, per colour channel.
     Directional([f32; 3]),

@@ -123,8 +123,8 @@ pub(super) fn make(kit: &mut Kit) {
     }
 }
 
-/// Stones in courses with their faces near z = 0, looking along +z; `to` says where the wall's
-/// start goes.
+/// Stones in courses with their faces near z = 0, looking along +z; `to` places the start of the
+/// wall.
 fn wall(
     kit: &mut Kit,
     s: &Stones,
@@ -213,7 +213,7 @@ fn ceiling(kit: &mut Kit, p: &Palette, stone: usize, min: Vec3, max: Vec3, t: f3
     kit.item(&format!("ceiling_{i}"), &parts, place(Vec3::ZERO, 0.0));
 }
 
-/// A pillar of drums, or a heap of stones that stand in each other.
+/// A pillar of drums, or a heap of intersecting stones.
 fn pile(kit: &mut Kit, paint: usize, height: f32) -> Vec<(Geometry, usize)> {
     if kit.rng.chance(0.5) {
         let (r, n) = (kit.rng.metres(0.2, 0.35), kit.rng.int(3, 6));

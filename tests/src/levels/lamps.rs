@@ -68,7 +68,7 @@ pub(super) fn make(kit: &mut Kit) {
             [1.0, 0.92, 0.8]
         };
         let kind = if kind == 4 { kit.rng.int(0, 3) } else { kind };
-        // One in the middle, rows of them along the hall, or at random.
+        // One in the middle, rows along the hall, or at random.
         let z = d * (k as f32 + 0.5) / n as f32;
         let x = w * kit.rng.pick(&[0.5, 0.15, 0.85, 0.4]);
         let at = Vec3::new(x.clamp(0.35, w - 0.35), height, z);
@@ -76,7 +76,7 @@ pub(super) fn make(kit: &mut Kit) {
     }
 }
 
-/// One lamp under the ceiling at `at`; `light` is the flux over 4π, about.
+/// One lamp under the ceiling at `at`; `light` is approximately the flux over 4π.
 fn lamp(kit: &mut Kit, k: u32, kind: u32, at: Vec3, light: [f32; 3]) {
     let name = format!("lamp_{k}");
     match kind {
@@ -107,7 +107,8 @@ fn lamp(kit: &mut Kit, k: u32, kind: u32, at: Vec3, light: [f32; 3]) {
             let glow = kit.glow(&name, radiance);
             let g = block([-0.02, -0.02, -l / 2.0], [0.02, 0.0, l / 2.0]);
             let turn = kit.rng.pick(&[0.0, 90.0]);
-            // Strips end before the walls only by chance: people let them stand in walls.
+            // Strips end short of the walls only by chance, because people let them intersect
+            // walls.
             let at = at - Vec3::Y * kit.rng.pick(&[0.0, 0.001, 0.3]);
             kit.item(&name, &[(g, glow)], place(at, turn));
         }

@@ -508,7 +508,7 @@ impl Room {
             } else {
                 Vec3::new(e, self.min.y + lift, s)
             };
-            // Parts that are not symmetrical keep their middle.
+            // Asymmetrical parts keep their centre.
             let shift = -(hi.x + lo.x) / 2.0;
             let (sin, cos) = super::random::sin_cos(turn);
             let to = place(middle + Vec3::new(cos * shift, 0.0, -sin * shift), turn);

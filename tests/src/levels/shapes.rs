@@ -231,7 +231,7 @@ pub(super) fn cupboard(rng: &mut Random, p: &Palette) -> Parts {
     out
 }
 
-/// A barrel of rings, sides as many.
+/// A barrel of rings with `sides` sides.
 pub(super) fn barrel(rng: &mut Random, p: &Palette) -> Parts {
     let (r, h, n) = (rng.metres(0.2, 0.4), rng.metres(0.6, 1.0), rng.int(6, 14));
     let z = Vec3::Z * (r * 1.15);
@@ -302,7 +302,7 @@ pub(super) fn rock_of(seed: u32, radii: Vec3, level: u32) -> Geometry {
     faceted(g)
 }
 
-/// With a vertex for each corner, flat normals, and no texture coordinates worth having.
+/// With a vertex for each corner, flat normals, and placeholder texture coordinates.
 pub(super) fn faceted(g: Geometry) -> Geometry {
     let mut out = Geometry::default();
     for t in &g.triangles {
@@ -320,8 +320,7 @@ pub(super) fn faceted(g: Geometry) -> Geometry {
     out
 }
 
-/// An arch of stones over an opening `w` wide that springs at `y`, `d` deep; about the middle in x
-/// and z.
+/// An arch of stones over an opening `w` wide and `d` deep that springs at `y`, centred in x and z.
 pub(super) fn arch(stones: u32, w: f32, y: f32, d: f32, t: f32) -> Geometry {
     let mut out = Geometry::default();
     for i in 0..stones {
@@ -475,7 +474,7 @@ pub(super) fn floor_lamp(rng: &mut Random, p: &Palette) -> Parts {
     ]
 }
 
-/// A picture or a mirror's frame: to hang at eye level.
+/// A picture or mirror frame, to hang at eye level.
 pub(super) fn picture(rng: &mut Random, p: &Palette) -> Parts {
     let (w, h) = (rng.metres(0.3, 1.2), rng.metres(0.3, 0.9));
     vec![

@@ -107,7 +107,7 @@ fn house(kit: &mut Kit, hills: &Hills, [x, z]: [f32; 2], i: u32) {
     plan.style.skins = false;
     let (x1, z1) = (plan.xs[plan.xs.len() - 1], plan.zs[1]);
     let (cx, cz) = ((x + x1) / 2.0, (z + z1) / 2.0);
-    // The ground may come up through the floor.
+    // The ground may rise through the floor.
     let highest = [(x, z), (x1, z), (x, z1), (x1, z1), (cx, cz)]
         .map(|(x, z)| hills.at(x, z))
         .into_iter()
@@ -118,7 +118,7 @@ fn house(kit: &mut Kit, hills: &Hills, [x, z]: [f32; 2], i: u32) {
     plan.along_z[0][0] = Edge::Windows(1, 0.8, 2.0);
     let t = plan.style.thickness;
     let built = plan.build(kit);
-    // Walls go on into the ground.
+    // Walls continue into the ground.
     let deep = kit.rng.range(0.8, 1.6);
     let base = block(
         [x - t / 2.0, plan.floor - deep, z - t / 2.0],
@@ -131,7 +131,7 @@ fn house(kit: &mut Kit, hills: &Hills, [x, z]: [f32; 2], i: u32) {
             window_frame(kit, o, p.pale, &format!("window_{i}_{k}"));
         }
     }
-    // Two boards lean against each other, standing in the walls.
+    // Two boards lean against each other and intersect the walls.
     let (w, half) = ((x1 - x) / 2.0 + 0.4, (z1 - z) / 2.0);
     let slope = kit.rng.range(25.0, 45.0).round();
     let (s, c) = super::random::sin_cos(slope);

@@ -106,7 +106,7 @@ fn cameras_stand_in_free_space() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// All families but foliage, whose cards the path tracer does not support.
+/// All families except foliage, whose cards the path tracer does not support.
 #[test]
 #[ignore = "takes a minute; for whoever changes a family"]
 fn cameras_of_full_levels_stand_in_free_space() {

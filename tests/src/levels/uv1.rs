@@ -100,7 +100,7 @@ pub(super) fn make(kit: &mut Kit) {
     }
 }
 
-/// Which island each triangle belongs to: those that share vertices belong together.
+/// The island of each triangle: triangles that share vertices belong together.
 fn islands(g: &Geometry) -> Vec<Vec<usize>> {
     let mut parent: Vec<usize> = (0..g.positions.len()).collect();
     fn root(parent: &mut [usize], mut i: usize) -> usize {
@@ -130,7 +130,7 @@ fn islands(g: &Geometry) -> Vec<Vec<usize>> {
     out
 }
 
-/// With islands laid out in rows of equal cells, and `fault` done to them.
+/// With islands laid out in rows of equal cells, and `fault` applied to them.
 fn unwrapped(kit: &mut Kit, parts: &Parts, fault: Fault) -> Parts {
     let mut parts: Parts = (parts.iter())
         .map(|(g, m)| {

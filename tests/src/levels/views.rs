@@ -49,7 +49,7 @@ impl Kit {
             // A fallback: the view with the fewest backs.
             let mut spare: Option<View> = None;
             for attempt in 0..6000 {
-                // Spaces that look at nothing else first; later any, and later less choosy.
+                // First spaces without a view yet, later any, and later with lower standards.
                 let space = spaces[rng.int(0, spaces.len() as u32 - 1) as usize];
                 let view = draw(&mut rng, &space, k);
                 let slack = f64::from(attempt / 1500);
@@ -128,7 +128,7 @@ impl Judge<'_> {
         self.tree.closest(&ray).map(|h| (h.t, h.triangle))
     }
 
-    /// How much there is to see (0 for a useless view), and how much of it is wrong; `None` if no
+    /// How much there is to see (0 for a useless view), and how much of it is faulty; `None` if no
     /// camera can be there.
     fn score(&self, v: &View, k: usize, slack: f64) -> Option<(f64, f64)> {
         for i in 0..26 {
@@ -202,9 +202,9 @@ impl Judge<'_> {
         f64::from(u8::from(lit))
     }
 
-    /// Whether a camera fits: nothing within [`CLEAR`], even thin edges that slip between rays, and
-    /// no solid node around it. Inside one its winding number is about 1 (Jacobson et al., *Robust
-    /// Inside-Outside Segmentation using Generalized Winding Numbers*, 2013).
+    /// Whether a camera fits: nothing is within [`CLEAR`], including thin edges that slip between
+    /// rays, and no solid node surrounds it. Inside a node its winding number is about 1 (Jacobson
+    /// et al., *Robust Inside-Outside Segmentation using Generalized Winding Numbers*, 2013).
     fn fits(&self, p: DVec3) -> bool {
         let mut winding = vec![0.0; self.kit.solids.len()];
         for t in self.tree.triangles() {
@@ -221,8 +221,8 @@ impl Judge<'_> {
     }
 }
 
-/// Squared distance of a triangle from the origin: that of its plane where the foot lies inside,
-/// else that of its nearest edge.
+/// Squared distance of a triangle from the origin: that of its plane if the foot lies inside, else
+/// that of its nearest edge.
 fn nearest(a: DVec3, b: DVec3, c: DVec3) -> f64 {
     let edge = |p: DVec3, q: DVec3| {
         let d = q - p;

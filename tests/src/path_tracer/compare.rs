@@ -10,7 +10,7 @@ use super::trace::{Estimate, luminance};
 /// One footprint's irradiance by the two methods.
 #[derive(Debug, Clone)]
 pub struct Pair {
-    /// What the footprint belongs to; differences are also summed by label.
+    /// What the footprint belongs to; differences are also summed by this label.
     pub label: String,
     /// Its centre, metres.
     pub position: DVec3,
@@ -28,7 +28,7 @@ impl Pair {
         luminance(self.judged) - luminance(self.traced.mean)
     }
 
-    /// [`difference`](Pair::difference) in standard errors of both; 0 where both are exactly equal.
+    /// [`difference`](Pair::difference) in standard errors of both; 0 if both are exactly equal.
     pub fn z(&self) -> f64 {
         let d = self.difference();
         if d == 0.0 {
@@ -107,7 +107,7 @@ impl Comparison {
         labels
     }
 
-    /// Evidence against the judged values; empty if there is none.
+    /// Evidence against the judged values; empty if there is no evidence.
     ///
     /// 1. The sum of a channel differs by more than `bias_bound` (relative) plus 3 standard errors
     ///    of the path tracer's sum.
@@ -226,7 +226,7 @@ mod tests {
     /// `noise` claimed standard errors; both sides have one standard error.
     fn made_up(noise: f64, factor: f64) -> Comparison {
         let mut rng = Random::new(1, 1);
-        // Sum of twelve uniform numbers: nearly normal, variance 1.
+        // The sum of twelve uniform numbers is nearly normal, with variance 1.
         let mut normal = || (0..12).map(|_| rng.next()).sum::<f64>() - 6.0;
         let pair = |i: usize| {
             let truth = 1.0 + (i % 10) as f64;
@@ -259,8 +259,8 @@ mod tests {
     #[test]
     fn each_fault_is_named() {
         let of = |c: &Comparison, bound: f64| c.objections(bound).join("; ");
-        // The sum is known to 0.01/√400 = 0.05 %, on both sides; 3 of these and the bound are what
-        // it takes.
+        // The sum is known to 0.01/√400 = 0.05 % on both sides; detection needs 3 of these plus the
+        // bound.
         assert!(of(&made_up(1.0, 1.005), 0.0).contains("red differs by"));
         assert!(of(&made_up(1.0, 0.995), 0.0).contains("blue differs by"));
         assert!(!of(&made_up(1.0, 1.005), 0.01).contains("red differs by"));

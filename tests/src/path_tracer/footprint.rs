@@ -20,7 +20,7 @@ struct Piece {
 /// A piece of surface over which irradiance is averaged.
 #[derive(Debug, Clone)]
 pub struct Footprint {
-    /// Index into the pages' sizes; 0 for one without a lightmap.
+    /// Index into the pages' sizes; 0 for a footprint without a lightmap.
     pub page: usize,
     /// Column and row of the texel.
     pub texel: [u32; 2],
@@ -49,7 +49,7 @@ impl Footprint {
     }
 
     /// The point of the scene nearest to `position` on a triangle that faces along `normal` (unit,
-    /// at most 60° off); `None` if there is none.
+    /// at most 60° off); `None` if there is no such triangle.
     ///
     /// For points from other programs, which do not know our triangles. The point is moved onto the
     /// triangle.
@@ -110,7 +110,7 @@ impl Footprint {
         } else {
             self.pieces[k - 1].until
         };
-        // What is left of `pick` is uniform again: it chooses a triangle of the outline's fan.
+        // The remainder of `pick` is uniform again: it chooses a triangle of the outline's fan.
         let mut left = (pick - from) / (piece.until - from) * area(&piece.outline);
         let [a, b] = [piece.outline[0], piece.outline[1]];
         let mut fan = [a, b, piece.outline[2]];
@@ -188,7 +188,7 @@ pub fn footprints(scene: &Scene, sizes: &[[u32; 2]]) -> Vec<Footprint> {
     out
 }
 
-/// `count` different ones of `footprints`, chosen by `seed`, in their order; all if there are no
+/// `count` distinct `footprints`, chosen by `seed`, in their order; all of them if there are no
 /// more.
 pub fn choose(footprints: Vec<Footprint>, count: usize, seed: u64) -> Vec<Footprint> {
     let mut rng = Random::new(seed, u64::MAX);
@@ -209,7 +209,7 @@ pub fn choose(footprints: Vec<Footprint>, count: usize, seed: u64) -> Vec<Footpr
 fn texels(corners: [DVec2; 3], [width, height]: [u32; 2]) -> Vec<([u32; 2], Vec<DVec2>)> {
     let low = corners[0].min(corners[1]).min(corners[2]).floor();
     let high = corners[0].max(corners[1]).max(corners[2]).ceil();
-    // `as` saturates: what lies beyond the page is cut off.
+    // `as` saturates, which cuts off what is beyond the page.
     let range = |low: f64, high: f64, most: u32| (low as u32)..(high as u32).min(most);
     let mut out = Vec::new();
     for row in range(low.y, high.y, height) {
@@ -251,7 +251,7 @@ fn area(p: &[DVec2]) -> f64 {
     0.5 * twice.abs()
 }
 
-/// Centroid of a convex polygon; the mean of its corners where it has no area.
+/// Centroid of a convex polygon; the mean of its corners if it has no area.
 fn centroid(p: &[DVec2]) -> DVec2 {
     let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
     for i in 1..p.len().saturating_sub(1) {

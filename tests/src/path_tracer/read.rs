@@ -36,7 +36,7 @@ impl Scene {
             .iter()
             .map(surface)
             .collect::<Result<Vec<_>>>()?;
-        // What a primitive without a material gets.
+        // The surface of primitives without a material.
         surfaces.push(surface(&Value::Object(serde_json::Map::new()))?);
         let mut scene = Scene {
             surfaces,

@@ -1,4 +1,4 @@
-//! What the path tracer knows of a scene: triangles, Lambertian surfaces, lights, a constant sky.
+//! A scene as the path tracer sees it: triangles, Lambertian surfaces, lights, a constant sky.
 
 use glam::{DVec2, DVec3};
 
@@ -9,7 +9,7 @@ pub struct Surface {
     pub reflectance: DVec3,
     /// Emitted radiance L, W/(m² sr).
     pub emission: DVec3,
-    /// Reflects and emits on both sides; else its back blocks and is black.
+    /// Whether it reflects and emits on both sides; otherwise its back blocks light and is black.
     pub double_sided: bool,
 }
 
@@ -22,7 +22,7 @@ pub struct Triangle {
     pub surface: usize,
     /// Index into [`Scene::nodes`].
     pub node: usize,
-    /// Page of the lightmap and the corners' place on it (0..=1, v down), where the node has a
+    /// Page of the lightmap and the corners' positions on it (0..=1, v down), if the node has a
     /// lightmap.
     pub lightmap: Option<(usize, [DVec2; 3])>,
 }
@@ -93,7 +93,7 @@ pub struct Scene {
     pub surfaces: Vec<Surface>,
     /// Lights.
     pub lights: Vec<Light>,
-    /// Radiance of the sky, the same from everywhere, W/(m² sr).
+    /// Radiance of the sky, equal in all directions, W/(m² sr).
     pub sky: DVec3,
     /// Names of the document's nodes.
     pub nodes: Vec<String>,

@@ -65,7 +65,7 @@ fn a_spot_and_a_sun_have_no_noise() {
         let exact = forms::point_irradiance(100.0, 2.0, r) * ramp.clamp(0.0, 1.0).powi(2);
         let e = t.irradiance(&[floor_point(&t, r, 0.0)], Effort::new(2, 1))[0];
         // The node's rotation is stored as f32: 1e-7 radians, which the cone's slope of about 10
-        // makes 1e-6.
+        // turns into 1e-6.
         assert!(
             (e.mean.x - exact).abs() < 1e-5 * 25.0,
             "{angle}: {e:?} {exact}"
@@ -103,8 +103,8 @@ fn a_rectangle_over_a_floor() {
                 z(&e, exact).abs() < WORST_Z,
                 "{emitters:?} ({x}, {z_}): {e:?} {exact}"
             );
-            // By points the noise is some per cent of the value for a single path; a wrong constant
-            // factor cannot hide.
+            // For points, the noise of a single path is some per cent of the value; a wrong
+            // constant factor cannot hide in it.
             let limit = if emitters == EmitterSampling::Hits {
                 0.2
             } else {
@@ -196,8 +196,8 @@ fn an_indirectly_lit_sphere() {
     );
 }
 
-/// All three ways of finding emitters estimate one thing, where light has bounced and there is no
-/// closed form.
+/// All three ways of finding emitters estimate the same quantity, where light has bounced and there
+/// is no closed form.
 #[test]
 fn emitters_are_counted_once_however_they_are_found() {
     let t = tracer(&cornell_box());
@@ -337,7 +337,8 @@ fn what_is_not_modelled_is_refused() {
     }
 }
 
-/// A turned, moved and mirrored child keeps its front outside, and a light's node turns its axis.
+/// A rotated, moved and mirrored child keeps its front outside, and a light's node rotates its
+/// axis.
 #[test]
 fn nodes_place_what_they_hold() {
     use crate::geometry::cuboid;

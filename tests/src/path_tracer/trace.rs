@@ -27,7 +27,8 @@ pub enum EmitterSampling {
     /// By a point drawn on one of them at each vertex of the path; hits do not count. The variance
     /// is infinite where a surface touches an emitter.
     Points,
-    /// By both, weighted by the balance heuristic (Veach 1997, §9.2.2): low variance everywhere.
+    /// By both, weighted by the balance heuristic (Veach 1997, §9.2.2), with low variance
+    /// everywhere.
     #[default]
     Both,
 }
@@ -42,7 +43,7 @@ pub struct Effort {
     /// How emitters are found.
     pub emitters: EmitterSampling,
     /// Number of reflections after which paths are cut off. `None`, the default, cuts none. A
-    /// number makes the estimate biased, to check that a comparison notices.
+    /// number biases the estimate, to check that a comparison notices the bias.
     pub bounces: Option<u32>,
 }
 
@@ -91,7 +92,7 @@ pub struct PathTracer {
     normals: Vec<DVec3>,
     /// Emissive triangles with the running sum of their weights, which ends at 1.
     emitters: Vec<(usize, f64)>,
-    /// Density per m² with which a point of each triangle is drawn; 0 where it does not emit.
+    /// Density per m² with which a point of each triangle is drawn; 0 if it does not emit.
     density: Vec<f64>,
 }
 
@@ -168,8 +169,7 @@ impl PathTracer {
     /// One sample of the irradiance at `start`.
     ///
     /// E(x) = Σ lights + ∫ L_e cosθ dω + ∫ (ρ/π)·E(y) cosθ dω over the points y that x sees. A
-    /// direction drawn with density cosθ/π turns the last term into ρ·E(y), which is this function
-    /// again.
+    /// direction drawn with density cosθ/π turns the last term into ρ·E(y), i.e. into a recursion.
     fn path(&self, start: Vertex, rng: &mut Random, effort: Effort) -> DVec3 {
         let mut sum = DVec3::ZERO;
         // Weight of E at `x` in E at the start.

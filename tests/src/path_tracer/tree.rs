@@ -7,12 +7,12 @@ use super::scene::Triangle;
 /// Most triangles per leaf. Speed hardly matters; the tree only has to be correct.
 const LEAF: usize = 4;
 
-/// A stretch of a line.
+/// A segment of a line.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
     /// Start, metres.
     pub origin: DVec3,
-    /// Direction; `t` counts in its lengths.
+    /// Direction; `t` is in units of its length.
     pub direction: DVec3,
     /// Hits at or beyond this `t` do not count.
     pub t_max: f64,
@@ -21,7 +21,7 @@ pub struct Ray {
     pub skip: [usize; 2],
 }
 
-/// Where a ray meets a triangle.
+/// Where a ray hits a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Distance in lengths of the direction.
@@ -79,8 +79,8 @@ impl Tree {
         &self.triangles
     }
 
-    /// Adds the node over `order[from..to]`, and all below it; `pad` widens boxes beyond what
-    /// rounding can cost.
+    /// Adds the node over `order[from..to]` and its subtree; `pad` widens boxes beyond rounding
+    /// errors.
     fn split(&mut self, from: usize, to: usize, pad: f64) {
         let me = self.nodes.len();
         let (mut min, mut max) = (DVec3::MAX, DVec3::MIN);
@@ -103,7 +103,7 @@ impl Tree {
         let axis = (0..3).max_by(|&a, &b| d[a].total_cmp(&d[b])).unwrap_or(0);
         let triangles = &self.triangles;
         let key = |i: &usize| -> f64 { triangles[*i].corners.iter().map(|p| p[axis]).sum() };
-        // Ties by index, so that the tree is the same everywhere.
+        // Ties are decided by index, so that the tree is the same everywhere.
         self.order[from..to].sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
         let middle = usize::midpoint(from, to);
         self.nodes[me].count = 0;
@@ -117,7 +117,7 @@ impl Tree {
         self.search(ray, false)
     }
 
-    /// Whether anything lies on the stretch.
+    /// Whether anything is on the segment.
     pub fn blocked(&self, ray: &Ray) -> bool {
         self.search(ray, true).is_some()
     }
@@ -126,7 +126,7 @@ impl Tree {
         let inverse = ray.direction.recip();
         let mut best: Option<Hit> = None;
         let mut t_max = ray.t_max;
-        // The tree halves its items, so 64 levels are more than memory could hold.
+        // The tree halves its items, so 64 levels would need more items than fit in memory.
         let mut stack = [0usize; 64];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 {
@@ -160,7 +160,7 @@ impl Tree {
         best
     }
 
-    /// [`closest`](Tree::closest) by looking at every triangle: what the tree must agree with.
+    /// [`closest`](Tree::closest) by testing every triangle: the tree must agree with it.
     pub fn closest_of_all(&self, ray: &Ray) -> Option<Hit> {
         let mut best: Option<Hit> = None;
         for (i, triangle) in self.triangles.iter().enumerate() {

@@ -5,17 +5,17 @@ use glam::Vec3;
 use crate::geometry::{Geometry, box_faces, grid};
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// An empty room whose surfaces are square patches, with a lamp panel let into its ceiling, as GLB.
+/// An empty room of square patches with a lamp panel in its ceiling, as GLB.
 ///
-/// The room is a cube of 4 m whose six faces are `n` × `n` squares (two triangles each), so 6n²
-/// patches: n = 13 gives 1014 and n = 31 gives 5766, the sizes at which the solvers of the classic
-/// studies were compared. Walls reflect 0.7, the floor 0.4, the ceiling 0.8 and one wall is red
-/// (0.6, 0.1, 0.1). The middle third of the ceiling's squares (rounded to the nearest odd or even
-/// number that keeps it centred) emits 5 W/(m² sr) and reflects nothing. Sources of the kind of
-/// scene: Cohen, Chen, Wallace and Greenberg, *A Progressive Refinement Approach to Fast Radiosity
-/// Image Generation*, 1988; Gortler, Cohen and Slusallek, *Radiosity and Relaxation Methods*, 1994.
-/// One mesh `room` with primitives walls, red wall, floor, ceiling and lamp; no vertex is off its
-/// neighbour's edge.
+/// The room is a cube of 4 m whose six faces are `n` × `n` squares (two triangles each), so there
+/// are 6n² patches: n = 13 gives 1014 and n = 31 gives 5766, the sizes at which the solvers of the
+/// classic studies were compared. Walls reflect 0.7, the floor 0.4, the ceiling 0.8 and one wall is
+/// red (0.6, 0.1, 0.1). The middle third of the ceiling's squares (rounded to the nearest number
+/// that keeps it centred) emits 5 W/(m² sr) and reflects nothing. Sources for this kind of scene:
+/// Cohen, Chen, Wallace and Greenberg, *A Progressive Refinement Approach to Fast Radiosity Image
+/// Generation*, 1988; Gortler, Cohen and Slusallek, *Radiosity and Relaxation Methods*, 1994. One
+/// mesh `room` has the primitives walls, red wall, floor, ceiling and lamp. There are no
+/// T-junctions.
 pub fn classic_room(n: u32) -> Vec<u8> {
     let n = n.max(3);
     let size = 4.0;
@@ -106,7 +106,7 @@ mod tests {
     fn the_lamp_faces_down_and_the_ceiling_stays_whole() {
         for n in [3, 13, 31] {
             let (rim, lamp) = ceiling(n, 4.0);
-            // f32 coordinates at n that is not a power of two: relative 1e-6 is a few ulp.
+            // f32 coordinates for an n that is not a power of two: relative 1e-6 is a few ulp.
             assert!((rim.area() + lamp.area() - 16.0).abs() < 16e-6);
             assert!(lamp.area() > 0.9 && lamp.area() < 4.0, "{}", lamp.area());
             for g in [rim, lamp] {

@@ -10,8 +10,8 @@ use glam::{Quat, Vec3};
 use crate::geometry::{Geometry, quad};
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// One published unit (a millimetre) is a centimetre here: the box is a room 5.5 m wide, at which
-/// usual lightmap densities make sense. Irradiance does not change with scale.
+/// One published unit (a millimetre) is a centimetre here, so the box is a room 5.5 m wide, for
+/// which typical lightmap densities make sense. Irradiance does not change with scale.
 const METRES_PER_UNIT: f32 = 0.01;
 
 /// Lamp emission at 400, 500, 600 and 700 nm, as published (relative units; here W/(m² sr)).
@@ -103,8 +103,8 @@ fn p(x: f32, y: f32, z: f32) -> Vec3 {
 /// The box as GLB: one mesh and node with primitives white, red, green and lamp, open at the front
 /// (−Z) as published.
 ///
-/// The lamp sits in the ceiling's plane and the ceiling is cut out around it, so that no surface
-/// hides behind it; everything else is as published, the floor under the blocks included (its
+/// The lamp is in the ceiling's plane, and the ceiling is cut out around it, so that no surface is
+/// hidden behind it. Everything else is as published, including the floor under the blocks (its
 /// hidden lumels get exactly no light). Fronts face the room and the outside of the blocks. Node
 /// names: `cornell_box`, `camera`.
 pub fn cornell_box() -> Vec<u8> {
@@ -144,7 +144,7 @@ pub fn cornell_box() -> Vec<u8> {
         p(213.0, 548.8, 332.0),
         p(213.0, 548.8, 227.0),
     ];
-    // Four trapezoids between the ceiling's outline and the lamp's; they share corners, so there is
+    // Four trapezoids between the ceiling's outline and the lamp's. They share corners, so there is
     // no T-junction.
     let rim = |i: usize| {
         let j = (i + 1) % 4;

@@ -176,13 +176,13 @@ fn architecture(b: &mut GltfBuilder) {
     }
 }
 
-/// The paint of a face by where it lies and what it looks into.
+/// The paint of a face, by its position and the space in front of it.
 fn paint(f: &Face) -> Option<Paint> {
     let (up, down) = (f.normal.y > 0.5, f.normal.y < -0.5);
     let low = f.centre.y < 1.05;
     let floor = up && f.centre.y.abs() < 0.01;
     Some(match f.space {
-        // The underside of the ground is nobody's.
+        // The underside of the ground belongs to no space.
         OUTSIDE if down => return None,
         OUTSIDE if up && f.centre.y < 0.0 => Paint::Grass,
         OUTSIDE => Paint::Render,

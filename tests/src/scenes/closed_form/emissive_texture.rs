@@ -6,13 +6,13 @@ use image::{Rgba, RgbaImage};
 use crate::geometry::grid;
 use crate::gltf::{GltfBuilder, Material, Node};
 
-/// What glows on the panel of [`textured_panel`].
+/// The emissive pattern on the panel of [`textured_panel`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum GlowPattern {
-    /// One texel of every 4 × 4 is white (1), the others are sRGB 64 (0.05127), filtered: 0.110565
-    /// on average, alike all over.
+    /// One texel of every 4 × 4 is white (1), the others are sRGB 64 (0.05127). Filtered; 0.110565
+    /// on average, and even.
     Dots,
-    /// A white square of 4 × 4 texels about the middle, not filtered, on black: 1/64 of the panel.
+    /// A white square of 4 × 4 texels in the middle on black: 1/64 of the panel. Not filtered.
     Sign,
 }
 
@@ -29,13 +29,13 @@ impl GlowPattern {
     }
 }
 
-/// A square `panel` of `side` metres that looks up from y = 0, with a texture of 32 × 32 texels of
-/// `radiance` where it is white, and a black `plate` of 1 m that looks down from `height` above its
-/// middle; a black floor of 20 m lies below.
+/// A square `panel` of `side` metres that faces up at y = 0, with a texture of 32 × 32 texels whose
+/// white has `radiance`, and a black `plate` of 1 m that faces down from `height` above its middle.
+/// A black floor of 20 m is below.
 ///
-/// At a point of the plate E = π F × mean radiance where the pattern is alike all over or far away:
-/// [`super::polygon_irradiance`] of the panel with the radiance times [`GlowPattern::mean`]; of the
-/// sign exactly that of its own square, [`sign_corners`].
+/// At a point of the plate, E = π F × mean radiance if the pattern is even or far away:
+/// [`super::polygon_irradiance`] of the panel with the radiance times [`GlowPattern::mean`]. For
+/// the sign it is exactly that of its own square, [`sign_corners`].
 pub fn textured_panel(pattern: GlowPattern, radiance: f32, side: f32, height: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));

@@ -13,12 +13,12 @@ fn part(b: &mut GltfBuilder, name: &str, g: &Geometry, material: usize) {
     b.node(Node::of_mesh(name, mesh));
 }
 
-/// Two `a` × `b` rectangles (x, z) face to face `gap` apart about the y axis: `lamp` above emits
-/// `radiance` and reflects `rho[0]`, `plate` below reflects `rho[1]`.
+/// Two `a` × `b` rectangles (x, z) that face each other across `gap`, centred on the y axis: `lamp`
+/// above emits `radiance` and reflects `rho[0]`, `plate` below reflects `rho[1]`.
 ///
-/// Black ones: the mean of E on `plate` is πL × [`form_factor_opposed`]. Where the gap is far less
-/// than the sides, away from the rim they are infinite plates: E = πL/(1 − ρ₁ρ₂) on `plate` and ρ₂
-/// times that on `lamp`.
+/// If both are black, the mean of E on `plate` is πL × [`form_factor_opposed`]. If the gap is much
+/// smaller than the sides, they are infinite plates away from the rim: E = πL/(1 − ρ₁ρ₂) on `plate`
+/// and ρ₂ times that on `lamp`.
 pub fn opposed_plates(radiance: f32, [a, b]: [f32; 2], gap: f32, rho: [f32; 2]) -> Vec<u8> {
     let mut out = GltfBuilder::new();
     let lamp = out.material(&Material::emitter("lamp", [radiance; 3], [rho[0]; 3]));
@@ -42,8 +42,8 @@ pub fn form_factor_opposed(a: f64, b: f64, c: f64) -> f64 {
         * (log + x * q * (x / q).atan() + y * p * (y / p).atan() - x * x.atan() - y * y.atan())
 }
 
-/// A black floor `plate`, `width` deep and 1 m wide, and along its edge a wall `lamp` of `height` ×
-/// 1 m that emits `radiance`.
+/// A black floor `plate`, `width` deep and 1 m wide, with a wall `lamp` of `height` × 1 m along its
+/// edge that emits `radiance`.
 ///
 /// Mean of E on `plate` = πL × [`form_factor_perpendicular`].
 pub fn perpendicular_plates(radiance: f32, width: f32, height: f32) -> Vec<u8> {
@@ -85,10 +85,10 @@ pub fn lit_cube(radiance: f32) -> Vec<u8> {
 }
 
 /// A black sphere `inner` of radius `r` < 1 that emits `radiance`, in a sphere `outer` of radius 1
-/// that reflects `rho`; facets as of [`icosphere`] level 3.
+/// that reflects `rho`; facets as in [`icosphere`] level 3.
 ///
-/// With a = A₁/A₂ (which is returned, for the facets): F₁₂ = 1, F₂₁ = a, F₂₂ = 1 − a, so E₂ = a
-/// πL/(1 − ρ(1 − a)) and E₁ = ρE₂.
+/// With a = A₁/A₂ (returned, for the facets): F₁₂ = 1, F₂₁ = a, F₂₂ = 1 − a, so E₂ = a πL/(1 − ρ(1
+/// − a)) and E₁ = ρE₂.
 pub fn concentric_spheres(radiance: f32, r: f32, rho: f32) -> (Vec<u8>, f64) {
     let inner = icosphere(Vec3::ZERO, r, 3);
     let outer = icosphere(Vec3::ZERO, 1.0, 3).flipped();
@@ -123,16 +123,16 @@ pub fn cie_171_5_8(rho: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// The idea of CIE 171:2006, test case 5.7 (diffuse reflection with internal obstruction), with
-/// measures of our own: the report's figure is not at hand, and its table 19 is wrong (Ashdown,
-/// *CIE 171:2006 – Errata*, 2016, who says to take the form factor to the unobstructed part of the
-/// reflecting surface, as is done here).
+/// After CIE 171:2006, test case 5.7 (diffuse reflection with internal obstruction), with our own
+/// dimensions: the report's figure is not available, and its table 19 is wrong (Ashdown, *CIE
+/// 171:2006 – Errata*, 2016, who recommends the form factor to the unobstructed part of the
+/// reflecting surface, as here).
 ///
 /// A floor `s2` (0 ≤ x ≤ 4, |z| ≤ 2, reflectance `rho`) under vertical sunlight of `lux`; a wall
 /// `s1_v` (x = 4, up to y = 3) and a canopy `s1_hz` (−3 ≤ x ≤ 0, y = 3, front down), both black and
-/// beside the sun; and a black screen across the floor (x = 2, up to y = `screen`; none where that
-/// is 0), which the sun passes edge on. E on wall and canopy is ρ·lux·F to what they see of the
-/// floor: [`cie_171_5_7_seen`].
+/// out of the sun; and a black screen across the floor (x = 2, up to y = `screen`; no screen if
+/// that is 0), which the sun passes edge on. E on wall and canopy is ρ·lux·F to the part of the
+/// floor that they see: [`cie_171_5_7_seen`].
 pub fn cie_171_5_7(lux: f32, rho: f32, screen: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [rho; 3]));
@@ -163,9 +163,9 @@ pub fn cie_171_5_7(lux: f32, rho: f32, screen: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// What the point (`x`, `y`, ·) of [`cie_171_5_7`] sees of the floor: intervals of the floor's x.
-/// The screen hides a strip behind it, all along z, since lines between points within |z| ≤ 2 stay
-/// within.
+/// The part of the floor that the point (`x`, `y`, ·) of [`cie_171_5_7`] sees: intervals of the
+/// floor's x. The screen hides a strip behind it, all along z, because lines between points within
+/// |z| ≤ 2 stay within.
 pub fn cie_171_5_7_seen(screen: f64, x: f64, y: f64) -> Vec<[f64; 2]> {
     if screen <= 0.0 {
         return vec![[0.0, 4.0]];
@@ -236,9 +236,9 @@ pub fn disc_irradiance(radiance: f64, r: f64, h: f64, a: f64) -> f64 {
     0.5 * PI * radiance * (1.0 - (a2 + h2 - r2) / (s * s - 4.0 * a2 * r2).sqrt())
 }
 
-/// A black wall (`wall`, 1 m × 1 m, both z sides free) on the middle of a black floor of `size`
-/// metres, for a uniform sky: on the wall E = πL/2 less what lies below the floor's rim (under
-/// `2/size` of it), on a floor without a wall E = πL.
+/// A black wall (`wall`, 1 m × 1 m, free on both z sides) on the middle of a black floor of `size`
+/// metres, for a uniform sky: on the wall, E = πL/2 minus the light from below the floor's rim
+/// (less than `2/size` of it); on a floor without a wall, E = πL.
 pub fn wall_on_floor(size: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -255,7 +255,7 @@ pub fn wall_on_floor(size: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// A lone black floor of 1 m, for a uniform sky: E = πL.
+/// A single black floor of 1 m, for a uniform sky: E = πL.
 pub fn lone_floor() -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn catalogue_values_that_everyone_quotes() {
-        // To the digits that are printed.
+        // To the published digits.
         assert!((form_factor_opposed(1.0, 1.0, 1.0) - 0.199_825).abs() < 5e-7);
         assert!((form_factor_perpendicular(1.0, 1.0) - 0.200_044).abs() < 5e-7);
         assert!((disc_irradiance(1.0, 1.0, 1.0, 0.0) - PI / 2.0).abs() < 1e-12);
@@ -280,7 +280,7 @@ mod tests {
     fn the_screen_hides_what_is_behind_it() {
         // From the wall's top (4, 3) over a screen of 1: the line meets the floor at 4 − 2·3/2 = 1.
         assert_eq!(cie_171_5_7_seen(1.0, 4.0, 3.0), [[2.0, 4.0], [0.0, 1.0]]);
-        // From below its edge nothing beyond it.
+        // From below the screen's edge, nothing beyond it is visible.
         assert_eq!(cie_171_5_7_seen(1.0, 4.0, 0.5), [[2.0, 4.0]]);
         // From the canopy (−1, 3): −1 + 3·3/2 = 3.5.
         assert_eq!(cie_171_5_7_seen(1.0, -1.0, 3.0), [[0.0, 2.0], [3.5, 4.0]]);

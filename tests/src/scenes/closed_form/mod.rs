@@ -16,8 +16,8 @@ use crate::geometry::{Geometry, box_faces, cuboid, grid, icosphere, quad};
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 use crate::textures;
 
-/// A floor of `size` × `size` metres about the origin, black (so that nothing comes back), in `n` ×
-/// `n` cells.
+/// A floor of `size` × `size` metres around the origin in `n` × `n` cells; black, so that it
+/// reflects nothing.
 fn floor(b: &mut GltfBuilder, size: f32, n: u32) {
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let h = size / 2.0;
@@ -112,12 +112,12 @@ pub fn square(side: f64, height: f64) -> [DVec3; 4] {
     [(-s, -s), (s, -s), (s, s), (-s, s)].map(|(x, z)| DVec3::new(x, height, z))
 }
 
-/// E at `p` with unit normal `n` from a polygon of uniform radiance wholly above p's horizon,
-/// corners in either order.
+/// E at `p` with unit normal `n` from a polygon of uniform radiance that is entirely above p's
+/// horizon, with corners in either order.
 ///
-/// E = L/2 · |Σ Γ_i · n|, Γ_i the angle under which edge i is seen times the unit normal of its
+/// E = L/2 · |Σ Γ_i · n|, where Γ_i is the angle that edge i subtends times the unit normal of its
 /// plane with p (Lambert 1760; Baum, Rushmeier and Winget 1989). The angle is `atan2(|a×b|, a·b)`.
-/// NaN where p lies on an edge's line.
+/// NaN if p is on an edge's line.
 pub fn polygon_irradiance(radiance: f64, corners: &[DVec3], p: DVec3, n: DVec3) -> f64 {
     let sum: f64 = (0..corners.len())
         .map(|i| {
@@ -132,9 +132,9 @@ pub fn polygon_irradiance(radiance: f64, corners: &[DVec3], p: DVec3, n: DVec3) 
 /// A black box without a lid, `side` metres square and `depth` deep, under a uniform sky of
 /// radiance L; nothing else.
 ///
-/// Its fronts look inside; the mouth lies at y = 0. Every point inside sees the sky through the
-/// mouth only, so E is [`polygon_irradiance`] of [`mouth`], on the floor and on the walls alike.
-/// With a depth near 0 the floor's E tends to πL, and the top of a wall's to πL/2. One node `box`.
+/// Its fronts face inwards; the opening is at y = 0. Every point inside sees the sky through the
+/// opening only, so E is [`polygon_irradiance`] of [`mouth`], on the floor and on the walls. For a
+/// depth near 0, the floor's E tends to πL, and that of the top of a wall to πL/2. One node `box`.
 pub fn sky_over_open_box(side: f32, depth: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -149,17 +149,17 @@ pub fn sky_over_open_box(side: f32, depth: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// Corners of the mouth of [`sky_over_open_box`].
+/// Corners of the opening of [`sky_over_open_box`].
 pub fn mouth(side: f64) -> [DVec3; 4] {
     square(side, 0.0)
 }
 
-/// Two 1 m squares that face each other at `gap` metres; the upper (`lamp`) emits `radiance`, the
-/// lower (`plate`) is black.
+/// Two 1 m squares that face each other across `gap` metres; the upper one (`lamp`) emits
+/// `radiance`, the lower one (`plate`) is black.
 ///
-/// In the middle E = [`polygon_irradiance`], which tends to πL as the gap closes; over the plate
-/// the mean is πL·F with F the form factor of opposed squares (0.199825 at gap 1; Howell, catalogue
-/// of configuration factors, C-11).
+/// In the middle E = [`polygon_irradiance`], which tends to πL as the gap closes. The mean over the
+/// plate is πL·F, where F is the form factor of opposed squares (0.199825 at gap 1; Howell,
+/// catalogue of configuration factors, C-11).
 pub fn facing_plates(radiance: f32, gap: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let lamp = b.material(&Material::emitter("lamp", [radiance; 3], [0.0; 3]));
@@ -181,12 +181,12 @@ pub fn form_factor_opposed_squares(d: f64) -> f64 {
     2.0 / (std::f64::consts::PI * x * x) * (log + 2.0 * x * s * (x / s).atan() - 2.0 * x * x.atan())
 }
 
-/// A sphere of radius 1 m seen from inside, its cap of z > `cap` emitting `radiance`, everything
-/// reflecting `rho`.
+/// A sphere of radius 1 m seen from inside. Its cap of z > `cap` emits `radiance`, and everything
+/// reflects `rho`.
 ///
 /// F_ij = A_j/(4πR²) for every pair, so B = M_e + ρ·mean(M_e)/(1−ρ) and E = mean(M_e)/(1−ρ)
-/// everywhere, M_e = πL on the cap. The mean is over the facets, whose areas [`sphere_interior`]
-/// returns the emitting share of; the sphere has `20·4^level` flat facets, so E deviates by the
+/// everywhere, with M_e = πL on the cap. The mean is over the facets; [`sphere_interior`] returns
+/// the emitting share of their area. The sphere has `20·4^level` flat facets, so E deviates by the
 /// order of their angle squared (4^−level). Returns the GLB and that share.
 pub fn sphere_interior(radiance: f32, rho: f32, cap: f32, level: u32) -> (Vec<u8>, f64) {
     let whole = icosphere(Vec3::ZERO, 1.0, level).flipped();
@@ -205,11 +205,11 @@ pub fn sphere_interior(radiance: f32, rho: f32, cap: f32, level: u32) -> (Vec<u8
     (b.finish(), share)
 }
 
-/// Sunlight straight down through a horizontal MASK screen (2 m, checker of 8 × 8 squares) 1 m over
-/// a black 4 m floor.
+/// Sunlight straight down through a horizontal MASK screen (2 m, checker of 8 × 8 squares) 1 m
+/// above a black 4 m floor.
 ///
-/// Under a hole E = `lux`, under a square 0; holes are half of the screen. The square whose corner
-/// is at (−1, ·, −1) is opaque; squares are 25 cm. Node names: `floor`, `screen`.
+/// Under a hole E = `lux`, under a square 0; holes are half of the screen. The square with a corner
+/// at (−1, ·, −1) is opaque; squares are 25 cm wide. Node names: `floor`, `screen`.
 pub fn masked_checker_screen(lux: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     floor(&mut b, 4.0, 1);
@@ -288,7 +288,7 @@ pub fn one_triangle() -> Vec<u8> {
 /// A lamp panel over a floor with a wall between two halves, `thickness` metres thick: light must
 /// not cross the wall.
 ///
-/// Both halves are 3 × 3 m, 2.5 m high and closed; only the one at x < 0 has a lamp. E is exactly 0
+/// Both halves are closed, 3 × 3 m and 2.5 m high; only the one at x < 0 has a lamp. E is exactly 0
 /// on the faces of node `dark_room`. Node names: `lit_room`, `dark_room`; the rooms' skins are
 /// `thickness` apart at x = 0.
 pub fn two_rooms(thickness: f32) -> Vec<u8> {
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn the_two_forms_for_opposed_squares_agree() {
-        // Midpoint rule over 64² points of the plate: its error falls as h², about 1e-5 here.
+        // The midpoint rule over 64² points of the plate has an error of order h², about 1e-5 here.
         let n = 64;
         for d in [0.5, 1.0, 2.0, 5.0] {
             let corners = square(1.0, d);
@@ -351,9 +351,9 @@ mod tests {
 
     #[test]
     fn a_far_point_light_and_a_far_emitter_agree() {
-        // A square of side 0.01 seen from 1 m is a point of I = L·A to the order of (0.01)².
+        // To the order of (0.01)², a square of side 0.01 seen from 1 m is a point of I = L·A.
         let e = polygon_irradiance(1.0, &square(0.01, 1.0), DVec3::new(0.3, 0.0, 0.0), DVec3::Y);
-        // The emitter's own cosine is the receiver's.
+        // The emitter's cosine equals the receiver's.
         let cos = 1.0 / 1.09f64.sqrt();
         assert!((e / (point_irradiance(1e-4, 1.0, 0.3) * cos) - 1.0).abs() < 1e-4);
     }

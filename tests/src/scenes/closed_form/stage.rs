@@ -9,7 +9,7 @@ use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 /// A document under construction with a black material. Everything is in metres and in world space.
 #[derive(Debug, Clone)]
 pub struct Stage {
-    /// What it writes.
+    /// The document's builder.
     pub builder: GltfBuilder,
     /// The index of a black, single-sided material.
     pub black: usize,
@@ -69,7 +69,7 @@ impl Stage {
         self
     }
 
-    /// A black floor at y = 0 that looks up, over x and z from `low` to `high`, as node `floor`.
+    /// A black floor at y = 0 that faces up, over x and z from `low` to `high`, as node `floor`.
     pub fn floor(&mut self, low: Vec2, high: Vec2) -> &mut Stage {
         let size = high - low;
         let origin = Vec3::new(low.x, 0.0, low.y);
@@ -77,13 +77,13 @@ impl Stage {
         self.panel("floor", panel, self.black)
     }
 
-    /// A box whose faces look out, each a node: `-x`, `+x`, `-y`, `+y`, `-z`, `+z`.
+    /// A box whose faces face outwards, each a node: `-x`, `+x`, `-y`, `+y`, `-z`, `+z`.
     pub fn cube(&mut self, low: Vec3, high: Vec3, material: usize) -> &mut Stage {
         self.faces(low, high, material, false)
     }
 
-    /// A closed room whose faces look in; each is named after the side on which it lies, as those
-    /// of [`Stage::cube`].
+    /// A closed room whose faces face inwards; each is named after its side, like those of
+    /// [`Stage::cube`].
     pub fn room(&mut self, low: Vec3, high: Vec3, material: usize) -> &mut Stage {
         self.faces(low, high, material, true)
     }
@@ -98,8 +98,8 @@ impl Stage {
         self
     }
 
-    /// A lamp at `at` that shines along `along`; members of `more` go into its definition (`range`,
-    /// `extras`). Its name is that of its node.
+    /// A lamp at `at` that shines along `along`; members of `more` are added to its definition
+    /// (`range`, `extras`). Its name is that of its node.
     pub fn lamp(
         &mut self,
         name: &str,
