@@ -13,7 +13,7 @@ fn hash(x: u32, y: u32) -> u32 {
     (h ^ (h >> 16)) & 255
 }
 
-/// `base` brightened or darkened by up to `spread` of 255 as `noise` (0..=255) says.
+/// `base`, brightened or darkened by up to `spread` of 255 according to `noise` (0..=255).
 fn shade(base: [u8; 3], spread: i32, noise: u32) -> Rgba<u8> {
     let d = (noise as i32 - 128) * spread / 128;
     let [r, g, b] = base.map(|c| (i32::from(c) + d).clamp(0, 255) as u8);

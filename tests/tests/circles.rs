@@ -1,5 +1,5 @@
-//! Files of a crate import each other in one direction only, so that each can be read after those
-//! below it.
+//! Files of a crate import each other in one direction only, so that each can be understood with
+//! those below it.
 //!
 //! Method calls need no import, so an `impl` block for a type of another file is not detected.
 

@@ -208,7 +208,7 @@ fn paint(f: &Face) -> Option<Paint> {
     })
 }
 
-/// Material of each [`Paint`] and the metres that its texture covers.
+/// The material of each [`Paint`], and the metres that its texture covers.
 fn paints(b: &mut GltfBuilder) -> Vec<(usize, f32)> {
     let tiles = b.texture(
         "tiles",
@@ -300,7 +300,7 @@ fn ring(n: u32, radius: f32) -> Vec<Vec2> {
         .collect()
 }
 
-/// Without the faces that look straight down: for things that stand on a floor, sunk into it by a
+/// Without the faces that look straight down, for objects that stand on a floor, sunk into it by a
 /// centimetre.
 fn without_bottom(mut g: Geometry) -> Geometry {
     g.triangles.retain(|t| g.normals[t[0] as usize].y > -0.5);
@@ -408,7 +408,7 @@ fn hall_and_courtyard(b: &mut GltfBuilder) {
     );
     put(b, "lantern_6", lantern, [1.7, 2.7, 0.0], 0.0, Vec3::ONE);
     put(b, "lantern_7", lantern, [11.5, 2.7, 0.0], 0.0, Vec3::ONE);
-    // A dais of two steps at the hall's west end, let into the wall by two centimetres.
+    // A dais of two steps at the hall's west end, sunk into the wall by two centimetres.
     let steps = [
         cuboid(Vec3::new(-0.02, -0.01, 2.6), Vec3::new(2.0, 0.18, 6.4), 1),
         cuboid(Vec3::new(-0.02, 0.17, 3.0), Vec3::new(1.6, 0.36, 6.0), 1),
@@ -536,8 +536,8 @@ fn basin(outer: f32, inner: f32) -> (Geometry, Geometry) {
 fn corridor_and_grate(b: &mut GltfBuilder) {
     let frame = b.material(&Material::diffuse("fixture", [0.45, 0.46, 0.48]));
     let cool = b.material(&Material::emitter("panel_glow", [4.2, 5.2, 6.2], [0.6; 3]));
-    // A ceiling panel: a frame that hangs two centimetres clear of the ceiling and a glowing face
-    // let into it.
+    // A ceiling panel: a frame that hangs two centimetres below the ceiling, and a glowing face set
+    // into it.
     let panel_frame = cuboid(
         Vec3::new(-0.75, -0.12, -0.2),
         Vec3::new(0.75, -0.02, 0.2),
@@ -742,7 +742,7 @@ fn store(b: &mut GltfBuilder) {
             Vec3::splat(size),
         );
     }
-    // Stairs to a landing, let into the walls by two centimetres.
+    // Stairs to a landing, sunk into the walls by two centimetres.
     let stone = b.material(&Material::diffuse("stairs", [0.48, 0.46, 0.43]));
     let mut stairs = without_bottom(cuboid(
         Vec3::new(27.9, -0.01, 5.2),

@@ -10,15 +10,15 @@ use crate::gltf::{GltfBuilder, Material, Node};
 /// after clean-up.
 const LEVEL: u32 = 6;
 
-/// A closed room of 4 m with two knobbly balls of 81,920 triangles each under a lamp panel let into
+/// A closed room of 4 m with two knobbly balls of 81,920 triangles each under a lamp panel set into
 /// the ceiling, as GLB.
 ///
-/// Walls reflect 0.7, one wall is red (0.6, 0.1, 0.1), the floor 0.4, the ceiling 0.8; the balls
-/// reflect 0.65 and (0.3, 0.5, 0.7). The panel (the middle third of the ceiling each way, 1.33 m)
-/// emits 5 W/(m² sr). The balls float 1 cm clear of the floor and of each other. No back face is
-/// seen from anywhere, so a renderer that treats surfaces as two-sided must agree with one that
-/// does not. 163,868 triangles with smooth normals on the balls; nodes `room`, `ball_fine`,
-/// `ball_coarse`. Not committed (3 MB): `make-assets --dense DIR` writes it.
+/// Walls reflect 0.7, one wall is red (0.6, 0.1, 0.1), the floor reflects 0.4, the ceiling 0.8, and
+/// the balls 0.65 and (0.3, 0.5, 0.7). The panel (the middle third of the ceiling in both
+/// directions, 1.33 m) emits 5 W/(m² sr). The balls float 1 cm above the floor and apart from each
+/// other. No back face is visible from anywhere, so renderers that treat surfaces as two-sided must
+/// agree with those that do not. 163,868 triangles with smooth normals on the balls; nodes `room`,
+/// `ball_fine`, `ball_coarse`. Not committed (3 MB): `make-assets --dense DIR` writes it.
 pub fn dense_room() -> Vec<u8> {
     let size = 4.0;
     let [left, right, floor, _, back, front] =
@@ -69,11 +69,11 @@ pub fn dense_room() -> Vec<u8> {
     b.finish()
 }
 
-/// An icosphere whose radius swings by ± `depth` metres with `waves` waves around, fronts outside,
+/// An icosphere whose radius varies by ± `depth` metres with `waves` waves around, fronts outside,
 /// smooth normals.
 ///
 /// r(d) = radius + depth · sin(w·x) · sin(w·y) · sin(w·z) · 1.5 of the direction d, clamped to ±
-/// depth: no vertex lies further out than radius + depth.
+/// depth: no vertex is farther out than radius + depth.
 fn knobbly_ball(centre: Vec3, radius: f32, depth: f32, waves: f32) -> Geometry {
     let mut g = icosphere(Vec3::ZERO, 1.0, LEVEL).bare();
     for p in &mut g.positions {
@@ -104,7 +104,7 @@ mod tests {
         for ball in [&fine, &coarse] {
             assert_eq!(ball.triangles.len(), 81_920);
             assert!(ball.positions.iter().all(|p| p.min_element() > 0.005));
-            // Every edge once each way: closed and consistently wound.
+            // Every edge occurs once in each direction: closed and consistently wound.
             let mut edges: Vec<_> = ball
                 .triangles
                 .iter()
@@ -114,7 +114,7 @@ mod tests {
             let turned = |&(a, b): &(u32, u32)| edges.binary_search(&(b, a)).is_ok();
             assert!(edges.windows(2).all(|w| w[0] != w[1]) && edges.iter().all(turned));
         }
-        // Their bounding spheres: 0.85 + 0.75 m of radius in 1.89 m.
+        // Their bounding spheres have radii of 0.85 and 0.75 m at a distance of 1.89 m.
         assert!(Vec3::new(1.6, -0.1, 1.0).length() > 0.85 + 0.75);
     }
 }

@@ -13,16 +13,16 @@ pub enum FurnaceShape {
     Cube,
     /// A sphere of radius 1 m, 1280 facets.
     Sphere,
-    /// An L-shaped room of three 2 m squares, 2 m high, with a turned box floating in it: corners
-    /// that do not see one another.
+    /// An L-shaped room of three 2 m squares, 2 m high, with a rotated box floating in it, whose
+    /// corners do not see each other.
     NonConvex,
 }
 
 /// A closed furnace as GLB: every surface emits radiance `emission` (W/(m² sr)) and reflects `rho`.
 ///
-/// Then B = M_e + ρE and E = B everywhere, with M_e = πL, so E = πL/(1−ρ) at every point, whatever
-/// the shape: each point sees radiance B/π in every direction. Source: the "furnace test", e.g.
-/// Goral et al. 1984 with F row sums of 1.
+/// Then B = M_e + ρE and E = B everywhere, with M_e = πL, so E = πL/(1−ρ) at every point, for any
+/// shape: each point sees radiance B/π in every direction. Source: the "furnace test", e.g. Goral
+/// et al. 1984 with F row sums of 1.
 pub fn furnace(rho: f32, emission: f32, shape: FurnaceShape) -> Vec<u8> {
     let surface = match shape {
         FurnaceShape::Cube => room(Vec3::splat(-1.0), Vec3::ONE, 1),
@@ -79,10 +79,10 @@ mod tests {
             .iter()
             .map(|&[a, b, c]| p(a).dot(p(b).cross(p(c))) / 6.0)
             .sum();
-        // Three cells of 8 m³ seen from inside less a box of 0.216 m³; f32 rounding of the turned
-        // box is below 1e-5.
+        // Three cells of 8 m³ seen from inside, minus a box of 0.216 m³; the f32 rounding of the
+        // rotated box is below 1e-5.
         assert!((volume + 24.0 - 0.216).abs() < 1e-5, "{volume}");
-        // Every edge of a closed surface is walked once each way.
+        // Every edge of a closed surface occurs once in each direction.
         let key = |i: u32| p(i).to_array().map(|x| (x * 1e4).round() as i64);
         let mut edges = std::collections::BTreeMap::new();
         for t in &g.triangles {

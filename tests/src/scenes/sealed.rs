@@ -51,7 +51,7 @@ pub fn sealed_dark_box(wall: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// `g` without the vertices that its triangles do not use.
+/// `g` without unused vertices.
 fn quad_of(g: &Geometry) -> Geometry {
     let mut used: Vec<u32> = g.triangles.iter().flatten().copied().collect();
     used.sort_unstable();

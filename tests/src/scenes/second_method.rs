@@ -22,8 +22,8 @@ struct Paints {
     ceiling: [f32; 3],
 }
 
-/// Adds one node per space and part of `carver`'s faces; the outside is left out, since backs block
-/// as well as fronts.
+/// Adds one node per space and part of `carver`'s faces. The outside is left out, because backs
+/// block light as well as fronts.
 fn add_rooms(b: &mut GltfBuilder, carver: &Carver, paints: &Paints) {
     let part = |f: &Face| {
         let part = match f.normal.y {
@@ -66,14 +66,14 @@ fn add_light(b: &mut GltfBuilder, light: Light, at: Vec3, along: Vec3) {
     });
 }
 
-/// Sky that [`skylit_room`] is meant to stand under, radiance in W/(m² sr).
+/// The sky over [`skylit_room`], radiance in W/(m² sr).
 pub const SKY: [f32; 3] = [1.0, 1.4, 2.0];
 
 /// A 4 × 3 × 5 m room with a window of 2 × 1.4 m through a wall 30 cm thick, a block, a floating
 /// slab and a spot lamp in a corner.
 ///
-/// The sky ([`SKY`]) comes in by the bake's settings. Nodes: `room …`, `opening …` (the window's
-/// reveal), each floor, walls, ceiling.
+/// The sky ([`SKY`]) comes from the bake's settings. Nodes: `room …`, `opening …` (the window's
+/// reveal), each with floor, walls, ceiling.
 pub fn skylit_room() -> Vec<u8> {
     let mut c = Carver::new();
     c.fill([-0.3, -0.3, -0.3], [4.3, 3.3, 5.3])
@@ -98,8 +98,8 @@ pub fn skylit_room() -> Vec<u8> {
     b.finish()
 }
 
-/// A closed 3 m cube with red, green and blue walls and much white (ρ 0.9), a block, a double-sided
-/// screen and a point light.
+/// A closed 3 m cube with red, green, blue and white walls (ρ of white 0.9), a block, a
+/// double-sided screen and a point light.
 ///
 /// Nodes: `red`, `green`, `blue`, `white`, `block`, `screen`.
 pub fn coloured_room() -> Vec<u8> {
@@ -177,8 +177,7 @@ mod tests {
     use super::*;
     use crate::path_tracer::Scene;
 
-    /// Signed volume of a node's triangles that close up with others': fronts inside make it
-    /// negative.
+    /// Signed volume enclosed by the triangles of these nodes; negative if fronts face inwards.
     fn volume(scene: &Scene, names: &[&str]) -> f64 {
         let mine = |t: &&crate::path_tracer::Triangle| {
             names.iter().any(|n| scene.nodes[t.node].starts_with(n))

@@ -7,8 +7,8 @@ use glam::{Vec2, Vec3};
 use crate::geometry::Geometry;
 use crate::gltf::{GltfBuilder, Light, Material, Node, look_along};
 
-/// A sphere about the origin of `n[0]` meridians and `n[1]` bands, fronts outside, normals of the
-/// sphere, vertices on it and shared.
+/// A sphere around the origin with `n[0]` meridians and `n[1]` bands, fronts outside. Vertices are
+/// on the sphere, shared, and have its normals.
 pub fn uv_sphere(radius: f32, n: [u32; 2]) -> Geometry {
     let [meridians, bands] = n;
     let mut out = Geometry::default();
@@ -49,8 +49,8 @@ pub fn uv_sphere(radius: f32, n: [u32; 2]) -> Geometry {
     out
 }
 
-/// The side of an upright prism of `n` faces about the y axis, from y = −`half` to `half`, `rows`
-/// high, fronts outside, with the normals of the cylinder through its edges.
+/// The side of an upright prism with `n` faces around the y axis, from y = −`half` to `half`, in
+/// `rows` rows, fronts outside, with the normals of the cylinder through its edges.
 pub fn tube(radius: f32, half: f32, n: u32, rows: u32) -> Geometry {
     let mut out = Geometry::default();
     for j in 0..=rows {
@@ -71,8 +71,8 @@ pub fn tube(radius: f32, half: f32, n: u32, rows: u32) -> Geometry {
     out
 }
 
-/// Every vertex of `g` shared by its faces, with the mean of their normals (by area), as exporters
-/// do at hard edges.
+/// `g` with every vertex shared by its faces and with the mean of their normals (by area), as some
+/// exporters write hard edges.
 pub fn averaged(g: &Geometry) -> Geometry {
     let mut out = Geometry::default();
     let index = |p: Vec3, out: &mut Geometry| {
@@ -107,7 +107,7 @@ pub fn glowing(name: &str, g: &Geometry, radiance: f32, rho: f32) -> Vec<u8> {
     b.finish()
 }
 
-/// Nodes of one part each, of reflectance `rho`, with `lights` at their places: a sun shines from
+/// Nodes of one part each, with reflectance `rho`, and `lights` at their places; a sun shines from
 /// its place towards the origin.
 pub fn lit(parts: &[(&str, &Geometry)], rho: f32, lights: &[(Light, Vec3)]) -> Vec<u8> {
     let mut b = GltfBuilder::new();

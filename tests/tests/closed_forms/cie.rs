@@ -13,7 +13,7 @@ fn case_5_7_diffuse_reflection_with_and_without_an_obstruction() {
     for screen in [0.0, 0.5, 1.0, 2.0] {
         let b = bake(&scenes::cie_171_5_7(lux, rho, screen as f32), &at(8.0));
         for l in lumels_of(&b, "s2") {
-            // The sun passes the screen edge on; lumels that it stands on aside.
+            // The sun passes the screen edge on; lumels under the screen are left out.
             if l.all(|p| (p.x - 2.0).abs() > 1e-3) {
                 assert!((l.red() / f64::from(lux) - 1.0).abs() < 1e-3, "{}", l.red());
             }
@@ -37,7 +37,7 @@ fn case_5_7_diffuse_reflection_with_and_without_an_obstruction() {
             let mut squares = 0.0;
             for l in &lumels {
                 let e = exact(l);
-                // On the line of an edge of the floor the form has no value.
+                // On the line of an edge of the floor, the form has no value.
                 if e.is_finite() {
                     off += l.red() - e;
                     all += e;
@@ -52,7 +52,7 @@ fn case_5_7_diffuse_reflection_with_and_without_an_obstruction() {
                 "screen {screen}, {name}: {}",
                 off / all
             );
-            // One lumel: preview's own estimate is some per cent of what it gathers.
+            // One lumel: preview's own estimate is some per cent of its gathered light.
             let rms = (squares / n).sqrt() / (all / n);
             assert!(rms < 0.04, "screen {screen}, {name}: {rms}");
         }
@@ -73,7 +73,7 @@ fn case_5_8_internal_reflected_component() {
         let b = bake(&scenes::cie_171_5_8(rho), &at(6.0));
         let m = mean(&lumels_of(&b, "room"));
         let direct = 10_000.0 / 96.0;
-        // Direct light alone has the footprint's error; reflected light that of the solve's
+        // Direct light has only the footprint's error; reflected light has that of the solve's
         // reciprocity, some 1e-3 at this quality.
         let exact = direct + indirect;
         assert!((m / exact - 1.0).abs() < 4e-3, "ρ {rho}: {m} {exact}");

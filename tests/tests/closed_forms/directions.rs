@@ -40,7 +40,7 @@ fn of_a_distant_lamp() {
         let place = [Vec3::Y, -to.as_vec3()];
         let glb = floor_under(Light::Directional([5.0; 3]), place, more);
         for l in lumels_of(&golden(&glb, &sh1(at(4.0))), "floor") {
-            // ∫ L dω = E⊥, ∫ L ω dω = E⊥ to; E(n) = ¼ of the one + ½ of the other · n, over π.
+            // ∫ L dω = E⊥, ∫ L ω dω = E⊥ to; E(n) = ¼ of the first + ½ of the second · n, over π.
             let (l0, l1) = parts(&l);
             assert!((l0 / (5.0 / (4.0 * PI)) - 1.0).abs() < HALF, "{l0}");
             let off = l1.distance(to * (5.0 / (2.0 * PI)));
@@ -68,9 +68,9 @@ fn of_a_sphere_lamp_and_a_point() {
         for l in lumels_of(&golden(&glb, &sh1(production(8.0))), "floor") {
             let (l0, l1) = parts(&l);
             let flux = l.mean(|p| 10.0 / lamp.distance_squared(p));
-            // The whole disc's light counts with the middle's cosine in E, but with each point's
-            // own in ∫ L dω, which is L times its solid angle 2π(1 − cosσ) instead of π sin²σ: 1 %
-            // more for sin σ = 0.2.
+            // E counts the light of the whole disc with the cosine of its middle, but ∫ L dω counts
+            // each point with its own: it is L times its solid angle 2π(1 − cosσ) instead of π
+            // sin²σ, which is 1 % more for sin σ = 0.2.
             let sin2 = l.mean(|p| radius * radius / lamp.distance_squared(p));
             let wide = 2.0 / (1.0 + (1.0 - sin2).sqrt());
             let exact = flux * wide / (4.0 * PI);
@@ -99,9 +99,9 @@ fn of_an_even_sky() {
     // ∫ L dω = 2πL and ∫ L ω dω = πL, up.
     assert!((l0 / 1.0 - 1.0).abs() < GOLDEN, "{l0}");
     assert!((l1.y - 1.0).abs() < HALF, "{l1}");
-    // Light along the floor comes with weights of 1/cos: a spread of 1 % in one lumel (0.5 % of L0;
-    // 4 % and 2.6 % at preview quality) was measured. The smoothing makes neighbours alike, so that
-    // their mean is little better.
+    // Light along the floor has weights of 1/cos: a spread of 1 % in one lumel (0.5 % of L0; 4 %
+    // and 2.6 % at preview quality) was measured. Smoothing makes neighbours alike, so their mean
+    // is little better.
     assert!(l1.x.abs().max(l1.z.abs()) < 2.0 * GOLDEN, "{l1}");
     for l in lumels_of(&golden(&glb, &sky(Directional::Dominant)), "floor") {
         let d = ["X", "Y", "Z"].map(|c| l.layer(&format!("dominant.{c}")));
@@ -115,7 +115,8 @@ fn of_an_even_sky() {
 
 #[test]
 fn what_a_flat_surface_gets_is_kept_in_the_first_order() {
-    // For any light, ∫ L ω dω · n is E on a surface that sees light only on its front: L1·n = R/2.
+    // For any light, ∫ L ω dω · n is E on a surface that receives light only on its front: L1·n =
+    // R/2.
     let mut s = Stage::new();
     let white = s.builder.material(&Material::diffuse("white", [0.6; 3]));
     s.room(Vec3::ZERO, Vec3::ONE, white);

@@ -28,9 +28,9 @@ fn from_afar_a_texture_is_its_mean() {
         let (rms, mean) = deviation(&lumels, |l| {
             l.mean(|p| scenes::polygon_irradiance(radiance, &corners, p, DVec3::NEG_Y))
         });
-        // The golden number: π F × mean radiance. The sign in the middle is nearer than the panel
-        // as a whole, whose light has 1 − 2⟨r²⟩/h² = 1 − (side/h)²/3 of it: 0.13 % less at 16 m (8
-        // m: 0.52 %, and 0.50 % was measured).
+        // The required 0.5 %: π F × mean radiance. The sign in the middle is nearer than the panel
+        // as a whole, whose light is 1 − 2⟨r²⟩/h² = 1 − (side/h)²/3 of it: 0.13 % less at 16 m (8
+        // m: 0.52 %, measured 0.50 %).
         assert!(mean.abs() < 5e-3, "{pattern:?} at {height}: {mean}");
         // One lumel has the noise of 64 points drawn from groups of parts: radiosity's own tests
         // measure 0.5 to 2.3 % over a panel of 4 × 2 m, from 4 m to 40 cm.
@@ -47,11 +47,11 @@ fn a_sign_shines_from_where_it_is() {
         let (rms, mean) = deviation(&lumels, |l| {
             l.mean(|p| scenes::polygon_irradiance(100.0, &corners, p, DVec3::NEG_Y))
         });
-        // The square's texels are cut out exactly, 4 × 4 cells of the finest level each; with the
-        // panel's mean instead it would be wrong by factors from near.
+        // The square's texels are cut out exactly, 4 × 4 cells of the finest level each. From
+        // nearby, the panel's mean would be wrong by factors.
         assert!(mean.abs() < 5e-3, "at {height}: {mean}");
-        // The same noise; from 25 cm light changes by up to 60 % over a lumel of 12 cm as well, a
-        // spread of 17 % of which 16 points leave 4 %.
+        // The same noise. From 25 cm, light also changes by up to 60 % over a lumel of 12 cm, a
+        // spread of 17 %, which 16 points reduce to 4 %.
         let tolerance = if height < 1.0 { 0.05 } else { 0.023 };
         assert!(rms < tolerance, "at {height}: {rms}");
     }

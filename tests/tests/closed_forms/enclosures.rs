@@ -1,4 +1,4 @@
-//! Closed rooms, in which light can be summed up.
+//! Closed rooms, in which the total light is known.
 
 use std::f64::consts::PI;
 
@@ -24,8 +24,8 @@ fn furnaces_hold_the_same_light_everywhere() {
             let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
             for name in names {
                 let w = worst(&lumels_of(&b, &name), 0.0, |_| exact);
-                // The required bound. Rows sum to exactly 1, so only rays that leave through an
-                // edge could lose energy.
+                // The required bound. Rows sum to exactly 1, so energy could be lost only by rays
+                // that leave through an edge.
                 assert!(w < 0.01, "{shape:?} {rho}: {w}");
             }
             let audit = &b.report.solve.audit;
@@ -41,7 +41,8 @@ fn furnaces_hold_the_same_light_everywhere() {
 
 #[test]
 fn a_furnace_of_reflectance_near_one_converges() {
-    // Errors of the rows grow by 1/(1 − ρ) = 100; for 1 % they and the residual must be below 1e-4.
+    // Errors of the rows grow by 1/(1 − ρ) = 100; for 1 %, they and the residual must be below
+    // 1e-4.
     let b = bake(&furnace(0.99, 1.0, FurnaceShape::Cube), &bright(at(4.0)));
     assert!(b.report.solve.relaxation.converged);
     let name = b.loaded.scene.instances[0].name.clone();
@@ -78,7 +79,7 @@ fn the_inside_of_a_sphere_is_lit_evenly_by_its_cap() {
     assert!((mean / exact - 1.0).abs() < 0.005, "{mean} {exact}");
     let w = worst(&lumels, 0.0, |_| exact);
     // Where a dark facet's corner touches lit ones, tilted by up to 0.2 rad, each edge adds up to
-    // πL (1 − cos 0.2)/2 = 5 % of E: real, and so for facets only.
+    // πL (1 − cos 0.2)/2 = 5 % of E. This is correct for facets.
     assert!(w < 0.1, "{w}");
 }
 
@@ -108,8 +109,8 @@ fn furnaces_of_every_reflectance() {
             let exact = 0.1 * PI / (1.0 - f64::from(rho));
             for name in names(&b) {
                 let w = worst(&lumels_of(&b, &name), 0.0, |_| exact);
-                // Rows sum to exactly 1 and all patches are alike, so only relaxation (1e-4 of all)
-                // and half floats are left. The rest of 1 − ρ in f32 at 0.999 is good to 6e-8/1e-3.
+                // Rows sum to exactly 1 and all patches are alike, so only relaxation (1e-4 of all
+                // light) and half floats remain. 1 − ρ at 0.999 in f32 is accurate to 6e-8/1e-3.
                 assert!(w < 2e-3, "{shape:?} {rho}: {w}");
             }
             let audit = &b.report.solve.audit;
@@ -145,7 +146,7 @@ fn spheres_lit_by_caps_of_every_size_and_reflectance() {
         let b = bake(&glb, &bright(draft(6.0)));
         let exact = PI * share / (1.0 - f64::from(rho));
         let m = mean(&lumels_of(&b, "sphere"));
-        // As above: a quarter of 1.6 % for facets; at high ρ all that is emitted is absorbed,
+        // As above, a quarter of 1.6 % for facets. At high ρ, all emitted light is absorbed,
         // whatever the facets.
         assert!(
             (m / exact - 1.0).abs() < 0.005,
@@ -161,8 +162,8 @@ fn a_cube_shares_the_light_of_its_ceiling_between_floor_and_walls() {
     for (name, f) in [("floor", 0.199_825), ("walls", 0.200_044)] {
         let m = mean(&lumels_of(&b, name));
         let exact = 10.0 * PI * f;
-        // Gathered by 128 rays a lumel, over 576 lumels and more: 2/√(128·576) = 0.7 %
-        // unstratified, under SMOOTH as it comes.
+        // Gathered by 128 rays per lumel, over at least 576 lumels: 2/√(128·576) = 0.7 % if
+        // unstratified, which is below SMOOTH.
         assert!((m / exact - 1.0).abs() < SMOOTH, "{name}: {m} {exact}");
     }
     assert_eq!(b.report.solve.audit.row_sum_min, 1.0);
@@ -183,8 +184,9 @@ fn concentric_spheres_of_every_ratio() {
         for (name, exact) in [("outer", outer), ("inner", rho * outer)] {
             let m = mean(&lumels_of(&b, name));
             // Facets again: 1280 each, 1.6 % and a quarter of that; the ratio of areas is that of
-            // the facets. What the inner one gets back comes from patches whose direct light is
-            // drawn with one ray from 1280 lamps in a few groups: measured −1.0 to +0.4 %.
+            // the facets. The light that returns to the inner sphere comes from patches whose
+            // direct light is drawn with one ray from 1280 lamps in a few groups: measured −1.0 to
+            // +0.4 %.
             let tolerance = if name == "inner" { 0.02 } else { 0.006 };
             let off = (m - exact).abs();
             assert!(

@@ -147,7 +147,6 @@ fn the_same_bytes_for_one_and_two_threads() {
 #[test]
 fn nothing_is_lost_at_preview_quality() {
     let audit = golden(&scene(), &at(2.0)).report.solve.audit;
-    // `golden` holds the imbalance to its bound; this holds the bound to something that says
-    // something.
+    // `golden` checks the imbalance against its bound; this checks that the bound is not too wide.
     assert!(audit.bound < 0.03, "{}", audit.bound);
 }

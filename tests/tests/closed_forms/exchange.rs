@@ -35,11 +35,11 @@ fn opposed_plates_of_every_distance_and_aspect() {
             let m = mean(&lumels_of(&b, "plate"));
             let [x, y] = sides.map(f64::from);
             let exact = 100.0 * PI * scenes::form_factor_opposed(x, y, gap);
-            // Closed form at 16 points of each lumel: of a lumel that the lamp's rim runs over,
-            // half is lit. The mean over hundreds is as good as SMOOTH; where the gap is small, so
-            // is the share of such lumels. Lamps of a quarter of the scene are found by gathering
-            // rays: fewest hit at [0.1, 10] and 1, some 80 lumels × 4096 rays × F = 0.047, so
-            // 15,000 rays: 0.8 % if they were random.
+            // A closed form at 16 points of each lumel: if the lamp's rim crosses a lumel, half of
+            // it is lit. The mean over hundreds is as accurate as SMOOTH; if the gap is small, so
+            // is the share of such lumels. Gathering rays find lamps that are a quarter of the
+            // scene: fewest hit at [0.1, 10] and 1, some 80 lumels × 4096 rays × F = 0.047, so
+            // 15,000 rays, i.e. 0.8 % if they were random.
             let off = (m / exact - 1.0).abs();
             assert!(off < SMOOTH, "{sides:?} at {gap}: {m} {exact}");
         }
@@ -48,9 +48,9 @@ fn opposed_plates_of_every_distance_and_aspect() {
 
 #[test]
 fn opposed_plates_far_apart() {
-    // At a distance of ten F is 0.0032, and the lamp is found by gathering rays: 64 lumels × 4096
-    // rays × F = 840 that hit, 3.4 % if they were random; three of these. (When lumels whose first
-    // rays found nothing stopped there, a quarter of the light was left.)
+    // At a distance of ten, F is 0.0032, and gathering rays find the lamp: 64 lumels × 4096 rays ×
+    // F = 840 hits, 3.4 % if they were random; three times that. (When lumels whose first rays
+    // found nothing stopped there, only a quarter of the light remained.)
     let glb = scenes::opposed_plates(100.0, [1.0, 1.0], 10.0, [0.0; 2]);
     let m = mean(&lumels_of(&bake(&glb, &fine(8.0)), "plate"));
     let exact = 100.0 * PI * scenes::form_factor_opposed(1.0, 1.0, 10.0);
@@ -67,8 +67,8 @@ fn fine(texels_per_unit: f32) -> Settings {
 
 #[test]
 fn plates_a_micrometre_apart_are_lit_or_dark_but_never_wrong() {
-    // At coordinates of 0.5 m, 1e-6 m is about the offset of rays from the surface (7e-7 m and
-    // more). The lamp's light has a closed form, so the value is correct where the receiver can be
+    // At coordinates of 0.5 m, 1e-6 m is about the offset of rays from the surface (at least 7e-7
+    // m). The lamp's light has a closed form, so the value is correct if the receiver can be
     // distinguished from the lamp; otherwise light is missing, never invented.
     let b = bake(
         &scenes::opposed_plates(2.0, [1.0, 1.0], 1e-6, [0.0; 2]),
@@ -106,9 +106,9 @@ fn perpendicular_plates_of_every_aspect() {
         let b = bake(&glb, &at(32.0));
         let m = mean(&lumels_of(&b, "plate"));
         let exact = 10.0 * PI * scenes::form_factor_perpendicular(w, h);
-        // Along the common edge E rises to πL/2 within the wall's height; lumels of 3 cm average
-        // that by 16 points each, so a wall of 1 cm has its light in one row of 32 lumels: their
-        // means scatter by 1/√(16·32) of a peaked function, about 4 %.
+        // Along the common edge, E rises to πL/2 within the wall's height. Lumels of 3 cm average
+        // that over 16 points each, so the light of a wall of 1 cm is in one row of 32 lumels,
+        // whose means scatter by 1/√(16·32) of a peaked function, about 4 %.
         let tolerance = if h < 0.05 { 0.1 } else { SMOOTH };
         assert!(
             (m / exact - 1.0).abs() < tolerance,
@@ -126,10 +126,10 @@ fn infinite_plates_reflect_for_ever() {
         for (name, e) in [("plate", exact), ("lamp", f64::from(rho) * exact)] {
             for l in lumels_of(&b, name) {
                 if l.all(|p| p.x.abs() < 0.5 && p.z.abs() < 0.5) {
-                    // Light wanders by a gap or two at each of 1/(1 − ρ²) reflections before it is
-                    // absorbed, or by √(1/(1 − ρ²)) gaps in all, a hundredth of the half metre to
-                    // the rim at ρ = 0.99. But it wanders over patches of 4 cm: what their rim
-                    // loses they lose, some 1e-3/0.04 of each rim patch, and that spreads inwards.
+                    // At each of 1/(1 − ρ²) reflections before it is absorbed, light moves by a gap
+                    // or two, in total by √(1/(1 − ρ²)) gaps, a hundredth of the half metre to the
+                    // rim at ρ = 0.99. But it moves over patches of 4 cm, which lose what their rim
+                    // loses: some 1e-3/0.04 of each rim patch, which spreads inwards.
                     let tolerance = if rho > 0.95 { 0.03 } else { 0.01 };
                     let off = (l.red() - e).abs();
                     assert!(

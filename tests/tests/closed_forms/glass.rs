@@ -73,7 +73,7 @@ fn a_checker_of_alpha_transmits_half() {
         );
         let lumels = lumels_of(&golden(&s.finish(), &at(16.0)), "floor");
         let shadow = (lumels.iter())
-            // 14 pairs of squares; the outermost have a penumbra with the light beside the screen.
+            // 14 pairs of squares; the outermost share a penumbra with the light beside the screen.
             .filter(|l| l.all(|p| p.x.abs() < 0.875 && p.z.abs() < 0.875))
             .fold((0.0, 0.0, 0), |s, l| {
                 let free = l.mean(|p| point_irradiance(10.0, 3.0, p.x.hypot(p.z)));
@@ -81,7 +81,7 @@ fn a_checker_of_alpha_transmits_half() {
             });
         assert!(shadow.2 > 600);
         let share = shadow.0 / shadow.1;
-        // The bound. 128 points in each of a thousand lumels: 0.5/√128000 = 0.14 %.
+        // The required bound. 128 points in each of a thousand lumels: 0.5/√128000 = 0.14 %.
         assert!((share - 0.5).abs() < 0.01 * 0.5, "radius {radius}: {share}");
     }
 }
@@ -112,8 +112,8 @@ fn passes(panes: &[Material], upside_down: bool, exact: [f64; 3]) {
             } else {
                 2.0
             };
-            // No light comes back from the black floor, and nothing of what passes is sampled; E
-            // changes by up to 2 % over a lumel of 6 cm under the lamp.
+            // The black floor reflects nothing, and transmitted light is not sampled; E changes by
+            // up to 2 % over a lumel of 6 cm under the lamp.
             let tolerance = if lamp { GOLDEN } else { HALF };
             for (e, exact) in l.irradiance.into_iter().zip(exact) {
                 let off = (e - free * exact).abs();
@@ -152,9 +152,9 @@ fn glass_colours_what_passes() {
     passes(&[both], false, c.map(|c| 0.5 + 0.25 * c));
 }
 
-/// A square of 1 m at y = 0 that a low sun (over +x) of 2 lux on the level lights, and over it a
-/// black plate of 1 m that looks down, in whose way the pane is; the sun does not pass pane or
-/// plate. E on the plate is B F, B what the square reflects and F of opposed squares.
+/// A square of 1 m at y = 0, lit by a low sun (over +x) of 2 lux on level ground, and above it a
+/// black plate of 1 m that faces down. The pane is between them; the sun passes neither pane nor
+/// plate. E on the plate is B F, where B is what the square reflects and F that of opposed squares.
 fn lit_square(square: &Material, pane: Option<&Material>) -> Stage {
     let mut s = Stage::new();
     let material = s.builder.material(square);
@@ -164,7 +164,7 @@ fn lit_square(square: &Material, pane: Option<&Material>) -> Stage {
     if let Some(pane) = pane {
         let material = s.builder.material(pane);
         s.panel("pane", level_pane(1.1, 0.9), material);
-        // Keeps the sun off the pane's upper side, which the plate sees; its own shadow falls
+        // Keeps the sun off the pane's upper side, which the plate sees. Its own shadow falls
         // beyond the square.
         let origin = Vec3::new(0.8, 0.85, -1.0);
         s.blocker([origin, Vec3::Y * 0.8, Vec3::Z * 2.0]);
@@ -194,14 +194,14 @@ fn reflected_light_passes_glass() {
         let glb = lit_square(&white, pane.as_ref()).finish();
         let bake = golden(&glb, &production(24.0));
         let e = colour(&lumels_of(&bake, "plate"));
-        // Panes reflect nothing: no light meets their upper side, and the lower one, being a back,
-        // is black.
+        // Panes reflect nothing: no light reaches their upper side, and the lower one, being a
+        // back, is black.
         for (e, passed) in e.into_iter().zip(passed) {
             let exact = 0.5 * 2.0 * f * passed;
-            // 512 rays in each of 576 lumels, a fifth of which meet the square:
-            // √(0.2·0.8/294912)/0.2 = 0.37 % unstratified for opaque, and stratified a third of
-            // that. Behind the pane of 0.4, coins leave a twelfth: √(0.08·0.92/294912)/0.08 = 0.6
-            // %, half of it stratified.
+            // 512 rays in each of 576 lumels, a fifth of which hit the square:
+            // √(0.2·0.8/294912)/0.2 = 0.37 % if unstratified for opaque, and a third of that if
+            // stratified. Behind the pane of 0.4, coins leave a twelfth: √(0.08·0.92/294912)/0.08 =
+            // 0.6 %, half of it stratified.
             assert!((e / exact - 1.0).abs() < GOLDEN, "{pane:?}: {e} {exact}");
         }
     }
@@ -222,9 +222,9 @@ fn what_is_there_of_a_surface_reflects() {
             0.3,
         ),
     ] {
-        // Light that is there by chance is noisy: more lumels than above.
+        // Partial presence is noisy, so there are more lumels than above.
         let bake = golden(&lit_square(&square, None).finish(), &production(20.0));
-        // It is lit as if it were all there.
+        // It is lit as if it were opaque.
         let w = worst(&lumels_of(&bake, "square"), 0.0, |_| 2.0);
         assert!(w < HALF, "{w}");
         let e = mean(&lumels_of(&bake, "plate"));
@@ -241,7 +241,7 @@ fn the_sky_through_glass() {
     let box_ = sides(Vec3::new(-0.5, -0.5, -0.5), Vec3::new(0.5, 0.0, 0.5));
     for (i, (origin, u, v)) in box_.into_iter().enumerate() {
         match i {
-            // The fronts of the box look in, the lid's up.
+            // The fronts of the box face inwards, the lid's face up.
             3 => s.panel("lid", [origin, u, v], lid),
             2 => s.panel("bottom", [origin, v, u], s.black),
             _ => s.panel("side", [origin, v, u], s.black),
@@ -265,8 +265,8 @@ fn the_sky_through_glass() {
     }
 }
 
-/// A room of 2 m in which everything glows and reflects alike, with a double-sided wall across it
-/// that wears `pane` and glows and reflects like the rest.
+/// A room of 2 m in which all surfaces glow and reflect alike, with a double-sided wall across it
+/// that has the material `pane` and glows and reflects like the rest.
 fn furnace_with_pane(rho: f32, pane: Material) -> Vec<u8> {
     let mut s = Stage::new();
     let wall = s
@@ -286,8 +286,8 @@ fn furnace_with_pane(rho: f32, pane: Material) -> Vec<u8> {
 
 #[test]
 fn a_furnace_with_a_wall_that_is_partly_there() {
-    // What is there of the wall sends B, and what is not lets B through: E = πL/(1 − ρ) all over,
-    // on the wall as well.
+    // The present part of the wall sends B, and the rest lets B through: E = πL/(1 − ρ) everywhere,
+    // also on the wall.
     for rho in [0.5f32, 0.8] {
         let bake = golden(&furnace_with_pane(rho, blend(0.5)), &at(8.0));
         let exact = PI / (1.0 - f64::from(rho));
@@ -300,11 +300,10 @@ fn a_furnace_with_a_wall_that_is_partly_there() {
 
 #[test]
 fn bounced_light_in_a_case_of_glass() {
-    // A black cube of 10 cm in a case of 30 cm of amber glass, in the middle of a furnace of 3 m:
-    // whatever the cube sees, it sees through one pane. Of the room's lines 0.3²/3² = 1 % cross the
-    // case (F from walls to it, by areas), 1/9 of which end on the cube while the others cross two
-    // panes: the room loses s = 0.01 (1 − 8/9 c²) of what it reflects, and has B = πL/(1 − ρ (1 −
-    // s)).
+    // A black cube of 10 cm in a case of 30 cm of amber glass, in the middle of a furnace of 3 m.
+    // The cube sees everything through one pane. Of the room's lines, 0.3²/3² = 1 % cross the case
+    // (F from walls to it, by areas). 1/9 of these end on the cube, and the others cross two panes:
+    // the room loses s = 0.01 (1 − 8/9 c²) of its reflected light, and B = πL/(1 − ρ (1 − s)).
     let mut s = Stage::new();
     let wall = s
         .builder
@@ -330,7 +329,7 @@ fn bounced_light_in_a_case_of_glass() {
     }
 }
 
-/// Panels of a box that looks out.
+/// Panels of a box that faces outwards.
 fn sides(low: Vec3, high: Vec3) -> [(Vec3, Vec3, Vec3); 6] {
     let d = high - low;
     let (x, y, z) = (Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);

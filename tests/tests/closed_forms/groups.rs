@@ -14,7 +14,7 @@ use crate::common::{Seen, at, lumels_in, lumels_in_files, lumels_of, mean};
 /// Largest relative error of a number in a half float: eleven bits.
 const HALF_BITS: f64 = 1.0 / 2048.0;
 
-/// Half a step among the smallest half floats, times π: lumels here hold irradiances.
+/// Half a step among the smallest half floats, times π, because lumels here hold irradiances.
 const LEAST: f64 = std::f64::consts::PI / (1u64 << 25) as f64;
 
 /// An open box of 1 m, white or black, with three lamps, a glowing panel on a wall, and a block on
@@ -106,15 +106,15 @@ fn groups_sum_to_the_whole_and_each_is_its_own_light() {
     for (i, l) in whole.iter().enumerate() {
         for c in 0..3 {
             let sum: f64 = groups.iter().map(|g| g[i].irradiance[c]).sum();
-            // Each number is rounded once, and there are as many as groups, and the sum; of f32's
-            // sums nothing is left in that.
+            // Each number is rounded once: one per group, and the sum. Rounding in f32 sums is
+            // negligible.
             let most = HALF_BITS * 2.0 * sum.max(l.irradiance[c]) + 5.0 * LEAST;
             let off = (sum - l.irradiance[c]).abs();
             assert!(off <= most, "{i}: {sum} {}", l.irradiance[c]);
         }
     }
-    // Alone. Two bakes have other samples: the means over all faces are what 128 rays in 300 lumels
-    // leave.
+    // Alone. Two bakes have different samples; the tolerance is the noise of the means over all
+    // faces, from 128 rays in 300 lumels.
     for (g, (name, keep)) in [("lamp", "lamp"), ("spot", "spot"), ("glow", "neon")]
         .into_iter()
         .enumerate()
@@ -162,8 +162,8 @@ fn alone_and_in_a_group_lamps_give_the_same_direct_light() {
         };
         let alone = lumels_of(&golden(&glb, &alone), "floor");
         for (g, a) in of_group.iter().zip(&alone) {
-            // Ratios of sums over other samples round differently in f32, which may take one step
-            // of half floats.
+            // Ratios of sums over other samples round differently in f32, by at most one step of
+            // half floats.
             let off = (g.red() - a.red()).abs();
             assert!(
                 off <= 2.0 * HALF_BITS * a.red(),
@@ -191,7 +191,7 @@ fn a_light_is_dimmed_or_switched_off_in_its_group() {
     assert_eq!(of(&parts[1]), 0.0);
     for (k, factor) in [(0, 1.0), (2, 0.5), (3, 1.0)] {
         let ratio = of(&parts[k]) / of(&groups[k]);
-        // What is sampled of other lights changes which samples these get.
+        // Samples of other lights change which samples these get.
         assert!((ratio / factor - 1.0).abs() < 0.01, "{k}: {ratio}");
     }
     let expected = of(&whole) - of(&groups[1]) - 0.5 * of(&groups[2]);

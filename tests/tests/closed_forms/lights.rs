@@ -52,8 +52,8 @@ fn a_spot_light_inside_its_cone_and_out() {
         x * x * scenes::point_irradiance(10.0, h, r)
     };
     let lumels = lumels_of(&b, "floor");
-    // Near the rim the falloff is steep and the mean of 16 points differs from that of 64; a
-    // fiftieth of the peak is inside.
+    // Near the rim the falloff is steep, and the mean of 16 points differs from that of 64; the
+    // test excludes values below a fiftieth of the peak.
     let w = worst(&lumels, 10.0 / (h * h) / 50.0, |l| l.mean(cone));
     assert!(w < 0.03, "{w}");
     for l in &lumels {
@@ -84,13 +84,13 @@ fn a_rectangle_over_a_floor() {
         let corners = scenes::square(side, h);
         let exact = |l: &Seen| l.mean(|p| scenes::polygon_irradiance(3.0, &corners, p, DVec3::Y));
         let lumels = lumels_of(&b, "floor");
-        // The golden number: all that comes down.
+        // The required 0.5 %: all light that arrives.
         let (sum, all) = lumels
             .iter()
             .fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
         let off = sum / all - 1.0;
         assert!(off.abs() < GOLDEN, "side {side} height {h}: {off}");
-        // Two lumels beyond the lamp's edge light falls off steeply when it hangs low.
+        // Within two lumels of the lamp's edge, light falls off steeply if it hangs low.
         let w = worst(&lumels, 0.01, exact);
         let tolerance = if h < 0.5 { 0.05 } else { GOLDEN };
         assert!(w < tolerance, "side {side} height {h}: {w}");
@@ -104,9 +104,9 @@ fn a_point_light_from_afar_to_a_millimetre() {
         let lumels = lumels_of(&b, "floor");
         let all = mean(&lumels) * 16.0;
         let exact = |p: DVec3| scenes::point_irradiance(1000.0, h, p.x.hypot(p.z));
-        // Where the light is farther than three lumels its second-order term over one is (1/3)²/2 =
-        // 6 % of E between its own points, of which the two sets of points tell a quarter apart at
-        // the worst.
+        // If the lamp is farther than three lumels, the second-order term over a lumel is (1/3)²/2
+        // = 6 % of E between its own points, of which the two sets of points differ by a quarter at
+        // worst.
         let near = 3.0 / 16.0;
         let fair: Vec<_> = lumels
             .into_iter()
@@ -114,10 +114,10 @@ fn a_point_light_from_afar_to_a_millimetre() {
             .collect();
         let w = worst(&fair, 0.0, |l| l.mean(exact));
         let tolerance = if h >= 1.0 { SMOOTH } else { 0.015 };
-        // Below a millimetre of height E at 2 m is 1e-4 of a nit: half floats are still exact to
-        // 2⁻¹¹ there (6e-5 is the least).
+        // Below a millimetre of height, E at 2 m is 1e-4 of a nit, where half floats are still
+        // exact to 2⁻¹¹ (down to 6e-5).
         assert!(w < tolerance, "h {h}: {w}");
-        // All that comes down: I × 4 atan(a²/(h √(2a² + h²))) for a square of half side a = 2.
+        // All light that arrives: I × 4 atan(a²/(h √(2a² + h²))) for a square of half side a = 2.
         if h > near {
             let flux = 1000.0 * 4.0 * (4.0 / (h * (8.0 + h * h).sqrt())).atan();
             assert!((all / flux - 1.0).abs() < 2e-3, "h {h}: {all} {flux}");
@@ -144,7 +144,7 @@ fn panels_of_every_aspect_over_a_floor() {
             l.mean(|p| scenes::polygon_irradiance(50.0, &corners, p, DVec3::Y))
         });
         // A lumel of 8 cm seen from 30 cm: the second-order term is (0.08/0.3)²/2 = 3.5 %, of which
-        // the two sets of points tell a quarter apart.
+        // the two sets of points differ by a quarter.
         let tolerance = if h < 0.5 { 0.02 } else { SMOOTH };
         assert!(w < tolerance, "{a} × {b} at {h}: {w}");
     }
@@ -160,12 +160,12 @@ fn discs_over_a_floor() {
             let w = worst(&lumels, 1e-3, exact);
             // A polygon with the disc's area differs from it by some (2π/n)²/12 of the light next
             // to the rim: 0.6 % and 0.1 %. Triangles share 64 points of the footprint, so that many
-            // lamps cost little more than few: three each for 24. E changes by up to 1.4 a metre,
-            // 12 % over a lumel, a spread of 3.4 %, 2 % for three points; the worst of some
-            // thousand lumels is 3.5 of these. Beyond 32 triangles groups of them are sampled, 64
-            // points in all: over a triangle from axis to rim the kernel falls to a quarter (r =
-            // h), a spread of 30 %, 4 % for 64 points. Then one lumel is noise and the mean says
-            // more.
+            // lamps cost little more than few: three each for 24. E changes by up to 1.4 per metre,
+            // 12 % over a lumel, which is a spread of 3.4 %, or 2 % for three points; the worst of
+            // some thousand lumels is 3.5 times that. Beyond 32 triangles, groups are sampled, with
+            // 64 points in all: over a triangle from axis to rim the kernel falls to a quarter (r =
+            // h), a spread of 30 %, or 4 % for 64 points. Single lumels are then noisy, and the
+            // mean says more.
             if sides <= 32 {
                 assert!(w < 0.07, "r {r}, h {h}, {sides} sides: {w}");
             }
@@ -189,8 +189,8 @@ fn sunlight_at_every_angle() {
         let direction = Vec3::new(s, -c, 0.0);
         let b = bake(&scenes::sun_over_floor(1000.0, direction), &at(4.0));
         let exact = 1000.0 * f64::from(c);
-        // The node's rotation is a quaternion of f32, good to 1e-7 rad, against a cosine of 1.7e-3
-        // at the flattest: 6e-5.
+        // The node's rotation is a quaternion of f32, accurate to 1e-7 rad, compared with a cosine
+        // of 1.7e-3 at the flattest: 6e-5.
         let w = worst(&lumels_of(&b, "floor"), 0.0, |_| exact);
         assert!(w < HALF + 1e-4, "{degrees}°: {w}");
     }

@@ -28,8 +28,8 @@ fn lumel(member: &str, value: impl Into<Value>) -> Option<Value> {
     Some(json!({"lumel": {member: value.into()}}))
 }
 
-/// A sheet at y = 0 whose front looks down, under a low sun from above of 2 lux on the level, and a
-/// black plate above it that looks down.
+/// A sheet at y = 0 whose front faces down, under a low sun from above of 2 lux on level ground,
+/// and a black plate above it that faces down.
 fn sheet_lit_from_behind(double_sided: bool) -> Vec<u8> {
     let mut s = Stage::new();
     let material = s.builder.material(&Material {
@@ -55,8 +55,8 @@ fn the_back_of_a_double_sided_sheet_reflects_and_of_a_single_sided_one_is_black(
     let exact = 0.5 * 2.0 * form_factor_opposed_squares(1.0);
     let e = mean(&lumels_of(&bake, "plate"));
     assert!((e / exact - 1.0).abs() < GOLDEN, "{e} {exact}");
-    // Nobody sees the front, which looks into the void: the lightmap holds the light of the back.
-    // It has no noise, so only half float rounds (2⁻¹¹).
+    // Nobody sees the front, which faces the void, so the lightmap holds the light of the back. It
+    // has no noise, only the rounding of half floats (2⁻¹¹).
     for l in lumels_of(&bake, "sheet") {
         assert!((l.red() - 2.0).abs() < 2.0 * 5e-4, "{}", l.red());
     }
@@ -84,15 +84,15 @@ fn a_double_sided_lamp_shines_both_ways() {
         let exact = |l: &Seen| l.mean(|p| polygon_irradiance(3.0, &square(1.0, 0.0), p, l.normal));
         let (sum, all) = (lumels.iter()).fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
         assert!((sum / all - 1.0).abs() < GOLDEN, "{node}: {}", sum / all);
-        // Wide and dim, it is met by gathering rays: 512 and more, of which a fifth meet it; 0.4 %
-        // of spread was measured.
+        // The panel is wide and dim, so gathering rays find it: at least 512, a fifth of which hit
+        // it; a spread of 0.4 % was measured.
         let w = worst(&lumels, 0.0, exact);
         assert!(w < 0.02, "{node}: {w}");
     }
 }
 
-/// A floor of 1 m under a sun of 2 lux straight above, and half a metre over it a sheet as large as
-/// the floor, of this material, on a node that carries `extras`.
+/// A floor of 1 m under a sun of 2 lux straight above, and half a metre above it a sheet of the
+/// same size with this material, on a node with `extras`.
 fn with_thing(material: &Material, extras: Option<Value>) -> Vec<u8> {
     let mut s = Stage::new();
     s.floor(Vec2::splat(-0.5), Vec2::splat(0.5));
@@ -197,7 +197,8 @@ fn reflectances_are_clamped_and_counted() {
         max_reflectance: x,
         ..at(4.0)
     };
-    // ρ, the material's limit, the settings', what holds, and how many materials were changed.
+    // ρ, the material's limit, the settings', the effective one, and the number of changed
+    // materials.
     for (rho, own, settings, holds, changed) in [
         (0.5, None, at(4.0), 0.5, 0),
         (1.0, None, at(4.0), 0.98, 1),

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::{GOLDEN, golden};
 use crate::common::{at, lumels_of, worst};
 
-/// IES LM-63-2002, type C, the same all around, of these candela at these vertical angles
+/// IES LM-63-2002, type C, rotationally symmetric, with these candela at these vertical angles
 /// (degrees).
 fn ies(values: &[(f64, f64)]) -> String {
     let row = |f: fn(&(f64, f64)) -> f64| -> String {
@@ -54,7 +54,7 @@ fn an_even_one_is_a_point_light() {
 
 #[test]
 fn a_lobe_of_the_cosine() {
-    // Every 2.5°; between them bilinear: cos is off by (2.5°)²/8 = 0.024 %.
+    // Every 2.5°, bilinear between: cos is off by (2.5°)²/8 = 0.024 %.
     let lobe: Vec<_> = (0..=36)
         .map(|i| 2.5 * f64::from(i))
         .map(|a| (a, 500.0 * a.to_radians().cos().max(0.0)))

@@ -1,8 +1,8 @@
 //! Scenes with exactly known light, baked from file to EXR, each swept over its parameter.
 //!
-//! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative. Direct light without occlusion has no
-//! error other than that of the footprint's mean, which bake and test take over different points.
-//! Gathered light has the noise of its rays, which each test states.
+//! Tolerances: the EXR is half float, 2⁻¹¹ = 4.9e-4 relative. The only error of unoccluded direct
+//! light is that of the footprint's mean, for which bake and test use different points. Gathered
+//! light has the noise of its rays, which each test states.
 
 mod cie;
 mod directions;
@@ -24,11 +24,11 @@ mod sky;
 use lumel::{Bake, Quality, Settings};
 
 /// The bake averages a lumel over 16 Sobol points, the test over 64. If light varies by 6 % over a
-/// lumel, their standard deviation is about 0.2 %, and the worst of a thousand lumels is five of
-/// these.
+/// lumel, their standard deviation is about 0.2 %, and the worst of a thousand lumels is five times
+/// that.
 const SMOOTH: f64 = 0.01;
 
-/// Half float, in the file and of the value in it.
+/// Half floats, in the file and in the value.
 const HALF: f64 = 1e-3;
 
 /// The required accuracy for every kind of light.

@@ -27,9 +27,9 @@ fn segment(s: f64) -> f64 {
 
 #[test]
 fn beside_a_wall() {
-    // A wall at x = 0, wide and high, and a floor of 1 × 1 m before it. Rays that meet the wall
+    // A wall at x = 0, wide and high, and a floor of 1 × 1 m in front of it. Rays that hit the wall
     // within r have ω_x < −x/r: projected onto the floor, where cosine-weighted directions are
-    // even, the segment of the unit disc beyond a chord at x/r.
+    // uniform, they are the segment of the unit disc beyond a chord at x/r.
     let reach = 0.7;
     let mut s = Stage::new();
     s.floor(Vec2::ZERO, Vec2::ONE);
@@ -71,7 +71,8 @@ fn all_open_and_all_closed() {
     let mut s = Stage::new();
     s.room(Vec3::ZERO, Vec3::ONE, s.black);
     let glb = s.finish();
-    // Longer than its diagonal, and shorter than rays from the middle of one wall to all others.
+    // Longer than the room's diagonal, and shorter than rays from the middle of one wall to all
+    // others.
     for l in lumels_of(&golden(&glb, &ao(2.0, at(6.0))), "-y") {
         assert_eq!(l.layer("ao.Y"), 0.0);
     }
@@ -86,8 +87,8 @@ fn all_open_and_all_closed() {
 
 #[test]
 fn the_mask_of_the_sun() {
-    // A disc of 5° overhead, and a blocker 2 m above the floor that ends at x = 0; another lamp,
-    // which is no sun, does not count.
+    // A disc of 5° overhead, and a blocker 2 m above the floor that ends at x = 0. Another lamp,
+    // which is not a sun, does not count.
     let mut s = Stage::new();
     s.floor(Vec2::new(-0.25, -1.0), Vec2::new(0.25, 1.0));
     s.blocker([Vec3::new(-40.0, 2.0, -40.0), Vec3::Z * 80.0, Vec3::X * 40.0]);

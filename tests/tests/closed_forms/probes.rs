@@ -62,7 +62,7 @@ fn in_a_furnace() {
     for rho in [0.5f32, 0.9] {
         let points = [[0.0, 0.0, 0.0], [0.7, -0.5, 0.9]];
         let found = probes(&furnace(rho, 1.0, FurnaceShape::Cube), &points, at(4.0));
-        // L = 1/(1 − ρ) from everywhere: ∫ Y00 dω = 2√π, and nothing else.
+        // L = 1/(1 − ρ) from everywhere: ∫ Y00 dω = 2√π; all others are 0.
         let exact = [
             2.0 * PI.sqrt() / f64::from(1.0 - rho),
             0.,
@@ -94,8 +94,7 @@ fn under_a_sky() {
         ..at(0.1)
     };
     let found = probes(&plain(), &[[0.0, 0.1, 0.0], [5.0, 0.05, -3.0]], settings);
-    // L over the upper half: ∫ Y00 = √π, ∫ Y1−1 = √(3/4π) π; even orders are as over a half of
-    // nothing.
+    // L over the upper half: ∫ Y00 = √π, ∫ Y1−1 = √(3/4π) π; the second order is 0.
     let mut exact = [0.0; 9];
     exact[0] = 2.0 * PI.sqrt();
     exact[1] = 2.0 * PI * (3.0 / (4.0 * PI)).sqrt();
@@ -121,7 +120,7 @@ fn in_the_sun() {
         // E⊥ Y(to).
         close(&found[0], &harmonics(to).map(|y| 7.0 * y), GOLDEN);
     }
-    // A grid over the floor has one layer of them, and the sun is the same at each.
+    // A grid over the floor has one layer, and the sun is the same at each probe.
     let settings = Settings {
         suns: vec![Sun {
             direction: Vec3::NEG_Y.to_array(),

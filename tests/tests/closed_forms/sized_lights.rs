@@ -43,15 +43,15 @@ fn the_range_of_a_point_light() {
         let d = foot(p).hypot(2.0);
         (1.0 - (d / range).powi(4)).max(0.0) * point_irradiance(10.0, 2.0, foot(p))
     };
-    // Towards its end the window falls to 0, and what is left of E changes by any factor within a
-    // lumel; a tenth of the window is inside.
+    // Near its end, the window falls to 0, and the remaining E changes by any factor within a
+    // lumel; the test excludes values below a tenth of the window.
     let inside: Vec<&Seen> = (lumels.iter())
         .filter(|l| l.all(|p| (foot(p).hypot(2.0) / range).powi(4) < 0.9))
         .collect();
     for l in &inside {
         let e = l.mean(exact);
-        // A lumel of 4 cm: the window changes by 4 · 1.5/2.5² · 4 cm = 4 % of 1 at its steepest,
-        // which is 40 % of a tenth; the two sets of points tell it apart to (40 %)²/100.
+        // A lumel of 4 cm: the window changes by at most 4 · 1.5/2.5² · 4 cm = 4 % of 1, which is
+        // 40 % of a tenth; the two sets of points differ by (40 %)²/100.
         let tolerance = if e > 0.5 { GOLDEN } else { 0.01 };
         assert!((l.red() / e - 1.0).abs() < tolerance, "{} {e}", l.red());
     }
@@ -76,7 +76,7 @@ fn the_cone_of_a_spot() {
     for l in lumels.iter().filter(full) {
         assert!((cone(l) - 1.0).abs() < GOLDEN, "{}", cone(l));
     }
-    // Half-way between the cosines a quarter of it.
+    // Halfway between the cosines, a quarter of it.
     let (ci, co) = (inner.cos(), outer.cos());
     let cos = |p: DVec3| 2.0 / foot(p).hypot(2.0);
     let share = |p: DVec3| ((cos(p) - co) / (ci - co)).clamp(0.0, 1.0);
@@ -86,16 +86,16 @@ fn the_cone_of_a_spot() {
     assert!(middle.len() > 100);
     for l in middle {
         let exact = l.mean(|p| share(p).powi(2) * point_irradiance(10.0, 2.0, foot(p)));
-        // One lumel, 3 cm, in which the share changes by 0.03/0.75 from 0.5, its square by 16 %: 2
-        // % of spread, a quarter of that by sampling.
+        // One lumel of 3 cm, in which the share changes by 0.03/0.75 from 0.5, and its square by 16
+        // %: a spread of 2 %, a quarter of that by sampling.
         assert!(
             (l.red() / exact - 1.0).abs() < GOLDEN,
             "{} {exact}",
             l.red()
         );
     }
-    // The root of what is left is linear in the cosine: 0 at the outer angle and 1 at the inner.
-    // Where it falls to ½ of the light, too.
+    // The root of the remaining light is linear in the cosine: 0 at the outer angle and 1 at the
+    // inner one.
     let blend: Vec<(f64, f64)> = (lumels.iter())
         .filter(|l| l.all(|p| (0.15..0.9).contains(&share(p))))
         .map(|l| (l.mean(cos), cone(l).sqrt()))
@@ -112,7 +112,7 @@ fn the_cone_of_a_spot() {
             "{value}: {angle} {exact}"
         );
     }
-    // Dark beyond; lit within, but for a lumel's width.
+    // Dark beyond, lit within, except within a lumel's width.
     let rim = 2.0 * outer.tan();
     for l in &lumels {
         if l.all(|p| foot(p) > rim) {
@@ -152,9 +152,9 @@ fn a_sphere_lamp_is_a_point_while_it_is_above_the_horizon() {
     }
 }
 
-/// Irradiance at `p` with unit normal `n` from a sphere of 1 cd (π r² L = 1), horizon and all, by
-/// rings of directions about its middle: over a ring at the angle β from the axis, which stands at
-/// γ from the normal, ∫ max(0, cosγ cosβ + sinγ sinβ cosφ) dφ has a closed form.
+/// Irradiance at `p` with unit normal `n` from a sphere of 1 cd (π r² L = 1), including the
+/// horizon, by rings of directions around its centre: for a ring at the angle β from the axis,
+/// which is at γ from the normal, ∫ max(0, cosγ cosβ + sinγ sinβ cosφ) dφ has a closed form.
 fn sphere_irradiance(p: DVec3, n: DVec3, centre: DVec3, radius: f64) -> f64 {
     let to = centre - p;
     let d = to.length();
@@ -178,8 +178,7 @@ fn sphere_irradiance(p: DVec3, n: DVec3, centre: DVec3, radius: f64) -> f64 {
 
 #[test]
 fn a_wall_whose_horizon_cuts_the_lamp() {
-    // Walls of 1 m about x = 0 that look along +z; lamps before, in and behind their plane, at
-    // their side.
+    // Walls of 1 m around x = 0 that face +z; lamps before, in and behind their plane, beside them.
     for (z, radius) in [(0.2, 0.3), (0.0, 0.3), (-0.2, 0.4)] {
         let centre = Vec3::new(1.5, 0.5, z);
         let mut s = Stage::new();
@@ -189,13 +188,13 @@ fn a_wall_whose_horizon_cuts_the_lamp() {
         let lumels = lumels_of(&golden(&s.finish(), &production(12.0)), "wall");
         let exact =
             |l: &Seen| l.mean(|p| 10.0 * sphere_irradiance(p, DVec3::Z, centre.as_dvec3(), radius));
-        // All that comes down on it.
+        // All light that arrives on it.
         let (sum, all) = lumels
             .iter()
             .fold((0.0, 0.0), |s, l| (s.0 + l.red(), s.1 + exact(l)));
         assert!((sum / all - 1.0).abs() < GOLDEN, "z {z}: {}", sum / all);
-        // 20 cm before the lamp E doubles over a lumel of 8 cm; from 60 cm on it changes by up to
-        // 25 %.
+        // 20 cm in front of the lamp, E doubles over a lumel of 8 cm; from 60 cm on it changes by
+        // up to 25 %.
         let far: Vec<Seen> = lumels
             .into_iter()
             .filter(|l| l.all(|p| p.x < 0.7))
@@ -205,8 +204,8 @@ fn a_wall_whose_horizon_cuts_the_lamp() {
     }
 }
 
-/// Lumels in columns of equal x: (x, mean of what was baked, mean of `exact`), by x. Sampling noise
-/// is less by the root of their number.
+/// Lumels in columns of equal x: (x, mean of baked values, mean of `exact`), sorted by x. Means
+/// have less noise by the root of the number.
 fn columns(lumels: &[Seen], exact: impl Fn(&Seen) -> f64) -> Vec<(f64, f64, f64)> {
     let mut sorted: Vec<(f64, f64, f64)> = (lumels.iter())
         .filter(|l| l.coverage > 0.999)
@@ -217,7 +216,7 @@ fn columns(lumels: &[Seen], exact: impl Fn(&Seen) -> f64) -> Vec<(f64, f64, f64)
     let mut n = 0.0;
     let mut start = f64::NEG_INFINITY;
     for (x, e, exact) in sorted {
-        // Middles of footprints lie where their points do, less than a tenth of a lumel about the
+        // Centres of footprints are those of their points, less than a tenth of a lumel from the
         // texel's.
         if x - start > 0.4 / DENSITY {
             out.push((0.0, 0.0, 0.0));
@@ -232,10 +231,10 @@ fn columns(lumels: &[Seen], exact: impl Fn(&Seen) -> f64) -> Vec<(f64, f64, f64)
     out
 }
 
-/// Lumels a metre under the blocker.
+/// Lumels per metre under the blocker.
 const DENSITY: f64 = 32.0;
 
-/// A floor of 0.5 × 2 m and a blocker that ends at x = 0 at this height and reaches far to −x.
+/// A floor of 0.5 × 2 m and a blocker at this height that ends at x = 0 and extends far to −x.
 fn half_plane(height: f32) -> Stage {
     let mut s = Stage::new();
     s.floor(Vec2::new(-0.25, -1.0), Vec2::new(0.25, 1.0));
@@ -258,8 +257,7 @@ fn the_penumbra_of_a_sphere_lamp() {
         json!({"extras": {"lumel": {"radius": radius}}}),
     );
     let lumels = lumels_of(&golden(&s.finish(), &production(DENSITY as f32)), "floor");
-    // Directions evenly over the cap that the sphere is, those that pass the blocker's plane at x >
-    // 0.
+    // Directions distributed evenly over the sphere's cap that pass the blocker's plane at x > 0.
     let n = 48;
     let exact = |p: DVec3| {
         let to = centre - p;
@@ -289,15 +287,15 @@ fn the_penumbra_of_a_sphere_lamp() {
         total = (total.0 + e, total.1 + exact);
     }
     assert!((total.0 / total.1 - 1.0).abs() < GOLDEN, "{total:?}");
-    // The umbra ends where the far rim of the sphere comes over the edge: 0.15 m from the axis by
+    // The umbra ends where the far rim of the sphere appears over the edge: 0.15 m from the axis by
     // similar triangles (and a per cent).
     for (x, e, _) in &columns {
         assert_eq!(*e > 0.0, *x > -0.15 * 1.02, "x {x}: {e}");
     }
 }
 
-/// Share of a disc that lies beyond a chord at `s` radii from its middle (towards +): the area of a
-/// circular segment.
+/// Share of a disc beyond a chord at `s` radii from its centre (towards +): the area of a circular
+/// segment.
 fn segment(s: f64) -> f64 {
     let s = s.clamp(-1.0, 1.0);
     (s.acos() - s * (1.0 - s * s).sqrt()) / PI
@@ -326,17 +324,17 @@ fn the_penumbra_of_the_sun() {
     ] {
         let lumels = lumels_of(&golden(&glb, &settings), "floor");
         // The edge cuts the disc at the direction (x, height): on the unit disc of the projected
-        // sun at sin(atan(x/height))/sin(rim), straight but for 1 − rim²/2.
+        // sun, at sin(atan(x/height))/sin(rim), straight up to 1 − rim²/2.
         let share = |p: DVec3| segment(-p.x / p.x.hypot(height) / rim.sin());
         let columns = columns(&lumels, |l| 10.0 * l.mean(share));
         assert_eq!(columns.len(), 16);
         for (x, e, exact) in &columns {
-            // 64 lumels of 512 points: 0.85 % of spread each was measured (unstratified it were 2.2
-            // %), 0.1 % their mean. Half floats add 0.016 %.
+            // 64 lumels of 512 points: a spread of 0.85 % each was measured (2.2 % if
+            // unstratified), 0.1 % for the mean. Half floats add 0.016 %.
             assert!((e - exact).abs() < GOLDEN * 10.0, "x {x}: {e} {exact}");
         }
-        // Between full and none lie 2 h tan(rim) = 17.5 cm: ∫ E (1 − E) dx is a fixed part of that,
-        // 2 ∫₀¹ s(1 − s) over the segment.
+        // The penumbra is 2 h tan(rim) = 17.5 cm wide: ∫ E (1 − E) dx is a fixed part of that, 2
+        // ∫₀¹ s(1 − s) over the segment.
         let width = |of: fn(&(f64, f64, f64)) -> f64| -> f64 {
             columns
                 .iter()
@@ -352,7 +350,7 @@ fn the_penumbra_of_the_sun() {
         let measured = width(|c| c.1) / DENSITY / part;
         let exact = 2.0 * height * rim.tan();
         assert!((ratio - 1.0).abs() < GOLDEN, "{ratio}");
-        // A lumel of 3 cm blurs what is 17.5 cm wide.
+        // A lumel of 3 cm blurs a width of 17.5 cm.
         assert!((measured / exact - 1.0).abs() < 0.02, "{measured} {exact}");
         let half = 0.5 * exact + 0.5 / DENSITY;
         for (x, e, _) in &columns {
@@ -377,7 +375,7 @@ fn a_wide_sun_brings_its_lux() {
             let along = Vec3::new(sin, -cos, 0.0);
             s.lamp("sun", Light::Directional([7.0; 3]), [Vec3::Y, along], more);
             let lumels = lumels_of(&golden(&s.finish(), &at(4.0)), "floor");
-            // Wholly above the horizon a disc is as good as its middle.
+            // Entirely above the horizon, a disc equals its centre.
             let w = worst(&lumels, 0.0, |_| 7.0 * f64::from(cos));
             assert!(w < HALF, "{degrees}° at {tilt}°: {w}");
         }

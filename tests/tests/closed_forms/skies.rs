@@ -29,7 +29,7 @@ fn cube() -> Vec<u8> {
     s.finish()
 }
 
-/// A picture by latitude and longitude, by its red.
+/// A latitude-longitude picture, by its red channel.
 struct Picture {
     width: u32,
     height: u32,
@@ -38,10 +38,10 @@ struct Picture {
 }
 
 impl Picture {
-    /// ∫ L max(0, n·ω) dω with each pixel a patch of even radiance, and the sky turned by `degrees`
-    /// about +Y.
+    /// ∫ L max(0, n·ω) dω with each pixel a patch of even radiance, and the sky rotated by
+    /// `degrees` about +Y.
     fn irradiance(&self, n: DVec3, degrees: f64) -> f64 {
-        // What came from d comes from R d: so n sees what R⁻¹ n saw.
+        // Light that came from d comes from R d, so n receives what R⁻¹ n received.
         let n = DQuat::from_rotation_y(-degrees.to_radians()) * n;
         let mut sum = 0.0;
         for row in 0..self.height {
@@ -123,7 +123,7 @@ impl Picture {
     }
 }
 
-/// Holds the means of all faces against E in units of `factor`.
+/// Compares the means of all faces with E in units of `factor`.
 #[track_caller]
 fn check(bake: &Bake, exact: impl Fn(DVec3) -> f64, what: &str) {
     let all: Vec<f64> = FACES.iter().map(|f| exact(f.1)).collect();
@@ -131,7 +131,7 @@ fn check(bake: &Bake, exact: impl Fn(DVec3) -> f64, what: &str) {
     for ((name, _), exact) in FACES.into_iter().zip(all) {
         let lumels = lumels_of(bake, name);
         let m = mean(&lumels);
-        // A face that the light does not see has the dim rest of the map, blurred by half a pixel:
+        // A face turned away from the light sees the dim rest of the map, blurred by half a pixel:
         // 1e-4 of the others.
         let off = (m - exact).abs();
         assert!(
@@ -156,13 +156,13 @@ const SUN: Picture = Picture {
 fn a_sun_in_the_map() {
     let bake = SUN.bake("sun.hdr", |_| {});
     check(&bake, |n| SUN.irradiance(n, 0.0), "a sun");
-    // E = L Ω cosθ, Ω the pixel's solid angle, as one number.
+    // E = L Ω cosθ as one number, with Ω the pixel's solid angle.
     let theta = PI * 38.5 / 128.0;
     let omega = TAU / 256.0 * ((PI * 38.0 / 128.0).cos() - (PI * 39.0 / 128.0).cos());
     let golden = 65536.0 * omega * theta.cos();
     let m = mean(&lumels_of(&bake, "+y"));
     assert!((m / golden - 1.0).abs() < GOLDEN, "{m} {golden}");
-    // And from −x and +z, not the other sides.
+    // It comes from −x and +z, not from the other sides.
     for (face, lit) in [("-x", true), ("+x", false), ("-z", false), ("+z", true)] {
         assert_eq!(mean(&lumels_of(&bake, face)) > 0.1 * golden, lit, "{face}");
     }
@@ -192,7 +192,7 @@ fn two_tones() {
     };
     for file in ["two.hdr", "two.exr"] {
         let bake = two.bake(file, |_| {});
-        // Above 3π, below π, at the sides half of each.
+        // 3π from above, π from below, half of each from the sides.
         check(&bake, |n| PI * (2.0 + n.y), file);
         check(&bake, |n| two.irradiance(n, 0.0), file);
     }
@@ -229,7 +229,8 @@ fn linear(c: u8) -> f64 {
     }
 }
 
-/// E on a surface with this normal under [`COLOURS`]: ∫ over the cube's faces, by 256² points each.
+/// E on a surface with this normal under [`COLOURS`]: ∫ over the cube's faces, with 256² points
+/// each.
 fn under_the_cube(n: DVec3) -> f64 {
     let k = 256;
     let axes = [
@@ -307,7 +308,7 @@ fn the_documents_own_light() {
             );
         }
     }
-    // `--sky` goes before it.
+    // `--sky` takes precedence over it.
     let black = Settings {
         sky: SkySource::Color([0.0; 3]),
         ..at(8.0)

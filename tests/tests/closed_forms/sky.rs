@@ -54,7 +54,7 @@ fn a_checker_screen_lets_half_of_the_sun_through() {
         .filter(|l| l.all(|p| p.x.abs() < 1.0 && p.z.abs() < 1.0))
         .collect();
     let mean = under.iter().map(|l| l.red()).sum::<f64>() / under.len() as f64;
-    // 16 to 128 shadow rays in each of about 1000 lumels, a quarter of which an edge crosses:
+    // 16 to 128 shadow rays in each of about 1000 lumels; an edge crosses a quarter of them:
     // 0.5/√(16·250) = 0.8 % at most.
     assert!((mean / 2.0 - 1.0).abs() < 0.01, "{mean}");
     let beside = lumels
@@ -75,7 +75,7 @@ fn under_a_sky(radiance: f32, density: f32) -> Settings {
 fn a_free_floor_receives_pi_l_whatever_the_sky() {
     for l in [1e-3f32, 1.0, 1e4] {
         let b = bake(&scenes::lone_floor(), &under_a_sky(l, 12.0));
-        // All rays escape and bring the same.
+        // All rays escape and see the same radiance.
         let w = worst(&lumels_of(&b, "floor"), 0.0, |_| PI * f64::from(l));
         assert!(w < HALF, "{l}: {w}");
     }
@@ -83,13 +83,14 @@ fn a_free_floor_receives_pi_l_whatever_the_sky() {
 
 #[test]
 fn a_wall_receives_half_of_that() {
-    // All but what the floor hides: with a floor without end, half of πL; with one of 20 m the
-    // closed form says how much more.
+    // All but the part that the floor hides: half of πL for an infinite floor; for one of 20 m, the
+    // closed form gives the excess.
     let b = bake(&scenes::wall_on_floor(20.0), &under_a_sky(1.0, 6.0));
     let floor = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
         .map(|(x, z)| DVec3::new(x, 0.0, z));
     let sky = |p: DVec3| {
-        // The half of the floor before the wall: what lies behind it is below the wall's horizon.
+        // The half of the floor in front of the wall: light from behind the wall is below its
+        // horizon.
         let half = floor.map(|c| DVec3::new(c.x, 0.0, c.z.max(0.0)));
         PI - scenes::polygon_irradiance(1.0, &half, p, DVec3::Z)
     };

@@ -25,7 +25,7 @@ pub(super) fn hull(frame: Affine3A, min: Vec3, max: Vec3) -> Hull {
 /// A coordinate beyond which [`hull`] leaves a side open.
 pub(super) const FAR: f32 = 1e3;
 
-/// Everywhere along an axis.
+/// The whole range of an axis.
 pub(super) const ALL: [f32; 2] = [-FAR, FAR];
 
 /// [`hull`] of ranges along x, y and z, in world space.
@@ -39,7 +39,7 @@ pub(super) fn span_in(frame: Affine3A, x: [f32; 2], y: [f32; 2], z: [f32; 2]) ->
     hull(frame, at(0), at(1))
 }
 
-/// Turned about the y axis by `degrees`, then moved.
+/// Rotated about the y axis by `degrees`, then moved.
 pub(super) fn turned(degrees: f32, to: Vec3) -> Affine3A {
     let turn = glam::Quat::from_rotation_y(degrees.to_radians());
     Affine3A::from_rotation_translation(turn, to)
@@ -68,8 +68,8 @@ impl Kit {
         Kit::painted(Material::diffuse("paint", [rho; 3]))
     }
 
-    /// One whose surfaces reflect half of the light and emit as much: in a closed space all
-    /// radiance is 1 and E = π.
+    /// A kit whose surfaces reflect half of the light and emit as much: in a closed space all
+    /// radiance is 1, and E = π.
     pub fn furnace() -> Kit {
         Kit::painted(Material::emitter("paint", [0.5; 3], [0.5; 3]))
     }
@@ -119,8 +119,8 @@ impl Kit {
         self
     }
 
-    /// A rectangular lamp of radiance 10 W/(m² sr) about `middle` that shines down; `half` its half
-    /// sides along x and z. It reflects nothing.
+    /// A rectangular lamp of radiance 10 W/(m² sr) around `middle` that shines down and reflects
+    /// nothing; `half` is half of its sides along x and z.
     pub fn lamp(&mut self, middle: Vec3, half: [f32; 2]) -> &mut Self {
         let [x, z] = [Vec3::X * half[0], Vec3::Z * half[1]];
         let glow = Material::emitter("lamp", [10.0; 3], [0.0; 3]);
@@ -168,14 +168,14 @@ impl Kit {
         self.part("walls", &Geometry::union(&[a, b, c, d]))
     }
 
-    /// A level square ground at `y` of `half` metres to all sides.
+    /// A level square ground at `y` that extends `half` metres to each side.
     pub fn ground(&mut self, half: f32, y: f32) -> &mut Self {
         let corner = Vec3::new(-half, y, half);
         let g = grid(corner, Vec3::X * 2.0 * half, Vec3::Z * -2.0 * half, [1, 1]);
         self.part("ground", &g)
     }
 
-    /// Declares the light that `node` gets `within`.
+    /// Declares the light of `node` inside `within`.
     pub fn region(&mut self, kind: Kind, node: &str, within: Hull) -> &mut Self {
         self.regions.push(Region {
             node: node.into(),
@@ -199,7 +199,7 @@ impl Kit {
         self
     }
 
-    /// Cuts the regions that `which` picks by a half-space.
+    /// Cuts the regions that `which` selects by a half-space.
     pub fn narrow(&mut self, which: impl Fn(&Region) -> bool, plane: [f64; 4]) -> &mut Self {
         for r in self.regions.iter_mut().filter(|r| which(r)) {
             r.within.push(plane);

@@ -21,13 +21,13 @@ pub use region::{Hull, Kind, Region};
 pub struct LeakScene {
     /// File name without ending.
     pub name: &'static str,
-    /// What it is, and what an artist did to make it, in a line.
+    /// What it shows, and what an artist did to cause it, in a line.
     pub what: &'static str,
     /// The scene.
     pub glb: Vec<u8>,
     /// Radiance of the uniform sky that it is baked under, W/(m² sr).
     pub sky: f32,
-    /// Lumels a metre that it is baked with.
+    /// Lumels per metre of its bake.
     pub texels_per_unit: f32,
     /// Regions of its surfaces and their light. The mean over those that are [`Kind::Lit`] is the
     /// reference brightness.

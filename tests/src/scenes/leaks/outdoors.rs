@@ -19,8 +19,7 @@ fn in_the_open(k: Kit, name: &'static str, what: &'static str) -> LeakScene {
     }
 }
 
-/// Rooms of one skin whose corners have split normals, and such whose normals were averaged across
-/// them.
+/// Rooms of one skin, some with split corner normals and some with normals averaged across corners.
 pub(super) fn corner_normals() -> LeakScene {
     let mut k = Kit::new();
     k.ground(4.0, -0.02).sun(SUN);
@@ -54,7 +53,7 @@ pub(super) fn inward_room() -> LeakScene {
     let (min, max) = (Vec3::new(-1.5, 0.01, -1.2), Vec3::new(1.5, 2.4, 1.2));
     k.part("room", &room(min, max, 1).transformed(frame));
     k.region(Kind::Dark, "room", Vec::new());
-    // Where its shadow does not fall.
+    // Out of its shadow.
     for within in [
         span_in(frame, [max.x, FAR], ALL, [-0.5, FAR]),
         span_in(frame, [-0.5, FAR], ALL, [max.z, FAR]),
@@ -75,7 +74,7 @@ const WALL: f32 = 0.15;
 /// The terrain under the barn: y = a x + b z + c.
 const SLOPE: [f32; 3] = [0.07, -0.05, 0.1];
 
-/// Four wall boxes that overlap at the corners and go down to `low`, and a roof of the same
+/// Four wall boxes that overlap at the corners and extend down to `low`, and a roof of the same
 /// thickness `gap` above them.
 fn house(k: &mut Kit, frame: Affine3A, low: f32, wall: f32, gap: f32) {
     let Vec3 { x, y, z } = HOUSE;
@@ -88,7 +87,7 @@ fn house(k: &mut Kit, frame: Affine3A, low: f32, wall: f32, gap: f32) {
     k.part("roof", &block(frame, [-ox, from, -oz], [ox, to, oz]));
 }
 
-/// The inside of a house, from the depths up.
+/// The inside of a house, from below ground upwards.
 fn hall(frame: Affine3A) -> Hull {
     let Vec3 { x, y, z } = HOUSE;
     span_in(frame, [-x, x], [-FAR, y], [-z, z])
@@ -96,8 +95,8 @@ fn hall(frame: Affine3A) -> Hull {
 
 fn house_regions(k: &mut Kit, frame: Affine3A, kind: Kind) {
     let Vec3 { x, z, .. } = HOUSE;
-    // Faces inside: those that look into the hall, as far as it reaches; their other ends are
-    // inside other walls.
+    // Inner faces: those that face into the hall, as far as it extends; their other ends are inside
+    // other walls.
     for (node, inward) in [
         ("west", Vec3::X),
         ("east", Vec3::NEG_X),
@@ -123,7 +122,7 @@ pub(super) fn house_on_ground() -> LeakScene {
     let frame = turned(7.0, Vec3::new(0.1, 0.0, 0.2));
     house(&mut k, frame, -0.05, WALL, -0.02);
     house_regions(&mut k, frame, Kind::Dark);
-    // Where no shadow of the house falls.
+    // Outside any shadow of the house.
     let sunny = |x, z| span_in(frame, x, ALL, z);
     k.region(
         Kind::Lit,
@@ -160,7 +159,7 @@ pub(super) fn barn_on_terrain() -> LeakScene {
         Vec3::Z * -9.0,
         [n, n],
     );
-    // A slope where the barn stands, wider than it by a cell at least, hills about it.
+    // A slope under the barn, at least a cell wider than it, surrounded by hills.
     let [a, b, c] = SLOPE;
     let height = |x: f32, z: f32| {
         let far = ((x * x + z * z).sqrt() - 3.7).max(0.0);
@@ -178,8 +177,8 @@ pub(super) fn barn_on_terrain() -> LeakScene {
     let frame = turned(-12.0, Vec3::new(0.1, 0.0, 0.2));
     house(&mut k, frame, -0.6, WALL, -0.02);
     house_regions(&mut k, frame, Kind::Dark);
-    // What is below the slope looks out under the terrain, into the sky, and nobody sees it. 20 µm
-    // for the rounding of the slope's vertices.
+    // Surfaces below the slope look out under the terrain, into the sky, and nobody sees them. 20
+    // µm allow for the rounding of the slope's vertices.
     let up = Vec3::new(-a, 1.0, -b).as_dvec3();
     let [x, y, z] = (-up.normalize()).to_array();
     let above = [x, y, z, (-f64::from(c) - 2e-5) / up.length()];
@@ -210,7 +209,7 @@ pub(super) fn modular() -> LeakScene {
     let mut k = Kit::new();
     k.ground(4.5, -0.15).sun(SUN);
     let (side, tall, t) = (2.0, 2.4, 0.1);
-    // The panel's inner face is at z = 0, it reaches from x = 0 to 2 and outwards to −z.
+    // The panel's inner face is at z = 0; the panel extends from x = 0 to 2 and outwards to −z.
     let panel = cuboid(Vec3::new(0.0, 0.0, -t), Vec3::new(side, tall, 0.0), 1);
     let panel = k.mesh("panel", &panel);
     let post = k.mesh(
@@ -253,7 +252,7 @@ pub(super) fn modular() -> LeakScene {
         k.place(&name, post, -90.0 * i as f32, Vec3::new(x, 0.0, z) + middle);
     }
     for (name, inward) in inner {
-        // Half-way through the walls: their inner faces, and of the tiles what lies between the
+        // Up to the middle of the walls: their inner faces, and the part of the tiles between the
         // walls.
         let (x, z) = (width / 2.0, depth / 2.0);
         let within = span([-x - 1e-4, x + 1e-4], ALL, [-z - 1e-4, z + 1e-4]);

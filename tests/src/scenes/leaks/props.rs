@@ -79,7 +79,7 @@ pub(super) fn stairs() -> LeakScene {
         .region(Kind::Dark, "side", Vec::new())
         .facing(Vec3::NEG_Z);
     for i in 0..count {
-        // Treads from below, behind the riser that carries them; and the riser from behind.
+        // Treads from below, behind the riser that supports them; and the riser from behind.
         let x = [
             at(i) + riser,
             at(i + 1) + if i + 1 == count { -riser } else { riser },
@@ -166,7 +166,7 @@ pub(super) fn cabinet() -> LeakScene {
         .facing(Vec3::NEG_X)
         .region(Kind::Dark, "boards", skin([0.0, middles[0] + 1e-4]))
         .facing(Vec3::NEG_Y);
-    // The sides' outer faces lie beyond `skin`. What is open to the room:
+    // The sides' outer faces are beyond `skin`. Open to the room:
     let whole = span([-x, x], [-FAR, height], [-FAR, front]);
     k.region(Kind::Lit, "floor", Vec::new())
         .without([whole.clone()])
@@ -269,8 +269,8 @@ pub(super) fn crates() -> LeakScene {
         }
         hulls.push(hull(frame, min.into(), max.into()));
     }
-    // A lining in the double-sided one, single-sided and inwards, a millimetre off: what a lidded
-    // chest has.
+    // The double-sided one has a single-sided lining that faces inwards, a millimetre away, as in a
+    // chest with a lid.
     let frame = places[4].1;
     let lining = block(frame, [-0.299, 0.001, -0.299], [0.299, 0.599, 0.299]).flipped();
     k.part("lining", &lining);
@@ -294,7 +294,7 @@ pub(super) fn crates() -> LeakScene {
     }
 }
 
-/// Walls, boards and crates that stick in a closed room's walls and floor, all that can be seen
+/// Walls, boards and crates that intersect a closed room's walls and floor; everything visible is
 /// declared as lit.
 fn crowded(k: &mut Kit) {
     let (half, height) = (2.0, 2.4);
@@ -355,7 +355,7 @@ fn crowded(k: &mut Kit) {
     }
 }
 
-/// A furnace: every point that can be seen has E = π, so whatever lacks light is a black spot.
+/// A furnace: every visible point has E = π, so any lack of light is a black spot.
 pub(super) fn furnace() -> LeakScene {
     let mut k = Kit::furnace();
     crowded(&mut k);
@@ -368,8 +368,8 @@ pub(super) fn furnace() -> LeakScene {
     }
 }
 
-/// The same room with white walls and a lamp: what the lamp sends out is absorbed on surfaces that
-/// can be seen, so ∫ E dA = Φ/(1 − ρ), and light that bounces get lost in what is hidden counts ten
+/// The same room with white walls and a lamp. All of the lamp's light is absorbed on visible
+/// surfaces, so ∫ E dA = Φ/(1 − ρ), and bounced light that is lost in hidden places counts ten
 /// times.
 pub(super) fn white_room() -> LeakScene {
     let rho = 0.9;

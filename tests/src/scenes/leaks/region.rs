@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// A convex body as half-spaces x·a + y·b + z·c ≤ d, each `[a, b, c, d]` with a unit normal;
-/// metres, world space. None at all is everywhere.
+/// metres, world space. Without half-spaces it is all of space.
 pub type Hull = Vec<[f64; 4]>;
 
 /// Whether `p` lies in `hull` or on its surface.
@@ -14,11 +14,11 @@ pub fn inside(hull: &Hull, p: DVec3) -> bool {
 /// The light of a region.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// None: E is exactly 0.
+    /// No light: E is exactly 0.
     Dark,
-    /// Little, through an opening.
+    /// Little light, through an opening.
     Dim,
-    /// That of the lit room or the open air.
+    /// The light of the lit room or of the open air.
     Lit,
 }
 
@@ -38,24 +38,24 @@ impl Kind {
 pub struct Region {
     /// Name of the node.
     pub node: String,
-    /// What light it gets.
+    /// Its light.
     pub kind: Kind,
     /// Only faces whose normal is at most 60° off this direction.
     pub facing: Option<DVec3>,
-    /// Only what lies in here.
+    /// Only the part inside this body.
     pub within: Hull,
-    /// And in none of these.
+    /// Without the parts inside these.
     pub without: Vec<Hull>,
 }
 
 impl Region {
-    /// Whether faces of unit `normal` belong to it.
+    /// Whether faces with the unit `normal` belong to it.
     pub fn faces(&self, normal: DVec3) -> bool {
         self.facing.is_none_or(|f| f.dot(normal) > 0.5)
     }
 
-    /// Area in m² of a convex polygon's part that lies in the region; the polygon's face must
-    /// belong to it.
+    /// Area in m² of the part of a convex polygon in the region; the polygon's face must belong to
+    /// it.
     pub fn area(&self, polygon: &[DVec3]) -> f64 {
         let mut part = polygon.to_vec();
         for plane in &self.within {
@@ -76,7 +76,7 @@ impl Region {
         parts.iter().map(|p| polygon_area(p)).sum()
     }
 
-    /// Whether a point of a face that belongs to it lies in the region.
+    /// Whether a point of a face that belongs to the region is in it.
     pub fn holds(&self, p: DVec3) -> bool {
         inside(&self.within, p) && !self.without.iter().any(|h| inside(h, p))
     }

@@ -7,7 +7,7 @@ use super::{Hull, Kind, LeakScene};
 use crate::carve::Carver;
 use crate::geometry::{Geometry, cuboid, grid, prism, room};
 
-/// How deep walls go into floors, ceilings and each other, metres: past all rounding, and what
+/// How deep walls extend into floors, ceilings and each other, metres: beyond all rounding, as
 /// artists do.
 const SUNK: f32 = 0.05;
 
@@ -65,7 +65,7 @@ pub(super) fn box_on_floor() -> LeakScene {
     }
 }
 
-/// What separates the two rooms.
+/// The wall between the two rooms.
 enum Wall {
     /// A closed box of this thickness.
     Solid(f32),
@@ -73,8 +73,8 @@ enum Wall {
     Sheet,
 }
 
-/// One shell with one floor, ceiling and pair of walls, divided into two rooms by a wall that
-/// stands 3° askew, so that it crosses lumels at every position. There is a lamp in the first room.
+/// One shell with one floor, ceiling and pair of walls, divided into two rooms by a wall at an
+/// angle of 3°, so that it crosses lumels at every position. The first room has a lamp.
 fn two_rooms(wall: &Wall) -> Kit {
     let mut k = Kit::new();
     let (half, height) = (2.0, 2.6);
@@ -105,7 +105,7 @@ fn two_rooms(wall: &Wall) -> Kit {
             0.0
         }
     };
-    // The lamp's own shadow on the ceiling is not what is looked for.
+    // The lamp's own shadow on the ceiling does not count.
     let above_lamp = span([-3.1, -0.5], [height - 0.05, FAR], [-1.3, 1.3]);
     for node in ["floor", "ceiling", "walls"] {
         k.region(
@@ -119,7 +119,7 @@ fn two_rooms(wall: &Wall) -> Kit {
     k
 }
 
-/// `hull` and −`half` ≤ z ≤ `half`.
+/// `hull`, limited to −`half` ≤ z ≤ `half`.
 fn in_shell(mut hull: Hull, half: f32) -> Hull {
     hull.extend(span(ALL, ALL, [-half, half]));
     hull
@@ -206,7 +206,7 @@ pub(super) fn door_ajar() -> LeakScene {
         );
     }
     k.lamp(Vec3::new(-1.8, 2.5, 0.0), [0.7; 2]);
-    // Hinges at z = −0.45 on the lit side; 5 mm of air about the leaf.
+    // The hinges are at z = −0.45 on the lit side, with 5 mm of air around the leaf.
     let frame = turned(-8.0, Vec3::new(-0.07, 0.0, -0.445));
     k.part(
         "door",
@@ -256,7 +256,7 @@ pub(super) fn storeys() -> LeakScene {
         .facing(Vec3::Y)
         .region(Kind::Lit, "slab", inner)
         .facing(Vec3::NEG_Y)
-        // The lamp's own shadow is not what is looked for.
+        // The lamp's own shadow does not count.
         .without([about.clone(), span([-2.0, 0.3], [-FAR, 2.6], [-1.5, 1.5])])
         .region(Kind::Lit, "floor", Vec::new())
         .without([about]);
