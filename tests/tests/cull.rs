@@ -1,5 +1,4 @@
-//! `--cull-unseen`: what nobody sees from where players walk has no lumels; what they see is as
-//! before.
+//! `--cull-unseen`: surfaces that players cannot see have no lumels, and the others do not change.
 
 use glam::Vec3;
 use lumel::{Bake, Error, Settings, Silent};
@@ -10,7 +9,7 @@ use serde_json::{Value, json};
 use crate::common::{at, bake, lumels_of};
 
 /// A house: walls 0.2 m thick as one mesh, inside and outside; a crate inside it, one outside, and
-/// a closed box that hides a thing. A lamp hangs inside.
+/// a closed box with an object in it. A lamp hangs inside.
 fn house(walkable: Option<Value>, camera: bool) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
@@ -82,15 +81,15 @@ fn outsides_and_hidden_things_lose_their_lumels() {
     let ([out, within], [none, same]) = (sides(&plain), sides(&culled));
     assert!(out > within, "an outside is larger: {out} {within}");
     assert_eq!(none, 0);
-    // Charts of the inside are cut and placed anew, so their texels may fall differently.
+    // Charts of the inside are cut and placed again, so their texels may differ.
     assert!(same.abs_diff(within) * 10 < within, "{same} {within}");
     let report = culled.report.culled.as_ref().expect("a report");
     assert_eq!(report.from, "walkable");
     assert_eq!(report.nodes.len(), 1, "{report:?}");
     assert!(report.nodes[0].contains("outside"), "{report:?}");
-    // The outside and the crate there, and the underside of the crate inside.
+    // The outside, the crate there, and the underside of the crate inside.
     assert!(report.area > 0.5 && report.triangles == 26, "{report:?}");
-    // What is seen keeps its light: the crate's lumels see the same room.
+    // Visible surfaces keep their light: the crate's lumels see the same room.
     let mean = |b: &Bake| {
         let mut lumels = lumels_of(b, "inside");
         lumels.retain(|l| l.middle().y > 0.31);
@@ -98,7 +97,7 @@ fn outsides_and_hidden_things_lose_their_lumels() {
     };
     let (a, b) = (mean(&plain), mean(&culled));
     assert!((a / b - 1.0).abs() < 0.02, "{a} {b}");
-    // Everything stays in the files: no vertex and no triangle is lost.
+    // The files keep everything: no vertex and no triangle is lost.
     let dir = tempfile::tempdir().expect("a folder");
     culled.write(dir.path()).expect("written");
     let again = lumel::mesh_ingest::load(&dir.path().join("scene.glb"), &Default::default());

@@ -33,6 +33,9 @@ const SHARE: f64 = 2e-4;
 /// Most light that may be visible on average in dark rooms, relative to the lit side's mean: twice
 /// the largest measured value, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %).
 /// Next to walls thicker than one and a half lumels, the wall's inner lumels may be read slightly
+/// Most light that may be visible on average in dark rooms, relative to the lit side's mean: twice
+/// the largest measured value, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %).
+/// Next to walls thicker than one and a half lumels, the wall's inner lumels may be read slightly
 /// from both sides.
 const LEAKED: [f64; 2] = [0.034, 1e-6];
 
@@ -83,13 +86,13 @@ struct Findings {
     yard: f64,
     /// Area of the lit regions, m².
     area: f64,
-    /// E of lumels that lie in dark regions wholly, and all lumels about them too.
+    /// E of lumels that are entirely in dark regions, like all lumels around them.
     lumels: Worst,
-    /// E that bilinear lookups find in these.
+    /// Largest E that bilinear lookups find in these.
     seen: Worst,
     /// Mean E that bilinear lookups find at points of dark regions, weighted by area.
     leaked: f64,
-    /// Where E is even: |E/even − 1| that lookups find at points of lit regions.
+    /// If E is even: |E/even − 1| that lookups find at points of lit regions.
     uneven: Worst,
 }
 
@@ -125,7 +128,7 @@ fn bake(scene: &LeakScene, quality: Quality) -> (Scene, Vec<Page>) {
     (Scene::from_glb(&glb).expect("a scene"), pages)
 }
 
-/// Points inside a convex polygon: its middle, and its corners drawn a tenth of the way to it.
+/// Points inside a convex polygon: its centre, and its corners moved a tenth of the way towards it.
 fn points(polygon: &[DVec2]) -> Vec<DVec2> {
     let middle = polygon.iter().sum::<DVec2>() / polygon.len() as f64;
     let near = |p: &DVec2| p.lerp(middle, 0.1);
@@ -141,7 +144,7 @@ fn look(scene: &LeakScene, quality: Quality) -> Findings {
     let mut out = Findings::default();
     let (mut sum, mut area) = (0.0, 0.0);
     let (mut leaked, mut dark_area) = (0.0, 0.0);
-    // Lookups in lumels of which all lies in the dark.
+    // Lookups in lumels that are entirely in the dark.
     let mut wholly: BTreeMap<Texel, (f64, Vec<(f64, String)>)> = BTreeMap::new();
     let mut lumels = BTreeSet::new();
     for footprint in footprints(&baked, &sizes) {
@@ -301,8 +304,8 @@ fn a_furnace_shows_no_black_spots_beside_what_sticks_in_it() {
     let found = look(&scene, Quality::Draft);
     let w = &found.uneven;
     assert!(w.count > 1000, "{} points", w.count);
-    // Rays bring the same from everywhere. What is left is the solve's residual and half floats, as
-    // in `tests/closed_forms/enclosures.rs`.
+    // All rays find the same radiance. The rest is the solve's residual and half floats, as in
+    // `tests/closed_forms/enclosures.rs`.
     assert!(
         w.value <= 5e-3,
         "off by {:.2} %: {}",
@@ -318,14 +321,14 @@ fn a_white_room_loses_no_light_in_what_is_hidden() {
     let exact = scene.received.expect("a scene whose light is known");
     let off = found.yard * found.area / exact - 1.0;
     eprintln!("white_room: {:+.2} % of the light", 100.0 * off);
-    // One in a hundred: what the preview's rays and residual may cost
-    // (`tests/closed_forms/enclosures.rs` allows it for furnaces).
+    // One per cent for the preview's rays and residual (`tests/closed_forms/enclosures.rs` allows
+    // it for furnaces).
     assert!(off.abs() <= 0.01, "{:+.2} % of the light", 100.0 * off);
 }
 
 #[test]
 fn every_scene_with_darkness_is_tested() {
-    // `dark!` above has those with dark regions by name: sixteen.
+    // `dark!` above names the sixteen scenes with dark regions.
     let dark = |s: &LeakScene| s.regions.iter().any(|r| r.kind == Kind::Dark);
     let count = LEAKS.iter().map(|make| make()).filter(dark).count();
     assert_eq!(count, 16);
@@ -333,8 +336,8 @@ fn every_scene_with_darkness_is_tested() {
 
 #[test]
 fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
-    // A plate seen from behind, the sun straight above, no sky: its shade looks like the inside of
-    // something, and is none.
+    // A plate seen from behind, the sun straight above, no sky: its shadow looks like the inside of
+    // something, but is not.
     let floor = quad([
         Vec3::new(-1.0, 0.0, -1.0),
         Vec3::new(-1.0, 0.0, 1.0),
@@ -369,8 +372,8 @@ fn shade_stays_dark_where_there_is_nothing_to_bounce_off() {
 
 #[test]
 fn the_inside_of_a_post_blackens_nothing_around_it() {
-    // A hollow post of 0.3 m without a bottom, walls of 5 mm: dark inside, and too small for anyone
-    // to look into.
+    // A hollow post of 0.3 m without a bottom, with walls of 5 mm: dark inside, and too small for
+    // anyone to look into.
     let floor = quad([
         Vec3::new(-1.0, 0.0, -1.0),
         Vec3::new(-1.0, 0.0, 1.0),
@@ -383,7 +386,7 @@ fn the_inside_of_a_post_blackens_nothing_around_it() {
             at - Vec3::new(0.15, 0.0, 0.15),
             at + Vec3::new(0.15, 0.6, 0.15),
         );
-        // All but what faces down, outside and in.
+        // All faces except those that face down, outside and inside.
         let sides = |faces: [Geometry; 6], down: f32| {
             let open = |g: &&Geometry| !(g.positions.iter().all(|p| p.y == down));
             Geometry::union(faces.iter().filter(open))
@@ -411,8 +414,8 @@ fn the_inside_of_a_post_blackens_nothing_around_it() {
                 (low.x..=high.x).contains(&p.x) && (low.z..=high.z).contains(&p.z)
             };
             if !l.points.iter().any(inside) {
-                // Beside a post a floor sees half of the sky or more; at a tenth of that something
-                // is wrong.
+                // Beside a post, a floor sees at least half of the sky; a tenth of that would be
+                // wrong.
                 assert!(
                     l.red() > 0.05 * PI,
                     "{shift}: {} at {}",

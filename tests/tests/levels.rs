@@ -15,14 +15,15 @@ use serde_json::Value;
 /// Columns and rows of pixels of each of a level's three views.
 const PIXELS: [u32; 2] = [30, 20];
 
-/// Paths a pixel.
+/// Paths per pixel.
 const PATHS: u32 = 256;
 
-/// Standard errors that the path tracer may be off by before a pixel counts. One in forty is
-/// further off on one side, and the bake would also have to be off by nearly a factor of two.
+/// Number of standard errors that the path tracer may be off by before a pixel counts. One pixel in
+/// forty is farther off on one side, and the bake would also have to be off by nearly a factor of
+/// two.
 const SIGMAS: f64 = 2.0;
 
-/// The share of a view's mean light below which a pixel is black on screen either way.
+/// The share of a view's mean light below which a pixel is black on screen.
 const BLACK: f64 = 0.02;
 
 /// Largest fractions of dark and bright pixels. No level has dark ones, and greybox 1 has the most
@@ -130,7 +131,7 @@ fn shares(made: &Level) -> [f64; 2] {
             let Some((page, uv)) = triangle.lightmap else {
                 continue;
             };
-            // A lightmap is of fronts.
+            // Lightmaps show fronts only.
             if triangle.normal().dot(ray.direction) >= 0.0 {
                 continue;
             }

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use crate::common::{Seen, at, bake, lumels_of, mean};
 
-/// How levels are told.
+/// How levels are marked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Told {
     Not,
@@ -29,7 +29,7 @@ const BY_ALL: [Told; 5] = [
     Told::Msft,
 ];
 
-/// A floor of 4 m, a sun of 2 lux straight down, and `levels` of one thing, all of this
+/// A floor of 4 m, a sun of 2 lux straight down, and `levels` of one object, all of this
 /// reflectance.
 fn level(levels: &[Geometry], told: Told, reflectance: f32) -> Vec<u8> {
     let mut b = GltfBuilder::new();
@@ -118,8 +118,8 @@ fn every_level_has_the_light_of_the_first_however_it_is_told() {
                 assert!((l.red() - 2.0).abs() < 1e-3, "{told:?} {k}: {}", l.red());
             }
         }
-        // The shadow is that of the first, half a metre each way: a level that is larger throws
-        // none.
+        // Only the first casts a shadow, half a metre in each direction, even if another level is
+        // larger.
         let (mut lit, mut dark) = (0, 0);
         for l in lumels_of(&out, "floor") {
             let within = |p: DVec3, s: f64| p.x.abs() < s && p.z.abs() < s;
@@ -155,8 +155,8 @@ fn what_nobody_told_is_three_things() {
     assert_eq!(out.report.ingest.lods.len(), 1);
 }
 
-/// Light that is reflected to and fro, on balls of ever fewer triangles: a coarse ball lies up to 6
-/// % of its radius within the fine one.
+/// Light bounces between balls of ever fewer triangles; a coarse ball is up to 6 % of its radius
+/// inside the fine one.
 #[test]
 fn reflected_light_is_that_of_the_first_level_and_the_floor_has_no_other() {
     let balls: Vec<Geometry> = (0..3)
@@ -178,21 +178,21 @@ fn reflected_light_is_that_of_the_first_level_and_the_floor_has_no_other() {
     };
     for k in 1..3 {
         let level = mean(&lumels_of(&all, &name(Told::Name, k)));
-        // The lumels of another net of triangles are spread otherwise over the ball: with some 25
-        // across it, and half of it in the dark, the means differ by about a fiftieth.
+        // The lumels of another triangulation are distributed differently over the ball: with some
+        // 25 across it, and half of it in the dark, the means differ by about a fiftieth.
         assert!((level / first - 1.0).abs() < 0.03, "{k}: {level}, {first}");
         let (own, fine) = (below(k), below(0));
         assert!((own / fine - 1.0).abs() < 0.05, "{k}: {own}, {fine}");
     }
     let [with, without] = [&all, &alone].map(|b| mean(&lumels_of(b, "floor")));
-    // Noise alone, and a mean has less of it than its lumels.
+    // Only noise, and a mean has less of it than its lumels.
     assert!(
         (with / without - 1.0).abs() < claimed.min(0.01),
         "{with} {without}"
     );
 }
 
-/// Rocks and pedestals in lit rooms, coarser levels inside, outside or across the finest.
+/// Rocks and pedestals in lit rooms, with coarser levels inside, outside or across the finest.
 #[test]
 fn generated_levels_of_detail_are_lit_alike() {
     let settings = Settings {
@@ -208,8 +208,8 @@ fn generated_levels_of_detail_are_lit_alike() {
             let first = of(0);
             for k in [1, 2] {
                 let level = of(k);
-                // Coarse nets of triangles spread their lumels otherwise over light that changes:
-                // up to 4 % of the mean. In the shadow of each other two of three would be black.
+                // Coarse triangulations distribute their lumels differently over light that varies:
+                // up to 4 % of the mean. In each other's shadow, two of three would be black.
                 let off = level / first - 1.0;
                 assert!(off.abs() < 0.06, "{seed} {} {k}: {off}", group.name);
             }

@@ -26,8 +26,8 @@ mod surfaces;
 mod uvs;
 mod vertices;
 
-/// Without automatic discovery, a file that is not declared would never be compiled, and its tests
-/// never run.
+/// Automatic discovery is off, so a file that is not declared would never be compiled, and its
+/// tests would never run.
 #[test]
 fn every_file_of_tests_is_part_of_its_program() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

@@ -18,8 +18,8 @@ const CANDELA: f64 = 3.0;
 const SUN: DVec3 = DVec3::new(-0.4, -1.0, -0.3);
 const LUX: f64 = 2.0;
 
-/// A floor and a wall with a block that throws shadows, lit by a lamp, a sun and a spot. The lamp
-/// is marked as mixed on its light, the sun on its node.
+/// A floor and a wall with a block that casts shadows, lit by a lamp, a sun and a spot. The lamp is
+/// marked as mixed on its light, the sun on its node.
 fn scene() -> Vec<u8> {
     let mut s = Stage::new();
     let grey = s.builder.material(&Material::diffuse("grey", [0.6; 3]));
@@ -64,7 +64,7 @@ fn manifest(dir: &Path) -> Value {
     serde_json::from_slice(&bytes).expect("JSON")
 }
 
-/// What an engine adds: E from a lamp that nothing hides.
+/// The engine's part: E from an unoccluded lamp.
 fn analytic(lamp: &str, l: &Seen) -> f64 {
     l.mean(|p| match lamp {
         "lamp" => {
@@ -97,7 +97,7 @@ fn the_indirect_page_and_masked_direct_light_are_the_full_bake() {
         let rest = lumels_in(&part, dir.path(), node);
         let masks = lumels_in_files(&part, dir.path(), &masks, node);
         for ((w, r), m) in whole.iter().zip(&rest).zip(&masks) {
-            // What the block hides takes its neighbours' light, which no lamp gives there.
+            // Lumels under the block take their neighbours' light, which no lamp gives there.
             let near = |x: f64| (0.8..1.3).contains(&x);
             if node == "floor" && near(w.middle().x) && near(w.middle().z) {
                 continue;
@@ -112,8 +112,8 @@ fn the_indirect_page_and_masked_direct_light_are_the_full_bake() {
             let sum = r.red() + added;
             // The mask is the share of irradiance that arrives, so the sum is exact up to half
             // floats (three, and the mask's) and the mean over 64 points instead of the bake's 16
-            // to 128: 1 % where the whole lumel sees the lamp. A shadow edge changes the mean of
-            // the visible part only, which the analytic mean does not know: within 4 %.
+            // to 128: 1 % if the whole lumel sees the lamp. A shadow edge only changes the mean of
+            // the visible part, which the analytic mean does not know: within 4 %.
             let seen: Vec<f64> = channels.iter().map(|(_, c)| mask(*c)).collect();
             let sharp = seen.iter().all(|s| *s < 0.01 || *s > 0.99);
             let most = if sharp { 0.012 } else { 0.04 };

@@ -1,5 +1,4 @@
-//! The artist's knobs: each does exactly what its documentation says, and the report says that it
-//! did.
+//! The artists' knobs: each does exactly what its documentation says, and the report lists it.
 
 use std::f64::consts::PI;
 
@@ -11,8 +10,8 @@ use lumel_tests::scenes::closed_form::Stage;
 
 use crate::common::{Seen, at, bake, lumels_of};
 
-/// Rows sum to 1, and rays see only emission and patches that all have the same light: what is left
-/// is the residual of the solve (1e-4) and half floats (5e-4). See closed_forms/enclosures.rs.
+/// Rows sum to 1, and rays see only emission and patches that all have the same light, so only the
+/// residual of the solve (1e-4) and half floats (5e-4) remain. See closed_forms/enclosures.rs.
 const FURNACE: f64 = 2e-3;
 
 fn knobs(change: impl FnOnce(&mut NotPhysical)) -> Settings {

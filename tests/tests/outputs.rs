@@ -105,8 +105,8 @@ fn sample(page: &ExrImage, uv: DVec2) -> f64 {
     row(0) * (1.0 - f.y) + row(1) * f.y
 }
 
-/// Three instances of one floor, one of them turned, each with a lamp off its middle: no symmetry
-/// hides a flip or a swap.
+/// Three instances of one floor, one of them rotated, each with a lamp off its middle, so that no
+/// symmetry hides a flip or a swap.
 fn three_floors() -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -186,9 +186,10 @@ fn an_engine_that_follows_extras_and_texcoord_1_sees_the_right_light() {
                     let got = sample(&page, uv * scale + offset) * to_irradiance;
                     let exact =
                         closed_form::point_irradiance(4.0, 1.0, (p.x - 0.6).hypot(p.z - 0.2));
-                    // Bilinear over texels of h = 4 cm of a function that bends at 1 m: h²/8·E'' =
-                    // 2e-4·3 E at most; means over lumels as much again; 16 points a lumel 3e-3
-                    // (closed_forms.rs); half 5e-4. The far floors are dim, not less exact.
+                    // Bilinear interpolation over texels of h = 4 cm of a function that bends at 1
+                    // m: h²/8·E'' = 2e-4·3 E at most; means over lumels as much again; 16 points
+                    // per lumel 3e-3 (closed_forms.rs); half floats 5e-4. The far floors are dim,
+                    // but not less exact.
                     assert!((got / exact - 1.0).abs() < 6e-3, "{p}: {got} {exact}");
                     compared += 1;
                 }
@@ -266,7 +267,7 @@ fn instances_share_their_mesh_and_the_manifest_says_what_the_extras_say() {
                 .join(extra["uri"].as_str().expect("a name"))
                 .is_file()
         );
-        // The rectangle is what offset and scale say, lies on the page and is this node's alone.
+        // The rectangle matches offset and scale, is on the page, and belongs to this node alone.
         let [w, h] = b.layout.pages[page];
         let r = ["x", "y", "w", "h"].map(|k| entry["rect"][k].as_u64().expect("a number") as u32);
         assert!(r[0] + r[2] <= w && r[1] + r[3] <= h, "{r:?} on {w} x {h}");
@@ -381,7 +382,7 @@ fn reports_are_equal_but_for_what_is_measured() {
     }
 }
 
-/// An L of a floor and a wall with a step on it, which no mirror image of it covers.
+/// An L of a floor and a wall with a step on it, which is not its own mirror image.
 fn corner() -> Geometry {
     let floor = grid(Vec3::ZERO, Vec3::Z, Vec3::X * 2.0, [1, 1]);
     let wall = grid(Vec3::ZERO, Vec3::Y, Vec3::Z, [1, 1]);
@@ -437,8 +438,8 @@ fn a_mirrored_instance_is_lit_as_its_original_is() {
             largest = largest.max(weight * p);
         }
     }
-    // Other random points on either side: preview's noise is about 1 % of lumels in the open, more
-    // where a shadow's edge passes.
+    // Different random points on the two sides: preview's noise is about 1 % of lumels in the open,
+    // more at shadow edges.
     assert!(difference < 0.01 * sum, "{}", difference / sum);
     assert!(largest > 0.5, "it is lit: {largest}");
 }

@@ -1,4 +1,4 @@
-//! Page groups: rooms on pages of their own.
+//! Page groups: rooms on separate pages.
 
 use std::collections::BTreeSet;
 

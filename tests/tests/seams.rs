@@ -18,7 +18,7 @@ use lumel_tests::geometry::{Geometry, cuboid, grid, quad};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
 use lumel_tests::scenes::smooth::{averaged, lit, tube, uv_sphere};
 
-/// What is promised.
+/// The promised agreement.
 const AGREED: f64 = 0.01;
 
 fn lamp(x: f32, y: f32, z: f32) -> (Light, Vec3) {
@@ -58,14 +58,14 @@ fn agrees(name: &str, glb: &[u8], settings: &Settings) -> SeamReport {
     assert!(found.before.p99 > 3.0 * AGREED, "{name}: {found:?}");
     assert!(found.after.p99 <= AGREED, "{name}: {found:?}");
     assert!(found.moved_elsewhere < 0.01, "{name}: {found:?}");
-    // Looked at, and left alone.
+    // Measured, but not changed.
     let not = seams(name, glb, &off(settings));
     assert_eq!((not.before, not.after), (found.before, found.before));
     assert_eq!((not.moved_near, not.moved_elsewhere), (0.0, 0.0));
     found
 }
 
-/// A rectangle and a slanting piece beside it, whose charts lie at angles to each other, under a
+/// A rectangle and a slanted piece beside it, whose charts are at an angle to each other, under a
 /// low lamp.
 fn two_meshes() -> Vec<u8> {
     let left = floor([[-2.0, -1.0], [-2.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
@@ -93,7 +93,7 @@ fn curved_surfaces_agree() {
     let glb = lit(&[("tube", &tube)], 0.5, &[lamp(1.0, 0.5, 1.0)]);
     let found = seams("tube", &glb, &settings);
     assert!(found.samples > 20 && found.after.p99 <= AGREED, "{found:?}");
-    // A sphere's charts are slit open, and lips less than two texels apart stay as they are.
+    // A sphere's charts are slit open; slits narrower than two texels stay as they are.
     let sphere = uv_sphere(1.0, [16, 12]);
     let glb = lit(&[("sphere", &sphere)], 0.5, &[lamp(1.0, 1.5, 1.0)]);
     let found = seams("sphere", &glb, &settings);
@@ -112,7 +112,7 @@ fn sharp_folds_are_none_whatever_their_normals() {
 
 #[test]
 fn what_goes_on_below_ground_is_none() {
-    // A slope in two pieces, of which the lower one is under the ground.
+    // A slope in two pieces, the lower one under the ground.
     let slope = |from: f32, to: f32| {
         quad([
             Vec3::new(from, 0.3 * from, -1.0),
@@ -152,7 +152,7 @@ fn instances_of_a_kit_agree_and_long_edges_meet_short_ones() {
         light: Some(light),
         ..Node::default()
     });
-    // Not a whole number of texels to a tile, so that no two of them are cut alike.
+    // Not a whole number of texels per tile, so that no two tiles are cut alike.
     let found = agrees("kit", &b.finish(), &at(7.3));
     // Two seams between three tiles, and three of them along the long one.
     assert!((found.metres - 5.0).abs() < 0.05, "{found:?}");
@@ -176,7 +176,7 @@ fn tiles(wall: bool) -> Vec<u8> {
     lit(&parts, 0.0, &[lamp(-0.7, 1.0, 0.0)])
 }
 
-/// The largest value of a node's rectangle, dilated texels too.
+/// The largest value of a node's rectangle, including dilated texels.
 fn most_of(bake: &Bake, node: &str) -> f32 {
     let scene = &bake.loaded.scene;
     let i = (scene.instances.iter())
@@ -231,7 +231,7 @@ fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
             for (one, was) in lumels_of(&stitched, name).iter().zip(&was) {
                 let x = (one.points.iter().map(|p| p.x.abs())).fold(f64::MAX, f64::min);
                 let moved = (one.red() - was.red()).abs();
-                // The sky adds π/100; nothing is brighter or darker than all about it.
+                // The sky adds π/100; nothing is brighter or darker than its surroundings.
                 let red = one.red();
                 assert!((-1e-3..1.04).contains(&red), "{density} {name} {x}: {red}");
                 let far = x > 2.9 / f64::from(density);
@@ -243,8 +243,8 @@ fn a_shadow_that_ends_on_a_seam_is_drawn_out_by_three_lumels_at_most() {
 
 #[test]
 fn surfaces_that_coincide_by_the_hundred_are_not_stitched_each_to_each() {
-    // 200 tiles on the left and 200 on the right, 0.04 mm above each other: as seams go in one
-    // place.
+    // 200 tiles on the left and 200 on the right, 0.04 mm above each other, so close that their
+    // seams count as one place.
     const LAYERS: usize = 200;
     let mut b = GltfBuilder::new();
     let grey = b.material(&Material::diffuse("grey", [0.5; 3]));
@@ -261,8 +261,8 @@ fn surfaces_that_coincide_by_the_hundred_are_not_stitched_each_to_each() {
     std::fs::write(&path, b.finish()).expect("written");
     let found = lumel::estimate(&path, &at(4.0), &lumel::Silent).expect("an estimate");
     eprintln!("layers: {}", found.seam_samples);
-    // Tiles of 4 texels, 8 samples to a texel. Each of 400 meets four others at most; all pairs
-    // would have 1.3 million.
+    // Tiles of 4 texels, with 8 samples per texel. Each of the 400 meets at most four others; all
+    // pairs would have 1.3 million.
     let most = 2 * LAYERS * 4 * 4 * 8;
     assert!(
         (1..=most).contains(&found.seam_samples),
@@ -274,7 +274,7 @@ fn surfaces_that_coincide_by_the_hundred_are_not_stitched_each_to_each() {
 #[test]
 fn creases_are_no_seams() {
     let floor = floor([[-1.0, -1.0], [-1.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
-    // Ten degrees up: more than the eight up to which surfaces go on.
+    // Tilted by ten degrees, more than the eight up to which surfaces continue.
     let (s, c) = 10f32.to_radians().sin_cos();
     let ramp = quad([
         Vec3::new(0.0, 0.0, -1.0),
@@ -325,8 +325,8 @@ fn parts_go_on_summing_to_the_light() {
         for (c, &value) in value.iter().enumerate() {
             let layers = page.layers[c].1[i] + page.layers[3 + c].1[i];
             let groups: f32 = baked.groups.iter().map(|g| g[0].value[i][c]).sum();
-            // A few roundings. Groups where nothing was stitched are sums of other roundings, of
-            // light that is in part larger.
+            // A few roundings. Without stitching, groups are sums with other roundings, of light
+            // that is partly larger.
             for sum in [layers, groups] {
                 let apart = (sum - value).abs();
                 assert!(apart <= 1e-6 * (value + mean), "{i} {c}: {sum} {value}");

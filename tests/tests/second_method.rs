@@ -19,7 +19,7 @@ use lumel_tests::scenes::{cornell_box, second_method as scenes};
 /// Largest bias of `production`, as the project claims for it.
 const BIAS: f64 = 0.001;
 
-/// Lumels with less coverage are not drawn: a chart's edge cuts through them, and fewer than eight
+/// Lumels with less coverage are not chosen: a chart's edge cuts through them, and fewer than eight
 /// of the bake's sample points would fall on them.
 const LEAST_COVERAGE: f64 = 1.0 / 16.0;
 
@@ -103,11 +103,11 @@ impl Written {
     }
 }
 
-/// The Cornell box, which two tests look at.
+/// The Cornell box, which two tests use.
 static CORNELL: LazyLock<Written> =
     LazyLock::new(|| Written::new(&cornell_box(), &production(6.0, SkySource::None)));
 
-/// Fails with the whole table where anything speaks against the bake.
+/// Fails with the whole table if anything speaks against the bake.
 fn agree(name: &str, c: &Comparison) {
     let objections = c.objections(BIAS);
     assert!(objections.is_empty(), "{name}: {objections:#?}\n{c}");
@@ -119,7 +119,7 @@ fn a_cornell_box() {
     let some = written.some(120);
     let c = &written.compare(&some, Effort::new(16_000, 1));
     agree("Cornell box", c);
-    // The method that most engines ship, a few bounces and no more, is caught.
+    // The method of most engines, with only a few bounces, is rejected.
     let cut = Effort {
         bounces: Some(3),
         ..Effort::new(4_000, 2)
@@ -128,7 +128,7 @@ fn a_cornell_box() {
     let objections = cut.objections(BIAS);
     assert!(objections.iter().any(|o| o.starts_with("red")), "{cut}");
 
-    // And so is a bake that is wrong in one way each.
+    // So is a bake with any one of these faults.
     let changed = |f: &dyn Fn(usize, &mut Pair)| {
         let mut c = c.clone();
         for (i, p) in c.pairs.iter_mut().enumerate() {
@@ -154,7 +154,7 @@ fn a_room_under_a_sky_with_a_lamp() {
     let written = Written::new(&scenes::skylit_room(), &settings);
     let c = written.compare(&written.some(120), Effort::new(16_000, 1));
     agree("skylit room", &c);
-    // A difference in one place only is seen by the label.
+    // A difference in one place only shows in the sum of its label.
     let mut c = c;
     for p in c.pairs.iter_mut().filter(|p| p.label == "room ceiling") {
         p.judged *= 1.05;
@@ -173,7 +173,7 @@ fn colours_that_bleed() {
     let written = Written::new(&scenes::coloured_room(), &settings);
     let c = written.compare(&written.some(120), Effort::new(12_000, 1));
     agree("coloured room", &c);
-    // Light does come off the coloured walls: white lumels are far from grey somewhere.
+    // Light does bounce off the coloured walls: white lumels are far from grey somewhere.
     let spread =
         |p: &&Pair| p.label == "white" && p.judged.max_element() > 1.3 * p.judged.min_element();
     assert!(c.pairs.iter().any(|p| spread(&p)), "{}", c);
@@ -200,12 +200,12 @@ fn a_door_to_a_second_room_and_a_sealed_one() {
     }
 }
 
-/// Lumels of the floor that are partly under a block, whose visible fraction the bake's sixteen
-/// points only know to about 1/16.
+/// Lumels of the floor that are partly under a block. The bake's sixteen points determine their
+/// visible fraction only to about 1/16.
 ///
-/// Their values may differ from the truth by twice that fraction of what the visible part receives
-/// (plus 4 s.e. of the path tracer). Their claimed errors are not tested: if all points are buried,
-/// the bake claims none, which is wrong.
+/// Their values may differ from the truth by twice that fraction of the visible part's light (plus
+/// 4 s.e. of the path tracer). Their claimed errors are not tested: if all points are buried, the
+/// bake claims no error, which is wrong.
 #[test]
 fn lumels_at_the_foot_of_a_block() {
     let written = &*CORNELL;
@@ -227,7 +227,7 @@ fn lumels_at_the_foot_of_a_block() {
 
 /// Share of a square lumel of the Cornell box's floor outside the blocks, by 32² points.
 fn open_share(f: &Footprint, scene: &Scene) -> f64 {
-    // As in the scene's source, centimetres (x, z).
+    // Centimetres (x, z), as in the scene's source.
     const BLOCKS: [[(f64, f64); 4]; 2] = [
         [(130.0, 65.0), (82.0, 225.0), (240.0, 272.0), (290.0, 114.0)],
         [

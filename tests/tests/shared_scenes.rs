@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use lumel::{Quality, Settings, Silent, SkySource};
 
-/// Path of a shared scene; `None`, with a note, where there is none.
+/// Path of a shared scene; `None`, with a note, if it does not exist.
 #[allow(clippy::print_stderr, reason = "a test that did nothing should say so")]
 fn shared(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -45,7 +45,7 @@ fn bakes(name: &str, texels_per_unit: f32) {
 
 #[test]
 fn bevys_cornell_box() {
-    // Its unit is a millimetre of a real box and it is 556 of them wide.
+    // Its unit is a millimetre of a real box, and it is 556 of them wide.
     bakes("bevy_cornell/CornellBox.glb", 0.1);
 }
 

@@ -1,4 +1,4 @@
-//! Surfaces without thickness: each side shows its own light, and what lies outside does not shine
+//! Surfaces without thickness: each side shows its own light, and light from outside does not leak
 //! in.
 
 use std::f64::consts::PI;
@@ -44,9 +44,9 @@ fn mean_facing(bake: &Bake, node: &str, normal: glam::DVec3) -> f64 {
 
 #[test]
 fn faces_back_to_back_are_each_seen_from_their_own_side() {
-    // Two furnaces share a wall of two single-sided faces. Every point of a furnace receives
-    // π L / (1 − ρ) from all directions, whatever its shape, so there is no noise. A ray that
-    // took the face behind for the wall would find it black.
+    // Two furnaces share a wall of two single-sided faces. Every point of a furnace receives π L /
+    // (1 − ρ), whatever its shape, without noise. A ray that hit the back of the other room's face
+    // would find it black.
     let radiance = [1.0, 3.0];
     for first in [0, 1] {
         let mut b = GltfBuilder::new();
@@ -114,10 +114,10 @@ fn a_wall_without_thickness_shows_the_light_of_both_rooms() {
     let glb = wall_without_thickness([5.0, 1.0]);
     let baked = bake(&glb, &settings());
     let [left, right] = [-1.0, 1.0].map(|x| mean_facing(&baked, "wall", glam::DVec3::X * x));
-    // The rooms mirror each other, so only noise separates the ratio from that of the lamps: 64
-    // lumels a side, whose errors of some 5 % each are partly common.
+    // The rooms are mirror images, so only noise makes the ratio differ from that of the lamps: 64
+    // lumels per side, whose errors of some 5 % each are partly correlated.
     assert!((left / right / 5.0 - 1.0).abs() < 0.03, "{left} {right}");
-    // What is written has a single-sided face for each side.
+    // The written file has a single-sided face for each side.
     let json = baked.loaded.document.json();
     let mesh = &json["meshes"][2]["primitives"];
     assert_eq!(mesh.as_array().map(Vec::len), Some(2));
@@ -159,8 +159,8 @@ fn a_wall_without_thickness_between_equal_rooms_stays_as_it_is() {
 
 #[test]
 fn a_rug_sunk_into_a_floor_without_thickness_shows_nothing_of_the_sky_below() {
-    // A furnace whose walls have no thickness, under a sky ten times as bright. The rug's sides are
-    // half a lumel high, two thirds of that below the floor.
+    // A furnace whose walls have no thickness, under a sky that is ten times as bright. The rug's
+    // sides are half a lumel high, two thirds of that below the floor.
     let mut b = GltfBuilder::new();
     let glow = b.material(&Material {
         double_sided: true,

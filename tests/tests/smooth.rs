@@ -23,12 +23,11 @@ const TESSELLATIONS: [[u32; 2]; 3] = [[8, 6], [16, 12], [32, 24]];
 /// Prints the largest and the root mean square difference, relative to `scale`.
 ///
 /// Only the mean over a lumel is sampled, with sixteen points (`DirectOptions::base` of the
-/// preview), of which fewer count if little of the lumel is on the surface. Values distributed
-/// evenly over a range have a standard deviation of 1/√12 of it. The mean of sixteen independent
-/// ones has a quarter of that, the reference's sixty-four an eighth, and four deviations of the
-/// difference are 0.32 of the range. Half floats round by 2⁻¹¹. For the RMS: one deviation, where
-/// the range is the variation over a lumel of 1/8 m on a unit sphere: 1/8 of `scale` or, near a
-/// lamp, more.
+/// preview), fewer if little of the lumel is on the surface. Values distributed evenly over a range
+/// have a standard deviation of 1/√12 of it. The mean of sixteen independent ones has a quarter of
+/// that, the reference's sixty-four an eighth, and four deviations of the difference are 0.32 of
+/// the range. Half floats round by 2⁻¹¹. For the RMS: one deviation, where the range is the
+/// variation over a lumel of 1/8 m on a unit sphere: 1/8 of `scale` or, near a lamp, more.
 fn holds(name: &str, lumels: &[Seen], scale: f64, exact: impl Fn(DVec3) -> f64) {
     let (mut most, mut squares, mut n) = (0f64, 0.0, 0.0);
     for l in lumels.iter().filter(|l| l.points.len() >= 32) {
@@ -57,8 +56,8 @@ fn all_dark(lumels: &[Seen]) {
     }
 }
 
-/// A density, and lumels as they were gathered: means over what they cover. Stitching makes border
-/// lumels what lookups need, which [`error_of_lookups`] holds against the truth.
+/// A density, and lumels as gathered, i.e. means over their surface. Stitching changes border
+/// lumels for lookups, which [`error_of_lookups`] compares with the truth.
 fn means(texels_per_unit: f32) -> Settings {
     Settings {
         stitch: false,
@@ -74,7 +73,8 @@ fn under_the_sky(texels_per_unit: f32) -> Settings {
     }
 }
 
-/// Root mean square difference of bilinear lookups all over the surface from `exact`, by area.
+/// Root mean square difference between bilinear lookups and `exact` over the whole surface, by
+/// area.
 fn error_of_lookups(glb: &[u8], settings: &Settings, exact: impl Fn(DVec3) -> f64) -> f64 {
     let dir = tempfile::tempdir().expect("a temporary folder");
     let baked = bake(glb, settings);
@@ -119,9 +119,9 @@ fn lookups_on_a_sphere_are_as_near_to_the_truth_as_lumels_allow() {
             let settings = Settings { stitch, ..at(8.0) };
             let off = error_of_lookups(&glb, &settings, exact);
             eprintln!("lookups {n:?}, stitched {stitch}: RMS {off:.5}");
-            // A lookup at a border is up to half a lumel of 1/8 m from the middles of those it
-            // reads, where E changes by 1/16 at most; borders are an eighth of the surface or less:
-            // 1/16 · √(1/8)/√3 = 0.013.
+            // A lookup at a border is up to half a lumel of 1/8 m from the centres of the lumels
+            // that it reads, over which E changes by at most 1/16; borders are at most an eighth of
+            // the surface: 1/16 · √(1/8)/√3 = 0.013.
             assert!(off < 0.013, "{n:?}, stitched {stitch}: {off}");
         }
     }
@@ -160,14 +160,14 @@ fn a_sphere_under_a_uniform_sky_is_even_at_any_tessellation() {
     for n in TESSELLATIONS {
         let glb = lit(&[("sphere", &uv_sphere(1.0, n))], 0.0, &[]);
         let seen = lumels_of(&bake(&glb, &under_the_sky(8.0)), "sphere");
-        // Every ray escapes: all that rounds is the half float.
+        // Every ray escapes, so only half floats round.
         holds(&format!("sky {n:?}"), &seen, PI, |_| PI);
     }
 }
 
 #[test]
 fn a_sphere_beside_a_lamp_is_as_far_from_it_as_the_round_one() {
-    // 0.25 m off the sphere at the nearest, where facets of the coarsest are 0.09 m farther.
+    // 0.25 m off the sphere at the nearest point, where facets of the coarsest are 0.09 m farther.
     let place = Vec3::new(0.6, 0.75, 0.8);
     let most = 1.0 / (f64::from(place.length()) - 1.0).powi(2);
     for n in TESSELLATIONS {
@@ -190,7 +190,7 @@ fn a_tube_is_round_outside() {
         holds(&format!("tube in the sun {faces}"), &seen, 1.0, exact);
         let glb = lit(&[("tube", &tube(1.0, 1.0, faces, 1))], 0.0, &[]);
         let bake = bake(&glb, &under_the_sky(8.0));
-        // Above and below it is open air: nothing hides the sky from any point.
+        // It is open above and below: nothing hides the sky from any point.
         let name = format!("tube in the sky {faces}");
         holds(&name, &lumels_of(&bake, "tube"), PI, |_| PI);
     }
@@ -198,8 +198,9 @@ fn a_tube_is_round_outside() {
 
 #[test]
 fn a_hollow_furnace_loses_no_light_between_the_horizons() {
-    // B = πL/(1 − ρ) all over the walls of any closed shape, and E is the same about whatever axis.
-    // Cut off at the facets' horizons, corners of the coarsest would lack (1 − cos 27°)/2 = 5 %.
+    // B = πL/(1 − ρ) everywhere on the walls of a closed shape, and E is the same around any axis.
+    // If light were cut off at the facets' horizons, corners of the coarsest would lack (1 − cos
+    // 27°)/2 = 5 %.
     let (rho, radiance) = (0.5, 1.0);
     for n in &TESSELLATIONS[..2] {
         let hollow = uv_sphere(1.0, *n).flipped();
@@ -214,8 +215,8 @@ fn a_hollow_furnace_loses_no_light_between_the_horizons() {
 
 #[test]
 fn a_bright_ball_does_not_light_itself() {
-    // In a black hall so large that the ball counts as a lamp, of closed forms and shadow rays: its
-    // own facets lie below its horizons.
+    // In a black hall so large that the ball counts as a lamp, with closed forms and shadow rays:
+    // its own facets are below its horizons.
     let hall = room(Vec3::splat(-2.0), Vec3::splat(2.0), 1).bare();
     for n in &TESSELLATIONS[..2] {
         let ball = uv_sphere(1.0, *n);
@@ -247,7 +248,7 @@ fn a_closed_sphere_lets_no_light_out_or_in() {
 
 #[test]
 fn shells_a_millimetre_apart_keep_their_gap_dark() {
-    // The ideal surface of the inner facets lies up to 9 cm beyond the outer shell's.
+    // The ideal surface of the inner facets is up to 9 cm outside the outer shell's.
     for n in TESSELLATIONS {
         let inner = uv_sphere(1.0, n);
         let outer = uv_sphere(1.001, n).flipped();
@@ -266,7 +267,7 @@ fn shells_a_millimetre_apart_keep_their_gap_dark() {
 #[test]
 fn a_sphere_that_rests_in_a_closed_box_is_lit_as_in_the_open_and_lets_nothing_in() {
     let ball = uv_sphere(1.0, [16, 12]);
-    // It touches the floor with a corner, and one of the walls.
+    // A corner of it touches the floor and one of the walls.
     let walls = room(Vec3::new(-1.0, -1.0, -2.0), Vec3::new(2.0, 2.0, 2.0), 1).bare();
     let parts: [(&str, &Geometry); 2] = [("ball", &ball), ("walls", &walls)];
     let place = Vec3::new(0.9, 1.2, 1.1);
@@ -283,8 +284,8 @@ fn a_sphere_that_rests_in_a_closed_box_is_lit_as_in_the_open_and_lets_nothing_in
 
 #[test]
 fn a_cube_with_averaged_normals_keeps_its_horizons() {
-    // Low light from one side: normals of the top's rim lean towards it, but its faces do not see
-    // it.
+    // Low light from one side: normals at the top's rim lean towards it, but the top's faces do not
+    // see it.
     let cube = averaged(&cuboid(Vec3::splat(-0.5), Vec3::splat(0.5), 1));
     let low = Vec3::new(0.96, -0.28, 0.0);
     let glb = lit(&[("cube", &cube)], 0.0, &[sun(low)]);

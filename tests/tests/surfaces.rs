@@ -10,7 +10,7 @@ use lumel_tests::geometry::{Geometry, grid, quad};
 use lumel_tests::gltf::{GltfBuilder, Light, Material, Node};
 use lumel_tests::scenes::closed_form;
 
-/// A floor of 2 m about the origin, front up.
+/// A floor of 2 m around the origin, front up.
 fn floor() -> Geometry {
     grid(
         Vec3::new(-1.0, 0.0, 1.0),
@@ -21,8 +21,8 @@ fn floor() -> Geometry {
     .bare()
 }
 
-/// Bakes `parts` (a node each) of reflectance 0 under a sun of 2 lux straight down, 8 lumels a
-/// metre.
+/// Bakes `parts` (a node each) with reflectance 0 under a sun of 2 lux straight down, at 8 lumels
+/// per metre.
 fn under_the_sun(parts: &[(&str, &Geometry)]) -> Bake {
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
@@ -37,8 +37,8 @@ fn under_the_sun(parts: &[(&str, &Geometry)]) -> Bake {
         light: Some(sun),
         ..Node::default()
     });
-    // Some of these lumels see backs of single-sided faces only: what they hold by themselves is
-    // asked for, not what they would be filled with.
+    // Some of these lumels see only backs of single-sided faces; this tests their own values,
+    // without filling.
     let settings = Settings {
         hidden: Hidden::Mean,
         ..at(8.0)
@@ -51,7 +51,7 @@ fn under_the_sun(parts: &[(&str, &Geometry)]) -> Bake {
     out
 }
 
-/// All of these lumels hold `e`; nothing is sampled, so only half float rounds (2⁻¹¹).
+/// All of these lumels hold `e`. Nothing is sampled, so only half floats round (2⁻¹¹).
 fn all_hold(lumels: &[Seen], e: f64) {
     for l in lumels {
         assert!(
@@ -104,7 +104,7 @@ fn a_flipped_face_in_the_same_place_takes_no_light_from_the_right_one() {
 
 #[test]
 fn crossing_faces_shade_each_other_where_they_should() {
-    // A plate tilted through the floor: over it where x > 0. It is single-sided and faces up; its
+    // A plate tilted through the floor, above it for x > 0. It is single-sided and faces up; its
     // shadow falls on x > 0.
     let s = 0.5;
     let plate = quad([
@@ -117,7 +117,7 @@ fn crossing_faces_shade_each_other_where_they_should() {
     let b = under_the_sun(&[("floor", &floor()), ("plate", &plate)]);
     let (mut dark, mut bright) = (0, 0);
     for l in lumels_of(&b, "floor") {
-        // Rays start some 1e-6 m above: 1e-4 off the edges is clear of them.
+        // Rays start some 1e-6 m above the surface, so 1e-4 from the edges is enough.
         if l.all(|p| p.x > 1e-4 && p.x < 0.4999 && p.z.abs() < 0.4999) {
             assert_eq!(l.red(), 0.0, "{}", l.points[0]);
             dark += 1;
@@ -140,7 +140,7 @@ fn crossing_faces_shade_each_other_where_they_should() {
 
 #[test]
 fn slivers_of_aspect_a_million_harm_nobody() {
-    // A fan whose last corner lies 1e-6 off an edge of 2 m, T-junctions on both sides, and a lone
+    // A fan whose last corner is 1e-6 off an edge of 2 m, T-junctions on both sides, and a single
     // needle over the floor.
     let mut g = Geometry {
         positions: vec![
@@ -155,7 +155,7 @@ fn slivers_of_aspect_a_million_harm_nobody() {
     };
     let wide = under_the_sun(&[("floor", &g)]);
     let lumels = lumels_of(&wide, "floor");
-    // 2 m × 2 m at 8 a metre, whatever the charts: at least the inner ones.
+    // 2 m × 2 m at 8 per metre, whatever the charts: at least the inner ones.
     assert!(lumels.len() >= 200, "{}", lumels.len());
     all_hold(&lumels, 2.0);
     g.append(&Geometry {
@@ -172,8 +172,8 @@ fn slivers_of_aspect_a_million_harm_nobody() {
         .into_iter()
         .filter(|l| l.points[0].y < 0.1)
         .collect();
-    // The needle's shadow is 2 µm wide: of 16 points in a lumel of 12.5 cm it may catch one by
-    // chance in ten thousand.
+    // The needle's shadow is 2 µm wide: one of 16 points in a lumel of 12.5 cm hits it by chance
+    // once in ten thousand.
     all_hold(&floor, 2.0);
 }
 
@@ -195,9 +195,9 @@ fn plates_a_tenth_of_a_millimetre_apart_exchange_light_as_infinite_ones_do() {
     for (name, exact) in [("plate", e2), ("lamp", e2 * f64::from(r2))] {
         for l in lumels_of(&bake, name) {
             if l.all(|p| p.x.abs() < 0.9 && p.z.abs() < 0.9) {
-                // A thousand gaps from the edge nothing escapes, but light comes back from patches
-                // of 0.1 m, whose outermost lose up to half of their outermost gap's width: below
-                // 1e-3. Rays that graze: 2 %.
+                // A thousand gaps from the edge nothing escapes, but light returns from patches of
+                // 0.1 m, the outermost of which lose up to half of their outermost gap's width:
+                // below 1e-3. Grazing rays: 2 %.
                 assert!(
                     (l.red() / exact - 1.0).abs() < 0.02,
                     "{name}: {} {exact}",
@@ -221,8 +221,8 @@ fn brighter_lamps_scale_every_lumel_alike() {
     let one = page(1.0);
     for radiance in [1e-3f32, 1e6] {
         for (x, y) in one.iter().zip(page(radiance)) {
-            // Draft takes the same samples; f32 sums of some 500 terms, smoothing weights that see
-            // rounding: 1e-3 is ample for both and small against any noise.
+            // Draft takes the same samples. f32 sums of some 500 terms, and smoothing weights that
+            // depend on rounding: 1e-3 is ample for both and small compared with noise.
             let d = (y[0] / radiance - x[0]).abs();
             assert!(d <= 1e-3 * x[0], "{radiance}: {} {}", x[0], y[0] / radiance);
         }
@@ -240,9 +240,9 @@ fn a_face_that_coincides_with_another_is_no_blacker_than_that() {
 
 #[test]
 fn a_duplicate_turned_over_gets_the_light_of_its_own_side() {
-    // A two-sided floor takes both sides in the rays' list; its copy, single-sided and facing down,
-    // is lit from below where the sun shines up, and the floor is not: its lightmap is of the
-    // front.
+    // A two-sided floor occupies both sides in the list of triangles. Its copy, single-sided and
+    // facing down, is lit from below if the sun shines up; the floor is not, because its lightmap
+    // is that of the front.
     for (up, expected) in [(true, [0.0, 2.0]), (false, [2.0, 0.0])] {
         let mut b = GltfBuilder::new();
         let two_sided = b.material(&Material {
@@ -250,7 +250,7 @@ fn a_duplicate_turned_over_gets_the_light_of_its_own_side() {
             ..Material::diffuse("two-sided", [0.0; 3])
         });
         let black = b.material(&Material::diffuse("black", [0.0; 3]));
-        // Turned a third around too, so that corners do not lie in the same order.
+        // Corners rotated by one as well, so that they are in another order.
         let mut turned = floor().flipped();
         for t in &mut turned.triangles {
             t.rotate_left(1);
@@ -285,9 +285,9 @@ fn a_duplicate_turned_over_gets_the_light_of_its_own_side() {
 
 #[test]
 fn a_decal_in_the_plane_of_a_floor_and_another_tessellation_are_lit_like_it() {
-    // Tilted and off the origin, so that rounding puts each now above and now below the others: by
-    // up to 2e-7 m in the file's f32 coordinates of 2 to 4 m. Rays start 1.2e-6 m above a surface
-    // there.
+    // Tilted and off the origin, so that rounding puts each sometimes above and sometimes below the
+    // others, by up to 2e-7 m in the file's f32 coordinates of 2 to 4 m. Rays start 1.2e-6 m above
+    // a surface there.
     let place = |g: Geometry| {
         g.transformed(glam::Affine3A::from_rotation_translation(
             glam::Quat::from_rotation_z(0.3) * glam::Quat::from_rotation_x(0.2),
@@ -342,7 +342,7 @@ fn occluders_cast_their_shadow_and_nothing_else() {
     let white = b.material(&Material::emitter("white", [5.0; 3], [0.9; 3]));
     let floor = b.mesh("floor", &[(&floor(), grey)]);
     b.node(Node::of_mesh("floor", floor));
-    // Over the half of the floor where x > 0, beyond its rim on the other sides.
+    // Over the half of the floor where x > 0, and beyond its rim on the other sides.
     let roof = grid(
         Vec3::new(0.0, 0.5, 2.0),
         Vec3::X * 2.0,
@@ -372,7 +372,7 @@ fn occluders_cast_their_shadow_and_nothing_else() {
         assert_eq!(lumels.len(), 256, "{list}");
         let (lit, dark): (Vec<_>, Vec<_>) = lumels.into_iter().partition(|l| l.all(|p| p.x < 0.0));
         assert_eq!((lit.len(), dark.len()), (128, 128), "{list}");
-        // Were the roof to glow or reflect, it would light both halves.
+        // If the roof glowed or reflected, it would light both halves.
         all_hold(&lit, 2.0);
         all_hold(&dark, 0.0);
         assert_eq!(baked.layout.placements[1].rect.w, 0, "{list}");
@@ -380,7 +380,7 @@ fn occluders_cast_their_shadow_and_nothing_else() {
     }
 }
 
-/// A double-sided floor that shows its front to the ground, under a sun of 2 lux straight down.
+/// A double-sided floor with its front towards the ground, under a sun of 2 lux straight down.
 fn upside_down(sky: f32) -> Bake {
     let mut b = GltfBuilder::new();
     let paper = b.material(&Material {
@@ -408,7 +408,7 @@ fn upside_down(sky: f32) -> Bake {
 
 #[test]
 fn a_sheet_whose_front_nobody_sees_holds_the_light_of_its_back() {
-    // The front looks into the void.
+    // The front faces the void.
     all_hold(&lumels_of(&upside_down(0.0), "floor"), 2.0);
     // The front sees a sky, so it counts: π times its radiance.
     let baked = upside_down(0.1);

@@ -126,7 +126,7 @@ fn density_is_a_factor_that_children_inherit_until_one_says_otherwise() {
         assert_eq!(rect.w, rect.h, "{name}");
         rect.w
     };
-    // Two metres at 8 a metre times the factor, and a texel on both sides; rectangles are whole
+    // Two metres at 8 per metre times the factor, and a texel on both sides; rectangles are whole
     // blocks of 4 texels.
     let widths = ["plain", "parent", "heir", "own", "none"].map(width);
     assert_eq!(
@@ -144,11 +144,11 @@ fn density_is_a_factor_that_children_inherit_until_one_says_otherwise() {
     assert!(listed.iter().all(|n| n["name"] != "none"));
     assert_eq!(node_of(&scene.0, "none")["extras"].get("lightmap"), None);
     assert!(node_of(&scene.0, "plain")["extras"]["lightmap"]["page"].is_u64());
-    // It has light all the same.
+    // It has light in the vertex-coloured file.
     let mesh = node_of(&vertex, "none")["mesh"].as_u64().expect("a mesh") as usize;
     let lit = &vertex["meshes"][mesh]["primitives"][0]["attributes"]["COLOR_0"];
     assert!(lit.is_u64(), "{vertex}");
-    // A mesh for each density: 16, 64 and 128 lumels need another padding in the unit square.
+    // A mesh for each density: 16, 64 and 128 lumels need different padding in the unit square.
     assert_eq!(scene.0["meshes"].as_array().map(Vec::len), Some(3));
     let same =
         |a: &str, b: &str| attribute(&scene, a, "TEXCOORD_1") == attribute(&scene, b, "TEXCOORD_1");
@@ -168,7 +168,7 @@ fn a_level_with_density_0_everywhere_is_refused() {
     assert!(message.contains("density 0"), "{message}");
 }
 
-/// Crates, a table-like prop and a floor: which of them, in which order.
+/// The objects of a level (crates, a table-like prop, a floor), in this order.
 fn level(order: &[&str]) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.5; 3]));
@@ -245,7 +245,7 @@ fn a_mesh_has_the_same_bytes_of_coordinates_in_any_company() {
 
 #[test]
 fn one_prop_more_leaves_the_automatic_density_and_so_all_coordinates() {
-    // The pipeline up to the charts: 200,000 lumels would take their time.
+    // The pipeline only up to the charts, because 200,000 lumels would take long.
     let of = |order: &[&str]| {
         let dir = tempfile::tempdir().expect("a folder");
         let path = dir.path().join("scene.glb");

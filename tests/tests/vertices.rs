@@ -37,13 +37,13 @@ fn painted(primitives: &[&Geometry], reflectance: f32, lamp: Vec3) -> Vec<u8> {
     b.finish()
 }
 
-/// A floor of 2 m about the origin, `n` cells an edge.
+/// A floor of 2 m around the origin, with `n` cells per edge.
 fn floor(n: u32) -> Geometry {
     let corner = Vec3::new(-1.0, 0.0, 1.0);
     grid(corner, Vec3::X * 2.0, Vec3::Z * -2.0, [n, n])
 }
 
-/// Every triangle with vertices of its own.
+/// Every triangle with its own vertices.
 fn torn(g: &Geometry) -> Geometry {
     let corners: Vec<usize> = g.triangles.iter().flatten().map(|v| *v as usize).collect();
     Geometry {
@@ -58,8 +58,8 @@ fn torn(g: &Geometry) -> Geometry {
 
 #[test]
 fn vertices_of_one_place_and_normal_have_one_light_and_hard_edges_have_two() {
-    // A floor in two primitives, every triangle by itself, and a wall that stands at its edge. At 8
-    // lumels a metre its triangles have some lumels each, at 1 less than one: fitted and gathered.
+    // A floor in two primitives, with separate triangles, and a wall at its edge. At 8 lumels per
+    // metre its triangles have some lumels each, at 1 less than one: fitted and gathered.
     for density in [8.0, 1.0] {
         let whole = torn(&floor(4));
         let half = |part: usize| {
@@ -101,8 +101,8 @@ fn vertices_of_one_place_and_normal_have_one_light_and_hard_edges_have_two() {
             shared += usize::from(lights.len() > 1);
         }
         assert!(shared >= 40, "{shared}");
-        // At the common edge floor and wall differ: the lamp is nearer to one, and shines at
-        // another angle.
+        // At the common edge, floor and wall differ: the lamp is nearer to one of them, and shines
+        // at another angle.
         let mut edges = 0;
         for ((place, of_wall), lights) in &by_place {
             if !of_wall && let Some(other) = by_place.get(&(*place, true)) {
@@ -138,8 +138,8 @@ fn integrate(g: &Geometry, n: u32, mut f: impl FnMut(&[u32; 3], DVec3, [f64; 3],
 
 #[test]
 fn fitted_light_is_nearer_to_the_truth_than_means_are() {
-    // A lamp 0.5 m over cells of as much: what is interpolated from means of the light about each
-    // vertex is too flat.
+    // A lamp 0.5 m above cells of 0.5 m: interpolated means of the light around each vertex would
+    // be too flat.
     let (g, lamp) = (floor(4), DVec3::new(0.1, 0.5, 0.2));
     let truth = |p: DVec3| point_irradiance(4.0, lamp.y, (p.x - lamp.x).hypot(p.z - lamp.z));
     let b = bake(&lit(&[&g], lamp.as_vec3()), &at(32.0));
@@ -170,9 +170,8 @@ fn fitted_light_is_nearer_to_the_truth_than_means_are() {
     };
     let (means, fitted) = (error(&means), error(&fitted));
     assert!(fitted < 0.65 * means, "{fitted} {means}");
-    // What the report says is that error, but for lumels' means being a little flatter than the
-    // truth: h²/24 E'' of 3 cm under 0.5 m is some 1e-3 of the light, which is a tenth of the
-    // error.
+    // The report gives that error, except that lumels' means are a little flatter than the truth:
+    // h²/24 E'' of 3 cm under 0.5 m is some 1e-3 of the light, a tenth of the error.
     let reported = b
         .report
         .gather
@@ -199,7 +198,7 @@ fn fitted_light_is_nearer_to_the_truth_than_means_are() {
     );
 }
 
-/// A room of 2 m whose faces are primitives by themselves, no vertex shared, and a lamp off its
+/// A room of 2 m whose faces are separate primitives without shared vertices, and a lamp off its
 /// middle.
 fn room() -> Vec<u8> {
     let faces = box_faces(Vec3::ZERO, Vec3::splat(2.0), 1).map(Geometry::flipped);
@@ -234,12 +233,12 @@ fn split_triangles_fit_together_and_come_close_to_the_lightmap() {
         let report = b.report.gather.vertices.expect("vertices were baked");
         assert!(report.added > 0 && report.difference.relative_rms < last);
         last = report.difference.relative_rms;
-        // No triangle is further off than asked, so that all together are not.
+        // No triangle exceeds the requested error, so neither does the whole.
         assert!(last < f64::from(error), "{last}");
         let back = vertex_scene(&b, dir.path());
         let mesh = &back.scene.meshes[0];
-        // A closed surface: in places, every edge has a triangle on either side. A corner on
-        // another's edge would leave one with one.
+        // On a closed surface every edge, by positions, has a triangle on either side. A corner on
+        // another's edge would leave an edge with only one.
         let mut edges: BTreeMap<[[u32; 3]; 2], [u32; 2]> = BTreeMap::new();
         let (mut area, mut vertices) = (0.0, 0);
         for p in &mesh.primitives {
@@ -258,7 +257,7 @@ fn split_triangles_fit_together_and_come_close_to_the_lightmap() {
                     edges.entry(sorted).or_default()[side] += 1;
                 }
             }
-            // A plane face: whatever is linear in the position stays so.
+            // A plane face: anything linear in the position stays linear.
             let (p0, uv) = (&p.positions, &p.tex_coords[0]);
             let normal = p.normals[0];
             for (v, n) in p.normals.iter().enumerate() {
@@ -311,13 +310,13 @@ fn light_of(b: &Bake, primitive: usize) -> Vec<f64> {
 
 #[test]
 fn vertices_closer_than_lumels_read_them() {
-    // Four cells a lumel. At 8 lumels a metre light would change by 3/2h · √2 d = 53 % from tap to
-    // tap where it falls fastest, more than is trusted; here by 27 %.
+    // Four cells per lumel. At 8 lumels per metre, light would change by 3/2h · √2 d = 53 % from
+    // tap to tap where it falls fastest, more than is trusted; here by 27 %.
     let (g, lamp) = (floor(64), DVec3::new(0.1, 0.5, 0.2));
     let b = bake(&lit(&[&g], lamp.as_vec3()), &at(16.0));
     let report = b.report.gather.vertices.expect("vertices were baked");
     assert_eq!(report.points, 65 * 65);
-    // Lumels that the border cuts are not read, nor lookups half a lumel beyond the last whole one:
+    // Neither lumels cut by the border nor lookups half a lumel beyond the last whole one are read:
     // four rings of vertices at most.
     assert_eq!(report.read + report.gathered, report.points);
     assert!(report.read >= 57 * 57, "{report:?}");
@@ -325,10 +324,10 @@ fn vertices_closer_than_lumels_read_them() {
         let p = p.as_dvec3();
         point_irradiance(4.0, lamp.y, (p.x - lamp.x).hypot(p.z - lamp.z))
     };
-    // Right under the lamp E'' is 3 E/h² along either axis; a lumel of d = 0.0625 m has the mean,
-    // d²/24 of both together too low, and lines between lumels are d²/8 of both too low at worst:
-    // (1/24 + 1/8) · 6 d²/h² = 1.6 % of the light there. Lumels' own samples of a lamp have no
-    // noise to speak of.
+    // Right under the lamp E'' is 3 E/h² along either axis. A lumel of d = 0.0625 m has the mean,
+    // d²/24 of both too low together, and lines between lumels are d²/8 of both too low at worst:
+    // (1/24 + 1/8) · 6 d²/h² = 1.6 % of the light there. The noise of lumels' own samples of a lamp
+    // is negligible.
     let most = truth(Vec3::new(0.1, 0.0, 0.2));
     for (v, e) in light_of(&b, 0).into_iter().enumerate() {
         let expected = truth(g.positions[v]);
@@ -342,8 +341,8 @@ fn vertices_closer_than_lumels_read_them() {
 
 #[test]
 fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
-    // A dense floor under a wall of 2 cm, where lumels are of 12.5 cm, and a sheet 1 mm below it
-    // that looks down.
+    // A dense floor under a wall of 2 cm, with lumels of 12.5 cm, and a sheet 1 mm below it that
+    // faces down.
     let ground = floor(64);
     let below = {
         let mut g = floor(64).flipped();
@@ -365,13 +364,13 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
     let most = light.iter().copied().fold(0.0, f64::max);
     let (mut dark, mut lit) = (0, 0);
     for (p, e) in ground.positions.iter().zip(&light) {
-        // Nothing there is lit or bounces: what is not black came through the wall.
+        // Nothing there is lit or reflects: any light came through the wall.
         if p.x < -0.02 {
             assert!(*e < 1e-6 * most, "{p} {e} of {most}");
             dark += 1;
         }
-        // The floor right beside the wall is as bright as it is without one, but for lumels that
-        // the wall takes a part of.
+        // The floor right beside the wall is as bright as without one, except for lumels that the
+        // wall cuts.
         if p.x > 0.02 && p.x < 0.1 {
             let r = f64::from(p.x - lamp.x).hypot(f64::from(p.z - lamp.z));
             let expected = point_irradiance(4.0, 0.5, r);
@@ -385,8 +384,8 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
 
 #[test]
 fn gathered_light_is_smoothed_but_not_through_a_wall() {
-    // One dense floor through two closed white rooms, of which one has a lamp. With the mean over
-    // hidden parts nothing is read from lumels.
+    // One dense floor through two closed white rooms, one of which has a lamp. Nothing is read from
+    // lumels, because they hold the mean including hidden parts.
     let (low, high) = (Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, 1.0, 1.0));
     let mut room = box_faces(low, high, 1).map(Geometry::flipped);
     room[2] = floor(32);
@@ -413,8 +412,8 @@ fn gathered_light_is_smoothed_but_not_through_a_wall() {
         }
     }
     assert_eq!(dark, 16 * 33);
-    // What changes from vertex to vertex is noise: of fourth differences smooth light leaves some
-    // (h/0.6 m)⁴, noise √70 of its standard deviation.
+    // Variation from vertex to vertex is noise: fourth differences keep (h/0.6 m)⁴ of smooth light,
+    // and √70 of the noise's standard deviation.
     let at = |x: usize, z: usize| light[z * 33 + x];
     let (mut squares, mut count) = (0.0, 0.0);
     for (x, z) in (18..31).flat_map(|x| (4..29).map(move |z| (x, z))) {
@@ -424,6 +423,6 @@ fn gathered_light_is_smoothed_but_not_through_a_wall() {
         count += 1.0;
     }
     let noise = f64::sqrt(squares / count);
-    // 2.5 % as it was gathered, 1.2 % smoothed; between them by the geometric mean.
+    // 2.5 % as gathered, 1.2 % smoothed; the limit is the geometric mean.
     assert!(noise < 0.017, "{noise}");
 }

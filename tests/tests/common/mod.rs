@@ -27,7 +27,7 @@ pub fn at(texels_per_unit: f32) -> Settings {
     }
 }
 
-/// `settings` with reflectances of up to 0.999, beyond what real surfaces reach and the default
+/// `settings` with reflectances of up to 0.999, more than real surfaces have and the default
 /// allows.
 pub fn bright(settings: Settings) -> Settings {
     Settings {
@@ -42,17 +42,17 @@ pub struct Seen {
     pub normal: DVec3,
     pub irradiance: [f64; 3],
     pub coverage: f32,
-    /// The page's other channels at this texel, as they stand there.
+    /// The page's other channels at this texel, as stored.
     pub layers: BTreeMap<String, f64>,
 }
 
 impl Seen {
-    /// Mean of `f` over the footprint: what the lumel should hold.
+    /// Mean of `f` over the footprint: the value that the lumel should have.
     pub fn mean(&self, f: impl Fn(DVec3) -> f64) -> f64 {
         self.points.iter().map(|p| f(*p)).sum::<f64>() / self.points.len() as f64
     }
 
-    /// Whether `f` holds all over the footprint.
+    /// Whether `f` is true all over the footprint.
     pub fn all(&self, f: impl Fn(DVec3) -> bool) -> bool {
         self.points.iter().all(|p| f(*p))
     }
@@ -61,7 +61,7 @@ impl Seen {
         self.irradiance[0]
     }
 
-    /// A further channel's value, in the file's unit.
+    /// The value of another channel, in the file's unit.
     #[track_caller]
     pub fn layer(&self, name: &str) -> f64 {
         match self.layers.get(name) {

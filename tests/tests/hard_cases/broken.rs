@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::common::{at, lumels_of};
 
-/// A floor of 4 × 4 cells with every attribute there is, under a sun of 2 lux straight down.
+/// A floor of 4 × 4 cells with all attributes, under a sun of 2 lux straight down.
 fn floor(extra: &[[u32; 3]]) -> Vec<u8> {
     let mut g: Geometry = grid(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0, [4, 4]);
     let n = g.positions.len();
@@ -32,7 +32,7 @@ fn floor(extra: &[[u32; 3]]) -> Vec<u8> {
     b.finish()
 }
 
-/// Where the data of an accessor begin in the file.
+/// Position of an accessor's data in the file.
 fn accessor_at(glb: &[u8], pick: impl Fn(&Value) -> u64) -> usize {
     let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
     let doc: Value = serde_json::from_slice(&glb[20..20 + length]).expect("JSON");
@@ -133,7 +133,7 @@ fn indices_out_of_range_are_dropped_and_counted_or_refused() {
 
 #[test]
 fn faces_without_area_are_dropped_and_counted() {
-    // A corner named twice, three corners in a line, and all three in one place.
+    // A repeated corner, three corners in a line, and all three in one place.
     let b = try_bake(&floor(&[[0, 0, 6], [0, 1, 2], [3, 3, 3]])).expect("sound");
     let counts = &b.report.ingest.counts;
     let dropped: u64 = counts.values().sum::<u64>() + b.report.dropped_triangles[0];

@@ -30,7 +30,7 @@ fn every_report_balances_and_has_its_bound() {
         );
         let flux = |key: &str| audit[key][1].as_f64().expect("a number");
         let out = flux("flux_absorbed") + flux("flux_behind") + flux("flux_escaped");
-        // Green is most of luminance; the bound is for that.
+        // The bound is for luminance, which is mostly green.
         assert!(
             (out / flux("flux_emitted") - 1.0).abs() < 2.0 * number("bound"),
             "{audit}"
@@ -50,9 +50,9 @@ fn reflectances_near_one_keep_all_light() {
         assert!(audit.within_bound, "{audit:?}");
         let m = mean(&lumels_of(&b, "room"));
         let exact = 10_000.0 / 96.0 / (1.0 - f64::from(rho));
-        // A column's noise is undone by other columns at the next reflection, so the error does not
-        // grow by 1/(1 − ρ): what is absorbed is what is emitted, to the bound that the audit
-        // states; half a per cent for lumels that see patches.
+        // Other columns undo a column's noise at the next reflection, so the error does not grow by
+        // 1/(1 − ρ): absorbed equals emitted, within the audit's bound; half a per cent for lumels
+        // that see patches.
         let off = (m / exact - 1.0).abs();
         assert!(off < audit.bound + 5e-3, "ρ {rho}: {m} {exact}, {audit:?}");
     }
@@ -63,7 +63,7 @@ fn a_lamp_nearer_than_the_solve_resolves_is_named() {
     let b = bake(&closed_form::point_over_floor(1.0, 1e-4), &at(16.0));
     assert!(lumels_of(&b, "floor").iter().all(|l| l.red().is_finite()));
     let audit = &b.report.solve.audit;
-    // Half of the light falls on some square millimetres, where no element's point lies.
+    // Half of the light falls on some square millimetres that contain no element's point.
     assert!(
         !audit.within_bound && (0.3..0.6).contains(&audit.imbalance),
         "{audit:?}"
@@ -110,7 +110,7 @@ fn a_rug_in_the_floors_own_plane_is_named() {
 #[test]
 fn light_lost_behind_faces_is_named_with_the_node() {
     // A lit room whose lamp hangs under a large single-sided tray, front up: most of the light goes
-    // up into the tray and down onto nothing; the floor looks at the tray's black back.
+    // up into the tray, and none comes down; the floor sees the tray's black back.
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.7; 3]));
     let shell = lumel_tests::geometry::room(glam::Vec3::ZERO, glam::Vec3::splat(2.0), 1).bare();

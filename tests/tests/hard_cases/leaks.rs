@@ -43,8 +43,8 @@ fn two_rooms_with_a_millimetre_between_them_share_no_light() {
 
 #[test]
 fn walls_thinner_than_any_lumel_let_nothing_through() {
-    // A lumel is 125 mm here. Rays start some 4e-6 m off a surface at 3 m, which is the least that
-    // a wall may be.
+    // A lumel is 125 mm here. At 3 m, rays start some 4e-6 m off a surface, which is the minimum
+    // thickness of a wall.
     for wall in [1e-2, 1e-3, 1e-4, 2e-5] {
         let b = bake(&sealed_dark_box(wall), &at(8.0));
         exactly_dark(&b, "dark_inside");
@@ -53,7 +53,7 @@ fn walls_thinner_than_any_lumel_let_nothing_through() {
 }
 
 /// A bright outdoors of `size` metres and a box of 1 m on it at `place`, sealed by a single skin
-/// whose fronts look inside.
+/// whose fronts face inwards.
 fn one_skin(size: f32, place: Vec3, walls: &Geometry) -> Vec<u8> {
     let mut b = GltfBuilder::new();
     let white = b.material(&Material::diffuse("white", [0.7; 3]));
@@ -90,7 +90,7 @@ fn a_box_of_one_skin_is_dark_inside_near_the_origin_and_far_from_it() {
         (200.0, Vec3::new(80.0, 0.0, -70.0)),
         (2000.0, Vec3::new(900.0, 0.0, 800.0)),
     ] {
-        // The ground takes what is left of the pages.
+        // The density of the ground is limited by the size of the pages.
         let mut settings = at(if size > 100.0 { 0.5 } else { 8.0 });
         if size > 1000.0 {
             settings = at(0.2);
@@ -104,8 +104,8 @@ fn a_box_of_one_skin_is_dark_inside_near_the_origin_and_far_from_it() {
 
 #[test]
 fn t_junctions_let_nothing_through() {
-    // The box's ceiling is one quad, its walls are cut in three and seven, so that their corners
-    // lie on the ceiling's edges; the cuts are no binary fractions, and the box stands askew.
+    // The box's ceiling is one quad; its walls are cut into three and seven, so that their corners
+    // are on the ceiling's edges. The cuts are not binary fractions, and the box is rotated.
     let mut walls = Geometry::default();
     let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
     for (origin, u, v, n) in [
@@ -123,7 +123,8 @@ fn t_junctions_let_nothing_through() {
     let mut settings = at(8.0);
     settings.sky = SkySource::Color([100.0; 3]);
     let b = bake(&one_skin(4.0, Vec3::ZERO, &walls), &settings);
-    // A vertex on an edge is rounded to 1e-7 of a metre on either side of it. A ray meets that
+    // A vertex on an edge is rounded to 1e-7 of a metre on either side of it. One ray in 10⁷ hits
+    // that crack; the box gets some 10⁵.
     // crack once in 10⁷; the box gets some 10⁵.
     exactly_dark(&b, "box");
 }
@@ -151,8 +152,8 @@ fn a_floor_with_t_junctions_has_no_dark_seam() {
 
 #[test]
 fn three_sheets_on_one_edge_are_each_lit_for_themselves() {
-    // A floor in two halves and a double-sided fin that stands on their common edge: no manifold.
-    // The sun comes in at 45° over +x.
+    // A floor in two halves and a double-sided fin on their common edge, which is non-manifold. The
+    // sun comes in at 45° over +x.
     let mut b = GltfBuilder::new();
     let black = b.material(&Material::diffuse("black", [0.0; 3]));
     let both = b.material(&Material {
@@ -176,8 +177,8 @@ fn three_sheets_on_one_edge_are_each_lit_for_themselves() {
     let lit = 2.0 * 0.5f64.sqrt();
     let (mut bright, mut dark) = (0, 0);
     for l in lumels_of(&b, "sheets") {
-        // The fin's shadow: −1 < x < 0 on the floor. The fin's lit face is the front, which looks
-        // to +x.
+        // The fin's shadow: −1 < x < 0 on the floor. The fin's lit face is the front, which faces
+        // +x.
         if l.normal.y > 0.9 && l.all(|p| p.x > 1e-3 || p.x < -1.001) || l.normal.y < 0.1 {
             assert!(
                 (l.red() / lit - 1.0).abs() < 1e-3,
@@ -194,7 +195,7 @@ fn three_sheets_on_one_edge_are_each_lit_for_themselves() {
     assert!(bright > 100 && dark > 50, "{bright} {dark}");
 }
 
-/// Worst relative error of E on a lone strip of 2 m × `width`, turned out of the axes, under a sky
+/// Worst relative error of E on a single strip of 2 m × `width`, rotated off the axes, under a sky
 /// that gives πL everywhere; and the mean.
 fn strip_under_a_sky(width: f32) -> (f64, f64) {
     let mut b = GltfBuilder::new();
@@ -222,7 +223,7 @@ fn strip_under_a_sky(width: f32) -> (f64, f64) {
 
 #[test]
 fn a_strip_of_aspect_ten_does_not_shade_itself() {
-    // All rays escape and bring the same; half float.
+    // All rays escape and see the same radiance; half float.
     let (worst, _) = strip_under_a_sky(0.2);
     assert!(worst < 1e-3, "{worst}");
 }

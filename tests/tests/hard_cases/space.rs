@@ -62,16 +62,16 @@ fn difference(transform: Mat4, scale: f32) -> f64 {
 fn a_scene_scaled_by_a_thousand_bakes_the_same() {
     for scale in [1e-3f32, 1e3] {
         let d = difference(Mat4::from_scale(Vec3::splat(scale)), scale);
-        // The same rays but for rounding; here and there one passes an edge on the other side. The
-        // issue's bound is 1e-3.
+        // The same rays up to rounding; a few pass an edge on the other side. The required bound is
+        // 1e-3.
         assert!(d < 1e-3, "scale {scale}: {d}");
     }
 }
 
 #[test]
 fn a_scene_moved_by_a_million_metres_bakes_the_same() {
-    // The file's own numbers are small, the node's translation is large: recentring in f64 takes it
-    // out again.
+    // The file's own numbers are small and the node's translation is large: recentring in f64
+    // removes it.
     let d = difference(Mat4::from_translation(Vec3::new(1e6, -1e6, 1e6)), 1.0);
     assert!(d < 1e-3, "{d}");
 }
@@ -102,7 +102,7 @@ fn one_triangle_is_lit_evenly() {
 
 #[test]
 fn a_scene_without_light_is_black_and_says_so() {
-    // Without the sky that it is meant for.
+    // Without the sky for which it is made.
     let b = bake(&closed_form::sky_over_open_box(1.0, 1.0), &at(8.0));
     assert!(
         b.baked

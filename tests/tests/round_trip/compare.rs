@@ -37,7 +37,7 @@ impl Diff {
     }
 }
 
-/// Compressions are written plain; copies are written out for vertex light.
+/// Compressed data is written uncompressed; copies are written out for vertex light.
 const UNPACKED: [&str; 3] = [
     "KHR_draco_mesh_compression",
     "EXT_meshopt_compression",
@@ -61,7 +61,7 @@ struct Pair<'a> {
     before: &'a Document,
     after: &'a Document,
     kind: Kind,
-    /// Meshes of the written document that nodes got in place of their own.
+    /// Meshes of the written document that replace nodes' own.
     lit: BTreeMap<usize, usize>,
     diff: Diff,
 }
@@ -146,7 +146,7 @@ impl Pair<'_> {
         for key in keys(a, b) {
             let (x, y) = (&a[key.as_str()], &b[key.as_str()]);
             match key.as_str() {
-                // By what refers to them.
+                // Compared through the members that refer to them.
                 "accessors" | "bufferViews" | "buffers" => {}
                 "meshes" | "materials" | "nodes" => {}
                 "images" => self.each("images", x, y, Self::image),
@@ -200,7 +200,7 @@ impl Pair<'_> {
     ) {
         let (x, y) = (a.as_array(), b.as_array());
         let (Some(x), Some(y)) = (x, y) else {
-            // An empty list is invalid and may go.
+            // An empty list is invalid and may disappear.
             if x.is_none_or(Vec::is_empty) && y.is_none() {
                 return self.diff.allow("empty list dropped");
             }
@@ -294,7 +294,7 @@ impl Pair<'_> {
         }
     }
 
-    /// Everything of a buffer view but where it lies.
+    /// Everything about a buffer view except its position.
     fn view(&mut self, path: &str, i: usize, j: usize) {
         let (x, y) = (
             &self.before.json()["bufferViews"][i],
@@ -363,7 +363,7 @@ impl Pair<'_> {
         self.with_extra("asset", a, b, "vertexLight");
     }
 
-    /// The same but for one member more in the extras. Returns that member.
+    /// The same except for one more member in the extras. Returns that member.
     fn with_extra(&mut self, path: &str, a: &Value, b: &Value, key: &str) -> Value {
         let added = b["extras"][key].clone();
         if added.is_null() {
@@ -450,7 +450,7 @@ impl Pair<'_> {
         }
     }
 
-    /// The copies of an instanced node are its children now.
+    /// The copies of an instanced node are now its children.
     fn copies(&mut self, path: &str, a: &Value, b: &Value) {
         let after = self.after.json();
         let (old, new) = (list(a, "children"), list(b, "children"));
@@ -481,7 +481,7 @@ impl Pair<'_> {
                 };
                 let expected = raw.to_floats::<4>(0.0)[k];
                 let got: Vec<f64> = list(child, key).iter().filter_map(Value::as_f64).collect();
-                // Rotations are made unit again: quantised ones are off by half a step of 127.
+                // Rotations are normalised again: quantised ones are off by half a step of 127.
                 let near = |(g, e): (&f64, &f32)| (g - f64::from(*e)).abs() < 5e-3;
                 if got.len() != n || !got.iter().zip(&expected).all(near) {
                     self.diff
@@ -539,7 +539,7 @@ impl Pair<'_> {
         }
     }
 
-    /// Points, lines, and what cannot be read: nothing may change.
+    /// Points, lines and unreadable primitives must not change.
     fn other_primitive(&mut self, path: &str, a: &Value, b: &Value) {
         let data = ["attributes", "indices"];
         self.same(path, &without(a, &data), &without(b, &data));
@@ -568,7 +568,7 @@ impl Pair<'_> {
         if packed {
             self.diff.allow("primitive unpacked");
         }
-        // Where what stood in set 1 is now.
+        // The new set of the former set 1.
         let moved = self.attributes(path, a, b, r, s, lit);
         let expected = moved.map_or_else(|| bare(a), |to| reading(&bare(a), to));
         self.same(
@@ -596,8 +596,8 @@ impl Pair<'_> {
         }
     }
 
-    /// The extensions of a primitive with material numbers taken out: they are compared by what
-    /// they name.
+    /// The extensions of a primitive without material indices, which are compared by the materials
+    /// they refer to.
     fn resolved(&self, primitive: &Value, _of: &Document) -> Value {
         let mut out = primitive.clone();
         if let Some(mappings) = out
@@ -704,7 +704,7 @@ impl Pair<'_> {
         moved
     }
 
-    /// What an attribute's accessor says beside its elements.
+    /// What an attribute's accessor states besides its elements.
     fn template(&mut self, path: &str, name: &str, a: &Value, b: &Value, same_vertices: bool) {
         let (Some(i), Some(j)) = (number(a), number(b)) else {
             return; // unpacked: the accessor may be anywhere
@@ -715,14 +715,14 @@ impl Pair<'_> {
         );
         let mut places = vec!["bufferView", "byteOffset", "sparse"];
         if !same_vertices {
-            // Bounds of what no triangle used may go.
+            // Bounds of vertices that no triangle used may disappear.
             places.extend(["count", "min", "max"]);
         }
         let at = format!("{path}.{name} (accessor {i})");
         self.same(&at, &without(x, &places), &without(y, &places));
     }
 
-    /// The materials of a primitive, variants among them, by what they say.
+    /// The materials of a primitive, including variants, by content.
     fn material(&mut self, path: &str, a: &Value, b: &Value, moved: Option<usize>, lit: bool) {
         let variants = |v: &Value| -> Vec<Value> {
             let mappings = &v["extensions"]["KHR_materials_variants"]["mappings"];
@@ -800,7 +800,7 @@ impl Pair<'_> {
             self.diff.fault("materials", "some were lost");
         }
         for (i, (x, y)) in a.iter().zip(b).enumerate() {
-            // What a primitive wears was compared there.
+            // The materials of primitives are compared with them.
             if !used.contains(&i) {
                 self.same(&format!("materials[{i}]"), x, y);
             }

@@ -110,7 +110,7 @@ fn png() -> Vec<u8> {
     out.into_inner()
 }
 
-/// The same bent over its diagonal: two charts.
+/// The same, bent over its diagonal: two charts.
 const BENT: [[f32; 3]; 4] = [
     [0.0, 0.0, 0.0],
     [1.0, 0.0, 0.0],
@@ -118,7 +118,7 @@ const BENT: [[f32; 3]; 4] = [
     [0.0, 1.0, 0.0],
 ];
 
-/// Vertices with every kind of attribute, integers and sparse ones among them.
+/// Vertices with every kind of attribute, including integers and sparse ones.
 fn attributes(doc: &mut Doc) -> Value {
     let mut a = json!({
         "POSITION": doc.floats(&QUAD),
@@ -145,14 +145,14 @@ fn attributes(doc: &mut Doc) -> Value {
     a
 }
 
-/// A level with everything that the core knows and the extensions that Lumel does. Numbers in it
-/// need all their digits.
+/// A level with everything in the core specification and all extensions that Lumel supports. Its
+/// numbers need all their digits.
 pub fn everything() -> (Doc, Value) {
     let mut doc = Doc::default();
     let attributes = attributes(&mut doc);
     let target = doc.floats(&[[0.0, 0.0, 0.25]; 4]);
     let target2 = doc.floats(&[[0.0, 0.5, 0.0]; 4]);
-    // The third triangle has no area, the fourth repeats the first, turned.
+    // The third triangle has no area; the fourth repeats the first with other winding.
     let indices = doc.indices(&[0, 1, 2, 0, 2, 3, 0, 0, 1, 1, 2, 0]);
     let strip = doc.indices(&[0, 1, 3, 2]);
     let joints = doc.raw(&[0; 16], 5121, "VEC4", 4);
@@ -232,7 +232,7 @@ pub fn everything() -> (Doc, Value) {
     (doc, json)
 }
 
-/// Puts an extension that nobody knows on every object that may have one.
+/// Puts an unknown extension on every object that may have one.
 pub fn with_unknown_extensions(doc: &mut Doc, json: &mut Value) {
     let unused = doc.floats(&[[7.0]; 5]);
     fn put(object: &mut Value, what: Value) {
@@ -291,7 +291,7 @@ pub fn with_unknown_extensions(doc: &mut Doc, json: &mut Value) {
     json["ACME_member"] = json!({"of": "no specification"});
 }
 
-/// Files that lie beside a document.
+/// Writes the files that a document references.
 pub fn write_side_files(dir: &Path) {
     std::fs::write(dir.join("side file.png"), png()).unwrap();
 }

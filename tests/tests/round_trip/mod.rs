@@ -83,7 +83,8 @@ fn a_document_with_everything_keeps_it() {
         crafted::write_side_files(dir.path());
         let (doc, json) = crafted::everything();
         let [lightmapped, vertex] = round_trip(&doc.write(json, dir.path(), name));
-        // What the scene was made to bring about, so that the comparison has seen it.
+        // The changes that the scene was made to cause, so that the comparison is known to detect
+        // them.
         for kind in [
             "extras.lightmap",
             "TEXCOORD_1",

@@ -36,8 +36,8 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// The classic studies: rooms as .glb and the baseline's radiosity as CSV
-    /// (tools/classic_studies.py goes on from there).
+    /// The classic studies: rooms as .glb and the baseline's radiosity as CSV (input of
+    /// tools/classic_studies.py).
     Studies {
         /// Folder for the files
         #[arg(long, value_name = "DIR")]

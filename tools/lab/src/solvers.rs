@@ -13,7 +13,7 @@ use method_lab::study::{Case, Detail, Room, barycentre_matrix, cases};
 
 const REFLECTANCES: [f64; 4] = [0.3, 0.7, 0.9, 0.99];
 const TOLERANCES: [f64; 3] = [1e-2, 1e-4, 1e-8];
-/// Shots, as shares of the number of patches, after which the picture's error is noted.
+/// Shots, as shares of the number of patches, after which the picture's error is recorded.
 const LOOKS: [f64; 6] = [0.04, 0.1, 0.25, 0.5, 1.0, 2.0];
 
 /// Writes `solvers.csv`, `solver_history.csv` and `ambient.csv` into `out`, and prints the tables.
@@ -214,7 +214,7 @@ fn distance(area: &[f64], a: &[DVec3], b: &[DVec3]) -> f64 {
         .sum()
 }
 
-/// Three digits or so.
+/// About three digits.
 fn short(x: f64) -> String {
     if x >= 100.0 {
         format!("{x:.0}")
@@ -262,7 +262,7 @@ mod tests {
         assert_eq!(looks.len(), 2 * LOOKS.len());
         for r in looks {
             let [plain, ambient] = [2, 3].map(|k: usize| r[k].parse::<f64>().unwrap());
-            // Half is far from what was measured (a fifth at most).
+            // Half is far above the measured value (a fifth at most).
             assert!(ambient < 0.5 * plain, "{r:?}");
         }
     }

@@ -15,8 +15,8 @@ use method_lab::study::{
 use method_lab::{Enclosure, Matrix};
 use serde_json::{Value, json};
 
-/// Where the pictures are taken from: in front of the room, whose front wall is seen from behind
-/// and so not at all.
+/// Position of the camera: in front of the room, whose front wall is seen from behind and is
+/// therefore invisible.
 const EYE: Vec3 = Vec3::new(1.75, 1.125, 7.9);
 const TARGET: Vec3 = Vec3::new(1.75, 1.125, 0.0);
 /// Vertical field of view, degrees, and width over height: the front opening, 3.5 × 2.25 m at 4.4
@@ -24,14 +24,14 @@ const TARGET: Vec3 = Vec3::new(1.75, 1.125, 0.0);
 const FIELD: f32 = 28.68;
 const ASPECT: f32 = 14.0 / 9.0;
 
-/// The case for which the baseline is run with occlusion as well, to see what that alone is worth.
+/// The case for which the baseline also runs with occlusion, to isolate its effect.
 const OCCLUDED_CASE: &str = "ceiling40";
 
 /// One mesh with its matrices.
 struct Mesh {
     room: Room,
     area: Vec<f64>,
-    /// By whether occlusion is taken into account.
+    /// With and without occlusion.
     open: Matrix,
     occluded: Matrix,
     facts: Value,
@@ -97,7 +97,7 @@ fn mesh(detail: Detail, any: &Case) -> Mesh {
         let sums = row_sums(m, &area);
         json!({
             "row_sum": sums.map(|s| json!({"min": s.min, "mean": s.mean, "max": s.max})),
-            // Thirty steps: the third digit stands.
+            // Thirty steps: the third digit is stable.
             "eigenvalue": largest_eigenvalue(m, &area, 30),
             "seconds": seconds,
         })
@@ -112,7 +112,7 @@ fn mesh(detail: Detail, any: &Case) -> Mesh {
     }
 }
 
-/// One line per patch: what it is, and what the baseline says of it and of its corners. Lengths in
+/// One line per patch: its kind, and the baseline's results for it and its corners. Lengths in
 /// metres, M, B and V in W/m².
 fn table(room: &Room, enclosure: &Enclosure, matrix: &Matrix, b: &[DVec3]) -> String {
     let mut text = String::from("surface,nx,ny,nz");
@@ -145,7 +145,7 @@ fn table(room: &Room, enclosure: &Enclosure, matrix: &Matrix, b: &[DVec3]) -> St
 /// and the camera.
 fn scene(case: &Case, room: &Room) -> Vec<u8> {
     let enclosure = case.enclosure(room);
-    // In order of first appearance; two patches are of one primitive if they look alike.
+    // In order of first appearance; patches that look alike are in one primitive.
     let mut parts: Vec<(String, Material, Geometry)> = Vec::new();
     for (p, q) in room.patches.iter().zip(&enclosure.patches) {
         let rho = q.reflectance.as_vec3().to_array();
@@ -260,7 +260,7 @@ mod tests {
         assert_eq!(lines.len(), 1001);
         assert!(lines.iter().all(|l| l.len() == 38));
         assert_eq!((lines[0][37], lines[0][22]), ("row_sum", "B_r"));
-        // What is written reads back to the bit.
+        // The written values read back exactly.
         let read: Vec<f64> = lines[1..].iter().map(|l| l[22].parse().unwrap()).collect();
         assert!(read.iter().zip(&b).all(|(x, b)| *x == b.x));
     }

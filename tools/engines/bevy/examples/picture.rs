@@ -2,8 +2,9 @@
 //!
 //!     cargo run --example picture -- out/level.glb picture.png --cam X,Y,Z,TX,TY,TZ,FOV [--exposure X] [--ktx2] [--size W,H] [--tone]
 //!
-//! Exposure is a plain factor on everything, the bake's own suggestion unless given; without `--tone` a pixel is the sRGB form of radiance
-//! × exposure, clamped. Lamps of the file are out, so that only the lightmap lights.
+//! Exposure is a factor on everything, by default the bake's suggestion. Without `--tone`, a pixel
+//! is the sRGB form of radiance × exposure, clamped. The file's lamps are off, so that only the
+//! lightmap lights.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -20,9 +21,9 @@ use bevy::render::view::window::screenshot::{Screenshot, save_to_disk};
 use bevy::window::ExitCondition;
 use lumel_bevy::{LevelExposure, LumelPlugin};
 
-/// Frames between the last file's arrival and the picture: textures go to the card one frame later.
+/// Frames between the last file's arrival and the picture: textures reach the GPU one frame later.
 const SETTLE: u32 = 4;
-/// After this long something is missing that will not come.
+/// After this long, something is missing that will not arrive.
 const PATIENCE: Duration = Duration::from_secs(100);
 
 #[derive(Resource, Clone)]
@@ -85,7 +86,7 @@ fn main() -> AppExit {
         );
         return AppExit::from_code(1);
     };
-    // Its coming is the sign that all is done.
+    // Its appearance shows that everything is done.
     let _ = std::fs::remove_file(&job.picture);
     let folder = job.level.parent().unwrap_or(Path::new("/"));
     App::new()
@@ -160,7 +161,7 @@ fn setup(
     commands.insert_resource(Target(target));
 }
 
-/// Also what the plug-in leaves of them, the gloss: a picture of the lightmap alone.
+/// Also removes the specular part that the plug-in keeps: a picture of the lightmap alone.
 fn take_out_lamps(
     mut commands: Commands,
     points: Query<Entity, With<PointLight>>,

@@ -11,10 +11,10 @@
 //!     .run();
 //! ```
 //!
-//! What Bevy does with a texel v of a [`Lightmap`]: a surface of albedo a shows v × a ×
-//! `lightmap_exposure` (of its material) × the camera's exposure. That is what a radiance in nit
-//! needs, and a Lumel lightmap holds R = E/π, the radiance of a white surface: no factor. Its rows
-//! run as Bevy's do: no flip. Cameras get the exposure that the bake suggests ([`LevelExposure`]).
+//! Bevy shows a texel v of a [`Lightmap`] on a surface of albedo a as v × a × `lightmap_exposure`
+//! (of its material) × the camera's exposure. That fits radiances in nit. A Lumel lightmap holds R
+//! = E/π, the radiance of a white surface, so no factor is needed. Its rows run as Bevy's do, so no
+//! flip is needed either. Cameras get the exposure that the bake suggests ([`LevelExposure`]).
 
 use bevy::camera::Exposure;
 use bevy::gltf::GltfExtras;
@@ -24,35 +24,36 @@ use bevy::pbr::Lightmap;
 use bevy::prelude::*;
 use serde::Deserialize;
 
-/// Gives every baked node of every glTF that is spawned its lightmap.
+/// Gives every baked node of every spawned glTF its lightmap.
 #[derive(Debug, Clone, Default, Resource)]
 pub struct LumelPlugin {
-    /// What cameras' [`Exposure`] becomes.
+    /// The [`Exposure`] of cameras.
     pub exposure: LevelExposure,
-    /// Load pages as KTX2 where the bake has them (`--ktx2`).
+    /// Load pages as KTX2 if the bake has them (`--ktx2`).
     pub ktx2: bool,
-    /// Leave the diffuse light of the file's lamps on baked surfaces, which have it already.
+    /// Keep the diffuse light of the file's lamps on baked surfaces, whose lightmap contains it
+    /// already.
     pub keep_lights: bool,
 }
 
-/// By what cameras multiply all light.
+/// The factor by which cameras multiply all light.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub enum LevelExposure {
-    /// By what the bake of the level suggests that was loaded last. Bevy's own default suits lamps
-    /// in candela out of doors; a level in other units is black or white with it.
+    /// The suggestion of the level that was loaded last. Bevy's own default suits lamps in candela
+    /// outdoors; levels in other units would be black or white.
     #[default]
     Suggested,
-    /// By this: radiance × factor is what a screen shows, 1 being white.
+    /// This factor: radiance × factor is what a screen shows, 1 being white.
     Factor(f32),
-    /// Cameras stay as they are.
+    /// Leave cameras unchanged.
     Untouched,
 }
 
-/// The exposure of the level that was loaded last, as a factor.
+/// The suggested exposure of the level that was loaded last, as a factor.
 #[derive(Debug, Clone, Copy, PartialEq, Resource)]
 pub struct Suggested(pub f32);
 
-/// A factor on radiance as Bevy's cameras have it: 2^-EV100 / 1.2.
+/// A factor on radiance as Bevy's cameras express it: 2^-EV100 / 1.2.
 pub fn camera_exposure(factor: f32) -> Exposure {
     Exposure {
         ev100: -(1.2 * factor).log2(),
@@ -66,7 +67,7 @@ impl Plugin for LumelPlugin {
         if let LevelExposure::Factor(factor) = self.exposure {
             app.insert_resource(Suggested(factor));
         }
-        // The bake has the sky's light already.
+        // The lightmap contains the sky's light already.
         app.insert_resource(GlobalAmbientLight {
             affects_lightmapped_meshes: false,
             ..app.world().get_resource().cloned().unwrap_or_default()
@@ -80,7 +81,7 @@ struct Extras {
     lightmap: Option<Place>,
 }
 
-/// Where a node's light is: page uv = offset + scale × TEXCOORD_1, v from the top.
+/// A node's place in the lightmap: page uv = offset + scale × TEXCOORD_1, v from the top.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 struct Place {
     uri: String,
@@ -95,14 +96,14 @@ struct Ktx2 {
     uri: String,
 }
 
-/// The place in a node's extras, if there is one. Instances by `EXT_mesh_gpu_instancing`, which
-/// Bevy does not read, have a list of them.
+/// The place in a node's extras, if any. Instances by `EXT_mesh_gpu_instancing`, which Bevy does
+/// not read, have a list of places.
 fn place(extras: &str) -> Option<Place> {
     serde_json::from_str::<Extras>(extras).ok()?.lightmap
 }
 
-/// A node's extras are on its entity; its primitives are children with meshes. Nodes below it are
-/// children too, without.
+/// A node's extras are on its entity, and its primitives are children with meshes. Child nodes are
+/// children without meshes.
 fn attach(
     mut commands: Commands,
     settings: Res<LumelPlugin>,
@@ -125,7 +126,7 @@ fn attach(
             let Ok(mesh) = meshes.get(*child) else {
                 continue;
             };
-            // Pages lie beside the glTF. `resolve` would take a `#` in a file's name for a label.
+            // Pages are beside the glTF. `resolve` would treat a `#` in a file name as a label.
             let Some(file) = mesh.0.path() else { continue };
             let path = file.path().with_file_name(&page);
             let path = bevy::asset::AssetPath::from_path_buf(path)
@@ -141,7 +142,7 @@ fn attach(
     }
 }
 
-/// Gives cameras the exposure: all when it changes, later those that are new.
+/// Sets the exposure of all cameras when it changes, and of new cameras later.
 fn expose(
     settings: Res<LumelPlugin>,
     suggested: Option<Res<Suggested>>,
@@ -158,7 +159,8 @@ fn expose(
     }
 }
 
-/// Lamps light what moves, and the gloss of all; baked surfaces have their diffuse light.
+/// Lamps light moving objects and add specular light everywhere; baked surfaces have their diffuse
+/// light already.
 fn spare_lamps(
     settings: Res<LumelPlugin>,
     mut points: Query<&mut PointLight, Added<PointLight>>,
@@ -212,7 +214,7 @@ mod tests {
             app.update();
             let ev = |app: &App| app.world().get::<Exposure>(camera).map(|e| e.ev100);
             assert_eq!(ev(&app), Some(expected), "{exposure:?}");
-            // What a game sets afterwards stays.
+            // Values that a game sets later stay.
             app.world_mut().entity_mut(camera).insert(Exposure { ev100: 3.0 });
             app.update();
             assert_eq!(ev(&app), Some(3.0));
