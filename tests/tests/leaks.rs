@@ -33,9 +33,6 @@ const SHARE: f64 = 2e-4;
 /// Most light that may be visible on average in dark rooms, relative to the lit side's mean: twice
 /// the largest measured value, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %).
 /// Next to walls thicker than one and a half lumels, the wall's inner lumels may be read slightly
-/// Most light that may be visible on average in dark rooms, relative to the lit side's mean: twice
-/// the largest measured value, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %).
-/// Next to walls thicker than one and a half lumels, the wall's inner lumels may be read slightly
 /// from both sides.
 const LEAKED: [f64; 2] = [0.034, 1e-6];
 

@@ -98,12 +98,13 @@ fn a_wall_receives_half_of_that() {
     assert!(lumels.iter().all(|l| l.normal.z > 0.99));
     let m = mean(&lumels);
     let exact = lumels.iter().map(|l| l.mean(sky)).sum::<f64>() / lumels.len() as f64;
-    // A strip of β below the horizon brings 2βL: at half a metre's height, 10 m off, 6 % of πL/2.
+    // A strip of β below the horizon adds 2βL: at a height of half a metre and a distance of 10 m,
+    // 6 % of πL/2.
     assert!((exact / (0.5 * PI) - 1.064).abs() < 0.01, "{exact}");
-    // 128 rays and more in each of 36 lumels, half of which escape: 1/√(128·36) = 1.5 %
+    // At least 128 rays in each of 36 lumels, half of which escape: 1/√(128·36) = 1.5 % if
     // unstratified; Sobol points do better.
     assert!((m / exact - 1.0).abs() < SMOOTH, "{m} {exact}");
-    // One lumel: three times 1/√128 = 9 %, by stratification about a third of it.
+    // One lumel: three times 1/√128 = 9 %, about a third of it with stratification.
     let w = worst(&lumels, 0.0, |l| l.mean(sky));
     assert!(w < 0.03, "{w}");
 }
@@ -113,11 +114,11 @@ fn boxes_of_every_depth_under_a_sky() {
     for depth in [0.25, 1.0, 3.0] {
         let glb = scenes::sky_over_open_box(1.0, depth as f32);
         let b = bake(&glb, &under_a_sky(1.0, 8.0));
-        // What comes in through the mouth is πL × 1 m², and all of it is absorbed.
+        // πL × 1 m² enters through the opening, and all of it is absorbed.
         let area = 1.0 + 4.0 * depth;
         let m = mean(&lumels_of(&b, "box")) * area / PI;
-        // Walls are a whole number of lumels high, so that coverage is area. The mean is over a
-        // hundred lumels and more.
+        // Walls are a whole number of lumels high, so that coverage is area. The mean is over more
+        // than a hundred lumels.
         assert!((m - 1.0).abs() < SMOOTH, "depth {depth}: {m}");
     }
 }
