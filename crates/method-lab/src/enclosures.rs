@@ -17,13 +17,13 @@ fn patch(corners: Vec<DVec3>) -> Patch {
 }
 
 /// A parallelogram or other flat convex quadrilateral in `n` × `m` cells, row by row: `n` along the
-/// first edge, `m` along the second. Counter-clockwise corners as seen from the front.
+/// first edge, `m` along the second. Corners are counter-clockwise as seen from the front.
 ///
-/// Corners of cells on a shared edge come out bit for bit the same for both neighbours, so that no
-/// ray falls between them.
+/// Corners of cells on a shared edge are bitwise equal for both neighbours, so that no ray passes
+/// between them.
 pub fn grid(corners: [DVec3; 4], n: usize, m: usize) -> Vec<Patch> {
-    // Weights k/n and (n−k)/n rather than 1 − k/n: the same edge walked backwards then gives the
-    // same bits.
+    // Weights k/n and (n−k)/n instead of 1 − k/n, because the same edge traversed backwards then
+    // gives the same bits.
     let at = |i: usize, j: usize| {
         let (s, s1) = (i as f64 / n as f64, (n - i) as f64 / n as f64);
         let (t, t1) = (j as f64 / m as f64, (m - j) as f64 / m as f64);
@@ -114,8 +114,8 @@ pub fn coaxial_discs(sides: usize) -> Enclosure {
     Enclosure { patches }
 }
 
-/// A room of 3 × 3 × 2 m with a box of 1 × 1 × 0.8 m standing in the middle of the floor; walls in
-/// `3n` × `3n` patches, the box's faces in `n` × `n`. The floor under the box is left out: the
+/// A room of 3 × 3 × 2 m with a box of 1 × 1 × 0.8 m in the middle of the floor; walls in `3n` ×
+/// `3n` patches, the box's faces in `n` × `n`. The floor under the box is left out, so the
 /// enclosure is closed.
 ///
 /// Order: floor, ceiling and four walls as in [`cube`], then the box's top and its four sides.
@@ -208,18 +208,18 @@ pub fn sphere(radius: f64, level: u32, from_inside: bool) -> Enclosure {
     }
 }
 
-/// A sphere of radius `inner` seen from outside within one of radius 1 seen from inside, both of 20
-/// · 4^level triangles, the inner one first. Closed as long as `inner` is under 0.79, the inradius
-/// of the icosahedron.
+/// A sphere of radius `inner` seen from outside in a sphere of radius 1 seen from inside, both of
+/// 20 · 4^level triangles, the inner one first. Closed if `inner` is below 0.79, the inradius of
+/// the icosahedron.
 pub fn concentric_spheres(inner: f64, level: u32) -> Enclosure {
     let mut both = sphere(inner, level, false);
     both.patches.extend(sphere(1.0, level, true).patches);
     both
 }
 
-/// An L-shaped room, closed and not convex: the 2 × 2 m square less its far quarter, 1 m high, in
-/// squares of 1/n m. Every patch emits 1 W/m²: with any reflectance ρ that is equal everywhere, the
-/// radiosity is 1/(1 − ρ) everywhere.
+/// An L-shaped room, closed and not convex: the 2 × 2 m square without its far quarter, 1 m high,
+/// in squares of 1/n m. Every patch emits 1 W/m². For any reflectance ρ that is equal everywhere,
+/// the radiosity is 1/(1 − ρ) everywhere.
 pub fn furnace_l(n: usize) -> Enclosure {
     // Outline, counter-clockwise from above, in steps of 1 m.
     let outline = [
@@ -293,7 +293,7 @@ mod tests {
         let (_, inner) = closure(&sphere(0.5, 2, true));
         let (_, outer) = closure(&sphere(1.0, 2, true));
         assert!(sum.length() < 1e-12 && (v - (outer - inner)).abs() < 1e-12);
-        // Volume of the inscribed polyhedron: 4π/3 less O(4^-level).
+        // Volume of the inscribed polyhedron: 4π/3 minus O(4^-level).
         assert!(
             outer < 2.0 * TAU / 3.0 && outer > 0.95 * 2.0 * TAU / 3.0,
             "{outer}"

@@ -35,12 +35,12 @@ fn the_solve_converges_with_patches() {
             .map(|c| (f64::from(c.patches), pick(c)))
             .collect()
     };
-    // A factor of two in h, over which the next term of an expansion in h changes by as much again:
-    // a tenth of an order.
+    // Over a factor of two in h, the next term of an expansion in h changes by the same factor: a
+    // tenth of an order.
     assert_order("constant", (0.5, false), 0.1, size(|c| c.constant));
     assert_order("interpolated", (0.75, true), 0.1, size(|c| c.interpolated));
     assert_order("interior", (1.0, false), 0.15, size(|c| c.interior));
-    // One point, and not always the same one: no slower than promised.
+    // Not always the same point, so only: no slower than promised.
     let worst: Vec<_> = size(|c| c.worst);
     let fell = worst[0].1 / worst[2].1;
     assert!(fell > 2.0 * 6f64.ln() / 12f64.ln() * 0.9, "{worst:?}");
@@ -49,7 +49,7 @@ fn the_solve_converges_with_patches() {
 #[test]
 fn the_solve_converges_with_rays() {
     let rays: Vec<u32> = (4..=12).map(|k| 1 << k).collect();
-    // A step function in four dimensions (two where a ray starts, two where it goes),
+    // A step function in four dimensions (two for a ray's start, two for its direction),
     // Owen-scrambled: N^−5/8.
     assert_order("rays", (0.625, false), 0.08, rays_error(4, &rays));
 }
@@ -65,19 +65,20 @@ fn the_gather_converges_with_rays() {
 
 #[test]
 fn lit_elements_bring_no_more_and_no_less_than_they_reflect() {
-    // 4 % of one wall are lit, of which a lumel sees a form factor of half a percent: a gathering
-    // ray in 200 meets it.
+    // 4 % of one wall is lit. Its form factor from a lumel is half a per cent, so one gathering ray
+    // in 200 hits it.
     let [_, without] = lit_error(64, 0);
     let [bias, with] = lit_error(64, 1);
-    // Three standard errors of the mean over 128 receivers, and what elements as points are off by.
+    // Three standard errors of the mean over 128 receivers, plus the error of elements as points.
     assert!(
         bias.abs() < 3.0 * with / 128f64.sqrt() + 0.002,
         "{bias} {with}"
     );
-    // Sixteen samples that all find it: what 64 rays find of it has a standard error of its own
-    // size. Less than a tenth would do without the share that is left to those.
+    // Sixteen samples all find it, while the estimate from 64 rays has a standard error of its own
+    // size. Without the share that is left to those rays, it would be below a tenth.
     assert!(with < 0.25 * without, "{with} {without}");
-    // Many gathering rays for each sample: most of the light is theirs, and nothing counts twice.
+    // Many gathering rays for each sample: they contribute most of the light, and nothing counts
+    // twice.
     let [bias, with] = lit_error(4096, 1);
     assert!(
         bias.abs() < 3.0 * with / 128f64.sqrt() + 0.002,
@@ -89,8 +90,8 @@ fn lit_elements_bring_no_more_and_no_less_than_they_reflect() {
 fn direct_light_converges_with_shadow_rays() {
     let rays: Vec<u32> = (2..=11).map(|k| 1 << k).collect();
     assert_order("point", (0.75, false), 0.08, direct_error(0.0, &rays));
-    // Points of the lumel and points of the lamp are stratified each by themselves; their pairs are
-    // random, which leaves N^−1/2 in the end.
+    // The points of the lumel and those of the lamp are each stratified, but their pairs are
+    // random, which leaves N^−1/2.
     assert_order("lumel", (0.5, false), 0.08, direct_error(0.1, &rays));
 }
 

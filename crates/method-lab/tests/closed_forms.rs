@@ -1,5 +1,5 @@
 //! Form factors against the catalogue (Howell, *A catalog of radiation heat transfer configuration
-//! factors*), and the errors that approximate methods are known to have.
+//! factors*), and the known errors of approximate methods.
 
 use std::f64::consts::PI;
 
@@ -58,7 +58,7 @@ fn contour_matches_opposed_squares_from_afar_to_touching() {
         let p = opposed_plates(d, 1).patches;
         let f = exchange_contour(&p[0].corners, &p[1].corners, 1e-13);
         let exact = opposed_rectangles(1.0, 1.0, d);
-        // The tolerance asked for, and C-11's own cancellation of 1e-16·d⁴ relative to F.
+        // The requested tolerance, plus C-11's own cancellation of 1e-16·d⁴ relative to F.
         let allowed = 1e-12 + 1e-15 * d.powi(4);
         assert!((f - exact).abs() <= allowed, "d = {d}: {f} {exact}");
     }
@@ -70,11 +70,10 @@ fn contour_matches_perpendicular_rectangles_of_any_aspect() {
         let aspect = 10f64.powf(e as f64 / 4.0);
         for (w, h) in [(aspect, 1.0), (1.0, aspect), (aspect, aspect)] {
             let p = perpendicular_plates(w, h, 1).patches;
-            // Tolerance is a share of the smaller area.
+            // The tolerance is relative to the smaller area.
             let f = exchange_contour(&p[0].corners, &p[1].corners, 1e-12) / w;
             let exact = perpendicular_rectangles(w, h, 1.0);
-            // The tolerance asked for, eight edges of it; C-14 loses 1e-16·max(w, h)² to
-            // cancellation.
+            // The requested tolerance for eight edges; C-14 loses 1e-16·max(w, h)² to cancellation.
             let allowed = 1e-11 + 1e-15 * w.max(h).powi(2) / w;
             assert!((f - exact).abs() <= allowed, "{w} × {h}: {f} {exact}");
         }
@@ -83,8 +82,8 @@ fn contour_matches_perpendicular_rectangles_of_any_aspect() {
 
 #[test]
 fn centre_methods_err_as_tabulated_on_opposed_squares() {
-    // Relative error in percent of centre to centre, centre to disc, centre to polygon, as measured
-    // by others; from d = 0.1 the first one as a factor. Half a unit of the last digit given.
+    // Published relative errors in per cent of centre to centre, centre to disc, centre to polygon;
+    // from d = 0.1 on, the first is a factor. Half a unit of the last digit.
     let table = [
         (5.0, [(2.65, 0.005), (1.4, 0.05), (1.3, 0.05)]),
         (2.0, [(16.0, 0.5), (7.5, 0.05), (7.1, 0.05)]),
@@ -114,15 +113,15 @@ fn refining_into_a_corner_is_of_first_order_only() {
         half_to_half(&e, &matrix(&e, CENTRES[0])) / exact - 1.0
     };
     let errors = [1, 2, 4, 8, 16].map(error);
-    // +59 %, +16 %, +4.2 % for n = 1, 4, 16, half a unit of the last digit.
+    // +59 %, +16 %, +4.2 % for n = 1, 4, 16; half a unit of the last digit.
     for (k, percent, half_unit) in [(0, 59.0, 0.5), (2, 16.0, 0.5), (4, 4.2, 0.05)] {
         assert!(
             (100.0 * errors[k] - percent).abs() <= half_unit,
             "{errors:?}"
         );
     }
-    // O(h): the last halving of h halves the error. Cells that touch are a share h of all, each
-    // wrong by a fixed share.
+    // O(h): the last halving of h halves the error. The share of touching cells is h, and each is
+    // wrong by a fixed fraction.
     let order = (errors[3] / errors[4]).log2();
     assert!((order - 1.0).abs() < 0.05, "{order}");
 }
@@ -142,8 +141,8 @@ fn discs_are_reached_as_polygons_gain_sides() {
         half_to_half(&e, &m) - exact
     };
     let errors = [6, 12, 24].map(error);
-    // Polygons of the disc's area: the outline is off by O(1/sides²) in and out alike, which
-    // cancels, so that fourth order is left.
+    // Polygons of the disc's area: the outline is off by O(1/sides²), inwards and outwards alike,
+    // which cancels and leaves fourth order.
     for k in 0..2 {
         let order = (errors[k] / errors[k + 1]).abs().log2();
         assert!((order - 4.0).abs() < 0.2, "{errors:?}");
@@ -166,7 +165,7 @@ fn inside_a_sphere_the_form_factor_is_the_area_share() {
         let (mut difference, mut norm, mut far) = (0.0, 0.0, 0f64);
         for (i, p) in e.patches.iter().enumerate() {
             for (j, q) in e.patches.iter().enumerate() {
-                // The facets' share of the whole stands for that of the sphere's parts.
+                // The facets' share of the total replaces that of the sphere's parts.
                 let exact = sphere_interior(4.0 * PI * q.area() / total, 1.0);
                 let f = m.row(i)[j];
                 difference += (f - exact).powi(2);
@@ -178,10 +177,10 @@ fn inside_a_sphere_the_form_factor_is_the_area_share() {
         }
         [(difference / norm).sqrt(), far]
     });
-    // First order in the size of a facet. Facets of a cut icosahedron are not equilateral: a
-    // facet's centroid lies beside the foot of its normal by a fixed share of its size, so the
-    // cosine at it is off by that. Near pairs, where only the fold between two facets lets them see
-    // one another, are off by a fixed share each, but fewer as facets shrink. Measured: 0.131,
+    // First order in the size of a facet. Facets of a subdivided icosahedron are not equilateral: a
+    // facet's centroid is off the foot of its normal by a fixed fraction of its size, and so is the
+    // cosine there. Near pairs that see each other only across the fold between two facets are each
+    // wrong by a fixed fraction, but there are fewer of them as facets shrink. Measured: 0.131,
     // 0.067; 0.064, 0.033.
     for (coarse, fine) in errors[0].iter().zip(errors[1]) {
         let order = (coarse / fine).log2();
@@ -197,8 +196,8 @@ fn concentric_spheres_exchange_by_their_areas() {
     let half = e.patches.len() / 2;
     let areas: Vec<f64> = e.patches.iter().map(Patch::area).collect();
     let (inner, outer): (f64, f64) = (areas[..half].iter().sum(), areas[half..].iter().sum());
-    // All that leaves a convex body arrives on what encloses it; the rest follows by reciprocity,
-    // for facets as for spheres.
+    // All light that leaves a convex body arrives on the surface around it. The rest follows by
+    // reciprocity, for facets as for spheres.
     let f12 = half_to_half(&e, &m);
     let back: f64 = (half..2 * half)
         .map(|i| areas[i] * m.row(i)[..half].iter().sum::<f64>())
@@ -211,7 +210,6 @@ fn concentric_spheres_exchange_by_their_areas() {
     // The inner body is convex, so its rows have no shadow: contour tolerance, 80 patches of 1e-10.
     assert!((f12 - 1.0).abs() < 1e-8, "{f12}");
     assert!((f21 - inner / outer).abs() < 1e-8, "{f21}");
-    // From the outside the smaller body's outline is a shadow edge: 8 × 8 points each, measured
-    // 9e-6.
+    // From outside, the smaller body's outline is a shadow edge: 8 × 8 points each, measured 9e-6.
     assert!((f22 - 1.0 + inner / outer).abs() < 2e-5, "{f22}");
 }

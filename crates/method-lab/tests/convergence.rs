@@ -21,8 +21,8 @@ fn slope(errors: &[f64]) -> f64 {
     xy / xx
 }
 
-/// A receiver and quadrilaterals turned at random above it, so that no outline runs along a row of
-/// pixels.
+/// A receiver, and quadrilaterals above it in random orientations, so that no outline runs along a
+/// row of pixels.
 fn turned(k: u32) -> Enclosure {
     let mut e = opposed_plates(1.0, 1);
     let [a, b, c, d] = radiosity::sample_4d(k, 0, 3).map(f64::from);
@@ -39,8 +39,8 @@ fn turned(k: u32) -> Enclosure {
     e
 }
 
-/// RMS error over turned patches of the row that `row` fills against the polygon's closed form from
-/// the same point.
+/// RMS error over random orientations of the row that `row` fills, against the polygon's closed
+/// form from the same point.
 fn error_from_the_centre(row: impl Fn(&Enclosure, &mut [f64])) -> f64 {
     let count = 16;
     let sum: f64 = (0..count)
@@ -68,7 +68,7 @@ fn delta_factors_sum_to_one_up_to_the_square_of_a_pixel() {
     let order = -slope(&errors);
     // Midpoint rule over a smooth kernel: second order. Measured 2.01.
     assert!((order - 2.0).abs() < 0.05, "{order}: {errors:?}");
-    // At 64 × 64 the sum is off by 1.3e-4: a known error of that size, not a bug to be scaled away.
+    // At 64 × 64 the sum is off by 1.3e-4, a known error that must not be scaled away.
     assert!(errors[4] < 1.4e-4, "{errors:?}");
 }
 
@@ -80,11 +80,11 @@ fn a_hemicube_converges_with_order_three_halves_to_the_polygon_seen_from_its_poi
             error_from_the_centre(|e, f| h.row(&e.patches, 0, 1, f))
         })
         .collect();
-    // Pixels in an outline are counted right but for those it crosses, of which there are
-    // O(resolution), right or wrong about evenly: O(resolution^-3/2) in the mean over positions
-    // (Kendall, *On the number of lattice points inside a random oval*, 1948). Sixteen polygons
-    // leave the RMS uncertain by a fifth and the slope over four doublings by about 0.1. Measured
-    // 1.62.
+    // All pixels inside an outline are counted correctly, except the O(resolution) pixels that it
+    // crosses, which err about evenly in both directions: O(resolution^-3/2) in the mean over
+    // positions (Kendall, *On the number of lattice points inside a random oval*, 1948). With
+    // sixteen polygons, the RMS is uncertain by a fifth, and the slope over four doublings by about
+    // 0.1. Measured 1.62.
     let order = -slope(&errors);
     assert!((order - 1.5).abs() < 0.2, "{order}: {errors:?}");
 }
@@ -99,11 +99,7 @@ fn the_scanned_disc_converges_with_order_three_halves_to_the_same() {
             })
         })
         .collect();
-    // Pixels in an outline are counted right but for those it crosses, of which there are
-    // O(resolution), right or wrong about evenly: O(resolution^-3/2) in the mean over positions
-    // (Kendall, *On the number of lattice points inside a random oval*, 1948). Sixteen polygons
-    // leave the RMS uncertain by a fifth and the slope over four doublings by about 0.1. Measured
-    // 1.53.
+    // As above, O(resolution^-3/2). Measured 1.53.
     let order = -slope(&errors);
     assert!((order - 1.5).abs() < 0.2, "{order}: {errors:?}");
 }
@@ -132,8 +128,8 @@ fn points_converge_with_the_square_of_the_cell_where_patches_are_apart() {
                 (m.matrix.row(0)[1] - exact).abs()
             })
             .to_vec();
-        // Midpoint rules; the disc's gains a little as its own correction dies out (measured 2.02,
-        // 2.10, 2.01).
+        // Midpoint rules; the disc's order is slightly higher, because its own correction vanishes
+        // (measured 2.02, 2.10, 2.01).
         let order = -slope(&errors);
         assert!((order - 2.0).abs() < 0.15, "{order}: {errors:?}");
     }
@@ -174,8 +170,8 @@ fn rays_converge_faster_than_random_ones() {
         .collect();
     // Counting hits integrates a step function in four dimensions: scrambled nets give N^-(1/2 +
     // 1/2d) = N^-0.625 (He and Wang, *On the convergence rate of randomized quasi-Monte Carlo for
-    // discontinuous functions*, 2015). Plain random rays give N^-0.5. Measured 0.636; 25 rows of it
-    // are a good mean.
+    // discontinuous functions*, 2015). Plain random rays give N^-0.5. Measured 0.636, as a mean
+    // over 25 rows.
     let order = -slope(&errors);
     assert!((order - 0.625).abs() < 0.05, "{order}: {errors:?}");
 }
@@ -184,7 +180,7 @@ fn rays_converge_faster_than_random_ones() {
 fn area_to_area_agrees_with_exact_visibility() {
     let e = room_with_box(1);
     let reference = reference_matrix(&e, 16).unwrap().matrix;
-    // Against twice the points and more: 1.5e-3 and 1.7e-4 measured.
+    // Against at least twice the points: 1.5e-3 and 1.7e-4 measured.
     for (order, allowed) in [(4, 2e-3), (8, 2e-4)] {
         let coarse = reference_matrix(&e, order).unwrap().matrix;
         let error = compare(&coarse, &reference).rms;

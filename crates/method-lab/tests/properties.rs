@@ -98,7 +98,7 @@ fn rows_of_closed_scenes_sum_to_one_where_directions_are_counted() {
             },
             Method::Rays { count: 10_000 },
         ] {
-            // Each direction meets one front: only the sum of up to 1e4 shares of 1/N is rounded.
+            // Each direction hits one front: only the sum of up to 1e4 shares of 1/N is rounded.
             let error = audited(&e, method).row_sum_error;
             assert!(error < 1e-11, "{name}, {method:?}: {error}");
         }
@@ -122,8 +122,8 @@ fn a_hemicube_loses_no_pixel() {
             .unwrap()
             .matrix;
             for i in 0..m.len() {
-                // The delta factors' own sum, to rounding of some thousand terms: every pixel has
-                // gone to some patch.
+                // The sum of the delta factors, up to the rounding of some thousand terms: every
+                // pixel belongs to some patch.
                 let error = (m.row(i).iter().sum::<f64>() - sum).abs();
                 assert!(error < 1e-12, "{name} row {i} at {resolution}: {error}");
             }
@@ -138,7 +138,7 @@ fn rows_of_a_cube_sum_to_one_in_closed_form() {
         tolerance: 1e-12,
         shadow_rays: 0,
     };
-    // Twenty-three neighbours, each to its tolerance.
+    // Twenty-three neighbours, each within its tolerance.
     assert!(audited(&e, contour).row_sum_error < 23.0 * 1e-12);
     let polygon = Method::PointToPolygon {
         cells: 3,
@@ -150,8 +150,8 @@ fn rows_of_a_cube_sum_to_one_in_closed_form() {
 
 #[test]
 fn rows_of_occluded_scenes_sum_to_one_in_the_reference() {
-    // 12 × 12 points where a shadow edge crosses: twice what was measured (7.5e-5, 8.2e-5, 4.5e-5),
-    // and about what 8 × 8 points leave (tests/convergence.rs).
+    // 12 × 12 points where a shadow edge crosses: twice the measured values (7.5e-5, 8.2e-5,
+    // 4.5e-5), and about the error of 8 × 8 points (tests/convergence.rs).
     for (name, e, allowed) in [
         ("room", room_with_box(1), 1.5e-4),
         ("L", furnace_l(1), 1.6e-4),
@@ -170,13 +170,13 @@ fn reciprocity_holds_where_pairs_are_treated_alike_and_only_there() {
     for method in methods() {
         let error = audited(&e, method).reciprocity_error;
         match method {
-            // Symmetric kernel or one value a pair: rounding only.
+            // A symmetric kernel, or one value per pair: rounding only.
             Method::PointToPoint { .. } | Method::Contour { .. } | Method::AreaToArea { .. } => {
                 assert!(error < 1e-14, "{method:?}: {error}");
             }
-            // A disc's correction, one end's points, one end's pixels, one end's rays: known to
-            // break it here by 4 to 10 % of the largest exchange (measured 0.096, 0.046, 0.061,
-            // 0.041, 0.080). Were it 0, the method would not be what it says.
+            // A disc's correction, and points, pixels or rays on one side only, break reciprocity
+            // by 4 to 10 % of the largest exchange (measured 0.096, 0.046, 0.061, 0.041, 0.080). If
+            // the error were 0, the method would not be the one it claims to be.
             _ => assert!((0.02..0.15).contains(&error), "{method:?}: {error}"),
         }
     }
@@ -188,7 +188,7 @@ fn occlusion_is_seen_by_every_method() {
     let reference = reference_matrix(&e, 12).unwrap().matrix;
     for method in methods() {
         let error = compare(&form_factors(&e, method).unwrap().matrix, &reference);
-        // Measured with these coarse settings, and half as much again; with no occlusion the
+        // 1.5 times the errors measured with these coarse settings; without occlusion, the
         // contour's is 0.090.
         let allowed = match method {
             Method::PointToPoint { .. } => 0.4,
@@ -239,8 +239,8 @@ fn scale_and_place_do_not_matter() {
                 &form_factors(&e, method).unwrap().matrix,
             );
             let allowed = match method {
-                // Regular patterns of points and pixels fall exactly on edges of this room, and
-                // rounding says on which side.
+                // Regular patterns of points and pixels fall exactly on edges of this room, where
+                // rounding decides the side.
                 Method::Nusselt { .. } | Method::Hemicube { .. } => 0.01,
                 Method::AreaToArea { .. } => 0.012,
                 // Corners 1e4 from the origin are rounded to 1e-12.

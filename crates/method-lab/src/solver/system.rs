@@ -207,7 +207,7 @@ impl<'m> System<'m> {
             .collect()
     }
 
-    /// Bound on ‖B − B*‖∞ by channel from ‖r‖∞, W/m²; infinite if there is none (see
+    /// Bound on ‖B − B*‖∞ by channel from ‖r‖∞, W/m²; infinite without a bound (see
     /// [`Record::error_bound`]).
     pub fn error_bound(&self, residual_max: DVec3) -> DVec3 {
         let bound = |r: f64, c: f64| {
