@@ -1,18 +1,18 @@
-"""The classic studies: the baseline at 1000 and 5760 patches, Lumel, and the truth, as numbers and as pictures.
+"""The classic studies: a baseline of 1000 and 5760 patches, Lumel, and a path-traced reference, as figures and pictures.
 
 Usage : python classic_studies.py [--lab PROGRAM] [--out DIR] [--docs DIR] [--cases NAME,…] [--count 1500] [--spp 8192]
               [--pixel-spp 128] [--no-solvers] [-- further options of `lumel bake`]
 Steps : 1 `lumel-lab studies` writes each case as .glb and the baseline's radiosity as .csv; `lumel-lab solvers` its tables;
-        2 `lumel bake` bakes each .glb, with occlusion, at its default settings;
-        3 points.py draws --count points by area from the surfaces that do not emit, truth.py gives their irradiance (back faces
-          black, unlimited bounces); 4 the same for the pixels of one picture, with fewer samples;
+        2 `lumel bake` bakes each .glb at its default settings;
+        3 points.py draws --count points by area from the surfaces that do not emit, and truth.py computes their irradiance (back
+          faces black, unlimited bounces); 4 the same for the pixels of one picture, with fewer samples;
         5 every method's irradiance at those points and pixels, and its error.
 Output: DOCS/images/studies/NAME.png (pictures) and NAME.error.png (signed error of each), DOCS/images/studies/errors.csv (figures),
         and the tables, DOCS/tables/studies.md.  Solver tables: OUT/solvers*.csv.
 Errors: of the luminance of irradiance E, over points with E > 0.001 mean: relRMSE = sqrt(mean(((x − ref) / (ref + 0.01 mean ref))²)),
-        p50 and p95 of the same in absolute value, bias = mean(x) / mean(ref) − 1: as score.py.
-Needs : LUMEL (the lumel binary), LUMEL_SHARED_TOOLS (truth.py, points.py, gltf_scene.py, score.py), numpy, Mitsuba, Pillow.  Truths are kept
-        under LUMEL_REF by the hash of scene and settings.
+        p50 and p95 of its absolute value, bias = mean(x) / mean(ref) − 1, as in score.py.
+Needs : LUMEL (the lumel binary), LUMEL_SHARED_TOOLS (truth.py, points.py, gltf_scene.py, score.py), numpy, Mitsuba, Pillow.
+        References are cached under LUMEL_REF by the hash of scene and settings.
 """
 import argparse
 import csv
@@ -35,7 +35,7 @@ WIDTH, HEIGHT, LABEL, COLUMNS = 294, 189, 18, 3
 
 
 class Patches:
-    """A table of lumel-lab, with look-up of surface points: axis-parallel rectangles on planes"""
+    """A table of lumel-lab with lookups of surface points: axis-parallel rectangles on planes"""
 
     def __init__(self, path):
         with open(path, newline="") as f:
@@ -60,7 +60,7 @@ class Patches:
             low, high = self.corners[ids].min(1)[:, others], self.corners[ids].max(1)[:, others]
             lines = [np.unique(np.round(np.concatenate([low[:, i], high[:, i]]), 6)) for i in range(2)]
             cell = np.full((len(lines[0]) - 1, len(lines[1]) - 1), -1)
-            # A patch is one cell of the lines of its plane, as all patches come from one lattice.
+            # All patches come from one lattice, so each is one cell between the lines of its plane.
             at = [np.searchsorted(lines[i], 0.5 * (low[:, i] + high[:, i])) - 1 for i in range(2)]
             cell[at[0], at[1]] = ids
             self.faces.append((a, k[1], k[2], others, lines, cell))
@@ -75,7 +75,7 @@ class Patches:
         return out
 
     def locate(self, p, n):
-        """patch of each surface point with normal n; -1 where there is none"""
+        """patch of each surface point with normal n, or -1"""
         out = np.full(len(p), -1)
         for face in self.faces:
             a, sign, plane = face[:3]
@@ -103,7 +103,7 @@ class Patches:
         return patch, point
 
     def blend(self, patch, p):
-        """radiosity blended bilinearly between the corners' (Gouraud)"""
+        """radiosity, interpolated bilinearly between the corners (Gouraud)"""
         c = self.corners[patch]
         e1, e2, d = c[:, 1] - c[:, 0], c[:, 3] - c[:, 0], p - c[:, 0]
         s = ((d * e1).sum(1) / (e1 * e1).sum(1))[:, None]
@@ -113,7 +113,7 @@ class Patches:
 
 
 class Lightmap:
-    """Lumel's answer, read as an engine reads it: the baked glTF's triangles, their second UV set, the EXR"""
+    """Lumel's result as an engine reads it: the baked glTF's triangles, their second UV set, the EXR"""
 
     def __init__(self, glb):
         self.scene = gltf_scene.load(glb, images=False)
@@ -214,7 +214,7 @@ def font(size):
 
 
 def legend():
-    """the colours of errors, with their ends written on them"""
+    """the colour scale of errors, labelled at its ends"""
     out = Image.fromarray(tile(signed_colors(np.tile(np.linspace(-0.5, 0.5, WIDTH), HEIGHT)), np.arange(WIDTH * HEIGHT)))
     draw = ImageDraw.Draw(out)
     for x, text in ((4, "-50 %"), (WIDTH // 2 - 8, "0"), (WIDTH - 42, "+50 %")):
@@ -269,7 +269,7 @@ def run_case(case, a, camera):
     mean = (pixel_ref[dark] @ LUM).mean()
 
     def column(label, b):
-        """one picture: b is radiosity per seen pixel; the error is that of irradiance where nothing glows"""
+        """one picture: b is the radiosity of each pixel; the error is that of irradiance on surfaces that do not emit"""
         error = ((b - want) / rho) @ LUM / (pixel_ref @ LUM + 0.01 * mean)
         return label, tile(encode(b * scale), seen), tile(np.where(dark[:, None], signed_colors(error), 0.5), seen)
 
@@ -361,7 +361,7 @@ def main():
             lines[case["name"]].append('%s,"%s",%.6g,%.6g,%.6g,%.6g,%.6g,%d' % (case["name"], label, e["relRMSE"], e["p50"], e["p95"], e["bias"], e["own"], e["points"]))
         print("%s: done after %.0f s" % (case["name"], time.perf_counter() - start), flush=True)
     record = os.path.join(a.docs, "images", "studies", "errors.csv")
-    if os.path.exists(record):          # a run of some cases leaves the others' lines
+    if os.path.exists(record):          # Lines of cases that were not run stay.
         with open(record, encoding="utf-8") as f:
             for line in f.read().splitlines()[1:]:
                 name = line.split(",")[0]

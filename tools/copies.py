@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""Copies of a level at one density: what a bake of N of them costs, beside N times that of one.
+"""The cost of baking N copies of a level at the same density, beside N times the cost of one.
 
     tools/copies.py [--level GLB] [--copies 1,4,16] [--density X] [--truth] -- [bake options]
 
-Copies stand in a row, far apart, so that they hardly light each other; lights without a place are
-kept once. Prints a table of processor time, rays, patches, memory and the estimated error. --truth
-also bakes one copy at `production` and compares each copy's lumels with it (median and root mean
-square of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR).
+The copies stand in a row, far enough apart to hardly light each other; directional lights are kept
+once. Prints a table of processor time, rays, patches, memory and the estimated error. --truth also
+bakes one copy at `production` and compares each copy's lumels with it (median and root mean square
+of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR).
 
 LUMEL names the program (common.py)."""
 import argparse

@@ -1,18 +1,18 @@
-"""Ten thousand emissive triangles against one equal rectangle: time and error of whole bakes (lab/emitters.md).
+"""Compares ten thousand emissive triangles with one rectangle of the same size: time and error of whole bakes (lab/emitters.md).
 
     python3 tools/emissive_triangles.py [--rho 0.5] [--quality draft,preview,production] [--only one,grid,...] [OUT]
 
-A room of 12 × 12 × 4 m with three boxes in it, and a lamp of 4 × 2 m under its ceiling that is one rectangle or as many pieces:
+A room of 12 × 12 × 4 m with three boxes, and under its ceiling a lamp of 4 × 2 m, which is one rectangle or many pieces:
 
     one        2 triangles
     grid       100 × 50 squares that share their corners: 10,000 triangles in one plane
-    loose      the same with eight materials in turn, all alike, so that nothing can be joined
-    wavy       the grid with its corners up and down by 0.03 mm: no plane, but the same light
+    loose      the same with eight identical materials in turn, so that nothing can be joined
+    wavy       the grid with its corners moved up and down by 0.03 mm: not planar, but the same light
     million    1000 × 500 squares, wavy: a million triangles
-    scattered  5,000 lamps of 4 × 4 cm all under the ceiling (another light: its error is its own, against production)
+    scattered  5,000 lamps of 4 × 4 cm all over the ceiling (different light, so its error is against its own production bake)
 
-Every mesh brings its own TEXCOORD_1, so that all have the same lumels, and errors are those of `lumel diff` over all of them, against
-`one` at production.  Needs numpy and `lumel` (environment: LUMEL)."""
+Every mesh has its own TEXCOORD_1, so all bakes have the same lumels. Errors are those of `lumel diff` over all lumels against
+`one` at production. Needs numpy and `lumel` (environment: LUMEL)."""
 import argparse
 import json
 import os

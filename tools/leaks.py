@@ -40,7 +40,7 @@ EACH_DARK = 1500
 LIFT = 0.003                                # walls are looked for that far above a surface, m
 LEAST = 2e-3                                # points nearer than this to a wall are left out, m: below a ray's offset and a baker's
 SHARE = 2e-4                                # of a texel: less surface than this is rounding of coordinates (as LEAST_COVERAGE in tests/src/path_tracer)
-ROUNDING = 1e-3         # of the yardstick: what a float32 ray in 10⁶ that slips through an edge brings to one of 400 points of 256 paths
+ROUNDING = 1e-3         # of the yardstick: the effect of one float32 ray in 10⁶ that slips through an edge, on 400 points of 256 paths
 SPP, TARGET, SECONDS = 16384, 0.004, 40     # of a truth
 
 
@@ -150,7 +150,7 @@ def draw(scene, kind, each):
 
 
 def truth(scene, position, normal, label, spp=SPP, target=TARGET, seconds=SECONDS):
-    """E and its standard error (luminance) at points: in closed form where it is even, else from the store or from truth.py"""
+    """E and its standard error (luminance) at points: in closed form where it is uniform, else from the cache or truth.py"""
     if scene.even:
         return np.full(len(position), scene.even), np.zeros(len(position))
     os.makedirs(common.REF, exist_ok=True)
@@ -319,7 +319,7 @@ def measure(scene, a, lumel):
         # stand for.
         row["received"] = float((value * lit["weight"]).sum() / (e * lit["weight"]).sum())
         row["truth received"] = float((e * lit["weight"]).sum() / scene.received)
-    some = e > 0.02 * yard        # a relative error of next to nothing means nothing
+    some = e > 0.02 * yard        # A relative error of a tiny value is meaningless.
     wrong = np.where(some, (e - value) / np.maximum(e, 1e-9), 0)
     for k, n in enumerate(NAMES):
         w = wrong[some & (lit["bin"] == k)]

@@ -39,7 +39,7 @@ LIMIT = 0.98  # both limit reflectance to this
 # a lumel is curved if an interpolated normal differs by more than this from the face normal
 CURVED = np.cos(np.radians(1.0))  #
 
-# file    under LUMEL_SCENES;  density: texels a metre, and why; None leaves it to lumel, which thins out huge meshes only then
+# file    under LUMEL_SCENES;  density: texels per metre, and why; None leaves it to lumel, which only then lowers it on huge meshes
 # sky     radiance;  sun: (direction of travel, lux, diameter in degrees), added to the document as a punctual light
 # range   whether a lamp has one;  eps: ray offset of the truth, in units of half the scene's diagonal
 # count   lumels drawn;  target: median relative standard error;  seconds: limit of the reference
@@ -150,8 +150,8 @@ class Scene:
         return json.dumps([m.get("extensions", {}).get("KHR_materials_transmission") for m in js.get("materials", [])], sort_keys=True)
 
     def families(self):
-        """{name: mask of the reference's lumels}: all that are lit; of them those on triangles that repeat an earlier one; and of the rest those on
-        flat faces away from chart edges, those on flat ones that a chart's edge cuts, and those where normals bend"""
+        """{name: mask of the reference's lumels}: all lit lumels; those of them on triangles that repeat an earlier one; and of the others those on
+        flat faces away from chart edges, those on flat faces at chart edges, and those with bent normals"""
         lit = reference.lit(self.ref)
         copy = self.copies[self.ref["triangle"]]
         bent, whole, rest = self.ref["bend"] < CURVED, self.ref["holes"] == 0, lit & ~copy
@@ -256,15 +256,15 @@ def draw_points(sc, points, side, count, at=None):
 
 
 def slivers(tri):
-    """mask of triangles without an area worth the name.  Lumel drops them, so that no chart is made for them; they stay in the document, where their
-    corners may lie in charts at opposite ends of the page.  (The lumels that are left are then those that lumel counts, on godot_gi_demo to the last.)"""
+    """mask of triangles with practically no area.  Lumel drops them and creates no chart for them. They stay in the document, where their corners
+    may be in charts at opposite ends of the page.  (Without them, the lumels are those that lumel counts; on godot_gi_demo the numbers are equal.)"""
     longest = np.linalg.norm(tri - np.roll(tri, 1, axis=1), axis=2).max(1)
     return np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1) < 1e-6 * longest ** 2
 
 
 def spread(tri, nrm, face, px, r, c):
-    """positions, interpolated normals and face normals [n, SUB², 3] at the middles of SUB² cells of the lumels (r, c), NaN off the surface; px: corners in
-    texels.  Where triangles overlap the last one counts, as in texels.subpoints."""
+    """positions, interpolated normals and face normals [n, SUB², 3] at the centres of SUB² cells of the lumels (r, c), NaN off the surface; px: corners in
+    texels.  Where triangles overlap, the last one counts, as in texels.subpoints."""
     lo, hi = px.min(1), px.max(1)
     e1, e2 = px[:, 1] - px[:, 0], px[:, 2] - px[:, 0]
     det = e1[:, 0] * e2[:, 1] - e1[:, 1] * e2[:, 0]

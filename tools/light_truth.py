@@ -334,7 +334,7 @@ def answer(sc, spp=1 << 18, **kw):
 
 
 def check():
-    """Prints name, expected, found, standard error of each; -> True if all lie within 4 standard errors and what is known to be off"""
+    """Prints name, expected, found, standard error of each; -> True if all are within 4 standard errors plus the known deviation"""
     floor = (quad(0, 5), material(base=np.array([0.0, 0, 0, 1])))
 
     def pane(h=1.0, base=(0, 0, 0), alpha=1.0, mode="BLEND", tau=0.0, emit=0.0):

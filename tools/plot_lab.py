@@ -1,5 +1,5 @@
-"""Plots what `lumel-lab form-factors` measured: error against time for each method, one panel a scene, on logarithmic axes; once the
-error of the single form factors, once that of the irradiance they give.
+"""Plots the results of `lumel-lab form-factors`: error against time for each method, one panel per scene, on logarithmic axes. One
+figure has the error of single form factors, the other that of the resulting irradiance.
 
 Usage : python plot_lab.py form-factors CSV OUT_WITHOUT_SUFFIX
         python plot_lab.py convergence CSV OUT_WITHOUT_SUFFIX          errors of the baker's parts, with the promised curves dashed
@@ -13,10 +13,10 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-# No date and fixed ids, so that the same picture gives the same bytes.
+# No date and fixed IDs, so that the same data gives the same bytes.
 plt.rcParams["svg.hashsalt"] = "lumel"
 
-# One colour and marker a method: hues that stay apart for the colour-blind (Okabe and Ito), shapes that stay apart in grey.
+# One colour and marker per method. The colours (Okabe and Ito) are distinguishable for colour-blind readers, the markers in greyscale.
 STYLE = {
     "point to point": ("#000000", "x"),
     "point to disc": ("#8c8c8c", "+"),
@@ -89,7 +89,7 @@ def convergence(rows, out):
                             linestyle="none" if name.endswith("error") else "-", label=name)
                 continue
             axis.loglog(x, y, color=colours[k], marker="o", markersize=4, linewidth=1.2, label=name)
-            # Through the geometric mean of the finer half.
+            # Fitted through the geometric mean of the finer half.
             half = len(x) // 2
             shift = 1.0
             for a, b in zip(y[half:], promised[half:]):

@@ -1,8 +1,8 @@
 #!/bin/sh
-# Publishes the crates to crates.io, in the order of their dependencies. Rehearses unless told --really.
+# Publishes the crates to crates.io in dependency order. Without --really it is a dry run.
 #
 # Usage: tools/publish.sh [--really | --allow-dirty …]
-# cargo packs all crates, builds each from its package against the others' packages, and uploads none.
+# A dry run packages all crates and builds each against the other packages.
 set -eu
 cd "$(dirname "$0")/.."
 if [ "${1:-}" = --really ]; then

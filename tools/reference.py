@@ -64,14 +64,14 @@ class References:
         return os.path.join(common.REF, "%s-%s.npz" % (self.name, key))
 
     def sub(self, every):
-        """points along a lumel's side; texels.py takes memory for all of them on the whole page, 9 GB at 32 on 512²"""
+        """points along a lumel's side; texels.py allocates memory for those of the whole page, 9 GB for 32 points on 512²"""
         return 8 if every else SUB if self.side <= 640 else SUB // 2
 
     def truth(self, footprint=1.0, backface="twosided", inset=2, every=False, region=None, target=None, seconds=None, refine=0):
-        """-> path of the reference; made if it is not there, improved by `refine` seconds of further paths if it is.
+        """-> path of the reference, which is created if missing, and otherwise improved by `refine` seconds of further paths.
 
-        footprint  share of a texel's side to average over;  inset: see texels.py;  every: all covered lumels (inset 0) instead of a draw
-        region     of them only those with (row0 ≤ row < row1, col0 ≤ col < col1)"""
+        footprint  share of a texel's side to average over;  inset: see texels.py;  every: all covered lumels (inset 0) instead of a random selection
+        region     only lumels with row0 ≤ row < row1 and col0 ≤ col < col1"""
         path = self.path(footprint, backface, inset, every, region, target)
         lumels = path + ".texels.npz"
         if os.path.exists(path):
@@ -88,7 +88,7 @@ class References:
         return path
 
     def _trace(self, lumels, path, backface, seed, seconds, target):
-        # As many strata a point and batch as a launch has room for: the error falls faster than with the number of paths.
+        # As many strata per point and batch as fit into a launch: the error falls faster than with the number of paths.
         batch = 1 << max(6, min(12, int(np.log2((1 << 20) / max(1, len(load(lumels)["texel"]))))))
         said = common.tool("truth.py", self.flat, lumels, path + ".part.npz", "--area", "--backface", backface, "--target", target,
                            "--spp", 1 << 22, "--batch", batch, "--time", seconds, "--sky", self.sky, "--seed", seed)
@@ -104,8 +104,8 @@ class References:
             os.path.basename(path), len(ref["texel"]), ref["paths"].min(), ref["paths"].max(), 100 * own(ref), float(ref["seconds"])))
 
     def _refine(self, path, lumels, backface, seconds):
-        """Rounds of at most a minute for the lumels whose relative standard error is above half the root mean square of all: few hard
-        ones rule it. Choosing them by the noise of their own earlier paths biases a lumel by a part of its standard error at most."""
+        """Rounds of at most a minute for the lumels whose relative standard error is above half the root mean square of all, which a few
+        difficult lumels dominate. Choosing lumels by the noise of their own earlier paths biases them by at most a part of their standard error."""
         while seconds > 0:
             ref, z = load(path), load(lumels)
             some = relative_noise(ref) > 0.5 * own(ref)
@@ -140,8 +140,8 @@ class References:
 def jitter(lumels):
     """Moves the regular points that texels.py spreads over a lumel at random within their cells.
 
-    Where a shadow's edge runs along the rows of a regular grid, the mean over it is off by up to half a row: with 32 rows by 1.6 % of the step
-    across the edge, which is ten times the noise aimed at. Lumels that are not flat keep their points."""
+    Where a shadow's edge is parallel to the rows of a regular grid, the mean over the grid is off by up to half a row. With 32 rows that is 1.6 % of
+    the step across the edge, ten times the intended noise. Lumels that are not flat keep their points."""
     z = load(lumels)
     p = z["sub_position"].astype(np.float64)
     n, sub = len(p), int(round(np.sqrt(p.shape[1])))
@@ -174,7 +174,7 @@ def _compare():
 
 
 def relative_noise(ref):
-    """standard error of each lumel over (its truth + 0.01 mean), as `lumel diff` weighs an error; 0 where it is not lit"""
+    """standard error of each lumel relative to (its reference + 0.01 mean), the weighting of `lumel diff`; 0 if it is not lit"""
     lum = _compare().LUM
     y, s, on = ref["irradiance"] @ lum, ref["stderr"] @ lum, lit(ref)
     return np.where(on, s / (y + 0.01 * y[on].mean()), 0.0)
@@ -202,8 +202,8 @@ def clear(ref, other):
 
 
 def errors(ref, exr, keep=None):
-    """the figures of `lumel diff` for a map (E/π) over the lumels `keep` (default: all that the reference holds), and relRMSE_se: the standard
-    error of relRMSE that comes from having drawn these lumels and not others (few bad lumels rule a root mean square)"""
+    """the figures of `lumel diff` for a map (E/π) over the lumels `keep` (default: all in the reference), and relRMSE_se: the standard error of
+    relRMSE from the random choice of lumels (a few bad lumels dominate a root mean square)"""
     c = _compare()
     img = c.read_exr(exr)
     keep = np.ones(len(ref["irradiance"]), bool) if keep is None else keep

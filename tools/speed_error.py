@@ -67,8 +67,8 @@ MOST_ZEROS, WELL_LIT = 0.01, 0.3
 # a lumel counts as lit by a back if two-sided surfaces make it this many times brighter, by more
 # than the mean light
 BACK_LIT = 10
-# What equal work leaves out: vertex colours, and of the time the phase that makes and packs charts.  Not `--uv keep` on the lightmapped level: that takes a mesh's
-# coordinates for square and packs anew, so its lumels are others (demo level: 43 of 80 nodes have rectangles of another shape).
+# Equal work excludes vertex colours and the time for creating and packing charts.  `--uv keep` on the lightmapped level would not be equal: it takes a mesh's
+# coordinates as square and packs them again, which gives other lumels (demo level: 43 of 80 nodes get rectangles of another shape).
 EQUAL_WORK, NOT_THEIRS = ("--no-vertex-colors", "--in-turn"), "atlas"
 LONG = 5.0  # s; settings that take longer are run once
 
@@ -183,7 +183,7 @@ class Scene:
         return self._triangles
 
     def sweep(self, with_cycles, book, last=False):
-        """Every setting in turn, then those under LONG seconds again; every run's rows go to `book` at once.  With --final a scene's LAST ones wait for a call of their own"""
+        """Runs every setting in turn, then those under LONG seconds again, and gives each run's rows to `book` immediately.  With --final, a scene's LAST settings need a separate call"""
         a, jobs = self.a, []
         slow = self.table.get("slow_lumel", ())
         lumel = [s for s in LUMEL if a.full or s not in slow or (a.final and s == "production")]

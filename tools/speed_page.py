@@ -188,9 +188,9 @@ GOALS = ((CYCLES, "1024 samples", 100), (OIDN, "64 samples", 10))
 def goal(rows, scene, method, setting):
     """-> dict(seconds, relRMSE, estimated, ours, kind, ratio) of a peer's setting and lumel's time for its error, or None.
 
-    A setting that was not run is `estimated` from the one with most samples: time grows with samples, error falls with their root.  That favours the peer.
-    kind   "" or "<": lumel's quickest point is closer already, the ratio a lower bound; ">": lumel comes not so close, the ratio an upper bound,
-           against its closest point"""
+    A setting that was not run is `estimated` from the one with most samples: time grows with samples, and error falls with their square root.  This favours the peer.
+    kind   "" if interpolated; "<" if lumel's fastest point is already more accurate, so that the ratio is a lower bound; ">" if lumel does not get
+           as accurate, so that the ratio is an upper bound, against its most accurate point"""
     ps = points(rows, scene)
     mine, peers = [p for p in ps if p["method"] == LUMEL], [p for p in ps if p["method"] == method]
     if not mine or not peers:
@@ -349,8 +349,8 @@ def plot(rows, png, svg):
     plt.close(fig)
 
 
-# Pictures of what is known to be weak (error_map.py): every lumel of a crop (row0, row1, col0, col1) of the page, against a reference of its own.
-# The page's chart edges and the crops belong to the densities of speed_scenes.py.
+# Pictures of known weaknesses (error_map.py): every lumel of a crop (row0, row1, col0, col1) of the page, against a separate reference.
+# The crops are valid for the densities of speed_scenes.py.
 WEAKNESSES = [
     dict(name="contact", scene="cornell", setting="production", crop=(0, 77, 78, 156), limit=0.1,
          title="Cornell box, production: the floor with the feet of the two blocks"),

@@ -1,7 +1,7 @@
 """The scenes of speed_error.py: what is baked, at which density and why, with which sky, sun, references and settings.
 
-Every scene is one page, the same lumels for lumel, Cycles and truth.  The densities are fixed here, so that the atlas (and with it
-the cached references) is the same in every run."""
+Every scene is one page with the same lumels for lumel, Cycles and the reference.  The densities are fixed here, so that the atlas (and
+with it the cached references) is the same in every run."""
 import json
 import os
 import shutil
@@ -15,17 +15,17 @@ ASSETS = os.path.join(common.HERE, "..", "assets")
 # Settings that cast at least as many rays as production.
 FINE = ("preview, error 0.02", "production, error 0.005")
 
-# Lumel's own --max-reflectance.  White of 1, or above, is no reflectance: nobody's light would end in it.
+# Lumel's default of --max-reflectance.  With a reflectance of 1 or more, light would never be absorbed.
 LIMIT = 0.98
 
 # title     for the plots
 # file      path, or maker of it
 # density   lumels per metre, and why; max_page: larger than the page, so that nothing is split
-# plain     changes to the document that make it one and the same scene for every program (plain_document): largest reflectance, or None to leave it
-# fair      no lit back is seen: two-sided and one-sided truth are one
+# plain     changes to the document so that every program sees the same scene (plain_document): largest reflectance, or None for no change
+# fair      no lit backs are visible, so two-sided and one-sided references are equal
 # count     lumels compared;  target: median relative standard error of the reference (under open sky half the lumels have none, so time must rule);
 #           seconds: limit for (whole texel, middle half, chart edges too)
-# cycles    samples;  slow_cycles, slow_lumel: only with --full;  light_tree: which setting of Cycles was the better one at equal time;  bounces: of Cycles, 32
+# cycles    samples;  slow_cycles, slow_lumel: only with --full;  light_tree: the setting of Cycles that was better at equal time;  bounces: of Cycles, 32
 CHOSEN = "what `lumel bake` chooses by itself, but for 2 %%: %s"
 SCENES = {
     "cornell": dict(
@@ -45,7 +45,7 @@ SCENES = {
         title="godot_gi_demo", file=os.path.join(common.SCENES, "godot_gi_demo", "godot_gi_demo.glb"), density=2.5, sky="0,0,0", plain=LIMIT, fair=False,
         why=CHOSEN % "237,000 lumels, 40 cm each",
         count=1000, target=0.0015, seconds=(90, 60, 30), cycles=(16, 64, 256), slow_cycles=(1024,), slow_lumel=FINE + ("quick, error 0.1", "production"),
-        bounces=512),       # of white walls: 32 bounces lose 11 to 13 % of the light, 512 nothing that 64 samples show, at a third more time
+        bounces=512),       # The walls are white: 32 bounces lose 11 to 13 % of the light, 512 lose less than 64 samples show, in a third more time.
     "sponza": dict(
         title="Sponza", file=os.path.join(common.SCENES, "sponza", "sponza.glb"), density=4.97, sky="0.5,0.6,0.8", sun=((-0.3, -1, 0.2), 6.0), fair=False,
         why=CHOSEN % "247,000 lumels, 20 cm each",
@@ -103,8 +103,8 @@ def read_document(path):
 
 
 def plain_document(scene, limit, path):
-    """A .glb of the scene without what programs understand differently: reflectances above `limit` (the default material's 1 too) become that, lamps lose
-    their range (a window of glTF's that Cycles does not have), spots the soft rim of their cones (squared in glTF, a smooth step in Blender)."""
+    """A .glb of the scene without features that programs interpret differently: reflectances are limited to `limit` (including the default material's 1),
+    lamps lose their range (a window that Cycles does not have) and spots the soft rim of their cones (squared in glTF, a smooth step in Blender)."""
     js, bin_ = read_document(scene)
     for mesh in js["meshes"]:
         for p in mesh["primitives"]:
@@ -174,8 +174,8 @@ def references(name, flat, side, seconds=1.0, log=None):
 
 
 def three_truths(refs, name, scale=1.0, refine=0):
-    """-> paths of: whole texel with black backs (lumel's meaning), middle half with two-sided surfaces (Cycles'), and the first again over
-    lumels drawn from the whole page, chart edges too.  `refine`: seconds, most of them for the first: lumel's errors are the smallest"""
+    """-> paths of the references: whole texel with black backs (lumel's definition), middle half with two-sided surfaces (that of Cycles), and the first again
+    over lumels from the whole page, including chart edges.  `refine`: seconds, most of them for the first, because lumel's errors are the smallest"""
     asked = [(1.0, "black", 2, 0.7), (0.5, "twosided", 2, 0.15), (1.0, "black", 0, 0.15)]
     return [refs.truth(footprint, backs, inset, seconds=limit * scale, refine=refine * share)
             for (footprint, backs, inset, share), limit in zip(asked, SCENES[name]["seconds"])]

@@ -20,7 +20,7 @@ WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def read(js, bin_, index):
-    """accessor -> [n, width], floats where it holds or stands for such"""
+    """accessor -> [n, width], as floats if it contains floats or normalised integers"""
     a = js["accessors"][index]
     kind, width = np.dtype(KIND[a["componentType"]]), WIDTH[a["type"]]
     if "bufferView" not in a or "sparse" in a:

@@ -2,8 +2,8 @@
 // Runs the Khronos glTF validator over scenes and prints a table.
 //
 // Usage: node validate.mjs [--json] FILE|DIR...     (DIR: every .gltf and .glb below it)
-// Needs: the npm package gltf-validator; found through LUMEL_NPM (a folder that holds node_modules), default /opt/lumel-npm.
-// Exit:  0 when no file has an error, 1 when one has, 2 on wrong usage or a missing package.
+// Needs: the npm package gltf-validator, in node_modules of the folder LUMEL_NPM (default /opt/lumel-npm).
+// Exit:  0 if no file has an error, 1 if one has, 2 on wrong usage or a missing package.
 import { createRequire } from 'node:module';
 import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
 import { dirname, join, resolve } from 'node:path';

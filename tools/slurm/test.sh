@@ -5,7 +5,7 @@
 #   tools/slurm/test.sh [LUMEL]      default: target/release/lumel
 #
 # Needs root and Debian's packages slurmctld, slurmd, slurm-client and munge, which it installs if
-# they are missing. Everything else lies in a temporary folder, and all it starts ends with it.
+# they are missing. Everything else is in a temporary folder, and every daemon ends with the script.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd) root=$(cd "$(dirname "$0")/../.." && pwd)
 lumel=$(realpath "${1:-$root/target/release/lumel}")
@@ -14,7 +14,7 @@ fail() { echo "slurm test: $*" >&2; exit 1; }
 [ -x "$lumel" ] || fail "NOT RUN: found no program at $lumel, expected lumel; build it first"
 if ! command -v slurmctld slurmd munged sbatch >/dev/null; then
     echo "installing slurmctld, slurmd, slurm-client, munge"
-    # Services are started by this script alone.
+    # Installation must not start services; this script does.
     printf '#!/bin/sh\nexit 101\n' >/usr/sbin/policy-rc.d.lumel
     [ -e /usr/sbin/policy-rc.d ] || { cp /usr/sbin/policy-rc.d.lumel /usr/sbin/policy-rc.d; own=1; }
     chmod +x /usr/sbin/policy-rc.d
@@ -28,7 +28,7 @@ fi
 t=$(mktemp -d /tmp/lumel-slurm-XXXX)
 chmod 755 "$t"
 started=()
-below() { # these processes and all below them
+below() { # these processes and their descendants
     local pid
     for pid in "$@"; do
         # shellcheck disable=SC2046
@@ -120,7 +120,7 @@ while [ ! -e "$t/farm/level.report.json" ]; do
         if [ -n "$busy" ]; then
             sleep 1
             killed=${busy%% *} job=${busy#* }
-            # The step's process is no child of the daemon any more.
+            # The step's process is no longer a child of the daemon.
             steps=$(pgrep -f "slurmstepd: \[${job%%_*}" || true)
             on=""
             for s in $steps; do

@@ -44,8 +44,7 @@ pub(crate) struct Reached {
     pub exhausted: u64,
 }
 
-/// With this many rays a lumel can be judged by itself: what a sixteenth of them miss is a
-/// thousandth of the light.
+/// From this many rays on, a lumel's own estimates can be trusted.
 const SURE: u32 = 512;
 
 /// The kind of samples that a lumel needs.

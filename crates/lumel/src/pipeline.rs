@@ -229,7 +229,7 @@ pub struct Beside<'a> {
 }
 
 impl<'a> Beside<'a> {
-    /// For a second attempt: the first picture was shown and remarks were told already.
+    /// For a second attempt, when the first picture and the remarks have been shown already.
     pub(crate) fn again(&self) -> Beside<'a> {
         Beside {
             first_picture: None,

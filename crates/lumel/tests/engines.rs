@@ -21,7 +21,7 @@ use tempfile::TempDir;
 
 /// This name needs percent-encoding in a URL, and Bevy would parse its `#` as a label.
 const STEM: &str = "four squares #1";
-/// From high above, and from where the floor under the plate is visible.
+/// Cameras: one from high above, and one that sees the floor under the plate.
 const VIEWS: [(&str, std::ops::Range<usize>); 2] =
     [("0,9,0.01,0,0,0,60", 0..5), ("3,0.6,3,0,0,0,60", 2..6)];
 
@@ -323,7 +323,7 @@ fn three_js_shows_ktx2_pages() {
     }
 }
 
-/// The squares with the sun as a mixed lamp of the file, baked with shadow masks.
+/// The squares, lit by the sun as a mixed lamp in the file and baked with shadow masks.
 fn squares_with_mask(options: &str) -> (TempDir, PathBuf) {
     let mut scene = parse(scene().as_bytes());
     let half = 0.5f64.sqrt();
@@ -364,7 +364,7 @@ fn three_js_adds_mixed_lamps_through_shadow_masks() {
             return;
         };
         let (_t, out) = squares_with_mask(options);
-        // Without the sun's direct light there is none.
+        // Without the sun's direct light, the page has no light here.
         let page = read_exr(&out.join(format!("{STEM}.lightmap.exr"))).expect("a page");
         let all = ["R", "G", "B"].map(|c| page.channel(c).expect("a channel").to_vec());
         let most = all.into_iter().flatten().fold(0.0, f32::max);
@@ -382,7 +382,8 @@ fn three_js_adds_mixed_lamps_through_shadow_masks() {
     }
 }
 
-/// The example of React Three Fiber, bundled as its package.json says; says so where that is not
+/// The React Three Fiber example, bundled as its package.json says. Prints a message if that is
+/// impossible.
 /// possible.
 fn react_example() -> Option<PathBuf> {
     let packages = [
@@ -437,7 +438,7 @@ fn react_three_fiber_shows_closed_form_pixels() {
     let _ = std::fs::remove_dir_all(example);
 }
 
-/// Types of the npm package, against three's and React's own.
+/// Checks the types of the npm package against those of three.js and React.
 #[test]
 fn types_of_the_npm_package_hold() {
     let packages = [
@@ -504,7 +505,7 @@ fn three_js_shows_moz_lightmap() {
     };
     let (_t, out) = squares("--ext moz");
     let site = Site::start(&out);
-    // For PNG, half a step of 255 of the page's largest value, which is that of these squares; RGBE
+    // PNG is off by half a step of 255 of the page's largest value, which these squares have; RGBE
     // is more accurate.
     for query in ["diffuse=1&moz=1", "diffuse=1&moz=png", "diffuse=1"] {
         look(
@@ -554,7 +555,7 @@ fn babylon_shows_closed_form_pixels() {
     assert_eq!(b.errors, [""; 0]);
 }
 
-/// The squares, `times` as bright as elsewhere, and by what engines multiply that.
+/// The squares, lit `times` as brightly, and the suggested exposure of their page.
 fn squares_times(times: f64, options: &str) -> (TempDir, PathBuf, f64) {
     let (t, out) = squares(&format!("--light sun={times} {options}"));
     let manifest = std::fs::read(out.join(format!("{STEM}.lightmap.json"))).expect("it is written");
@@ -562,7 +563,8 @@ fn squares_times(times: f64, options: &str) -> (TempDir, PathBuf, f64) {
     (t, out, exposure)
 }
 
-/// Squares in lux and in a millionth of that: far from what a screen shows without an exposure.
+/// The squares in lux and in millionths of a lux: both are far from what a screen can show without
+/// exposure.
 const BRIGHTNESSES: [f64; 2] = [4e4, 1e-4];
 
 #[test]
@@ -574,7 +576,8 @@ fn the_bake_suggests_one_exposure_everywhere() {
         let nodes = document(&glb)["nodes"].clone();
         let of = |i: usize| nodes[i]["extras"]["lightmap"]["exposure"].as_f64();
         assert_eq!([0, 1, 2, 3].map(of), [Some(exposure); 4]);
-        // The formula, on the file: all lit lumels are in the middle nine tenths or like those.
+        // The documented formula, applied to the file: all lit lumels are within the middle nine
+        // tenths or close to them.
         let exr = read_exr(&out.join(format!("{STEM}.lightmap.exr"))).expect("it is written");
         let lit = exr.channel("G").expect("a channel").iter();
         let lit: Vec<f64> = lit.filter(|x| **x > 0.0).map(|x| f64::from(*x)).collect();
@@ -584,7 +587,7 @@ fn the_bake_suggests_one_exposure_everywhere() {
         assert!((exposure / level - 1.0).abs() < 0.1, "{exposure}, {level}");
         shown.push(exposure * times);
     }
-    // Of four digits each.
+    // Each has four digits.
     assert!((shown[0] / shown[1] - 1.0).abs() < 1e-3, "{shown:?}");
 }
 

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 use crate::common::{Run, asset, command, comparable, files, lumel, names, temp, write};
 
-/// A coarse bake of the demo level, with edges followed and lumels interpolated.
+/// A coarse bake of the demo level that still traces edges and interpolates lumels.
 const COARSE: &str = "--quality quick --texels-per-unit 2.5 --sky 0.25,0.35,0.5";
 
 fn words<'w>(command: &'w str, paths: &[&'w Path], options: &'w str) -> Vec<&'w OsStr> {
@@ -57,7 +57,8 @@ fn assert_same(a: &Path, b: &Path) {
     }
 }
 
-/// A coarse work of the demo level, and the level, which a test may change.
+/// The solved work folder of a coarse bake of the demo level, and the level, which a test may
+/// change.
 fn solved() -> (TempDir, PathBuf, PathBuf) {
     let t = temp();
     let scene = t.path().join("level.glb");
@@ -184,7 +185,7 @@ fn what_is_damaged_or_does_not_belong_is_refused() {
         let whole = damage(&path);
         refused(merge(&work, &out), &[&name, "found a damaged file"]);
         if name.ends_with(".light") {
-            // It is gathered anew.
+            // The damaged shard is gathered again.
             gather(&work, "2/3").ok();
             assert!(fs::read(&path).expect("there") == whole);
         } else {
@@ -197,7 +198,7 @@ fn what_is_damaged_or_does_not_belong_is_refused() {
     merge(&work, &out).fails(2, &["solution.bin"]);
     write(work.join("solution.bin"), solution);
 
-    // Another version.
+    // A work folder of another version.
     let text = fs::read_to_string(work.join("work.json")).expect("it is there");
     let other = text.replace("\"format\": 1", "\"format\": 2");
     write(work.join("work.json"), other);
@@ -221,7 +222,7 @@ fn what_is_damaged_or_does_not_belong_is_refused() {
     write(shard, light);
     merge(&work, &out).ok();
 
-    // Another scene in the same place.
+    // Another scene at the same path.
     fs::copy(asset("cornell_box.glb"), &scene).expect("copied");
     refused(merge(&work, &out), &["level.glb", "changed since"]);
     refused(gather(&work, "1/4"), &["level.glb", "changed since"]);

@@ -20,7 +20,8 @@ fn bake_all(scenes: &[&Path], out: &Path, options: &str) -> Run {
     lumel(a)
 }
 
-/// A folder with two levels, a broken one between them, and what is none.
+/// A folder of two levels with a broken one between them, a text file and a folder named like a
+/// level.
 fn levels(folder: &Path) -> [PathBuf; 3] {
     fs::create_dir(folder).expect("created");
     write(folder.join("notes.txt"), "no level");
@@ -47,7 +48,7 @@ fn a_folder_is_baked_by_name_and_one_failure_stops_nothing() {
             .find(text)
             .unwrap_or_else(|| panic!("{text}: {}", run.stderr))
     };
-    // In order, each with its number; the fault is told where it happens, and all of it at the end.
+    // In order and numbered; a failure is printed when it happens and again at the end.
     let order = [
         "[1/3] ",
         "[2/3] ",
@@ -106,7 +107,7 @@ fn unchanged_levels_are_skipped_and_one_rule_covers_all() {
     );
     assert_eq!(fs::read_to_string(&rule).ok(), Some(text));
 
-    // A plan for each, and nothing is written.
+    // Each level gets a plan and nothing is written.
     let none = t.path().join("none");
     let run = bake_all(&[&folder], &none, "--dry-run").ok();
     assert_eq!(run.stdout.matches("scene ").count(), 2, "{}", run.stdout);
@@ -127,7 +128,7 @@ fn what_cannot_be_is_refused_before_the_work() {
     for option in ["--preview", "--first-picture", "--report"] {
         bake_all(&[&one], &out, &format!("-q {option} x.png")).fails(1, &[option, "3 levels"]);
     }
-    // Two levels of one name would replace each other's results; the same one twice does not.
+    // Two levels with the same name would overwrite each other; one level given twice is fine.
     bake_all(&[&one, &other], &out, "-q").fails(1, &["a.gltf", "the same results"]);
     bake_all(&[&a, &a], &out, "-q").ok();
     let empty = t.path().join("empty");
@@ -135,7 +136,7 @@ fn what_cannot_be_is_refused_before_the_work() {
     bake_all(&[&empty], &out, "-q").fails(2, &["no level"]);
     assert_eq!(names(&out), outputs("a"));
 
-    // Results beside levels are no levels: baked into one folder, baked from there.
+    // Results beside a level are not taken for levels when their folder is baked.
     fs::copy(&a, out.join("new.gltf")).expect("copied");
     let again = t.path().join("again");
     bake_all(&[&out], &again, "-q").ok();

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::common::{Run, bake, lumel, temp};
 
-/// A closed box about the origin: name and half-sizes.
+/// A closed box around the origin: name and half-sizes.
 type Named<'a> = (&'a str, [f32; 3]);
 
 /// Writes boxes, one mesh each, and a lamp above them if `lit`.

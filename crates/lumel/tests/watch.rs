@@ -14,7 +14,7 @@ use lumel::atlas_bake::read_exr;
 use serde_json::json;
 use tempfile::TempDir;
 
-/// Longest wait for anything: machines of tests are slow, and what is waited for comes in seconds.
+/// Longest wait for anything. What is awaited takes seconds; test machines can be slow.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// `lumel watch` on the squares, ended when dropped.
@@ -78,7 +78,7 @@ impl Watch {
         self.folder.path().join("out")
     }
 
-    /// Saves what decides the light: the file of settings, which dims the sun.
+    /// Saves a settings file that dims the sun.
     fn dim(&self, factor: f64) {
         let text = format!("[[light]]\nname = \"sun\"\nfactor = {factor}\n");
         write(self.folder.path().join("level.lumel.toml"), text);
@@ -100,7 +100,7 @@ impl Watch {
     }
 }
 
-/// The brightest lumel's green.
+/// The largest green value of the lightmap.
 fn brightest(out: &Path) -> f64 {
     let page = read_exr(&out.join("level.lightmap.exr")).expect("it is written");
     let green = page.channel("G").expect("a channel").iter();
@@ -133,12 +133,12 @@ fn saving_bakes_coarse_first_and_faults_keep_the_last_good_bake() {
     );
     assert!((brightest(&out) - R).abs() < 0.01 * R);
 
-    // A file of settings is saved that was not there.
+    // A settings file is created.
     w.dim(0.5);
     w.wait_for("up to date");
     assert!((brightest(&out) - 0.5 * R).abs() < 0.005 * R);
 
-    // The level is saved, half of it, as by an exporter that is interrupted.
+    // Half of the level is saved, as an interrupted exporter would.
     let good = files(&out);
     let text = scene();
     write(w.level(), &text[..text.len() / 2]);
@@ -151,11 +151,11 @@ fn saving_bakes_coarse_first_and_faults_keep_the_last_good_bake() {
     assert!(files(&out) == good, "a fault changed the last good bake");
     write(w.level(), &text);
     let said = w.wait_for(READY);
-    // The same level again: what lies there is its light already.
+    // The good level again: the results in the folder are still current.
     assert!(!said.iter().any(|l| l.starts_with("baked")), "{said:#?}");
     assert!(files(&out) == good);
 
-    // A time stamp alone is no reason.
+    // A new time stamp alone does not start a bake.
     let file = fs::File::options()
         .write(true)
         .open(w.level())
@@ -168,7 +168,7 @@ fn saving_bakes_coarse_first_and_faults_keep_the_last_good_bake() {
 #[test]
 fn a_new_save_ends_the_bake_of_the_old_one() {
     let w = Watch::start("--quality production --texels-per-unit 64");
-    // The draft is there, and the long bake begins.
+    // The draft is finished and the long bake begins.
     w.wait_for("baked level.gltf");
     w.wait_for("solve");
     let asked = Instant::now();

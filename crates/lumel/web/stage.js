@@ -6,7 +6,7 @@ import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { findPlacements, removeLights } from './lumel-lightmap.js';
 import { bakedMaterial, pageUniforms, sharedUniforms } from './shading.js';
 
-/** KTX2 textures are shown white: a decoder takes half a megabyte, and Lumel does not read them either. */
+/** KTX2 textures are shown white, because a decoder takes half a megabyte. */
 const noKtx2 = { load: (url, done) => done(new Texture()), loadAsync: async () => new Texture(), setPath() {}, detectSupport() {} };
 
 /** Index of the interior view of a level without cameras; other views without a camera are from outside. */

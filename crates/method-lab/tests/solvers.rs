@@ -24,7 +24,7 @@ fn random_closed(n: usize, seed: u64) -> (Matrix, Vec<f64>) {
     (close(&m, &area, 1e-14).unwrap().matrix, area)
 }
 
-/// Emitters in one patch of five, a colour each; reflectances up to `most`.
+/// Emitters in a fifth of the patches, each with its own colour; reflectances up to `most`.
 fn random_light(n: usize, most: f64, seed: u64) -> (Vec<DVec3>, Vec<DVec3>) {
     let mut rng = fastrand::Rng::with_seed(seed ^ 0x5bd1);
     let mut color = || DVec3::new(rng.f64(), rng.f64(), rng.f64());
@@ -90,9 +90,9 @@ fn options(tolerance: f64) -> Options {
     }
 }
 
-/// The residual cannot be known better than the rounding of B ≈ mean(M)/(1 − ρ), which is 1e-16
-/// relative; some fifty of that, for sums of some thirty terms, relative to M. Shooting says
-/// [`Stop::Stalled`] below it.
+/// The residual cannot be more precise than the rounding of B ≈ mean(M)/(1 − ρ), 1e-16 relative.
+/// Sums of about thirty terms round about fifty times, relative to M. Below that, shooting returns
+/// [`Stop::Stalled`].
 fn reachable(rho: f64) -> f64 {
     1e-13f64.max(5e-15 / (1.0 - rho))
 }
@@ -150,8 +150,9 @@ fn the_furnace_is_uniform() {
             let tolerance = reachable(rho);
             let got = solve(method, &system, &options(tolerance)).unwrap();
             assert!(got.converged(), "{method:?} at {rho}: {:?}", got.stop);
-            // That share of the flux may all sit on the smallest patch (a tenth of the mean area,
-            // of 30) and grows by 1/(1 − ρ), as the exact value does: 30 · 10 relative.
+            // All of that flux may be on the smallest patch (a tenth of the mean area of 30
+            // patches), and it grows by 1/(1 − ρ) as the exact value does, so relative to that the
+            // bound is 30 · 10.
             for b in &got.radiosity {
                 assert!(
                     ((*b - want) / want).abs().max_element() < 300.0 * tolerance,
@@ -190,8 +191,8 @@ fn the_inside_of_a_sphere_has_its_closed_form() {
             assert!(got.converged(), "{method:?} at {rho}: {:?}", got.stop);
             for (b, m) in got.radiosity.iter().zip(&m) {
                 let want = *m + rho * mean / (1.0 - rho);
-                // As in the furnace: all on one patch of 25, at most six times smaller than the
-                // mean.
+                // As in the furnace: all of it may be on one of 25 patches, which is at most six
+                // times smaller than the mean.
                 let allowed = mean * (25.0 * 6.0 * tolerance / (1.0 - rho));
                 assert!(
                     (*b - want).abs().cmple(allowed).all(),
@@ -216,7 +217,7 @@ fn the_residual_bounds_the_error_after_every_pass_and_shot() {
                 let worst = s.residual.iter().fold(DVec3::ZERO, |m, r| m.max(r.abs()));
                 let bound = system.error_bound(worst);
                 let error = max_difference(s.radiosity, &want);
-                // 1e-12 W/m² against 100: rounding of the direct solution.
+                // 1e-12 W/m² out of 100 W/m² is the rounding of the direct solution.
                 assert!(
                     error.cmple(bound + 1e-12).all(),
                     "{method:?}, iteration {}: error {error}, bound {bound}",
@@ -239,10 +240,11 @@ fn what_is_reported_is_the_residual_of_what_is_returned() {
     for method in [Method::Jacobi, Method::GaussSeidel, Method::Southwell] {
         let got = solve(method, &system, &options(1e-6)).unwrap();
         let again = system.residual(&got.radiosity).unwrap();
-        // Gauss–Seidel sums a row in two parts: rounding of 30 terms of some 100 W/m².
+        // Gauss–Seidel sums each row in two parts. 30 terms of about 100 W/m² round by less than
+        // this.
         assert!(max_difference(&again, &got.residual).max_element() < 1e-11);
     }
-    // The progressive one reports what it has not shot, U; its radiosity's own residual is ρFU.
+    // Progressive radiosity returns its unshot radiosity U; the residual of its solution is ρFU.
     let got = solve(Method::Progressive, &system, &options(1e-6)).unwrap();
     let own = system.residual(&got.radiosity).unwrap();
     for (i, own) in own.iter().enumerate() {
@@ -267,8 +269,8 @@ fn every_southwell_step_lowers_error_and_residual_in_the_flux_norm() {
                 flux(&area, s.residual, &zero),
             ];
             for (now, last) in now.iter().zip(&last) {
-                // Channels in which the patch had nothing stay as they are, up to rounding of sums
-                // near 1e3.
+                // Channels without unshot radiosity do not change, apart from rounding of sums near
+                // 1e3.
                 assert!(
                     now.cmple(*last + 1e-12).all() && now.element_sum() < last.element_sum(),
                     "{method:?}, shot {}: {now} after {last}",
@@ -306,14 +308,14 @@ fn the_ambient_term_lowers_the_early_error_of_the_picture() {
             ratios.iter().all(|r| *r < 1.0),
             "ρ up to {most}: {ratios:?}"
         );
-        // Every patch sees every other one, so the even mixture that the term assumes is nearly
-        // true: at least half goes.
+        // Every patch sees every other one, so the uniform mixture that the term assumes is nearly
+        // correct: it removes at least half of the error.
         assert!(ratios[n / 4] < 0.5, "ρ up to {most}: {}", ratios[n / 4]);
     }
 }
 
-/// Where all patches see one mixture, as inside a sphere, the estimate is exact from the first
-/// moment.
+/// Where all patches see the same mixture, as inside a sphere, the estimate is exact from the
+/// start.
 #[test]
 fn the_ambient_term_is_exact_in_a_uniform_sphere() {
     let n = 8;
@@ -327,7 +329,7 @@ fn the_ambient_term_is_exact_in_a_uniform_sphere() {
     let want = direct(&system);
     assert!(max_difference(&shown, &want).max_element() < 1e-13);
     assert_eq!(ambient(&system, &vec![DVec3::ZERO; n]), Ok(DVec3::ZERO));
-    // Nothing is absorbed: no estimate rather than an infinite one.
+    // Nothing is absorbed, so there is no estimate instead of an infinite one.
     let white = System::from_parts(&matrix, vec![2.0; n], m.clone(), vec![DVec3::ONE; n]).unwrap();
     assert_eq!(ambient(&white, &m), Ok(DVec3::ZERO));
 }
@@ -390,12 +392,12 @@ fn the_history_counts_the_work() {
         for (k, r) in shots.iter().enumerate() {
             assert_eq!((r.iteration, r.work), (5 * k as u64, 15 * n * k as u64));
         }
-        // One audit at the end.
+        // There is one audit at the end.
         assert_eq!(last.work, 3 * n * last.iteration + 3 * n * n);
     }
     let falls = |s: &Solution| s.history.windows(2).all(|w| w[1].left <= w[0].left + 1e-15);
     assert!(Method::ALL.into_iter().all(|m| falls(&run(m, 1))));
-    // Seidel uses what is newest, so it never needs more passes on such a system.
+    // Gauss–Seidel uses the newest values, so it never needs more passes on such a system.
     let passes = |m| run(m, 0).last().iteration;
     assert!(passes(Method::GaussSeidel) < passes(Method::Jacobi));
 }
@@ -412,7 +414,7 @@ fn southwell_relaxes_the_brightest_and_progressive_radiosity_the_strongest() {
         }
     }
     let mut m = vec![DVec3::ZERO; n];
-    // Brighter; ten times as large; as bright as the first and behind it.
+    // The first is bright, the second has ten times the area, and the third ties with the first.
     (m[0].x, m[1].y, m[3].z) = (5.0, 2.0, 5.0);
     let system = System::from_parts(&matrix, area, m, vec![DVec3::splat(0.5); n]).unwrap();
     for (method, order) in [
@@ -446,7 +448,7 @@ fn stopping_early_is_said() {
         let got = solve(method, &system, &few).unwrap();
         assert_eq!(got.stop, Stop::Passes, "{method:?}");
         assert!(got.last().left > 1e-12 && !got.converged());
-        // No double is exact: a tolerance of 0 is not claimed without a residual of 0.
+        // No double is exact, so a tolerance of 0 is reached only with a residual of 0.
         let never = Options {
             tolerance: 0.0,
             max_passes: 3000,
@@ -492,8 +494,8 @@ fn a_system_that_makes_light_has_no_bound_and_no_solution() {
     }
 }
 
-/// Progressive radiosity takes columns from rows by reciprocity; where that is false it must not
-/// claim a solution that it has not.
+/// Progressive radiosity derives columns from rows by reciprocity. Without reciprocity it must not
+/// report a solution that it does not have.
 #[test]
 fn rows_that_are_not_reciprocal_are_found_out() {
     let (mut matrix, area) = random_closed(20, 12);
@@ -508,8 +510,8 @@ fn rows_that_are_not_reciprocal_are_found_out() {
     for method in Method::ALL {
         let got = solve(method, &system, &options(1e-9)).unwrap();
         let error = flux(&area, &got.radiosity, &want).max_element();
-        // Row sums reach 1.2 here: 1/(1 − 0.6 · 1.5) at the very most, as row and column sums are
-        // at most 1.5.
+        // Row sums reach 1.2 here, and row and column sums are at most 1.5, so the factor is at
+        // most 1/(1 − 0.6 · 1.5).
         assert!(
             !got.converged() || error < 1e-9 * 10.0 * emitted,
             "{method:?}: {error}"
@@ -563,7 +565,7 @@ fn nonsense_is_refused_by_name() {
         close(&Matrix::zeros(3), &[1.0; 3], 1e-9),
         Err(SystemError::NotClosable { patch: 0, .. })
     ));
-    // A hub that all others see and that is too small to serve them cannot be closed.
+    // A hub that all others see but that is too small for them cannot be closed.
     let mut star = Matrix::zeros(4);
     for j in 1..4 {
         star.row_mut(0)[j] = 1.0;

@@ -1,16 +1,16 @@
 /**
- * Lumel's lightmaps in Babylon.js (tried with 9.28).
+ * Lumel's lightmaps in Babylon.js (tested with 9.28).
  *
  *     const { level } = await loadLevel(BABYLON, scene, 'out/level.glb');
  *
- * What Babylon's PBR material does with a texel v of `lightmapTexture`: it adds v to what it shows, whatever the albedo. With
- * `useLightmapAsShadowmap` it multiplies instead; together with `unlit`, which shows the albedo, that is albedo × v. A Lumel lightmap holds
- * R = E/π, the radiance of a white surface, so there is no factor.
+ * Babylon's PBR material adds a texel v of `lightmapTexture` to its output, whatever the albedo. With `useLightmapAsShadowmap` it
+ * multiplies by v instead. Together with `unlit`, which shows the albedo, the result is albedo × v. A Lumel lightmap contains R = E/π, the
+ * radiance of a white surface, so no factor is needed.
  */
 
 /** Loads a .glb and its lightmaps; `options` as below. */
 export async function loadLevel(BABYLON, scene, url, options = {}) {
-  // An InstancedMesh has its original's material, and a lightmap's place is the material's here.
+  // An InstancedMesh shares the material of its original, but the lightmap's rectangle is a property of the material.
   const level = await BABYLON.LoadAssetContainerAsync(url, scene, { pluginOptions: { gltf: { createInstances: false } } });
   level.addAllToScene();
   const folder = url.slice(0, url.lastIndexOf('/') + 1);
@@ -22,11 +22,11 @@ export async function loadLevel(BABYLON, scene, url, options = {}) {
  * @param {object} scene
  * @param {object} level An AssetContainer (or anything with `meshes` and `lights`) from a .glb that `lumel bake` wrote.
  * @param {object} [options]
- * @param {string} [options.folder] Where the pages are, with its slash.
- * @param {number} [options.exposure] Multiplies all light of the level: lightmaps, what glows, and lamps that are kept. The bake's own
- *   suggestion unless given; 1 leaves radiance as it is, for a scene with an exposure of its own.
- * @param {boolean} [options.keepLights] Leave the file's lamps on, for what moves; baked surfaces here are unlit, and do not see them.
- * @param {string} [options.fflate] Address of fflate (npm) for EXR files; Babylon's own default is on another server.
+ * @param {string} [options.folder] Folder of the pages, ending in a slash.
+ * @param {number} [options.exposure] Factor for all light of the level: lightmaps, emission and lamps that stay. Default: the exposure
+ *   that the bake suggests. Use 1 if the scene has its own exposure.
+ * @param {boolean} [options.keepLights] Keep the file's lamps for moving objects. Baked surfaces are unlit, so lamps do not affect them.
+ * @param {string} [options.fflate] URL of fflate (npm) for EXR files. Babylon loads it from a CDN by default.
  * @returns {Promise<{meshes: number, materials: number, pages: object[], exposure: number}>}
  */
 export async function attachLightmaps(BABYLON, scene, level, options = {}) {
@@ -35,7 +35,7 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
   const lit = [];
   for (const mesh of level.meshes) {
     const place = placeOf(mesh);
-    // Without coordinates there is nothing to look up.
+    // Without coordinates, a mesh cannot be lightmapped.
     if (place && mesh.getVerticesData(BABYLON.VertexBuffer.UV2Kind)) {
       if (mesh.getClassName() === 'InstancedMesh') throw new Error('instances share a place: load with createInstances: false');
       lit.push({ mesh, place });
@@ -48,7 +48,7 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
   }
   for (const [uri, page] of pages) pages.set(uri, await page);
 
-  // Instances share a material and differ in their place: one copy for each.
+  // Instances share a material but have different rectangles, so each gets a copy.
   const materials = new Map();
   for (const { mesh, place } of lit) {
     const from = mesh.material ?? scene.defaultMaterial;
@@ -63,7 +63,7 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
     mesh.material = materials.get(key);
   }
   if (!keepLights) for (const light of level.lights) light.setEnabled(false);
-  // What glows and what shines keep their ratio to the lightmap.
+  // Emission and lamps keep their ratio to the lightmap.
   for (const light of level.lights) light.intensity *= exposure;
   for (const material of new Set(level.meshes.map((mesh) => mesh.material))) {
     if (material?.emissiveIntensity !== undefined) material.emissiveIntensity *= exposure;
@@ -71,12 +71,12 @@ export async function attachLightmaps(BABYLON, scene, level, options = {}) {
   return { meshes: lit.length, materials: materials.size, pages: [...pages.values()], exposure };
 }
 
-/** A node's extras; its mesh has them, or, of several primitives, the node above. */
+/** A node's extras. With several primitives, they are on the parent of the meshes. */
 function placeOf(mesh) {
   for (const node of [mesh, mesh.parent]) {
     const place = node?.metadata?.gltf?.extras?.lightmap;
     if (place?.uri) return place;
-    // A child with a mesh of its own and no place has none from its parent: only primitives inherit.
+    // Only primitives inherit from the parent, not child nodes with meshes.
     if (node === mesh && !/_primitive\d+$/.test(mesh.name)) return undefined;
   }
   return undefined;
@@ -84,17 +84,17 @@ function placeOf(mesh) {
 
 function placed(page, { offset: [u, v], scale: [w, h], texCoord }, exposure) {
   const texture = page.clone();
-  // Clones do not take it over; without it light is taken for sRGB.
+  // Clones do not copy this flag. Without it, Babylon would decode the light as sRGB.
   texture.gammaSpace = false;
   texture.coordinatesIndex = texCoord;
-  // Charts have no room for what lies over the border.
+  // Filtering must not wrap around the page's border.
   texture.wrapU = texture.wrapV = 0;
-  // Babylon's reader of EXRs puts row 0 at the bottom, `invertY` or not: v' = 1 − v.
+  // Babylon's EXR reader puts row 0 at the bottom with or without `invertY`: v' = 1 − v.
   texture.uScale = w;
   texture.vScale = -h;
   texture.uOffset = u;
   texture.vOffset = 1 - v;
-  // Scale about the corner, not the middle.
+  // Scale about the corner, not the centre.
   texture.uRotationCenter = texture.vRotationCenter = 0;
   texture.level = exposure;
   return texture;

@@ -1,5 +1,5 @@
 /**
- * Lumel's lightmaps in PlayCanvas (tried with engine 2.23).
+ * Lumel's lightmaps in PlayCanvas (tested with engine 2.23).
  *
  *     import * as pc from 'playcanvas';
  *     import { loadLevel } from './lumel-lightmap.js';
@@ -7,8 +7,8 @@
  *     const { entity } = await loadLevel(pc, app, 'out/level.glb');
  *     app.root.addChild(entity);
  *
- * What PlayCanvas does with a texel v of `lightMap`: it adds v to the diffuse light, and shows albedo × that. A Lumel lightmap holds R = E/π,
- * the radiance of a white surface, so there is no factor. It reads no EXR: bake with `--ktx2 rgb9e5` (or bc6h, where the card has it).
+ * PlayCanvas adds a texel v of `lightMap` to the diffuse light and multiplies the sum by the albedo. A Lumel lightmap contains R = E/π, the
+ * radiance of a white surface, so no factor is needed. PlayCanvas cannot read EXR: bake with `--ktx2 rgb9e5` (or bc6h if the GPU supports it).
  */
 import { fetchKtx2 } from '../three/lumel-ktx2.js';
 
@@ -20,8 +20,8 @@ const TAG = 'lumel:';
  * @param {object} app The application.
  * @param {string} url The .glb that `lumel bake --ktx2` wrote.
  * @param {object} [options]
- * @param {number} [options.exposure] Becomes `app.scene.exposure`, which multiplies all that is shown. The bake's own suggestion unless given.
- * @param {boolean} [options.keepLights] Leave the file's lamps on: baked surfaces get their light twice.
+ * @param {number} [options.exposure] Becomes `app.scene.exposure`, a factor for the whole scene. Default: the exposure that the bake suggests.
+ * @param {boolean} [options.keepLights] Keep the file's lamps. Baked surfaces then get their light twice.
  * @returns {Promise<{entity: object, meshes: number, pages: object[], exposure: number}>}
  */
 export async function loadLevel(pc, app, url, options = {}) {
@@ -55,12 +55,12 @@ export async function attachLightmaps(pc, app, entity, options = {}) {
   for (const { place } of lit) {
     if (!place.ktx2) throw new Error('this bake has no KTX2 pages: bake with --ktx2 rgb9e5');
     const { uri } = place.ktx2;
-    // The name is a plain file name; as part of an address it is encoded.
+    // The manifest has the plain file name; a URL needs it encoded.
     if (!pages.has(uri)) pages.set(uri, loadPage(pc, app.graphicsDevice, folder + encodeURIComponent(uri)));
   }
   for (const [uri, page] of pages) pages.set(uri, await page);
 
-  // Instances share a material and differ in their place: one copy for each.
+  // Instances share a material but have different rectangles, so each gets a copy.
   const materials = new Map();
   let meshes = 0;
   for (const { render, place } of lit) {
@@ -84,7 +84,7 @@ function placed(pc, from, page, { offset: [u, v], scale: [w, h], texCoord }) {
   material.lightMap = page;
   material.lightMapUv = texCoord;
   material.lightMapTiling = new pc.Vec2(w, h);
-  // PlayCanvas counts the offset from the lower border.
+  // PlayCanvas measures the offset from the bottom.
   material.lightMapOffset = new pc.Vec2(u, 1 - v - h);
   material.update();
   return material;
@@ -101,7 +101,7 @@ async function loadPage(pc, device, url) {
     height,
     format: format === 'bc6h' ? pc.PIXELFORMAT_BC6UF : pc.PIXELFORMAT_RGB9E5,
     levels: [data],
-    // Charts have no room for smaller levels, nor for what lies over the border.
+    // The charts' padding is too narrow for mip levels, and filtering must not wrap around the page's border.
     mipmaps: false,
     minFilter: pc.FILTER_LINEAR,
     magFilter: pc.FILTER_LINEAR,

@@ -1,7 +1,7 @@
 /**
  * Reads the KTX2 files that `lumel bake --ktx2` writes: one level, no supercompression, BC6H, rgb9e5 or (shadow masks) RGBA8, row 0 at the top.
  *
- * Engines' own readers know Basis and some formats besides, but none of those here knows both of these.
+ * The KTX2 readers of these engines support Basis and a few other formats, but none supports both BC6H and rgb9e5.
  */
 
 /** VkFormat numbers. */
@@ -12,7 +12,7 @@ const MAGIC = [0xab, 0x4b, 0x54, 0x58, 0x20, 0x32, 0x30, 0xbb, 0x0d, 0x0a, 0x1a,
 /**
  * @param {ArrayBuffer} buffer A file.
  * @returns {{width: number, height: number, format: 'bc6h' | 'rgb9e5' | 'rgba8', data: Uint8Array | Uint32Array}}
- *   Blocks of 16 bytes for 4×4 texels, bytes R, G, B, A (Uint8Array), or a word a texel (Uint32Array).
+ *   Uint8Array with 16 bytes per 4×4 texels (BC6H) or bytes R, G, B, A; Uint32Array with one word per texel (rgb9e5).
  */
 export function parseKtx2(buffer) {
   const view = new DataView(buffer);

@@ -1,7 +1,7 @@
 import type { Light, Material, MeshLambertMaterial, Mesh, Object3D, Texture } from 'three';
 import type { GLTF, GLTFLoaderPlugin, GLTFParser } from 'three/addons/loaders/GLTFLoader.js';
 
-/** Where a node's light is: `extras.lightmap` of the .glb, or a node of the manifest. */
+/** A node's page and rectangle: `extras.lightmap` of the .glb, or a node of the manifest. */
 export interface Place {
   uri: string;
   page: number;
@@ -11,7 +11,7 @@ export interface Place {
   scaleToIrradiance?: number;
   exposure?: number;
   ktx2?: { uri: string; format: 'bc6h' | 'rgb9e5' };
-  /** The node's shadow mask: for each channel the lamp, as an index into the manifest's lamps. */
+  /** The node's shadow mask, with the index of each channel's lamp in the manifest. */
   mask?: { uri: string; lamps: (number | null)[]; ktx2?: { uri: string; format: 'rgba8' } };
 }
 
@@ -23,21 +23,21 @@ export interface Lamp {
 }
 
 export interface LightmapOptions {
-  /** Folder of the pages; where the glTF came from unless given. */
+  /** Folder of the pages. Default: the glTF's folder. */
   path?: string;
-  /** `level.lightmap.json`, for files that lost their extras. */
+  /** `level.lightmap.json`, for files without extras. */
   manifest?: object;
   /** Load pages as KTX2 (`lumel bake --ktx2`). */
   ktx2?: boolean;
-  /** Makes a texture from a page's address; EXRLoader unless given. */
+  /** Loads a page's texture from its URL. Default: EXRLoader. */
   loadPage?: (url: string) => Promise<Texture>;
   /** Textures of `loadPage` have row 0 at the top. */
   topDown?: boolean;
-  /** Multiplies all light of the level; the bake's own suggestion unless given. */
+  /** Factor for all light of the level. Default: the exposure that the bake suggests. */
   exposure?: number;
-  /** Materials become Lambertian: albedo x R exactly. */
+  /** Replace materials by Lambertian ones, which show exactly albedo x R. */
   diffuse?: boolean;
-  /** Leave the file's lamps on. */
+  /** Keep the file's lamps. */
   keepLights?: boolean;
 }
 
@@ -45,7 +45,7 @@ export interface Attached {
   meshes: number;
   materials: number;
   pages: Texture[];
-  /** By what the level's light was multiplied. */
+  /** The exposure that was applied. */
   exposure: number;
 }
 
@@ -68,7 +68,7 @@ export function findPlacements(gltf: GLTF, manifest?: object): Placement[];
 export function suggestedExposure(placements: Placement[]): number;
 export function placeTexture(page: Texture, place: Place, topDown?: boolean): Texture;
 export function diffuseMaterial(from: Material): MeshLambertMaterial;
-/** What the bake says about a lamp; undefined for lamps whose light is in the lightmap. */
+/** The lamp's data from the bake; undefined for lamps whose light is in the lightmap. */
 export function lampOf(light: Light): Lamp | undefined;
-/** Takes lamps out whose light is in the lightmap. */
+/** Removes lamps whose light is in the lightmap. */
 export function removeLights(root: Object3D): void;

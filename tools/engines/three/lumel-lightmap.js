@@ -1,5 +1,5 @@
 /**
- * Lumel's lightmaps in three.js (tried with r187).
+ * Lumel's lightmaps in three.js (tested with r187).
  *
  *     import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
  *     import { attachLightmaps } from './lumel-lightmap.js';
@@ -8,9 +8,9 @@
  *     await attachLightmaps(gltf);
  *     scene.add(gltf.scene);
  *
- * What three.js does with a texel v of `lightMap`: it takes v × lightMapIntensity for an irradiance E, and a diffuse surface of
- * albedo a sends out a E/π. A Lumel lightmap holds R = E/π, so the intensity is π (`scaleToIrradiance`). Its row 0 is at the top, and
- * EXRLoader's at the bottom, so v runs backwards.
+ * three.js treats a texel v of `lightMap` times lightMapIntensity as irradiance E, and a diffuse surface of albedo a reflects a E/π. A
+ * Lumel lightmap contains R = E/π, so the intensity is π (`scaleToIrradiance`). Row 0 of a lightmap is at the top but EXRLoader puts it
+ * at the bottom, so v is flipped.
  */
 import {
   CompressedTexture, DataTexture, LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial, RGBFormat, RGBAFormat,
@@ -18,13 +18,13 @@ import {
 } from 'three';
 
 /**
- * Which part of which page belongs to each mesh.
+ * Finds the page and rectangle of each mesh.
  *
- * glTF keeps the place on the node; three.js makes a mesh of a node with one primitive, and a group with one mesh for each of
- * several primitives. Instances of one glTF mesh share a geometry and a material, and differ only here.
+ * glTF stores the rectangle on the node. three.js turns a node with one primitive into a mesh, and a node with several primitives into a
+ * group of meshes. Instances of a glTF mesh share geometry and material and differ only in their rectangle.
  *
- * @param {object} gltf What GLTFLoader gives, or an Object3D of it (then places are found by `userData` alone).
- * @param {object} [manifest] `level.lightmap.json`, for files whose extras some tool has dropped.
+ * @param {object} gltf The result of GLTFLoader, or an Object3D of it (then only `userData` is searched).
+ * @param {object} [manifest] `level.lightmap.json`, for files whose extras were removed by another tool.
  * @returns {{mesh: Mesh, node: Object3D, place: {uri, page, texCoord, offset, scale, scaleToIrradiance, exposure}}[]}
  */
 export function findPlacements(gltf, manifest) {
@@ -39,7 +39,7 @@ export function findPlacements(gltf, manifest) {
     while (node && !isNode(node)) node = node.parent;
     if (!node) return;
     const place = valid(node.userData.lightmap) ?? fromManifest(manifest, associations?.get(node)?.nodes, node.name);
-    // Without coordinates there is nothing to look up: a node that the bake left out under one that it did not.
+    // Without coordinates, this is an unbaked node below a baked one.
     if (place && mesh.geometry.getAttribute(`uv${place.texCoord}`)) found.push({ mesh, node, place });
   });
   return found;
@@ -53,7 +53,7 @@ function valid(extra) {
     : undefined;
 }
 
-/** The same from the manifest: by the node's number, or by its name where numbers are unknown and the name is no other's. */
+/** The same from the manifest: by the node's index, or by its name if indices are unknown and the name is unique. */
 function fromManifest(manifest, index, name) {
   if (!manifest) return undefined;
   const nodes = manifest.nodes.filter((n) => (index === undefined ? n.name && n.name === name : n.node === index));
@@ -65,28 +65,27 @@ function fromManifest(manifest, index, name) {
 }
 
 /**
- * The exposure that the bake suggests for what `findPlacements` found: radiance × this is what a screen shows, 1 being white. 1 for bakes
- * that suggest none.
+ * The exposure that the bake suggests: the factor from radiance to screen values, where 1 is white. Returns 1 if there is no suggestion.
  */
 export function suggestedExposure(placements) {
   return placements[0]?.place.exposure ?? 1;
 }
 
 /**
- * Loads the pages that a level needs and puts them on its materials.
+ * Loads a level's pages and adds them to its materials.
  *
- * @param {object} gltf What GLTFLoader gives; changed in place.
+ * @param {object} gltf The result of GLTFLoader; changed in place.
  * @param {object} [options]
- * @param {string} [options.path] Folder of the pages; where the glTF came from unless given.
+ * @param {string} [options.path] Folder of the pages. Default: the glTF's folder.
  * @param {object} [options.manifest] As in `findPlacements`.
  * @param {boolean} [options.ktx2] Load pages as KTX2 (`lumel bake --ktx2`); needs `./lumel-ktx2.js`.
- * @param {function(string): Promise<Texture>} [options.loadPage] Makes a texture from a page's address; EXRLoader unless given.
- * @param {boolean} [options.topDown] Textures of `loadPage` have row 0 at the top (KTX2, raw data), unlike EXRLoader's.
- * @param {number} [options.exposure] Multiplies all light of the level: lightmaps, what glows, and lamps that are kept. The bake's own
- *   suggestion unless given; 1 leaves radiance as it is, for a renderer with an exposure of its own.
- * @param {boolean} [options.diffuse] Materials become MeshLambertMaterial: a × R exactly, as it was baked. Else they stay, and
- *   MeshStandardMaterial shows 1 to 7 % less, most at grazing angles (and metals next to nothing, since they have no diffuse part).
- * @param {boolean} [options.keepLights] Leave the file's lamps on: for what moves, while baked surfaces get their light twice.
+ * @param {function(string): Promise<Texture>} [options.loadPage] Loads a page's texture from its URL. Default: EXRLoader.
+ * @param {boolean} [options.topDown] Textures of `loadPage` have row 0 at the top (KTX2, raw data), unlike those of EXRLoader.
+ * @param {number} [options.exposure] Factor for all light of the level: lightmaps, emission and lamps that stay. Default: the exposure
+ *   that the bake suggests. Use 1 if the renderer has its own exposure.
+ * @param {boolean} [options.diffuse] Replace materials by MeshLambertMaterial, which shows exactly the baked a × R. Otherwise
+ *   MeshStandardMaterial shows 1 to 7 % less, most at grazing angles. Metals stay almost black, because they have no diffuse part.
+ * @param {boolean} [options.keepLights] Keep the file's lamps for moving objects. Baked surfaces then get their light twice.
  * @returns {Promise<{meshes: number, materials: number, pages: Texture[], exposure: number}>}
  */
 export async function attachLightmaps(gltf, options = {}) {
@@ -106,7 +105,7 @@ export async function attachLightmaps(gltf, options = {}) {
     }
   }
   for (const { place } of placements) {
-    // The name is a plain file name; as part of an address it is encoded.
+    // The manifest has the plain file name; a URL needs it encoded.
     if (!pages.has(place.uri)) pages.set(place.uri, loadPage(path + encodeURIComponent(place.uri)));
   }
   for (const { place } of placements) {
@@ -141,7 +140,7 @@ export async function attachLightmaps(gltf, options = {}) {
 }
 
 /**
- * A plug-in of GLTFLoader: what it loads has its lightmaps.
+ * A GLTFLoader plugin that attaches lightmaps to each level it loads.
  *
  *     loader.register((parser) => new LumelLightmaps(parser, options));
  *
@@ -161,7 +160,7 @@ export class LumelLightmaps {
 }
 
 /**
- * A page's texture as one instance sees it. Clones share the picture on the graphics card; only the transform is their own.
+ * A page's texture with the transform of one instance. Clones share the image on the GPU.
  *
  * page = offset + scale × uv, with v from the top. A texture whose row 0 is at the bottom has v' = 1 − v.
  */
@@ -171,7 +170,7 @@ export function placeTexture(page, place, topDown = false) {
   const [w, h] = place.scale;
   texture.channel = place.texCoord;
   texture.colorSpace = LinearSRGBColorSpace;
-  // Charts have no room for mips: smaller levels would mix neighbours.
+  // The charts' padding is too narrow for mip levels, which would mix neighbouring charts.
   texture.minFilter = texture.magFilter = LinearFilter;
   texture.generateMipmaps = false;
   texture.offset.set(u, topDown ? v : 1 - v);
@@ -180,7 +179,7 @@ export function placeTexture(page, place, topDown = false) {
   return texture;
 }
 
-/** A Lambertian material that looks like `from`: what the light was baked for. */
+/** A Lambertian material that looks like `from`, as the bake assumes. */
 export function diffuseMaterial(from) {
   const to = new MeshLambertMaterial();
   const same = ['name', 'map', 'alphaMap', 'alphaTest', 'opacity', 'transparent', 'side', 'vertexColors', 'flatShading', 'depthWrite', 'visible'];
@@ -192,7 +191,7 @@ export function diffuseMaterial(from) {
     to.emissiveIntensity = from.emissiveIntensity;
   }
   if (from.transmission > 0) {
-    // Glass lets light straight through; the rest of it reflects.
+    // Light passes straight through the transmissive part; the rest reflects.
     to.transparent = true;
     to.opacity = Math.max(0.15, 1 - from.transmission);
     to.depthWrite = false;
@@ -201,7 +200,7 @@ export function diffuseMaterial(from) {
   return to;
 }
 
-/** What glows and what shines keep their ratio to the lightmap. */
+/** Scales emission and lamps, so that they keep their ratio to the lightmap. */
 function expose(root, exposure) {
   const glowing = new Set();
   root.traverse((object) => {
@@ -211,7 +210,7 @@ function expose(root, exposure) {
   for (const material of glowing) material.emissiveIntensity *= exposure;
 }
 
-/** What the bake says about a lamp whose direct light is not in the lightmap: `{id, mode, channel}`; undefined for other lamps. */
+/** `{id, mode, channel}` of a lamp whose direct light is not in the lightmap; undefined for other lamps. */
 export function lampOf(light) {
   return light.userData.lightmapLamp ?? light.parent?.userData.lightmapLamp;
 }
@@ -221,16 +220,16 @@ function maskUri(place, ktx2) {
   return ktx2 ? place.mask?.ktx2?.uri : place.mask?.uri;
 }
 
-/** Which channel of a mask each light of a scene uses, in the order in which three.js counts lights of a kind. */
+/** The mask channel of each light in a scene, in the order in which three.js numbers lights of a type. */
 function selectors(scene, lamps) {
   const lights = [];
   scene.traverseVisible((object) => object.isLight && lights.push(object));
-  // As WebGLLights does: lights with shadow maps and pictures come first, and the order is stable.
+  // The order of WebGLLights: lights with shadow maps and textures come first, and sorting is stable.
   const rank = (light) => (light.castShadow ? 2 : 0) + (light.map ? 1 : 0);
   lights.sort((a, b) => rank(b) - rank(a));
   const one = (light) => {
     const lamp = lampOf(light);
-    // Lights of the game, and lamps with shadows of their own, are not masked.
+    // Lights of the application and lamps with shadow maps are not masked.
     if (!lamp || lamp.mode !== 'mixed' || lamp.channel === undefined) return new Vector4(-1, 0, 0, 0);
     const channel = lamps.indexOf(lamp.id);
     return new Vector4(...[0, 1, 2, 3].map((c) => (c === channel ? 1 : 0)));
@@ -239,10 +238,10 @@ function selectors(scene, lamps) {
   return { point: of('isPointLight'), spot: of('isSpotLight'), directional: of('isDirectionalLight') };
 }
 
-/** Uniforms and lamps by material; not in `userData`, which copies of a material turn to text. */
+/** Uniforms and lamps by material. They are not in `userData`, because cloning a material serialises it. */
 const masks = new WeakMap();
 
-/** Makes a material multiply mixed lamps by the mask. */
+/** Makes a material multiply the light of mixed lamps by the mask. */
 function useMask(material, texture, lamps) {
   const uniforms = {
     lumelMask: { value: texture },
@@ -275,7 +274,7 @@ float lumelVisible( const in vec4 selector ) {
   };
 }
 
-/** Keeps the channels of a mesh's materials in step with the lights of its scene. */
+/** Updates the mask channels of a mesh's materials when the lights of its scene change. */
 function followLights(mesh) {
   const before = mesh.onBeforeRender;
   mesh.onBeforeRender = function (renderer, scene, camera, geometry, material, group) {
@@ -290,7 +289,7 @@ function followLights(mesh) {
   };
 }
 
-/** Takes lamps out whose light is in the lightmap. */
+/** Removes lamps whose light is in the lightmap. */
 export function removeLights(root) {
   const lights = [];
   root.traverse((object) => object.isLight && !lampOf(object) && lights.push(object));
@@ -303,7 +302,7 @@ async function exrPages() {
   return (url) => loader.loadAsync(url);
 }
 
-/** three's own KTX2Loader (r187) knows rgb9e5 but not BC6H. */
+/** three.js's KTX2Loader (r187) supports rgb9e5 but not BC6H. */
 async function ktx2Pages() {
   const { fetchKtx2 } = await import('./lumel-ktx2.js');
   return async (url) => {

@@ -3,17 +3,17 @@ import type { ThreeElements } from '@react-three/fiber';
 import type { GLTF } from 'three/addons/loaders/GLTFLoader.js';
 import type { LightmapOptions } from './lumel-lightmap.js';
 
-/** Options that are plain values. */
+/** Options with plain values. */
 export type LevelOptions = Pick<LightmapOptions, 'path' | 'ktx2' | 'exposure' | 'diffuse' | 'keepLights'>;
 
-/** A level with its lightmaps; suspends until both are there. */
+/** A level with its lightmaps; suspends until both are loaded. */
 export function useLumelLevel(url: string, options?: LevelOptions): GLTF;
 export namespace useLumelLevel {
-  /** Starts to load a level before a component asks for it. */
+  /** Starts loading a level before a component needs it. */
   function preload(url: string, options?: LevelOptions): void;
 }
 
-/** The level as an object of the scene. */
+/** The level as an object in the scene. */
 export function LumelLevel(
   props: { url: string } & LevelOptions & Omit<ThreeElements['primitive'], 'object'>,
 ): ReactElement;

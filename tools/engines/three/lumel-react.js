@@ -1,5 +1,5 @@
 /**
- * Lumel's lightmaps in React Three Fiber (tried with 9.8, React 19).
+ * Lumel's lightmaps in React Three Fiber (tested with 9.8, React 19).
  *
  *     import { LumelLevel } from 'lumel-three/react';
  *
@@ -7,7 +7,7 @@
  *       <Suspense fallback={null}><LumelLevel url="out/level.glb" /></Suspense>
  *     </Canvas>
  *
- * `flat` because React Three Fiber's own default is a film's tone curve, which changes colours.
+ * `flat` turns off React Three Fiber's default filmic tone mapping, which changes colours.
  */
 import { createElement } from 'react';
 import { useLoader } from '@react-three/fiber';
@@ -15,8 +15,8 @@ import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { LumelLightmaps } from './lumel-lightmap.js';
 
 /**
- * One loader for each set of options: React Three Fiber keeps what it loaded by loader and address, and a component that is suspended starts
- * over with new objects each time.
+ * One loader for each set of options. React Three Fiber caches results by loader and URL, and a suspended component restarts with new
+ * option objects each time.
  */
 const loaders = new Map();
 
@@ -31,20 +31,20 @@ function loaderFor(options) {
 }
 
 /**
- * A level with its lightmaps; suspends until both are there.
+ * A level with its lightmaps; suspends until both are loaded.
  *
  * @param {string} url The .glb that `lumel bake` wrote.
- * @param {object} [options] Those of `attachLightmaps` that are plain values: `path`, `ktx2`, `exposure`, `diffuse`, `keepLights`.
- * @returns {object} What GLTFLoader gives; `userData.lumel` has what was attached, and the exposure.
+ * @param {object} [options] Options of `attachLightmaps` with plain values: `path`, `ktx2`, `exposure`, `diffuse`, `keepLights`.
+ * @returns {object} The result of GLTFLoader; `userData.lumel` has the result of `attachLightmaps`.
  */
 export function useLumelLevel(url, options = {}) {
   return useLoader(loaderFor(options), url);
 }
 
-/** Starts to load a level before a component asks for it. */
+/** Starts loading a level before a component needs it. */
 useLumelLevel.preload = (url, options = {}) => useLoader.preload(loaderFor(options), url);
 
-/** The level as an object of the scene. Props that are no options go to it (`position`, `onClick`, …). */
+/** The level as an object in the scene. Other props (`position`, `onClick`, …) go to that object. */
 export function LumelLevel({ url, path, ktx2, exposure, diffuse, keepLights, ...rest }) {
   const given = Object.entries({ path, ktx2, exposure, diffuse, keepLights }).filter(([, value]) => value !== undefined);
   const gltf = useLumelLevel(url, Object.fromEntries(given));

@@ -1,14 +1,14 @@
 /**
- * `MOZ_lightmap` for three.js's GLTFLoader, for files that `lumel bake --ext moz` (or Hubs' exporter) wrote. Tried with r187.
+ * `MOZ_lightmap` for three.js's GLTFLoader, for files from `lumel bake --ext moz` or the Hubs exporter. Tested with r187.
  *
  *     import { HDRLoader } from 'three/addons/loaders/HDRLoader.js';
  *     import { MozLightmap, MozTextureRgbe } from './moz-lightmap.js';
  *
  *     const loader = new GLTFLoader();
- *     loader.register((parser) => new MozTextureRgbe(parser, new HDRLoader()));      // without it: the PNG, 8 bits a channel
+ *     loader.register((parser) => new MozTextureRgbe(parser, new HDRLoader()));      // without it: the PNG, 8 bits per channel
  *     loader.register((parser) => new MozLightmap(parser));
  *
- * The extension's texture holds irradiance over `intensity`, which is what three.js takes a light map for.
+ * The extension's texture contains irradiance divided by `intensity`, as three.js expects of a light map.
  */
 import { LinearFilter, LinearSRGBColorSpace } from 'three';
 
@@ -19,7 +19,7 @@ export class MozLightmap {
     this.parser = parser;
   }
 
-  /** GLTFLoader takes the first plug-in's answer that is not null, and a promise never is. */
+  /** GLTFLoader uses the first result that is not null, and a promise never is, so this must not be async. */
   loadMaterial(index) {
     const extension = this.parser.json.materials[index].extensions?.[this.name];
     return extension ? this.lit(index, extension) : null;
@@ -30,7 +30,7 @@ export class MozLightmap {
       this.parser.loadMaterial(index),
       this.parser.getDependency('texture', extension.index),
     ]);
-    // Another slot may use the texture too.
+    // Another texture slot may use the same texture.
     const lightMap = texture.clone();
     lightMap.channel = extension.texCoord ?? 1;
     lightMap.colorSpace = LinearSRGBColorSpace;
