@@ -33,9 +33,9 @@ pub enum Pass {
     More,
 }
 
-/// Number of rows around a lumel that decide its fate between the first pass and the second: the
-/// taps of interpolation are three lumels away, and whether a tap is itself interpolated depends on
-/// its neighbours.
+/// Number of rows around a lumel on which its plan between the first and the second pass depends:
+/// the taps of interpolation are three lumels away, and whether a tap is itself interpolated
+/// depends on its neighbours.
 const BETWEEN: u32 = 4;
 
 /// The same for a round of following edges, and for walls.
