@@ -230,7 +230,7 @@ impl<'a, I: Iterator<Item = &'a str>> Numbers<'_, I> {
         Err(Fault::invalid(
             self.path,
             format!("{what} {x}"),
-            format!("a whole number, {least} or more, of what the file then holds"),
+            format!("a whole number of at least {least}, and no more than the file has room for"),
         ))
     }
 
