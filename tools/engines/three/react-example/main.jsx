@@ -1,4 +1,4 @@
-// A level in React Three Fiber: index.html?glb=out/level.glb, further &cam=x,y,z,tx,ty,tz,fov and &exposure=X, &diffuse=1.
+// A level in React Three Fiber: index.html?glb=out/level.glb, optionally with &cam=x,y,z,tx,ty,tz,fov, &exposure=X and &diffuse=1.
 import { Component, Suspense, useEffect } from 'react';
 import { createRoot } from 'react-dom/client';
 import { Canvas, useThree } from '@react-three/fiber';
@@ -12,12 +12,12 @@ const options = {
   diffuse: query.has('diffuse') || undefined,
 };
 
-/** Runs once what stands beside it in a Suspense has been loaded and drawn. */
+/** Runs after its siblings in the Suspense have been loaded and drawn. */
 function Ready() {
   const { camera, size } = useThree();
   useEffect(() => {
     camera.lookAt(tx, ty, tz);
-    // Where on the page a point of the level is.
+    // Screen position of a point in the level.
     globalThis.lumel = {
       project(px, py, pz) {
         camera.updateMatrixWorld();
@@ -31,7 +31,7 @@ function Ready() {
   return null;
 }
 
-/** Says what went wrong. */
+/** Shows errors. */
 class Fallible extends Component {
   state = {};
 
