@@ -6,6 +6,7 @@ use crate::report::IngestReport;
 
 /// Extensions that are supported.
 const SUPPORTED: &[&str] = &[
+    "EXT_lights_area",
     "EXT_lights_ies",
     "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
@@ -50,7 +51,7 @@ const HARMLESS: &[&str] = &[
 ];
 
 /// Lights that Lumel does not model, if they are used but not required.
-const DARK: &[&str] = &["EXT_lights_area", "KHR_lights_area"];
+const DARK: &[&str] = &["KHR_lights_area"];
 
 /// Records the extensions in use and refuses required ones that could affect geometry or light.
 pub(crate) fn check(root: &Item<'_>, faults: &mut Faults, report: &mut IngestReport) {

@@ -1,5 +1,7 @@
-//! `KHR_lights_punctual` with its extensions in `extras.lumel`, and `EXT_lights_ies`.
+//! `KHR_lights_punctual` with its extensions in `extras.lumel`, `EXT_lights_ies`, and
+//! `EXT_lights_area`.
 
+mod area;
 mod extras;
 mod measured;
 
@@ -17,7 +19,7 @@ use crate::report::IngestReport;
 use crate::scene::{LampMode, Light, LightKind, Scene};
 
 /// Reads all lights of the chosen scene: `KHR_lights_punctual` in scene-graph order, then
-/// `EXT_lights_ies`.
+/// `EXT_lights_ies`, then `EXT_lights_area`, whose lights become surfaces.
 pub(crate) fn read_all(
     document: &mut Document,
     graph: &Graph,
@@ -37,6 +39,10 @@ pub(crate) fn read_all(
         scene.lights.extend(faults.take(light).flatten());
         let mode = mode_of(document, placed, "EXT_lights_ies", report);
         (scene.lamp_modes).extend(faults.take(mode).flatten().map(|m| (placed.node, m)));
+    }
+    for placed in &graph.area_lights {
+        let added = area::add(document, placed, scene, report);
+        faults.take(added);
     }
     scene.profiles = profiles.finish(document);
 }
@@ -71,7 +77,7 @@ fn read(
     };
     let item = ext.element("lights", placed.index)?;
     let kind = item.opt_str("type")?;
-    let intensity = intensity_of(&item, "intensity", report)?;
+    let intensity = intensity_of(&item, "intensity", 1.0, report)?;
     let node = root.element("nodes", placed.node)?;
     let name = name_of(&item, &node);
     let places = [&node, &item];
@@ -161,10 +167,15 @@ fn name_of(item: &Item<'_>, node: &Item<'_>) -> String {
         .unwrap_or_else(|| node.name())
 }
 
-/// `color` × the member `key`, each 1 if absent.
-fn intensity_of(item: &Item<'_>, key: &str, report: &mut IngestReport) -> Outcome<Vec3> {
+/// `color` × the member `key`, which are 1 and `default` if absent.
+fn intensity_of(
+    item: &Item<'_>,
+    key: &str,
+    default: f64,
+    report: &mut IngestReport,
+) -> Outcome<Vec3> {
     let color = item.opt_numbers::<3>("color")?.unwrap_or([1.0; 3]);
-    let intensity = item.opt_number(key)?.unwrap_or(1.0);
+    let intensity = item.opt_number(key)?.unwrap_or(default);
     let asked = color.map(|c| c * intensity);
     let given = asked.map(|x| x.clamp(0.0, f64::from(f32::MAX)));
     if given != asked {

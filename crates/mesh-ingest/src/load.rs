@@ -159,7 +159,8 @@ fn check_layout(document: &Document, faults: &mut Faults) {
 fn check_writable(document: &Document, scene: &Scene, faults: &mut Faults) {
     let root = document.root();
     let views = root.len_of("bufferViews").unwrap_or(0);
-    let primitives: BTreeSet<_> = (scene.meshes.iter())
+    let in_document = |m: &&Mesh| m.gltf_mesh != Mesh::NOT_IN_DOCUMENT;
+    let primitives: BTreeSet<_> = (scene.meshes.iter().filter(in_document))
         .flat_map(|mesh| mesh.primitives.iter().map(|p| (mesh.gltf_mesh, p)))
         .filter(|(_, p)| !scene.materials[p.material].occluder_only)
         .map(|(mesh, p)| (mesh, p.gltf_primitive))

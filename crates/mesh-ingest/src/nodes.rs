@@ -35,6 +35,8 @@ pub(crate) struct Graph {
     pub lights: Vec<Placed>,
     /// Lights of `EXT_lights_ies`; `index` is into the extension's list.
     pub measured_lights: Vec<Placed>,
+    /// Lights of `EXT_lights_area`.
+    pub area_lights: Vec<Placed>,
     /// Levels of detail and variants.
     pub lods: Lods,
     /// Names of page groups, and the group of each node that is in one.
@@ -215,7 +217,8 @@ fn visit(
     }
     let light = light_of(&root, &node, "KHR_lights_punctual")?;
     let measured = light_of(&root, &node, "EXT_lights_ies")?;
-    if mesh.is_none() && light.is_none() && measured.is_none() {
+    let area = light_of(&root, &node, "EXT_lights_area")?;
+    if mesh.is_none() && [light, measured, area] == [None; 3] {
         return Ok(own);
     }
     if let Some(reason) = why_left_out(&root, &node, mesh, own, animated)? {
@@ -229,6 +232,7 @@ fn visit(
     for (light, list) in [
         (light, &mut graph.lights),
         (measured, &mut graph.measured_lights),
+        (area, &mut graph.area_lights),
     ] {
         list.extend(light.map(|light| Placed {
             node: index,

@@ -67,11 +67,13 @@ impl Scene {
     }
 
     /// Whether primitive `primitive` of instance `instance` receives light, i.e. neither the node
-    /// nor the material is an occluder.
+    /// nor the material is an occluder, and it is not the surface of an area light.
     pub fn receives(&self, instance: usize, primitive: usize) -> bool {
         let instance = &self.instances[instance];
-        let worn = self.meshes[instance.mesh].primitives[primitive].material;
-        !instance.occluder && !self.materials[worn].occluder_only
+        let mesh = &self.meshes[instance.mesh];
+        let worn = mesh.primitives[primitive].material;
+        let of_a_light = mesh.gltf_mesh == Mesh::NOT_IN_DOCUMENT;
+        !instance.occluder && !of_a_light && !self.materials[worn].occluder_only
     }
 
     /// Whether any primitive of instance `instance` receives light.
@@ -99,12 +101,18 @@ impl Scene {
 /// One glTF mesh in its local space.
 #[derive(Debug, Clone, Default)]
 pub struct Mesh {
-    /// Index into the document's `meshes`.
+    /// Index into the document's `meshes`, or [`Mesh::NOT_IN_DOCUMENT`].
     pub gltf_mesh: usize,
     /// The document's name, or empty.
     pub name: String,
     /// Triangle primitives with at least one valid triangle, without points and lines.
     pub primitives: Vec<Primitive>,
+}
+
+impl Mesh {
+    /// [`gltf_mesh`](Self::gltf_mesh) of an area light's surface. It receives no light,
+    /// and writers leave it out.
+    pub const NOT_IN_DOCUMENT: usize = usize::MAX;
 }
 
 /// One glTF primitive: vertices as in the document, triangles cleaned.

@@ -4,6 +4,7 @@
 //! light is that of the footprint's mean, for which bake and test use different points. Gathered
 //! light has the noise of its rays, which each test states.
 
+mod area_lights;
 mod cie;
 mod directions;
 mod emissive_texture;

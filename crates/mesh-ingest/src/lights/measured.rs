@@ -133,7 +133,7 @@ pub(super) fn read(
         );
         return Ok(None);
     };
-    let factor = super::intensity_of(&worn, "multiplier", report)?.as_dvec3() * candela;
+    let factor = super::intensity_of(&worn, "multiplier", 1.0, report)?.as_dvec3() * candela;
     let most = f64::from(f32::MAX);
     Ok(Some(Light {
         name: super::name_of(&item, &node),

@@ -106,6 +106,24 @@ pub fn rectangle_over_floor(radiance: f32, side: f32, height: f32) -> Vec<u8> {
     b.finish()
 }
 
+/// A light of `EXT_lights_area` at `height` over a black floor of 4 m, shining down; its node's
+/// scale is `scale`.
+pub fn area_light_over_floor(light: serde_json::Value, height: f32, scale: Vec3) -> Vec<u8> {
+    let mut b = GltfBuilder::new();
+    floor(&mut b, 4.0, 1);
+    b.root_extension("EXT_lights_area", serde_json::json!({"lights": [light]}));
+    let node = b.node(Node {
+        name: "lamp node".into(),
+        translation: Vec3::Y * height,
+        // Its x axis stays the world's.
+        rotation: look_along(Vec3::NEG_Y, Vec3::NEG_Z),
+        scale,
+        ..Node::default()
+    });
+    b.node_json(node)["extensions"] = serde_json::json!({"EXT_lights_area": {"light": 0}});
+    b.finish()
+}
+
 /// Corners of the emitter of [`rectangle_over_floor`], front down.
 pub fn square(side: f64, height: f64) -> [DVec3; 4] {
     let s = side / 2.0;
