@@ -2,14 +2,15 @@
 
 use std::f32::consts::PI;
 
-use atlas::Layout;
+use atlas::{Layout, Lumels};
 use gather::{
-    LightReport, Records, Shard, VertexLight, VertexOptions, VertexReport, bake_light,
-    bake_vertices, merge_light,
+    Gatherer, LightOptions, LightReport, LumelMap, Received, Records, Shard, VertexLight,
+    VertexOptions, VertexReport, bake_light, bake_part, bake_vertices, merge_light,
 };
 use radiosity::{Cancelled, Emitters, Monitor, Solution, World};
 use serde::Serialize;
 
+use crate::earlier::Earlier;
 use crate::options::BakeOptions;
 use crate::page::Page;
 use crate::pages::{Made, Pages};
@@ -61,7 +62,8 @@ pub fn bake(
     options: &BakeOptions,
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
-    bake_with((world, emitters, solution), layout, options, None, monitor)
+    let solved = (world, emitters, solution);
+    bake_with(solved, layout, options, How::Whole, monitor)
 }
 
 /// As [`bake`], reusing the light that [`gather_shard`](gather_shard()) put into `records`. The
@@ -77,7 +79,71 @@ pub fn merge(
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
     let solved = (world, emitters, solution);
-    bake_with(solved, layout, options, Some(records), monitor)
+    bake_with(solved, layout, options, How::Merge(records), monitor)
+}
+
+/// Bakes a part of a scene anew, into the pages of an earlier bake in the same layout.
+///
+/// Texels of other instances keep their values. Where charts of the part meet others, only those
+/// of the part are stitched.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub fn rebake(
+    (world, emitters, solution): (&World, &Emitters, &Solution),
+    layout: &Layout,
+    options: &BakeOptions,
+    earlier: &Earlier,
+    monitor: &dyn Monitor,
+) -> Result<Baked, Cancelled> {
+    let solved = (world, emitters, solution);
+    bake_with(solved, layout, options, How::Part(earlier), monitor)
+}
+
+/// How much of a scene is baked here.
+enum How<'h> {
+    Whole,
+    /// What shards have left.
+    Merge(&'h dyn Records),
+    /// What an earlier bake does not keep.
+    Part(&'h Earlier),
+}
+
+impl How<'_> {
+    /// Light at lumels.
+    fn gather(
+        &self,
+        gatherer: &Gatherer,
+        layout: &Layout,
+        options: LightOptions,
+        monitor: &dyn Monitor,
+    ) -> Result<(LumelMap, LightReport), Cancelled> {
+        match self {
+            How::Whole => bake_light(gatherer, layout, options, monitor),
+            How::Merge(records) => merge_light(gatherer, layout, options, *records, monitor),
+            How::Part(earlier) => bake_part(gatherer, layout, &earlier.anew, options, monitor),
+        }
+    }
+}
+
+/// The lumels of a whole layout, and the light of those that were baked, in this order.
+fn lumels_of<'m>(
+    world: &World,
+    layout: &Layout,
+    map: &'m LumelMap,
+    earlier: Option<&Earlier>,
+) -> (Option<Lumels>, Vec<Option<&'m Received>>) {
+    let mut light = map.received().iter();
+    let Some(earlier) = earlier else {
+        return (None, light.map(Some).collect());
+    };
+    let mut all = Lumels::find(world.scene, world.soup, layout);
+    all.turn_like(map.lumels());
+    let anew = |instance: u32| earlier.anew.binary_search(&(instance as usize)).is_ok();
+    let received = (all.lumels.iter())
+        .map(|l| anew(l.instance).then(|| light.next()).flatten())
+        .collect();
+    (Some(all), received)
 }
 
 /// Gathers the light of a shard into `records`.
@@ -99,19 +165,22 @@ fn bake_with(
     (world, emitters, solution): (&World, &Emitters, &Solution),
     layout: &Layout,
     options: &BakeOptions,
-    records: Option<&dyn Records>,
+    how: How<'_>,
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
     let gatherer = options.gatherer(world, emitters, solution);
-    let (map, light) = match records {
-        None => bake_light(&gatherer, layout, options.light(), monitor)?,
-        Some(records) => merge_light(&gatherer, layout, options.light(), records, monitor)?,
+    let (map, light) = how.gather(&gatherer, layout, options.light(), monitor)?;
+    let earlier = match how {
+        How::Part(earlier) => Some(earlier),
+        How::Whole | How::Merge(_) => None,
     };
+    let (all, received) = lumels_of(world, layout, &map, earlier);
     let pages = Pages {
         world,
         layout,
-        lumels: map.lumels(),
-        received: map.received(),
+        lumels: all.as_ref().unwrap_or(map.lumels()),
+        received: &received,
+        earlier,
         options,
         wanted: gatherer.wanted,
     };
@@ -121,6 +190,7 @@ fn bake_with(
         groups,
         seams,
     } = pages.make();
+    drop((received, all));
     let all_pages = pages.iter().chain(&masks).chain(groups.iter().flatten());
     let bytes = map.bytes() + gatherer.bytes() + all_pages.map(Page::bytes).sum::<u64>();
     let (mut vertices, mut at_vertices) = (VertexLight::default(), None);
@@ -131,6 +201,9 @@ fn bake_with(
         let (lit, report) = bake_vertices(&gatherer, layout, map, options, monitor)?;
         (vertices, at_vertices) = (lit, Some(report));
         raise(&mut vertices, ambient_floor);
+        if let Some(earlier) = earlier {
+            earlier.restore_vertices(&mut vertices);
+        }
     }
     Ok(Baked {
         pages,

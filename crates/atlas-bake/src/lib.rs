@@ -35,6 +35,7 @@ mod bake;
 mod compare;
 mod cost;
 mod dilate;
+mod earlier;
 mod error;
 mod exposure;
 mod exr_io;
@@ -56,9 +57,10 @@ mod temporary;
 mod texture;
 mod uv_picture;
 
-pub use bake::{BakeReport, Baked, bake, gather_shard, merge};
+pub use bake::{BakeReport, Baked, bake, gather_shard, merge, rebake};
 pub use compare::{Counted, DiffReport, diff, error_png};
 pub use cost::{GatherCost, gather_cost, seam_samples};
+pub use earlier::Earlier;
 pub use error::{Error, Result};
 pub use exposure::suggested_exposure;
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, read_exr_within, write_lightmap_exr};
@@ -66,7 +68,7 @@ pub use gltf_out::{
     GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,
     write_lightmapped_glb_with, write_vertex_glb,
 };
-pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2, write_mask_ktx2};
+pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2, write_mask_ktx2, write_probe_volume};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestMask, ManifestNode, ManifestPage, ManifestPng,
     UvTransform, ValueKind,
@@ -79,7 +81,7 @@ pub use preview::{
     Camera, LitScene, PictureLight, choose_camera, heat_png, lightmap_png, render_preview,
     scene_camera,
 };
-pub use probe_file::{FilledGrid, ProbeFile};
+pub use probe_file::{FilledGrid, ProbeFile, ProbeVolume};
 pub use probe_points::{PointsError, parse_points};
 pub use seams::{SeamError, SeamReport};
 pub use small::{PngFormat, PngReport, write_lightmap_png};

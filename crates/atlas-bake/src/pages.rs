@@ -8,6 +8,7 @@ use glam::{Vec2, Vec3};
 use radiosity::{MASKS, World, luminance};
 
 use crate::dilate::dilate;
+use crate::earlier::{Earlier, Working, Written, restore};
 use crate::manifest::ValueKind;
 use crate::options::{BakeOptions, Directional, Layer};
 use crate::page::Page;
@@ -18,7 +19,10 @@ pub(crate) struct Pages<'p, 'w, 'a> {
     pub world: &'w World<'a>,
     pub layout: &'p Layout,
     pub lumels: &'p Lumels,
-    pub received: &'p [Received],
+    /// By lumel; `None` for those that an earlier bake has.
+    pub received: &'p [Option<&'p Received>],
+    /// What an earlier bake has.
+    pub earlier: Option<&'p Earlier>,
     pub options: &'p BakeOptions,
     pub wanted: Wanted,
 }
@@ -56,8 +60,12 @@ impl Pages<'_, '_, '_> {
     /// Makes the lightmap with its extra channels, and the lightmap of each group.
     pub(crate) fn make(&self) -> Made {
         let channels = self.channels();
-        let (mut full, texels) = self.full(&channels);
+        let (mut full, mut texels) = self.full(&channels);
         let mut groups: Vec<Vec<Page>> = (0..self.wanted.groups).map(|g| self.group(g)).collect();
+        if let Some(earlier) = self.earlier {
+            texels.kept = self.kept_texels(&earlier.anew);
+            self.put_earlier(earlier, &channels, &texels.kept, (&mut full, &mut groups));
+        }
         let samples = find_samples(self.world, self.layout, self.lumels);
         let mut stitcher = Stitcher::new(&samples, &full, &texels);
         if self.options.stitch {
@@ -67,11 +75,77 @@ impl Pages<'_, '_, '_> {
         self.apply_floor(&mut full, &texels);
         self.apply_tint(&channels, &mut full, &mut groups);
         self.apply_unit(&channels, &mut full, &mut groups);
+        let mut masks = self.split_masks(&mut full);
+        if let Some(earlier) = self.earlier {
+            let pairs = (earlier.pages.iter().zip(&mut full))
+                .chain(earlier.masks.iter().zip(&mut masks))
+                .chain((earlier.groups.iter().flatten()).zip(groups.iter_mut().flatten()));
+            for ((from, to), kept) in pairs.zip(texels.kept.iter().cycle()) {
+                restore(from, to, kept);
+            }
+        }
         Made {
-            masks: self.split_masks(&mut full),
+            masks,
             pages: full,
             groups,
             seams: stitcher.report(),
+        }
+    }
+
+    /// The texels that keep their values, by page: all but those of the instances `anew`.
+    fn kept_texels(&self, anew: &[usize]) -> Vec<Vec<bool>> {
+        let mut kept: Vec<Vec<bool>> = (self.layout.pages.iter())
+            .map(|&[w, h]| vec![true; w as usize * h as usize])
+            .collect();
+        let mut mark = |instance: usize, keep: bool| {
+            let page = self.layout.placements[instance].page as usize;
+            let rect = self.own_rect(instance);
+            let width = self.layout.pages[page][0] as usize;
+            for y in rect.y as usize..(rect.y + rect.h) as usize {
+                let row = y * width + rect.x as usize;
+                kept[page][row..row + rect.w as usize].fill(keep);
+            }
+        };
+        anew.iter().for_each(|&i| mark(i, false));
+        // Rectangles do not overlap. If they did, the earlier bake would keep its texels.
+        let mut others: Vec<bool> = vec![true; self.layout.placements.len()];
+        anew.iter().for_each(|&i| others[i] = false);
+        (0..others.len())
+            .filter(|&i| others[i] && self.world.scene.has_lumels(i))
+            .for_each(|i| mark(i, true));
+        kept
+    }
+
+    /// Puts the earlier bake's light into the texels that it keeps.
+    fn put_earlier(
+        &self,
+        earlier: &Earlier,
+        channels: &[Channel],
+        kept: &[Vec<bool>],
+        (full, groups): (&mut [Page], &mut [Vec<Page>]),
+    ) {
+        let written: Vec<Written> = (channels.iter())
+            .map(|channel| Written {
+                tint: channel.tint,
+                in_unit: channel.in_unit,
+            })
+            .collect();
+        for (p, (page, kept)) in full.iter_mut().zip(kept).enumerate() {
+            let tints: Option<[Vec<f32>; 3]> = self.tinted().then(|| {
+                let first = page.layers.len() - TINT.len();
+                std::array::from_fn(|c| page.layers[first + c].1.clone())
+            });
+            let working = Working {
+                value: self.options.value,
+                tints: tints.as_ref(),
+            };
+            working.put(&earlier.pages[p], page, &written, kept);
+            for (from, to) in earlier.groups.iter().zip(groups.iter_mut()) {
+                working.put(&from[p], &mut to[p], &[], kept);
+            }
+            if let Some(mask) = earlier.masks.get(p) {
+                put_mask(mask, page, kept);
+            }
         }
     }
 
@@ -79,6 +153,10 @@ impl Pages<'_, '_, '_> {
     fn full(&self, channels: &[Channel]) -> (Vec<Page>, Texels) {
         let mut values = Vec::new();
         self.fill(channels, |l, r, page, at| {
+            let Some(r) = r else {
+                self.put_tint(l, page, at);
+                return;
+            };
             let scale = FRAC_1_PI * self.occlusion(r);
             page.value[at] = ((self.direct(r) + r.indirect) * scale).to_array();
             values.clear();
@@ -104,10 +182,22 @@ impl Pages<'_, '_, '_> {
     /// The light of one group without tint.
     fn group(&self, group: usize) -> Vec<Page> {
         self.fill(&[], |_, r, page, at| {
+            let Some(r) = r else { return };
             let scale = FRAC_1_PI * self.occlusion(r);
             page.value[at] = (r.planes[group].sum() * scale).to_array();
         })
         .0
+    }
+
+    /// The reflectance of a lumel that an earlier bake has.
+    fn put_tint(&self, l: &Lumel, page: &mut Page, at: usize) {
+        if self.tinted() {
+            let first = page.layers.len() - TINT.len();
+            let tints = self.reflectance(l).to_array();
+            for ((_, channel), tint) in page.layers[first..].iter_mut().zip(tints) {
+                channel[at] = tint;
+            }
+        }
     }
 
     /// Direct light, without lamps that the engine adds.
@@ -326,7 +416,7 @@ impl Pages<'_, '_, '_> {
     fn fill(
         &self,
         channels: &[Channel],
-        mut put: impl FnMut(&Lumel, &Received, &mut Page, usize),
+        mut put: impl FnMut(&Lumel, Option<&Received>, &mut Page, usize),
     ) -> (Vec<Page>, Texels) {
         let mut pages: Vec<Page> = (self.layout.pages.iter())
             .map(|&[width, height]| {
@@ -345,6 +435,7 @@ impl Pages<'_, '_, '_> {
         let mut texels = Texels {
             chart: pages.iter().map(|p| vec![EMPTY; p.value.len()]).collect(),
             hidden: pages.iter().map(|p| vec![false; p.value.len()]).collect(),
+            kept: Vec::new(),
         };
         let chart = self.chart_numbers();
         for (l, r) in self.lumels.lumels.iter().zip(self.received) {
@@ -352,8 +443,8 @@ impl Pages<'_, '_, '_> {
             let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
             page.coverage[at] = l.coverage;
             texels.chart[l.page as usize][at] = chart(l);
-            texels.hidden[l.page as usize][at] = r.open == 0.0;
-            put(l, r, page, at);
+            texels.hidden[l.page as usize][at] = r.is_some_and(|r| r.open == 0.0);
+            put(l, *r, page, at);
         }
         let readers = self.readers(&texels.chart);
         let scene = self.world.scene;
@@ -439,6 +530,22 @@ impl Pages<'_, '_, '_> {
             let atlas = &self.layout.meshes[scene.instances[l.instance as usize].mesh];
             let primitive = &atlas.primitives[source.primitive as usize];
             first[l.instance as usize] + primitive.chart[source.triangle as usize]
+        }
+    }
+}
+
+/// Puts a shadow mask into the texels of a page that `kept` marks.
+fn put_mask(mask: &Page, page: &mut Page, kept: &[bool]) {
+    for (c, name) in MASK.iter().enumerate() {
+        let Some((_, values)) = page.layers.iter_mut().find(|(own, _)| own == name) else {
+            continue;
+        };
+        for at in (0..kept.len()).filter(|&at| kept[at]) {
+            values[at] = match (mask.value[at].get(c), mask.channel("A")) {
+                (Some(x), _) => *x,
+                (None, Some(alpha)) => alpha[at],
+                (None, None) => 0.0,
+            };
         }
     }
 }

@@ -27,6 +27,9 @@ pub struct ProbeFile {
     /// Arrangement of the probes; absent for a list of points.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grid: Option<FilledGrid>,
+    /// The grid as a volume texture, if that was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume: Option<ProbeVolume>,
     /// The probes. In a grid, x varies fastest, then y; points of a list keep their order.
     pub probes: Vec<FileProbe>,
 }
@@ -43,6 +46,31 @@ pub struct FilledGrid {
     pub dims: [u32; 3],
 }
 
+/// A volume texture of a grid ([`write_probe_volume`](crate::write_probe_volume)): voxels are boxes
+/// around the probes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct ProbeVolume {
+    /// File name, next to the probe file.
+    pub uri: String,
+    /// Centre of the box that the texture fills, metres.
+    pub center: [f64; 3],
+    /// Size of the box, metres.
+    pub size: [f64; 3],
+}
+
+impl FilledGrid {
+    /// The box of all voxels, for a texture with this name.
+    pub fn volume(&self, uri: &str) -> ProbeVolume {
+        let size = [0, 1, 2].map(|k| self.spacing[k] * f64::from(self.dims[k]));
+        ProbeVolume {
+            uri: uri.into(),
+            center: [0, 1, 2].map(|k| self.origin[k] + 0.5 * (size[k] - self.spacing[k])),
+            size,
+        }
+    }
+}
+
 /// A [`Probe`] in a [`ProbeFile`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FileProbe {
@@ -57,6 +85,24 @@ pub struct FileProbe {
     pub error: f32,
     /// Nine coefficients, RGB.
     pub sh: [[f32; 3]; 9],
+}
+
+impl FileProbe {
+    /// R = E/π of a surface with this unit normal (Ramamoorthi & Hanrahan, 2001).
+    pub fn diffuse(&self, [x, y, z]: [f32; 3]) -> [f32; 3] {
+        let basis = [
+            0.282_095,
+            0.325_735 * y,
+            0.325_735 * z,
+            0.325_735 * x,
+            0.273_137 * x * y,
+            0.273_137 * y * z,
+            0.078_848 * (3.0 * z * z - 1.0),
+            0.273_137 * x * z,
+            0.136_569 * (x * x - y * y),
+        ];
+        std::array::from_fn(|c| (self.sh.iter().zip(basis)).map(|(sh, y)| sh[c] * y).sum())
+    }
 }
 
 impl ProbeFile {
@@ -78,6 +124,7 @@ impl ProbeFile {
                 spacing: [g.spacing; 3],
                 dims: g.dims,
             }),
+            volume: None,
             probes: both
                 .map(|(at, p)| FileProbe {
                     position: at.to_array(),
@@ -95,6 +142,7 @@ impl ProbeFile {
         // Serialising plain structs to memory cannot fail: no map has non-string keys.
         let head = ProbeFile {
             generator: self.generator.clone(),
+            volume: self.volume.clone(),
             probes: Vec::new(),
             ..*self
         };

@@ -1,7 +1,5 @@
 //! Finds lumels, i.e. texels with a surface, and the triangles under each.
 
-use std::ops::Range;
-
 use glam::{DVec2, Vec2};
 use mesh_ingest::{Scene, Soup};
 use patch_subdivision::raster::cover_triangle;
@@ -79,11 +77,16 @@ impl Lumels {
         Lumels::find_of(scene, soup, layout, 0..scene.instances.len())
     }
 
-    /// As [`find`](Self::find), for these instances only.
-    pub fn find_of(scene: &Scene, soup: &Soup, layout: &Layout, instances: Range<usize>) -> Self {
-        let parts: Vec<InstanceLumels> = (instances.clone())
-            .into_par_iter()
-            .map(|i| rasterise_instance(scene, soup, layout, i))
+    /// As [`find`](Self::find), of these instances only, in rising order.
+    pub fn find_of(
+        scene: &Scene,
+        soup: &Soup,
+        layout: &Layout,
+        instances: impl IntoIterator<Item = usize>,
+    ) -> Self {
+        let instances: Vec<usize> = instances.into_iter().collect();
+        let parts: Vec<InstanceLumels> = (instances.par_iter())
+            .map(|&i| rasterise_instance(scene, soup, layout, i))
             .collect();
         let mut all = Lumels {
             corners: vec![[Vec2::NAN; 3]; soup.len() + soup.duplicates.len()],
@@ -92,7 +95,7 @@ impl Lumels {
                 .collect(),
             ..Lumels::default()
         };
-        for (i, part) in instances.zip(parts) {
+        for (i, part) in instances.into_iter().zip(parts) {
             let base = all.faces.len() as u32;
             all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {
                 first: l.first + base,
@@ -138,6 +141,11 @@ impl Lumels {
         for &face in faces {
             self.turned[face as usize] ^= true;
         }
+    }
+
+    /// Turns the same faces over as were turned in `other` lumels of the same scene.
+    pub fn turn_like(&mut self, other: &Lumels) {
+        self.turned.clone_from(&other.turned);
     }
 
     /// The first face under a lumel.

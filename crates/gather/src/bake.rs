@@ -66,7 +66,29 @@ pub fn bake_light(
     options: LightOptions,
     monitor: &dyn Monitor,
 ) -> Result<(LumelMap, LightReport), Cancelled> {
-    bake_with(gatherer, layout, options, monitor, None)
+    let rule = gatherer.options.interpolation;
+    let map = LumelMap::new(gatherer.world(), layout, rule);
+    bake_with(gatherer, map, options, monitor, None)
+}
+
+/// As [`bake_light`], of the lumels of these instances only (in rising order), so that a part of a
+/// level is baked anew. The light is that of the whole level.
+///
+/// Noise is judged among these lumels alone. So their light differs from that of a whole bake by
+/// less than its error, and has the same bytes if they are all lumels.
+///
+/// # Errors
+/// [`Cancelled`] if the monitor asks for it.
+pub fn bake_part(
+    gatherer: &Gatherer,
+    layout: &Layout,
+    instances: &[usize],
+    options: LightOptions,
+    monitor: &dyn Monitor,
+) -> Result<(LumelMap, LightReport), Cancelled> {
+    let (world, rule) = (gatherer.world(), gatherer.options.interpolation);
+    let map = LumelMap::of(world, layout, rule, instances.iter().copied());
+    bake_with(gatherer, map, options, monitor, None)
 }
 
 /// As [`bake_light`], reusing the light that [`gather_shard`] put into `records`. The result does
@@ -81,7 +103,9 @@ pub fn merge_light(
     records: &dyn Records,
     monitor: &dyn Monitor,
 ) -> Result<(LumelMap, LightReport), Cancelled> {
-    bake_with(gatherer, layout, options, monitor, Some(records))
+    let rule = gatherer.options.interpolation;
+    let map = LumelMap::new(gatherer.world(), layout, rule);
+    bake_with(gatherer, map, options, monitor, Some(records))
 }
 
 /// Gathers the light of a shard into `records`, with the passes of [`bake_light`] that do not need
@@ -120,14 +144,13 @@ fn gather_passes(
 
 fn bake_with(
     gatherer: &Gatherer,
-    layout: &Layout,
+    mut map: LumelMap,
     options: LightOptions,
     monitor: &dyn Monitor,
     records: Option<&dyn Records>,
 ) -> Result<(LumelMap, LightReport), Cancelled> {
     let (world, careful) = (gatherer.world(), &gatherer.options);
     let mut report = LightReport::default();
-    let mut map = LumelMap::new(world, layout, careful.interpolation);
     let work = Work::whole(monitor, careful.follow);
     let mut work = match records {
         None => work,
@@ -157,6 +180,7 @@ fn bake_with(
 }
 
 /// Light at vertices, from the lumels of `map`, and gathered separately where lumels are too large.
+/// Instances whose lumels the map lacks get none.
 /// `gatherer` is the one for lumels.
 ///
 /// # Errors

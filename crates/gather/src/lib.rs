@@ -88,7 +88,9 @@ mod vertex_light;
 mod window;
 mod work;
 
-pub use bake::{HiddenIn, LightReport, bake_light, bake_vertices, gather_shard, merge_light};
+pub use bake::{
+    HiddenIn, LightReport, bake_light, bake_part, bake_vertices, gather_shard, merge_light,
+};
 pub use footprint::{Footprint, LumelFootprint};
 pub use gatherer::Gatherer;
 pub use map::LumelMap;

@@ -1,7 +1,5 @@
 //! The map of lumels that the passes of a bake work on.
 
-use std::ops::Range;
-
 use atlas::{Layout, Lumel, Lumels, TexelIndex};
 use radiosity::World;
 
@@ -24,6 +22,8 @@ pub struct LumelMap {
     pub(crate) received: Vec<Received>,
     /// Factor on the initial number of rays of each lumel.
     pub(crate) times: Vec<u32>,
+    /// Whether it has the lumels of each instance.
+    pub(crate) has: Vec<bool>,
 }
 
 impl LumelMap {
@@ -32,13 +32,15 @@ impl LumelMap {
         LumelMap::of(world, layout, rule, 0..world.scene.instances.len())
     }
 
-    /// As [`new`](Self::new), for the lumels of these instances only.
+    /// As [`new`](Self::new), with the lumels of these instances only, in rising order.
     pub(crate) fn of(
         world: &World,
         layout: &Layout,
         rule: Interpolation,
-        instances: Range<usize>,
+        instances: impl IntoIterator<Item = usize>,
     ) -> Self {
+        let mut has = vec![false; world.scene.instances.len()];
+        let instances = instances.into_iter().inspect(|&i| has[i] = true);
         let lumels = Lumels::find_of(world.scene, world.soup, layout, instances);
         let index = TexelIndex::build(&lumels.lumels, layout);
         let count = lumels.lumels.len();
@@ -53,7 +55,13 @@ impl LumelMap {
             barriers: Barriers::default(),
             received: Vec::new(),
             times: vec![1; count],
+            has,
         }
+    }
+
+    /// Whether it has the lumels of this instance.
+    pub(crate) fn has(&self, instance: usize) -> bool {
+        self.has[instance]
     }
 
     /// Number of lumels.

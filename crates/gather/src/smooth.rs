@@ -420,6 +420,7 @@ pub(crate) mod tests {
             plan: Plan::none(received.len()),
             barriers: Barriers::default(),
             times: vec![1; received.len()],
+            has: vec![true],
             lumels,
             received,
         };

@@ -154,6 +154,8 @@ options! {
     probe_spacing(metres: f32) => |s| s.probes = Some(ProbeSource::Spacing(metres));
     /// Bakes light probes at the points of a JSON file, `{"points": [[x, y, z], …]}`.
     probe_file(file: impl Into<PathBuf>) => |s| s.probes = Some(ProbeSource::File(file.into()));
+    /// Whether a grid of probes is also written as a volume texture.
+    probe_volume(yes: bool) => |s| s.probe_volume = yes;
     /// Estimated relative error to reach, instead of the quality's fixed ray count: 0.01 for 1 %.
     error(relative: f32) => |s| s.error = Some(relative);
     /// Clamps reflectances to this, above 0 and at most 1; 0.98 by default.

@@ -108,7 +108,10 @@ pub fn estimate(
     let scene = &loaded.scene;
     let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
     let probes = match (&settings.probes, points) {
-        (Some(source), Some(points)) => probes::plan(source, points, scene, &soup)?.positions.len(),
+        (Some(source), Some(points)) => {
+            let volume = settings.probe_volume;
+            (probes::plan(source, points, (scene, &soup), volume)?.positions).len()
+        }
         _ => 0,
     };
     let options = WorldOptions {

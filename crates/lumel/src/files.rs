@@ -4,15 +4,16 @@ use std::path::{Path, PathBuf};
 
 use atlas_bake::{
     ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, MixedLight, OutputSet, Page,
-    PictureLight, PngFormat, choose_camera, render_preview, scene_camera, write_lightmap_exr,
-    write_lightmap_ktx2, write_lightmap_png, write_lightmapped_glb_with, write_mask_ktx2,
-    write_vertex_glb,
+    PictureLight, PngFormat, ProbeFile, choose_camera, render_preview, scene_camera,
+    write_lightmap_exr, write_lightmap_ktx2, write_lightmap_png, write_lightmapped_glb_with,
+    write_mask_ktx2, write_probe_volume, write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
 use visibility::{BuildOptions, Bvh};
 
 use crate::error::Error;
+use crate::level_record::LevelRecord;
 use crate::memory;
 use crate::overwrite;
 use crate::pipeline::{Bake, Clock};
@@ -37,6 +38,7 @@ pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
         ends.extend(settings.ktx2.map(|_| "shadowmask.ktx2"));
     }
     ends.extend(settings.probes.as_ref().map(|_| PROBES));
+    ends.extend((settings.probes.is_some() && settings.probe_volume).then_some(VOLUME));
     let mut names: Vec<String> = ends.iter().map(|end| format!("{stem}.{end}")).collect();
     let groups = settings.groups.iter().map(|g| g.name.as_str());
     let rest = (!settings.groups.is_empty()).then_some(sources::REST);
@@ -51,8 +53,17 @@ pub fn output_names(scene: &Path, settings: &Settings) -> Vec<String> {
 /// Ending of the name of the scene with vertex colours.
 const VERTEX: &str = "vertex.glb";
 
-/// Ending of the name of the probe file.
-const PROBES: &str = "probes.json";
+/// Ending of the name of the probe file, and of its volume texture.
+pub(crate) const PROBES: &str = "probes.json";
+pub(crate) const VOLUME: &str = "probes.ktx2";
+
+/// Name of the file with page `i`.
+pub(crate) fn page_name(stem: &str, what: &str, i: usize, end: &str) -> String {
+    match i {
+        0 => format!("{stem}.{what}.{end}"),
+        i => format!("{stem}.{what}.{i}.{end}"),
+    }
+}
 
 impl Bake {
     /// Names of the page files, in order.
@@ -68,10 +79,7 @@ impl Bake {
     /// One name for each page.
     fn numbered(&self, what: &str, end: &str) -> Vec<String> {
         (0..self.layout.pages.len())
-            .map(|i| match i {
-                0 => format!("{}.{what}.{end}", self.stem),
-                i => format!("{}.{what}.{i}.{end}", self.stem),
-            })
+            .map(|i| page_name(&self.stem, what, i, end))
             .collect()
     }
 
@@ -173,9 +181,8 @@ impl Bake {
             })
             .collect();
         files.push((format!("{}.lightmap.json", self.stem), manifest.to_json()));
-        if let Some(probes) = &self.probes {
-            files.push((format!("{}.{PROBES}", self.stem), probes.to_json()));
-        }
+        self.write_probes(&mut files)?;
+        files.extend(self.kept.iter().flat_map(|kept| kept.files.iter().cloned()));
         self.record(&files, preview, &mut report);
         clock.lap(Phase::Write);
         report.measured = self.measure(clock);
@@ -223,6 +230,29 @@ impl Bake {
         Ok(Some((format, scale)))
     }
 
+    /// Adds probes, and their volume texture.
+    fn write_probes(&self, files: &mut Vec<NamedFile>) -> Result<(), Error> {
+        let Some(probes) = &self.probes else {
+            return Ok(());
+        };
+        let (name, volume) = (
+            format!("{}.{PROBES}", self.stem),
+            format!("{}.{VOLUME}", self.stem),
+        );
+        match probes.grid {
+            Some(grid) if self.report.settings.probe_volume => {
+                let with = ProbeFile {
+                    volume: Some(grid.volume(&volume)),
+                    ..probes.clone()
+                };
+                files.push((name, with.to_json()));
+                files.push((volume, write_probe_volume(probes)?));
+            }
+            _ => files.push((name, probes.to_json())),
+        }
+        Ok(())
+    }
+
     /// Adds shadow masks. Returns the manifest's entries about lamps that are left out.
     fn write_masks(
         &self,
@@ -256,6 +286,12 @@ impl Bake {
         content.inputs = record::document_inputs(&report.scene, self.loaded.document.inputs());
         content.inputs.extend(self.option_inputs.iter().cloned());
         content.key = record::key(&report.settings, &report.origins, &content.inputs);
+        content.level = LevelRecord::of(&self.loaded, &self.layout, &self.split);
+        let kept = self.kept.as_ref().map(|kept| (&kept.level, &kept.anew[..]));
+        content.level.settle(&content.key, kept);
+        if kept.is_some() {
+            content.key = record::mixed_key(&content.level);
+        }
         let files = files
             .iter()
             .map(|(name, bytes)| (name.as_str(), &bytes[..]));

@@ -13,7 +13,8 @@ use serde::Serialize;
 use crate::cache::Cache;
 use crate::error::Error;
 use crate::pipeline::{
-    Bake, Beside, Elsewhere, Opened, Outside, Sides, Solved, Start, bake_options, bake_rest, open,
+    Bake, Beside, Done, Elsewhere, Opened, Outside, Sides, Solved, Start, bake_options, bake_rest,
+    open,
 };
 use crate::record::{self, Provenance, RecordedInput};
 use crate::scene_input::SceneInput;
@@ -58,7 +59,7 @@ pub struct GatherDone {
 
 impl Order<'_> {
     /// Reads the scene.
-    fn open(
+    pub(crate) fn open(
         &self,
         beside: &Beside<'_>,
         start: Start,
@@ -258,9 +259,9 @@ pub fn merge_work(
         ..*beside
     };
     let (opened, outside) = order.resume(work, &beside, monitor)?;
-    let check = |layout: &_| work.check_layout(layout);
+    let check = |_: &_, layout: &_| work.check_layout(layout);
     let elsewhere = Elsewhere {
-        records: &shards,
+        done: Done::Shards(&shards),
         check: &check,
     };
     let settled = (order.settings, order.provenance);

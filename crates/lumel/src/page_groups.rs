@@ -71,7 +71,7 @@ pub(crate) fn assign(
 }
 
 /// The parent of each node.
-fn parents(nodes: &[Value]) -> Vec<Option<usize>> {
+pub(crate) fn parents(nodes: &[Value]) -> Vec<Option<usize>> {
     let mut parent = vec![None; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
         for child in node["children"].as_array().into_iter().flatten() {

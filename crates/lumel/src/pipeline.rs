@@ -9,7 +9,7 @@ use std::time::Instant;
 use atlas::{KeptCharts, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport};
 use atlas_bake::ProbeFile;
 use atlas_bake::{
-    BakeOptions, Baked, LitScene, MixedLight, PictureLight, ValueKind, choose_camera,
+    BakeOptions, Baked, Earlier, LitScene, MixedLight, PictureLight, ValueKind, choose_camera,
     render_preview, scene_camera,
 };
 use gather::Records;
@@ -29,6 +29,7 @@ use crate::early;
 use crate::error::Error;
 use crate::memory::Need;
 use crate::mixed;
+use crate::only::Kept;
 use crate::overwrite;
 use crate::page_groups;
 use crate::probes::{self, ProbePlan};
@@ -60,6 +61,10 @@ pub struct Bake {
     pub(crate) mixed: Option<MixedLight>,
     /// Files that the settings name.
     pub(crate) option_inputs: Vec<RecordedInput>,
+    /// Primitives with separate faces for their two sides.
+    pub(crate) split: Sides,
+    /// What stays of an earlier bake.
+    pub(crate) kept: Option<Kept>,
     pub(crate) stem: String,
     pub(crate) value: ValueKind,
     pub(crate) clock: Clock,
@@ -400,7 +405,10 @@ pub(crate) fn open(
     }
     let (groups, group_names) = chosen.groups.unzip();
     let probes = match (&settings.probes, points) {
-        (Some(source), Some(points)) => Some(probes::plan(source, points, &loaded.scene, &soup)?),
+        (Some(source), Some(points)) => {
+            let level = (&loaded.scene, &soup);
+            Some(probes::plan(source, points, level, settings.probe_volume)?)
+        }
         _ => None,
     };
     clock.lap(Phase::Ingest);
@@ -439,6 +447,11 @@ pub(crate) struct Planned<'l> {
 }
 
 impl Opened {
+    /// Bakes no light probes: those of an earlier bake stay.
+    pub(crate) fn leave_probes(&mut self) {
+        self.probes = None;
+    }
+
     /// The sides that need separate faces, decided by the light.
     pub(crate) fn to_split(&self, lit: &Lit<'_>, settings: &Settings) -> Sides {
         match settings.split_sides && !self.decided {
@@ -500,10 +513,18 @@ impl Opened {
 
 /// What other processes have contributed to a bake.
 pub(crate) struct Elsewhere<'e> {
-    /// The light of shards.
-    pub records: &'e dyn Records,
-    /// Refuses charts that differ from those of the shards.
-    pub check: &'e dyn Fn(&Layout) -> Result<(), Error>,
+    pub done: Done<'e>,
+    /// Refuses charts other than those of the other processes.
+    pub check: &'e dyn Fn(&Scene, &Layout) -> Result<(), Error>,
+}
+
+/// Light that other processes have computed.
+#[derive(Clone, Copy)]
+pub(crate) enum Done<'e> {
+    /// That of shards.
+    Shards(&'e dyn Records),
+    /// That of nodes which are not baked anew.
+    Earlier(&'e Earlier),
 }
 
 /// Bakes a scene that was read; `elsewhere` holds the records of shards.
@@ -536,8 +557,8 @@ fn bake_opened(
     let baked = match elsewhere {
         None => lit.bake(&layout, settings, monitor),
         Some(elsewhere) => {
-            (elsewhere.check)(&layout)?;
-            lit.merge(&layout, settings, elsewhere.records, monitor)
+            (elsewhere.check)(&opened.loaded.scene, &layout)?;
+            lit.rest(&layout, settings, elsewhere.done, monitor)
         }
     }?;
     clock.lap(Phase::Gather);
@@ -589,6 +610,7 @@ fn bake_opened(
         ktx2: Vec::new(),
         png: Vec::new(),
         not_physical: settings.not_physical.describe(),
+        only: None,
         notes,
         warnings,
         measured: Measured {
@@ -605,6 +627,8 @@ fn bake_opened(
         group_names: opened.group_names,
         mixed,
         option_inputs: opened.option_inputs,
+        split: opened.split,
+        kept: None,
         stem: name_of(file.file_stem()),
         value: settings.value,
         clock,
@@ -671,16 +695,20 @@ impl Lit<'_> {
             .map_err(|_| Error::Cancelled)
     }
 
-    fn merge(
+    /// Bakes what others have not done.
+    fn rest(
         &self,
         layout: &Layout,
         settings: &Settings,
-        records: &dyn Records,
+        done: Done<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Baked, Error> {
-        let options = bake_options(settings);
-        atlas_bake::merge(self.parts(), layout, &options, records, monitor)
-            .map_err(|_| Error::Cancelled)
+        let (parts, options) = (self.parts(), bake_options(settings));
+        let baked = match done {
+            Done::Shards(records) => atlas_bake::merge(parts, layout, &options, records, monitor),
+            Done::Earlier(earlier) => atlas_bake::rebake(parts, layout, &options, earlier, monitor),
+        };
+        baked.map_err(|_| Error::Cancelled)
     }
 }
 

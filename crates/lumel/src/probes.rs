@@ -14,6 +14,9 @@ use crate::settings::{ProbeSource, Quality, Settings};
 /// the maximum number of probes.
 const MAX_BYTES: u64 = 256 * MAX_PROBES as u64;
 
+/// Longest side of a volume texture in WebGPU and WebGL 2.
+const LONGEST: u32 = 2048;
+
 /// Positions of a bake's probes.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ProbePlan {
@@ -23,11 +26,17 @@ pub(crate) struct ProbePlan {
     pub grid: Option<ProbeGrid>,
 }
 
-/// Like [`sky::check_file`](crate::sky::check_file), for a list of points.
+/// Like [`sky::check_file`](crate::sky::check_file), for a list of points. Also refuses a volume of
+/// no probes.
 ///
 /// # Errors
-/// [`Error::Probes`].
+/// [`Error::Probes`], [`Error::Setting`].
 pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
+    if settings.probe_volume && settings.probes.is_none() {
+        return Err(Error::Setting(
+            "--probe-volume without probes: expected --probes SPACING too".into(),
+        ));
+    }
     let Some(ProbeSource::File(path)) = &settings.probes else {
         return Ok(());
     };
@@ -67,14 +76,20 @@ pub(crate) fn read(source: &ProbeSource) -> Result<Vec<DVec3>, Error> {
 /// Plans the probes; `points` is the result of [`read`].
 ///
 /// # Errors
-/// [`Error::Setting`] if a grid would have too many.
+/// [`Error::Setting`] if a grid would have too many, or if there is none for a `volume`.
 pub(crate) fn plan(
     source: &ProbeSource,
     points: Vec<DVec3>,
-    scene: &Scene,
-    soup: &Soup,
+    (scene, soup): (&Scene, &Soup),
+    volume: bool,
 ) -> Result<ProbePlan, Error> {
     let ProbeSource::Spacing(spacing) = source else {
+        if volume {
+            return Err(Error::Setting(
+                "--probe-volume needs a grid: expected --probes SPACING, found a list of points"
+                    .into(),
+            ));
+        }
         return Ok(ProbePlan {
             positions: points,
             grid: None,
@@ -94,6 +109,14 @@ pub(crate) fn plan(
     let spacing = spacing.to_string().parse().unwrap_or(f64::from(*spacing));
     let grid = ProbeGrid::over(place(low), place(high), spacing)
         .map_err(|e| Error::Setting(e.to_string()))?;
+    let [rx, ry, rz] = grid.dims;
+    if volume && rx.max(2 * ry).max(3 * rz) > LONGEST {
+        return Err(Error::Setting(format!(
+            "--probe-volume: the grid is {rx} x {ry} x {rz}, expected at most {LONGEST} x {} x {} as graphics cards allow; choose a larger spacing",
+            LONGEST / 2,
+            LONGEST / 3
+        )));
+    }
     Ok(ProbePlan {
         positions: (0..grid.len()).map(|i| grid.position(i)).collect(),
         grid: Some(grid),

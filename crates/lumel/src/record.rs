@@ -11,6 +11,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use crate::folder::MAX_JSON;
+use crate::level_record::LevelRecord;
 use crate::origin::Origin;
 use crate::settings::{ProbeSource, Settings, SkySource};
 
@@ -28,6 +29,8 @@ pub struct Record {
     pub inputs: Vec<RecordedInput>,
     /// Every file that was written, except the report itself.
     pub outputs: Vec<RecordedOutput>,
+    /// The level's geometry and places.
+    pub level: LevelRecord,
 }
 
 /// A file that a bake read.
@@ -132,6 +135,15 @@ pub(crate) fn key(
 ) -> String {
     // JSON separates the parts unambiguously, whatever names contain.
     let parts = serde_json::json!(["lumel bake", PROGRAM, settings, origins, inputs]);
+    Digest::of(parts.to_string().as_bytes()).to_string()
+}
+
+/// [`Record::key`] of results that come from several bakes, because parts were baked anew. Those of
+/// a whole bake never have it.
+pub(crate) fn mixed_key(level: &LevelRecord) -> String {
+    let of = |i: &crate::level_record::InstanceRecord| level.bakes[i.bake].as_str();
+    let keys: Vec<&str> = level.instances.iter().map(of).collect();
+    let parts = serde_json::json!(["lumel bake --only", keys]);
     Digest::of(parts.to_string().as_bytes()).to_string()
 }
 
@@ -277,7 +289,7 @@ pub(crate) fn locate(
     }
 }
 
-fn read_inputs(v: &Value) -> Option<Vec<RecordedInput>> {
+pub(crate) fn read_inputs(v: &Value) -> Option<Vec<RecordedInput>> {
     let one = |v: &Value| {
         Some(RecordedInput {
             kind: match v["kind"].as_str()? {

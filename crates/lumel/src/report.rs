@@ -14,6 +14,7 @@ use serde_json::Value;
 
 use crate::cache::CacheReport;
 use crate::cull::CullReport;
+use crate::only::OnlyReport;
 use crate::origin::Origin;
 use crate::record::Record;
 use crate::settings::Settings;
@@ -67,6 +68,10 @@ pub struct Report {
     /// Departures from physics that the settings ask for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub not_physical: Vec<String>,
+    /// What was baked anew, if only a part of the level was. The gather's figures are then those of
+    /// this part.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub only: Option<OnlyReport>,
     /// Decisions that the bake made, which need no action.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,

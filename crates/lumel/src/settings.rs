@@ -224,6 +224,9 @@ pub struct Settings {
     pub ao_distance: Option<f32>,
     /// Light probes for moving objects.
     pub probes: Option<ProbeSource>,
+    /// Whether a grid of probes is also written as a volume texture.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub probe_volume: bool,
     /// Estimated relative error to reach, instead of the preset's fixed ray count.
     pub error: Option<f32>,
     /// Reflectances are clamped to this. A closed scene with ρ = 1 never loses its light. Fresh
@@ -325,6 +328,7 @@ impl Default for Settings {
             directional: None,
             ao_distance: None,
             probes: None,
+            probe_volume: false,
             error: None,
             max_reflectance: 0.98,
             hidden: Hidden::Fill,

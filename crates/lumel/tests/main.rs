@@ -16,6 +16,7 @@ mod inspect;
 mod interrupt;
 mod library;
 mod newcomer;
+mod only;
 mod pipeline;
 mod probes;
 mod scenes;

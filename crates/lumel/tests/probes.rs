@@ -173,3 +173,31 @@ fn the_list_is_not_replaced_by_what_comes_of_it() {
     assert_eq!(fs::read(&list).expect("there"), text.as_bytes());
     assert_eq!(fs::read(&other).expect("there"), text.as_bytes());
 }
+
+#[test]
+fn a_grid_is_a_volume_texture_too() {
+    let t = temp();
+    let scene = asset("cornell_box.glb");
+    bake(&scene, t.path(), "--probes 2 --probe-volume -q").ok();
+    let probes = parse(fs::read(t.path().join("cornell_box.probes.json")).expect("probes"));
+    let (grid, volume) = (&probes["grid"], &probes["volume"]);
+    assert_eq!(volume["uri"], "cornell_box.probes.ktx2");
+    let bytes = fs::read(t.path().join("cornell_box.probes.ktx2")).expect("a texture");
+    let number = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().expect("4 bytes"));
+    // VK_FORMAT_E5B9G9R9_UFLOAT_PACK32, then width, height and depth behind the size of a word.
+    assert_eq!(number(12), 123);
+    for (k, times) in [1, 2, 3].into_iter().enumerate() {
+        let n = grid["dims"][k].as_u64().expect("a number");
+        assert_eq!(u64::from(number(20 + 4 * k)), times * n);
+        // The box ends half a spacing beyond the outer probes.
+        let of = |v: &Value, name: &str| v[name][k].as_f64().expect("a number");
+        let low = of(volume, "center") - 0.5 * of(volume, "size");
+        let first = of(grid, "origin") - 0.5 * of(grid, "spacing");
+        assert!((low - first).abs() < 1e-9, "{low} {first}");
+        assert!((of(volume, "size") - of(grid, "spacing") * n as f64).abs() < 1e-9);
+    }
+    let list = write(t.path().join("points.json"), "[[0, 1, 0]]");
+    let option = format!("--probes {} --probe-volume -q", list.display());
+    bake(&scene, t.path(), &option).fails(1, &["--probe-volume", "a grid"]);
+    bake(&scene, t.path(), "--probe-volume -q").fails(1, &["--probe-volume", "--probes"]);
+}

@@ -17,13 +17,13 @@ pub(super) fn layout_of(format: Ktx2Format) -> (Format, usize) {
     }
 }
 
-/// A KTX2 file with one level.
+/// A KTX2 file with one level. A depth of 0 is that of an image, any other that of a volume.
 ///
 /// # Errors
 /// [`Error::Image`] if the crate cannot describe the format, which would be a bug there.
 pub(super) fn assemble(
     (vulkan, alignment): (Format, usize),
-    [width, height]: [u32; 2],
+    [width, height, depth]: [u32; 3],
     data: &[u8],
 ) -> Result<Vec<u8>> {
     let (basic, type_size) = Basic::from_format(vulkan).map_err(|e| Error::Image {
@@ -34,14 +34,14 @@ pub(super) fn assemble(
     let dfd_byte_offset = Header::LENGTH + LevelIndex::LENGTH;
     let dfd_byte_length = 4 + block.len();
     let kvd_byte_offset = dfd_byte_offset + dfd_byte_length;
-    let kvd = key_values();
+    let kvd = key_values(if depth == 0 { "rd" } else { "rdi" });
     let start = (kvd_byte_offset + kvd.len()).next_multiple_of(alignment);
     let header = Header {
         format: Some(vulkan),
         type_size,
         pixel_width: width,
         pixel_height: height,
-        pixel_depth: 0,
+        pixel_depth: depth,
         layer_count: 0,
         face_count: 1,
         level_count: 1,
@@ -72,10 +72,10 @@ pub(super) fn assemble(
 }
 
 /// Keys in code point order, each preceded by its length and padded to four bytes (§3.11).
-fn key_values() -> Vec<u8> {
+fn key_values(orientation: &str) -> Vec<u8> {
     let mut out = Vec::new();
     for (key, value) in [
-        ("KTXorientation", "rd"),
+        ("KTXorientation", orientation),
         ("KTXwriter", concat!("lumel ", env!("CARGO_PKG_VERSION"))),
     ] {
         out.extend((key.len() as u32 + value.len() as u32 + 2).to_le_bytes());

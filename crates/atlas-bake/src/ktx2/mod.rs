@@ -14,11 +14,13 @@ mod format;
 mod rgb9e5;
 #[cfg(test)]
 mod tests;
+mod volume;
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 pub use format::Ktx2Format;
+pub use volume::write_probe_volume;
 
 use crate::compare::{DiffReport, diff};
 use crate::error::{Error, Result};
@@ -80,7 +82,8 @@ pub fn write_lightmap_ktx2(page: &Page, format: Ktx2Format) -> Result<(Vec<u8>, 
             (words.iter().flat_map(|w| w.to_le_bytes()).collect(), back)
         }
     };
-    let bytes = container::assemble(container::layout_of(format), size, &data)?;
+    let [width, height] = size;
+    let bytes = container::assemble(container::layout_of(format), [width, height, 0], &data)?;
     let report = Ktx2Report {
         format,
         bytes: bytes.len() as u64,
@@ -120,7 +123,7 @@ pub fn write_mask_ktx2(page: &Page) -> Result<Vec<u8>> {
         .flat_map(|([r, g, b], a)| [*r, *g, *b, *a].map(byte))
         .collect();
     let format = (ktx2::Format::R8G8B8A8_UNORM, 4);
-    container::assemble(format, [page.width, page.height], &data)
+    container::assemble(format, [page.width, page.height, 0], &data)
 }
 
 /// Values clamped to 0..=max, and counts of the changes.

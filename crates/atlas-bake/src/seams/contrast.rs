@@ -83,6 +83,7 @@ mod tests {
         let texels = Texels {
             chart: vec![vec![0; n]],
             hidden: vec![vec![false; n]],
+            kept: Vec::new(),
         };
         (vec![page], texels)
     }

@@ -18,6 +18,8 @@ pub(crate) struct Texels {
     pub chart: Vec<Vec<u32>>,
     /// Lumels without a visible part.
     pub hidden: Vec<Vec<bool>>,
+    /// Texels that keep their value; empty if all may change.
+    pub kept: Vec<Vec<bool>>,
 }
 
 /// No piece of surface.

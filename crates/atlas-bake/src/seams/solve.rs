@@ -194,8 +194,9 @@ impl Stitcher {
             .map(|((&place, &seen), scale)| {
                 let (p, at) = (place.0 as usize, place.1 as usize);
                 // Texels without any light stay black.
+                let kept = texels.kept.get(p).is_some_and(|kept| kept[at]);
                 self.still
-                    .push(light(place) <= 0.0 && !texels.hidden[p][at]);
+                    .push(kept || light(place) <= 0.0 && !texels.hidden[p][at]);
                 seen.max(FREE) / (scale / mean).powi(2)
             })
             .collect();
@@ -370,6 +371,7 @@ mod tests {
         let texels = Texels {
             chart: vec![vec![0; 32]],
             hidden: vec![vec![false; 32]],
+            kept: Vec::new(),
         };
         let at = Vec2::new(2.3, 1.8);
         let sample = Sample {
@@ -403,6 +405,7 @@ mod tests {
         let texels = Texels {
             chart: vec![(0..n).map(|i| u32::from(row(i) >= 7)).collect()],
             hidden: vec![vec![false; n]],
+            kept: Vec::new(),
         };
         let samples = (0..128)
             .flat_map(|i| {

@@ -89,7 +89,7 @@ impl VertexBake<'_, '_, '_> {
         let index = &self.map.index;
         let mut sheets: Vec<Sheet> = (0..scene.instances.len())
             .into_par_iter()
-            .filter(|&i| scene.has_lightmap(i))
+            .filter(|&i| scene.has_lightmap(i) && self.map.has(i))
             .map(|i| {
                 let (soup, layout) = (self.world.soup, self.layout);
                 let mut sheet = Sheet::build(scene, soup, layout, &self.map.lumels, i);

@@ -147,6 +147,13 @@ pub(crate) struct Bake {
     /// on a grid with this spacing in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
+    /// Also write the probe grid as SCENE.probes.ktx2, a volume texture for Bevy's irradiance
+    /// volumes
+    #[arg(long)]
+    pub probe_volume: bool,
+    /// Override `probe-volume = true` in the settings file
+    #[arg(long, conflicts_with = "probe_volume")]
+    pub no_probe_volume: bool,
     #[command(flatten)]
     pub knobs: Knobs,
     /// Clamp reflectances to X [default: 0.98]
@@ -213,6 +220,11 @@ pub(crate) struct Bake {
     /// contents, not time stamps
     #[arg(long)]
     pub skip_if_unchanged: bool,
+    /// Bake only these nodes and their children anew, into the results of an earlier bake with the
+    /// same settings. Others keep their places and their light; geometry may change only at nodes
+    /// named here. `*` and `?` are wildcards; repeatable
+    #[arg(long, value_name = "NODE", conflicts_with_all = ["dry_run", "skip_if_unchanged", "vertex_error"])]
+    pub only: Vec<String>,
     /// Print the report to standard output
     #[arg(long)]
     pub json: bool,
@@ -735,6 +747,8 @@ impl Bake {
         out.put(Flag, "ao-distance", self.ao_distance, |s, x| {
             s.ao_distance = Some(x)
         });
+        let volume = either(self.probe_volume, self.no_probe_volume);
+        out.put(Flag, "probe-volume", volume, |s, x| s.probe_volume = x);
         out.put(Flag, "probes", self.probes.clone(), |s, x| {
             s.probes = Some(x)
         });

@@ -6,7 +6,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use lumel::atlas_bake::OutputSet;
-use lumel::{Monitor, Order, Phase, Provenance, ReadFile, Remark, Report, Settings, WorkFolder};
+use lumel::{
+    Monitor, Only, Order, Phase, Provenance, ReadFile, Rebaked, Remark, Report, Settings,
+    WorkFolder,
+};
 
 use super::Failure;
 use super::args::{Bake, BakeScenes};
@@ -113,12 +116,14 @@ pub(crate) fn merge(a: &Bake, layered: &Layered, work: &WorkFolder) -> Result<Do
 /// Prints what the user wants to know about the result.
 fn conclude(
     a: &Bake,
-    outcome: Result<(Report, Files), Failure>,
+    outcome: Result<Option<(Report, Files)>, Failure>,
     strict: bool,
     display: &Display<'_>,
 ) -> Result<Done, Failure> {
     display.finish();
-    let (report, files) = outcome?;
+    let Some((report, files)) = outcome? else {
+        return unchanged::told(a, display);
+    };
     for w in &report.warnings {
         display.warn(w);
     }
@@ -233,7 +238,7 @@ fn bake(
     provenance: &Provenance,
     work: Option<&WorkFolder>,
     display: &Display<'_>,
-) -> Result<(Report, Files), Failure> {
+) -> Result<Option<(Report, Files)>, Failure> {
     // Created first, so that an unwritable folder does not cost a bake. It disappears again if
     // dropped without a commit.
     let mut set = OutputSet::create(&a.output)?;
@@ -272,6 +277,13 @@ fn bake(
         provenance,
     };
     let bake = match work {
+        None if !a.only.is_empty() => {
+            let (folder, names) = (&a.output, &a.only[..]);
+            match lumel::rebake(order, &Only { folder, names }, &beside, display)? {
+                Rebaked::Current => return Ok(None),
+                Rebaked::Done(bake) => *bake,
+            }
+        }
         None => lumel::bake_beside(&a.scene, settings, provenance, &beside, display)?,
         Some(work) => lumel::merge_work(order, work, &beside, display)?,
     };
@@ -288,6 +300,13 @@ fn bake(
             culled.points,
             culled.from,
             culled.nodes.len()
+        ));
+    }
+    if let Some(only) = &bake.report.only {
+        display.say(&format!(
+            "  only      {} nodes baked anew, {} keep their light",
+            only.nodes.len(),
+            only.kept_nodes
         ));
     }
     let layout = &bake.report.layout;
@@ -378,7 +397,7 @@ fn bake(
             display.say(&format!("  removed   {}", path.display()));
         }
     }
-    Ok((report, made))
+    Ok(Some((report, made)))
 }
 
 fn say_cache(cache: &lumel::CacheReport, display: &Display<'_>) {

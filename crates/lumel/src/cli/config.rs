@@ -218,6 +218,7 @@ struct FileOptions {
     #[serde(deserialize_with = "positive")]
     ao_distance: Option<f32>,
     probes: Option<ProbesValue>,
+    probe_volume: Option<bool>,
     #[serde(deserialize_with = "not_negative")]
     indirect_boost: Option<f32>,
     #[serde(deserialize_with = "not_negative")]
@@ -321,6 +322,9 @@ impl FileOptions {
         });
         out.put(File, "ao-distance", self.ao_distance, |s, x| {
             s.ao_distance = Some(x)
+        });
+        out.put(File, "probe-volume", self.probe_volume, |s, x| {
+            s.probe_volume = x
         });
         out.put(File, "probes", self.probes, |s, x| {
             s.probes = Some(match x.0 {

@@ -158,6 +158,7 @@ fn refuse_results(a: &Bake) -> Result<(), Error> {
         ("--depfile", a.depfile.is_some()),
         ("--dry-run", a.dry_run),
         ("--skip-if-unchanged", a.skip_if_unchanged),
+        ("--only", !a.only.is_empty()),
         ("--json", a.json),
         ("--cache", a.cache.is_some()),
     ];

@@ -133,6 +133,11 @@ fn refuse_single_files(levels: usize, a: &Bake) -> Result<(), Error> {
         ("--first-picture", &a.first_picture),
         ("--report", &a.report),
     ];
+    if !a.only.is_empty() {
+        return Err(Error::Setting(format!(
+            "--only names nodes of one level, and there are {levels} levels: bake them one by one"
+        )));
+    }
     match options.iter().find(|(_, path)| path.is_some()) {
         Some((option, _)) => Err(Error::Setting(format!(
             "{option} names one file, and there are {levels} levels: leave it out, or bake them one by one"

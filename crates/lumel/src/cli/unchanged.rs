@@ -7,7 +7,7 @@ use lumel::{Current, Provenance, Settings};
 
 use super::Failure;
 use super::args::Bake;
-use super::bake::Files;
+use super::bake::{Done, Files};
 use super::interrupt;
 use super::progress::Display;
 
@@ -56,6 +56,24 @@ pub(crate) fn skip(
         return Err(Failure::Strict(current.warnings.len()));
     }
     Ok(Some(files))
+}
+
+/// Tells that the nodes of `--only` are up to date. Nothing is written.
+pub(crate) fn told(a: &Bake, display: &Display<'_>) -> Result<Done, Failure> {
+    display.say(&format!(
+        "unchanged: {} of {} is up to date with {}",
+        a.only.join(", "),
+        a.output.display(),
+        a.scene.display()
+    ));
+    if a.json {
+        let stem = a.scene.file_stem().unwrap_or_default().to_string_lossy();
+        let report = a.output.join(format!("{stem}.report.json"));
+        std::io::stdout()
+            .lock()
+            .write_all(&std::fs::read(report)?)?;
+    }
+    Ok(Done::Unchanged(Files::default()))
 }
 
 /// Writes the results that the report's record does not cover: the copy of the report, and the

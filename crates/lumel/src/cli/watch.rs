@@ -48,6 +48,7 @@ fn refuse(a: &Bake) -> Result<(), Error> {
     let options = [
         ("--dry-run", a.dry_run),
         ("--skip-if-unchanged", a.skip_if_unchanged),
+        ("--only", !a.only.is_empty()),
         ("--depfile", a.depfile.is_some()),
         ("--json", a.json),
     ];
