@@ -191,3 +191,65 @@ fn a_rug_sunk_into_a_floor_without_thickness_shows_nothing_of_the_sky_below() {
     }
     assert!(sides >= 4 * 16, "{sides}");
 }
+
+/// A box without a bottom, whose faces are double-sided.
+fn hollow(low: Vec3, high: Vec3) -> Geometry {
+    let mut g = cuboid(low, high, 1).bare();
+    let positions = g.positions.clone();
+    (g.triangles).retain(|t| t.iter().any(|&i| positions[i as usize].y != low.y));
+    g
+}
+
+#[test]
+fn the_hollow_of_a_wall_does_not_darken_the_corner_of_a_room() {
+    // Walls 0.25 m thick stand on a floor that reaches under them, and overlap in the corners,
+    // in the middle of a lumel. What is inside of them is dark, but sees more than backs.
+    let mut b = GltfBuilder::new();
+    let white = b.material(&Material::diffuse("white", [0.5; 3]));
+    let sheet = b.material(&Material {
+        double_sided: true,
+        ..Material::diffuse("sheet", [0.5; 3])
+    });
+    let floor = grid(Vec3::ZERO, Vec3::Z * 3.0, Vec3::X * 3.0, [1, 1]).bare();
+    let mesh = b.mesh("floor", &[(&floor, white)]);
+    b.node(Node::of_mesh("floor", mesh));
+    for (name, low, high) in [
+        ("west", [0.0, 0.0, 0.0], [0.25, 0.6, 3.0]),
+        ("east", [2.75, 0.0, 0.0], [3.0, 0.6, 3.0]),
+        ("south", [0.0, 0.0, 0.0], [3.0, 0.6, 0.25]),
+        ("north", [0.0, 0.0, 2.75], [3.0, 0.6, 3.0]),
+    ] {
+        let g = hollow(Vec3::from_array(low), Vec3::from_array(high));
+        let mesh = b.mesh(name, &[(&g, sheet)]);
+        b.node(Node::of_mesh(name, mesh));
+    }
+    let light = b.light("lamp", Light::Point([1.0; 3]));
+    b.node(Node {
+        name: "lamp".into(),
+        translation: Vec3::new(1.5, 2.0, 1.5),
+        light: Some(light),
+        ..Node::default()
+    });
+    let baked = bake(
+        &b.finish(),
+        &Settings {
+            quality: Quality::Preview,
+            ..at(10.0)
+        },
+    );
+    let lumels: Vec<_> = (lumels_of(&baked, "west").into_iter())
+        .filter(|l| l.normal.x > 0.9)
+        .collect();
+    let row = |z: f64| -> Vec<f64> {
+        let near = lumels.iter().filter(|l| (l.mean(|p| p.z) - z).abs() < 0.05);
+        near.map(|l| l.red()).collect()
+    };
+    let inner = row(0.45);
+    let inner = inner.iter().sum::<f64>() / inner.len() as f64;
+    let corner = row(0.25);
+    assert!(!corner.is_empty());
+    for e in corner {
+        // Light on the wall falls by a fifth towards the corner; in the hollow there is none.
+        assert!(e > 0.5 * inner, "{e} beside {inner}");
+    }
+}

@@ -187,6 +187,7 @@ impl Gatherer<'_, '_> {
         let mut seen: Vec<Seen> = Vec::with_capacity(all.parts());
         let around: Vec<Around> = (0..all.parts()).map(|k| Point::around(all.of(k))).collect();
         let some_in_a_room = all.walled && around.contains(&Around::Room);
+        let mut found: Vec<(usize, Seen, bool)> = Vec::with_capacity(all.parts());
         for (k, hidden) in hidden.iter_mut().enumerate() {
             let mask = all.mask(k);
             if !mask.contains(&true) {
@@ -194,16 +195,22 @@ impl Gatherer<'_, '_> {
             }
             let outside = some_in_a_room && around[k] == Around::Outside;
             *hidden = outside || some_before && dark[k][0] >= BEHIND;
-            if *hidden {
-                continue;
+            if !*hidden {
+                let one = self.see(all, mask, &all.planes[k]);
+                let unlit = self.tracer.is_dark(one.light());
+                found.push((k, one, unlit));
             }
-            let one = self.see(all, mask, &all.planes[k]);
-            let dark = self.tracer.is_dark(one.light());
+        }
+        let some_lit = found.iter().any(|f| !f.2);
+        for (k, one, unlit) in found {
             // For example, the end of a wall may extend through the room's shell into space that is
             // never visible. Without a wall it is just shade.
-            let lost = all.walled && dark && Point::in_the_void(all.of(k));
-            *hidden = lost || Point::shut(all.of(k), dark);
-            if !*hidden {
+            let lost = all.walled && unlit && Point::in_the_void(all.of(k));
+            // The hollow of a wall that is open at its foot: dark, with backs around. Beside a lit
+            // part it would be a black line along the corner of a room.
+            let hollow = all.walled && unlit && some_lit && dark[k][1] >= BEHIND;
+            hidden[k] = lost || hollow || Point::shut(all.of(k), unlit);
+            if !hidden[k] {
                 seen.push(one);
             }
         }

@@ -29,9 +29,9 @@ use rayon::prelude::*;
 use crate::between::{Taps, taps};
 use crate::certainty::Certainty;
 use crate::map::LumelMap;
-use crate::quadratic::{PLANE, TERMS, shares_of_fit};
+use crate::quadratic::{TERMS, shares_of_fit};
 use crate::received::{Edge, Received};
-use crate::window::{Neighbour, REACH, Window};
+use crate::window::{REACH, Window};
 
 /// Scale of the weights in standard errors: exp(−d²/2K²) = 0.61 at a difference of K.
 const SIGMAS: f32 = 2.0;
@@ -64,9 +64,9 @@ pub(crate) struct Trust<'t> {
 /// contacts instead of 4.1 %). Other lumels do not, because most of their few samples may have
 /// missed the source of the light; their departure is added to their error.
 ///
-/// A lumel that a wall cuts is fitted to its whole neighbours on the same side and is no more
-/// certain than they are, because its visible part had fewer rays. Unsmoothed, such lumels formed
-/// speckles along the foot of walls.
+/// A lumel that a wall cuts takes a mean of its own light and that of its smoothed whole neighbours
+/// on the same side, by their certainty ([`settle_cut`]). Unsmoothed, such lumels formed speckles
+/// along the foot of walls.
 pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     // Lumels between smoothed ones need no fit.
     let taps: Vec<Option<Taps>> = (0..map.len())
@@ -84,6 +84,15 @@ pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     for r in &mut map.received {
         r.direct_variance = trust.certainty.direct(r, r.direct_variance);
     }
+    let cut: Vec<(usize, f32)> = (0..map.len())
+        .into_par_iter()
+        .with_min_len(256)
+        .filter(|&i| is_cut(&map.received[i]) && map.received[i].open > 0.0)
+        .map(|i| {
+            let claimed = Window::new(map).pooled_variance(i);
+            (i, trust.certainty.indirect(&map.received[i], claimed))
+        })
+        .collect();
     put(map, smoothed);
     let between: Vec<Option<Smoothed>> = (taps.par_iter())
         .with_min_len(256)
@@ -93,18 +102,76 @@ pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
         })
         .collect();
     put(map, between);
+    let settled: Vec<(usize, Smoothed)> = (cut.into_par_iter())
+        .with_min_len(256)
+        .filter_map(|(i, variance)| Some((i, settle_cut(map, i, variance)?)))
+        .collect();
+    for (i, s) in settled {
+        set(&mut map.received[i], s);
+    }
+}
+
+/// Most distance in texels of neighbours that a cut lumel is settled with.
+const BESIDE: i64 = 2;
+
+/// How far the light of a cut lumel is expected to be from that of its neighbours, relative to it,
+/// as a standard deviation: corners are darker than walls, by a fifth within a lumel or two.
+const DIFFERS: f32 = 0.2;
+
+/// The light of lumel `i`, which a wall cuts: between its own, which has this variance, and its
+/// neighbours', by their certainty. `None` without any.
+fn settle_cut(map: &LumelMap, i: usize, variance: f32) -> Option<Smoothed> {
+    let own = &map.received[i];
+    let (around, n) = Window::new(map).around(i);
+    let (mut all, mut light, mut of_mean) = (0.0, Vec3::ZERO, 0.0);
+    let mut planes = vec![Vec3::ZERO; own.planes.len()];
+    for &(j, dx, dy) in &around[..n] {
+        if j == i || dx.abs().max(dy.abs()) > BESIDE {
+            continue;
+        }
+        let (r, weight) = (&map.received[j], 1.0 / (dx * dx + dy * dy) as f32);
+        all += weight;
+        light += r.indirect * weight;
+        // Smoothed neighbours share their samples.
+        of_mean += r.indirect_variance * weight;
+        for (sum, plane) in planes.iter_mut().zip(&r.planes) {
+            *sum += plane.indirect * weight;
+        }
+    }
+    if all <= 0.0 {
+        return None;
+    }
+    let (light, of_mean) = (light / all, of_mean / all);
+    let differs = DIFFERS * luminance(light);
+    let expected = of_mean + differs * differs;
+    let share = expected / (expected + variance).max(f32::MIN_POSITIVE);
+    for (plane, of) in planes.iter_mut().zip(&own.planes) {
+        *plane = (*plane / all).lerp(of.indirect, share);
+    }
+    Some(Smoothed {
+        indirect: light.lerp(own.indirect, share),
+        first_half: own.first_half,
+        variance: share * variance,
+        least: None,
+        planes,
+    })
 }
 
 /// Stores the result of smoothing.
 fn put(map: &mut LumelMap, smoothed: Vec<Option<Smoothed>>) {
     for (r, s) in map.received.iter_mut().zip(smoothed) {
-        let Some(s) = s else { continue };
-        r.indirect = s.indirect;
-        r.indirect_variance = s.variance;
-        r.least = s.least;
-        for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
-            plane.indirect = indirect;
+        if let Some(s) = s {
+            set(r, s);
         }
+    }
+}
+
+fn set(r: &mut Received, s: Smoothed) {
+    r.indirect = s.indirect;
+    r.indirect_variance = s.variance;
+    r.least = s.least;
+    for (plane, indirect) in r.planes.iter_mut().zip(s.planes) {
+        plane.indirect = indirect;
     }
 }
 
@@ -291,18 +358,13 @@ fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
 fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     let (own, received) = (&map.received[i], &map.received);
     let keep = |variance: f32| Smoothed::none(own, variance);
-    if variance[i] <= 0.0 || own.open == 0.0 {
+    if variance[i] <= 0.0 || is_cut(own) {
         return keep(own.indirect_variance);
     }
     let (around, n) = Window::new(map).around(i);
-    let terms = if is_cut(own) { PLANE } else { TERMS };
-    if n < 2 * terms {
+    if n < 2 * TERMS {
         return keep(variance[i]);
     }
-    let trust = match is_cut(own) {
-        true => trust_in_part(i, &around[..n], variance),
-        false => 1.0,
-    };
     let halves: Vec<[Vec3; 2]> = around[..n].iter().map(|a| received[a.0].halves()).collect();
     let wide = (around[..n].iter()).any(|a| a.1.abs().max(a.2.abs()) > REACH);
     let reach = if wide { 2 * REACH } else { REACH };
@@ -314,10 +376,9 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
             let (j, dx, dy) = around[k];
             let d = by.halves[j][judge] - value;
             let near = (-0.5 * (dx * dx + dy * dy) as f32 / (reach * reach) as f32).exp();
-            let trust = if j == i { trust } else { 1.0 };
-            likely(d, by.noise[i] + by.noise[j]) * near * trust * map.lumel(j).coverage.max(0.05)
+            likely(d, by.noise[i] + by.noise[j]) * near * map.lumel(j).coverage.max(0.05)
         };
-        let Some(shares) = shares_of_fit(&around[..n], terms, weigh) else {
+        let Some(shares) = shares_of_fit(&around[..n], weigh) else {
             return keep(variance[i]);
         };
         for (k, share) in shares[..n].iter().enumerate() {
@@ -342,17 +403,9 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     }
 }
 
-/// Whether a wall cuts the lumel. All of its neighbours are then on one side, and a quadratic would
-/// follow the lumel's own noisy value. This caused specks along the corners of rooms.
+/// Whether a wall cuts the lumel, or hides it.
 fn is_cut(r: &Received) -> bool {
     r.open < 1.0
-}
-
-/// Weight of a cut lumel in its own fit, relative to a neighbour: by their variances.
-fn trust_in_part(i: usize, around: &[Neighbour], variance: &[f32]) -> f32 {
-    let others = around.iter().filter(|a| a.0 != i);
-    let sum: f32 = others.clone().map(|a| variance[a.0]).sum();
-    (sum / others.count().max(1) as f32 / variance[i]).min(1.0)
 }
 
 /// Weight of a neighbour whose half of the samples differs by `d`, if the variances of both whole

@@ -30,21 +30,23 @@ impl<'m> Window<'m> {
 
     /// Gathered lumels around `i`, including itself if gathered, on the same piece of surface and
     /// completely visible. Where light is interpolated, the window is twice as wide and contains
-    /// every second lumel, so it has the usual number.
+    /// every second lumel, so it has the usual number, or at least more than the small one.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
-        let mut found = [(0, 0, 0); SIDE * SIDE];
+        let mut wide = ([(0, 0, 0); SIDE * SIDE], 0);
         if self.map.plan.bears(i) || self.map.plan.is(i) {
-            let n = self.on_grid(i, 2, &mut found);
-            let n = self.over_clear_ground(i, &mut found, n);
-            if 2 * n >= SIDE * SIDE {
-                return (found, n);
+            let n = self.on_grid(i, 2, &mut wide.0);
+            wide.1 = self.over_clear_ground(i, &mut wide.0, n);
+            if 2 * wide.1 >= SIDE * SIDE {
+                return wide;
             }
         }
+        let mut found = [(0, 0, 0); SIDE * SIDE];
         let mut n = self.on_grid(i, 1, &mut found);
         if self.map.barriers.matter() {
-            n = self.on_this_side(&mut found, n);
+            n = self.on_this_side(i, &mut found, n);
         }
-        (found, n)
+        // Beside a wall, interpolation leaves few gathered lumels in the small window.
+        if wide.1 > n { wide } else { (found, n) }
     }
 
     /// Lumels in the window around `i` whose column and row are multiples of `stride`, or any if
@@ -132,7 +134,7 @@ impl<'m> Window<'m> {
 
     /// Keeps those of the first `n` that can be reached from the centre without crossing a barrier,
     /// in order; returns their number.
-    fn on_this_side(&self, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
+    fn on_this_side(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
         // Lumels that a wall cuts are not among the neighbours, and lumels next to a wall have
         // something near.
         if !found[..n].iter().any(|f| self.map.received[f.0].near) {
@@ -142,6 +144,19 @@ impl<'m> Window<'m> {
         let mut slot = [usize::MAX; SIDE * SIDE];
         for &(j, dx, dy) in &found[..n] {
             slot[place(dx, dy)] = j;
+        }
+        // Steps may cross interpolated lumels.
+        let (l, reach) = (self.map.lumel(i), -REACH..=REACH);
+        for (dx, dy) in reach
+            .clone()
+            .flat_map(|dy| reach.clone().map(move |dx| (dx, dy)))
+        {
+            let [x, y] = l.texel.map(i64::from);
+            let j = (self.map.index.at(l.page, x + dx, y + dy))
+                .filter(|&j| self.map.plan.is(j) && self.map.lumel(j).instance == l.instance);
+            if let Some(j) = j {
+                slot[place(dx, dy)] = j;
+            }
         }
         let mut reached = [false; SIDE * SIDE];
         let mut next = Vec::with_capacity(n);

@@ -7,12 +7,13 @@ use std::sync::Mutex;
 use atlas::{UnwrapperChoice, UvMode};
 use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, PngFormat, ValueKind};
 
+use crate::beside::{Beside, FirstPicture};
 use crate::cache::Cache;
 use crate::error::Error;
 use crate::estimate::{Estimate, estimate};
 use crate::inspect::{Inspection, inspect};
 use crate::not_physical::NotPhysical;
-use crate::pipeline::{Bake, Beside, FirstPicture, bake_scene};
+use crate::pipeline::{Bake, bake_scene};
 use crate::record::{Current, Provenance, find_current};
 use crate::scene_input::SceneInput;
 use crate::settings::{

@@ -16,7 +16,8 @@ use crate::check::{check, check_name};
 use crate::error::Error;
 use crate::files::output_names;
 use crate::memory::Need;
-use crate::pipeline::{Prepared, bake_options, plan_layout, prepare};
+use crate::open::{Prepared, prepare};
+use crate::plan::{bake_options, plan_layout};
 use crate::probes;
 use crate::scene_input::SceneInput;
 use crate::settings::{Quality, Settings};
@@ -123,7 +124,7 @@ pub fn estimate(
     let planning = start.elapsed().as_secs_f64();
     let rate = rate(&world);
 
-    let solve = settings.solve_options();
+    let solve = settings.solve_options(&soup);
     let mut trial = solve;
     trial.cut.patches = trial.cut.patches.min(TRIAL[0]);
     trial.rays = trial.rays.min(TRIAL[1]);

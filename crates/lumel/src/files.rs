@@ -12,11 +12,12 @@ use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
 use visibility::{BuildOptions, Bvh};
 
+use crate::clock::Clock;
 use crate::error::Error;
 use crate::level_record::LevelRecord;
 use crate::memory;
 use crate::overwrite;
-use crate::pipeline::{Bake, Clock};
+use crate::pipeline::Bake;
 use crate::record::{self, PREVIEW, Provenance, ReadFile, RecordedInput, RecordedOutput};
 use crate::report::{Blank, Measured, Report, StoredPage, StoredPng};
 use crate::settings::{BakeMode, GltfExt, Settings};

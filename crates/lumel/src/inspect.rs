@@ -18,7 +18,7 @@ use crate::files::NamedFile;
 use crate::named::some_of;
 use crate::page_groups;
 use crate::pictures::Drawn;
-use crate::pipeline::plan_layout;
+use crate::plan::plan_layout;
 use crate::report::clamped_warning;
 use crate::scene_input::SceneInput;
 use crate::settings::Settings;

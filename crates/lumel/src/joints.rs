@@ -10,12 +10,12 @@ use mesh_ingest::Digest;
 use radiosity::{Monitor, Phase, StoredSolution};
 use serde::Serialize;
 
+use crate::beside::Beside;
 use crate::cache::Cache;
 use crate::error::Error;
-use crate::pipeline::{
-    Bake, Beside, Done, Elsewhere, Opened, Outside, Sides, Solved, Start, bake_options, bake_rest,
-    open,
-};
+use crate::open::{Opened, Outside, Sides, Solved, Start, open};
+use crate::pipeline::{Bake, Elsewhere, bake_rest};
+use crate::plan::{Done, bake_options};
 use crate::record::{self, Provenance, RecordedInput};
 use crate::scene_input::SceneInput;
 use crate::settings::Settings;

@@ -7,7 +7,7 @@ use atlas::{Layout, MeshAtlas};
 use mesh_ingest::{Loaded, Mesh, Scene};
 use serde::{Deserialize, Serialize};
 
-use crate::pipeline::Sides;
+use crate::open::Sides;
 use crate::record::PROGRAM;
 
 /// Geometry and places of a level, by content.

@@ -52,9 +52,11 @@
 //! [`atlas_bake`].
 
 mod baker;
+mod beside;
 mod brightness;
 mod cache;
 mod check;
+mod clock;
 mod cull;
 mod depfile;
 mod earlier_bake;
@@ -72,11 +74,13 @@ mod mixed;
 mod named;
 mod not_physical;
 mod only;
+mod open;
 mod origin;
 mod overwrite;
 mod page_groups;
 mod pictures;
 mod pipeline;
+mod plan;
 mod probes;
 mod record;
 mod report;
@@ -106,6 +110,7 @@ pub use visibility;
 pub use atlas::{UnwrapperChoice, UvMode};
 pub use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, Page, Paint, PngFormat, ValueKind};
 pub use baker::Baker;
+pub use beside::{Beside, FirstPicture, Remark};
 pub use cache::{Cache, CacheReport};
 pub use cull::CullReport;
 pub use depfile::depfile;
@@ -121,7 +126,7 @@ pub use not_physical::NotPhysical;
 pub use only::{Only, OnlyReport, Rebaked, rebake};
 pub use origin::Origin;
 pub use overwrite::outputs_in;
-pub use pipeline::{Bake, Beside, FirstPicture, Remark, bake, bake_beside, bake_from};
+pub use pipeline::{Bake, bake, bake_beside, bake_from};
 pub use radiosity::{Monitor, Phase, Silent};
 pub use record::{
     Current, InputKind, PREVIEW, Provenance, ReadFile, Record, RecordedInput, RecordedOutput,

@@ -54,7 +54,7 @@ impl Need {
             Sky::Map { pixels, .. } => pixels.len(),
             _ => 0,
         };
-        let solve = settings.solve_options();
+        let solve = settings.solve_options(soup);
         let links = solve.cut.patches as f64 * f64::from(solve.rays);
         Need {
             fixed: BYTES[0]

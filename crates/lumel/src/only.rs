@@ -9,14 +9,17 @@ use serde::Serialize;
 use serde_json::Value;
 use wildmatch::WildMatch;
 
+use crate::beside::Beside;
 use crate::earlier_bake::EarlierBake;
 use crate::error::Error;
 use crate::files::NamedFile;
 use crate::joints::Order;
 use crate::level_record::{LevelRecord, instances_of};
 use crate::named::node_of;
+use crate::open::Start;
 use crate::page_groups::{list, parents};
-use crate::pipeline::{Bake, Beside, Done, Elsewhere, Start, bake_rest};
+use crate::pipeline::{Bake, Elsewhere, bake_rest};
+use crate::plan::Done;
 use radiosity::Monitor;
 
 /// Nodes that are baked anew.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use atlas::{UnwrapperChoice, UvMode};
 use atlas_bake::{Directional, Hidden, Ktx2Format, Layer, PngFormat, ValueKind};
 use gather::{GatherOptions, Interpolation};
-use mesh_ingest::Limits;
+use mesh_ingest::{Limits, Soup};
 use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
@@ -375,13 +375,29 @@ impl Start {
     }
 }
 
+/// Number of lumels up to which a preset's number of patches is used as it is. The presets were
+/// tuned on levels at the default density, which have about 200,000 lumels.
+const TUNED: f64 = 300_000.0;
+
+/// Most patches. A patch takes about 2 kB with its elements and links.
+const MOST_PATCHES: f64 = 400_000.0;
+
 impl Settings {
-    /// Patches, links and direct light of the solve.
+    /// Estimated number of lumels; 0 if the density is chosen by the level's area, which bounds
+    /// their number.
+    fn lumels(&self, soup: &Soup) -> f64 {
+        let area: f64 = soup.areas.iter().map(|a| f64::from(*a)).sum();
+        (self.texels_per_unit).map_or(0.0, |x| area * f64::from(x).powi(2))
+    }
+
+    /// Patches, links and direct light of the solve. Beyond [`TUNED`] lumels, the number of patches
+    /// grows with that of lumels: each copy of a level, at one density, gets as many as it does
+    /// alone.
     ///
     /// From 6,000 to 24,000 patches, the Cornell box's bias fell from −0.22 to −0.12 %. The number
     /// of rays per patch hardly mattered between 128 and 256, because the gather averages over many
     /// patches.
-    pub(crate) fn solve_options(&self) -> SolveOptions {
+    pub(crate) fn solve_options(&self, soup: &Soup) -> SolveOptions {
         // A gather averages many elements, so the error of each hardly matters. Sampling a light at
         // each hit is noisier than reading the element's light.
         let (patches, rays, points) = match self.quality {
@@ -390,6 +406,8 @@ impl Settings {
             Quality::Preview => (10_000, 64, 8),
             Quality::Production => (32_000, 128, 8),
         };
+        let larger = (self.lumels(soup) / TUNED).max(1.0);
+        let patches = (f64::from(patches) * larger).min(MOST_PATCHES) as u32;
         SolveOptions {
             cut: CutOptions {
                 patches,

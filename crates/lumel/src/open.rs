@@ -1,0 +1,237 @@
+//! From the input file to a level that can be planned: reading, settings, checks.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use glam::Vec3;
+use mesh_ingest::{LampMode, Light, LightKind, Loaded, Scene, Soup};
+use radiosity::{LightGroups, Monitor, Phase, Sky, StoredSolution};
+
+use crate::beside::{Beside, Remark};
+use crate::brightness;
+use crate::check::{check, check_name};
+use crate::clock::{Clock, begin};
+use crate::cull::{self, CullReport};
+use crate::early;
+use crate::error::Error;
+use crate::mixed;
+use crate::overwrite;
+use crate::page_groups;
+use crate::probes::{self, ProbePlan};
+use crate::record::{self, Provenance, RecordedInput};
+use crate::report::GroupReport;
+use crate::scene_input::SceneInput;
+use crate::settings::{Settings, SkySource};
+use crate::sky;
+use crate::sources::{Chosen, Sources};
+use crate::units;
+
+/// A scene that was read and changed by the settings, before planning.
+pub(crate) struct Prepared {
+    pub loaded: Loaded,
+    pub soup: Soup,
+    pub chosen: Chosen,
+    /// By light: who computes its direct light.
+    pub modes: Vec<LampMode>,
+    pub sky: Sky,
+    pub clamped_materials: u64,
+    pub culled: Option<CullReport>,
+    pub early: Early,
+}
+
+/// What is known before a bake begins.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Early {
+    pub notes: Vec<String>,
+    pub warnings: Vec<String>,
+    /// Whether one of the warnings is that the scene has no light.
+    pub dark: bool,
+}
+
+/// Reads a scene, adds the settings' suns and sky, and scales its lights.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub(crate) fn prepare(
+    scene: SceneInput<'_>,
+    settings: &Settings,
+    split_sides: &Sides,
+) -> Result<Prepared, Error> {
+    let mut loaded = scene.load(settings, split_sides)?;
+    let mut early = Early::default();
+    let document = loaded.document.json();
+    (early.notes).extend(units::settle(&mut loaded.scene, document, settings.units));
+    add_suns(&mut loaded.scene, settings);
+    let sources = Sources::find(
+        &loaded.scene,
+        loaded.document.json(),
+        settings.sky != SkySource::None,
+    );
+    let chosen = sources.apply(&mut loaded.scene, settings)?;
+    let modes = mixed::modes(&loaded.scene, loaded.document.json(), settings)?;
+    let departures = settings.not_physical.describe();
+    if !departures.is_empty() {
+        (early.notes).push(format!("not physical: {}", departures.join("; ")));
+    }
+    let sky = sky::load(
+        settings,
+        chosen.sky_factor,
+        loaded.scene.environment.as_ref(),
+    )?;
+    brightness::check(&loaded.scene, &sky)?;
+    let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
+    page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
+    atlas::separate_unlike(&mut loaded.scene);
+    let soup = Soup::build(&loaded.scene);
+    let culled = cull::apply(&mut loaded.scene, &soup, settings)?;
+    early::density(&soup, settings)?;
+    let (scene, document) = (&loaded.scene, loaded.document.json());
+    let dark = early::no_light(scene, &soup, &sky, document);
+    early.dark = dark.is_some();
+    (early.warnings).extend(dark.or_else(|| early::no_lamps(document)));
+    (early.warnings).extend(early::too_dense(scene, &soup, settings));
+    Ok(Prepared {
+        loaded,
+        soup,
+        chosen,
+        modes,
+        sky,
+        clamped_materials,
+        culled,
+        early,
+    })
+}
+
+/// Primitives (mesh, primitive) that have separate faces for their two sides.
+pub(crate) type Sides = BTreeSet<(usize, usize)>;
+
+/// How a bake begins.
+#[derive(Debug, Default)]
+pub(crate) struct Start {
+    pub split: Sides,
+    /// Whether `split` is final, by an earlier attempt or by another process.
+    pub decided: bool,
+    /// The clock of the earlier attempt.
+    pub clock: Option<Clock>,
+}
+
+/// A scene that was read and planned, before its light is computed.
+pub(crate) struct Opened {
+    pub loaded: Loaded,
+    pub soup: Soup,
+    pub groups: Vec<GroupReport>,
+    pub group_names: Vec<String>,
+    /// By light: who computes its direct light.
+    pub modes: Vec<LampMode>,
+    pub clamped_materials: u64,
+    pub culled: Option<CullReport>,
+    pub early: Early,
+    pub option_inputs: Vec<RecordedInput>,
+    pub probes: Option<ProbePlan>,
+    pub clock: Clock,
+    /// Sides that are separate, and whether that is final.
+    pub split: Sides,
+    pub decided: bool,
+}
+
+/// Light from outside the scene, the light groups, and the solution, if another process has solved
+/// it.
+pub(crate) struct Outside {
+    pub sky: Sky,
+    pub groups: Option<LightGroups>,
+    pub solved: Option<Solved>,
+}
+
+/// A solution from another process.
+pub(crate) struct Solved {
+    pub light: StoredSolution,
+    /// The file that it was read from.
+    pub file: PathBuf,
+}
+
+/// Reads a scene and checks everything that can be checked before its light is computed.
+///
+/// # Errors
+/// [`Error`], by fault.
+pub(crate) fn open(
+    scene: SceneInput<'_>,
+    (settings, provenance): (&Settings, &Provenance),
+    beside: &Beside<'_>,
+    start: Start,
+    monitor: &dyn Monitor,
+) -> Result<(Opened, Outside), Error> {
+    check(settings)?;
+    check_name(scene.path())?;
+    sky::check_file(settings)?;
+    probes::check_file(settings)?;
+    // Hashed before they are read: if a file changes in between, the next run sees a different
+    // hash.
+    let option_inputs = record::option_inputs(settings, provenance);
+    let points = settings.probes.as_ref().map(probes::read).transpose()?;
+    let mut clock = start.clock.unwrap_or_else(Clock::new);
+    begin(monitor, Phase::Ingest)?;
+    let Prepared {
+        loaded,
+        soup,
+        chosen,
+        modes,
+        sky,
+        clamped_materials,
+        culled,
+        early,
+    } = prepare(scene, settings, &start.split)?;
+    if let Some(tell) = beside.tell {
+        let warnings = early.warnings.iter().map(|w| Remark::Warning(w));
+        let notes = early.notes.iter().map(|n| Remark::Note(n));
+        notes.chain(warnings).for_each(tell);
+    }
+    if !beside.outputs.is_empty() {
+        let inputs = overwrite::all_inputs(&loaded.document, &option_inputs, settings, provenance);
+        overwrite::refuse_inputs(beside.outputs, &inputs)?;
+    }
+    let (groups, group_names) = chosen.groups.unzip();
+    let probes = match (&settings.probes, points) {
+        (Some(source), Some(points)) => {
+            let level = (&loaded.scene, &soup);
+            Some(probes::plan(source, points, level, settings.probe_volume)?)
+        }
+        _ => None,
+    };
+    clock.lap(Phase::Ingest);
+    let opened = Opened {
+        loaded,
+        soup,
+        groups: chosen.report,
+        group_names: group_names.unwrap_or_default(),
+        modes,
+        clamped_materials,
+        culled,
+        early,
+        option_inputs,
+        probes,
+        clock,
+        split: start.split,
+        decided: start.decided,
+    };
+    let outside = Outside {
+        sky,
+        groups,
+        solved: None,
+    };
+    Ok((opened, outside))
+}
+
+fn add_suns(scene: &mut Scene, settings: &Settings) {
+    for s in &settings.suns {
+        scene.lights.push(Light {
+            name: "sun".into(),
+            node: None,
+            intensity: Vec3::splat(s.lux),
+            kind: LightKind::Directional {
+                direction: Vec3::from_array(s.direction).normalize(),
+                angle: 0.5 * s.angle.to_radians(),
+            },
+            profile: None,
+        });
+    }
+}
