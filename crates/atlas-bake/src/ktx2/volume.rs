@@ -10,7 +10,8 @@
 
 use ktx2::Format;
 
-use super::{container, rgb9e5};
+use super::container::assemble;
+use super::rgb9e5;
 use crate::error::{Error, Result};
 use crate::probe_file::ProbeFile;
 
@@ -44,7 +45,7 @@ pub fn write_probe_volume(probes: &ProbeFile) -> Result<Vec<u8>> {
         }
     }
     let size = [grid.dims[0], 2 * grid.dims[1], 3 * grid.dims[2]];
-    container::assemble((Format::E5B9G9R9_UFLOAT_PACK32, 4), size, &data)
+    assemble((Format::E5B9G9R9_UFLOAT_PACK32, 4), size, &data)
 }
 
 #[cfg(test)]
