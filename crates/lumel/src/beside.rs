@@ -36,9 +36,9 @@ impl<'a> Beside<'a> {
 /// A remark that is known before a bake begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Remark<'a> {
-    /// A decision that the bake made: one of [`Report::notes`].
+    /// A decision that the bake made: one of [`Report::notes`](crate::Report::notes).
     Note(&'a str),
-    /// A possible problem: one of [`Report::warnings`].
+    /// A possible problem: one of [`Report::warnings`](crate::Report::warnings).
     Warning(&'a str),
 }
 
