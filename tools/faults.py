@@ -188,13 +188,15 @@ def full_disk(f):
 
 
 def read_only_folder(f):
+    lumel = f.lumel
     out = f.folder("readonly")
     out.chmod(0o555)
     scene = f.folder("open") / "c.glb"
     shutil.copy(ROOT / "assets/cornell_box.glb", scene)
     if os.geteuid() == 0:
-        # Tests missing permissions as nobody, because root always has them; the path must be
-        # accessible to nobody.
+        # Tests missing permissions as nobody, because root always has them; the paths, also the
+        # program's, must be accessible to nobody.
+        f.lumel = shutil.copy(f.lumel, scene.parent)
         how = {"user": 65534, "group": 65534, "extra_groups": []}
         for path in [scene.parent, *scene.parents]:
             if path.is_relative_to(f.scratch):
@@ -205,6 +207,7 @@ def read_only_folder(f):
     run = f.bake(scene, out, "-q", **how)
     f.fails("read-only folder", run, 2)
     f.check("read-only folder: nothing is left", not files(out), files(out))
+    f.lumel = lumel
     out.chmod(0o755)
     print("read-only folder: one error")
 

@@ -11,7 +11,7 @@ minutes=$1
 seed=${2:-$(date +%s)}
 [ $# -ge 2 ] && shift
 shift
-targets=${*:-containers documents pictures lamps maps skies lists_of_points files_of_settings manifests_and_reports requests bakes}
+targets=${*:-containers documents meshopt cached_charts pictures lamps maps skies lists_of_points files_of_settings manifests_and_reports requests bakes}
 cd "$(dirname "$0")/.." || exit 2
 cargo test --release -p lumel --test all --no-run || exit 2
 # A process that allocates too much memory is killed, and its test fails.

@@ -16,6 +16,7 @@ mod mixed_light;
 mod not_physical;
 mod outputs;
 mod page_groups;
+mod platform_math;
 mod round_trip;
 mod seams;
 mod second_method;

@@ -3,11 +3,14 @@
 use std::time::{Duration, Instant};
 
 use atlas::{Layout, Lumels};
-use gather::LumelMap;
+use gather::{LumelMap, Plane};
+use glam::Vec3;
+use half::f16;
 use radiosity::{Emitters, Solution, World};
 use rayon::prelude::*;
 
-use crate::options::BakeOptions;
+use crate::channels::channels;
+use crate::options::{BakeOptions, Divided};
 use crate::seams::find_samples;
 
 /// Lumels per thread and round. A round takes some milliseconds, so that at least one of its
@@ -40,11 +43,36 @@ pub struct GatherCost {
     pub stitched: usize,
 }
 
-/// Points where lookups on the two sides of a seam would be compared; their number determines the
-/// memory of stitching.
-pub fn seam_samples(world: &World, layout: &Layout) -> usize {
+/// Number of lumels, and of points where lookups on the two sides of a seam would be compared. They
+/// determine the memory of gathering and stitching.
+pub fn lumels_and_seam_samples(world: &World, layout: &Layout) -> [usize; 2] {
     let lumels = Lumels::find(world.scene, world.soup, layout);
-    find_samples(world, layout, &lumels).len()
+    let samples = find_samples(world, layout, &lumels).len();
+    [lumels.lumels.len(), samples]
+}
+
+/// Bytes of an allocation, with what the allocator adds.
+fn allocated(bytes: usize) -> usize {
+    match bytes {
+        0 => 0,
+        _ => (bytes + 8).next_multiple_of(16).max(32),
+    }
+}
+
+/// Memory of what `options` ask for beyond light: bytes per lumel while lumels are smoothed, bytes
+/// per lumel while pages are made, and bytes per texel of a page.
+pub fn extra_bytes(options: &BakeOptions, divided: Divided) -> [usize; 3] {
+    let planes = options.wanted_of(divided).planes();
+    // Smoothing makes two more lists of a part of each plane.
+    let kept = allocated(planes * size_of::<Plane>());
+    let smoothed = 2 * allocated(planes * size_of::<Vec3>());
+    // Files hold at most a half per sample.
+    let (value, half) = (size_of::<f32>(), size_of::<f16>());
+    let page = 4 * value + 3 * half;
+    let channels = channels(options, divided.masks).len() * (value + half);
+    let masks = usize::from(divided.masks) * (page + value + half);
+    let texel = channels + divided.groups * page + masks;
+    [kept + smoothed, kept, texel]
 }
 
 /// Gathers at lumels distributed over the scene and measures the time.

@@ -45,8 +45,11 @@ impl Luminances {
         let (y, cut) = (&self.0, self.0.len() / 20);
         let middle = &y[cut..(y.len() - cut).max(cut + 1)];
         let floor = self.at(0.9) * 1e-3;
-        let sum: f64 = middle.iter().map(|y| f64::from(y.max(floor)).ln()).sum();
-        (sum / middle.len() as f64).exp()
+        let sum: f64 = middle
+            .iter()
+            .map(|y| libm::log(f64::from(y.max(floor))))
+            .sum();
+        libm::exp(sum / middle.len() as f64)
     }
 }
 

@@ -32,6 +32,7 @@
 //! ```
 
 mod bake;
+mod channels;
 mod compare;
 mod cost;
 mod dilate;
@@ -59,7 +60,7 @@ mod uv_picture;
 
 pub use bake::{BakeReport, Baked, bake, gather_shard, merge, rebake};
 pub use compare::{Counted, DiffReport, diff, error_png};
-pub use cost::{GatherCost, gather_cost, seam_samples};
+pub use cost::{GatherCost, extra_bytes, gather_cost, lumels_and_seam_samples};
 pub use earlier::Earlier;
 pub use error::{Error, Result};
 pub use exposure::suggested_exposure;
@@ -74,7 +75,7 @@ pub use manifest::{
     UvTransform, ValueKind,
 };
 pub use mixed::{ManifestLamp, MixedLight, NodelessSun};
-pub use options::{BakeOptions, Directional, Hidden, Layer};
+pub use options::{BakeOptions, Directional, Divided, Hidden, Layer};
 pub use output::{Committed, OutputSet};
 pub use page::Page;
 pub use preview::{

@@ -115,16 +115,42 @@ impl BakeOptions {
 
     /// Quantities that lumels record in addition to irradiance.
     pub(crate) fn wanted(&self, world: &World) -> Wanted {
-        Wanted {
+        let roles = world.roles.as_ref();
+        let asked = self.wanted_of(Divided {
             groups: world.groups.as_ref().map_or(0, |g| g.count),
-            moments: self.directional.is_some(),
-            openness: (self.layers.contains(&Layer::Ao) || self.ao_multiply > 0.0)
-                .then(|| self.ao_distance.unwrap_or_else(|| 0.1 * diagonal(world))),
-            sun: self.layers.contains(&Layer::SunMask),
-            kept: world.roles.is_some(),
-            masks: (world.roles.as_ref()).is_some_and(|r| !r.masks.is_empty()),
+            left_out: roles.is_some(),
+            masks: roles.is_some_and(|r| !r.masks.is_empty()),
+        });
+        let far = || self.ao_distance.unwrap_or_else(|| 0.1 * diagonal(world));
+        Wanted {
+            openness: asked.openness.map(|_| far()),
+            ..asked
         }
     }
+
+    /// As [`wanted`](Self::wanted), but openness has no meaningful distance.
+    pub(crate) fn wanted_of(&self, divided: Divided) -> Wanted {
+        let openness = self.layers.contains(&Layer::Ao) || self.ao_multiply > 0.0;
+        Wanted {
+            groups: divided.groups,
+            moments: self.directional.is_some(),
+            openness: openness.then_some(1.0),
+            sun: self.layers.contains(&Layer::SunMask),
+            kept: divided.left_out,
+            masks: divided.masks,
+        }
+    }
+}
+
+/// How the light of a bake is divided.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Divided {
+    /// Number of light groups; 0 if there are none.
+    pub groups: usize,
+    /// Whether lamps are left out.
+    pub left_out: bool,
+    /// Whether there are shadow masks.
+    pub masks: bool,
 }
 
 /// Diagonal of the scene's bounding box, metres.

@@ -7,6 +7,7 @@ use gather::{LumelFootprint, Plane, Received, Wanted};
 use glam::{Vec2, Vec3};
 use radiosity::{MASKS, World, luminance};
 
+use crate::channels::{Channel, MASK, TINT, channels, tinted};
 use crate::dilate::dilate;
 use crate::earlier::{Earlier, Working, Written, restore};
 use crate::manifest::ValueKind;
@@ -27,17 +28,6 @@ pub(crate) struct Pages<'p, 'w, 'a> {
     pub wanted: Wanted,
 }
 
-/// An extra channel of a page.
-struct Channel {
-    name: String,
-    range: Range,
-    /// Colour channel of the reflectance that the channel is finally multiplied by.
-    /// Multiplication comes last because reflectance jumps where light does not.
-    tint: Option<usize>,
-    /// Whether it holds light in the requested unit.
-    in_unit: bool,
-}
-
 /// Finished pages.
 pub(crate) struct Made {
     /// The lightmap's.
@@ -50,16 +40,10 @@ pub(crate) struct Made {
     pub seams: SeamReport,
 }
 
-/// Temporary channels with shadow masks.
-const MASK: [&str; MASKS] = ["mask.R", "mask.G", "mask.B", "mask.A"];
-
-/// Temporary channels with the surface's reflectance.
-const TINT: [&str; 3] = ["tint.R", "tint.G", "tint.B"];
-
 impl Pages<'_, '_, '_> {
     /// Makes the lightmap with its extra channels, and the lightmap of each group.
     pub(crate) fn make(&self) -> Made {
-        let channels = self.channels();
+        let channels = channels(self.options, self.wanted.masks);
         let (mut full, mut texels) = self.full(&channels);
         let mut groups: Vec<Vec<Page>> = (0..self.wanted.groups).map(|g| self.group(g)).collect();
         if let Some(earlier) = self.earlier {
@@ -131,7 +115,7 @@ impl Pages<'_, '_, '_> {
             })
             .collect();
         for (p, (page, kept)) in full.iter_mut().zip(kept).enumerate() {
-            let tints: Option<[Vec<f32>; 3]> = self.tinted().then(|| {
+            let tints: Option<[Vec<f32>; 3]> = tinted(self.options).then(|| {
                 let first = page.layers.len() - TINT.len();
                 std::array::from_fn(|c| page.layers[first + c].1.clone())
             });
@@ -191,7 +175,7 @@ impl Pages<'_, '_, '_> {
 
     /// The reflectance of a lumel that an earlier bake has.
     fn put_tint(&self, l: &Lumel, page: &mut Page, at: usize) {
-        if self.tinted() {
+        if tinted(self.options) {
             let first = page.layers.len() - TINT.len();
             let tints = self.reflectance(l).to_array();
             for ((_, channel), tint) in page.layers[first..].iter_mut().zip(tints) {
@@ -289,7 +273,7 @@ impl Pages<'_, '_, '_> {
     /// Multiplies channels of reflected light with the surface's reflectance, and removes the tint
     /// channels.
     fn apply_tint(&self, channels: &[Channel], full: &mut [Page], groups: &mut [Vec<Page>]) {
-        if !self.tinted() {
+        if !tinted(self.options) {
             return;
         }
         let all = self.options.value == ValueKind::Radiosity;
@@ -310,12 +294,6 @@ impl Pages<'_, '_, '_> {
                 }
             }
         }
-    }
-
-    /// Whether any channel is multiplied by the reflectance.
-    fn tinted(&self) -> bool {
-        self.options.value == ValueKind::Radiosity
-            || self.options.layers.contains(&Layer::Radiosity)
     }
 
     /// Converts light from E/π to the pages' unit. This comes last, so that nothing before it
@@ -361,54 +339,6 @@ impl Pages<'_, '_, '_> {
                 out.push(share.clamp(0.0, 1.0));
             }
         }
-    }
-
-    fn channels(&self) -> Vec<Channel> {
-        use Range::{Light, Share, Signed, Untouched};
-        let all = self.options.value == ValueKind::Radiosity;
-        let layers = self.options.layers.iter().map(|layer| match layer {
-            Layer::Direct => ("direct", "RGB", Light, all, true),
-            Layer::Indirect => ("indirect", "RGB", Light, all, true),
-            Layer::Radiosity => ("radiosity", "RGB", Light, true, false),
-            Layer::Error => ("error", "Y", Untouched, false, true),
-            Layer::Coverage => ("coverage", "Y", Untouched, false, false),
-            Layer::Ao => ("ao", "Y", Share, false, false),
-            Layer::SunMask => ("sun_mask", "Y", Share, false, false),
-        });
-        let directional: &[(&str, &str, Range, bool, bool)] = match self.options.directional {
-            None => &[],
-            Some(Directional::Sh1) => &[
-                ("L0", "RGB", Light, all, true),
-                ("L1x", "RGB", Signed, all, true),
-                ("L1y", "RGB", Signed, all, true),
-                ("L1z", "RGB", Signed, all, true),
-            ],
-            Some(Directional::Dominant) => &[("dominant", "XYZ", Signed, false, false)],
-        };
-        let named = layers.chain(directional.iter().copied()).flat_map(
-            |(name, parts, range, tint, in_unit)| {
-                parts.chars().enumerate().map(move |(c, part)| Channel {
-                    name: format!("{name}.{part}"),
-                    range,
-                    tint: tint.then_some(c),
-                    in_unit,
-                })
-            },
-        );
-        let tint = TINT.iter().filter(|_| self.tinted()).map(|name| Channel {
-            name: (*name).into(),
-            range: Untouched,
-            tint: None,
-            in_unit: false,
-        });
-        let masks = MASK.iter().filter(|_| self.wanted.masks);
-        let masks = masks.map(|name| Channel {
-            name: (*name).into(),
-            range: Share,
-            tint: None,
-            in_unit: false,
-        });
-        named.chain(masks).chain(tint).collect()
     }
 
     /// Pages with these extra channels; `put` gives each lumel's values. Dilated beyond chart

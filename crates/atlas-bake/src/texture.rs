@@ -13,7 +13,7 @@ static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
         (if c <= 0.04045 {
             c / 12.92
         } else {
-            ((c + 0.055) / 1.055).powf(2.4)
+            libm::pow((c + 0.055) / 1.055, 2.4)
         }) as f32
     })
 });

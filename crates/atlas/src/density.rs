@@ -305,7 +305,7 @@ fn rounded(m: DMat3) -> DMat3 {
     if !(largest > 0.0 && largest.is_finite()) {
         return DMat3::IDENTITY;
     }
-    let grid = 10f64.powi(largest.log10().floor() as i32 - 5);
+    let grid = 10f64.powi(libm::log10(largest).floor() as i32 - 5);
     let round = |x: f64| (x / grid).round() * grid;
     DMat3::from_cols(
         DVec3::new(round(x).max(grid), 0.0, 0.0),
@@ -324,9 +324,9 @@ pub fn preferred(x: f64) -> f32 {
         1.0, 1.12, 1.25, 1.4, 1.6, 1.8, 2.0, 2.24, 2.5, 2.8, 3.15, 3.55, 4.0, 4.5, 5.0, 5.6, 6.3,
         7.1, 8.0, 9.0, 10.0,
     ];
-    let power = x.log10().floor();
+    let power = libm::log10(x).floor();
     let unit = 10f64.powi(power as i32);
-    let off = |n: f64| (x / (unit * n)).ln().abs();
+    let off = |n: f64| libm::log(x / (unit * n)).abs();
     let near = |best: f64, n: f64| if off(n) < off(best) { n } else { best };
     (R20.into_iter().fold(1.0, near) * unit) as f32
 }

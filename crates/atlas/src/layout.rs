@@ -820,7 +820,7 @@ fn densities(scene: &Scene, soup: &Soup, layout: &Layout) -> [f64; 3] {
         let texels = 0.5 * (b - a).perp_dot(c - a).abs();
         let metres = f64::from(soup.areas[t]);
         let density = (texels / metres).sqrt();
-        let at = (density.ln() + RANGE) * BINS;
+        let at = (libm::log(density) + RANGE) * BINS;
         if at >= 0.0 && at < area.len() as f64 {
             area[at as usize] += metres;
             least = least.min(density);
@@ -835,7 +835,7 @@ fn densities(scene: &Scene, soup: &Soup, layout: &Layout) -> [f64; 3] {
     });
     match middle {
         Some(bin) => {
-            let median = ((bin as f64 + 0.5) / BINS - RANGE).exp();
+            let median = libm::exp((bin as f64 + 0.5) / BINS - RANGE);
             [least, median.clamp(least, most), most]
         }
         None => [0.0; 3],

@@ -375,7 +375,7 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
         let weigh = |k: usize| {
             let (j, dx, dy) = around[k];
             let d = by.halves[j][judge] - value;
-            let near = (-0.5 * (dx * dx + dy * dy) as f32 / (reach * reach) as f32).exp();
+            let near = libm::expf(-0.5 * (dx * dx + dy * dy) as f32 / (reach * reach) as f32);
             likely(d, by.noise[i] + by.noise[j]) * near * map.lumel(j).coverage.max(0.05)
         };
         let Some(shares) = shares_of_fit(&around[..n], weigh) else {
@@ -413,7 +413,7 @@ fn is_cut(r: &Received) -> bool {
 pub(crate) fn likely(d: f32, noise: f32) -> f32 {
     // A half has twice the variance of the whole.
     let noise = (2.0 * noise).max(f32::MIN_POSITIVE);
-    (-d * d / (2.0 * SIGMAS * SIGMAS * noise)).exp()
+    libm::expf(-d * d / (2.0 * SIGMAS * SIGMAS * noise))
 }
 
 #[cfg(test)]

@@ -44,7 +44,7 @@ impl Footprint for VertexFootprint<'_, '_, '_> {
         } = self.around[k];
         // Density ∝ b over the triangle: b has density 6b(1−b), whose distribution 3b² − 2b³
         // inverts in closed form.
-        let b = 0.5 - ((1.0 - 2.0 * s[1]).clamp(-1.0, 1.0).asin() / 3.0).sin();
+        let b = 0.5 - libm::sinf(libm::asinf((1.0 - 2.0 * s[1]).clamp(-1.0, 1.0)) / 3.0);
         let mut w = [0.0; 3];
         w[corner as usize] = b;
         w[(corner as usize + 1) % 3] = (1.0 - b) * (1.0 - s[2]);

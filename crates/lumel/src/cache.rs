@@ -7,9 +7,10 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use atlas::KeptCharts;
+use mesh_ingest::read_regular;
 use serde::Serialize;
 
 use crate::record::PROGRAM;
@@ -41,6 +42,15 @@ pub struct CacheReport {
 
 /// Extension of cache files.
 const CHARTS: &str = "lumelcharts";
+
+/// Longest cache file that is read, bytes: charts of far more triangles than are unwrapped.
+const MAX_CHARTS: u64 = 4 << 30;
+
+/// Prefix and suffix of temporary files.
+const PART: [&str; 2] = [".lumel-", ".part"];
+
+/// Age from which a temporary file belongs to a killed bake. Writing takes seconds.
+const STALE: Duration = Duration::from_secs(3600);
 
 /// Cached charts of meshes, one file per mesh.
 pub(crate) struct Charts<'a> {
@@ -97,8 +107,8 @@ impl<'a> Charts<'a> {
     fn write(&self, path: &Path, bytes: &[u8]) -> std::io::Result<()> {
         std::fs::create_dir_all(&self.cache.folder)?;
         let mut file = tempfile::Builder::new()
-            .prefix(".lumel-")
-            .suffix(".part")
+            .prefix(PART[0])
+            .suffix(PART[1])
             .tempfile_in(&self.cache.folder)?;
         file.write_all(bytes)?;
         file.persist(path).map_err(|e| e.error)?;
@@ -109,7 +119,7 @@ impl<'a> Charts<'a> {
 impl KeptCharts for Charts<'_> {
     fn load(&self, key: &[u8; 32]) -> Option<Vec<u8>> {
         let path = self.path(key);
-        let bytes = std::fs::read(&path).ok()?;
+        let bytes = read_regular(&path, MAX_CHARTS).ok()?;
         touch(&path);
         Some(bytes)
     }
@@ -142,17 +152,23 @@ fn touch(path: &Path) {
     }
 }
 
-/// Deletes the least recently used files until the total size is within `limit`.
+/// Deletes temporary files of killed bakes, and the least recently used files until the total size
+/// is within `limit`.
 fn trim(folder: &Path, limit: u64) -> std::io::Result<u64> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
         let path = entry.path();
-        if path.extension().is_some_and(|e| e == CHARTS)
-            && let Ok(m) = entry.metadata()
-        {
-            let used = m.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        let (is_charts, is_part) = (
+            path.extension().is_some_and(|e| e == CHARTS),
+            is_part(&path),
+        );
+        let Ok(m) = entry.metadata() else { continue };
+        let used = m.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+        if is_charts {
             files.push((used, path, m.len()));
+        } else if is_part && used.elapsed().is_ok_and(|age| age > STALE) {
+            std::fs::remove_file(&path)?;
         }
     }
     files.sort();
@@ -167,4 +183,37 @@ fn trim(folder: &Path, limit: u64) -> std::io::Result<u64> {
         removed += 1;
     }
     Ok(removed)
+}
+
+fn is_part(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str());
+    name.is_some_and(|name| name.starts_with(PART[0]) && name.ends_with(PART[1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs::File;
+
+    use super::*;
+
+    #[test]
+    fn temporary_files_of_killed_bakes_go() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = |name: &str, age: Duration| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, "x").expect("written");
+            let file = File::options()
+                .append(true)
+                .open(&path)
+                .expect("it is there");
+            let then = SystemTime::now() - age;
+            file.set_modified(then).expect("its own file");
+            path
+        };
+        let dead = file(".lumel-a.part", 2 * STALE);
+        let alive = file(".lumel-b.part", Duration::ZERO);
+        let foreign = file("b.part", 2 * STALE);
+        trim(folder.path(), 0).expect("its own folder");
+        assert!(!dead.exists() && alive.exists() && foreign.exists());
+    }
 }

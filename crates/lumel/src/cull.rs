@@ -202,7 +202,7 @@ impl Looker<'_> {
             .fold(n, |s, x| hash_u32(s ^ x.to_bits()));
         let [u, v] = sample_2d(i, 0, seed);
         let z = 1.0 - 2.0 * u;
-        let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+        let (sin, cos) = libm::sincosf(std::f32::consts::TAU * v);
         let r = (1.0 - z * z).max(0.0).sqrt();
         Ray {
             origin: p,
@@ -272,7 +272,7 @@ fn in_boxes(boxes: &[DAffine3]) -> Vec<Vec3> {
     };
     let volume: f64 = boxes.iter().map(|b| sides(b).iter().product::<f64>()).sum();
     let each = POINTS / boxes.len().clamp(1, POINTS);
-    let spacing = (volume / POINTS as f64).cbrt().max(1e-3);
+    let spacing = libm::cbrt(volume / POINTS as f64).max(1e-3);
     let mut out = Vec::new();
     for b in boxes.iter().take(POINTS) {
         // Flat boxes have few cells across, but at least one.

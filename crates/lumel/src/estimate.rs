@@ -159,7 +159,7 @@ pub fn estimate(
         &soup,
         settings,
         &layout,
-        gather.seam_samples,
+        [gather.gathered + gather.interpolated, gather.seam_samples],
     );
     need.check(settings, &layout)?;
     let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);

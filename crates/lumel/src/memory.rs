@@ -1,16 +1,19 @@
 //! Memory: estimated and measured.
 
 use atlas::LayoutReport;
+use atlas_bake::{Divided, Ktx2Format, extra_bytes};
 use mesh_ingest::{Document, ImageSource, Loaded, Soup};
 use radiosity::Sky;
 
 use crate::error::Error;
-use crate::settings::Settings;
+use crate::pipeline::bake_options;
+use crate::settings::{BakeMode, GltfExt, Settings};
 
 /// Peak memory in bytes: fixed, per triangle, per lumel, per link ray and per point of a seam.
-/// Fitted to nine bakes at draft, including one of 2.9 million lumels and one made only of chart
-/// borders; the fit is within −19 and +26 %.
-const BYTES: [f64; 5] = [20.0e6, TRIANGLE as f64, 520.0, 13.2, 350.0];
+/// Fitted to bakes at draft: up to 2.9 million lumels, 80,000 triangles, one made only of chart
+/// borders. Estimates were 2 % below to 26 % above what they took. Vertices that `--vertex-error`
+/// adds need less than the lumels' light, which is freed before.
+const BYTES: [f64; 5] = [24.0e6, 2000.0, 545.0, 13.2, 350.0];
 
 /// Bytes that a triangle takes before the bake.
 pub(crate) const TRIANGLE: u64 = 1700;
@@ -38,14 +41,15 @@ pub(crate) struct Need {
 }
 
 impl Need {
-    /// Estimates a level whose charts are planned; `seam_samples` are [`atlas_bake::seam_samples`].
+    /// Estimates a level whose charts are planned; the counts are those of
+    /// [`atlas_bake::lumels_and_seam_samples`].
     pub(crate) fn of(
         loaded: &Loaded,
         sky: &Sky,
         soup: &Soup,
         settings: &Settings,
         layout: &LayoutReport,
-        seam_samples: usize,
+        [lumels, seam_samples]: [usize; 2],
     ) -> Need {
         let texels: usize = (loaded.scene.images.iter().flatten())
             .map(|image| image.pixels.len())
@@ -54,6 +58,15 @@ impl Need {
             Sky::Map { pixels, .. } => pixels.len(),
             _ => 0,
         };
+        let lumels = lumels as f64;
+        let texels_of_pages: f64 = (layout.pages.iter())
+            .map(|[w, h]| f64::from(*w) * f64::from(*h))
+            .sum();
+        let divided = divided(settings);
+        let [smoothed, kept, of_texel] =
+            extra_bytes(&bake_options(settings), divided).map(|bytes| bytes as f64);
+        let pages = (of_texel + files(settings, divided)) * texels_of_pages;
+        let extra = (smoothed * lumels).max(kept * lumels + pages);
         let solve = settings.solve_options(soup);
         let links = solve.cut.patches as f64 * f64::from(solve.rays);
         Need {
@@ -63,7 +76,7 @@ impl Need {
                 + TEXEL * texels as f64
                 + SKY * sky as f64
                 + (COPIES * stored(&loaded.document)) as f64,
-            lumels: BYTES[2] * layout.lumels,
+            lumels: BYTES[2] * lumels + extra,
             seams: BYTES[4] * seam_samples as f64,
         }
     }
@@ -102,6 +115,40 @@ impl Need {
         let half = 0.5 * self.seams / self.lumels;
         Some((half * half + left / self.lumels).sqrt() - half)
     }
+}
+
+/// How the light of a bake with these settings is divided.
+fn divided(settings: &Settings) -> Divided {
+    let groups = settings.groups.len();
+    Divided {
+        // Sources in no group have one of their own.
+        groups: groups + usize::from(groups > 0),
+        left_out: settings.mode != BakeMode::Full,
+        masks: settings.mode == BakeMode::Shadowmask,
+    }
+}
+
+/// Files that options add, bytes per texel of a page before compression. All files exist together,
+/// because they are written together.
+fn files(settings: &Settings, divided: Divided) -> f64 {
+    let ktx2 = match settings.ktx2 {
+        None => 0.0,
+        Some(Ktx2Format::Bc6h) => 1.0,
+        Some(Ktx2Format::Rgb9e5) => 4.0,
+    };
+    let mask = if settings.ktx2.is_some() && divided.masks {
+        4.0
+    } else {
+        0.0
+    };
+    let png = if settings.png.is_some() { 4.0 } else { 0.0 };
+    // Two pictures, in the .glb and in what it is made from.
+    let moz = if settings.ext.contains(&GltfExt::Moz) {
+        16.0
+    } else {
+        0.0
+    };
+    (1 + divided.groups) as f64 * ktx2 + mask + png + moz
 }
 
 /// Stored bytes of the document's buffers and images.

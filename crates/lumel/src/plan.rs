@@ -125,8 +125,8 @@ impl<'l> Level<'l> {
         let (layout, report) = planned;
         let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
             .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
-        let samples = atlas_bake::seam_samples(&world, layout);
-        let need = Need::of(self.loaded, sky, self.soup, self.settings, report, samples);
+        let counts = atlas_bake::lumels_and_seam_samples(&world, layout);
+        let need = Need::of(self.loaded, sky, self.soup, self.settings, report, counts);
         need.check(self.settings, report)
     }
 

@@ -4,7 +4,9 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::Path;
 
-use crate::common::{asset, bake, comparable, files, lumel, names, outputs, parse, temp, write};
+use crate::common::{
+    asset, bake, command, comparable, files, lumel, names, outputs, parse, temp, write,
+};
 use lumel::atlas_bake::{ExrImage, read_exr};
 use serde_json::{Value, json};
 
@@ -250,6 +252,31 @@ fn the_number_of_threads_changes_no_byte() {
                 assert!(*bytes == other[name], "{name} differs");
             }
         }
+    }
+}
+
+#[test]
+fn the_portable_kernel_changes_no_byte() {
+    let t = temp();
+    let [fastest, portable] = ["", "portable"].map(|kernel| {
+        let out = t.path().join(format!("out{kernel}"));
+        let mut bake = command();
+        bake.env("LUMEL_KERNEL", kernel).arg("bake");
+        bake.arg(asset("cornell_box.glb")).arg("-o").arg(&out);
+        bake.args([
+            "-q",
+            "--quality",
+            "draft",
+            "--texels-per-unit",
+            "4",
+            "--sky",
+            "0.1",
+        ]);
+        assert!(bake.status().expect("the binary starts").success());
+        files(&out)
+    });
+    for (name, bytes) in fastest.iter().filter(|f| !f.0.ends_with(".report.json")) {
+        assert!(*bytes == portable[name], "{name} differs");
     }
 }
 

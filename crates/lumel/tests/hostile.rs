@@ -371,6 +371,39 @@ fn pictures_and_memory_have_budgets() {
     assert!(!out.exists());
 }
 
+/// Layers, directions, groups, shadow masks and split edges used to be left out.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_of_options_is_counted() {
+    let folder = temp();
+    let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
+    let all = "--layers direct,indirect,radiosity,error,coverage,ao,sun_mask --directional sh1";
+    let options = [
+        "",
+        "--no-vertex-colors --no-stitch",
+        all,
+        "--mode shadowmask --sun 0.1,-1,0,5 --mixed sun --ktx2 rgb9e5 --layers ao",
+        "--group a=sky --value radiosity --png rgbm",
+        "--vertex-error 1e-6",
+    ];
+    for options in options {
+        let options = format!("-q --sky 1 --texels-per-unit 60 {options}");
+        let plan = bake(&scene, &out, &format!("{options} --dry-run --json")).ok();
+        let plan = parse(plan.stdout.as_bytes());
+        let told = plan["estimate"]["bytes"].as_f64().expect("a number");
+        bake(&scene, &out, &options).ok();
+        let report = parse(&files(&out)["cornell_box.report.json"]);
+        let peak = report["measured"]["peak_bytes"].as_f64().expect("measured");
+        // What `tools/hostile_mix.py` allows beyond `--memory`; and a bake must not be refused for
+        // much more than it needs.
+        let ratio = peak / told;
+        assert!(
+            (0.5..1.1).contains(&ratio),
+            "{ratio}: {peak} of {told} for {options}"
+        );
+    }
+}
+
 /// 7.7 million triangles used to be generated from a few hundred bytes before they were counted.
 #[test]
 fn instances_are_counted_before_they_are_made() {

@@ -195,7 +195,7 @@ fn read_texture(
         tex_coord = ext.opt_uint("texCoord")?.unwrap_or(tex_coord);
         let [ox, oy] = ext.opt_numbers::<2>("offset")?.unwrap_or([0.0, 0.0]);
         let [sx, sy] = ext.opt_numbers::<2>("scale")?.unwrap_or([1.0, 1.0]);
-        let (sin, cos) = ext.opt_number("rotation")?.unwrap_or(0.0).sin_cos();
+        let (sin, cos) = libm::sincos(ext.opt_number("rotation")?.unwrap_or(0.0));
         // Translation × rotation × scale as in the extension: v points down, so positive angles
         // rotate clockwise in (u, v).
         let linear = [cos * sx, -sin * sx, sin * sy, cos * sy].map(|x| x as f32);

@@ -265,7 +265,7 @@ impl Square {
         let size = DVec2::new(f64::from(size[0]), f64::from(size[1]));
         let [a, b] = self.sides.map(|s| s * size);
         let part = a.perp_dot(b).abs() / f64::from(SIDE * SIDE);
-        (0.5 * part.max(1.0).log2()) as f32
+        (0.5 * libm::log2(part.max(1.0))) as f32
     }
 
     /// Centres of the samples' parts.

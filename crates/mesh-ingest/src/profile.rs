@@ -20,8 +20,8 @@ impl Profile {
             return 0.0;
         };
         // atan2 instead of acos, which loses half the digits near nadir.
-        let across = direction.x.hypot(direction.z);
-        let theta = across.atan2(-direction.y).to_degrees();
+        let across = libm::hypotf(direction.x, direction.z);
+        let theta = libm::atan2f(across, -direction.y).to_degrees();
         // Written so that NaN is outside.
         if !(theta >= low - RIM && theta <= high + RIM) {
             return 0.0;
@@ -41,7 +41,7 @@ impl Profile {
         if self.horizontal.len() <= 2 {
             return column(0);
         }
-        let phi = (-direction.z).atan2(direction.x).to_degrees();
+        let phi = libm::atan2f(-direction.z, direction.x).to_degrees();
         let (h, fh) = place(&self.horizontal, if phi < 0.0 { phi + 360.0 } else { phi });
         let first = column(h);
         first + fh * (column((h + 1).min(self.horizontal.len() - 1)) - first)
@@ -63,7 +63,7 @@ impl Profile {
                     let [a, b] = [k, k + 1].map(|k| f64::from(self.vertical[k]).to_radians());
                     let [va, vb] = [k, k + 1].map(|k| f64::from(self.values[h * n + k]));
                     let slope = (vb - va) / (b - a);
-                    va * a.cos() - vb * b.cos() + slope * (b.sin() - a.sin())
+                    va * libm::cos(a) - vb * libm::cos(b) + slope * (libm::sin(b) - libm::sin(a))
                 })
                 .sum()
         };

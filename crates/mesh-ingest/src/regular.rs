@@ -7,8 +7,7 @@ use std::path::Path;
 /// Opens a regular file for reading. Pipes, devices and folders are refused without opening them:
 /// opening a pipe blocks until someone writes to it, and a device may never end. Links are
 /// followed.
-///
-/// Not guarded against: a file that is replaced by a pipe between the check and the opening.
+/// A file that is replaced by a pipe in between does not block.
 ///
 /// # Errors
 /// The system's, and `Other` if it is not a regular file.
@@ -21,9 +20,18 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
         ))),
     };
     refuse(&fs::metadata(path)?)?;
-    let file = File::open(path)?;
+    let file = open_without_waiting(path)?;
     refuse(&file.metadata()?)?;
     Ok(file)
+}
+
+/// Opens without waiting for whoever writes into a pipe. Reading regular files is not affected.
+fn open_without_waiting(path: &Path) -> io::Result<File> {
+    let mut options = File::options();
+    options.read(true);
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
+    options.open(path)
 }
 
 /// Checks that there is a regular file of at most `most` bytes.
@@ -76,4 +84,20 @@ fn kind(meta: &Metadata) -> &'static str {
         }
     }
     "something else"
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// As after the check, if the file was replaced by then.
+    #[test]
+    fn opening_a_pipe_does_not_wait() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.expect("mkfifo runs").success());
+        let file = open_without_waiting(&pipe).expect("no writer is needed");
+        assert_eq!(kind(&file.metadata().expect("open")), "a pipe");
+    }
 }

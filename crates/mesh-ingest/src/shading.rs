@@ -17,7 +17,7 @@ pub(crate) static SRGB: LazyLock<[f32; 256]> = LazyLock::new(|| {
         (if x <= 0.04045 {
             x / 12.92
         } else {
-            ((x + 0.055) / 1.055).powf(2.4)
+            libm::pow((x + 0.055) / 1.055, 2.4)
         }) as f32
     })
 });

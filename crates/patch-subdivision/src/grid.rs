@@ -50,8 +50,8 @@ pub(crate) fn choose_frame(soup: &Soup, triangles: &[u32], size: f32) -> Frame {
         .unwrap_or(soup.normals[triangles[0] as usize]);
     let (x, y) = normal.any_orthonormal_pair();
     let (sin4, cos4) = boundary_direction(soup, triangles, x, y);
-    let angle = 0.25 * sin4.atan2(cos4);
-    let (s, c) = (angle.sin() as f32, angle.cos() as f32);
+    let angle = 0.25 * libm::atan2(sin4, cos4);
+    let (s, c) = (libm::sin(angle) as f32, libm::cos(angle) as f32);
     let axes = [x * c + y * s, y * c - x * s];
     let mut low = [f32::INFINITY; 2];
     let mut high = [f32::NEG_INFINITY; 2];

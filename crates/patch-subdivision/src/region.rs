@@ -74,7 +74,10 @@ pub(crate) fn gather_regions(
             .total_cmp(&soup.areas[a as usize])
             .then(a.cmp(&b))
     });
-    let (cos_flat, cos_cluster) = (options.flat_angle.cos(), options.cluster_angle.cos());
+    let (cos_flat, cos_cluster) = (
+        libm::cosf(options.flat_angle),
+        libm::cosf(options.cluster_angle),
+    );
     let mut of_triangle = vec![u32::MAX; n];
     let mut regions = 0u32;
     let mut stack = Vec::new();

@@ -44,7 +44,7 @@ pub fn form_factor_polygon(point: DVec3, normal: DVec3, corners: &[DVec3]) -> f6
         let c = a.cross(b);
         let sine = c.length();
         if sine > 0.0 {
-            sum += sine.atan2(a.dot(b)) * (c.dot(normal) / sine);
+            sum += libm::atan2(sine, a.dot(b)) * (c.dot(normal) / sine);
         }
     }
     // Counter-clockwise from the front is clockwise as seen by the receiver.

@@ -153,9 +153,11 @@ impl Source<'_> {
             Source::Sky(..) => across,
             Source::Lamp(light) => match light.kind {
                 // The direction is sampled uniformly over the solid angle of the disc.
-                LightKind::Directional { angle, .. } => across * 2.0 / (1.0 + (angle as f64).cos()),
+                LightKind::Directional { angle, .. } => {
+                    across * 2.0 / (1.0 + libm::cos(angle as f64))
+                }
                 LightKind::Point { .. } => 4.0 * PI,
-                LightKind::Spot { outer, .. } => 2.0 * PI * (1.0 - (outer as f64).cos()),
+                LightKind::Spot { outer, .. } => 2.0 * PI * (1.0 - libm::cos(outer as f64)),
             },
         }
     }
@@ -212,7 +214,7 @@ fn window(d: f64, range: Option<f32>) -> f64 {
 
 /// The cone of a spotlight: ((cosθ − cos outer)/(cos inner − cos outer))², at most 1.
 fn cone(cos: f64, inner: f32, outer: f32) -> f64 {
-    let (i, o) = ((inner as f64).cos(), (outer as f64).cos());
+    let (i, o) = (libm::cos(inner as f64), libm::cos(outer as f64));
     ((cos - o) / (i - o).max(1e-3)).clamp(0.0, 1.0).powi(2)
 }
 
@@ -226,7 +228,7 @@ fn exact(light: &Light) -> Option<f64> {
         LightKind::Directional { .. } => None,
         LightKind::Point { .. } => Some(4.0 * PI),
         LightKind::Spot { inner, outer, .. } => {
-            let (i, o) = ((inner as f64).cos(), (outer as f64).cos());
+            let (i, o) = (libm::cos(inner as f64), libm::cos(outer as f64));
             let blend = (i - o).max(1e-3);
             // The integral of t² over the falloff is a third of it; the part beyond the axis (cosθ
             // > 1) is subtracted.
@@ -264,7 +266,7 @@ impl Bounds {
         let about = |axis: Vec3, cos: f32, phi: f32| -> Vec3 {
             let (x, y) = axis.any_orthonormal_pair();
             let sine = (1.0 - cos * cos).max(0.0).sqrt();
-            x * (sine * phi.cos()) + y * (sine * phi.sin()) + axis * cos
+            x * (sine * libm::cosf(phi)) + y * (sine * libm::sinf(phi)) + axis * cos
         };
         // From the surface of a lamp with a radius: from a distance, it looks like a uniform disc.
         let from = |position: Vec3, direction: Vec3, radius: f32| -> Vec3 {
@@ -292,14 +294,14 @@ impl Bounds {
                 outer,
                 ..
             } => {
-                let cos = 1.0 - u * (1.0 - outer.cos());
+                let cos = 1.0 - u * (1.0 - libm::cosf(outer));
                 let direction = about(direction, cos, phi);
                 let weight = cone(cos as f64, inner, outer)
                     * world.scene.profile_factor(light, direction) as f64;
                 (from(position, direction, radius), direction, weight)
             }
             LightKind::Directional { direction, angle } => {
-                let direction = about(direction, 1.0 - u * (1.0 - angle.cos()), phi);
+                let direction = about(direction, 1.0 - u * (1.0 - libm::cosf(angle)), phi);
                 (self.start_afar(direction, random), direction, 1.0)
             }
         }
@@ -317,6 +319,6 @@ impl Bounds {
 fn aside(direction: Vec3, radius: f32, random: [f32; 4]) -> (Vec3, f32) {
     let (x, y) = direction.any_orthonormal_pair();
     let r = radius * random[2].sqrt();
-    let (sin, cos) = (std::f32::consts::TAU * random[3]).sin_cos();
+    let (sin, cos) = libm::sincosf(std::f32::consts::TAU * random[3]);
     (x * (r * cos) + y * (r * sin), r)
 }

@@ -61,7 +61,7 @@ pub(crate) fn concentric_disc(u: f32, v: f32) -> Vec2 {
     } else {
         (b, FRAC_PI_2 - FRAC_PI_4 * (a / b))
     };
-    let (s, c) = phi.sin_cos();
+    let (s, c) = libm::sincosf(phi);
     Vec2::new(r * c, r * s)
 }
 
@@ -95,13 +95,13 @@ impl SphericalTriangle {
         let ab = a.cross(b).try_normalize()?;
         let bc = b.cross(c).try_normalize()?;
         let ca = c.cross(a).try_normalize()?;
-        let angle = |x: Vec3, y: Vec3| x.dot(y).clamp(-1.0, 1.0).acos();
+        let angle = |x: Vec3, y: Vec3| libm::acosf(x.dot(y).clamp(-1.0, 1.0));
         let (alpha, beta, gamma) = (angle(ab, -ca), angle(bc, -ab), angle(ca, -bc));
         // Van Oosterom & Strackee 1983: unlike α + β + γ − π, without cancellation for small
         // triangles.
         let num = a.dot(b.cross(c)).abs();
         let den = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
-        let solid_angle = 2.0 * num.atan2(den);
+        let solid_angle = 2.0 * libm::atan2f(num, den);
         let _ = (beta, gamma);
         (solid_angle > 0.0).then_some(SphericalTriangle {
             a,
@@ -116,8 +116,8 @@ impl SphericalTriangle {
     /// Unit direction from the point into the triangle.
     pub(crate) fn sample(&self, u: f32, v: f32) -> Vec3 {
         let area = u * self.solid_angle;
-        let (sin_alpha, cos_alpha) = self.alpha.sin_cos();
-        let (s, t) = (area - self.alpha).sin_cos();
+        let (sin_alpha, cos_alpha) = libm::sincosf(self.alpha);
+        let (s, t) = libm::sincosf(area - self.alpha);
         let u_ = t - cos_alpha;
         let v_ = s + sin_alpha * self.cos_c;
         let q_num = (v_ * t - u_ * s) * cos_alpha - v_;

@@ -239,9 +239,9 @@ fn rgbe_exact(v: [f32; 3]) -> [f32; 3] {
     }
     // 2^e ≤ largest < 2^(e + 1), and 255/255 is 2^e itself, which the page's largest value needs.
     let mut e = ((largest.to_bits() >> 23) & 255) as i32 - 127;
-    let byte = |x: f32, e: i32| (f64::from(x) * 255.0 / f64::from(e).exp2()).round();
+    let byte = |x: f32, e: i32| (f64::from(x) * 255.0 / libm::exp2(f64::from(e))).round();
     if byte(largest, e) > 255.0 {
         e += 1;
     }
-    v.map(|x| ((byte(x, e) + 0.5) / 256.0 * f64::from(e).exp2()) as f32)
+    v.map(|x| ((byte(x, e) + 0.5) / 256.0 * libm::exp2(f64::from(e))) as f32)
 }

@@ -173,5 +173,5 @@ fn psnr(page: &Page, back: &[[f32; 3]]) -> Option<f64> {
             n += 1;
         }
     }
-    (sum > 0.0).then(|| 20.0 * (peak / (sum / n as f64).sqrt()).log10())
+    (sum > 0.0).then(|| 20.0 * libm::log10(peak / (sum / n as f64).sqrt()))
 }

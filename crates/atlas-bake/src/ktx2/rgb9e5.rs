@@ -18,7 +18,7 @@ pub(super) fn encode(v: [f32; 3]) -> u32 {
     // anyway.
     let lb = ((largest.to_bits() >> 23) & 255) as i32 - 127;
     let mut e = lb.max(-BIAS - 1) + 1 + BIAS;
-    let step = |e: i32| f64::from(e - BIAS - BITS).exp2();
+    let step = |e: i32| libm::exp2(f64::from(e - BIAS - BITS));
     let mantissa = |x: f32, e: i32| (f64::from(x) / step(e) + 0.5).floor() as u32;
     // Rounding up may overflow the mantissa.
     if mantissa(largest, e) == 1 << BITS {
@@ -30,6 +30,6 @@ pub(super) fn encode(v: [f32; 3]) -> u32 {
 
 /// Decodes a texel.
 pub(super) fn decode(word: u32) -> [f32; 3] {
-    let step = f64::from((word >> 27) as i32 - BIAS - BITS).exp2();
+    let step = libm::exp2(f64::from((word >> 27) as i32 - BIAS - BITS));
     [0, 9, 18].map(|shift| (f64::from(word >> shift & 511) * step) as f32)
 }

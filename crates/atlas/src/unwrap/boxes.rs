@@ -69,7 +69,7 @@ impl Unwrapper for BoxProjection {
 
 /// Connected faces whose normals are within [`GROUP_DEGREES`] of the group's first face.
 fn group_faces(mesh: &UnwrapInput, normals: &[DVec3]) -> Vec<Vec<u32>> {
-    let limit = GROUP_DEGREES.to_radians().cos();
+    let limit = libm::cos(GROUP_DEGREES.to_radians());
     let mut taken = vec![false; normals.len()];
     let mut groups = Vec::new();
     for seed in 0..normals.len() {

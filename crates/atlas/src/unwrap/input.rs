@@ -294,15 +294,15 @@ fn is_seam(face: DVec3, other: DVec3, n: Option<[DVec3; 2]>, m: Option<[DVec3; 2
     if face == DVec3::ZERO || other == DVec3::ZERO {
         return false;
     }
-    if cos < SHARP_DEGREES.to_radians().cos() {
+    if cos < libm::cos(SHARP_DEGREES.to_radians()) {
         return true;
     }
-    if cos >= CREASE_DEGREES.to_radians().cos() {
+    if cos >= libm::cos(CREASE_DEGREES.to_radians()) {
         return false;
     }
     match (n, m) {
         (Some(n), Some(m)) => {
-            let limit = SMOOTH_NORMAL_DEGREES.to_radians().cos();
+            let limit = libm::cos(SMOOTH_NORMAL_DEGREES.to_radians());
             n[0].dot(m[0]) < limit || n[1].dot(m[1]) < limit
         }
         _ => true,

@@ -168,7 +168,7 @@ fn partial(
     }
     found.sort_unstable();
     found.dedup();
-    let flat = FLAT_DEGREES.to_radians().cos();
+    let flat = libm::cos(FLAT_DEGREES.to_radians());
     for (t, k, u, l) in found {
         let (a, b) = (charts.chart[t as usize], charts.chart[u as usize]);
         let cos = normals[t as usize].dot(normals[u as usize]);

@@ -65,10 +65,6 @@ pub(super) fn flatten(
     existing: Option<&[[Vec2; 3]]>,
     cancel: Cancel<'_>,
 ) -> Result<Charts, UnwrapError> {
-    if !solver_runs_here() {
-        let why = "this processor has AVX2 without FMA, which uvunwrap's solver needs";
-        return Err(UnwrapError::Failed(why.into()));
-    }
     let layers = Layers::new(mesh, existing);
     let area: f64 = mesh.areas().iter().sum();
     let mut density = (PAGE_TEXELS / area.max(f64::MIN_POSITIVE)).sqrt();
@@ -80,15 +76,6 @@ pub(super) fn flatten(
         }
     }
     Err(UnwrapError::Failed("charts are too long".into()))
-}
-
-/// `nano-gemm` 0.1.3, a dependency of `uvunwrap`, checks for AVX2 but uses FMA, which is an illegal
-/// instruction on virtual machines that hide FMA.
-fn solver_runs_here() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    return !is_x86_feature_detected!("avx2") || is_x86_feature_detected!("fma");
-    #[cfg(not(target_arch = "x86_64"))]
-    true
 }
 
 /// The mesh as one `uvunwrap` mesh per layer of [`UnwrapInput::layer`].

@@ -56,7 +56,7 @@ impl ProbeGrid {
             // a single probe.
             let mut try_spacing = spacing;
             while !fits(dims(extent, try_spacing)) {
-                let step = 10f64.powf(try_spacing.log10().floor() - 1.0);
+                let step = libm::pow(10.0, libm::log10(try_spacing).floor() - 1.0);
                 // The small term keeps rounding from stalling.
                 try_spacing = ((try_spacing / step + 1e-6).floor() + 1.0) * step;
             }

@@ -73,7 +73,7 @@ impl Sh2 {
 pub(super) fn on_sphere(u: f32, v: f32) -> Vec3 {
     let y = 1.0 - 2.0 * u;
     let r = (1.0 - y * y).max(0.0).sqrt();
-    let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
+    let (sin, cos) = libm::sincosf(std::f32::consts::TAU * v);
     Vec3::new(r * cos, y, r * sin)
 }
 

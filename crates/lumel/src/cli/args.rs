@@ -618,7 +618,7 @@ pub(crate) fn parse_sky(text: &str) -> Result<SkySource, String> {
             if x <= 0.04045 {
                 x / 12.92
             } else {
-                ((x + 0.055) / 1.055).powf(2.4)
+                libm::powf((x + 0.055) / 1.055, 2.4)
             }
         };
         return Ok(SkySource::Color([linear(16), linear(8), linear(0)]));

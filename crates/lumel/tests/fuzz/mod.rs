@@ -4,10 +4,13 @@
 //! each time, and prints a summary. Failing inputs are stored next to the binary under `fuzz/`;
 //! each should become a test in the crate with the fault.
 
+mod compressed;
 mod mutate;
 pub mod seeds;
 mod targets;
 
+use std::fs::File;
+use std::io::{Seek, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -70,6 +73,10 @@ fn run(
     let mut random = Random(plan.seed);
     let (start, mut done, mut read, mut worst) = (Instant::now(), 0usize, 0usize, Duration::ZERO);
     let mut wrong = Vec::new();
+    let last = plan
+        .seconds
+        .map(|_| File::create(found.join(format!("{name}.last"))));
+    let mut last = last.transpose().expect("Cargo's own folder");
     loop {
         let more = match plan.seconds {
             None => done < plan.brief,
@@ -79,9 +86,9 @@ fn run(
             break;
         }
         let input = damage(&mut random);
-        if plan.seconds.is_some() {
+        if let Some(last) = &mut last {
             // Kept for the case that the process dies or hangs.
-            std::fs::write(found.join(format!("{name}.last")), &input).expect("written");
+            keep(last, &input).expect("written");
         }
         let began = Instant::now();
         let outcome = catch_unwind(AssertUnwindSafe(|| alone(|| target(&input))));
@@ -111,6 +118,13 @@ fn run(
         read > 0 && read < done,
         "{name}: {read} of {done} were read"
     );
+}
+
+/// Replaces a file's content. Opening it for each input would take longer than some targets.
+fn keep(file: &mut File, input: &[u8]) -> std::io::Result<()> {
+    file.rewind()?;
+    file.write_all(input)?;
+    file.set_len(input.len() as u64)
 }
 
 #[allow(
@@ -191,6 +205,36 @@ fn documents() {
     run("documents", 6000, of_tree(seeds::level()), |b| {
         targets::load(&place, b)
     });
+}
+
+#[test]
+fn meshopt() {
+    let (_folder, place) = place();
+    let whole = compressed::meshopt_streams();
+    let damage = move |random: &mut Random| {
+        let mut streams = whole.clone();
+        let k = random.below(2);
+        streams[k] = mutate::bytes(random, &whole[k], &whole[1 - k]);
+        // The last does not fit the stride.
+        let filter = random.pick(&["NONE", "EXPONENTIAL", "OCTAHEDRAL"]);
+        compressed::with_meshopt(&streams, filter).glb()
+    };
+    run("meshopt", 3000, damage, |b| targets::load(&place, b));
+}
+
+#[test]
+fn cached_charts() {
+    let target = targets::Kept::new();
+    let whole = target.whole.clone();
+    let damage = move |random: &mut Random| {
+        let body = mutate::bytes(random, &whole[targets::Kept::HEAD..], &whole);
+        // Half of them with a wrong hash.
+        match random.below(2) {
+            0 => [&whole[..targets::Kept::HEAD], &body].concat(),
+            _ => targets::Kept::sealed(&whole, &body),
+        }
+    };
+    run("charts", 200, damage, |b| target.layout(b));
 }
 
 #[test]

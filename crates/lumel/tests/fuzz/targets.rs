@@ -4,12 +4,16 @@ use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use lumel::atlas::{KeptCharts, Layout, LayoutOptions, layout_kept};
 use lumel::atlas_bake::{parse_points, read_exr};
 use lumel::mesh_ingest::{Limits, LoadOptions, Loaded, MemoryDocument, Soup, load_memory};
 use lumel::{Bake, BakeFolder, Baker, Error, Quality, report_page};
 
+use super::compressed;
 use super::seeds::{self, Level};
 use crate::common;
 
@@ -102,6 +106,95 @@ pub fn picture(place: &Place, bytes: &[u8]) -> Outcome {
 pub fn ies(place: &Place, bytes: &[u8]) -> Outcome {
     let picture = seeds::picture(image::ImageFormat::Png);
     load(place, &seeds::with_files(&picture, bytes).glb())
+}
+
+/// Charts in a cache, for a grid with as many triangles as are cached.
+pub struct Kept {
+    loaded: Loaded,
+    soup: Soup,
+    /// The charts as they are stored.
+    pub whole: Vec<u8>,
+    /// What comes of them.
+    layout: Layout,
+}
+
+/// A cache of one mesh.
+struct Shelf<'s> {
+    stored: &'s [u8],
+    saved: Mutex<Vec<u8>>,
+    used: AtomicBool,
+}
+
+impl KeptCharts for Shelf<'_> {
+    fn load(&self, _: &[u8; 32]) -> Option<Vec<u8>> {
+        Some(self.stored.to_vec())
+    }
+
+    fn used(&self) {
+        self.used.store(true, Ordering::Relaxed);
+    }
+
+    fn save(&self, _: &[u8; 32], bytes: &[u8]) {
+        *self.saved.lock().expect("nobody panicked") = bytes.to_vec();
+    }
+}
+
+impl Kept {
+    /// Length of format and hash.
+    pub const HEAD: usize = 14 + 32;
+
+    pub fn new() -> Kept {
+        let glb = compressed::flat_grid().glb();
+        let document = MemoryDocument::new("grid.glb", glb);
+        let loaded = load_memory(&document, &LoadOptions::default()).expect("sound");
+        let soup = Soup::build(&loaded.scene);
+        let (layout, whole, _) = plan(&loaded, &soup, &[]).expect("a sound grid");
+        Kept {
+            loaded,
+            soup,
+            whole,
+            layout,
+        }
+    }
+
+    /// `body` with a right hash.
+    pub fn sealed(whole: &[u8], body: &[u8]) -> Vec<u8> {
+        let hash = blake3::hash(body);
+        [&whole[..Self::HEAD - 32], hash.as_bytes(), body].concat()
+    }
+
+    /// Lays the grid out with damaged charts: they are taken, or made anew and stored.
+    pub fn layout(&self, bytes: &[u8]) -> Outcome {
+        let (layout, saved, used) =
+            plan(&self.loaded, &self.soup, bytes).map_err(|e| told(&e, 3))?;
+        for mesh in &layout.meshes {
+            let uvs = mesh.primitives.iter().flat_map(|p| &p.uv);
+            assert!(uvs.clone().all(|uv| uv.is_finite()));
+        }
+        if used {
+            return Ok(());
+        }
+        assert!(saved == self.whole && layout.pages == self.layout.pages);
+        Err(3)
+    }
+}
+
+/// A layout with these stored charts, what it stored, and whether it took them.
+fn plan(loaded: &Loaded, soup: &Soup, stored: &[u8]) -> Result<(Layout, Vec<u8>, bool), String> {
+    let shelf = Shelf {
+        stored,
+        saved: Mutex::new(Vec::new()),
+        used: AtomicBool::new(false),
+    };
+    let options = LayoutOptions {
+        texels_per_unit: Some(2.0),
+        ..LayoutOptions::default()
+    };
+    let go = |_| true;
+    let (layout, _) =
+        layout_kept(&loaded.scene, soup, &options, Some(&shelf), &go).map_err(|e| e.to_string())?;
+    let saved = shelf.saved.into_inner().expect("nobody panicked");
+    Ok((layout, saved, shelf.used.into_inner()))
 }
 
 pub fn exr(place: &Place, bytes: &[u8]) -> Outcome {

@@ -146,8 +146,8 @@ impl Cube {
 /// The direction of point (u, v) in 0..=1 of a latitude-longitude map, as in
 /// [`crate::Environment`].
 pub(super) fn map_direction(u: f64, v: f64) -> DVec3 {
-    let (sin_a, cos_a) = (TAU * (u - 0.5)).sin_cos();
-    let (sin_t, cos_t) = (PI * v).sin_cos();
+    let (sin_a, cos_a) = libm::sincos(TAU * (u - 0.5));
+    let (sin_t, cos_t) = libm::sincos(PI * v);
     DVec3::new(sin_t * cos_a, cos_t, sin_t * sin_a)
 }
 

@@ -166,10 +166,13 @@ fn rectangle(height: f64, aspect: f64) -> Option<Shape> {
 fn disc(diameter: f64) -> Option<Shape> {
     let step = TAU / f64::from(DISC_CORNERS);
     // n/2 r² sin(2π/n) = π (d/2)².
-    let radius = 0.5 * diameter * (step / step.sin()).sqrt();
+    let radius = 0.5 * diameter * (step / libm::sin(step)).sqrt();
     is_length(diameter).then(|| Shape {
         corners: (0..DISC_CORNERS)
-            .map(|i| DVec2::from_angle(step * f64::from(i)) * radius)
+            .map(|i| {
+                let (sin, cos) = libm::sincos(step * f64::from(i));
+                DVec2::new(cos, sin) * radius
+            })
             .collect(),
         size: diameter,
     })

@@ -27,7 +27,7 @@ impl Cap {
     pub(super) fn of(light: &Light, at: Vec3) -> Option<Cap> {
         match light.kind {
             LightKind::Directional { direction, angle } if angle > 0.0 => {
-                let sin2 = angle.min(0.5 * PI).sin().powi(2);
+                let sin2 = libm::sinf(angle.min(0.5 * PI)).powi(2);
                 Some(Cap {
                     axis: -direction,
                     sin2,
@@ -80,7 +80,7 @@ impl Cap {
             let x = (1.0 / self.sin2 - 1.0).sqrt();
             let y = (-x * cos / sin).clamp(-1.0, 1.0);
             let z = sin * (1.0 - y * y).sqrt();
-            ((cos * y.acos() - x * z) * self.sin2 + z.atan2(x)).max(0.0)
+            ((cos * libm::acosf(y) - x * z) * self.sin2 + libm::atan2f(z, x)).max(0.0)
         };
         self.radiance * area
     }

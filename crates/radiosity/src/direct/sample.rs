@@ -147,8 +147,9 @@ impl DirectLight<'_, '_> {
             } => {
                 // The cone of KHR_lights_punctual: linear in the cosine between the two angles,
                 // then squared.
-                let scale = 1.0 / (inner.cos() - outer.cos()).max(0.001);
-                let cone = ((direction.dot(leaving) - outer.cos()) * scale).clamp(0.0, 1.0);
+                let (inner, outer) = (libm::cosf(inner), libm::cosf(outer));
+                let scale = 1.0 / (inner - outer).max(0.001);
+                let cone = ((direction.dot(leaving) - outer) * scale).clamp(0.0, 1.0);
                 cone * cone
             }
             LightKind::Point { .. } | LightKind::Directional { .. } => 1.0,

@@ -194,7 +194,7 @@ fn join(a: &Node, b: &Node) -> (Vec3, f32) {
     if a.cos_spread <= -1.0 || b.cos_spread <= -1.0 {
         return everywhere;
     }
-    let angle = |cos: f32| cos.clamp(-1.0, 1.0).acos();
+    let angle = |cos: f32| libm::acosf(cos.clamp(-1.0, 1.0));
     let (wide, narrow) = if a.cos_spread <= b.cos_spread {
         (a, b)
     } else {
@@ -214,7 +214,7 @@ fn join(a: &Node, b: &Node) -> (Vec3, f32) {
         return everywhere; // opposite directions: the cone would span half a turn or more anyway
     }
     let turn = spread - w;
-    let axis = wide.axis * turn.cos() + across * turn.sin();
+    let axis = wide.axis * libm::cosf(turn) + across * libm::sinf(turn);
     // The cosine of a sum of rounded angles, on the safe side.
-    (axis, (spread + 1e-3).min(std::f32::consts::PI).cos())
+    (axis, libm::cosf((spread + 1e-3).min(std::f32::consts::PI)))
 }

@@ -53,7 +53,7 @@ fn direction(x: f32, width: u32, cos: f32) -> Vec3 {
     // u = ½ + atan2(z, x)/2π, as in `Sky::radiance`.
     let phi = (x / width as f32 - 0.5) * TAU;
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
-    Vec3::new(sin * phi.cos(), cos, sin * phi.sin())
+    Vec3::new(sin * libm::cosf(phi), cos, sin * libm::sinf(phi))
 }
 
 impl BrightSky {
@@ -69,7 +69,7 @@ impl BrightSky {
             return (sky, None);
         };
         let cosines: Vec<f32> = (0..=height)
-            .map(|y| (std::f64::consts::PI * y as f64 / height as f64).cos() as f32)
+            .map(|y| libm::cos(std::f64::consts::PI * y as f64 / height as f64) as f32)
             .collect();
         let solid_angle = |y: usize| (cosines[y] - cosines[y + 1]) * (TAU / width as f32);
         let mut flux = 0f64;

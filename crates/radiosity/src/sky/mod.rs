@@ -38,8 +38,8 @@ impl Sky {
                 pixels,
             } => {
                 let (w, h) = (*width as usize, *height as usize);
-                let u = 0.5 + direction.z.atan2(direction.x) / std::f32::consts::TAU;
-                let v = direction.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI;
+                let u = 0.5 + libm::atan2f(direction.z, direction.x) / std::f32::consts::TAU;
+                let v = libm::acosf(direction.y.clamp(-1.0, 1.0)) / std::f32::consts::PI;
                 let (x, y) = (
                     u * w as f32 - 0.5,
                     (v * h as f32 - 0.5).clamp(0.0, h as f32 - 1.0),
