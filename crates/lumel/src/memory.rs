@@ -6,7 +6,7 @@ use mesh_ingest::{Document, ImageSource, Loaded, Soup};
 use radiosity::Sky;
 
 use crate::error::Error;
-use crate::pipeline::bake_options;
+use crate::plan::bake_options;
 use crate::settings::{BakeMode, GltfExt, Settings};
 
 /// Peak memory in bytes: fixed, per triangle, per lumel, per link ray and per point of a seam.

@@ -387,11 +387,18 @@ fn memory_of_options_is_counted() {
         "--vertex-error 1e-6",
     ];
     for options in options {
-        let options = format!("-q --sky 1 --texels-per-unit 60 {options}");
-        let plan = bake(&scene, &out, &format!("{options} --dry-run --json")).ok();
+        let run = |more: &str| {
+            let always = "-q --quality draft --sky 1 --texels-per-unit 60";
+            let words = [always, options, more].join(" ");
+            let mut a: Vec<&OsStr> =
+                vec!["bake".as_ref(), scene.as_ref(), "-o".as_ref(), out.as_ref()];
+            a.extend(words.split_whitespace().map(OsStr::new));
+            lumel(a).ok()
+        };
+        let plan = run("--dry-run --json");
         let plan = parse(plan.stdout.as_bytes());
         let told = plan["estimate"]["bytes"].as_f64().expect("a number");
-        bake(&scene, &out, &options).ok();
+        run("");
         let report = parse(&files(&out)["cornell_box.report.json"]);
         let peak = report["measured"]["peak_bytes"].as_f64().expect("measured");
         // What `tools/hostile_mix.py` allows beyond `--memory`; and a bake must not be refused for
