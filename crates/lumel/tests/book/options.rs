@@ -71,9 +71,7 @@ fn wrapped(bullet: &str, text: &str) -> String {
 }
 
 fn page() -> String {
-    let mut page = "# Options\n\nA test keeps this page equal to `lumel COMMAND --help`; \
-        `LUMEL_BLESS=1 cargo test -p lumel book::`\nregenerates it.\n"
-        .to_owned();
+    let mut page = "# Options\n\nWhat `lumel COMMAND --help` says.\n".to_owned();
     let mut seen: Vec<Item> = Vec::new();
     let mut bake = 0;
     for command in COMMANDS {
