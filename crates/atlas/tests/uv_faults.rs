@@ -183,6 +183,26 @@ fn charts_too_near_for_the_size_are_warned_about_at_that_size_only() {
 }
 
 #[test]
+fn triangles_in_cells_thinner_than_a_texel_are_unwrapped_anew() {
+    // A column of 32 quads, each in a row of its own, as Blender's *Lightmap Pack* makes them. At 2
+    // lumels per metre, rows are half a texel high; at 64, 16 texels.
+    let rows: Vec<[Vec2; 4]> = (0..32)
+        .map(|k| {
+            let v = k as f32 / 32.0;
+            [[0.0, v], [0.9, v], [0.9, v + 0.028], [0.0, v + 0.028]].map(Vec2::from)
+        })
+        .collect();
+    let (report, _) = report_of(quads(&rows), 2.0, UvMode::Auto);
+    assert!(replaced(&report).contains("too close"), "{report:?}");
+    let found = fault(&report, UvFaultKind::Close);
+    assert_eq!(found.severity, Severity::Bad);
+    let (report, _) = report_of(quads(&rows), 2.0, UvMode::Keep);
+    assert_eq!(report.origin, UvOrigin::Kept);
+    let (report, _) = report_of(quads(&rows), 64.0, UvMode::Auto);
+    assert_eq!(report.origin, UvOrigin::Kept, "{report:?}");
+}
+
+#[test]
 fn charts_that_go_on_in_space_and_atlas_are_not_too_near() {
     // Two halves of a floor as two primitives, adjacent both in the atlas and in space.
     let mut mesh = quads(&[square(0.0, 0.0, 0.5)]);

@@ -30,6 +30,11 @@ const LEAST_GRID: u32 = 256;
 /// few corners.
 const CLOSE: f64 = 0.01;
 
+/// Share of the lookups that mix two charts from which the coordinates are replaced: most of the
+/// surface would show the light of other places. Packing each triangle into a cell of its own
+/// (Blender's *Lightmap Pack*) gives such coordinates if the lightmap is small.
+const MOSTLY_MIXED: f64 = 0.5;
+
 /// Densities that differ by more than this factor (99 % and 1 % quantiles by area) give a warning.
 const UNEVEN: f64 = 4.0;
 
@@ -367,9 +372,13 @@ impl<'a> Check<'a> {
             }
         }
         let (percent, [w, h]) = (100.0 * share, size);
+        let severity = match share > MOSTLY_MIXED {
+            true => Severity::Bad,
+            false => Severity::Warning,
+        };
         self.report(
             UvFaultKind::Close,
-            Severity::Warning,
+            severity,
             &tally,
             share,
             |at| {
