@@ -83,15 +83,15 @@ def damaged(data, rng):
         try:
             document = json.loads(data[20:20 + size])
             places = [(c, k) for c in walk(document) for k in (c if isinstance(c, dict) else range(len(c)))]
-            for _ in range(rng.randint(1, 3)):
+            for _ in range(rng.randint(1, 3) if places else 0):
                 where, key = rng.choice(places)
                 where[key] = rng.choice([0, -1, 1, 2**31, 2**53, 1e38, 1e-38, None, [], {}, "x", True, [0, 0, 0]])
             return glb(document, bytes(data[28 + size:]))
         except (ValueError, RecursionError):
             pass
-    for _ in range(rng.randint(1, 20)):
+    for _ in range(rng.randint(1, 20) if data else 0):
         data[rng.randrange(len(data))] = rng.randrange(256)
-    return bytes(data[:rng.randrange(1, len(data))] if rng.random() < 0.2 else data)
+    return bytes(data[:rng.randrange(len(data) + 1)] if rng.random() < 0.2 else data)
 
 
 def walk(value):
