@@ -184,7 +184,7 @@ options! {
     /// Most bytes of decoded images, for the scene's together and for the sky's; 1 GiB by default.
     max_image(bytes: u64) => |s| s.bounds.max_image = bytes;
     /// Most bytes of memory that a bake may need by its estimate. Beyond that, it ends with
-    /// [`Error::Memory`] before light is computed.
+    /// [`Error::Memory`] before light is computed. Three quarters of the machine's by default.
     memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);

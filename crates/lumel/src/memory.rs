@@ -81,6 +81,19 @@ impl Need {
         }
     }
 
+    /// Whether a level might need more memory than allowed, before its charts are made: whether twice
+    /// the memory of its triangles and lumels does, because seams and pictures are not known yet.
+    pub(crate) fn might_exceed(soup: &Soup, settings: &Settings) -> bool {
+        let known = BYTES[1] * soup.triangles.len() as f64 + BYTES[2] * settings.lumels(soup);
+        (settings.bounds.allowed()).is_some_and(|allowed| 2.0 * known > allowed as f64)
+    }
+
+    /// Whether the estimated lumels of a layout alone need more memory than allowed.
+    pub(crate) fn exceeds_by_far(layout: &LayoutReport, settings: &Settings) -> bool {
+        let known = BYTES[2] * layout.lumels;
+        (settings.bounds.allowed()).is_some_and(|allowed| known > allowed as f64)
+    }
+
     /// The total.
     pub(crate) fn bytes(&self) -> f64 {
         self.fixed + self.lumels + self.seams
@@ -91,7 +104,7 @@ impl Need {
     /// # Errors
     /// [`Error::Memory`].
     pub(crate) fn check(&self, settings: &Settings, layout: &LayoutReport) -> Result<(), Error> {
-        let Some(allowed) = settings.bounds.memory else {
+        let Some(allowed) = settings.bounds.allowed() else {
             return Ok(());
         };
         if self.bytes() <= allowed as f64 {
@@ -160,6 +173,24 @@ fn stored(document: &Document) -> u64 {
         _ => None,
     });
     buffers.chain(linked).sum()
+}
+
+/// The machine's memory in bytes, or less if the process is in a container that has less; `None`
+/// elsewhere than on Linux.
+pub(crate) fn machine_bytes() -> Option<u64> {
+    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
+    let kib: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    // The limits of control groups, versions 2 and 1.
+    let limits = [
+        "/sys/fs/cgroup/memory.max",
+        "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+    ];
+    let limits = limits.iter().filter_map(|path| {
+        let text = std::fs::read_to_string(path).ok()?;
+        text.trim().parse::<u64>().ok()
+    });
+    Some(limits.fold(kib * 1024, u64::min))
 }
 
 /// Peak resident set in bytes on Linux; `None` elsewhere.

@@ -73,7 +73,7 @@ impl Opened {
             first_picture: beside.first_picture.as_ref(),
         };
         // With a single thread, concurrency would only alternate between the two.
-        let bounded = settings.bounds.memory.is_some();
+        let bounded = settings.bounds.memory.is_some() || Need::might_exceed(&self.soup, settings);
         let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
         let ((layout, report), mut lit) = if in_turn {
             let planned = level.charts(kept, monitor)?;
@@ -123,9 +123,15 @@ impl<'l> Level<'l> {
     /// Refuses, before light is computed, a bake that needs more memory than allowed.
     fn check_memory(&self, planned: &(Layout, LayoutReport), sky: &Sky) -> Result<(), Error> {
         let (layout, report) = planned;
-        let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
-            .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
-        let counts = atlas_bake::lumels_and_seam_samples(&world, layout);
+        // Far too many lumels would take minutes to count.
+        let counts = match Need::exceeds_by_far(report, self.settings) {
+            true => [report.lumels as usize, 0],
+            false => {
+                let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
+                    .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
+                atlas_bake::lumels_and_seam_samples(&world, layout)
+            }
+        };
         let need = Need::of(self.loaded, sky, self.soup, self.settings, report, counts);
         need.check(self.settings, report)
     }

@@ -10,7 +10,7 @@ use patch_subdivision::Options as CutOptions;
 use radiosity::{DirectOptions, RelaxOptions, SolveOptions};
 use serde::Serialize;
 
-use crate::memory::{COPIES, TRIANGLE};
+use crate::memory::{COPIES, TRIANGLE, machine_bytes};
 use crate::not_physical::NotPhysical;
 
 /// Trade-off between bake time and accuracy.
@@ -261,7 +261,8 @@ pub struct Bounds {
     /// Most bytes of decoded images: of those of the scene that light needs together, and of the
     /// sky's. Checked from their headers before decoding.
     pub max_image: u64,
-    /// Most bytes of memory that the bake may need, by [`estimate`](crate::estimate).
+    /// Most bytes of memory that the bake may need, by [`estimate`](crate::estimate). `None` stands
+    /// for three quarters of the machine's, where the system tells that (Linux).
     pub memory: Option<u64>,
 }
 
@@ -276,11 +277,16 @@ impl Default for Bounds {
 }
 
 impl Bounds {
+    /// Bytes of memory that the bake may need.
+    pub(crate) fn allowed(&self) -> Option<u64> {
+        self.memory.or_else(|| Some(machine_bytes()? / 4 * 3))
+    }
+
     /// Limits for reading a scene. With a memory bound, inputs that already exceed it are not read
     /// at all.
     pub(crate) fn limits(&self) -> Limits {
         let all = Limits::default();
-        let memory = self.memory.unwrap_or(u64::MAX);
+        let memory = self.allowed().unwrap_or(u64::MAX);
         Limits {
             file_bytes: all.file_bytes.min(memory / COPIES),
             decoded_bytes: all.decoded_bytes.min(memory),
@@ -384,10 +390,18 @@ const MOST_PATCHES: f64 = 400_000.0;
 
 impl Settings {
     /// Estimated number of lumels; 0 if the density is chosen by the level's area, which bounds
-    /// their number.
-    fn lumels(&self, soup: &Soup) -> f64 {
-        let area: f64 = soup.areas.iter().map(|a| f64::from(*a)).sum();
-        (self.texels_per_unit).map_or(0.0, |x| area * f64::from(x).powi(2))
+    /// their number. A mesh that does not fit on a page has at most a page's.
+    pub(crate) fn lumels(&self, soup: &Soup) -> f64 {
+        let Some(density) = self.texels_per_unit.map(f64::from) else {
+            return 0.0;
+        };
+        let page = f64::from(self.max_page).powi(2);
+        let lumels = soup.instance_ranges.iter().map(|[first, end]| {
+            let areas = &soup.areas[*first as usize..*end as usize];
+            let area: f64 = areas.iter().map(|a| f64::from(*a)).sum();
+            (area * density * density).min(page)
+        });
+        lumels.sum()
     }
 
     /// Patches, links and direct light of the solve. Beyond [`TUNED`] lumels, the number of patches

@@ -388,7 +388,7 @@ fn memory_of_options_is_counted() {
     ];
     for options in options {
         let run = |more: &str| {
-            let always = "-q --quality draft --sky 1 --texels-per-unit 60";
+            let always = "-q --quality draft --sky 1 --texels-per-unit 30";
             let words = [always, options, more].join(" ");
             let mut a: Vec<&OsStr> =
                 vec!["bake".as_ref(), scene.as_ref(), "-o".as_ref(), out.as_ref()];

@@ -288,7 +288,8 @@ pub(crate) struct BoundsArgs {
     /// [default: 1G]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub max_image: Option<u64>,
-    /// Refuse a bake whose estimated memory exceeds this (within a factor of 1.3), e.g. 4G
+    /// Refuse a bake whose estimated memory exceeds this (within a factor of 1.3), e.g. 4G [default:
+    /// three quarters of the machine's]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub memory: Option<u64>,
 }
