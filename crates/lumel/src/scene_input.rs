@@ -46,7 +46,7 @@ impl<'a> SceneInput<'a> {
             SceneInput::File(path) => mesh_ingest::load(path, &options),
             SceneInput::Memory(document) => mesh_ingest::load_memory(document, &options),
         };
-        loaded.map_err(|source| match settings.bounds.memory {
+        loaded.map_err(|source| match settings.bounds.allowed() {
             Some(allowed) if matches!(source, mesh_ingest::Error::Limit { .. }) => {
                 Error::TooLarge { source, allowed }
             }
