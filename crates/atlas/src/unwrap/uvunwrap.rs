@@ -10,8 +10,8 @@ use super::finish::finish;
 use super::input::UnwrapInput;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
 
-/// Largest mesh given to uvunwrap: a minute at 10 to 16 µs per triangle, three minutes for crumpled
-/// paper, the worst case measured (50 µs). Larger meshes go to the box projection.
+/// Largest mesh given to uvunwrap. A scan takes 65 µs of processor time per triangle (in a build
+/// without link-time optimisation), so four minutes at most. Larger meshes go to the box projection.
 pub const MAX_TRIANGLES: usize = 4_000_000;
 
 /// Most disconnected pieces. Time grows faster than their number: loose triangles take 50 µs each
@@ -46,13 +46,13 @@ impl Unwrapper for UvUnwrap {
     }
 }
 
-/// Meshes with more triangles get charts of limited size, because the time for a chart is
-/// superlinear. A scan of 595,000 triangles took 10.6 s with unlimited charts and 5.6 s with charts
-/// of about a thousand triangles (14,000 and 18,000 charts).
-const LARGE_MESH: usize = 300_000;
+/// Meshes with more triangles get charts of limited size, because the solver's time for a chart is
+/// superlinear. A scan of 595,000 triangles took 160 s of processor time with charts of about a
+/// thousand triangles, 52, 39 and 31 s with 128, 64 and 32, for the same share of the page.
+const LARGE_MESH: usize = 100_000;
 
 /// Most average-sized triangles in a chart of a large mesh.
-const LARGE_MESH_CHART: f64 = 1024.0;
+const LARGE_MESH_CHART: f64 = 64.0;
 
 /// Area in texels of all charts on the page that `uvunwrap` packs, which is discarded.
 const PAGE_TEXELS: f64 = 65536.0;
