@@ -49,7 +49,7 @@ impl Unwrapper for UvUnwrap {
 /// Meshes with more triangles get charts of limited size, because the solver's time for a chart is
 /// superlinear. A scan of 595,000 triangles took 160 s of processor time with charts of about a
 /// thousand triangles, 52, 39 and 31 s with 128, 64 and 32, for the same share of the page.
-const LARGE_MESH: usize = 100_000;
+const LARGE_MESH: usize = 300_000;
 
 /// Most average-sized triangles in a chart of a large mesh.
 const LARGE_MESH_CHART: f64 = 64.0;
