@@ -12,7 +12,7 @@ RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0) else se
 
 QUALITIES = [
     ("draft", "Draft", "Rough look: grainy corners, jagged shadows"),
-    ("quick", "Quick", "Moving lights around: a third of draft's error"),
+    ("quick", "Quick", "Changing lights: a third of draft's error"),
     ("preview", "Preview", "Everyday work: about 1 % error"),
     ("production", "Production", "Final bake for shipping"),
 ]

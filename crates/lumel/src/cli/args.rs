@@ -80,45 +80,45 @@ pub(crate) struct Bake {
     /// Trade bake time for accuracy [default: preview]
     #[arg(long, value_enum)]
     pub quality: Option<QualityArg>,
-    /// Gather until the estimated relative error (root mean square over lit lumels) is below X,
-    /// e.g. 0.02; warns if that is out of reach [default: the fixed ray count of --quality]
+    /// Gather until the estimated root mean square of the relative error is below X, e.g. 0.02
+    /// [default: the fixed ray count of --quality]
     #[arg(long, value_name = "X")]
     pub error: Option<f32>,
-    /// Sky: a radiance (one number, R,G,B or #rrggbb) or a latitude-longitude .hdr or .exr image
+    /// Radiance (one number, R,G,B or #rrggbb), or a latitude-longitude image (.hdr, .exr)
     #[arg(long, value_name = "COLOR|FILE")]
     pub sky: Option<String>,
-    /// Units of the file's lamps relative to emissive materials in W/(m² sr) [default: auto]
+    /// Units of the file's lamps [default: auto]
     #[arg(long, value_enum)]
     pub units: Option<UnitsArg>,
     /// Multiply the sky by X [default: 1]
     #[arg(long, value_name = "X")]
     pub sky_intensity: Option<f32>,
-    /// Rotate a sky map about +Y by DEG degrees, counter-clockwise seen from above [default: 0]
+    /// Rotate a sky map about +Y, counter-clockwise seen from above [default: 0]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     pub sky_rotation: Option<f32>,
-    /// Add a sun: the direction its light travels in, its illuminance in lux, and the diameter of
-    /// its disc (the real sun's is 0.533; without it shadows are sharp); repeatable
+    /// Add a sun: direction of its light, illuminance, and diameter of its disc (the real sun's is
+    /// 0.533; without it shadows are sharp); repeatable
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun: Vec<Sun>,
-    /// Scale a light source: a light or its node, an emissive material, `sky` or `sun`. `*` and `?`
-    /// are wildcards; the last match wins; `inspect` lists the names; repeatable
+    /// Scale a light source: a light or its node, an emissive material, `sky` or `sun`; wildcards
+    /// `*` and `?`; the last match wins; repeatable. `inspect` lists the names
     #[arg(long, value_name = "NAME=X", value_parser = parse_light)]
     pub light: Vec<LightScale>,
     /// Leave a light source out, regardless of --light; repeatable
     #[arg(long, value_name = "NAME")]
     pub exclude_light: Vec<String>,
-    /// Write the light of these sources into separate pages; sources in no group go to the group
-    /// `rest`; repeatable
+    /// Write the light of these sources into separate pages, and all other light into those of the
+    /// group `rest`; repeatable
     #[arg(long, value_name = "GROUP=NAME,…", value_parser = parse_group)]
     pub group: Vec<LightGroup>,
     /// Leave out direct light that the engine adds itself [default: full]
     #[arg(long, value_enum)]
     pub mode: Option<ModeArg>,
-    /// Mark a lamp as mixed: the engine adds its direct light, with baked shadows in --mode
-    /// shadowmask. A light or its node, or `sun`; `*` and `?` are wildcards; repeatable
+    /// A light, its node, or `sun`: the engine adds its direct light, with baked shadows in --mode
+    /// shadowmask; wildcards `*` and `?`; repeatable
     #[arg(long, value_name = "NAME")]
     pub mixed: Vec<String>,
-    /// Mark a lamp as realtime: the engine adds its direct light and its shadows; repeatable
+    /// Likewise: the engine adds its direct light and shadows; repeatable
     #[arg(long, value_name = "NAME")]
     pub realtime: Vec<String>,
     /// Quantity stored in the lightmap [default: radiance]
@@ -130,25 +130,24 @@ pub(crate) struct Bake {
     /// Store the light's directionality, for normal maps
     #[arg(long, value_enum)]
     pub directional: Option<DirectionalArg>,
-    /// Distance beyond which surfaces no longer occlude in the layer `ao` [default: from the scene's
-    /// size]
+    /// Distance beyond which surfaces do not occlude in the layer `ao` [default: a tenth of the
+    /// scene's diagonal]
     #[arg(long, value_name = "METRES")]
     pub ao_distance: Option<f32>,
-    /// Also write pages as KTX2 for GPUs: R, G and B, one mip level
+    /// Also write pages as KTX2, for GPUs
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub ktx2: Option<Ktx2Arg>,
-    /// Also write pages as PNG with 8 bits per channel, for targets without float textures
+    /// Also write pages as PNG, for targets without float textures
     #[arg(long, value_enum, value_name = "FORMAT")]
     pub png: Option<PngArg>,
-    /// Also reference the lightmap in the .glb by another convention than the nodes' extras
+    /// Also reference the lightmap by another convention in the .glb
     #[arg(long, value_enum, value_delimiter = ',')]
     pub ext: Vec<ExtArg>,
-    /// Bake light probes for moving objects: at the points in a file {"points": [[x, y, z], …]}, or
-    /// on a grid with this spacing in metres
+    /// Bake light probes: at the points in a file {"points": [[x, y, z], …]}, or on a grid with
+    /// this spacing in metres
     #[arg(long, value_name = "FILE.json|SPACING", allow_hyphen_values = true, value_parser = parse_probes)]
     pub probes: Option<ProbeSource>,
-    /// Also write the probe grid as SCENE.probes.ktx2, a volume texture for Bevy's irradiance
-    /// volumes
+    /// Also write the grid as SCENE.probes.ktx2, a volume texture for Bevy
     #[arg(long)]
     pub probe_volume: bool,
     /// Override `probe-volume = true` in the settings file
@@ -159,10 +158,10 @@ pub(crate) struct Bake {
     /// Clamp reflectances to X [default: 0.98]
     #[arg(long, value_name = "X")]
     pub max_reflectance: Option<f32>,
-    /// Value of lumels that are partly inside or behind something [default: fill]
+    /// Value of partly hidden lumels [default: fill]
     #[arg(long, value_enum)]
     pub hidden: Option<HiddenArg>,
-    /// Keep one value for both sides of double-sided faces, even if their light differs
+    /// Store one value for both sides of double-sided faces, even if their light differs
     #[arg(long)]
     pub no_split_sides: bool,
     /// Override `split-sides = false` in the settings file
@@ -174,34 +173,32 @@ pub(crate) struct Bake {
     /// Override `stitch = false` in the settings file
     #[arg(long, conflicts_with = "no_stitch")]
     pub stitch: bool,
-    /// Bake only the lightmap: no vertex light and no SCENE.vertex.glb
+    /// Write no SCENE.vertex.glb
     #[arg(long)]
     pub no_vertex_colors: bool,
     /// Override `vertex-colors = false` in the settings file
     #[arg(long, conflicts_with = "no_vertex_colors")]
     pub vertex_colors: bool,
-    /// Split triangles of the vertex-coloured scene until its relative error is about X
+    /// Split triangles until vertex colours are within about X of the lightmap
     #[arg(long, value_name = "X", conflicts_with = "no_vertex_colors")]
     pub vertex_error: Option<f32>,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// Make charts and solve the light one after the other, so that the report's phase times do not
-    /// overlap. The results are the same
+    /// Make charts and solve the light one after the other: needs less memory, and phase times in
+    /// the report do not overlap
     #[arg(long)]
     pub in_turn: bool,
-    /// Cache the charts of large meshes in this folder; later bakes of the same meshes reuse them.
-    /// The results are the same
+    /// Cache the charts of large meshes here; later bakes of the same meshes reuse them
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// Delete the least recently used files when the cache folder exceeds this size, e.g. 500M or
-    /// 20G [default: 8G]
+    /// Largest size of the cache, e.g. 500M; the least recently used files go first [default: 8G]
     #[arg(long, value_name = "BYTES", requires = "cache", value_parser = parse_bytes)]
     pub cache_size: Option<u64>,
     /// Render the lit level to a picture, from its first camera if it has one
     #[arg(long, value_name = "FILE.png")]
     pub preview: Option<PathBuf>,
-    /// Render a coarse picture of the lit level as soon as light between surfaces is solved
+    /// Render a coarse picture of the lit level before lumels are gathered
     #[arg(long, value_name = "FILE.png")]
     pub first_picture: Option<PathBuf>,
     /// Also write the report to this file
@@ -210,19 +207,17 @@ pub(crate) struct Bake {
     /// Write a dependency file for make or ninja
     #[arg(long, value_name = "FILE")]
     pub depfile: Option<PathBuf>,
-    /// Target named in the dependency file instead of all results, e.g. a stamp file; repeatable
+    /// Target in the dependency file instead of all results, e.g. a stamp file; repeatable
     #[arg(long, value_name = "PATH", requires = "depfile")]
     pub depfile_target: Vec<PathBuf>,
     /// Print the bake's plan (pages, lumels, memory and time) and write nothing
     #[arg(long)]
     pub dry_run: bool,
-    /// Do nothing if the results exist and come from the same inputs, settings and version; compares
-    /// contents, not time stamps
+    /// Do nothing if the results exist and come from the same inputs, settings and version
     #[arg(long)]
     pub skip_if_unchanged: bool,
-    /// Bake only these nodes and their children anew, into the results of an earlier bake with the
-    /// same settings. Others keep their places and their light; geometry may change only at nodes
-    /// named here. `*` and `?` are wildcards; repeatable
+    /// Bake only these nodes and their children anew, into the results of an earlier bake;
+    /// wildcards `*` and `?`; repeatable
     #[arg(long, value_name = "NODE", conflicts_with_all = ["dry_run", "skip_if_unchanged", "vertex_error"])]
     pub only: Vec<String>,
     /// Print the report to standard output
@@ -250,7 +245,7 @@ pub(crate) struct Bake {
 pub(crate) enum ProgressArg {
     /// A progress bar on a terminal, else a line for each finished phase
     Auto,
-    /// Four lines a second for other programs to parse: progress 42.0 % gather, 12 s left
+    /// Lines for other programs to parse
     Lines,
 }
 
@@ -267,8 +262,8 @@ pub(crate) struct Inspect {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Write pictures of charts into this folder: one for each page, and one for each mesh with
-    /// problems or many lumels
+    /// Write pictures of charts into this folder: of each page, and of meshes with problems or many
+    /// lumels
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// What the pictures show
@@ -280,16 +275,14 @@ pub(crate) struct Inspect {
 /// untrusted source as the scene.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct BoundsArgs {
-    /// Allow `..` and links in the document to lead outside its folder; the results then contain
-    /// such files. Absolute paths are always refused
+    /// Allow `..` and links in the document to lead outside its folder
     #[arg(long)]
     pub allow_outside: bool,
-    /// Refuse images that decode to more bytes than this (the scene's in all, or the sky's), e.g. 4G
-    /// [default: 1G]
+    /// Limit of decoded images (the scene's together, or the sky's), e.g. 4G [default: 1G]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub max_image: Option<u64>,
-    /// Refuse a bake whose estimated memory exceeds this (within a factor of 1.3), e.g. 4G [default:
-    /// three quarters of the machine's]
+    /// Refuse a bake whose estimated memory exceeds this, e.g. 4G [default: three quarters of the
+    /// machine's]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub memory: Option<u64>,
 }
@@ -312,10 +305,10 @@ pub(crate) struct Knobs {
     /// Multiply reflected light by X, where it is received
     #[arg(long, value_name = "X")]
     pub indirect_boost: Option<f32>,
-    /// Multiply the light of emissive materials by X; their own look does not change
+    /// Multiply the light of emissive materials by X
     #[arg(long, value_name = "X")]
     pub emissive_boost: Option<f32>,
-    /// Multiply reflectances by X at every bounce; the surfaces' own look does not change
+    /// Multiply reflectances by X at every bounce
     #[arg(long, value_name = "X")]
     pub albedo_boost: Option<f32>,
     /// Saturation of bounced colours: 0 is grey, 1 changes nothing
@@ -324,7 +317,7 @@ pub(crate) struct Knobs {
     /// Minimum of R = E/π, per channel: one number, R,G,B or #rrggbb
     #[arg(long, value_name = "COLOR", value_parser = parse_color)]
     pub ambient_floor: Option<[f32; 3]>,
-    /// Darken the lightmap by ambient occlusion: 0 not at all, 1 fully; see --ao-distance
+    /// Darken the lightmap by ambient occlusion, from 0 to 1; see --ao-distance
     #[arg(long, value_name = "X")]
     pub ao_multiply: Option<f32>,
 }
@@ -356,7 +349,7 @@ impl Knobs {
 /// Options that determine charts and pages.
 #[derive(Debug, Clone, Args)]
 pub(crate) struct Plan {
-    /// Index of the scene in the document [default: the document's default scene]
+    /// Index of the scene in the document [default: the document's choice]
     #[arg(long = "scene", id = "scene_index", value_name = "N")]
     pub scene: Option<usize>,
     /// Do not treat nodes named …_LOD0, …_LOD1, … as levels of detail
@@ -383,19 +376,18 @@ pub(crate) struct Plan {
     /// Override `block-charts = true` in the settings file
     #[arg(long, conflicts_with = "block_charts")]
     pub no_block_charts: bool,
-    /// Separate pages for each node that matches PATTERN, with its children; else for each material
-    /// that matches. `*` and `?` are wildcards; extras.lumel.page takes precedence; repeatable
+    /// Separate pages for each matching node and its children, and for other meshes by matching
+    /// material; wildcards `*` and `?`; repeatable
     #[arg(long, value_name = "PATTERN")]
     pub page_by: Vec<String>,
-    /// Give no lumels to surfaces that players cannot see from walkable volumes
-    /// (extras.lumel.walkable, --walkable), else from the points of a --probes file, else from places
-    /// that rays from the cameras reach
+    /// Give no lumels to surfaces that players never see: from walkable volumes, else from the
+    /// points of --probes, else from what the cameras see
     #[arg(long)]
     pub cull_unseen: bool,
     /// Override `cull-unseen = true` in the settings file
     #[arg(long, conflicts_with = "cull_unseen")]
     pub no_cull_unseen: bool,
-    /// A node that players walk on, for --cull-unseen; `*` and `?` are wildcards; repeatable
+    /// A node that players walk on, for --cull-unseen; wildcards `*` and `?`; repeatable
     #[arg(long, value_name = "NODE")]
     pub walkable: Vec<String>,
     /// Keep the asset's TEXCOORD_1 or make charts [default: auto]
@@ -451,64 +443,64 @@ macro_rules! mirror {
 }
 
 mirror!(QualityArg => Quality {
-    Draft => Quality::Draft, "Rough look: a few per cent of noise on open walls";
-    Quick => Quality::Quick, "Moving lights around: twice draft's time, a third of its error";
+    Draft => Quality::Draft, "A first look, with visible noise";
+    Quick => Quality::Quick, "Changing lights: twice draft's time, a third of its error";
     Preview => Quality::Preview, "Everyday work: about 1 % error";
     Production => Quality::Production, "Final bake for shipping";
 });
 mirror!(ModeArg => BakeMode {
     Full => BakeMode::Full, "All light";
-    Indirect => BakeMode::Indirect, "All but the direct light of mixed and realtime lamps";
-    Shadowmask => BakeMode::Shadowmask, "As indirect, and RGBA shadow masks of mixed lamps";
+    Indirect => BakeMode::Indirect, "Without the direct light of mixed and realtime lamps";
+    Shadowmask => BakeMode::Shadowmask, "Likewise, with shadow masks of mixed lamps";
 });
 mirror!(ValueArg => ValueKind {
-    Radiance => ValueKind::Radiance, "R = E/π, which engines multiply by the albedo";
-    Irradiance => ValueKind::Irradiance, "E, irradiance";
-    Radiosity => ValueKind::Radiosity, "B = reflectance × E";
+    Radiance => ValueKind::Radiance, "R = E/π";
+    Irradiance => ValueKind::Irradiance, "E";
+    Radiosity => ValueKind::Radiosity, "B = ρE";
 });
 mirror!(Ktx2Arg => Ktx2Format {
-    Bc6h => Ktx2Format::Bc6h, "BC6H, unsigned: 1 byte per texel, for desktop GPUs";
-    Rgb9e5 => Ktx2Format::Rgb9e5, "Shared exponent: 4 bytes per texel, for all GPUs";
+    Bc6h => Ktx2Format::Bc6h, "1 byte per texel, desktop GPUs";
+    Rgb9e5 => Ktx2Format::Rgb9e5, "4 bytes per texel, all GPUs";
 });
 mirror!(PngArg => PngFormat {
     Rgbm => PngFormat::Rgbm, "light = (rgb * a)^2 * scale";
     Rgbd => PngFormat::Rgbd, "light = rgb^2 / a * scale";
 });
 mirror!(ExtArg => GltfExt {
-    Moz => GltfExt::Moz, "MOZ_lightmap: copies meshes and materials for each instance and embeds the pages";
+    Moz => GltfExt::Moz, "MOZ_lightmap, with embedded pages and a mesh and material for each node";
 });
 mirror!(UvArg => UvMode {
     Auto => UvMode::Auto, "Keep a valid TEXCOORD_1";
-    Keep => UvMode::Keep, "Keep it even if it overlaps or has holes, with warnings";
+    Keep => UvMode::Keep, "Keep it even if it overlaps or has holes";
     Generate => UvMode::Generate, "Always make charts";
 });
 mirror!(UnwrapperArg => UnwrapperChoice {
-    Auto => UnwrapperChoice::Auto, "The one with the best measurements: uvunwrap";
+    Auto => UnwrapperChoice::Auto, "uvunwrap";
     Uvunwrap => UnwrapperChoice::UvUnwrap, "The uvunwrap crate";
     Xatlas => UnwrapperChoice::Xatlas, "The xatlas-rs crate";
     Box => UnwrapperChoice::Box, "Projection along the axes";
 });
 mirror!(LayerArg => Layer {
-    Direct => Layer::Direct, "direct.R, .G, .B";
-    Indirect => Layer::Indirect, "indirect.R, .G, .B";
-    Radiosity => Layer::Radiosity, "radiosity.R, .G, .B: reflected radiance";
+    Direct => Layer::Direct, "direct.R, .G, .B: light straight from lamps, emitters and bright sky";
+    Indirect => Layer::Indirect, "indirect.R, .G, .B: the rest";
+    Radiosity => Layer::Radiosity, "radiosity.R, .G, .B: radiance that leaves the surface";
     Error => Layer::Error, "error.Y: estimated standard error of the luminance";
-    Coverage => Layer::Coverage, "coverage.Y: fraction of the texel covered by the surface";
-    Ao => Layer::Ao, "ao.Y: ambient occlusion (openness), see --ao-distance";
+    Coverage => Layer::Coverage, "coverage.Y: share of the texel on the surface";
+    Ao => Layer::Ao, "ao.Y: openness up to --ao-distance";
     #[value(name = "sun_mask")]
-    SunMask => Layer::SunMask, "sun_mask.Y: visible fraction of the directional lights";
+    SunMask => Layer::SunMask, "sun_mask.Y: share of directional light that is not shadowed";
 });
 mirror!(UnitsArg => Units {
-    Auto => Units::Auto, "As watt, but detects and corrects lamps that Blender's exporter scaled";
-    Watt => Units::Watt, "W/sr and W/m², or candela and lux if materials are in nit";
-    Lumen => Units::Lumen, "Candela and lux: divides lamps by 683 lm/W";
+    Auto => Units::Auto, "As watt, but corrects lamps that Blender's exporter scaled";
+    Watt => Units::Watt, "Those of emissive materials and the sky";
+    Lumen => Units::Lumen, "Candela and lux, all else in watt: divides lamps by 683 lm/W";
 });
 mirror!(PaintArg => Paint {
-    Charts => Paint::Charts, "Charts; overlapping, mirrored and too closely packed ones are marked";
+    Charts => Paint::Charts, "Charts and their faults";
     Density => Paint::Density, "Lumels per metre; blue is too low, orange too high";
 });
 mirror!(HiddenArg => Hidden {
-    Fill => Hidden::Fill, "Light of the visible part, or of the neighbours if nothing is visible";
+    Fill => Hidden::Fill, "Light of the visible part, else of the neighbours";
     Mean => Hidden::Mean, "Mean over the whole lumel, counting hidden parts as black";
 });
 mirror!(DirectionalArg => Directional {

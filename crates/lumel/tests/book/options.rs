@@ -70,8 +70,20 @@ fn wrapped(bullet: &str, text: &str) -> String {
     out + &line + "\n"
 }
 
+/// Whether an option only overrides its opposite in a settings file. Its line is its opposite's.
+fn overrides(item: &Item) -> bool {
+    item.text.starts_with("Override `")
+}
+
+/// The head of the page.
+const HEAD: &str = "# Options
+
+What `lumel COMMAND --help` says. Where two names stand together, the second overrides the first in
+a settings file.
+";
+
 fn page() -> String {
-    let mut page = "# Options\n\nWhat `lumel COMMAND --help` says.\n".to_owned();
+    let mut page = HEAD.to_owned();
     let mut seen: Vec<Item> = Vec::new();
     let mut bake = 0;
     for command in COMMANDS {
@@ -79,8 +91,10 @@ fn page() -> String {
         let about = help.lines().next().expect("help says something");
         write!(page, "\n## `lumel {command}`\n\n{about}.\n\n").expect("memory");
         let (old, new): (Vec<_>, Vec<_>) = items(&help).into_iter().partition(|i| seen.contains(i));
-        for item in &new {
-            page += &wrapped("- ", &format!("`{}`: {}", item.name, item.text));
+        for (i, item) in new.iter().enumerate().filter(|(_, i)| !overrides(i)) {
+            let opposite = new.get(i + 1).filter(|i| overrides(i));
+            let opposite = opposite.map_or(String::new(), |i| format!(", `{}`", i.name));
+            page += &wrapped("- ", &format!("`{}`{opposite}: {}", item.name, item.text));
             for value in &item.values {
                 let (value, text) = value.split_once(':').unwrap_or((value, ""));
                 page += &wrapped("  - ", &format!("`{value}`: {}", text.trim()));
@@ -97,25 +111,33 @@ fn page() -> String {
     page
 }
 
-/// A sentence on items explained further up. If a command shares most options with `bake`, it names
-/// those that are missing instead.
+/// A sentence on items explained further up, which were all of `bake` or some of it.
 fn known(bake: &[Item], old: &[Item]) -> String {
-    let list = |items: &[&Item]| {
-        let names: Vec<_> = items.iter().map(|i| format!("`{}`", i.name)).collect();
-        names.join(", ")
-    };
-    let lacking: Vec<&Item> = bake.iter().filter(|i| !old.contains(i)).collect();
-    if lacking.len() >= old.len() {
-        return format!("As above: {}.", list(&old.iter().collect::<Vec<_>>()));
-    }
-    let options: Vec<&Item> = lacking
-        .into_iter()
-        .filter(|i| i.name.starts_with('-'))
-        .collect();
-    if options.is_empty() {
+    let options = |i: &Item| i.name.starts_with('-');
+    if !bake.is_empty() && bake.iter().all(|i| !options(i) || old.contains(i)) {
         return "All options of `lumel bake`.".to_owned();
     }
-    format!("Options of `lumel bake`, except {}.", list(&options))
+    // Neighbours in the list of `bake` become a range.
+    let mut ranges: Vec<(usize, usize)> = Vec::new();
+    let mut names = Vec::new();
+    for item in old {
+        match bake.iter().position(|i| i == item) {
+            Some(at) if ranges.last().is_some_and(|r| r.1 + 1 == at) => {
+                ranges.last_mut().expect("it was just seen").1 = at;
+            }
+            Some(at) => ranges.push((at, at)),
+            None => names.push(format!("`{}`", item.name)),
+        }
+    }
+    names.extend(ranges.into_iter().map(|(from, to)| {
+        let (a, b) = (&bake[from].name, &bake[to].name);
+        match to - from {
+            0 => format!("`{a}`"),
+            1 => format!("`{a}`, `{b}`"),
+            _ => format!("`{a}` to `{b}`"),
+        }
+    }));
+    format!("As above: {}.", names.join(", "))
 }
 
 #[test]
