@@ -96,8 +96,8 @@ pub(crate) struct Bake {
     /// Rotate a sky map about +Y, counter-clockwise seen from above [default: 0]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
     pub sky_rotation: Option<f32>,
-    /// Add a sun: direction of its light, illuminance, and diameter of its disc (the real sun's is
-    /// 0.533; without it shadows are sharp); repeatable
+    /// Add a sun: direction of its light, illuminance, diameter of its disc (without it shadows are
+    /// sharp); repeatable
     #[arg(long, value_name = "X,Y,Z,LUX[,DEGREES]", allow_hyphen_values = true, value_parser = parse_sun)]
     pub sun: Vec<Sun>,
     /// Scale a light source: a light or its node, an emissive material, `sky` or `sun`; wildcards
@@ -185,8 +185,7 @@ pub(crate) struct Bake {
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// Make charts and solve the light one after the other: needs less memory, and phase times in
-    /// the report do not overlap
+    /// Make charts and solve the light one after the other, which saves memory
     #[arg(long)]
     pub in_turn: bool,
     /// Cache the charts of large meshes here; later bakes of the same meshes reuse them
@@ -207,7 +206,7 @@ pub(crate) struct Bake {
     /// Write a dependency file for make or ninja
     #[arg(long, value_name = "FILE")]
     pub depfile: Option<PathBuf>,
-    /// Target in the dependency file instead of all results, e.g. a stamp file; repeatable
+    /// Target in the dependency file instead of all results; repeatable
     #[arg(long, value_name = "PATH", requires = "depfile")]
     pub depfile_target: Vec<PathBuf>,
     /// Print the bake's plan (pages, lumels, memory and time) and write nothing
@@ -262,8 +261,7 @@ pub(crate) struct Inspect {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Write pictures of charts into this folder: of each page, and of meshes with problems or many
-    /// lumels
+    /// Write pictures of pages and charts into this folder
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// What the pictures show
@@ -278,7 +276,7 @@ pub(crate) struct BoundsArgs {
     /// Allow `..` and links in the document to lead outside its folder
     #[arg(long)]
     pub allow_outside: bool,
-    /// Limit of decoded images (the scene's together, or the sky's), e.g. 4G [default: 1G]
+    /// Limit of decoded images, e.g. 4G [default: 1G]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     pub max_image: Option<u64>,
     /// Refuse a bake whose estimated memory exceeds this, e.g. 4G [default: three quarters of the

@@ -78,8 +78,8 @@ fn overrides(item: &Item) -> bool {
 /// The head of the page.
 const HEAD: &str = "# Options
 
-What `lumel COMMAND --help` says. Where two names stand together, the second overrides the first in
-a settings file.
+From `lumel COMMAND --help`, which also explains the values. The second of two names overrides the
+first in a settings file.
 ";
 
 fn page() -> String {
@@ -94,11 +94,13 @@ fn page() -> String {
         for (i, item) in new.iter().enumerate().filter(|(_, i)| !overrides(i)) {
             let opposite = new.get(i + 1).filter(|i| overrides(i));
             let opposite = opposite.map_or(String::new(), |i| format!(", `{}`", i.name));
-            page += &wrapped("- ", &format!("`{}`{opposite}: {}", item.name, item.text));
-            for value in &item.values {
-                let (value, text) = value.split_once(':').unwrap_or((value, ""));
-                page += &wrapped("  - ", &format!("`{value}`: {}", text.trim()));
+            let mut text = format!("`{}`{opposite}: {}", item.name, item.text);
+            let name = |v: &String| format!("`{}`", v.split(':').next().unwrap_or(v));
+            let values: Vec<_> = item.values.iter().map(name).collect();
+            if !values.is_empty() {
+                text += &format!(": {}", values.join(", "));
             }
+            page += &wrapped("- ", &text);
         }
         if !old.is_empty() {
             page += &format!("\n{}", wrapped("", &known(&seen[..bake], &old)));
