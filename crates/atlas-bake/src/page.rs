@@ -1,6 +1,14 @@
 //! A finished page of the lightmap.
 
 /// One finished lightmap page, row 0 at the top.
+///
+/// ```
+/// use atlas_bake::Page;
+///
+/// let layers = vec![("error.Y".into(), vec![0.1])];
+/// let page = Page { width: 1, height: 1, layers, ..Page::default() };
+/// assert_eq!(page.channel("error.Y"), Some(&[0.1][..]));
+/// ```
 #[derive(Debug, Clone, Default)]
 pub struct Page {
     /// Width in texels.

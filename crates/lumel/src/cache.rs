@@ -16,6 +16,13 @@ use serde::Serialize;
 use crate::record::PROGRAM;
 
 /// A folder where bakes store charts for later bakes.
+///
+/// ```
+/// use lumel::{Baker, Cache};
+///
+/// let cache = Cache { folder: "cache".into(), limit: Cache::LIMIT };
+/// let baker = Baker::new().cache(cache);
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cache {
     /// The folder; created when needed.

@@ -4,6 +4,12 @@ use std::path::PathBuf;
 
 /// Failure of a bake, by fault. [`exit_code`](Error::exit_code) is the exit code of the command
 /// line.
+///
+/// ```
+/// let error = lumel::Baker::new().bake("missing.glb").unwrap_err();
+/// assert_eq!(error.exit_code(), 2);
+/// assert!(error.to_string().contains("missing.glb"));
+/// ```
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

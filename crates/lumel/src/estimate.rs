@@ -26,6 +26,8 @@ use crate::settings::{Quality, Settings};
 ///
 /// Pages and lumels are exact. Rays, time and memory are estimates, see
 /// [`seconds`](Estimate::seconds).
+///
+/// [`Baker::estimate`](crate::Baker::estimate) has an example.
 #[derive(Debug, Clone, Serialize)]
 pub struct Estimate {
     /// File name of the scene.

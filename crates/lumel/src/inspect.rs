@@ -26,6 +26,8 @@ use crate::sources::{Source, SourceKind, Sources};
 use crate::warnings;
 
 /// What is known about a scene before it is baked.
+///
+/// [`Baker::inspect`](crate::Baker::inspect) has an example.
 #[derive(Debug, Clone, Serialize)]
 pub struct Inspection {
     /// File name.

@@ -194,6 +194,17 @@ pub fn solve(
 
 /// Gathers a shard, unless its file exists already, is complete, and belongs to this work folder.
 ///
+/// ```no_run
+/// use lumel::{Beside, Order, Provenance, Settings, ShardOf, Silent, WorkFolder, gather_work};
+///
+/// let (settings, provenance) = (Settings::default(), Provenance::default());
+/// let scene = "level.glb".as_ref();
+/// let order = Order { scene, settings: &settings, provenance: &provenance };
+/// let (work, shard) = (WorkFolder::open("work".as_ref())?, ShardOf { number: 1, of: 8 });
+/// gather_work(order, &work, shard, &Beside::default(), &Silent)?;
+/// # Ok::<(), lumel::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error`], by fault; [`Error::Folder`] if the work is damaged or its inputs changed.
 pub fn gather_work(

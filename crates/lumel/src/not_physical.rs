@@ -5,6 +5,13 @@ use serde::Serialize;
 use crate::error::Error;
 
 /// Departures from physics. The default has none, and costs neither time nor bytes.
+///
+/// ```
+/// use lumel::{NotPhysical, Settings};
+///
+/// let not_physical = NotPhysical { indirect_boost: 1.5, ..NotPhysical::default() };
+/// let settings = Settings { not_physical, ..Settings::default() };
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct NotPhysical {
     /// Factor on light that surfaces reflected at least once, applied where lumels, vertices and

@@ -63,6 +63,19 @@ pub(crate) struct Kept {
 /// Bakes nodes of a level anew, into the pages of an earlier bake. Other nodes keep their places
 /// and their light.
 ///
+/// ```no_run
+/// use lumel::{Beside, Only, Order, Provenance, Rebaked, Settings, Silent, rebake};
+///
+/// let (settings, provenance) = (Settings::default(), Provenance::default());
+/// let scene = "level.glb".as_ref();
+/// let order = Order { scene, settings: &settings, provenance: &provenance };
+/// let only = Only { folder: "out".as_ref(), names: &["lamp_*".into()] };
+/// if let Rebaked::Done(bake) = rebake(order, &only, &Beside::default(), &Silent)? {
+///     bake.write("out")?;
+/// }
+/// # Ok::<(), lumel::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Setting`] for names that no node has, [`Error::Folder`] if there is no earlier bake
 /// with the same settings, or if geometry or places of other nodes changed.

@@ -25,6 +25,14 @@ use crate::split;
 use crate::warnings::Warned;
 
 /// A finished bake, in memory.
+///
+/// ```no_run
+/// let bake = lumel::Baker::new().bake("level.glb")?;
+/// let page = &bake.pages()[0];
+/// println!("{} × {} texels", page.width, page.height);
+/// bake.write("out")?;
+/// # Ok::<(), lumel::Error>(())
+/// ```
 pub struct Bake {
     /// The scene as it was read.
     pub loaded: Loaded,

@@ -23,6 +23,13 @@ use crate::settings::Settings;
 ///
 /// Except for [`measured`](Report::measured), it is the same for the same input, settings and
 /// version.
+///
+/// ```no_run
+/// let bake = lumel::Baker::new().bake("level.glb")?;
+/// let report = &bake.report;
+/// println!("{} s, warnings: {:?}", report.measured.seconds, report.warnings);
+/// # Ok::<(), lumel::Error>(())
+/// ```
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// Program and version.

@@ -9,6 +9,14 @@ use crate::error::Error;
 use crate::pipeline::Bake;
 
 /// Baked light at the vertices of one primitive of one node.
+///
+/// ```no_run
+/// let bake = lumel::Baker::new().bake("level.glb")?;
+/// for colors in bake.vertex_colors() {
+///     println!("{}: {} vertices", colors.name, colors.irradiance.len());
+/// }
+/// # Ok::<(), lumel::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub struct VertexColors<'b> {

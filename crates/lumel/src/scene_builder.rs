@@ -10,6 +10,13 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Material of a surface. The default is white, opaque, single-sided and not emissive.
+///
+/// ```
+/// use lumel::Surface;
+///
+/// let lamp = Surface { emission: [10.0; 3], ..Surface::default() };
+/// assert!(!lamp.double_sided);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// Reflectance, linear RGB, 0..=1.

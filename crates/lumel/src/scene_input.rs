@@ -10,6 +10,13 @@ use crate::settings::Settings;
 
 /// A glTF scene to bake: a file's path, or a document in memory. Functions with this argument
 /// accept a `&str`, a `&Path` or a `&MemoryDocument`.
+///
+/// ```
+/// use lumel::SceneInput;
+///
+/// let input = SceneInput::from("level.glb");
+/// assert!(input.path().ends_with("level.glb"));
+/// ```
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub enum SceneInput<'a> {

@@ -14,6 +14,13 @@ use crate::memory::{COPIES, TRIANGLE, machine_bytes};
 use crate::not_physical::NotPhysical;
 
 /// Trade-off between bake time and accuracy.
+///
+/// ```
+/// use lumel::Quality;
+///
+/// assert!(Quality::Draft < Quality::Production);
+/// assert_eq!(Quality::default(), Quality::Preview);
+/// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quality {
@@ -52,6 +59,14 @@ pub enum ProbeSource {
 }
 
 /// A sun in addition to the scene's own lights.
+///
+/// ```
+/// use lumel::{Baker, Sun};
+///
+/// let noon = Sun::new([0.3, -1.0, 0.2], 100_000.0).angle(0.533);
+/// let baker = Baker::new().sun(noon);
+/// assert_eq!(baker.settings().suns, [noon]);
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Sun {
     /// Direction in which its light travels, any non-zero length.
@@ -83,6 +98,13 @@ impl Sun {
 }
 
 /// Scales or switches off light sources.
+///
+/// ```
+/// use lumel::{LightScale, Settings};
+///
+/// let dimmed = LightScale { name: "lamp*".into(), factor: 0.5 };
+/// let settings = Settings { lights: vec![dimmed], ..Settings::default() };
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LightScale {
     /// Name of the sources, with wildcards `*` (any characters) and `?` (one character). Lights go
@@ -135,6 +157,13 @@ pub enum GltfExt {
 }
 
 /// Light sources that are baked into separate pages.
+///
+/// ```
+/// use lumel::{LightGroup, Settings};
+///
+/// let day = LightGroup { name: "day".into(), sources: vec!["sun".into(), "sky".into()] };
+/// let settings = Settings { groups: vec![day], ..Settings::default() };
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LightGroup {
     /// Part of file names: characters `A-Z a-z 0-9 . _ -`, unique even if case is ignored.
@@ -146,6 +175,18 @@ pub struct LightGroup {
 /// Everything besides the scene that a bake depends on.
 ///
 /// Serialised into the report, without values that do not change the result (threads, paths).
+///
+/// ```no_run
+/// use lumel::{Quality, Settings, Silent, bake};
+///
+/// let settings = Settings {
+///     quality: Quality::Draft,
+///     texels_per_unit: Some(4.0),
+///     ..Settings::default()
+/// };
+/// let bake = bake("level.glb".as_ref(), &settings, &Silent)?;
+/// # Ok::<(), lumel::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Settings {
     /// Preset.
@@ -253,6 +294,13 @@ pub struct Settings {
 
 /// What a bake refuses to read or to begin, for users who bake untrusted scenes. Settings files
 /// cannot change these bounds, because they may come from the same source as the scene.
+///
+/// ```
+/// use lumel::{Bounds, Settings};
+///
+/// let bounds = Bounds { memory: Some(2 << 30), ..Bounds::default() };
+/// let settings = Settings { bounds, ..Settings::default() };
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bounds {
     /// Whether `..` and links in the document may lead out of its folder. Absolute paths are never

@@ -8,6 +8,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use radiosity::{Monitor, Phase};
 
 /// Progress of a bake.
+///
+/// ```
+/// let baker = lumel::Baker::new().on_progress(|p| {
+///     if let Some(share) = p.share() {
+///         println!("{}: {:.0} %", p.phase.name(), 100.0 * share);
+///     }
+/// });
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Progress {

@@ -54,6 +54,18 @@ impl Phase {
 
 /// Observes long work and may stop it. Its methods are called from worker threads, at most a few
 /// hundred times per second.
+///
+/// ```
+/// use radiosity::{Monitor, Phase};
+///
+/// struct Lines;
+///
+/// impl Monitor for Lines {
+///     fn progress(&self, phase: Phase, done: u64, total: u64) {
+///         println!("{} {done} of {total}", phase.name());
+///     }
+/// }
+/// ```
 pub trait Monitor: Sync {
     /// `done` of `total` units of the phase are finished.
     fn progress(&self, _phase: Phase, _done: u64, _total: u64) {}

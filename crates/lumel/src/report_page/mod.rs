@@ -27,6 +27,14 @@ struct Inputs<'a> {
 ///
 /// The same bake gives the same bytes. Pages of two runs differ only in times and memory.
 ///
+/// ```no_run
+/// let folder = lumel::BakeFolder::open("out".as_ref())?;
+/// for stem in folder.bakes() {
+///     let html = lumel::report_page(&folder, &stem)?;
+/// }
+/// # Ok::<(), lumel::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Folder`] if the manifest, the report or a page is missing or broken, [`Error::Output`]
 /// if an EXR cannot be read.

@@ -30,6 +30,13 @@ pub struct Status {
 }
 
 /// A server that shows the bakes of a folder.
+///
+/// ```no_run
+/// let viewer = lumel::view::Viewer::bind("out".as_ref(), 0)?;
+/// println!("{}", viewer.url());
+/// viewer.serve();
+/// # Ok::<(), lumel::Error>(())
+/// ```
 pub struct Viewer {
     listener: TcpListener,
     answers: Arc<Answers>,
