@@ -2,11 +2,13 @@
 // Runs the Khronos glTF validator over scenes and prints a table.
 //
 // Usage: node validate.mjs [--json] FILE|DIR...     (DIR: every .gltf and .glb below it)
+//        node validate.mjs --pairs DIR              (DIR: folders with in.glb and out/, from LUMEL_FUZZ_BAKED)
 // Needs: the npm package gltf-validator, in node_modules of the folder LUMEL_NPM (default /opt/lumel-npm).
-// Exit:  0 if no file has an error, 1 if one has, 2 on wrong usage or a missing package.
+// Exit:  0 if no file has an error (with --pairs, none of a kind that its input has not), 1 if one has, 2 on wrong
+//        usage or a missing package.
 import { createRequire } from 'node:module';
 import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
-import { dirname, join, resolve } from 'node:path';
+import { basename, dirname, join, resolve } from 'node:path';
 
 const npm = process.env.LUMEL_NPM ?? '/opt/lumel-npm';
 let validator;
@@ -19,9 +21,10 @@ try {
 
 const args = process.argv.slice(2);
 const json = args.includes('--json');
-const roots = args.filter((a) => a !== '--json');
+const pairs = args.includes('--pairs');
+const roots = args.filter((a) => a !== '--json' && a !== '--pairs');
 if (roots.length === 0) {
-  console.error('usage: validate.mjs [--json] FILE|DIR...');
+  console.error('usage: validate.mjs [--json | --pairs] FILE|DIR...');
   process.exit(2);
 }
 
@@ -61,7 +64,20 @@ for (const file of files) {
   rows.push({ file, errors: issues.numErrors, warnings: issues.numWarnings, infos: issues.numInfos, triangles: info.totalTriangleCount ?? 0, messages: issues.messages });
 }
 
-if (json) {
+if (pairs) {
+  const kinds = (row) => new Map(row.messages.filter((m) => m.severity === 0).map((m) => [m.code, m]));
+  const inputs = new Map(rows.filter((r) => basename(r.file) === 'in.glb').map((r) => [dirname(r.file), r]));
+  const outputs = rows.filter((r) => basename(r.file) !== 'in.glb');
+  bad = 0;
+  for (const row of outputs) {
+    const known = kinds(inputs.get(dirname(dirname(row.file))));
+    const added = [...kinds(row).values()].filter((m) => !known.has(m.code));
+    if (added.length > 0) bad += 1;
+    for (const m of added) console.log(`${row.file}: ${m.code}: ${m.message} (${m.pointer ?? ''})`);
+  }
+  const wrong = [...inputs.values()].filter((r) => r.errors > 0).length;
+  console.log(`${inputs.size} inputs, ${wrong} with errors; ${outputs.length} outputs, ${bad} with errors of a kind that the input has not`);
+} else if (json) {
   console.log(JSON.stringify(rows));
 } else {
   console.log('errors  warnings  infos  triangles  file');

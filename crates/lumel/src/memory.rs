@@ -175,8 +175,8 @@ fn stored(document: &Document) -> u64 {
     buffers.chain(linked).sum()
 }
 
-/// The machine's memory in bytes, or less if the process is in a container that has less; `None`
-/// elsewhere than on Linux.
+/// The machine's memory in bytes, or less if the container or the process (`ulimit -v`) may have
+/// less; `None` elsewhere than on Linux.
 pub(crate) fn machine_bytes() -> Option<u64> {
     let info = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = info.lines().find(|l| l.starts_with("MemTotal:"))?;
@@ -190,7 +190,12 @@ pub(crate) fn machine_bytes() -> Option<u64> {
         let text = std::fs::read_to_string(path).ok()?;
         text.trim().parse::<u64>().ok()
     });
-    Some(limits.fold(kib * 1024, u64::min))
+    let own = std::fs::read_to_string("/proc/self/limits").ok();
+    let own = own.iter().flat_map(|text| text.lines()).find_map(|line| {
+        let soft = line.strip_prefix("Max address space")?;
+        soft.split_whitespace().next()?.parse().ok()
+    });
+    Some(limits.chain(own).fold(kib * 1024, u64::min))
 }
 
 /// Peak resident set in bytes on Linux; `None` elsewhere.

@@ -3,8 +3,12 @@
 
 use std::ffi::OsStr;
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
+use flate2::write::ZlibEncoder;
+use flate2::{Compression, Crc};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -203,7 +207,7 @@ fn pipes_devices_and_folders_are_refused_unread_wherever_a_file_is_read() {
     let folder = temp();
     let at = |name: &str| folder.path().join(name);
     let pipe = |name: &str| {
-        let made = std::process::Command::new("mkfifo").arg(at(name)).status();
+        let made = Command::new("mkfifo").arg(at(name)).status();
         assert!(made.expect("mkfifo is there").success());
         at(name)
     };
@@ -369,6 +373,50 @@ fn pictures_and_memory_have_budgets() {
     run.fails(3, &["demo_level.glb with", "--memory is 1 MiB"]);
     bake(&scene, &out, "-q --memory 20M").fails(3, &["no density would fit"]);
     assert!(!out.exists());
+}
+
+/// Half a gigabyte of colour profile in half a megabyte, which used to be unpacked.
+#[test]
+#[cfg(target_os = "linux")]
+fn colour_profiles_have_a_limit() {
+    let mut profile = ZlibEncoder::new(b"icc\0\0".to_vec(), Compression::best());
+    let megabyte = vec![0; 1 << 20];
+    for _ in 0..500 {
+        profile.write_all(&megabyte).expect("memory takes all");
+    }
+    let profile = profile.finish().expect("memory takes all");
+    let mut png = crate::fuzz::seeds::picture(image::ImageFormat::Png);
+    // After the signature of 8 bytes and the header of 25.
+    let mut sum = Crc::new();
+    sum.update(b"iCCP");
+    sum.update(&profile);
+    let head = (profile.len() as u32).to_be_bytes();
+    let chunk = [&head, &b"iCCP"[..], &profile, &sum.sum().to_be_bytes()].concat();
+    png.splice(33..33, chunk);
+    let folder = temp();
+    let level = crate::fuzz::seeds::with_files(&png, &crate::fuzz::seeds::ies());
+    let scene = write(folder.path().join("c.glb"), level.glb());
+    bake(&scene, &folder.path().join("out"), "-q").ok();
+    let report = parse(&files(&folder.path().join("out"))["c.report.json"]);
+    let peak = report["measured"]["peak_bytes"].as_u64().expect("measured");
+    assert!(peak < 200 << 20, "{peak}");
+}
+
+/// `ulimit -v` used to be unknown, so that a bake within three quarters of the machine's memory was
+/// aborted.
+#[test]
+#[cfg(target_os = "linux")]
+fn memory_defaults_to_what_the_process_may_have() {
+    let folder = temp();
+    let (scene, out) = (asset("cornell_box.glb"), folder.path().join("out"));
+    let run = Run::of(
+        Command::new("sh")
+            .args(["-c", "ulimit -v 1000000; exec \"$0\" \"$@\""])
+            .arg(env!("CARGO_BIN_EXE_lumel"))
+            .args(["bake", "-q", "--texels-per-unit", "300", "-o"])
+            .args([&out, &scene]),
+    );
+    run.fails(3, &["expected at most 732 MiB (--memory)"]);
 }
 
 /// Layers, directions, groups, shadow masks and split edges used to be left out.

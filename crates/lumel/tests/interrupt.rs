@@ -8,7 +8,7 @@ use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::common::{asset, bake, comparable, files, names, outputs, parse, temp, write};
+use crate::common::{asset, bake, cheap, comparable, files, names, outputs, parse, temp, write};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -196,20 +196,8 @@ fn sigkill_while_writing_tears_no_file() {
     let new = files(&out);
     bake(&scene, &out, "").ok();
     let old = files(&out);
-    let mut child = crate::common::command()
-        .arg("bake")
-        .arg(&scene)
-        .arg("-o")
-        .arg(&out)
-        .args([
-            "-q",
-            "--quality",
-            "draft",
-            "--texels-per-unit",
-            "4",
-            "--sky",
-            "1",
-        ])
+    let mut child = cheap(&scene, &out)
+        .args(["-q", "--sky", "1"])
         .spawn()
         .expect("the binary starts");
     // Temporary files exist only for a few fsyncs. If the loop misses them, the bake ends normally.

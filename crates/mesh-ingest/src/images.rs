@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 
-use image::{ImageFormat, ImageReader};
+use image::{DynamicImage, ImageFormat, ImageReader};
 use rayon::prelude::*;
 
 use crate::document::{Document, ImageSource};
@@ -22,6 +22,10 @@ const JPEG_PIXELS_PER_BYTE: u64 = 1024;
 
 /// Upper bound of decoded bytes per byte of DEFLATE data, as in PNG: at most 258 bytes in two bits.
 const PNG_BYTES_PER_BYTE: u64 = 1032;
+
+/// Most bytes that a PNG decoder may allocate besides the pixels. Larger colour profiles, which half
+/// a megabyte of DEFLATE data may expand to 500 MB, are skipped.
+const PNG_EXTRAS: u64 = 16 << 20;
 
 /// Pixels claimed so far. They are claimed before decoding, so that a hundred small files of
 /// 10,000² pixels each are refused before any is decoded.
@@ -173,7 +177,7 @@ fn reader(i: usize, bytes: &[u8]) -> Outcome<ImageReader<Cursor<&[u8]>>> {
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(1 << 16);
     limits.max_image_height = Some(1 << 16);
-    limits.max_alloc = Some(2 << 30);
+    limits.max_alloc = Some(PNG_EXTRAS);
     reader.limits(limits);
     Ok(reader)
 }
@@ -184,11 +188,9 @@ fn broken(i: usize, e: image::ImageError) -> Fault {
         image::ImageError::Unsupported(e) => {
             Fault::unsupported(path, e.to_string(), "a plain PNG, JPEG or WebP image")
         }
-        image::ImageError::Limits(e) => Fault::limit(
-            path,
-            e.to_string(),
-            "an image below 65536² pixels and 2 GiB",
-        ),
+        image::ImageError::Limits(e) => {
+            Fault::limit(path, e.to_string(), "an image below 65536² pixels")
+        }
         e => Fault::invalid(
             path,
             format!("a broken image ({e})"),
@@ -245,8 +247,9 @@ fn decode_one(i: usize, bytes: &[u8]) -> Outcome<Image> {
     if ktx2::is_ktx2(bytes) {
         return ktx2::decode(i, bytes);
     }
-    let rgba = reader(i, bytes)?
-        .decode()
+    let decoder = reader(i, bytes)?.into_decoder();
+    let rgba = decoder
+        .and_then(DynamicImage::from_decoder)
         .map_err(|e| broken(i, e))?
         .into_rgba8();
     let (width, height) = rgba.dimensions();

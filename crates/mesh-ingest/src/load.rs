@@ -16,7 +16,7 @@ use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
 use crate::options::{LoadOptions, MAX_COORDINATE};
 use crate::primitive::{Want, attribute_list, primitive_mode};
-use crate::report::{IngestReport, Totals};
+use crate::report::{IngestReport, LeftOutReason, Totals};
 use crate::scene::{Instance, Mesh, Primitive, Scene};
 use crate::settle::{needed_images, settle_alpha};
 use crate::{environment, extensions, extras, images, lights, lods, sides};
@@ -542,11 +542,17 @@ fn why_empty(graph: &Graph, report: &IngestReport) -> String {
     if graph.meshes.is_empty() && report.left_out.is_empty() {
         parts.push("the scene places no mesh".to_string());
     }
+    let mut deformed = false;
     for (reason, count) in report.left_out_by_reason() {
         parts.push(format!("{count} nodes left out ({reason:?})"));
+        deformed |= !matches!(reason, LeftOutReason::Hidden | LeftOutReason::Excluded);
     }
     parts.extend(report.counts.iter().map(|(key, n)| format!("{key} {n}")));
-    parts.join(", ")
+    let mut why = parts.join(", ");
+    if deformed {
+        why.push_str("; extras.lumel.bake: true on a node bakes it as it stands");
+    }
+    why
 }
 
 fn totals(scene: &Scene) -> Totals {

@@ -23,6 +23,16 @@ pub struct Run {
 }
 
 impl Run {
+    /// Runs `command` to its end.
+    pub fn of(command: &mut Command) -> Run {
+        let out = command.output().expect("the binary starts");
+        Run {
+            code: out.status.code(),
+            stdout: String::from_utf8(out.stdout).expect("stdout is UTF-8"),
+            stderr: String::from_utf8(out.stderr).expect("stderr is UTF-8"),
+        }
+    }
+
     /// Asserts success.
     #[track_caller]
     pub fn ok(self) -> Run {
@@ -58,24 +68,20 @@ pub fn command() -> Command {
 
 /// Runs the binary with `arguments`.
 pub fn lumel<I: IntoIterator<Item = S>, S: AsRef<OsStr>>(arguments: I) -> Run {
-    let out = command()
-        .args(arguments)
-        .output()
-        .expect("the binary starts");
-    Run {
-        code: out.status.code(),
-        stdout: String::from_utf8(out.stdout).expect("stdout is UTF-8"),
-        stderr: String::from_utf8(out.stderr).expect("stderr is UTF-8"),
-    }
+    Run::of(command().args(arguments))
 }
 
 /// `lumel bake SCENE -o OUT` with the cheapest settings and further `options` (separated by
 /// spaces).
 pub fn bake(scene: &Path, out: &Path, options: &str) -> Run {
-    let mut a: Vec<&OsStr> = vec!["bake".as_ref(), scene.as_ref(), "-o".as_ref(), out.as_ref()];
-    a.extend(CHEAP.iter().map(OsStr::new));
-    a.extend(options.split_whitespace().map(OsStr::new));
-    lumel(a)
+    Run::of(cheap(scene, out).args(options.split_whitespace()))
+}
+
+/// The command of [`bake`] without options, not yet started.
+pub fn cheap(scene: &Path, out: &Path) -> Command {
+    let mut c = command();
+    c.arg("bake").arg(scene).arg("-o").arg(out).args(CHEAP);
+    c
 }
 
 /// With these options, a bake of the Cornell box takes a tenth of a second.
