@@ -6,7 +6,7 @@
 #
 # Needs a release build and qemu-x86_64 (Debian: qemu-user). Prints a Markdown table of hashes and
 # ends with 1 if a processor gives others. LUMEL_TARGET names another folder than `target`; ARM may
-# name a build for aarch64, which qemu-aarch64 then runs too.
+# name a build for aarch64, which qemu-aarch64 then runs too, and V2 one for x86-64-v2.
 set -eu
 cd "$(dirname "$0")/.."
 quality=${1:-draft}
@@ -47,5 +47,6 @@ bake "this one, LUMEL_KERNEL=portable" env LUMEL_KERNEL=portable "$build/lumel"
 for cpu in Nehalem Haswell max max,-fma; do
     bake "qemu $cpu" qemu-x86_64 -cpu "$cpu" "$build/lumel"
 done
+[ -z "${V2:-}" ] || bake "built for x86-64-v2" "$V2"
 [ -z "${ARM:-}" ] || bake "qemu aarch64" qemu-aarch64 "$ARM"
 [ "$(sort -u "$scratch/hashes" | wc -l)" = 1 ]

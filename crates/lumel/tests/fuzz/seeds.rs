@@ -57,9 +57,15 @@ impl Level {
             .collect();
         let view = self.view(&bytes);
         let kind = ["", "SCALAR", "VEC2", "VEC3", "VEC4"][N];
+        // The format demands bounds of positions and times.
+        let bound = |pick: fn(f32, f32) -> f32| {
+            let of = |k: usize| rows.iter().map(|row| row[k]).reduce(pick);
+            (0..N).map(of).collect::<Option<Vec<f32>>>()
+        };
         self.push(
             "accessors",
-            json!({"bufferView": view, "componentType": 5126, "count": rows.len(), "type": kind}),
+            json!({"bufferView": view, "componentType": 5126, "count": rows.len(), "type": kind,
+                "min": bound(f32::min), "max": bound(f32::max)}),
         )
     }
 }
