@@ -238,7 +238,7 @@ pub fn bake(_: &Place, glb: &[u8]) -> Outcome {
     let bake = baker().sky([0.5; 3]).bake(&level).map_err(|e| fails(&e))?;
     if let Some(folder) = std::env::var_os("LUMEL_FUZZ_BAKED") {
         let folder = Path::new(&folder).join(&*blake3::hash(glb).to_hex());
-        bake.write(&folder.join("out")).expect("a writable folder");
+        bake.write(folder.join("out")).expect("a writable folder");
         fs::write(folder.join("in.glb"), glb).expect("a writable folder");
     }
     checked(&bake)
