@@ -382,9 +382,8 @@ fn three_js_adds_mixed_lamps_through_shadow_masks() {
     }
 }
 
-/// The React Three Fiber example, bundled as its package.json says. Prints a message if that is
-/// impossible.
-/// possible.
+/// The React Three Fiber example, bundled as its package.json says, with packages of `LUMEL_NPM`.
+/// Prints a message if that is impossible.
 fn react_example() -> Option<PathBuf> {
     let packages = [
         "esbuild",
@@ -409,6 +408,10 @@ fn react_example() -> Option<PathBuf> {
             "--jsx=automatic",
             "--log-level=error",
         ])
+        .arg(format!(
+            "--alias:lumel-three/react={}",
+            folder.join("../lumel-react.js").display()
+        ))
         .arg(format!("--outfile={}", bundle.join("bundle.js").display()))
         .env("NODE_PATH", npm_modules())
         .status()

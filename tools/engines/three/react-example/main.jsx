@@ -3,7 +3,7 @@ import { Component, Suspense, useEffect } from 'react';
 import { createRoot } from 'react-dom/client';
 import { Canvas, useThree } from '@react-three/fiber';
 import { Vector3 } from 'three';
-import { LumelLevel } from '../lumel-react.js';
+import { LumelLevel } from 'lumel-three/react';
 
 const query = new URLSearchParams(location.search);
 const [x, y, z, tx, ty, tz, fov] = (query.get('cam') ?? '4,3,6,0,1,0,60').split(',').map(Number);
