@@ -12,9 +12,6 @@ use super::args::{Bake, ProgressArg};
 use super::course::Course;
 use super::interrupt;
 
-/// Fraction of the bake before which the remaining time is a guess and is not shown.
-pub(super) const TELL_FROM: f64 = 0.05;
-
 /// Interval between lines of progress.
 const LINES_EVERY: Duration = Duration::from_millis(250);
 
@@ -49,9 +46,8 @@ impl State {
     /// The fraction done and, once it can be estimated, the remaining time in words.
     fn see(&mut self, phase: Phase, done: u64, total: u64) -> (f64, Option<String>) {
         let share = self.course.see(phase, done, total);
-        let left = self.start.elapsed().as_secs_f64() * (1.0 - share) / share;
-        let told = share >= TELL_FROM && left.is_finite();
-        (share, told.then(|| duration(left)))
+        let left = self.course.left(self.start.elapsed().as_secs_f64());
+        (share, left.map(duration))
     }
 
     fn line_due(&mut self) -> bool {
