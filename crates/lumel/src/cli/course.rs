@@ -155,9 +155,12 @@ impl Course {
 mod tests {
     use super::*;
 
+    /// Phase, its units of work, start and end.
+    type Event = (Phase, u64, f64, f64);
+
     /// Phases as a preview of the Cornell box reported them, with their start and end times in
     /// seconds.
-    const CORNELL: &[(Phase, u64, f64, f64)] = &[
+    const CORNELL: &[Event] = &[
         (Phase::Direct, 20_000, 0.2, 1.6),
         (Phase::Links, 248_288, 1.7, 2.39),
         (Phase::Links, 744_864, 2.42, 2.79),
@@ -170,7 +173,7 @@ mod tests {
     ];
 
     /// As [`CORNELL`], for godot_room, whose second gather pass is short.
-    const ROOM: &[(Phase, u64, f64, f64)] = &[
+    const ROOM: &[Event] = &[
         (Phase::Links, 1_009_872, 1.6, 2.3),
         (Phase::Gather, 192_254, 2.86, 30.03),
         (Phase::Gather, 30_303, 30.06, 30.14),
@@ -180,7 +183,7 @@ mod tests {
     ];
 
     /// As [`CORNELL`], for the demo level at draft, whose links take longer than its direct light.
-    const DEMO_DRAFT: &[(Phase, u64, f64, f64)] = &[
+    const DEMO_DRAFT: &[Event] = &[
         (Phase::Direct, 20_000, 0.5, 1.1),
         (Phase::Links, 900_000, 1.1, 3.7),
         (Phase::Gather, 60_000, 3.7, 8.2),
@@ -188,14 +191,14 @@ mod tests {
         (Phase::Vertices, 8_000, 11.3, 11.4),
     ];
 
-    const BAKES: [(&[(Phase, u64, f64, f64)], Quality); 3] = [
+    const BAKES: [(&[Event], Quality); 3] = [
         (CORNELL, Quality::Preview),
         (ROOM, Quality::Preview),
         (DEMO_DRAFT, Quality::Draft),
     ];
 
     /// Time, fraction, and seconds to go after each tenth of each phase.
-    fn follow(events: &[(Phase, u64, f64, f64)], quality: Quality) -> Vec<(f64, f64, Option<f64>)> {
+    fn follow(events: &[Event], quality: Quality) -> Vec<(f64, f64, Option<f64>)> {
         let mut course = Course::new(&Settings {
             quality,
             ..Settings::default()
