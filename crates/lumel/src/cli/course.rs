@@ -191,10 +191,12 @@ mod tests {
         (Phase::Vertices, 8_000, 11.3, 11.4),
     ];
 
-    const BAKES: [(&[Event], Quality); 3] = [
-        (CORNELL, Quality::Preview),
-        (ROOM, Quality::Preview),
-        (DEMO_DRAFT, Quality::Draft),
+    /// With the least share at which each of them must end. The draft's ends lower, because
+    /// stitching, of which nothing is told, takes a fifth of it.
+    const BAKES: [(&[Event], Quality, f64); 3] = [
+        (CORNELL, Quality::Preview, 0.9),
+        (ROOM, Quality::Preview, 0.9),
+        (DEMO_DRAFT, Quality::Draft, 0.8),
     ];
 
     /// Time, fraction, and seconds to go after each tenth of each phase.
@@ -218,17 +220,17 @@ mod tests {
 
     #[test]
     fn it_never_falls_and_ends_near_the_end() {
-        for (events, quality) in BAKES {
+        for (events, quality, least) in BAKES {
             let course = follow(events, quality);
             assert!(course.windows(2).all(|w| w[0].1 <= w[1].1), "{course:?}");
             let last = course.last().map_or(0.0, |c| c.1);
-            assert!((0.8..=1.0).contains(&last), "{last}");
+            assert!((least..=1.0).contains(&last), "{last}");
         }
     }
 
     #[test]
     fn time_to_go_does_not_jump_back_by_more_than_a_fifth() {
-        for (events, quality) in BAKES {
+        for (events, quality, _) in BAKES {
             let shown: Vec<(f64, f64)> = (follow(events, quality).into_iter())
                 .filter_map(|(t, _, left)| Some((t, left?)))
                 .collect();
