@@ -340,6 +340,18 @@ impl<'a> Baker<'a> {
     /// Whether `dir` already contains what baking `file` would write there. Compares contents of
     /// inputs, settings and program; only reads.
     ///
+    /// ```no_run
+    /// let baker = lumel::Baker::new();
+    /// match baker.find_current("level.glb", "out") {
+    ///     Ok(current) => println!("nothing to do: {} files", current.outputs.len()),
+    ///     Err(why) => {
+    ///         println!("baking, because {why}");
+    ///         baker.bake("level.glb")?.write("out")?;
+    ///     }
+    /// }
+    /// # Ok::<(), lumel::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// The reason to bake again, as a short text for people.
     pub fn find_current(

@@ -6,6 +6,13 @@ use crate::cache::Cache;
 use crate::error::Error;
 
 /// Optional side effects of a bake that do not change the result.
+///
+/// ```
+/// use lumel::{Beside, Cache};
+///
+/// let cache = Cache { folder: "cache".into(), limit: Cache::LIMIT };
+/// let beside = Beside { cache: Some(&cache), ..Beside::default() };
+/// ```
 #[derive(Clone, Copy, Default)]
 pub struct Beside<'a> {
     /// Where charts of large meshes are cached.

@@ -118,6 +118,20 @@ fn charts(folder: &Path) -> Cache {
 /// Makes charts, solves the light, and writes both into the folder `work`. `told` is the command
 /// from which other processes take the same settings.
 ///
+/// ```no_run
+/// use lumel::{Beside, Order, Provenance, Settings, Silent, Told, WorkFolder, merge_work, solve};
+///
+/// let (settings, provenance) = (Settings::default(), Provenance::default());
+/// let scene = "level.glb".as_ref();
+/// let order = || Order { scene, settings: &settings, provenance: &provenance };
+/// let told = Told { folder: ".".into(), arguments: vec!["level.glb".into()] };
+/// solve(order(), told, "work".as_ref(), &Beside::default(), &Silent)?;
+/// // Then every shard is gathered, on any machine: see `gather_work`.
+/// let work = WorkFolder::open("work".as_ref())?;
+/// merge_work(order(), &work, &Beside::default(), &Silent)?.write("out")?;
+/// # Ok::<(), lumel::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error`], by fault.
 pub fn solve(
