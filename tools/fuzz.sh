@@ -5,9 +5,10 @@
 #
 # Prints one line per target. Failing inputs go to the folder `fuzz` in Cargo's target/tmp, and the script then exits with 1.
 # SEED defaults to the time, so every run differs. LUMEL_FUZZ_SEEDS may name a folder with more .glb files to damage.
-# LUMEL_FUZZ_BAKED may name a folder for the inputs and outputs of `bakes`; `validate.mjs --pairs` compares them.
+# LUMEL_FUZZ_BAKED may name a folder for the inputs and outputs of `bakes`, which
+# `validate.mjs --pairs` compares.
 set -u
-[ $# -ge 1 ] || { sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 1; }
+[ $# -ge 1 ] || { sed -n '2,10s/^# \{0,1\}//p' "$0"; exit 1; }
 minutes=$1
 seed=${2:-$(date +%s)}
 [ $# -ge 2 ] && shift

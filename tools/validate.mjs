@@ -2,10 +2,11 @@
 // Runs the Khronos glTF validator over scenes and prints a table.
 //
 // Usage: node validate.mjs [--json] FILE|DIR...     (DIR: every .gltf and .glb below it)
-//        node validate.mjs --pairs DIR              (DIR: folders with in.glb and out/, from LUMEL_FUZZ_BAKED)
+//        node validate.mjs --pairs DIR
+//        (DIR: folders with in.glb and out/, from LUMEL_FUZZ_BAKED)
 // Needs: the npm package gltf-validator, in node_modules of the folder LUMEL_NPM (default /opt/lumel-npm).
-// Exit:  0 if no file has an error (with --pairs, none of a kind that its input has not), 1 if one has, 2 on wrong
-//        usage or a missing package.
+// Exit:  0 if no file has an error (with --pairs, none of a kind that its input has not), 1 if one
+//        has, 2 on wrong usage or a missing package.
 import { createRequire } from 'node:module';
 import { existsSync, readFileSync, readdirSync, statSync } from 'node:fs';
 import { basename, dirname, join, resolve } from 'node:path';
