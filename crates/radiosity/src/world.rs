@@ -415,17 +415,36 @@ impl<'a> World<'a> {
     /// point is `lift` metres up, and higher if the surface is convex. A segment between two lifted
     /// points would not do: a leaning wall would pass between a point and its lifted copy. Cut-out,
     /// blended and glass surfaces do not count as walls.
+    ///
+    /// A cover parallel to the surface (a rug, a poster) is no wall either: if something is above
+    /// either point, the segments stay below half of its height.
     pub fn wall_between(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32) -> bool {
-        let top = above_the_middle(a, b, lift);
-        [a, b].into_iter().any(|end| {
+        let blocked = |lift: f32| {
+            let top = above_the_middle(a, b, lift);
+            [a, b].into_iter().any(|end| {
+                let ray = Ray {
+                    origin: end.origin,
+                    direction: top - end.origin,
+                    t_min: 0.0,
+                    t_max: 1.0,
+                };
+                self.bvh.occluded(&ray, &Opaque)
+            })
+        };
+        if !blocked(lift) {
+            return false;
+        }
+        let headroom = |p: &SurfacePoint| {
             let ray = Ray {
-                origin: end.origin,
-                direction: top - end.origin,
+                origin: p.origin,
+                direction: p.normal * lift,
                 t_min: 0.0,
                 t_max: 1.0,
             };
-            self.bvh.occluded(&ray, &Opaque)
-        })
+            (self.bvh.closest_hit(&ray, &Opaque)).map_or(1.0, |hit| hit.t)
+        };
+        let room = headroom(a).min(headroom(b));
+        room == 1.0 || blocked(0.5 * room * lift)
     }
 
     /// Whether `a` is behind and `b` in front of a surface: the first hit on the segments of
