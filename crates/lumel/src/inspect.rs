@@ -171,6 +171,9 @@ fn describe(light: &mesh_ingest::Light) -> String {
     if light.profile.is_some() {
         kind += ", measured profile";
     }
+    if light.cookie.is_some() {
+        kind += ", cookie";
+    }
     if light.name.is_empty() {
         kind
     } else {
@@ -417,6 +420,7 @@ mod tests {
             intensity: Vec3::new(1.0, 5.0, 2.0),
             kind,
             profile,
+            cookie: None,
         };
         let point = |radius| LightKind::Point {
             position: Vec3::ZERO,

@@ -232,6 +232,7 @@ fn add_suns(scene: &mut Scene, settings: &Settings) {
                 angle: 0.5 * s.angle.to_radians(),
             },
             profile: None,
+            cookie: None,
         });
     }
 }

@@ -13,7 +13,7 @@ use std::process::Command;
 use crate::common::browser::Browser;
 use crate::common::quads::{R, points, scene, shown, sun};
 use crate::common::site::{Site, npm_modules};
-use crate::common::{files, lumel, names, outputs, parse, temp, write};
+use crate::common::{asset, files, lumel, names, outputs, parse, temp, write};
 use image::RgbImage;
 use lumel::atlas_bake::read_exr;
 use serde_json::{Value, json};
@@ -380,6 +380,159 @@ fn three_js_adds_mixed_lamps_through_shadow_masks() {
         );
         assert_eq!(b.errors, [""; 0]);
     }
+}
+
+/// The radiance of a white diffuse surface with the normal `n`, as docs/probes.md writes it.
+fn probe_diffuse(sh: &[[f64; 3]; 9], n: [f64; 3]) -> [f64; 3] {
+    let [x, y, z] = n;
+    [0, 1, 2].map(|c| {
+        let s = |k: usize| sh[k][c];
+        (0.282095 * s(0)
+            + 0.325735 * (s(1) * y + s(2) * z + s(3) * x)
+            + 0.273137 * (s(4) * x * y + s(5) * y * z + s(7) * x * z)
+            + 0.078848 * s(6) * (3.0 * z * z - 1.0)
+            + 0.136569 * s(8) * (x * x - y * y))
+            .max(0.0)
+    })
+}
+
+/// The harmonics of a grid of probes.
+struct ProbeGrid {
+    file: Value,
+}
+
+impl ProbeGrid {
+    fn numbers(&self, key: &str) -> [f64; 3] {
+        [0, 1, 2].map(|i| self.file["grid"][key][i].as_f64().expect("a number"))
+    }
+
+    fn probe(&self, index: [f64; 3]) -> [[f64; 3]; 9] {
+        let [nx, ny, _] = self.numbers("dims");
+        let at = (index[0] + nx * (index[1] + ny * index[2])) as usize;
+        let sh = &self.file["probes"][at]["sh"];
+        std::array::from_fn(|k| [0, 1, 2].map(|c| sh[k][c].as_f64().expect("a number")))
+    }
+
+    /// Trilinear between the eight probes around `at`.
+    fn around(&self, at: [f64; 3]) -> [[f64; 3]; 9] {
+        let [origin, spacing, dims] = ["origin", "spacing", "dims"].map(|k| self.numbers(k));
+        let place: [f64; 3] =
+            std::array::from_fn(|i| ((at[i] - origin[i]) / spacing[i]).clamp(0.0, dims[i] - 1.0));
+        let mut sum = [[0.0; 3]; 9];
+        for corner in 0..8 {
+            let far = [0, 1, 2].map(|i| f64::from((corner >> i) & 1));
+            let index: [f64; 3] =
+                std::array::from_fn(|i| (place[i].floor() + far[i]).min(dims[i] - 1.0));
+            let weight: f64 = (0..3)
+                .map(|i| 1.0 - (place[i] - place[i].floor() - far[i]).abs())
+                .product();
+            for (to, from) in sum
+                .as_flattened_mut()
+                .iter_mut()
+                .zip(self.probe(index).as_flattened())
+            {
+                *to += weight * from;
+            }
+        }
+        sum
+    }
+}
+
+/// A white ball in the Cornell box: each of its points shows R = E/π of the probes, and the walls
+/// show their lightmap only.
+#[test]
+fn three_js_lights_moving_objects_by_probes() {
+    let Some(mut b) = Browser::start("three.js with probes", [640, 480]) else {
+        return;
+    };
+    let t = temp();
+    let out = t.path().join("out");
+    let file = asset("cornell_box.glb");
+    let paths = [&file, &out].map(|p| p.to_str().expect("UTF-8"));
+    let options = "--quality draft --texels-per-unit 16 --probes 1";
+    let a = ["bake", paths[0], "-o", paths[1]];
+    lumel(a.into_iter().chain(options.split(' '))).ok();
+    let site = Site::start(&out);
+    let json = std::fs::read(out.join("cornell_box.probes.json")).expect("it is written");
+    let grid = ProbeGrid { file: parse(json) };
+    let (ball, radius) = ([2.9, 2.5, 2.6], 0.45);
+    let nearest = (0..grid.file["probes"].as_array().expect("probes").len())
+        .min_by(|i, j| {
+            let far = |k: &usize| -> f64 {
+                let at = &grid.file["probes"][*k]["position"];
+                (0..3)
+                    .map(|i| (at[i].as_f64().expect("a number") - ball[i]).powi(2))
+                    .sum()
+            };
+            far(i).total_cmp(&far(j))
+        })
+        .expect("a probe");
+    let nearest = std::array::from_fn(|k| {
+        [0, 1, 2].map(|c| {
+            grid.file["probes"][nearest]["sh"][k][c]
+                .as_f64()
+                .expect("a number")
+        })
+    });
+    let spacing = grid.numbers("spacing");
+    let exposure = 0.5;
+    let mut walls = Vec::new();
+    for probes in ["one", "grid", "none"] {
+        let place = if probes == "none" {
+            String::new()
+        } else {
+            format!(
+                "&ball={},{},{},{radius}&probes={probes}",
+                ball[0], ball[1], ball[2]
+            )
+        };
+        let cam = "2.78,2.73,-8,2.78,2.73,0,39";
+        b.open("about:blank");
+        b.open(&format!(
+            "{}/engines/index.html?glb=/bake/cornell_box.glb&diffuse=1&exposure={exposure}&cam={cam}{place}",
+            site.url
+        ));
+        b.wait("document.body?.dataset.state");
+        let said = b.eval("document.body.innerText");
+        assert_eq!(
+            b.eval("document.body.dataset.state"),
+            json!("ready"),
+            "{said} {:?}",
+            b.errors
+        );
+        let picture = b.screenshot();
+        let mut pixel = |at: [f64; 3]| {
+            let place = b.eval(&format!("lumel.project({}, {}, {})", at[0], at[1], at[2]));
+            let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
+            picture.get_pixel(x as u32, y as u32).0
+        };
+        walls.push([[0.02, 4.0, 2.8], [5.52, 4.0, 2.8], [2.8, 4.6, 5.59]].map(&mut pixel));
+        if probes == "none" {
+            continue;
+        }
+        for n in [
+            [0.0, 0.0, -1.0],
+            [0.6, 0.0, -0.8],
+            [-0.6, 0.0, -0.8],
+            [0.0, 0.6, -0.8],
+            [0.0, -0.6, -0.8],
+        ] {
+            let on: [f64; 3] = std::array::from_fn(|i| ball[i] + radius * n[i]);
+            // three.js reads half a cell in front of the surface.
+            let before = std::array::from_fn(|i| on[i] + 0.5 * spacing[i] * n[i]);
+            let sh = if probes == "one" {
+                nearest
+            } else {
+                grid.around(before)
+            };
+            let shown = probe_diffuse(&sh, n).map(|r| r * exposure);
+            // Harmonics are halves; a pixel's normal is up to 1 degree from n.
+            assert_pixel(pixel(on), shown, &srgb(0.02), &format!("{probes} {n:?}"));
+        }
+    }
+    assert_eq!(walls[0], walls[2]);
+    assert_eq!(walls[1], walls[2]);
+    assert_eq!(b.errors, [""; 0]);
 }
 
 /// The React Three Fiber example, bundled as its package.json says, with packages of `LUMEL_NPM`.

@@ -19,7 +19,8 @@ use crate::{hierarchy, nodes};
 const NAME: &str = "EXT_lights_image_based";
 
 /// The environment of the chosen scene, if any. `decoded` contains the images that materials need,
-/// by index; others are decoded here and not kept.
+/// by index; others are decoded here and not kept. `projected` is the number of pixels of other
+/// decoded pictures.
 ///
 /// Missing or broken images are not an error: the irradiance coefficients, which every such light
 /// has, replace them with a warning.
@@ -27,6 +28,7 @@ pub(crate) fn read(
     document: &mut Document,
     scene: Option<usize>,
     decoded: &[Option<Image>],
+    projected: u64,
     report: &mut IngestReport,
 ) -> Outcome<Option<Environment>> {
     let root = document.root();
@@ -64,7 +66,7 @@ pub(crate) fn read(
 
     let cube = match faces {
         None => Err("it has no specularImages".to_string()),
-        Some(faces) => cube_of(document, faces, decoded)?,
+        Some(faces) => cube_of(document, faces, decoded, projected)?,
     };
     let (width, height, mut pixels) = match (cube, coefficients) {
         (Ok(cube), _) => {
@@ -181,14 +183,16 @@ fn cube_of(
     document: &mut Document,
     faces: [usize; 6],
     decoded: &[Option<Image>],
+    projected: u64,
 ) -> Outcome<Result<Cube, String>> {
     let known = |i: usize| decoded.get(i).and_then(Option::as_ref);
     let missing: BTreeSet<usize> = faces.into_iter().filter(|&i| known(i).is_none()).collect();
-    let spent = decoded
-        .iter()
-        .flatten()
-        .map(|i| i.pixels.len() as u64)
-        .sum();
+    let spent = projected
+        + decoded
+            .iter()
+            .flatten()
+            .map(|i| i.pixels.len() as u64)
+            .sum::<u64>();
     let own = match images::decode_all(document, &missing, spent) {
         Ok(own) => own,
         Err(fault) if matches!(fault.kind, Kind::Limit) => return Err(fault),

@@ -9,9 +9,21 @@ use crate::document::Document;
 use crate::json::{Item, show};
 use crate::report::IngestReport;
 
-/// Keys of nodes; `radius` and `angle` apply to the node's light.
+/// Keys of nodes; those of [`crate::lights`] apply to the node's light.
 const NODE_KEYS: &[&str] = &[
-    "angle", "bake", "density", "exclude", "lod", "mode", "occluder", "page", "radius", "variant",
+    "angle",
+    "bake",
+    "cookie",
+    "cookieSize",
+    "density",
+    "exclude",
+    "ies",
+    "lod",
+    "mode",
+    "occluder",
+    "page",
+    "radius",
+    "variant",
     "walkable",
 ];
 

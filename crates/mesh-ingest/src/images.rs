@@ -29,21 +29,22 @@ const PNG_EXTRAS: u64 = 16 << 20;
 
 /// Pixels claimed so far. They are claimed before decoding, so that a hundred small files of
 /// 10,000² pixels each are refused before any is decoded.
-struct Budget {
+#[derive(Debug)]
+pub(crate) struct Budget {
     spent: u64,
     allowed: u64,
 }
 
 impl Budget {
     /// A budget of which `pixels` are already used.
-    fn new(document: &Document, pixels: u64) -> Budget {
+    pub fn new(document: &Document, pixels: u64) -> Budget {
         Budget {
             spent: pixels.saturating_mul(4),
             allowed: document.limits().image_bytes,
         }
     }
 
-    fn claim(&mut self, i: usize, [width, height]: [u32; 2]) -> Outcome<()> {
+    pub fn claim(&mut self, path: &str, [width, height]: [u32; 2]) -> Outcome<()> {
         let pixels = u64::from(width) * u64::from(height);
         self.spent = self.spent.saturating_add(4 * pixels);
         let expected = if pixels > MOST_PIXELS {
@@ -57,28 +58,30 @@ impl Budget {
             return Ok(());
         };
         Err(Fault::limit(
-            format!("images[{i}]"),
+            path,
             format!("{width} × {height} pixels"),
             expected,
         ))
     }
 }
 
-/// Decodes images `needed` of the document; the others stay `None`.
+/// Decodes images `needed` of the document; the others stay `None`. `spent` is the number of pixels
+/// already decoded.
 pub(crate) fn decode(
     document: &mut Document,
     needed: &BTreeSet<usize>,
+    spent: u64,
     faults: &mut Faults,
 ) -> Vec<Option<Image>> {
     let count = faults.take(document.root().len_of("images")).unwrap_or(0);
     let mut images = vec![None; count];
     let (mut sources, mut files) = (Vec::new(), Vec::new());
-    let mut budget = Budget::new(document, 0);
+    let mut budget = Budget::new(document, spent);
     for &i in needed {
         let Some((bytes, file, size)) = faults.take(measure(document, i)) else {
             continue;
         };
-        if faults.take(budget.claim(i, size)).is_none() {
+        if faults.take(budget.claim(&path_of(i), size)).is_none() {
             return images;
         }
         files.extend(file);
@@ -86,7 +89,7 @@ pub(crate) fn decode(
     }
     let decoded: Vec<_> = sources
         .par_iter()
-        .map(|(i, bytes)| (*i, decode_one(*i, bytes)))
+        .map(|(i, bytes)| (*i, decode_one(&path_of(*i), bytes)))
         .collect();
     for (i, outcome) in decoded {
         images[i] = faults.take(outcome);
@@ -109,13 +112,13 @@ pub(crate) fn decode_all(
     let mut budget = Budget::new(document, spent);
     for &i in needed {
         let (bytes, file, size) = measure(document, i)?;
-        budget.claim(i, size)?;
+        budget.claim(&path_of(i), size)?;
         files.extend(file);
         sources.push((i, bytes));
     }
     let images = sources
         .par_iter()
-        .map(|(i, bytes)| Ok((*i, decode_one(*i, bytes)?)))
+        .map(|(i, bytes)| Ok((*i, decode_one(&path_of(*i), bytes)?)))
         .collect::<Vec<Outcome<_>>>();
     // In order, so that the reported fault does not depend on threads.
     let images = images.into_iter().collect::<Outcome<_>>()?;
@@ -126,17 +129,21 @@ pub(crate) fn decode_all(
 /// An image's bytes, its file, and its size from the header.
 fn measure(document: &Document, i: usize) -> Outcome<(Vec<u8>, Option<Input>, [u32; 2])> {
     let (bytes, file) = open(document, i)?;
-    let size = dimensions(i, &bytes)?;
+    let size = dimensions(&path_of(i), &bytes)?;
     Ok((bytes, file, size))
 }
 
-type Opened = (Vec<u8>, Option<Input>);
+fn path_of(i: usize) -> String {
+    format!("images[{i}]")
+}
 
-fn open(document: &Document, i: usize) -> Outcome<Opened> {
+pub(crate) type Opened = (Vec<u8>, Option<Input>);
+
+pub(crate) fn open(document: &Document, i: usize) -> Outcome<Opened> {
     match document.image(i)? {
         ImageSource::Embedded(bytes) => Ok((bytes.into_owned(), None)),
         ImageSource::File(file) => {
-            let path = format!("images[{i}].uri");
+            let path = format!("{}.uri", path_of(i));
             let limit = document.limits().file_bytes;
             let bytes = document.files.read(&file, &path, limit)?;
             let uri = document
@@ -152,8 +159,7 @@ fn open(document: &Document, i: usize) -> Outcome<Opened> {
 }
 
 /// Detects the format by content, because media types and file names are often wrong.
-fn format_of(i: usize, bytes: &[u8]) -> Outcome<ImageFormat> {
-    let path = format!("images[{i}]");
+fn format_of(path: &str, bytes: &[u8]) -> Outcome<ImageFormat> {
     if bytes.get(4..12) == Some(b"ftypavif") {
         return Err(Fault::unsupported(path, "an AVIF image", AVIF_WAY_OUT));
     }
@@ -172,8 +178,8 @@ fn format_of(i: usize, bytes: &[u8]) -> Outcome<ImageFormat> {
     }
 }
 
-fn reader(i: usize, bytes: &[u8]) -> Outcome<ImageReader<Cursor<&[u8]>>> {
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), format_of(i, bytes)?);
+fn reader<'b>(path: &str, bytes: &'b [u8]) -> Outcome<ImageReader<Cursor<&'b [u8]>>> {
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format_of(path, bytes)?);
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(1 << 16);
     limits.max_image_height = Some(1 << 16);
@@ -182,8 +188,7 @@ fn reader(i: usize, bytes: &[u8]) -> Outcome<ImageReader<Cursor<&[u8]>>> {
     Ok(reader)
 }
 
-fn broken(i: usize, e: image::ImageError) -> Fault {
-    let path = format!("images[{i}]");
+fn broken(path: &str, e: image::ImageError) -> Fault {
     match e {
         image::ImageError::Unsupported(e) => {
             Fault::unsupported(path, e.to_string(), "a plain PNG, JPEG or WebP image")
@@ -199,16 +204,16 @@ fn broken(i: usize, e: image::ImageError) -> Fault {
     }
 }
 
-fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
+pub(crate) fn dimensions(path: &str, bytes: &[u8]) -> Outcome<[u32; 2]> {
     if ktx2::is_ktx2(bytes) {
-        return ktx2::dimensions(i, bytes);
+        return ktx2::dimensions(path, bytes);
     }
-    let (width, height) = reader(i, bytes)?
+    let (width, height) = reader(path, bytes)?
         .into_dimensions()
-        .map_err(|e| broken(i, e))?;
+        .map_err(|e| broken(path, e))?;
     if width == 0 || height == 0 {
         return Err(Fault::invalid(
-            format!("images[{i}]"),
+            path,
             format!("{width} × {height} pixels"),
             "at least one pixel",
         ));
@@ -216,14 +221,14 @@ fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
     // Decoders fill in missing data of a JPEG, which may be nearly all of it, and allocate memory
     // for a PNG before decoding. A WebP of any size may be a few bytes long.
     let stored = bytes.len() as u64;
-    let most = match format_of(i, bytes)? {
+    let most = match format_of(path, bytes)? {
         ImageFormat::Jpeg => stored.saturating_mul(JPEG_PIXELS_PER_BYTE),
         ImageFormat::Png => stored.saturating_mul(8 * PNG_BYTES_PER_BYTE) / png_bits(bytes),
         _ => u64::MAX,
     };
     if u64::from(width) * u64::from(height) > most {
         return Err(Fault::invalid(
-            format!("images[{i}]"),
+            path,
             format!("{width} × {height} pixels in {stored} bytes"),
             "a complete image",
         ));
@@ -243,14 +248,14 @@ fn png_bits(bytes: &[u8]) -> u64 {
     depth * channels
 }
 
-fn decode_one(i: usize, bytes: &[u8]) -> Outcome<Image> {
+pub(crate) fn decode_one(path: &str, bytes: &[u8]) -> Outcome<Image> {
     if ktx2::is_ktx2(bytes) {
-        return ktx2::decode(i, bytes);
+        return ktx2::decode(path, bytes);
     }
-    let decoder = reader(i, bytes)?.into_decoder();
+    let decoder = reader(path, bytes)?.into_decoder();
     let rgba = decoder
         .and_then(DynamicImage::from_decoder)
-        .map_err(|e| broken(i, e))?
+        .map_err(|e| broken(path, e))?
         .into_rgba8();
     let (width, height) = rgba.dimensions();
     Ok(Image {

@@ -26,12 +26,11 @@ pub(crate) fn is_ktx2(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-/// Width and height of `images[i]` in pixels, after a check of what the header claims.
-pub(crate) fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
-    let path = format!("images[{i}]");
+/// Width and height in pixels of the image at `path`, after a check of what the header claims.
+pub(crate) fn dimensions(path: &str, bytes: &[u8]) -> Outcome<[u32; 2]> {
     let broken = |found: String| {
         Fault::invalid(
-            &path,
+            path,
             format!("a broken KTX2 image ({found})"),
             "an image that decodes",
         )
@@ -77,8 +76,8 @@ pub(crate) fn dimensions(i: usize, bytes: &[u8]) -> Outcome<[u32; 2]> {
     Ok([width, height])
 }
 
-/// Decodes `images[i]`, whose [`dimensions`] were checked.
-pub(crate) fn decode(i: usize, bytes: &[u8]) -> Outcome<Image> {
+/// Decodes the image at `path`, whose [`dimensions`] were checked.
+pub(crate) fn decode(path: &str, bytes: &[u8]) -> Outcome<Image> {
     // The decoder is young and its input is untrusted. A panic there must not abort a bake.
     let decoded = catch_unwind(|| {
         let file = Transcoder::new(bytes).map_err(|e| format!("{e:?}"))?;
@@ -90,7 +89,6 @@ pub(crate) fn decode(i: usize, bytes: &[u8]) -> Outcome<Image> {
             .map(Ok)
             .map_err(|e| format!("{e:?}"))
     });
-    let path = format!("images[{i}]");
     let pixels = match decoded.unwrap_or_else(|_| Err("damaged data".into())) {
         Ok(Ok(pixels)) => pixels,
         Ok(Err(source)) => {

@@ -29,6 +29,7 @@
 mod accessor;
 mod compress;
 mod container;
+mod cookie;
 mod document;
 mod environment;
 mod error;

@@ -2,6 +2,7 @@
 //! `EXT_lights_area`.
 
 mod area;
+mod cookie;
 mod extras;
 mod measured;
 
@@ -9,6 +10,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::{DVec3, Vec3};
 
+use self::cookie::Cookies;
 use self::measured::Profiles;
 use crate::document::Document;
 use crate::error::{Fault, Faults, Outcome};
@@ -28,8 +30,16 @@ pub(crate) fn read_all(
     report: &mut IngestReport,
 ) {
     let mut profiles = Profiles::default();
+    let mut cookies = Cookies::new(document);
     for placed in &graph.lights {
-        let light = read(document, placed, scene.origin, &mut profiles, report);
+        let light = read(
+            document,
+            placed,
+            scene.origin,
+            &mut profiles,
+            &mut cookies,
+            report,
+        );
         scene.lights.extend(faults.take(light).flatten());
         let mode = mode_of(document, placed, "KHR_lights_punctual", report);
         (scene.lamp_modes).extend(faults.take(mode).flatten().map(|m| (placed.node, m)));
@@ -45,6 +55,7 @@ pub(crate) fn read_all(
         faults.take(added);
     }
     scene.profiles = profiles.finish(document);
+    scene.cookies = cookies.finish(document);
 }
 
 /// `extras.lumel.mode` of the light at `placed`, or of its node, which takes precedence.
@@ -69,6 +80,7 @@ fn read(
     placed: &Placed,
     origin: DVec3,
     profiles: &mut Profiles,
+    cookies: &mut Cookies,
     report: &mut IngestReport,
 ) -> Outcome<Option<Light>> {
     let root = document.root();
@@ -151,12 +163,27 @@ fn read(
             extras::profile(document, places, placed, profiles, report)?
         }
     };
+    let cookie = match kind {
+        LightKind::Point { .. } => {
+            let keys = ["cookie", "cookieSize"];
+            extras::refuse(places, &keys, "point light", report);
+            None
+        }
+        LightKind::Spot { .. } => {
+            extras::refuse(places, &["cookieSize"], "spot light", report);
+            cookie::read(document, places, placed, &kind, origin, cookies, report)?
+        }
+        LightKind::Directional { .. } => {
+            cookie::read(document, places, placed, &kind, origin, cookies, report)?
+        }
+    };
     Ok(Some(Light {
         name,
         node: Some(placed.node),
         intensity,
         kind,
         profile,
+        cookie,
     }))
 }
 

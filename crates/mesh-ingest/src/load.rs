@@ -92,10 +92,17 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     scene.walkable = graph.walkable.iter().map(recentred).collect();
     lods::settle(&mut scene, &graph.lods, &mut report);
     lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
+    let projected = (scene.cookies.iter()).map(|i| i.pixels.len() as u64).sum();
     let needed = needed_images(&scene.materials, &used_materials);
-    scene.images = images::decode(&mut document, &needed, &mut faults);
+    scene.images = images::decode(&mut document, &needed, projected, &mut faults);
     faults.check(path)?;
-    let sky = environment::read(&mut document, options.scene, &scene.images, &mut report);
+    let sky = environment::read(
+        &mut document,
+        options.scene,
+        &scene.images,
+        projected,
+        &mut report,
+    );
     scene.environment = faults.take(sky).flatten();
     faults.check(path)?;
     if scene.instances.is_empty() {
@@ -577,6 +584,7 @@ fn totals(scene: &Scene) -> Totals {
         .images
         .iter()
         .flatten()
+        .chain(&scene.cookies)
         .map(|i| i.pixels.len() as u64 * 4)
         .sum();
     let sky_bytes = scene

@@ -233,7 +233,7 @@ fn read_texture(
 }
 
 /// The first image of a texture, including fallbacks, that this crate can decode.
-fn choose_image(
+pub(crate) fn choose_image(
     document: &Document,
     texture: &Item<'_>,
     report: &mut IngestReport,

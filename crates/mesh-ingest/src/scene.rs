@@ -35,6 +35,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Intensity distributions that lights refer to (`EXT_lights_ies`).
     pub profiles: Vec<Profile>,
+    /// Pictures that lights refer to (`extras.lumel.cookie`).
+    pub cookies: Vec<Image>,
     /// Light from the surroundings (`EXT_lights_image_based`).
     pub environment: Option<Environment>,
     /// World position (metres, glTF axes) of the recentred origin.
@@ -291,6 +293,8 @@ pub struct Light {
     pub kind: LightKind,
     /// Measured distribution of a point or spot light, multiplied by `intensity`.
     pub profile: Option<PlacedProfile>,
+    /// Picture that a spot or a sun projects, multiplied by `intensity`.
+    pub cookie: Option<PlacedCookie>,
 }
 
 /// Who computes a lamp's direct light: the bake or the engine. Light that surfaces reflect is always
@@ -314,6 +318,21 @@ pub struct PlacedProfile {
     /// Rotates world directions into the profile's axes (and mirrors them if the light's node
     /// does).
     pub from_world: Mat3,
+}
+
+/// A picture attached to a light. With q = `from_world` × (point − `position`), a spot shows the
+/// point at (½, ½) + (q.x, −q.y) / −q.z × `scale` of the picture and a sun at (½, ½) + (q.x, −q.y) ×
+/// `scale`, repeated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlacedCookie {
+    /// Index into [`Scene::cookies`].
+    pub cookie: usize,
+    /// Rotates world directions into the light's axes (and mirrors them if its node does).
+    pub from_world: Mat3,
+    /// The node's recentred world position.
+    pub position: Vec3,
+    /// Width and height of the picture per unit of q.
+    pub scale: Vec2,
 }
 
 /// A luminaire's intensity by direction: a goniometric diagram (IES LM-63).

@@ -375,7 +375,8 @@ impl Scene {
 
 const WHOLE: [Vec2; 3] = [Vec2::ZERO, Vec2::X, Vec2::Y];
 
-fn sample(image: &Image, texture: &TextureRef, uv: Vec2) -> Vec4 {
+/// Linear RGBA of a picture at an untransformed coordinate.
+pub(crate) fn sample(image: &Image, texture: &TextureRef, uv: Vec2) -> Vec4 {
     let srgb = &*SRGB;
     filtered(image, texture, uv, |[r, g, b, a]| {
         Vec4::new(

@@ -270,8 +270,8 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     /// Casts a shadow ray from `p` to each lamp whose irradiance could exceed `least` (luminance),
     /// and checks that the result is as `expected`: lamps that should be visible and lamps that
     /// should be hidden, with the bits of [`DirectEstimate::lit`]. Returns the number of rays, or
-    /// `None` if a result differs or if the bits are ambiguous: a lamp is in both masks or in
-    /// neither, or the sky has bright parts.
+    /// `None` if a result differs or if the bits are not enough: a lamp is in both masks or in
+    /// neither, a lamp has a cookie, or the sky has bright parts.
     pub fn lamps_seen_as(
         &self,
         p: &SurfacePoint,
@@ -288,6 +288,10 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let least = if self.world.is_masked(k) { 0.0 } else { least };
             if self.weight_of_lamp(light, p) <= least {
                 continue;
+            }
+            // A picture varies between the lumels although all of them see the lamp.
+            if light.cookie.is_some() {
+                return None;
             }
             let bit = 1 << (k % 31);
             let expected = expected.map(|of| of & bit != 0);

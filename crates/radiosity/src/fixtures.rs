@@ -101,6 +101,7 @@ pub(crate) fn light(intensity: f32, kind: mesh_ingest::LightKind) -> Light {
         intensity: Vec3::splat(intensity),
         kind,
         profile: None,
+        cookie: None,
     }
 }
 

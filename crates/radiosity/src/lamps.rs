@@ -173,7 +173,15 @@ impl Source<'_> {
         match self {
             Source::Lamp(light) => {
                 let (origin, direction, weight) = bounds.ray(world, light, random);
-                let colour = light.intensity.as_dvec3();
+                let at = match light.kind {
+                    // A lamp's picture depends on the direction only.
+                    LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+                        position + direction
+                    }
+                    LightKind::Directional { .. } => origin,
+                };
+                let cookie = world.scene.cookie_factor(light, at);
+                let colour = (light.intensity * cookie).as_dvec3();
                 Sent {
                     origin,
                     direction,
@@ -221,7 +229,7 @@ fn cone(cos: f64, inner: f32, outer: f32) -> f64 {
 /// Flux per unit of intensity, in sr, for lamps with a closed form: 4π, or 2π ∫ cone dcosθ. As in
 /// direct light, the cone's falloff spans at least `1e-3` in cosine.
 fn exact(light: &Light) -> Option<f64> {
-    if range(light).is_some() || light.profile.is_some() {
+    if range(light).is_some() || light.profile.is_some() || light.cookie.is_some() {
         return None;
     }
     match light.kind {

@@ -6,6 +6,7 @@
 
 mod area_lights;
 mod cie;
+mod cookies;
 mod directions;
 mod emissive_texture;
 mod enclosures;

@@ -15,6 +15,7 @@ fn light(name: &str, node: Option<usize>) -> Light {
             radius: 0.0,
         },
         profile: None,
+        cookie: None,
     }
 }
 

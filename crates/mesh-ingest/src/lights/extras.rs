@@ -11,12 +11,12 @@ use crate::report::IngestReport;
 use crate::scene::{LampMode, PlacedProfile};
 
 /// Member `key` of `extras.lumel`, with its path.
-fn member<'a>(item: &Item<'a>, key: &str) -> Option<Item<'a>> {
+pub(super) fn member<'a>(item: &Item<'a>, key: &str) -> Option<Item<'a>> {
     item.get("extras")?.get("lumel")?.get(key)
 }
 
 /// The first valid number of `places` in 0..=`most`; others are ignored with a warning.
-fn number(
+pub(super) fn number(
     places: [&Item<'_>; 2],
     key: &str,
     most: f64,
@@ -35,7 +35,7 @@ fn number(
     None
 }
 
-fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
+pub(super) fn ignore(item: &Item<'_>, expected: &str, report: &mut IngestReport) {
     report.count("lights.extras_ignored", 1);
     report.warn(
         &item.path,

@@ -145,6 +145,7 @@ pub(super) fn read(
             radius: super::extras::radius([&node, &item as &Item<'_>], report),
         },
         profile: Some(placed_profile),
+        cookie: None,
     }))
 }
 

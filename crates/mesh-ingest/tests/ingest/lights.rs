@@ -128,13 +128,57 @@ fn a_profile_without_direction_is_ignored_and_said() {
     );
 }
 
+/// A PNG of one white pixel.
+const PIXEL: &str = "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2FAAAAABJRU5ErkJggg==";
+
+#[test]
+fn cookies_come_from_textures_and_files_once_each() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["images"] = json!([{ "uri": PIXEL }]);
+    doc.json["textures"] = json!([{ "source": 0 }]);
+    let cookie = |value: Value| json!({"lumel": {"cookie": value}});
+    doc.json["extensions"]["KHR_lights_punctual"]["lights"] = json!([
+        {"type": "spot", "extras": cookie(json!(0))},
+        {"type": "directional", "extras": cookie(json!(PIXEL))},
+        {"type": "point", "extras": cookie(json!(0))},
+        {"type": "spot", "extras": cookie(json!(1))},
+        {"type": "spot", "spot": {"outerConeAngle": 1.57}, "extras": cookie(json!(0))},
+    ]);
+    for light in 0..5 {
+        doc.root(json!({"extensions": {"KHR_lights_punctual": {"light": light}}}));
+    }
+    doc.root(json!({
+        "extensions": {"KHR_lights_punctual": {"light": 0}},
+        "extras": {"lumel": {"cookie": PIXEL, "cookieSize": 2}},
+    }));
+    let loaded = doc.load().unwrap();
+    let worn: Vec<Option<usize>> = (loaded.scene.lights.iter())
+        .map(|l| l.cookie.map(|c| c.cookie))
+        .collect();
+    assert_eq!(worn, [Some(0), Some(1), None, None, None, Some(1)]);
+    assert_eq!(loaded.scene.cookies.len(), 2);
+    let at = |light: usize, key: &str| {
+        format!("extensions.KHR_lights_punctual.lights[{light}].extras.lumel.{key}")
+    };
+    let expected = [at(2, "cookie"), at(3, "cookie"), at(4, "cookie")];
+    let more = ["nodes[6].extras.lumel.cookieSize".to_string()];
+    assert_eq!(
+        warnings(&loaded),
+        expected.iter().chain(&more).collect::<Vec<_>>()
+    );
+
+    // A picture that cannot be read is an error, as for IES files.
+    doc.json["images"] = json!([{ "uri": "data:image/png;base64,iVBORw0KGgo=" }]);
+    assert!(doc.load().is_err());
+}
+
 #[test]
 fn damaged_lights_end_in_an_answer() {
     let mut doc = Doc::with_triangles(&UNIT);
-    let image = "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGP4DwABAQEAsTj2FAAAAABJRU5ErkJggg==";
-    doc.json["images"] = json!([{ "uri": image }]);
+    doc.json["images"] = json!([{ "uri": PIXEL }]);
+    doc.json["textures"] = json!([{ "source": 0 }]);
     doc.json["extensions"] = json!({
-        "KHR_lights_punctual": {"lights": [{"type": "spot", "extras": {"lumel": {"radius": 1, "angle": 2}}}]},
+        "KHR_lights_punctual": {"lights": [{"type": "spot", "extras": {"lumel": {"radius": 1, "angle": 2, "cookie": 0}}}]},
         "EXT_lights_ies": {"lights": [{"uri": "data:,TILT=NONE%0A1 1 1 2 1 1 1 0 0 0 1 1 9 0 90 0 5 5"}]},
         "EXT_lights_image_based": {"lights": [{
             "rotation": [0, 0, 0, 1], "intensity": 1, "specularImages": [[0, 0, 0, 0, 0, 0]],

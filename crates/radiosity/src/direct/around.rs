@@ -32,6 +32,7 @@ impl DirectLight<'_, '_> {
                 continue;
             }
             let cap = Cap::of(light, at);
+            let cookie = world.scene.cookie_factor(light, at);
             for i in 0..if cap.is_some() { n } else { 1 } {
                 let (direction, reach, flux) = match &cap {
                     Some(cap) => {
@@ -58,7 +59,7 @@ impl DirectLight<'_, '_> {
                         }
                     },
                 };
-                let light = light.intensity * (flux * self.directivity(light, -direction));
+                let light = light.intensity * cookie * (flux * self.directivity(light, -direction));
                 if light != Vec3::ZERO {
                     f(direction, light * world.transmitted(at, direction, reach));
                 }

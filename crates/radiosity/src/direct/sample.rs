@@ -11,8 +11,8 @@ use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, luminance};
 
 impl DirectLight<'_, '_> {
-    /// Approximate unoccluded contribution of a lamp to a point; 0 only if the lamp cannot
-    /// contribute.
+    /// Approximate unoccluded contribution of a lamp to a point, without its cookie; 0 only if the
+    /// lamp cannot contribute.
     pub(super) fn weight_of_lamp(&self, light: &Light, point: &SurfacePoint) -> f32 {
         match Cap::of(light, point.position) {
             Some(cap) => luminance(light.intensity) * cap.unoccluded(point.normal),
@@ -64,9 +64,16 @@ impl DirectLight<'_, '_> {
         let Some(a) = self.arrival(light, p) else {
             return;
         };
-        let passed = tally.passed(|| self.world.transmitted(p.origin, a.to, a.t_max));
+        let cookie = self.world.scene.cookie_factor(light, p.position);
+        // Where a picture is black, the lamp counts as hidden, so that the picture's edges get as
+        // many samples as edges of shadows.
+        let passed = if cookie == Vec3::ZERO {
+            Vec3::ZERO
+        } else {
+            tally.passed(|| self.world.transmitted(p.origin, a.to, a.t_max))
+        };
         tally.plain(&Sample {
-            value: a.value,
+            value: a.value * cookie,
             passed,
             direction: a.axis,
             cos: a.cos,
@@ -94,7 +101,8 @@ impl DirectLight<'_, '_> {
             return tally.unweighted(unoccluded);
         }
         let weight = cos * cap.solid_angle() * cap.radiance();
-        let radiance = light.intensity * self.directivity(light, -direction);
+        let cookie = self.world.scene.cookie_factor(light, p.position);
+        let radiance = light.intensity * cookie * self.directivity(light, -direction);
         let passed = if p.geometric.dot(direction) <= 0.0 || radiance == Vec3::ZERO {
             Vec3::ZERO
         } else {
@@ -161,8 +169,8 @@ impl DirectLight<'_, '_> {
         }
     }
 
-    /// Unoccluded light at `p` from a light that comes from one point or one direction; `None` if
-    /// it is 0.
+    /// Unoccluded light at `p` from a light that comes from one point or one direction, without its
+    /// cookie; `None` if it is 0.
     fn arrival(&self, light: &Light, p: &SurfacePoint) -> Option<Arrival> {
         let from = |position: Vec3| (position - p.origin, 1.0, position - p.position);
         let (to, t_max, d) = match light.kind {

@@ -129,6 +129,7 @@ fn rooms_hide_nothing() {
                     radius: 0.0,
                 },
                 profile: None,
+                cookie: None,
             });
         } else {
             let glow = material(0.5, Vec3::ONE);

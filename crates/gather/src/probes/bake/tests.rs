@@ -72,6 +72,7 @@ fn lamp(kind: LightKind, intensity: Vec3) -> Light {
         intensity,
         kind,
         profile: None,
+        cookie: None,
     }
 }
 
