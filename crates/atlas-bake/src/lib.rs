@@ -66,13 +66,16 @@ pub use error::{Error, Result};
 pub use exposure::suggested_exposure;
 pub use exr_io::{ExrImage, ExrOptions, ExrStats, read_exr, read_exr_within, write_lightmap_exr};
 pub use gltf_out::{
-    GlbOptions, GltfStats, LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats, write_lightmapped_glb,
-    write_lightmapped_glb_with, write_vertex_glb,
+    GlbOptions, GltfStats, LIGHTMAP_EXTRA, REFLECTION_EXTRA, VERTEX_LIGHT_EXTRA, VertexStats,
+    write_lightmapped_glb, write_lightmapped_glb_with, write_vertex_glb,
 };
-pub use ktx2::{Ktx2Format, Ktx2Report, write_lightmap_ktx2, write_mask_ktx2, write_probe_volume};
+pub use ktx2::{
+    Ktx2Format, Ktx2Report, write_lightmap_ktx2, write_mask_ktx2, write_probe_volume,
+    write_reflection_ktx2,
+};
 pub use manifest::{
     Manifest, ManifestGroup, ManifestKtx2, ManifestMask, ManifestNode, ManifestPage, ManifestPng,
-    UvTransform, ValueKind,
+    ManifestReflection, UvTransform, ValueKind,
 };
 pub use mixed::{ManifestLamp, MixedLight, NodelessSun};
 pub use options::{BakeOptions, Directional, Divided, Hidden, Layer};

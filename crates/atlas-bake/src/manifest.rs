@@ -115,6 +115,9 @@ pub struct Manifest {
     /// Light groups with their own pages, which sum to `pages`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<ManifestGroup>,
+    /// Reflection captures.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub reflections: Vec<ManifestReflection>,
     /// One per instance that has a lightmap, in scene-graph order.
     pub nodes: Vec<ManifestNode>,
 }
@@ -170,6 +173,19 @@ pub struct ManifestKtx2 {
     pub uri: String,
     /// Texel format.
     pub format: Ktx2Format,
+}
+
+/// A reflection capture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ManifestReflection {
+    /// Index of the glTF node.
+    pub node: usize,
+    /// Its name, or empty.
+    pub name: String,
+    /// Its position in the glTF's world space, metres.
+    pub position: [f64; 3],
+    /// File name of the cube map, next to the manifest.
+    pub uri: String,
 }
 
 /// A light group.
@@ -275,6 +291,7 @@ impl Manifest {
                 })
                 .collect(),
             channels: Vec::new(),
+            reflections: Vec::new(),
             mode: None,
             lamps: Vec::new(),
             groups: Vec::new(),

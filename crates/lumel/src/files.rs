@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use atlas_bake::{
-    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, MixedLight, OutputSet, Page,
-    PictureLight, PngFormat, ProbeFile, choose_camera, render_preview, scene_camera,
-    write_lightmap_exr, write_lightmap_ktx2, write_lightmap_png, write_lightmapped_glb_with,
-    write_mask_ktx2, write_probe_volume, write_vertex_glb,
+    ExrOptions, GlbOptions, Ktx2Format, LitScene, ManifestGroup, ManifestReflection, MixedLight,
+    OutputSet, Page, PictureLight, PngFormat, ProbeFile, choose_camera, render_preview,
+    scene_camera, write_lightmap_exr, write_lightmap_ktx2, write_lightmap_png,
+    write_lightmapped_glb_with, write_mask_ktx2, write_probe_volume, write_reflection_ktx2,
+    write_vertex_glb,
 };
 use mesh_ingest::{Digest, Soup};
 use radiosity::Phase;
@@ -130,12 +131,14 @@ impl Bake {
         let png = self.write_png(&mut files, &mut report)?;
         let mixed = self.write_masks(ktx2.is_some(), &mut files)?;
         let moz = settings.ext.contains(&GltfExt::Moz);
+        let reflections = self.write_reflections(&mut files)?;
         let options = GlbOptions {
             value: self.value,
             exposure: Some(self.exposure()),
             ktx2: (ktx2.as_ref()).map(|(format, names)| (*format, &names[..])),
             moz: moz.then_some(&self.baked.pages[..]),
             mixed: mixed.as_ref(),
+            reflections: &reflections,
         };
         let (bytes, stats) = write_lightmapped_glb_with(
             &self.loaded.document,
@@ -168,6 +171,7 @@ impl Bake {
         if let Some(mixed) = &mixed {
             manifest.set_mixed(mixed);
         }
+        manifest.reflections = reflections;
         if moz {
             manifest.set_coordinates_on_page();
         }
@@ -229,6 +233,26 @@ impl Bake {
             report.png.push(StoredPng { file, stored });
         }
         Ok(Some((format, scale)))
+    }
+
+    /// Adds the cube maps of reflection captures.
+    fn write_reflections(
+        &self,
+        files: &mut Vec<NamedFile>,
+    ) -> Result<Vec<ManifestReflection>, Error> {
+        let scene = &self.loaded.scene;
+        let mut listed = Vec::with_capacity(self.reflections.len());
+        for (i, (point, cube)) in scene.reflections.iter().zip(&self.reflections).enumerate() {
+            let uri = page_name(&self.stem, "reflection", i, "ktx2");
+            files.push((uri.clone(), write_reflection_ktx2(cube)?));
+            listed.push(ManifestReflection {
+                node: point.node,
+                name: point.name.clone(),
+                position: (point.position.as_dvec3() + scene.origin).to_array(),
+                uri,
+            });
+        }
+        Ok(listed)
     }
 
     /// Adds probes, and their volume texture.

@@ -5,7 +5,9 @@ use std::path::Path;
 
 use atlas::Layout;
 use atlas_bake::{Baked, MixedLight, ProbeFile, ValueKind};
-use gather::probes::{ProbeReport, ProbeScene, bake_probes, report_probes};
+use gather::probes::{
+    ProbeReport, ProbeScene, ReflectionCube, bake_probes, capture_reflections, report_probes,
+};
 use glam::Vec3;
 use mesh_ingest::{Loaded, Scene};
 use radiosity::{DirectLight, Monitor, Phase};
@@ -42,6 +44,8 @@ pub struct Bake {
     pub baked: Baked,
     /// Light probes.
     pub probes: Option<ProbeFile>,
+    /// Reflection captures, in the order of the scene's.
+    pub reflections: Vec<ReflectionCube>,
     /// The report so far; [`files`](Bake::files) completes a copy of it.
     pub report: Report,
     /// Names of the groups of [`Baked::groups`].
@@ -196,6 +200,7 @@ fn bake_opened(
         }
         None => (None, None),
     };
+    let reflections = reflections(&lit, settings, monitor)?;
     let warned = Warned {
         loaded: &opened.loaded,
         world: &lit.world,
@@ -248,6 +253,7 @@ fn bake_opened(
         layout,
         baked,
         probes,
+        reflections,
         report,
         group_names: opened.group_names,
         mixed,
@@ -313,4 +319,26 @@ fn light_probes(
     }
     let file = ProbeFile::new(&plan.positions, &probes, plan.grid.as_ref());
     Ok((file, report))
+}
+
+/// Captures the reflections that the scene asks for.
+fn reflections(
+    lit: &Lit<'_>,
+    settings: &Settings,
+    monitor: &dyn Monitor,
+) -> Result<Vec<ReflectionCube>, Error> {
+    let (world, emitters, solution) = lit.parts();
+    let at: Vec<Vec3> = (world.scene.reflections.iter())
+        .map(|r| r.position)
+        .collect();
+    if at.is_empty() {
+        return Ok(Vec::new());
+    }
+    let scene = ProbeScene {
+        world,
+        solution,
+        direct: &DirectLight::new(world, emitters),
+    };
+    let options = probes::reflection_options(settings.quality);
+    capture_reflections(&scene, &at, &options, monitor).map_err(|_| Error::Cancelled)
 }

@@ -3,7 +3,7 @@
 use std::io::ErrorKind;
 
 use atlas_bake::parse_points;
-use gather::probes::{MAX_PROBES, ProbeGrid, ProbeOptions};
+use gather::probes::{MAX_PROBES, ProbeGrid, ProbeOptions, ReflectionOptions};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Scene, Soup, check_regular, read_regular};
 
@@ -121,6 +121,17 @@ pub(crate) fn plan(
         positions: (0..grid.len()).map(|i| grid.position(i)).collect(),
         grid: Some(grid),
     })
+}
+
+/// Options of reflection captures of a quality.
+pub(crate) fn reflection_options(quality: Quality) -> ReflectionOptions {
+    let (size, rays) = match quality {
+        Quality::Draft => (64, 4),
+        Quality::Quick => (128, 8),
+        Quality::Preview => (128, 16),
+        Quality::Production => (256, 32),
+    };
+    ReflectionOptions { size, rays }
 }
 
 /// Probe options of a quality.

@@ -535,6 +535,118 @@ fn three_js_lights_moving_objects_by_probes() {
     assert_eq!(b.errors, [""; 0]);
 }
 
+/// The radiance at a glTF direction of a cube map as the bake writes it: rgb9e5, left-handed, z
+/// negated.
+fn captured(file: &[u8], [x, y, z]: [f64; 3]) -> [f64; 3] {
+    let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().expect("four bytes"));
+    let (size, offset) = (word(20) as usize, word(80) as usize);
+    let c = [x, y, -z];
+    let most = c.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    let [cx, cy, cz] = c;
+    // Vulkan 1.3, table of cube map coordinates: face, s and t.
+    let (face, s, t) = if cx.abs() == most {
+        (usize::from(cx < 0.0), -cx.signum() * cz, -cy)
+    } else if cy.abs() == most {
+        (2 + usize::from(cy < 0.0), cx, cy.signum() * cz)
+    } else {
+        (4 + usize::from(cz < 0.0), cz.signum() * cx, -cy)
+    };
+    let texel = |v: f64| (((v / most + 1.0) * 0.5 * size as f64) as usize).min(size - 1);
+    let packed = word(offset + 4 * ((face * size + texel(t)) * size + texel(s)));
+    let scale = 2f64.powi((packed >> 27) as i32 - 24);
+    [0, 9, 18].map(|shift| f64::from((packed >> shift) & 511) * scale)
+}
+
+/// A mirror ball in the Cornell box shows what the bake captured there.
+#[test]
+fn three_js_shows_reflection_captures() {
+    let Some(mut b) = Browser::start("three.js with reflections", [640, 480]) else {
+        return;
+    };
+    let t = temp();
+    let out = t.path().join("out");
+    let ball = [2.9, 2.5, 2.6];
+    // A node with the mark, put into the .glb's JSON.
+    let glb = std::fs::read(asset("cornell_box.glb")).expect("it is there");
+    let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
+    let mut json = document(&glb);
+    let nodes = json["nodes"].as_array_mut().expect("nodes");
+    let mark = nodes.len();
+    nodes.push(json!({
+        "name": "here", "translation": ball, "extras": {"lumel": {"reflection": true}},
+    }));
+    let roots = json["scenes"][0]["nodes"].as_array_mut().expect("roots");
+    roots.push(json!(mark));
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut marked = glb[..8].to_vec();
+    let total = glb.len() - length + text.len();
+    marked.extend((total as u32).to_le_bytes());
+    marked.extend((text.len() as u32).to_le_bytes());
+    marked.extend(&glb[16..20]);
+    marked.extend(text);
+    marked.extend(&glb[20 + length..]);
+    let file = write(t.path().join("box.glb"), marked);
+    let paths = [&file, &out].map(|p| p.to_str().expect("UTF-8"));
+    let options = "--quality quick --texels-per-unit 8";
+    let a = ["bake", paths[0], "-o", paths[1]];
+    lumel(a.into_iter().chain(options.split(' '))).ok();
+    let cube = std::fs::read(out.join("box.reflection.ktx2")).expect("it is written");
+    let site = Site::start(&out);
+    let (radius, exposure) = (0.6, 1.0);
+    let eye = [2.78, 2.73, -3.0];
+    let cam = format!(
+        "{},{},{},{},{},{},39",
+        eye[0], eye[1], eye[2], ball[0], ball[1], ball[2]
+    );
+    b.open(&format!(
+        "{}/engines/index.html?glb=/bake/box.glb&exposure={exposure}&metal=0&ball={},{},{},{radius}&cam={cam}",
+        site.url, ball[0], ball[1], ball[2]
+    ));
+    b.wait("document.body?.dataset.state");
+    let said = b.eval("document.body.innerText");
+    assert_eq!(
+        b.eval("document.body.dataset.state"),
+        json!("ready"),
+        "{said} {:?}",
+        b.errors
+    );
+    let picture = b.screenshot();
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let unit = |a: [f64; 3]| a.map(|v| v / dot(a, a).sqrt());
+    // Normals that reflect the eye's rays onto the red and green walls, floor, ceiling and back.
+    let mut seen = Vec::new();
+    for n in [
+        [0.6, 0.1, -0.8],
+        [-0.6, 0.1, -0.8],
+        [0.0, 0.7, -0.7],
+        [0.1, -0.66, -0.75],
+    ] {
+        let n = unit(n);
+        let on: [f64; 3] = std::array::from_fn(|i| ball[i] + radius * n[i]);
+        let ray = unit(std::array::from_fn(|i| on[i] - eye[i]));
+        let reflected: [f64; 3] = std::array::from_fn(|i| ray[i] - 2.0 * dot(ray, n) * n[i]);
+        let light = captured(&cube, reflected).map(|l| l * exposure);
+        let place = b.eval(&format!("lumel.project({}, {}, {})", on[0], on[1], on[2]));
+        let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
+        let found = picture.get_pixel(x as u32, y as u32).0;
+        // The walls vary over the texels that three.js filters.
+        for (f, l) in found.into_iter().zip(light) {
+            let off = (f64::from(f) - shown(l)).abs();
+            assert!(
+                off <= 6.0,
+                "{n:?}: {found:?} is not {:.1?}",
+                light.map(shown)
+            );
+        }
+        seen.push(found);
+    }
+    // The mirror shows the red wall on one side and the green one on the other.
+    let redness = |p: [u8; 3]| i32::from(p[0]) - i32::from(p[1]);
+    assert!(redness(seen[0]) * redness(seen[1]) < 0, "{seen:?}");
+    assert_eq!(b.errors, [""; 0]);
+}
+
 /// The React Three Fiber example, bundled as its package.json says, with packages of `LUMEL_NPM`.
 /// Prints a message if that is impossible.
 fn react_example() -> Option<PathBuf> {

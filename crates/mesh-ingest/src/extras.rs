@@ -23,6 +23,7 @@ const NODE_KEYS: &[&str] = &[
     "occluder",
     "page",
     "radius",
+    "reflection",
     "variant",
     "walkable",
 ];
@@ -172,6 +173,8 @@ pub(crate) struct NodeExtras {
     pub variant: Option<GroupMember>,
     /// Name of the page group of the node and its children.
     pub page: Option<String>,
+    /// A reflection capture at the node's position.
+    pub reflection: Option<bool>,
     /// The node is a volume where players walk, and is not part of the level.
     pub walkable: Option<bool>,
 }
@@ -190,6 +193,7 @@ impl NodeExtras {
             lod: place(&lumel, "lod", "level", report),
             variant: place(&lumel, "variant", "index", report),
             page: page(&lumel, report),
+            reflection: flag(&lumel, "reflection", report),
             walkable: flag(&lumel, "walkable", report),
         }
     }

@@ -14,10 +14,10 @@ use crate::geometry;
 use crate::hierarchy;
 use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
-use crate::options::{LoadOptions, MAX_COORDINATE};
+use crate::options::{LoadOptions, MAX_COORDINATE, MAX_REFLECTIONS};
 use crate::primitive::{Want, attribute_list, primitive_mode};
 use crate::report::{IngestReport, LeftOutReason, Totals};
-use crate::scene::{Instance, Mesh, Primitive, Scene};
+use crate::scene::{Instance, Mesh, Primitive, ReflectionPoint, Scene};
 use crate::settle::{needed_images, settle_alpha};
 use crate::{environment, extensions, extras, images, lights, lods, sides};
 
@@ -90,6 +90,7 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
         .collect();
     let recentred = |v: &DAffine3| DAffine3::from_translation(-origin) * *v;
     scene.walkable = graph.walkable.iter().map(recentred).collect();
+    scene.reflections = reflections(&document, &graph, scene.origin, &mut report);
     lods::settle(&mut scene, &graph.lods, &mut report);
     lights::read_all(&mut document, &graph, &mut scene, &mut faults, &mut report);
     let projected = (scene.cookies.iter()).map(|i| i.pixels.len() as u64).sum();
@@ -379,6 +380,35 @@ fn assemble(
     }
     check_tex_coords(&scene, report);
     (scene, used)
+}
+
+/// Places of reflection captures within reach.
+fn reflections(
+    document: &Document,
+    graph: &Graph,
+    origin: DVec3,
+    report: &mut IngestReport,
+) -> Vec<ReflectionPoint> {
+    let root = document.root();
+    let mut out = Vec::new();
+    for &(node, position) in &graph.reflections {
+        let item = root.element("nodes", node);
+        let near = (position - origin).abs().max_element() <= MAX_COORDINATE;
+        if near && out.len() < MAX_REFLECTIONS {
+            out.push(ReflectionPoint {
+                node,
+                name: item.map(|n| n.name()).unwrap_or_default(),
+                position: (position - origin).as_vec3(),
+            });
+        } else {
+            report.count("reflections.dropped", 1);
+            report.warn(
+                format!("nodes[{node}].extras.lumel.reflection"),
+                format!("too far away, or more than {MAX_REFLECTIONS}; no reflection is captured"),
+            );
+        }
+    }
+    out
 }
 
 /// Makes an instance, unless its transform is not invertible.

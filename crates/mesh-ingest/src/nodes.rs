@@ -45,6 +45,8 @@ pub(crate) struct Graph {
     /// Walkable volumes and cameras, not recentred.
     pub walkable: Vec<DAffine3>,
     pub cameras: Vec<DVec3>,
+    /// Nodes with a reflection capture, and their positions, not recentred.
+    pub reflections: Vec<(usize, DVec3)>,
 }
 
 /// Properties that a node passes on to its children.
@@ -208,6 +210,9 @@ fn visit(
     let mesh = node.opt_index("mesh", "meshes", root.len_of("meshes")?)?;
     if node.value.get("camera").is_some() {
         graph.cameras.push(own.transform.translation);
+    }
+    if extras.reflection == Some(true) && !own.excluded && !own.hidden {
+        graph.reflections.push((index, own.transform.translation));
     }
     if extras.walkable == Some(true) {
         graph

@@ -60,6 +60,10 @@ impl Default for Limits {
     }
 }
 
+/// Maximum number of reflection captures of a level. At the preset `preview` each takes 1.6 million
+/// rays.
+pub(crate) const MAX_REFLECTIONS: usize = 64;
+
 /// Larger coordinates (metres) count as not finite: the cube of a length, which ray tests compute,
 /// must fit `f32`.
 pub(crate) const MAX_COORDINATE: f64 = 1e12;

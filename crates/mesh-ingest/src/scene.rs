@@ -56,6 +56,8 @@ pub struct Scene {
     pub walkable: Vec<DAffine3>,
     /// Positions of the document's cameras, recentred.
     pub cameras: Vec<Vec3>,
+    /// Where reflections are captured (`extras.lumel.reflection`).
+    pub reflections: Vec<ReflectionPoint>,
     /// By mesh, primitive and triangle: whether nobody sees it, so that it needs no lumels. Empty
     /// if nothing is culled.
     pub unseen: Vec<Vec<Vec<bool>>>,
@@ -295,6 +297,17 @@ pub struct Light {
     pub profile: Option<PlacedProfile>,
     /// Picture that a spot or a sun projects, multiplied by `intensity`.
     pub cookie: Option<PlacedCookie>,
+}
+
+/// A place where reflections are captured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReflectionPoint {
+    /// glTF node.
+    pub node: usize,
+    /// Its name, or empty.
+    pub name: String,
+    /// Recentred world position.
+    pub position: Vec3,
 }
 
 /// Who computes a lamp's direct light: the bake or the engine. Light that surfaces reflect is always

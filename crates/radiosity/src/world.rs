@@ -592,6 +592,29 @@ impl<'a> World<'a> {
         self.even[material as usize]
     }
 
+    /// The sky including the part that [`DirectLight`](crate::DirectLight) samples.
+    pub fn whole_sky(&self) -> Sky {
+        let mut sky = self.sky.clone();
+        if let (Sky::Map { pixels, .. }, Some(bright)) = (&mut sky, &self.bright) {
+            bright.add_to(pixels);
+        }
+        sky
+    }
+
+    /// Radiance emitted at a hit that an eye sees, however receivers get it. Area lights are
+    /// invisible, as lamps are.
+    pub fn seen_emission(&self, triangle: u32, u: f32, v: f32) -> Vec3 {
+        // Their surfaces are not in the document, and nearly transparent.
+        let material = &self.scene.materials[self.soup.material(triangle) as usize];
+        match self.emission(triangle) {
+            _ if material.gltf_material.is_none() => Vec3::ZERO,
+            Emission::None => Vec3::ZERO,
+            Emission::Sampled | Emission::Gathered => {
+                self.scene.emission(self.soup, triangle, u, v)
+            }
+        }
+    }
+
     /// Radiance emitted at a hit that gathering rays should include (see
     /// [`Emitters`](crate::Emitters)).
     #[inline]

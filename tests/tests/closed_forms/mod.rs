@@ -19,6 +19,7 @@ mod materials;
 mod measured_lamps;
 mod occlusion;
 mod probes;
+mod reflections;
 mod sized_lights;
 mod skies;
 mod sky;

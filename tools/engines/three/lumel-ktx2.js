@@ -30,6 +30,24 @@ export function parseKtx2(buffer) {
   return { width, height, format, data };
 }
 
+/**
+ * Reads a cube map that `lumel bake` wrote.
+ *
+ * @param {ArrayBuffer} buffer A file.
+ * @returns {{size: number, faces: Uint32Array[]}} The largest level: +X, -X, +Y, -Y, +Z, -Z of KTX2, one word of rgb9e5 per texel.
+ */
+export function parseCubeKtx2(buffer) {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < 104 || MAGIC.some((byte, i) => view.getUint8(i) !== byte)) throw new Error('this is no KTX2 file');
+  const [format, size, height, faces, scheme] = [12, 20, 24, 36, 44].map((at) => view.getUint32(at, true));
+  if (FORMATS[format] !== 'rgb9e5' || size !== height || faces !== 6 || scheme !== 0) throw new Error('this KTX2 file is no reflection of Lumel');
+  const offset = Number(view.getBigUint64(80, true));
+  const bytes = 4 * size * size;
+  if (offset + 6 * bytes > buffer.byteLength) throw new Error('this KTX2 file is cut off');
+  const face = (i) => new Uint32Array(buffer.slice(offset + i * bytes, offset + (i + 1) * bytes));
+  return { size, faces: [0, 1, 2, 3, 4, 5].map(face) };
+}
+
 /** Fetches and reads a file. */
 export async function fetchKtx2(url) {
   const response = await fetch(url);

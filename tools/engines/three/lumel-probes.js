@@ -54,9 +54,11 @@ export async function probeGrid(probes, exposure = 1) {
   if (!probes.grid) throw new Error('these probes are no grid: bake with --probes SPACING');
   const { LightProbeGridWebGL } = await import('three/addons/lighting/LightProbeGridWebGL.js');
   const { origin, spacing, dims } = probes.grid;
-  // Each probe is in the middle of its cell.
-  const size = dims.map((n, i) => n * spacing[i]);
-  const grid = new LightProbeGridWebGL(...size, ...dims);
+  // Each probe is in the middle of its cell. A shell of copies surrounds the bake's grid: three.js looks half a cell in front of a surface,
+  // and shows black where that is outside, as below a ball on the floor.
+  const shell = dims.map((n) => n + 2);
+  const size = shell.map((n, i) => n * spacing[i]);
+  const grid = new LightProbeGridWebGL(...size, ...shell);
   grid.position.fromArray(origin.map((o, i) => o + 0.5 * (dims[i] - 1) * spacing[i]));
   grid.updateBoundingBox();
   grid.texture = gridTexture(probes, exposure);
@@ -68,14 +70,17 @@ export async function probeGrid(probes, exposure = 1) {
  * its first and last slice, so that filtering does not mix volumes. Halves, because not every phone filters floats.
  */
 function gridTexture({ grid, probes }, exposure) {
-  const [nx, ny, nz] = grid.dims;
+  const [nx, ny, nz] = grid.dims.map((n) => n + 2);
+  // The number of the probe at a place in the shell.
+  const inner = (i, axis) => Math.min(Math.max(i - 1, 0), grid.dims[axis] - 1);
+  const number = (i, j, k) => inner(i, 0) + grid.dims[0] * (inner(j, 1) + grid.dims[1] * inner(k, 2));
   const data = new Uint16Array(4 * nx * ny * 7 * (nz + 2));
   let at = 0;
   for (let volume = 0; volume < 7; volume++) {
     for (let slice = -1; slice <= nz; slice++) {
       const k = Math.min(Math.max(slice, 0), nz - 1);
       for (let i = 0; i < nx * ny; i++) {
-        const numbers = probes[i + nx * ny * k].sh.flat();
+        const numbers = probes[number(i % nx, Math.floor(i / nx), k)].sh.flat();
         for (let c = 0; c < 4; c++) data[at++] = DataUtils.toHalfFloat(exposure * (numbers[4 * volume + c] ?? 0));
       }
     }
@@ -94,18 +99,22 @@ export function ignoreProbes(root) {
   root.traverse((object) => {
     for (const material of [object.material ?? []].flat()) if (material.lightMap) baked.add(material);
   });
-  for (const material of baked) {
-    const [compile, key] = [material.onBeforeCompile, material.customProgramCacheKey()];
-    material.onBeforeCompile = function (shader, renderer) {
-      compile.call(this, shader, renderer);
-      const whole = shader.fragmentShader.replace('#include <lights_fragment_begin>', ShaderChunk.lights_fragment_begin);
-      const without = whole
-        .replace('#if defined( USE_LIGHT_PROBES )', '#if 0')
-        .replace('#if NUM_LIGHT_PROBE_GRIDS > 0', '#if 0');
-      if (without === whole) throw new Error('this version of three.js has its probes elsewhere');
-      shader.fragmentShader = without;
-    };
-    material.customProgramCacheKey = () => `${key} lumel-no-probes`;
-    material.needsUpdate = true;
-  }
+  const cuts = [['#if defined( USE_LIGHT_PROBES )', '#if 0'], ['#if NUM_LIGHT_PROBE_GRIDS > 0', '#if 0']];
+  for (const material of baked) changeChunk(material, 'lights_fragment_begin', cuts, 'lumel-no-probes');
+}
+
+/** Replaces text in a chunk of a material's fragment shader, after changes that it already has. */
+export function changeChunk(material, chunk, changes, name) {
+  const [compile, key] = [material.onBeforeCompile, material.customProgramCacheKey()];
+  material.onBeforeCompile = function (shader, renderer) {
+    compile.call(this, shader, renderer);
+    let code = shader.fragmentShader.replace(`#include <${chunk}>`, ShaderChunk[chunk]);
+    for (const [from, to] of changes) {
+      if (!code.includes(from)) throw new Error(`this version of three.js has another ${chunk}`);
+      code = code.replace(from, to);
+    }
+    shader.fragmentShader = code;
+  };
+  material.customProgramCacheKey = () => `${key} ${name}`;
+  material.needsUpdate = true;
 }

@@ -11,12 +11,12 @@ use serde_json::{Map, Value, json};
 use super::editor::{Editor, remove_extensions};
 use super::json::{element, element_mut, index, object_at, push, set_extra};
 use super::moz;
-use super::nodes::{LIGHTMAP_EXTRA, by_node};
+use super::nodes::{LIGHTMAP_EXTRA, REFLECTION_EXTRA, by_node};
 use super::split::{Split, accessor_of, add_gathered};
 use super::texcoord;
 use crate::error::{Error, Result};
 use crate::ktx2::Ktx2Format;
-use crate::manifest::{UvTransform, ValueKind, check, ktx2_json, uv_of};
+use crate::manifest::{ManifestReflection, UvTransform, ValueKind, check, ktx2_json, uv_of};
 use crate::mixed::{LAMP_EXTRA, MixedLight};
 use crate::page::Page;
 
@@ -66,6 +66,8 @@ pub struct GlbOptions<'a> {
     pub moz: Option<&'a [Page]>,
     /// Lamps that are left out, and shadow masks.
     pub mixed: Option<&'a MixedLight>,
+    /// Reflection captures.
+    pub reflections: &'a [ManifestReflection],
 }
 
 /// Writes `document` with the lightmap coordinates of `layout`. `page_uris` are the names of the
@@ -258,6 +260,11 @@ pub fn write_lightmapped_glb_with(
     for (node, lamp) in options.mixed.into_iter().flat_map(MixedLight::node_extras) {
         if let Some(object) = element_mut(&mut editor.json, "nodes", node) {
             set_extra(object, LAMP_EXTRA, lamp);
+        }
+    }
+    for reflection in options.reflections {
+        if let Some(object) = element_mut(&mut editor.json, "nodes", reflection.node) {
+            set_extra(object, REFLECTION_EXTRA, json!({"uri": reflection.uri}));
         }
     }
     let (glb, finished) = editor.finish()?;

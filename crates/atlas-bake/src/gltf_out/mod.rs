@@ -20,5 +20,5 @@ mod texcoord;
 mod vertex;
 
 pub use lightmapped::{GlbOptions, GltfStats, write_lightmapped_glb, write_lightmapped_glb_with};
-pub use nodes::{LIGHTMAP_EXTRA, VERTEX_LIGHT_EXTRA};
+pub use nodes::{LIGHTMAP_EXTRA, REFLECTION_EXTRA, VERTEX_LIGHT_EXTRA};
 pub use vertex::{VertexStats, write_vertex_glb};

@@ -7,6 +7,9 @@ use serde_json::Value;
 /// Name of the node extra with a lightmap's rectangle.
 pub const LIGHTMAP_EXTRA: &str = "lightmap";
 
+/// Name of the node extra of a reflection capture.
+pub const REFLECTION_EXTRA: &str = "lightmapReflection";
+
 /// Name of the extra with the scale of baked vertex colours, on `asset` and on every baked node.
 pub const VERTEX_LIGHT_EXTRA: &str = "vertexLight";
 

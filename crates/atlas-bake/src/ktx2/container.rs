@@ -20,18 +20,27 @@ pub(super) fn layout_of(format: Ktx2Format) -> (Format, usize) {
 /// A KTX2 file with one level. A depth of 0 is that of an image, any other that of a volume.
 ///
 /// # Errors
+/// As [`assemble_levels`].
+pub(super) fn assemble(layout: (Format, usize), size: [u32; 3], data: &[u8]) -> Result<Vec<u8>> {
+    assemble_levels(layout, size, 1, &[data])
+}
+
+/// A KTX2 file with these levels, the largest first, of 1 face or of 6.
+///
+/// # Errors
 /// [`Error::Image`] if the crate cannot describe the format, which would be a bug there.
-pub(super) fn assemble(
+pub(super) fn assemble_levels(
     (vulkan, alignment): (Format, usize),
     [width, height, depth]: [u32; 3],
-    data: &[u8],
+    faces: u32,
+    levels: &[&[u8]],
 ) -> Result<Vec<u8>> {
     let (basic, type_size) = Basic::from_format(vulkan).map_err(|e| Error::Image {
         what: "KTX2".into(),
         message: e.to_string(),
     })?;
     let block = Block::Basic(basic).to_vec();
-    let dfd_byte_offset = Header::LENGTH + LevelIndex::LENGTH;
+    let dfd_byte_offset = Header::LENGTH + levels.len() * LevelIndex::LENGTH;
     let dfd_byte_length = 4 + block.len();
     let kvd_byte_offset = dfd_byte_offset + dfd_byte_length;
     let kvd = key_values(if depth == 0 { "rd" } else { "rdi" });
@@ -43,8 +52,8 @@ pub(super) fn assemble(
         pixel_height: height,
         pixel_depth: depth,
         layer_count: 0,
-        face_count: 1,
-        level_count: 1,
+        face_count: faces,
+        level_count: levels.len() as u32,
         supercompression_scheme: None,
         index: Index {
             dfd_byte_offset: dfd_byte_offset as u32,
@@ -55,19 +64,26 @@ pub(super) fn assemble(
             sgd_byte_length: 0,
         },
     };
-    let level = LevelIndex {
-        byte_offset: start as u64,
-        byte_length: data.len() as u64,
-        uncompressed_byte_length: data.len() as u64,
-    };
-    let mut out = Vec::with_capacity(start + data.len());
+    let total: usize = levels.iter().map(|level| level.len()).sum();
+    let mut out = Vec::with_capacity(start + total);
     out.extend(header.as_bytes());
-    out.extend(level.as_bytes());
+    // The data of the smallest level comes first (§3.9.7). Only formats with texels of a multiple of
+    // four bytes have several levels here, so that all of them are aligned.
+    let mut end = start + total;
+    for level in levels {
+        end -= level.len();
+        let entry = LevelIndex {
+            byte_offset: end as u64,
+            byte_length: level.len() as u64,
+            uncompressed_byte_length: level.len() as u64,
+        };
+        out.extend(entry.as_bytes());
+    }
     out.extend((dfd_byte_length as u32).to_le_bytes());
     out.extend(block);
     out.extend(kvd);
     out.resize(start, 0);
-    out.extend(data);
+    levels.iter().rev().for_each(|level| out.extend(*level));
     Ok(out)
 }
 

@@ -10,6 +10,7 @@
 
 mod bc6h;
 mod container;
+mod cube;
 mod format;
 mod rgb9e5;
 #[cfg(test)]
@@ -19,6 +20,7 @@ mod volume;
 use rayon::prelude::*;
 use serde::Serialize;
 
+pub use cube::write_reflection_ktx2;
 pub use format::Ktx2Format;
 pub use volume::write_probe_volume;
 

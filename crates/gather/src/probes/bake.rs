@@ -114,7 +114,7 @@ pub fn bake_probes(
 impl ProbeScene<'_, '_, '_> {
     /// The point, or one right in front of the face if it is (nearly) on a face. Points on a grid
     /// of round numbers are often on floors, where hits would depend on rounding.
-    fn off_faces(&self, at: Vec3) -> Vec3 {
+    pub(super) fn off_faces(&self, at: Vec3) -> Vec3 {
         let reach = 4.0 * self.world.offset(at);
         let mut p = at;
         for axis in Vec3::AXES {

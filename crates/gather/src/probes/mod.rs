@@ -14,9 +14,11 @@
 mod bake;
 mod grid;
 mod probe;
+mod reflection;
 mod sh;
 
 pub use bake::{ProbeOptions, ProbeReport, ProbeScene, bake_probes, report_probes};
 pub use grid::{ProbeGrid, TooManyProbes};
 pub use probe::{MAX_PROBES, Probe};
+pub use reflection::{ReflectionCube, ReflectionOptions, capture_reflections};
 pub use sh::Sh2;

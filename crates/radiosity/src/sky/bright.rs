@@ -96,6 +96,13 @@ impl BrightSky {
         (sky, found)
     }
 
+    /// Adds the bright part to the map that it was removed from.
+    pub(crate) fn add_to(&self, map: &mut [Vec3]) {
+        for (i, excess) in &self.pixels {
+            map[*i as usize] += *excess;
+        }
+    }
+
     fn cut(width: u32, cosines: Vec<f32>, pixels: Vec<(u32, Vec3)>) -> Self {
         let middle = |pixel: u32| {
             let y = (pixel / width) as usize;
