@@ -9,6 +9,9 @@ use crate::error::Error;
 use crate::plan::bake_options;
 use crate::settings::{BakeMode, GltfExt, Settings};
 
+/// Bytes of a patch besides its links: some 16 elements with position, area, reflectance and light.
+const PATCH: f64 = 1024.0;
+
 /// Peak memory in bytes: fixed, per triangle, per lumel, per link ray and per point of a seam.
 /// Fitted to bakes at draft: up to 2.9 million lumels, 80,000 triangles, one made only of chart
 /// borders. Estimates were 2 % below to 26 % above what they took. Vertices that `--vertex-error`
@@ -68,11 +71,13 @@ impl Need {
         let pages = (of_texel + files(settings, divided)) * texels_of_pages;
         let extra = (smoothed * lumels).max(kept * lumels + pages);
         let solve = settings.solve_options(soup);
-        let links = solve.cut.patches as f64 * f64::from(solve.rays);
+        let patches = solve.cut.patches as f64;
+        let links = patches * f64::from(solve.rays);
         Need {
             fixed: BYTES[0]
                 + BYTES[1] * soup.triangles.len() as f64
                 + BYTES[3] * links
+                + PATCH * patches
                 + TEXEL * texels as f64
                 + SKY * sky as f64
                 + (COPIES * stored(&loaded.document)) as f64,

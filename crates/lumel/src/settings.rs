@@ -463,8 +463,8 @@ impl Settings {
         // A gather averages many elements, so the error of each hardly matters. Sampling a light at
         // each hit is noisier than reading the element's light.
         let (patches, rays, points) = match self.quality {
-            Quality::Draft => (2_600, 32, 4),
-            Quality::Quick => (8_000, 24, 4),
+            Quality::Draft => (5_000, 16, 4),
+            Quality::Quick => (5_000, 24, 4),
             Quality::Preview => (10_000, 64, 8),
             Quality::Production => (32_000, 128, 8),
         };
@@ -490,9 +490,9 @@ impl Settings {
     pub(crate) fn lumel_options(&self) -> GatherOptions {
         let start = Start::of(self);
         let (rays, most, error, points, edge_points) = match start {
-            Start::Draft => (16, 16, 1.0, 4, 16),
-            Start::Quick => (32, 64, 0.1, 16, 32),
-            Start::Rounds => (32, 32, 1.0, 16, 64),
+            Start::Draft => (32, 64, 0.1, 4, 16),
+            Start::Quick => (64, 128, 0.05, 16, 32),
+            Start::Rounds => (64, 64, 1.0, 16, 64),
             Start::Preview => (128, 256, 0.03, 16, 128),
             Start::Production => (512, 4096, 0.01, 32, 1024),
         };
@@ -506,7 +506,7 @@ impl Settings {
         };
         let (interpolation, near, follow) = match start {
             Start::Draft => (Interpolation::Wide, 0.12, 0),
-            Start::Quick => (Interpolation::Wide, 0.12, 1),
+            Start::Quick => (Interpolation::Wide, 0.25, 1),
             _ => (Interpolation::Open, 0.25, 3),
         };
         let (most, error) = match self.error {
