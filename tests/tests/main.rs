@@ -24,6 +24,7 @@ mod shared_scenes;
 mod sheets;
 mod smooth;
 mod surfaces;
+mod tiles;
 mod uvs;
 mod vertices;
 

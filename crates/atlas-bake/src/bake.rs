@@ -4,8 +4,8 @@ use std::f32::consts::PI;
 
 use atlas::{Layout, Lumels};
 use gather::{
-    Gatherer, LightOptions, LightReport, LumelMap, Received, Records, Shard, VertexLight,
-    VertexOptions, VertexReport, bake_light, bake_part, bake_vertices, merge_light,
+    LightBake, LightReport, Records, Shard, VertexLight, VertexLights, VertexOptions, VertexReport,
+    bake_light, tiles,
 };
 use radiosity::{Cancelled, Emitters, Monitor, Solution, World};
 use serde::Serialize;
@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::earlier::Earlier;
 use crate::options::BakeOptions;
 use crate::page::Page;
-use crate::pages::{Made, Pages};
+use crate::pages::{Given, Made, Pages};
 use crate::seams::SeamReport;
 
 /// Report of a bake.
@@ -109,43 +109,6 @@ enum How<'h> {
     Part(&'h Earlier),
 }
 
-impl How<'_> {
-    /// Light at lumels.
-    fn gather(
-        &self,
-        gatherer: &Gatherer,
-        layout: &Layout,
-        options: LightOptions,
-        monitor: &dyn Monitor,
-    ) -> Result<(LumelMap, LightReport), Cancelled> {
-        match self {
-            How::Whole => bake_light(gatherer, layout, options, monitor),
-            How::Merge(records) => merge_light(gatherer, layout, options, *records, monitor),
-            How::Part(earlier) => bake_part(gatherer, layout, &earlier.anew, options, monitor),
-        }
-    }
-}
-
-/// The lumels of a whole layout, and the light of those that were baked, in this order.
-fn lumels_of<'m>(
-    world: &World,
-    layout: &Layout,
-    map: &'m LumelMap,
-    earlier: Option<&Earlier>,
-) -> (Option<Lumels>, Vec<Option<&'m Received>>) {
-    let mut light = map.received().iter();
-    let Some(earlier) = earlier else {
-        return (None, light.map(Some).collect());
-    };
-    let mut all = Lumels::find(world.scene, world.soup, layout);
-    all.turn_like(map.lumels());
-    let anew = |instance: u32| earlier.anew.binary_search(&(instance as usize)).is_ok();
-    let received = (all.lumels.iter())
-        .map(|l| anew(l.instance).then(|| light.next()).flatten())
-        .collect();
-    (Some(all), received)
-}
-
 /// Gathers the light of a shard into `records`.
 ///
 /// # Errors
@@ -169,41 +132,62 @@ fn bake_with(
     monitor: &dyn Monitor,
 ) -> Result<Baked, Cancelled> {
     let gatherer = options.gatherer(world, emitters, solution);
-    let (map, light) = how.gather(&gatherer, layout, options.light(), monitor)?;
-    let earlier = match how {
-        How::Part(earlier) => Some(earlier),
-        How::Whole | How::Merge(_) => None,
+    let all: Vec<usize> = (0..world.scene.instances.len()).collect();
+    let (earlier, records) = match how {
+        How::Whole => (None, None),
+        How::Merge(records) => (None, Some(records)),
+        How::Part(earlier) => (Some(earlier), None),
     };
-    let (all, received) = lumels_of(world, layout, &map, earlier);
-    let pages = Pages {
+    let mut pages = Pages::new(Given {
         world,
         layout,
-        lumels: all.as_ref().unwrap_or(map.lumels()),
-        received: &received,
         earlier,
         options,
         wanted: gatherer.wanted,
+    });
+    let gather = LightBake {
+        instances: earlier.map_or(&all, |earlier| &earlier.anew),
+        options: options.light(),
+        records,
     };
+    let mut vertices = VertexLights::new(world.scene);
+    let mut lists = 0;
+    let light = bake_light(&gatherer, layout, gather, monitor, &mut |map, monitor| {
+        pages.put(map.lumels(), Some(map.received()));
+        lists = lists.max(map.bytes());
+        let Some(gather) = options.vertices else {
+            return Ok(());
+        };
+        let error = options.vertex_error;
+        let options = VertexOptions { gather, error };
+        vertices.add(&gatherer, layout, map, options, monitor)
+    })?;
+    if let Some(earlier) = earlier {
+        let others = |i: &usize| earlier.anew.binary_search(i).is_err();
+        let others: Vec<usize> = all.into_iter().filter(others).collect();
+        for tile in tiles(layout, &others, gatherer.options.tile) {
+            let own = others[tile].iter().copied();
+            pages.put(&Lumels::find_of(world.scene, world.soup, layout, own), None);
+        }
+    }
     let Made {
         pages,
         masks,
         groups,
         seams,
-    } = pages.make();
-    drop((received, all));
+    } = pages.finish();
     let all_pages = pages.iter().chain(&masks).chain(groups.iter().flatten());
-    let bytes = map.bytes() + gatherer.bytes() + all_pages.map(Page::bytes).sum::<u64>();
-    let (mut vertices, mut at_vertices) = (VertexLight::default(), None);
-    if let Some(gather) = options.vertices {
-        let error = options.vertex_error;
-        let ambient_floor = options.ambient_floor;
-        let options = VertexOptions { gather, error };
-        let (lit, report) = bake_vertices(&gatherer, layout, map, options, monitor)?;
-        (vertices, at_vertices) = (lit, Some(report));
-        raise(&mut vertices, ambient_floor);
-        if let Some(earlier) = earlier {
-            earlier.restore_vertices(&mut vertices);
+    let bytes = lists + gatherer.bytes() + all_pages.map(Page::bytes).sum::<u64>();
+    let (mut vertices, at_vertices) = match options.vertices {
+        None => (VertexLight::default(), None),
+        Some(_) => {
+            let (mut light, report) = vertices.finish();
+            raise(&mut light, options.ambient_floor);
+            (light, Some(report))
         }
+    };
+    if let (Some(earlier), Some(_)) = (earlier, options.vertices) {
+        earlier.restore_vertices(&mut vertices);
     }
     Ok(Baked {
         pages,

@@ -46,9 +46,11 @@ pub struct GatherCost {
 /// Number of lumels, and of points where lookups on the two sides of a seam would be compared. They
 /// determine the memory of gathering and stitching.
 pub fn lumels_and_seam_samples(world: &World, layout: &Layout) -> [usize; 2] {
-    let lumels = Lumels::find(world.scene, world.soup, layout);
-    let samples = find_samples(world, layout, &lumels).len();
-    [lumels.lumels.len(), samples]
+    let (scene, soup) = (world.scene, world.soup);
+    let lumels = Lumels::count(scene, soup, layout);
+    let corners = Lumels::corners(scene, soup, layout);
+    let samples = find_samples(world, layout, &corners).len();
+    [lumels.iter().map(|&n| n as usize).sum(), samples]
 }
 
 /// Bytes of an allocation, with what the allocator adds.

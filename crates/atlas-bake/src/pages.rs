@@ -15,13 +15,25 @@ use crate::options::{BakeOptions, Directional, Layer};
 use crate::page::Page;
 use crate::seams::{EMPTY, Range, SeamReport, Stitcher, Texels, find_samples, stitch};
 
-/// Inputs that pages are made from.
+/// Pages in the making. Lumels are put into them tile by tile.
 pub(crate) struct Pages<'p, 'w, 'a> {
+    given: Given<'p, 'w, 'a>,
+    channels: Vec<Channel>,
+    full: Vec<Page>,
+    groups: Vec<Vec<Page>>,
+    texels: Texels,
+    /// The piece of surface whose bilinear lookups read each texel, by page. Only set for texels
+    /// next to lumels that have no value of their own.
+    readers: Vec<Vec<u32>>,
+    /// Number of the first chart of each instance.
+    first_charts: Vec<u32>,
+}
+
+/// Inputs that pages are made from.
+#[derive(Clone, Copy)]
+pub(crate) struct Given<'p, 'w, 'a> {
     pub world: &'w World<'a>,
     pub layout: &'p Layout,
-    pub lumels: &'p Lumels,
-    /// By lumel; `None` for those that an earlier bake has.
-    pub received: &'p [Option<&'p Received>],
     /// What an earlier bake has.
     pub earlier: Option<&'p Earlier>,
     pub options: &'p BakeOptions,
@@ -40,27 +52,110 @@ pub(crate) struct Made {
     pub seams: SeamReport,
 }
 
-impl Pages<'_, '_, '_> {
-    /// Makes the lightmap with its extra channels, and the lightmap of each group.
-    pub(crate) fn make(&self) -> Made {
-        let channels = channels(self.options, self.wanted.masks);
-        let (mut full, mut texels) = self.full(&channels);
-        let mut groups: Vec<Vec<Page>> = (0..self.wanted.groups).map(|g| self.group(g)).collect();
-        if let Some(earlier) = self.earlier {
-            texels.kept = self.kept_texels(&earlier.anew);
-            self.put_earlier(earlier, &channels, &texels.kept, (&mut full, &mut groups));
+impl<'p, 'w, 'a> Pages<'p, 'w, 'a> {
+    /// Empty pages, of the lightmap with its extra channels and of each group.
+    pub(crate) fn new(given: Given<'p, 'w, 'a>) -> Self {
+        let sizes = &given.layout.pages;
+        let channels = channels(given.options, given.wanted.masks);
+        let blank = |channels: &[Channel]| -> Vec<Page> {
+            sizes.iter().map(|&size| blank(size, channels)).collect()
+        };
+        let texels = |&[w, h]: &[u32; 2]| w as usize * h as usize;
+        let none = || sizes.iter().map(|s| vec![EMPTY; texels(s)]).collect();
+        let scene = given.world.scene;
+        Pages {
+            full: blank(&channels),
+            groups: (0..given.wanted.groups).map(|_| blank(&[])).collect(),
+            texels: Texels {
+                chart: none(),
+                hidden: sizes.iter().map(|s| vec![false; texels(s)]).collect(),
+                kept: Vec::new(),
+            },
+            readers: none(),
+            first_charts: (scene.instances.iter())
+                .scan(0, |next, instance| {
+                    let first = *next;
+                    *next += given.layout.meshes[instance.mesh].charts;
+                    Some(first)
+                })
+                .collect(),
+            channels,
+            given,
         }
-        let samples = find_samples(self.world, self.layout, self.lumels);
+    }
+
+    /// Puts the lumels of whole instances into the pages, with their light; without any, if an
+    /// earlier bake has it.
+    pub(crate) fn put(&mut self, lumels: &Lumels, received: Option<&[Received]>) {
+        let (given, mut values) = (self.given, Vec::new());
+        for (i, l) in lumels.lumels.iter().enumerate() {
+            let r = received.map(|all| &all[i]);
+            let chart = self.chart(lumels, l);
+            let p = l.page as usize;
+            let at = l.texel[1] as usize * self.full[p].width as usize + l.texel[0] as usize;
+            for page in std::iter::once(&mut self.full).chain(&mut self.groups) {
+                page[p].coverage[at] = l.coverage;
+            }
+            self.texels.chart[p][at] = chart;
+            self.texels.hidden[p][at] = r.is_some_and(|r| r.open == 0.0);
+            let of = OfLumel {
+                given,
+                lumels,
+                lumel: l,
+            };
+            values.clear();
+            let page = &mut self.full[p];
+            let Some(r) = r else {
+                of.put_tint(page, at);
+                continue;
+            };
+            page.value[at] = of.light(r, &mut values, self.channels.len()).to_array();
+            for ((_, channel), v) in page.layers.iter_mut().zip(&values) {
+                channel[at] = *v;
+            }
+            for (group, pages) in self.groups.iter_mut().enumerate() {
+                let scale = FRAC_1_PI * of.occlusion(r);
+                pages[p].value[at] = (r.planes[group].sum() * scale).to_array();
+            }
+        }
+        self.find_readers(lumels);
+    }
+
+    /// Makes the pages, once all lumels are in them.
+    pub(crate) fn finish(mut self) -> Made {
+        let given = self.given;
+        let (world, layout) = (given.world, given.layout);
+        // Groups are dilated like the whole.
+        for pages in &mut self.groups {
+            let mut charts = self.texels.chart.clone();
+            given.dilate(pages, &mut charts, &self.readers);
+        }
+        given.dilate(&mut self.full, &mut self.texels.chart, &self.readers);
+        let Pages {
+            channels,
+            mut full,
+            mut groups,
+            mut texels,
+            readers,
+            ..
+        } = self;
+        drop(readers);
+        if let Some(earlier) = given.earlier {
+            texels.kept = given.kept_texels(&earlier.anew);
+            given.put_earlier(earlier, &channels, &texels.kept, (&mut full, &mut groups));
+        }
+        let corners = Lumels::corners(world.scene, world.soup, layout);
+        let samples = find_samples(world, layout, &corners);
         let mut stitcher = Stitcher::new(&samples, &full, &texels);
-        if self.options.stitch {
+        if given.options.stitch {
             let ranges: Vec<Range> = channels.iter().map(|c| c.range).collect();
             stitch(&mut stitcher, &mut full, &mut groups, &ranges);
         }
-        self.apply_floor(&mut full, &texels);
-        self.apply_tint(&channels, &mut full, &mut groups);
-        self.apply_unit(&channels, &mut full, &mut groups);
-        let mut masks = self.split_masks(&mut full);
-        if let Some(earlier) = self.earlier {
+        given.apply_floor(&mut full, &texels);
+        given.apply_tint(&channels, &mut full, &mut groups);
+        given.apply_unit(&channels, &mut full, &mut groups);
+        let mut masks = given.split_masks(&mut full);
+        if let Some(earlier) = given.earlier {
             let pairs = (earlier.pages.iter().zip(&mut full))
                 .chain(earlier.masks.iter().zip(&mut masks))
                 .chain((earlier.groups.iter().flatten()).zip(groups.iter_mut().flatten()));
@@ -76,6 +171,58 @@ impl Pages<'_, '_, '_> {
         }
     }
 
+    /// Number of a lumel's chart, which is that of its first triangle.
+    fn chart(&self, lumels: &Lumels, l: &Lumel) -> u32 {
+        let Given { world, layout, .. } = self.given;
+        let source = world.soup.source(lumels.first_face(l));
+        let atlas = &layout.meshes[world.scene.instances[l.instance as usize].mesh];
+        let primitive = &atlas.primitives[source.primitive as usize];
+        self.first_charts[l.instance as usize] + primitive.chart[source.triangle as usize]
+    }
+
+    /// Finds the texels that lookups on these lumels' surfaces read.
+    ///
+    /// Packing ensures that there is at most one such piece of surface. Its lumels need not be the
+    /// texel's only neighbours.
+    fn find_readers(&mut self, lumels: &Lumels) {
+        for l in &lumels.lumels {
+            let page = l.page as usize;
+            let (charts, readers) = (&self.texels.chart[page], &mut self.readers[page]);
+            let [w, h] = self.given.layout.pages[page].map(i64::from);
+            let [x, y] = l.texel.map(i64::from);
+            let own = charts[(y * w + x) as usize];
+            for (nx, ny) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy))) {
+                if nx < 0 || ny < 0 || nx >= w || ny >= h {
+                    continue;
+                }
+                let at = (ny * w + nx) as usize;
+                if charts[at] != EMPTY || readers[at] == own {
+                    continue;
+                }
+                let middle = Vec2::new(nx as f32 + 0.5, ny as f32 + 0.5);
+                if (lumels.fragments(l)).any(|f| within(&f.corners, middle, READ)) {
+                    readers[at] = own;
+                }
+            }
+        }
+    }
+}
+
+/// A page without light, with these extra channels.
+fn blank([width, height]: [u32; 2], channels: &[Channel]) -> Page {
+    let n = width as usize * height as usize;
+    Page {
+        width,
+        height,
+        value: vec![[0.0; 3]; n],
+        coverage: vec![0.0; n],
+        layers: (channels.iter())
+            .map(|channel| (channel.name.clone(), vec![0.0; n]))
+            .collect(),
+    }
+}
+
+impl Given<'_, '_, '_> {
     /// The texels that keep their values, by page: all but those of the instances `anew`.
     fn kept_texels(&self, anew: &[usize]) -> Vec<Vec<bool>> {
         let mut kept: Vec<Vec<bool>> = (self.layout.pages.iter())
@@ -133,78 +280,6 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    /// Light and extra channels without tint.
-    fn full(&self, channels: &[Channel]) -> (Vec<Page>, Texels) {
-        let mut values = Vec::new();
-        self.fill(channels, |l, r, page, at| {
-            let Some(r) = r else {
-                self.put_tint(l, page, at);
-                return;
-            };
-            let scale = FRAC_1_PI * self.occlusion(r);
-            page.value[at] = ((self.direct(r) + r.indirect) * scale).to_array();
-            values.clear();
-            for layer in &self.options.layers {
-                self.layer(*layer, l, r, &mut values);
-            }
-            if let Some(directional) = self.options.directional {
-                let moments = &r.planes[self.wanted.moments_plane()..];
-                directions(directional, moments, scale, &mut values);
-            }
-            if self.wanted.masks {
-                values.extend(self.masks(l, r));
-            }
-            if channels.len() > values.len() {
-                values.extend(self.reflectance(l).to_array());
-            }
-            for ((_, channel), v) in page.layers.iter_mut().zip(&values) {
-                channel[at] = *v;
-            }
-        })
-    }
-
-    /// The light of one group without tint.
-    fn group(&self, group: usize) -> Vec<Page> {
-        self.fill(&[], |_, r, page, at| {
-            let Some(r) = r else { return };
-            let scale = FRAC_1_PI * self.occlusion(r);
-            page.value[at] = (r.planes[group].sum() * scale).to_array();
-        })
-        .0
-    }
-
-    /// The reflectance of a lumel that an earlier bake has.
-    fn put_tint(&self, l: &Lumel, page: &mut Page, at: usize) {
-        if tinted(self.options) {
-            let first = page.layers.len() - TINT.len();
-            let tints = self.reflectance(l).to_array();
-            for ((_, channel), tint) in page.layers[first..].iter_mut().zip(tints) {
-                channel[at] = tint;
-            }
-        }
-    }
-
-    /// Direct light, without lamps that the engine adds.
-    fn direct(&self, r: &Received) -> Vec3 {
-        match self.wanted.kept {
-            true => r.planes[self.wanted.kept_plane()].direct,
-            false => r.direct,
-        }
-    }
-
-    /// The lumel's shadow mask: the share of each lamp's irradiance that arrives. 0 in channels
-    /// without a lamp on this instance. 1 where the surface faces away from the lamp: a lookup next
-    /// to the terminator would otherwise darken the lit side.
-    fn masks(&self, l: &Lumel, r: &Received) -> [f32; MASKS] {
-        let lamps = self.world.mask_lamps(l.instance as usize);
-        let found = self.wanted.masks_of(&r.planes);
-        std::array::from_fn(|c| match (lamps[c], found[c]) {
-            (None, _) => 0.0,
-            (Some(_), [seen, all]) if all > 0.0 => (seen / all).clamp(0.0, 1.0),
-            (Some(_), _) => 1.0,
-        })
-    }
-
     /// Takes the shadow masks out of the pages.
     fn split_masks(&self, full: &mut [Page]) -> Vec<Page> {
         if !self.wanted.masks {
@@ -229,20 +304,6 @@ impl Pages<'_, '_, '_> {
             }
         };
         full.iter_mut().map(take).collect()
-    }
-
-    /// Openness of a lumel; it must be among the quantities that are recorded.
-    fn openness(&self, r: &Received) -> f32 {
-        let open = r.planes[self.wanted.openness_plane()].sum().x;
-        open.clamp(0.0, 1.0)
-    }
-
-    /// Factor of [`BakeOptions::ao_multiply`].
-    fn occlusion(&self, r: &Received) -> f32 {
-        match self.options.ao_multiply {
-            0.0 => 1.0,
-            share => 1.0 - share * (1.0 - self.openness(r)),
-        }
     }
 
     /// Raises light to [`BakeOptions::ambient_floor`]. This comes after stitching, because the same
@@ -313,70 +374,8 @@ impl Pages<'_, '_, '_> {
         }
     }
 
-    fn reflectance(&self, lumel: &Lumel) -> Vec3 {
-        LumelFootprint::new(self.world, self.lumels, *lumel, 0).mean_reflectance()
-    }
-
-    fn layer(&self, layer: Layer, l: &Lumel, r: &Received, out: &mut Vec<f32>) {
-        let scale = FRAC_1_PI;
-        match layer {
-            Layer::Direct => out.extend((self.direct(r) * scale).to_array()),
-            Layer::Indirect => out.extend((r.indirect * scale).to_array()),
-            // Multiplied by the reflectance at the end.
-            Layer::Radiosity => out.extend(((self.direct(r) + r.indirect) * FRAC_1_PI).to_array()),
-            Layer::Error => {
-                let tint = match self.options.value {
-                    ValueKind::Radiosity => luminance(self.reflectance(l)),
-                    ValueKind::Radiance | ValueKind::Irradiance => 1.0,
-                };
-                out.push(r.error() * tint * scale);
-            }
-            Layer::Coverage => out.push(l.coverage),
-            Layer::Ao => out.push(self.openness(r)),
-            Layer::SunMask => {
-                let sun = r.planes[self.wanted.sun_plane()].sum();
-                let share = if sun.y > 0.0 { sun.x / sun.y } else { 0.0 };
-                out.push(share.clamp(0.0, 1.0));
-            }
-        }
-    }
-
-    /// Pages with these extra channels; `put` gives each lumel's values. Dilated beyond chart
-    /// borders.
-    fn fill(
-        &self,
-        channels: &[Channel],
-        mut put: impl FnMut(&Lumel, Option<&Received>, &mut Page, usize),
-    ) -> (Vec<Page>, Texels) {
-        let mut pages: Vec<Page> = (self.layout.pages.iter())
-            .map(|&[width, height]| {
-                let n = width as usize * height as usize;
-                Page {
-                    width,
-                    height,
-                    value: vec![[0.0; 3]; n],
-                    coverage: vec![0.0; n],
-                    layers: (channels.iter())
-                        .map(|channel| (channel.name.clone(), vec![0.0; n]))
-                        .collect(),
-                }
-            })
-            .collect();
-        let mut texels = Texels {
-            chart: pages.iter().map(|p| vec![EMPTY; p.value.len()]).collect(),
-            hidden: pages.iter().map(|p| vec![false; p.value.len()]).collect(),
-            kept: Vec::new(),
-        };
-        let chart = self.chart_numbers();
-        for (l, r) in self.lumels.lumels.iter().zip(self.received) {
-            let page = &mut pages[l.page as usize];
-            let at = l.texel[1] as usize * page.width as usize + l.texel[0] as usize;
-            page.coverage[at] = l.coverage;
-            texels.chart[l.page as usize][at] = chart(l);
-            texels.hidden[l.page as usize][at] = r.is_some_and(|r| r.open == 0.0);
-            put(l, *r, page, at);
-        }
-        let readers = self.readers(&texels.chart);
+    /// Dilates light beyond chart borders.
+    fn dilate(&self, pages: &mut [Page], charts: &mut [Vec<u32>], readers: &[Vec<u32>]) {
         let scene = self.world.scene;
         for (instance, placement) in self.layout.placements.iter().enumerate() {
             let mesh = &scene.meshes[scene.instances[instance].mesh];
@@ -384,45 +383,9 @@ impl Pages<'_, '_, '_> {
                 let p = placement.page as usize;
                 let rings = self.options.padding + 1;
                 let rect = self.own_rect(instance);
-                dilate(
-                    &mut pages[p],
-                    &mut texels.chart[p],
-                    &readers[p],
-                    rect,
-                    rings,
-                );
+                dilate(&mut pages[p], &mut charts[p], &readers[p], rect, rings);
             }
         }
-        (pages, texels)
-    }
-
-    /// The piece of surface whose bilinear lookups read each texel, by page. Only set for texels
-    /// next to lumels that have no value of their own.
-    ///
-    /// Packing ensures that there is at most one such piece. Its lumels need not be the texel's
-    /// only neighbours.
-    fn readers(&self, charts: &[Vec<u32>]) -> Vec<Vec<u32>> {
-        let mut readers: Vec<Vec<u32>> = charts.iter().map(|c| vec![EMPTY; c.len()]).collect();
-        for l in &self.lumels.lumels {
-            let page = l.page as usize;
-            let [w, h] = self.layout.pages[page].map(i64::from);
-            let [x, y] = l.texel.map(i64::from);
-            let own = charts[page][(y * w + x) as usize];
-            for (nx, ny) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy))) {
-                if nx < 0 || ny < 0 || nx >= w || ny >= h {
-                    continue;
-                }
-                let at = (ny * w + nx) as usize;
-                if charts[page][at] != EMPTY || readers[page][at] == own {
-                    continue;
-                }
-                let middle = Vec2::new(nx as f32 + 0.5, ny as f32 + 0.5);
-                if (self.lumels.fragments(l)).any(|f| within(&f.corners, middle, READ)) {
-                    readers[page][at] = own;
-                }
-            }
-        }
-        readers
     }
 
     /// The texels that belong to an instance alone. An asset's own charts may touch their
@@ -444,22 +407,110 @@ impl Pages<'_, '_, '_> {
             h: (rect.y + rect.h + around).min(height) - y,
         }
     }
+}
 
-    /// Numbers the charts of all instances; a lumel belongs to the chart of its first triangle.
-    fn chart_numbers(&self) -> impl Fn(&Lumel) -> u32 {
-        let scene = self.world.scene;
-        let first: Vec<u32> = (scene.instances.iter())
-            .scan(0, |next, instance| {
-                let first = *next;
-                *next += self.layout.meshes[instance.mesh].charts;
-                Some(first)
-            })
-            .collect();
-        move |l| {
-            let source = self.world.soup.source(self.lumels.first_face(l));
-            let atlas = &self.layout.meshes[scene.instances[l.instance as usize].mesh];
-            let primitive = &atlas.primitives[source.primitive as usize];
-            first[l.instance as usize] + primitive.chart[source.triangle as usize]
+/// A lumel, as its values are found.
+struct OfLumel<'o, 'p, 'w, 'a> {
+    given: Given<'p, 'w, 'a>,
+    lumels: &'o Lumels,
+    lumel: &'o Lumel,
+}
+
+impl OfLumel<'_, '_, '_, '_> {
+    /// R without tint; the values of extra channels, of which there are `channels`, go to `values`.
+    fn light(&self, r: &Received, values: &mut Vec<f32>, channels: usize) -> Vec3 {
+        let Given {
+            options, wanted, ..
+        } = self.given;
+        let scale = FRAC_1_PI * self.occlusion(r);
+        for layer in &options.layers {
+            self.layer(*layer, r, values);
+        }
+        if let Some(directional) = options.directional {
+            let moments = &r.planes[wanted.moments_plane()..];
+            directions(directional, moments, scale, values);
+        }
+        if wanted.masks {
+            values.extend(self.masks(r));
+        }
+        if channels > values.len() {
+            values.extend(self.reflectance().to_array());
+        }
+        (self.direct(r) + r.indirect) * scale
+    }
+
+    /// The reflectance of a lumel that an earlier bake has.
+    fn put_tint(&self, page: &mut Page, at: usize) {
+        if tinted(self.given.options) {
+            let first = page.layers.len() - TINT.len();
+            let tints = self.reflectance().to_array();
+            for ((_, channel), tint) in page.layers[first..].iter_mut().zip(tints) {
+                channel[at] = tint;
+            }
+        }
+    }
+
+    /// Direct light, without lamps that the engine adds.
+    fn direct(&self, r: &Received) -> Vec3 {
+        let wanted = &self.given.wanted;
+        match wanted.kept {
+            true => r.planes[wanted.kept_plane()].direct,
+            false => r.direct,
+        }
+    }
+
+    /// The lumel's shadow mask: the share of each lamp's irradiance that arrives. 0 in channels
+    /// without a lamp on this instance. 1 where the surface faces away from the lamp: a lookup next
+    /// to the terminator would otherwise darken the lit side.
+    fn masks(&self, r: &Received) -> [f32; MASKS] {
+        let lamps = self.given.world.mask_lamps(self.lumel.instance as usize);
+        let found = self.given.wanted.masks_of(&r.planes);
+        std::array::from_fn(|c| match (lamps[c], found[c]) {
+            (None, _) => 0.0,
+            (Some(_), [seen, all]) if all > 0.0 => (seen / all).clamp(0.0, 1.0),
+            (Some(_), _) => 1.0,
+        })
+    }
+
+    /// Openness of a lumel; it must be among the quantities that are recorded.
+    fn openness(&self, r: &Received) -> f32 {
+        let open = r.planes[self.given.wanted.openness_plane()].sum().x;
+        open.clamp(0.0, 1.0)
+    }
+
+    /// Factor of [`BakeOptions::ao_multiply`].
+    fn occlusion(&self, r: &Received) -> f32 {
+        match self.given.options.ao_multiply {
+            0.0 => 1.0,
+            share => 1.0 - share * (1.0 - self.openness(r)),
+        }
+    }
+
+    fn reflectance(&self) -> Vec3 {
+        LumelFootprint::new(self.given.world, self.lumels, *self.lumel, 0).mean_reflectance()
+    }
+
+    fn layer(&self, layer: Layer, r: &Received, out: &mut Vec<f32>) {
+        let scale = FRAC_1_PI;
+        match layer {
+            Layer::Direct => out.extend((self.direct(r) * scale).to_array()),
+            Layer::Indirect => out.extend((r.indirect * scale).to_array()),
+            // Multiplied by the reflectance at the end.
+            Layer::Radiosity => out.extend(((self.direct(r) + r.indirect) * FRAC_1_PI).to_array()),
+            Layer::Error => {
+                let tint = match self.given.options.value {
+                    ValueKind::Radiosity => luminance(self.reflectance()),
+                    ValueKind::Radiance | ValueKind::Irradiance => 1.0,
+                };
+                out.push(r.error() * tint * scale);
+            }
+            Layer::Coverage => out.push(self.lumel.coverage),
+            Layer::Ao => out.push(self.openness(r)),
+            Layer::SunMask => {
+                let sun = r.planes[self.given.wanted.sun_plane()].sum();
+                let share = if sun.y > 0.0 { sun.x / sun.y } else { 0.0 };
+                out.push(share.clamp(0.0, 1.0));
+            }
         }
     }
 }

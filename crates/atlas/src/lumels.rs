@@ -88,13 +88,7 @@ impl Lumels {
         let parts: Vec<InstanceLumels> = (instances.par_iter())
             .map(|&i| rasterise_instance(scene, soup, layout, i))
             .collect();
-        let mut all = Lumels {
-            corners: vec![[Vec2::NAN; 3]; soup.len() + soup.duplicates.len()],
-            duplicates: (soup.duplicates.iter())
-                .map(|d| (d.kept, d.turned))
-                .collect(),
-            ..Lumels::default()
-        };
+        let mut all = Lumels::empty(soup);
         for (i, part) in instances.into_iter().zip(parts) {
             let base = all.faces.len() as u32;
             all.lumels.extend(part.lumels.into_iter().map(|l| Lumel {
@@ -107,6 +101,29 @@ impl Lumels {
             }
         }
         all
+    }
+
+    /// Page corners of all faces, without any lumels.
+    pub fn corners(scene: &Scene, soup: &Soup, layout: &Layout) -> Self {
+        let mut all = Lumels::empty(soup);
+        for i in 0..scene.instances.len() {
+            for face in faces_of(soup, i) {
+                let corners = page_corners(scene, soup, layout, i, face);
+                all.corners[face as usize] = corners.unwrap_or([Vec2::NAN; 3]);
+            }
+        }
+        all
+    }
+
+    /// No lumels, and no corners.
+    fn empty(soup: &Soup) -> Self {
+        Lumels {
+            corners: vec![[Vec2::NAN; 3]; soup.len() + soup.duplicates.len()],
+            duplicates: (soup.duplicates.iter())
+                .map(|d| (d.kept, d.turned))
+                .collect(),
+            ..Lumels::default()
+        }
     }
 
     /// The number of lumels of each instance.
@@ -226,30 +243,24 @@ fn rasterise_instance(
     instance: usize,
 ) -> InstanceLumels {
     let placement = layout.placements[instance];
-    let atlas = &layout.meshes[scene.instances[instance].mesh];
     let size = [placement.rect.w, placement.rect.h];
     let mut corners = Vec::new();
     // (Texel in the rectangle, face, covered area in texels.)
     let mut covered: Vec<(u32, u32, f32)> = Vec::new();
     for t in faces_of(soup, instance) {
-        let source = soup.source(t);
-        let culled = atlas.primitives.get(source.primitive as usize);
-        let culled = culled.and_then(|p| p.culled.get(source.triangle as usize));
-        let nobody = culled.copied().unwrap_or(false);
-        if size[0] == 0 || nobody || !scene.receives(instance, source.primitive as usize) {
+        let Some(on_page) = page_corners(scene, soup, layout, instance, t) else {
             corners.push([Vec2::NAN; 3]);
             continue;
-        }
-        let uv = corners_of(soup, atlas, t);
-        let d = uv.map(|p| DVec2::new(p.x as f64, p.y as f64));
+        };
+        corners.push(on_page);
+        let own = corners_of(soup, &layout.meshes[scene.instances[instance].mesh], t);
+        let d = own.map(|p| DVec2::new(f64::from(p.x), f64::from(p.y)));
         let area = 0.5 * (d[1] - d[0]).perp_dot(d[2] - d[0]).abs();
-        if size[0] > 0 && size[1] > 0 && d.iter().all(|p| p.is_finite()) {
+        if d.iter().all(|p| p.is_finite()) {
             cover_triangle(d, size, |c, r, share| {
                 covered.push((r * size[0] + c, t, (share * area) as f32));
             });
         }
-        let offset = Vec2::new(placement.rect.x as f32, placement.rect.y as f32);
-        corners.push(uv.map(|p| p + offset));
     }
     covered.sort_by_key(|c| c.0); // Stable, so triangles stay in order.
     let mut out = InstanceLumels {
@@ -277,6 +288,28 @@ fn rasterise_instance(
         });
     }
     out
+}
+
+/// Page corners of a face of an instance; `None` if it has no lumels.
+fn page_corners(
+    scene: &Scene,
+    soup: &Soup,
+    layout: &Layout,
+    instance: usize,
+    face: u32,
+) -> Option<[Vec2; 3]> {
+    let rect = layout.placements[instance].rect;
+    let atlas = &layout.meshes[scene.instances[instance].mesh];
+    let source = soup.source(face);
+    let culled = atlas.primitives.get(source.primitive as usize);
+    let culled = culled.and_then(|p| p.culled.get(source.triangle as usize));
+    let nobody = culled.copied().unwrap_or(false);
+    let receives = scene.receives(instance, source.primitive as usize);
+    if rect.w == 0 || rect.h == 0 || nobody || !receives {
+        return None;
+    }
+    let offset = Vec2::new(rect.x as f32, rect.y as f32);
+    Some(corners_of(soup, atlas, face).map(|p| p + offset))
 }
 
 /// Positions of a face's world corners 0, 1, 2 in the mesh's rectangle; for a duplicate, in the

@@ -42,7 +42,16 @@ const FASTEST: f64 = 0.125;
 /// filled by a fit would count as lit, with an error of many times its light, although a comparison
 /// with the truth excludes it (webxr_garage at `preview`: an eighth of the estimate).
 pub(crate) fn scale(r: &Received, mean: f32) -> Option<f32> {
-    let light = (r.least).unwrap_or_else(|| luminance(r.light()));
+    scale_of(basis(r), mean)
+}
+
+/// The light of a lumel that its error is relative to.
+pub(crate) fn basis(r: &Received) -> f32 {
+    (r.least).unwrap_or_else(|| luminance(r.light()))
+}
+
+/// As [`scale`], of [`basis`].
+pub(crate) fn scale_of(light: f32, mean: f32) -> Option<f32> {
     (light > LIT * mean).then_some(light + FLOOR * mean)
 }
 

@@ -5,15 +5,17 @@
 //!
 //! | read | to learn about |
 //! |---|---|
-//! | [`bake_light`], [`LumelMap`] | the passes of a bake over the map of lumels |
+//! | [`bake_light`], [`LumelMap`] | the passes of a bake over the map of lumels, tile by tile |
 //! | [`Gatherer`], [`GatherOptions`], [`Footprint`] | gathering at a single piece of surface |
 //! | [`Received`], [`Wanted`], [`Plane`] | the result: irradiance, and optional quantities from the same rays |
-//! | [`gather_shard`], [`merge_light`], [`Records`] | the same, divided among processes |
-//! | [`bake_vertices`], [`VertexLight`] | light at vertices, fitted to the lumels |
+//! | [`gather_shard`], [`Shard`], [`Records`] | the same, divided among processes |
+//! | [`VertexLights`], [`VertexLight`] | light at vertices, fitted to the lumels |
 //! | [`probes`] | light at points in the air |
 //!
 //! ```
-//! use gather::{GatherOptions, Gatherer, Interpolation, LightOptions, Wanted, bake_light};
+//! use gather::{
+//!     GatherOptions, Gatherer, Interpolation, LightBake, LightOptions, Wanted, bake_light,
+//! };
 //! use mesh_ingest::{LoadOptions, Soup, load};
 //! use radiosity::{DirectLight, DirectOptions, Emitters, Silent, World};
 //!
@@ -40,12 +42,19 @@
 //!     interpolation: Interpolation::Open,
 //!     near: 1.0,
 //!     open_only: true,
+//!     tile: gather::TILE,
 //! };
 //! let direct = DirectLight::new(&world, &emitters);
 //! let gatherer = Gatherer::new(&world, &solution, direct, options, Wanted::default());
-//! let all = LightOptions { rings: 1, error: None };
-//! let (map, report) = bake_light(&gatherer, &layout, all, &Silent).expect("nobody cancels");
-//! assert_eq!(report.lumels, map.received().len() as u64);
+//! let options = LightOptions { rings: 1, error: None };
+//! let all = LightBake { instances: &[0], options, records: None };
+//! let mut lumels = 0;
+//! let report = bake_light(&gatherer, &layout, all, &Silent, &mut |tile, _| {
+//!     lumels += tile.received().len() as u64;
+//!     Ok(())
+//! })
+//! .expect("nobody cancels");
+//! assert_eq!(report.lumels, lumels);
 //! // E = π L / (1 − ρ) = 2π everywhere, and `mean` is E/π. Each lumel is within 0.6 % of it
 //! // (lab/measurements.md), because a few rays slip through an edge.
 //! for channel in report.mean {
@@ -82,20 +91,22 @@ mod refine;
 mod sample;
 mod sheets;
 mod smooth;
+mod tiles;
+mod totals;
 mod tracer;
 mod vertex_footprint;
 mod vertex_light;
 mod window;
 mod work;
 
-pub use bake::{
-    HiddenIn, LightReport, bake_light, bake_part, bake_vertices, gather_shard, merge_light,
-};
+pub use bake::{EachTile, LightBake, bake_light, gather_shard};
 pub use footprint::{Footprint, LumelFootprint};
 pub use gatherer::Gatherer;
 pub use map::LumelMap;
 pub use options::{GatherOptions, Interpolation, LightOptions, VertexOptions};
 pub use planes::{Plane, Wanted};
 pub use received::Received;
-pub use vertex_light::{SplitPrimitive, VertexDifference, VertexLight, VertexReport};
+pub use tiles::{TILE, tiles};
+pub use totals::{HiddenIn, LightReport};
+pub use vertex_light::{SplitPrimitive, VertexDifference, VertexLight, VertexLights, VertexReport};
 pub use work::{Pass, Records, Shard};

@@ -38,6 +38,9 @@ pub struct GatherOptions {
     /// Leave out points inside closed bodies. If a wall splits the footprint, keep its largest
     /// visible part. Else the mean is over all of the footprint.
     pub open_only: bool,
+    /// Texels of a tile, i.e. of what is in memory at a time; [`TILE`](crate::TILE) unless memory
+    /// is to be tested. Another value gives other noise.
+    pub tile: u64,
 }
 
 /// Which lumels are interpolated between gathered neighbours.

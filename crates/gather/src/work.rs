@@ -67,8 +67,8 @@ pub trait Records: Sync {
     /// Stores the light of these lumels after a pass. Lumels are numbered over the whole layout.
     fn put(&self, pass: Pass, lumels: &[u32], light: &[Received]);
 
-    /// Passes on everything that was stored for a pass.
-    fn take(&self, pass: Pass, to: &mut dyn FnMut(u32, Received));
+    /// Passes on what was stored for a pass, at least of these lumels.
+    fn take(&self, pass: Pass, lumels: Range<u32>, to: &mut dyn FnMut(u32, Received));
 }
 
 /// The part of a layout that a shard gathers.
@@ -90,36 +90,52 @@ impl Shard<'_> {
         cut(self.number)..cut(self.number + 1)
     }
 
-    /// The instances of the shard's lumels, and the number of lumels before them.
-    pub(crate) fn instances(&self) -> (Range<usize>, usize) {
-        let lumels = self.lumels();
-        let (mut before, mut first, mut base, mut last) = (0usize, None, 0, 0);
-        for (i, &count) in self.counts.iter().enumerate() {
-            let own = before..before + count as usize;
-            if own.start < lumels.end && own.end > lumels.start {
-                if first.is_none() {
-                    (first, base) = (Some(i), before);
-                }
-                last = i + 1;
+    /// The shard's parts of tiles, which are ranges of instances.
+    pub(crate) fn tiles(&self, tiles: &[Range<usize>]) -> Vec<TileOfShard> {
+        let (lumels, mut base, mut out) = (self.lumels(), 0, Vec::new());
+        for instances in tiles {
+            let counts = &self.counts[instances.clone()];
+            let n = counts.iter().map(|&c| c as usize).sum::<usize>();
+            let own = lumels.start.max(base)..lumels.end.min(base + n);
+            if own.start < own.end {
+                out.push(TileOfShard {
+                    instances: instances.clone(),
+                    own: own.start - base..own.end - base,
+                    base,
+                });
             }
-            before = own.end;
+            base += n;
         }
-        (first.unwrap_or(last)..last, base)
+        out
     }
+}
+
+/// The part of a tile that a shard gathers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct TileOfShard {
+    /// The tile's instances.
+    pub instances: Range<usize>,
+    /// The shard's lumels in the tile, from 0.
+    pub own: Range<usize>,
+    /// Number of the tile's first lumel over the whole layout.
+    pub base: usize,
 }
 
 /// What a process gathers.
 enum Role<'r> {
     /// Everything.
     Whole,
-    /// A shard: a range of the map, whose first lumel is number `base` of the layout.
+    /// A shard's part of a tile.
     Shard {
-        own: Range<usize>,
+        tile: TileOfShard,
+        records: &'r dyn Records,
+    },
+    /// Everything that no shard has gathered, in a map whose first lumel is number `base` of the
+    /// layout.
+    Rest {
         base: usize,
         records: &'r dyn Records,
     },
-    /// Everything that no shard has gathered.
-    Rest(&'r dyn Records),
 }
 
 /// The share of the gathering that one process does.
@@ -149,20 +165,19 @@ impl<'r> Work<'r> {
         }
     }
 
-    /// The rest of a bake whose shards have put light into `records`.
-    pub(crate) fn rest(self, records: &'r dyn Records) -> Self {
+    /// The rest of a bake whose shards have put light into `records`, in a map that begins with
+    /// lumel `base` of the layout.
+    pub(crate) fn rest(self, records: &'r dyn Records, base: usize) -> Self {
         Work {
-            role: Role::Rest(records),
+            role: Role::Rest { base, records },
             ..self
         }
     }
 
-    /// A shard, whose map begins with lumel `base` of the layout.
-    pub(crate) fn shard(self, shard: &Shard, base: usize, records: &'r dyn Records) -> Self {
-        let lumels = shard.lumels();
-        let own = lumels.start - base..lumels.end - base;
+    /// A shard's part of a tile.
+    pub(crate) fn shard(self, tile: TileOfShard, records: &'r dyn Records) -> Self {
         Work {
-            role: Role::Shard { own, base, records },
+            role: Role::Shard { tile, records },
             ..self
         }
     }
@@ -206,14 +221,14 @@ impl<'r> Work<'r> {
         let left;
         let items = match &self.role {
             Role::Whole => items,
-            Role::Shard { own, .. } => {
-                let known = known(map, own, pass.depth(self.follow));
+            Role::Shard { tile, .. } => {
+                let known = known(map, &tile.own, pass.depth(self.follow));
                 let start = items.partition_point(|item| item.0 < known.start);
                 let end = items.partition_point(|item| item.0 < known.end);
                 &items[start..end.max(start)]
             }
-            Role::Rest(records) => {
-                left = self.take(map, pass, items, *records);
+            Role::Rest { base, records } => {
+                left = self.take(map, pass, items, (*base, *records));
                 &left
             }
         };
@@ -225,8 +240,9 @@ impl<'r> Work<'r> {
                 let (i, what) = items[k];
                 one(seen, i, what)
             })?;
-            if let Role::Shard { base, records, .. } = &self.role {
-                let lumels: Vec<u32> = batch.iter().map(|item| (base + item.0) as u32).collect();
+            if let Role::Shard { tile, records } = &self.role {
+                let number = |i: usize| (tile.base + i) as u32;
+                let lumels: Vec<u32> = batch.iter().map(|item| number(item.0)).collect();
                 records.put(pass, &lumels, &light);
             }
             for (item, light) in batch.iter().zip(light) {
@@ -242,7 +258,7 @@ impl<'r> Work<'r> {
         map: &mut LumelMap,
         pass: Pass,
         items: &[(usize, T)],
-        records: &dyn Records,
+        (base, records): (usize, &dyn Records),
     ) -> Vec<(usize, T)> {
         if self.unsure && pass == Pass::More {
             return items.to_vec();
@@ -250,8 +266,12 @@ impl<'r> Work<'r> {
         let mut there = vec![false; items.len()];
         // Both are in ascending order.
         let mut at = 0;
-        records.take(pass, &mut |lumel, light| {
-            let lumel = lumel as usize;
+        let own = base as u32..(base + map.len()) as u32;
+        records.take(pass, own.clone(), &mut |lumel, light| {
+            if !own.contains(&lumel) {
+                return;
+            }
+            let lumel = lumel as usize - base;
             if at > 0 && items.get(at - 1).is_some_and(|item| item.0 > lumel) {
                 at = 0;
             }
@@ -313,13 +333,13 @@ mod tests {
                 let lumels = shard(number).lumels();
                 assert_eq!(lumels.start, next);
                 next = lumels.end;
-                let (instances, base) = shard(number).instances();
-                let before: u32 = counts[..instances.start].iter().sum();
-                let upto: u32 = counts[..instances.end].iter().sum();
-                if !lumels.is_empty() {
-                    assert_eq!(before as usize, base);
-                    assert!(base <= lumels.start && lumels.end <= upto as usize);
-                }
+                // Instances 0 to 2 are a tile, 3 another.
+                let parts = shard(number).tiles(&[0..3, 3..4]);
+                let whole = parts.iter().flat_map(|part| {
+                    assert_eq!(part.base, if part.instances.start == 0 { 0 } else { 17 });
+                    part.own.clone().map(|i| i + part.base)
+                });
+                assert!(whole.eq(lumels));
             }
             assert_eq!(next, 50);
         }

@@ -126,6 +126,7 @@ fn gather_draft(bencher: Bencher, name: &str) {
             near: 0.25,
             lit: 0,
             open_only: false,
+            tile: gather::TILE,
         };
         let options = BakeOptions {
             lumels,

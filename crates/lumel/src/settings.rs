@@ -531,6 +531,7 @@ impl Settings {
             // With 0, only gathering rays find lit elements, which causes blotches on walls.
             lit: 1,
             open_only: false,
+            tile: gather::TILE,
         }
     }
 

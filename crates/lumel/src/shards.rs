@@ -5,6 +5,7 @@
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -15,15 +16,15 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 
 /// First bytes of a file.
-const MAGIC: &[u8; 16] = b"lumel shard 1\n\0\0";
+const MAGIC: &[u8; 16] = b"lumel shard 2\n\0\0";
 
 /// Bytes of the hash at the end, and of the header: magic, the seal of the work folder in
 /// hexadecimal digits, number, count.
 const HASH: u64 = 32;
 const HEAD: u64 = 16 + 64 + 8;
 
-/// Bytes of a section's header: pass, round, lumels, bytes.
-const SECTION: usize = 20;
+/// Bytes of a section's header: pass, round, lumels, first and last of them, bytes.
+const SECTION: usize = 28;
 
 /// Number of a shard, from 1, and the number of shards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,7 +179,7 @@ impl Records for ShardWriter {
         state.fault = outcome.err();
     }
 
-    fn take(&self, _: Pass, _: &mut dyn FnMut(u32, Received)) {}
+    fn take(&self, _: Pass, _: Range<u32>, _: &mut dyn FnMut(u32, Received)) {}
 }
 
 /// A section with its header.
@@ -190,7 +191,9 @@ fn section(pass: Pass, lumels: &[u32], light: &[Received]) -> std::io::Result<Ve
     let bytes = (out.len() - SECTION) as u64;
     let [pass, round] = code(pass);
     let mut head = Vec::with_capacity(SECTION);
-    for x in [pass, round, lumels.len() as u32] {
+    // Lumels are in ascending order.
+    let [first, last] = [lumels.first(), lumels.last()].map(|l| l.copied().unwrap_or(0));
+    for x in [pass, round, lumels.len() as u32, first, last] {
         head.extend(x.to_le_bytes());
     }
     head.extend(bytes.to_le_bytes());
@@ -198,10 +201,11 @@ fn section(pass: Pass, lumels: &[u32], light: &[Received]) -> std::io::Result<Ve
     Ok(out)
 }
 
-/// A section of a file: pass, lumels, place, bytes.
+/// A section of a file: pass, number of lumels, the first and last of them, place, bytes.
 struct Section {
     pass: [u32; 2],
     lumels: u32,
+    ends: [u32; 2],
     at: u64,
     bytes: u64,
 }
@@ -271,12 +275,21 @@ impl ShardFile {
         Ok(ShardFile { path, sections })
     }
 
-    /// Passes on the records of a pass.
-    fn take(&self, pass: [u32; 2], to: &mut dyn FnMut(u32, Received)) -> Result<(), Error> {
+    /// Passes on the records of a pass, at least of these lumels.
+    fn take(
+        &self,
+        pass: [u32; 2],
+        lumels: &Range<u32>,
+        to: &mut dyn FnMut(u32, Received),
+    ) -> Result<(), Error> {
         let failed = |e: &std::io::Error| unreadable(&self.path, e);
         let changed = || broken(&self.path, "the file changed while it was read".into());
         let mut file = open_regular(&self.path).map_err(|e| failed(&e))?;
-        for section in self.sections.iter().filter(|s| s.pass == pass) {
+        let of_these = |s: &&Section| {
+            let [first, last] = s.ends;
+            s.pass == pass && first < lumels.end && last >= lumels.start
+        };
+        for section in self.sections.iter().filter(of_these) {
             file.seek(SeekFrom::Start(section.at))
                 .map_err(|e| failed(&e))?;
             let mut bytes = vec![0; section.bytes as usize];
@@ -314,7 +327,7 @@ fn sections(file: &mut BufReader<File>, length: u64) -> std::io::Result<Option<V
         file.read_exact(&mut head)?;
         let number =
             |k: usize| u32::from_le_bytes([head[k], head[k + 1], head[k + 2], head[k + 3]]);
-        let bytes = u64::from(number(12)) | u64::from(number(16)) << 32;
+        let bytes = u64::from(number(20)) | u64::from(number(24)) << 32;
         at += SECTION as u64;
         if bytes > end - at {
             return Ok(None);
@@ -322,6 +335,7 @@ fn sections(file: &mut BufReader<File>, length: u64) -> std::io::Result<Option<V
         out.push(Section {
             pass: [number(0), number(4)],
             lumels: number(8),
+            ends: [number(12), number(16)],
             at,
             bytes,
         });
@@ -385,11 +399,11 @@ fn missing(divisions: &[&[ShardOf]]) -> String {
 impl Records for Shards {
     fn put(&self, _: Pass, _: &[u32], _: &[Received]) {}
 
-    fn take(&self, pass: Pass, to: &mut dyn FnMut(u32, Received)) {
+    fn take(&self, pass: Pass, lumels: Range<u32>, to: &mut dyn FnMut(u32, Received)) {
         let taken = self
             .files
             .iter()
-            .try_for_each(|file| file.take(code(pass), to));
+            .try_for_each(|file| file.take(code(pass), &lumels, to));
         if let (Err(e), Ok(mut fault)) = (taken, self.fault.lock()) {
             fault.get_or_insert(e);
         }

@@ -19,11 +19,12 @@ pub struct VertexDifference {
     pub p99: f64,
 }
 
-/// A lumel: its area (m²), its light, and the interpolated vertex light.
+/// A lumel: its area (m²), its light, and the interpolated vertex light. All of a level's are kept
+/// until the end, so they are small.
 pub(super) struct Pair {
-    area: f64,
-    light: f64,
-    interpolated: f64,
+    area: f32,
+    light: f32,
+    interpolated: f32,
 }
 
 /// The lumels of one instance; `range` is that of their indices.
@@ -57,9 +58,9 @@ pub(super) fn pairs(
     (range.zip(sums))
         .filter(|(lumel, sum)| light[*lumel].open == 1.0 && sum.0 > 0.0)
         .map(|(lumel, (area, sum))| Pair {
-            area,
-            light: f64::from(luminance(light[lumel].e)),
-            interpolated: sum / area,
+            area: area as f32,
+            light: luminance(light[lumel].e),
+            interpolated: (sum / area) as f32,
         })
         .collect()
 }
@@ -67,18 +68,19 @@ pub(super) fn pairs(
 /// Summarises all instances.
 pub(super) fn summarise(pairs: &[Pair]) -> VertexDifference {
     let (mut area, mut sum, mut squares, mut errors) = (0.0, 0.0, 0.0, 0.0);
-    for p in pairs {
-        area += p.area;
-        sum += p.area * p.light;
-        squares += p.area * p.light * p.light;
-        errors += p.area * (p.interpolated - p.light).powi(2);
+    let wide = |p: &Pair| [p.area, p.light, p.interpolated].map(f64::from);
+    for [a, light, interpolated] in pairs.iter().map(wide) {
+        area += a;
+        sum += a * light;
+        squares += a * light * light;
+        errors += a * (interpolated - light).powi(2);
     }
     if squares.is_nan() || squares <= 0.0 {
         return VertexDifference::default();
     }
     let floor = 0.01 * sum / area;
-    let mut relative: Vec<(f64, f64)> = (pairs.iter())
-        .map(|p| ((p.interpolated - p.light).abs() / (p.light + floor), p.area))
+    let mut relative: Vec<(f64, f64)> = (pairs.iter().map(wide))
+        .map(|[area, light, interpolated]| ((interpolated - light).abs() / (light + floor), area))
         .collect();
     relative.sort_by(|a, b| a.0.total_cmp(&b.0));
     let quantile = |q: f64| {

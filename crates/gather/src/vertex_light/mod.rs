@@ -26,15 +26,15 @@ use serde::Serialize;
 
 use atlas::{Layout, TexelIndex};
 pub use difference::VertexDifference;
-pub(crate) use moments::LumelLight;
-pub(crate) use read::LumelPlace;
 pub use result::{SplitPrimitive, VertexLight};
 
 use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
+use crate::options::VertexOptions;
+use crate::planes::Wanted;
 use gathered::Job;
-use moments::Moments;
-use read::Reader;
+use moments::{LumelLight, Moments};
+use read::{LumelPlace, Reader};
 use sheet::Sheet;
 use split::{Round, SplitOptions};
 
@@ -65,8 +65,68 @@ pub struct VertexReport {
     pub difference: VertexDifference,
 }
 
+/// Light at vertices of a level, summed up over tiles.
+pub struct VertexLights {
+    light: VertexLight,
+    report: VertexReport,
+    pairs: Vec<difference::Pair>,
+}
+
+impl VertexLights {
+    /// None yet: 0 at all vertices of the scene.
+    pub fn new(scene: &Scene) -> Self {
+        VertexLights {
+            light: VertexLight {
+                instances: empty(scene),
+                split: vec![Vec::new(); scene.instances.len()],
+            },
+            report: VertexReport::default(),
+            pairs: Vec::new(),
+        }
+    }
+
+    /// Adds the vertices of a tile's instances: fitted to its lumels, and gathered separately where
+    /// lumels are too large. `gatherer` is the one for lumels.
+    ///
+    /// # Errors
+    /// [`Cancelled`] if the monitor asks for it.
+    pub fn add(
+        &mut self,
+        gatherer: &Gatherer,
+        layout: &Layout,
+        mut map: LumelMap,
+        options: VertexOptions,
+        monitor: &dyn Monitor,
+    ) -> Result<(), Cancelled> {
+        // Means over lumels that a wall cuts are for measurements; vertices must not read them.
+        let places = (gatherer.options.open_only).then(|| LumelPlace::find(&map));
+        let light: Vec<LumelLight> = map.received.iter().map(LumelLight::of).collect();
+        map.received = Vec::new();
+        let vertices = VertexBake {
+            world: gatherer.world(),
+            layout,
+            map: &map,
+            light: &light,
+            places: places.as_deref(),
+            error: options.error,
+        };
+        // Vertices store a single colour.
+        let gatherer = Gatherer {
+            wanted: Wanted::default(),
+            ..gatherer.with(options.gather)
+        };
+        vertices.run(&gatherer, monitor, self)
+    }
+
+    /// Light and report.
+    pub fn finish(mut self) -> (VertexLight, VertexReport) {
+        self.report.difference = difference::summarise(&self.pairs);
+        (self.light, self.report)
+    }
+}
+
 /// Inputs of light at vertices.
-pub(crate) struct VertexBake<'b, 'w, 'a> {
+struct VertexBake<'b, 'w, 'a> {
     pub world: &'w World<'a>,
     pub layout: &'b Layout,
     pub map: &'b LumelMap,
@@ -79,12 +139,13 @@ pub(crate) struct VertexBake<'b, 'w, 'a> {
 }
 
 impl VertexBake<'_, '_, '_> {
-    /// Irradiance at every vertex that a triangle uses; 0 at others.
-    pub fn run(
+    /// Adds the irradiance at every vertex that a triangle uses.
+    fn run(
         &self,
         gatherer: &Gatherer,
         monitor: &dyn Monitor,
-    ) -> Result<(VertexLight, VertexReport), Cancelled> {
+        out: &mut VertexLights,
+    ) -> Result<(), Cancelled> {
         let scene = self.world.scene;
         let index = &self.map.index;
         let mut sheets: Vec<Sheet> = (0..scene.instances.len())
@@ -97,28 +158,22 @@ impl VertexBake<'_, '_, '_> {
                 sheet
             })
             .collect();
-        let mut report = VertexReport::default();
+        let report = &mut out.report;
         let floor = 0.01 * self.mean_luminance();
-        let known = self.small_triangles(&sheets, floor, (gatherer, monitor), &mut report)?;
+        let known = self.small_triangles(&sheets, floor, (gatherer, monitor), report)?;
         let fitted: Vec<Fitted> = sheets
             .par_iter_mut()
             .zip(known)
             .map(|(sheet, known)| self.fit(sheet, known, floor, index))
             .collect();
-        let mut out = VertexLight {
-            instances: empty(scene),
-            split: vec![Vec::new(); scene.instances.len()],
-        };
-        let mut pairs = Vec::new();
         for (sheet, fitted) in sheets.iter().zip(fitted) {
             report.points += sheet.points as u64;
             report.added += sheet.parents.len() as u64;
             report.full += u64::from(fitted.full);
-            pairs.extend(fitted.pairs);
-            fill(sheet, &fitted.values, scene, self.world, &mut out);
+            out.pairs.extend(fitted.pairs);
+            fill(sheet, &fitted.values, scene, self.world, &mut out.light);
         }
-        report.difference = difference::summarise(&pairs);
-        Ok((out, report))
+        Ok(())
     }
 
     fn measure(&self, sheet: &mut Sheet, index: &TexelIndex) {
@@ -159,7 +214,7 @@ impl VertexBake<'_, '_, '_> {
                 (reader.read(sheet), reader.rays.get())
             })
             .unzip();
-        report.read = out.iter().flatten().flatten().count() as u64;
+        report.read += out.iter().flatten().flatten().count() as u64;
         let mut jobs: Vec<Job> = Vec::new();
         for (s, (sheet, known)) in sheets.iter().zip(&out).enumerate() {
             // The first vertex of each point determines its seed.
@@ -183,8 +238,8 @@ impl VertexBake<'_, '_, '_> {
             }
         }
         let received = gathered::gather(&jobs, sheets, gatherer, monitor)?;
-        report.gathered = received.len() as u64;
-        report.rays = rays.iter().sum::<u64>() + received.iter().map(|r| r.rays).sum::<u64>();
+        report.gathered += received.len() as u64;
+        report.rays += rays.iter().sum::<u64>() + received.iter().map(|r| r.rays).sum::<u64>();
         for (job, r) in jobs.iter().zip(&received) {
             out[job.sheet as usize][job.point as usize] = Some(r.direct + r.indirect);
         }

@@ -194,6 +194,7 @@ fn gatherer<'w, 'a>(
         near: 1.0,
         lit,
         open_only: false,
+        tile: gather::TILE,
     };
     let direct = DirectLight::new(world, emitters);
     Gatherer::new(world, solution, direct, options, gather::Wanted::default())
