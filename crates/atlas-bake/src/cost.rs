@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use atlas::{Layout, Lumels};
-use gather::{LumelMap, Plane};
+use gather::{Gatherer, LumelMap, Plane, TILE, tiles};
 use glam::Vec3;
 use half::f16;
 use radiosity::{Emitters, Solution, World};
@@ -37,20 +37,41 @@ pub struct GatherCost {
     pub seconds: f64,
     /// Mean number of rays per gathered lumel, including shadow rays.
     pub rays: f64,
-    /// Points where lookups on the two sides of a seam are compared.
-    pub seam_samples: usize,
+    /// Lumels, and points of seams.
+    pub counts: Counts,
     /// Number of stitched channels, including layers.
     pub stitched: usize,
 }
 
-/// Number of lumels, and of points where lookups on the two sides of a seam would be compared. They
-/// determine the memory of gathering and stitching.
-pub fn lumels_and_seam_samples(world: &World, layout: &Layout) -> [usize; 2] {
-    let (scene, soup) = (world.scene, world.soup);
-    let lumels = Lumels::count(scene, soup, layout);
-    let corners = Lumels::corners(scene, soup, layout);
-    let samples = find_samples(world, layout, &corners).len();
-    [lumels.iter().map(|&n| n as usize).sum(), samples]
+/// Numbers that determine the memory of a bake.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Counts {
+    /// Lumels.
+    pub lumels: usize,
+    /// Lumels of the largest tile.
+    pub in_tile: usize,
+    /// Lumels of the largest instance.
+    pub in_instance: usize,
+    /// Points where lookups on the two sides of a seam are compared.
+    pub seam_samples: usize,
+}
+
+impl Counts {
+    /// Counts what a layout has.
+    pub fn of(world: &World, layout: &Layout) -> Counts {
+        let (scene, soup) = (world.scene, world.soup);
+        let lumels = Lumels::count(scene, soup, layout);
+        let all: Vec<usize> = (0..lumels.len()).collect();
+        let sum = |counts: &[u32]| counts.iter().map(|&n| n as usize).sum();
+        let in_tiles = tiles(layout, &all, TILE).into_iter();
+        let corners = Lumels::corners(scene, soup, layout);
+        Counts {
+            lumels: sum(&lumels),
+            in_tile: in_tiles.map(|tile| sum(&lumels[tile])).max().unwrap_or(0),
+            in_instance: lumels.iter().max().map_or(0, |&n| n as usize),
+            seam_samples: find_samples(world, layout, &corners).len(),
+        }
+    }
 }
 
 /// Bytes of an allocation, with what the allocator adds.
@@ -61,9 +82,9 @@ fn allocated(bytes: usize) -> usize {
     }
 }
 
-/// Memory of what `options` ask for beyond light: bytes per lumel while lumels are smoothed, bytes
-/// per lumel while pages are made, and bytes per texel of a page.
-pub fn extra_bytes(options: &BakeOptions, divided: Divided) -> [usize; 3] {
+/// Memory of what `options` ask for beyond light: bytes per lumel of a tile, and per texel of a
+/// page.
+pub fn extra_bytes(options: &BakeOptions, divided: Divided) -> [usize; 2] {
     let planes = options.wanted_of(divided).planes();
     // Smoothing makes two more lists of a part of each plane.
     let kept = allocated(planes * size_of::<Plane>());
@@ -74,7 +95,7 @@ pub fn extra_bytes(options: &BakeOptions, divided: Divided) -> [usize; 3] {
     let channels = channels(options, divided.masks).len() * (value + half);
     let masks = usize::from(divided.masks) * (page + value + half);
     let texel = channels + divided.groups * page + masks;
-    [kept + smoothed, kept, texel]
+    [kept + smoothed, texel]
 }
 
 /// Gathers at lumels distributed over the scene and measures the time.
@@ -87,14 +108,8 @@ pub fn gather_cost(
     layout: &Layout,
     options: &BakeOptions,
 ) -> GatherCost {
-    let map = LumelMap::new(world, layout, options.lumels.interpolation);
-    let full: Vec<usize> = (0..map.len())
-        .filter(|&i| !map.is_interpolated(i))
-        .collect();
     let mut cost = GatherCost {
-        gathered: full.len(),
-        interpolated: map.len() - full.len(),
-        seam_samples: find_samples(world, layout, map.lumels()).len(),
+        counts: Counts::of(world, layout),
         ..GatherCost::default()
     };
     if options.stitch {
@@ -102,15 +117,55 @@ pub fn gather_cost(
         let directions = if options.directional.is_some() { 4 } else { 0 };
         cost.stitched = 3 * (1 + groups + options.layers.len() + directions);
     }
-    if full.is_empty() {
-        return cost;
-    }
     let gatherer = options.gatherer(world, emitters, solution);
+    let all: Vec<usize> = (0..layout.placements.len()).collect();
+    let tiles = tiles(layout, &all, TILE);
+    let (mut done, mut rays, mut seconds) = (0, 0, 0.0);
+    let (rounds, enough) = (
+        ROUNDS.div_ceil(tiles.len().max(1)),
+        ENOUGH / tiles.len().max(1) as u32,
+    );
+    for tile in tiles {
+        let map = LumelMap::of(world, layout, options.lumels.interpolation, tile);
+        let full: Vec<usize> = (0..map.len())
+            .filter(|&i| !map.is_interpolated(i))
+            .collect();
+        cost.gathered += full.len();
+        cost.interpolated += map.len() - full.len();
+        if !full.is_empty() {
+            let trial = try_out(&gatherer, &map, &full, (rounds, enough));
+            done += trial.lumels;
+            rays += trial.rays;
+            seconds += trial.seconds;
+        }
+    }
+    if done > 0 {
+        cost.seconds = seconds / done as f64;
+        cost.rays = rays as f64 / done as f64;
+    }
+    cost
+}
+
+/// Lumels gathered for a trial, their rays and their time.
+struct Trial {
+    lumels: usize,
+    rays: u64,
+    seconds: f64,
+}
+
+/// Gathers at some of the lumels `full`, in at most this many rounds and about this time.
+fn try_out(
+    gatherer: &Gatherer,
+    map: &LumelMap,
+    full: &[usize],
+    (most, enough): (usize, Duration),
+) -> Trial {
     let gather = |k: usize| -> u64 {
         // Multiples of the golden ratio: every interval of them is evenly distributed over the
-        // level.
+        // tile.
         let at = (k as f64 * 0.618_033_988_749_895).fract() * full.len() as f64;
-        let (footprint, seed) = map.footprint(world, full[(at as usize).min(full.len() - 1)]);
+        let i = full[(at as usize).min(full.len() - 1)];
+        let (footprint, seed) = map.footprint(gatherer.world(), i);
         gatherer.gather(&footprint, seed).rays
     };
     let size = ROUND * rayon::current_num_threads();
@@ -122,7 +177,7 @@ pub fn gather_cost(
     round(0);
     let start = Instant::now();
     let (mut rounds, mut rays, mut seconds) = (0, 0, 0.0);
-    while rounds < ROUNDS && start.elapsed() < ENOUGH {
+    while rounds < most && (rounds == 0 || start.elapsed() < enough) {
         let mut least = f64::INFINITY;
         for again in 0..TRIES {
             let begin = Instant::now();
@@ -133,8 +188,9 @@ pub fn gather_cost(
         seconds += least;
         rounds += 1;
     }
-    let done = (rounds * size) as f64;
-    cost.seconds = seconds / done;
-    cost.rays = rays as f64 / done;
-    cost
+    Trial {
+        lumels: rounds * size,
+        rays,
+        seconds,
+    }
 }

@@ -60,7 +60,7 @@ mod uv_picture;
 
 pub use bake::{BakeReport, Baked, bake, gather_shard, merge, rebake};
 pub use compare::{Counted, DiffReport, diff, error_png};
-pub use cost::{GatherCost, extra_bytes, gather_cost, lumels_and_seam_samples};
+pub use cost::{Counts, GatherCost, extra_bytes, gather_cost};
 pub use earlier::Earlier;
 pub use error::{Error, Result};
 pub use exposure::suggested_exposure;

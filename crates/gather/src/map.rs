@@ -27,13 +27,8 @@ pub struct LumelMap {
 }
 
 impl LumelMap {
-    /// Finds the lumels of a layout, without gathering.
-    pub fn new(world: &World, layout: &Layout, rule: Interpolation) -> Self {
-        LumelMap::of(world, layout, rule, 0..world.scene.instances.len())
-    }
-
-    /// As [`new`](Self::new), with the lumels of these instances only, in rising order.
-    pub(crate) fn of(
+    /// Finds the lumels of these instances, in rising order, without gathering.
+    pub fn of(
         world: &World,
         layout: &Layout,
         rule: Interpolation,

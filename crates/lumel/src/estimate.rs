@@ -154,15 +154,8 @@ pub fn estimate(
     let over = over_gather(settings.quality);
     let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
     let rays = solving + gathered * gather.rays * over + probe_rays;
-    let samples = gather.seam_samples as f64;
-    let need = Need::of(
-        &loaded,
-        &world.sky,
-        &soup,
-        settings,
-        &layout,
-        [gather.gathered + gather.interpolated, gather.seam_samples],
-    );
+    let samples = gather.counts.seam_samples as f64;
+    let need = Need::of(&loaded, &world.sky, &soup, settings, &layout, gather.counts);
     need.check(settings, &layout)?;
     let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
     let seconds = planning
@@ -180,7 +173,7 @@ pub fn estimate(
         scene: (file.file_name().unwrap_or_default().to_string_lossy()).into_owned(),
         triangles: soup.triangles.len(),
         files,
-        seam_samples: gather.seam_samples,
+        seam_samples: gather.counts.seam_samples,
         probes,
         rays,
         mrays_per_second: 1e-6 * rate,

@@ -1,7 +1,8 @@
 //! Memory: estimated and measured.
 
 use atlas::LayoutReport;
-use atlas_bake::{Divided, Ktx2Format, extra_bytes};
+use atlas_bake::{Counts, Divided, Ktx2Format, extra_bytes};
+use gather::TILE;
 use mesh_ingest::{Document, ImageSource, Loaded, Soup};
 use radiosity::Sky;
 
@@ -12,11 +13,18 @@ use crate::settings::{BakeMode, GltfExt, Settings};
 /// Bytes of a patch besides its links: some 16 elements with position, area, reflectance and light.
 const PATCH: f64 = 1024.0;
 
-/// Peak memory in bytes: fixed, per triangle, per lumel, per link ray and per point of a seam.
-/// Fitted to bakes at draft: up to 2.9 million lumels, 80,000 triangles, one made only of chart
-/// borders. Estimates were 2 % below to 26 % above what they took. Vertices that `--vertex-error`
-/// adds need less than the lumels' light, which is freed before.
-const BYTES: [f64; 5] = [24.0e6, 2000.0, 545.0, 13.2, 350.0];
+/// Peak memory in bytes: fixed, per triangle, per lumel of a tile, per link ray and per point of a
+/// seam. Fitted to bakes at draft: up to 4 million lumels, 80,000 triangles, one made only of chart
+/// borders. Vertices that `--vertex-error` adds need less than the lumels' light, which is freed
+/// before.
+const BYTES: [f64; 5] = [24.0e6, 2000.0, 520.0, 13.2, 350.0];
+
+/// Bytes of a lumel that stay until the end: its claimed error, and its difference from the light
+/// at vertices.
+const KEPT: f64 = 20.0;
+
+/// Bytes of a page's texel: light, coverage, chart, reader, lumel, and halves in the file.
+const OF_PAGE: f64 = 36.0;
 
 /// Bytes that a triangle takes before the bake.
 pub(crate) const TRIANGLE: u64 = 1700;
@@ -32,27 +40,29 @@ pub(crate) const COPIES: u64 = 3;
 /// quarter too low.
 const SPARE: f64 = 0.8;
 
-/// Peak memory that a bake will need, bytes.
+/// Peak memory that a bake will need, bytes. Terms are for the planned density.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Need {
     /// The part that does not depend on density.
     fixed: f64,
-    /// The part proportional to the square of the density.
-    lumels: f64,
+    /// Bytes of a lumel of a tile.
+    of_tile: f64,
+    counts: Counts,
+    /// The part proportional to the square of the density: pages, and what is kept of lumels.
+    pages: f64,
     /// The part proportional to the density.
     seams: f64,
 }
 
 impl Need {
-    /// Estimates a level whose charts are planned; the counts are those of
-    /// [`atlas_bake::lumels_and_seam_samples`].
+    /// Estimates a level whose charts are planned.
     pub(crate) fn of(
         loaded: &Loaded,
         sky: &Sky,
         soup: &Soup,
         settings: &Settings,
         layout: &LayoutReport,
-        [lumels, seam_samples]: [usize; 2],
+        counts: Counts,
     ) -> Need {
         let texels: usize = (loaded.scene.images.iter().flatten())
             .map(|image| image.pixels.len())
@@ -61,15 +71,13 @@ impl Need {
             Sky::Map { pixels, .. } => pixels.len(),
             _ => 0,
         };
-        let lumels = lumels as f64;
         let texels_of_pages: f64 = (layout.pages.iter())
             .map(|[w, h]| f64::from(*w) * f64::from(*h))
             .sum();
         let divided = divided(settings);
-        let [smoothed, kept, of_texel] =
+        let [of_tile, of_texel] =
             extra_bytes(&bake_options(settings), divided).map(|bytes| bytes as f64);
-        let pages = (of_texel + files(settings, divided)) * texels_of_pages;
-        let extra = (smoothed * lumels).max(kept * lumels + pages);
+        let of_texel = OF_PAGE + of_texel + files(settings, divided);
         let solve = settings.solve_options(soup);
         let patches = solve.cut.patches as f64;
         let links = patches * f64::from(solve.rays);
@@ -81,27 +89,50 @@ impl Need {
                 + TEXEL * texels as f64
                 + SKY * sky as f64
                 + (COPIES * stored(&loaded.document)) as f64,
-            lumels: BYTES[2] * lumels + extra,
-            seams: BYTES[4] * seam_samples as f64,
+            of_tile: BYTES[2] + of_tile,
+            counts,
+            pages: of_texel * texels_of_pages + KEPT * counts.lumels as f64,
+            seams: BYTES[4] * counts.seam_samples as f64,
         }
     }
 
     /// Whether a level might need more memory than allowed, before its charts are made: whether twice
     /// the memory of its triangles and lumels does, because seams and pictures are not known yet.
     pub(crate) fn might_exceed(soup: &Soup, settings: &Settings) -> bool {
-        let known = BYTES[1] * soup.triangles.len() as f64 + BYTES[2] * settings.lumels(soup);
+        let lumels = settings.lumels(soup);
+        let tile = BYTES[2] * lumels.min(TILE as f64);
+        let known = BYTES[1] * soup.triangles.len() as f64 + tile + (KEPT + OF_PAGE) * lumels;
         (settings.bounds.allowed()).is_some_and(|allowed| 2.0 * known > allowed as f64)
     }
 
-    /// Whether the estimated lumels of a layout alone need more memory than allowed.
+    /// Whether the pages of the estimated lumels of a layout need more memory than allowed.
     pub(crate) fn exceeds_by_far(layout: &LayoutReport, settings: &Settings) -> bool {
-        let known = BYTES[2] * layout.lumels;
+        let known = (KEPT + OF_PAGE) * layout.lumels;
         (settings.bounds.allowed()).is_some_and(|allowed| known > allowed as f64)
     }
 
     /// The total.
     pub(crate) fn bytes(&self) -> f64 {
-        self.fixed + self.lumels + self.seams
+        self.at(1.0)
+    }
+
+    /// The total if the density is multiplied with `x`.
+    fn at(&self, x: f64) -> f64 {
+        let Counts {
+            lumels,
+            in_tile,
+            in_instance,
+            ..
+        } = self.counts;
+        let [all, tile, largest] = [lumels, in_tile, in_instance].map(|n| n as f64);
+        // A single tile grows until it is full; an instance is never divided.
+        let full = if tile < all {
+            tile
+        } else {
+            tile.max(TILE as f64)
+        };
+        let tile = (all * x * x).min(full).max(largest * x * x);
+        self.fixed + self.of_tile * tile + self.pages * x * x + self.seams * x
     }
 
     /// Refuses bakes that need more memory than the settings allow.
@@ -123,15 +154,23 @@ impl Need {
         })
     }
 
-    /// Factor on the density at which the bake needs `bytes`; `None` if there is none.
+    /// Largest factor below 1 on the density at which the bake needs at most `bytes`; `None` if
+    /// there is none.
     fn share_that_fits(&self, bytes: f64) -> Option<f64> {
-        // Solves lumels x² + seams x = left.
-        let left = bytes - self.fixed;
-        if left <= 0.0 || self.lumels <= 0.0 {
+        if bytes <= self.fixed || self.pages <= 0.0 {
             return None;
         }
-        let half = 0.5 * self.seams / self.lumels;
-        Some((half * half + left / self.lumels).sqrt() - half)
+        let (mut fits, mut exceeds) = (0.0, 1.0);
+        // As precise as a float.
+        for _ in 0..53 {
+            let x = 0.5 * (fits + exceeds);
+            *(if self.at(x) <= bytes {
+                &mut fits
+            } else {
+                &mut exceeds
+            }) = x;
+        }
+        Some(fits)
     }
 }
 
@@ -219,14 +258,42 @@ mod tests {
     fn what_would_fit_needs_as_much_as_is_there() {
         let need = Need {
             fixed: 20.0,
-            lumels: 500.0,
+            of_tile: 5.0,
+            counts: Counts {
+                lumels: 400,
+                in_tile: 50,
+                in_instance: 30,
+                seam_samples: 0,
+            },
+            pages: 500.0,
             seams: 30.0,
         };
-        for bytes in [21.0, 100.0, 550.0, 5000.0] {
+        assert_eq!(need.bytes(), 20.0 + 250.0 + 500.0 + 30.0);
+        for bytes in [21.0, 100.0, 550.0, 799.0] {
             let x = need.share_that_fits(bytes).expect("more than is fixed");
-            let then = need.fixed + need.lumels * x * x + need.seams * x;
+            let then = need.at(x);
             assert!((then / bytes - 1.0).abs() < 1e-12, "{then} for {bytes}");
         }
         assert_eq!(need.share_that_fits(20.0), None);
+    }
+
+    #[test]
+    fn more_tiles_need_no_more_memory_but_for_pages() {
+        let need = |copies: usize| Need {
+            fixed: 0.0,
+            of_tile: 500.0,
+            counts: Counts {
+                lumels: copies << 20,
+                in_tile: 1 << 20,
+                in_instance: 1 << 18,
+                seam_samples: 0,
+            },
+            pages: 0.0,
+            seams: 0.0,
+        };
+        assert_eq!(need(1).bytes(), need(64).bytes());
+        // With twice the density, an instance fills a tile alone; with four times, it is larger.
+        assert_eq!(need(64).at(2.0), need(64).bytes());
+        assert_eq!(need(64).at(4.0), 4.0 * need(64).bytes());
     }
 }

@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use atlas::{KeptCharts, Layout, LayoutError, LayoutOptions, LayoutProgress, LayoutReport};
 use atlas_bake::{
-    BakeOptions, Baked, Earlier, LitScene, MixedLight, PictureLight, choose_camera, render_preview,
-    scene_camera,
+    BakeOptions, Baked, Counts, Earlier, LitScene, MixedLight, PictureLight, choose_camera,
+    render_preview, scene_camera,
 };
 use gather::Records;
 use mesh_ingest::{Loaded, Scene, Soup};
@@ -125,11 +125,14 @@ impl<'l> Level<'l> {
         let (layout, report) = planned;
         // Far too many lumels would take minutes to count.
         let counts = match Need::exceeds_by_far(report, self.settings) {
-            true => [report.lumels as usize, 0],
+            true => Counts {
+                lumels: report.lumels as usize,
+                ..Counts::default()
+            },
             false => {
                 let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
                     .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
-                atlas_bake::lumels_and_seam_samples(&world, layout)
+                Counts::of(&world, layout)
             }
         };
         let need = Need::of(self.loaded, sky, self.soup, self.settings, report, counts);
