@@ -3,6 +3,7 @@
 mod around;
 mod cap;
 mod choice;
+mod lamp_tree;
 mod sample;
 mod surfaces;
 mod tally;
@@ -18,6 +19,7 @@ use crate::sampling::{hash_u32, sample_4d};
 use crate::sky::SkyCell;
 use crate::world::{SurfacePoint, World, luminance};
 use choice::Tables;
+use lamp_tree::{LampTree, Lamps};
 use tally::{Mark, Tally};
 
 /// Number of shadow rays per light.
@@ -139,6 +141,7 @@ const EMITTERS: u32 = 1 << 31;
 pub struct DirectLight<'w, 'a> {
     world: &'w World<'a>,
     emitters: &'w Emitters,
+    lamps: LampTree,
     tables: Tables,
 }
 
@@ -146,6 +149,8 @@ pub struct DirectLight<'w, 'a> {
 enum Term<'e> {
     /// A lamp and its light group.
     Lamp(&'e Light, usize),
+    /// A node of the lamp tree.
+    Lamps(u32),
     /// A cell of the bright part of the sky.
     Sky(&'e SkyCell),
     Triangle(&'e Emitter),
@@ -160,6 +165,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         DirectLight {
             world,
             emitters,
+            lamps: LampTree::new(world),
             tables: Tables::default(),
         }
     }
@@ -224,22 +230,23 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             parts,
             mixed: Vec::new(),
         };
-        let shares = self.shares_of_lamps(&first, scale);
-        for (k, light) in lights.iter().enumerate() {
-            let share = shares.as_ref().map_or(1.0, |s| s[k]);
-            if share > 0.0 {
-                let term = Term::Lamp(light, self.world.lamp_group(k));
-                let sun = matches!(light.kind, LightKind::Directional { .. });
-                let bit = 1 << (k % 31);
-                let look = known.look & bit != 0;
-                let kind = Kind {
-                    sun,
-                    left_out: self.world.leaves_out(k),
-                    channel: work.parts.channel_of(k),
-                };
-                let share = kind.share(share);
-                self.begin(term, share, bit, look, kind, &mut work);
-            }
+        for (lamps, share) in self.lamps_of(&first, scale) {
+            let Lamps::One(k) = lamps else {
+                let look = known.look & EMITTERS != 0;
+                let term = self.term_of_lamps(lamps);
+                self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
+                continue;
+            };
+            let k = k as usize;
+            let bit = 1 << (k % 31);
+            let look = known.look & bit != 0;
+            let kind = Kind {
+                sun: matches!(lights[k].kind, LightKind::Directional { .. }),
+                left_out: self.world.leaves_out(k),
+                channel: work.parts.channel_of(k),
+            };
+            let term = self.term_of_lamps(lamps);
+            self.begin(term, kind.share(share), bit, look, kind, &mut work);
         }
         if !self.emitters.is_empty() || bright.is_some() {
             let look = known.look & EMITTERS != 0;
@@ -283,11 +290,13 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             return None;
         }
         let mut rays = 0;
-        for (k, light) in self.world.scene.lights.iter().enumerate() {
+        self.lamps.each_above(p.position, least, |k| {
+            let light = &self.world.scene.lights[k as usize];
             // A shadow mask needs every lamp.
-            let least = if self.world.is_masked(k) { 0.0 } else { least };
+            let masked = self.world.is_masked(k as usize);
+            let least = if masked { 0.0 } else { least };
             if self.weight_of_lamp(light, p) <= least {
-                continue;
+                return Some(());
             }
             // A picture varies between the lumels although all of them see the lamp.
             if light.cookie.is_some() {
@@ -300,13 +309,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             }
             let term = Term::Lamp(light, 0);
             let mut tally = Tally::single();
-            let random = sample_4d(k as u32, 2, seed);
+            let random = sample_4d(k, 2, seed);
             self.sample(&term, None, p, random, &mut tally);
             rays += tally.rays;
-            if tally.rays > 0 && tally.seen() != expected {
-                return None;
-            }
-        }
+            (tally.rays == 0 || tally.seen() == expected).then_some(())
+        })?;
         Some(rays)
     }
 
@@ -328,10 +335,14 @@ impl<'w, 'a> DirectLight<'w, 'a> {
     /// its light group.
     pub fn sample_one(&self, point: &SurfacePoint, seed: u32) -> (Vec3, usize) {
         let mut terms = Vec::new();
-        for (k, light) in self.world.scene.lights.iter().enumerate() {
-            let weight = self.weight_of_lamp(light, point);
+        let lights = &self.world.scene.lights;
+        for (lamps, rough) in self.lamps.cut(lights, point.position, 0.0) {
+            let weight = match lamps {
+                Lamps::One(k) => self.weight_of_lamp(&lights[k as usize], point),
+                Lamps::Group(_) => rough,
+            };
             if weight > 0.0 {
-                terms.push((Term::Lamp(light, self.world.lamp_group(k)), weight));
+                terms.push((self.term_of_lamps(lamps), weight));
             }
         }
         for cell in self.world.bright.iter().flat_map(|b| &b.cells) {
@@ -397,7 +408,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             ((work.options.scouts as f32 * part).ceil() as u32).max(1)
         };
         let groups = match term {
-            Term::Group(..) => self.world.group_count(),
+            Term::Group(..) | Term::Lamps(..) => self.world.group_count(),
             _ => 1,
         };
         // Lights with few points start at different ones; otherwise all of them would be seen from
@@ -408,7 +419,9 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         } else {
             0
         };
-        let tally = Tally::new(work.parts, groups, kind);
+        let mut tally = Tally::new(work.parts, groups, kind);
+        // Lamps of a group have no common closed form.
+        tally.plainly = matches!(term, Term::Lamps(..));
         let mut light = Started {
             is_random,
             tally,

@@ -113,7 +113,7 @@ impl DirectLight<'_, '_> {
                         let facing = e.normal.dot(v).abs() / (d2 * d2.sqrt());
                         (e, q, facing * e.area / probability)
                     }
-                    Term::Lamp(..) | Term::Sky(_) => continue,
+                    Term::Lamp(..) | Term::Lamps(_) | Term::Sky(_) => continue,
                 };
                 let front = e.two_sided || e.normal.dot(at - q) > 0.0;
                 let direction = (q - at).normalize_or_zero();

@@ -10,6 +10,7 @@ use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
 use patch_subdivision::{PatchId, Subdivision};
 
+use super::lamp_tree::Lamps;
 use super::sample::falloff;
 use super::tally::Tally;
 use super::{DirectLight, Term};
@@ -34,7 +35,7 @@ const FLAT: f32 = 0.98;
 /// A source of light.
 #[derive(Debug, Clone, Copy)]
 enum Source {
-    Lamp(u32),
+    Lamps(Lamps),
     Sky(u32),
     /// A node of the emitter tree.
     Emitters(u32),
@@ -89,10 +90,7 @@ impl<'w> DirectLight<'w, '_> {
 
     fn term(&self, source: Source) -> Term<'w> {
         match source {
-            Source::Lamp(k) => {
-                let k = k as usize;
-                Term::Lamp(&self.world.scene.lights[k], self.world.lamp_group(k))
-            }
+            Source::Lamps(lamps) => self.term_of_lamps(lamps),
             Source::Sky(k) => match &self.world.bright {
                 Some(bright) => Term::Sky(&bright.cells[k as usize]),
                 None => unreachable!("cell {k} of a sky without bright parts"),
@@ -126,8 +124,17 @@ impl<'w> DirectLight<'w, '_> {
         let mut nodes = Vec::new();
         let receiver = SurfacePoint { normal, ..middle };
         self.emitter_nodes(&receiver, radius, GROUPS, &mut nodes);
-        let lamps = (self.world.scene.lights.iter().enumerate())
-            .map(|(k, l)| (Source::Lamp(k as u32), at_most(l, middle.position, radius)));
+        let lights = &self.world.scene.lights;
+        let lamps =
+            (self.lamps.cut(lights, middle.position, radius).into_iter()).map(|(lamps, rough)| {
+                match lamps {
+                    Lamps::One(k) => {
+                        let most = at_most(&lights[k as usize], middle.position, radius);
+                        (Source::Lamps(lamps), most)
+                    }
+                    Lamps::Group(_) => (Source::Lamps(lamps), rough),
+                }
+            });
         let cells = (self.world.bright.iter().flat_map(|b| &b.cells).enumerate())
             .map(|(k, cell)| (Source::Sky(k as u32), cell.power));
         let emitters = (nodes.into_iter()).map(|(id, weight)| (Source::Emitters(id), weight));

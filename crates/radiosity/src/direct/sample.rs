@@ -43,23 +43,38 @@ impl DirectLight<'_, '_> {
         tally: &mut Tally,
     ) {
         match term {
-            Term::Lamp(light, group) => self.lamp(light, *group, p, random, tally),
+            Term::Lamp(light, group) => self.lamp(light, (*group, 1.0), p, random, tally),
+            Term::Lamps(node) => self.lamps(*node, p, random, tally),
             Term::Sky(cell) => self.sky(cell, p, random, tally),
             Term::Triangle(e) => self.triangle(e, p, random, tally),
             Term::Group(node) => self.group(*node, few, p, random, tally),
         }
     }
 
-    pub(super) fn lamp(
+    /// One lamp of a group, which stands for all of it.
+    fn lamps(&self, node: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+        let lights = &self.world.scene.lights;
+        // Choosing within a group may need more than the 24 bits of one number.
+        let x = f64::from(random[2]) + f64::from(random[3]) * 2f64.powi(-24);
+        let Some((k, probability)) = self.lamps.pick(lights, node, p.position, x) else {
+            return;
+        };
+        let group = self.world.lamp_group(k as usize);
+        let stands_for = (group, 1.0 / probability);
+        self.lamp(&lights[k as usize], stands_for, p, random, tally);
+    }
+
+    /// A lamp, which stands for this many times its own light.
+    fn lamp(
         &self,
         light: &Light,
-        group: usize,
+        (group, times): (usize, f32),
         p: &SurfacePoint,
         random: [f32; 4],
         tally: &mut Tally,
     ) {
         if let Some(cap) = Cap::of(light, p.position) {
-            return self.disc(light, &cap, group, p, random, tally);
+            return self.disc(light, &cap, (group, times), p, random, tally);
         }
         let Some(a) = self.arrival(light, p) else {
             return;
@@ -73,7 +88,7 @@ impl DirectLight<'_, '_> {
             tally.passed(|| self.world.transmitted(p.origin, a.to, a.t_max))
         };
         tally.plain(&Sample {
-            value: a.value * cookie,
+            value: a.value * cookie * times,
             passed,
             direction: a.axis,
             cos: a.cos,
@@ -86,7 +101,7 @@ impl DirectLight<'_, '_> {
         &self,
         light: &Light,
         cap: &Cap,
-        group: usize,
+        (group, times): (usize, f32),
         p: &SurfacePoint,
         random: [f32; 4],
         tally: &mut Tally,
@@ -109,7 +124,7 @@ impl DirectLight<'_, '_> {
             tally.passed(|| self.world.transmitted(p.origin, direction, reach))
         };
         let sample = Sample {
-            value: radiance * weight,
+            value: radiance * weight * times,
             passed,
             direction,
             cos,

@@ -1,11 +1,8 @@
 //! Which lights a receiver treats individually, and how many samples each gets.
 
-use glam::Vec3;
-use mesh_ingest::LightKind;
-
-use super::sample::falloff;
+use super::lamp_tree::Lamps;
 use super::{DirectLight, Term};
-use crate::world::{SurfacePoint, luminance};
+use crate::world::SurfacePoint;
 
 /// More lamps than this share their points by contribution, as emissive triangles do.
 const MANY_LAMPS: usize = 8;
@@ -35,43 +32,30 @@ const GROUPS: usize = 12;
 const MOST_TERMS: usize = 256;
 
 impl<'w> DirectLight<'w, '_> {
-    /// The share of the samples that each lamp gets, and the number of shares, or `None` if there
-    /// are few lamps and each gets all samples. A share is 0 only if the receiver is out of the
-    /// lamp's range.
-    pub(super) fn shares_of_lamps(&self, first: &SurfacePoint, scale: f32) -> Option<Vec<f32>> {
+    /// The lamps and groups of lamps of a receiver, with the share of the samples that each gets: all
+    /// of them if there are few.
+    pub(super) fn lamps_of(&self, first: &SurfacePoint, scale: f32) -> Vec<(Lamps, f32)> {
         let lights = &self.world.scene.lights;
         if lights.len() <= MANY_LAMPS {
-            return None;
+            return (0..lights.len() as u32)
+                .map(|k| (Lamps::One(k), 1.0))
+                .collect();
         }
-        let mut shares: Vec<f32> = lights
-            .iter()
-            .map(|light| {
-                let l = luminance(light.intensity);
-                match light.kind {
-                    LightKind::Directional { .. } => l,
-                    LightKind::Point {
-                        position,
-                        range,
-                        radius,
-                    }
-                    | LightKind::Spot {
-                        position,
-                        range,
-                        radius,
-                        ..
-                    } => {
-                        // The shortest distance between receiver and lamp.
-                        let d = (first.position.distance(position) - scale).max(radius.max(1e-3));
-                        l * falloff(Vec3::X * d, range)
-                    }
-                }
-            })
-            .collect();
-        let total: f32 = shares.iter().sum();
-        if total > 0.0 {
-            shares.iter_mut().for_each(|s| *s /= total);
+        let mut lamps = self.lamps.cut(lights, first.position, scale);
+        let total: f32 = lamps.iter().map(|light| light.1).sum();
+        lamps.iter_mut().for_each(|light| light.1 /= total);
+        lamps
+    }
+
+    /// A lamp or a group of lamps as a term.
+    pub(super) fn term_of_lamps(&self, lamps: Lamps) -> Term<'w> {
+        match lamps {
+            Lamps::One(k) => {
+                let k = k as usize;
+                Term::Lamp(&self.world.scene.lights[k], self.world.lamp_group(k))
+            }
+            Lamps::Group(node) => Term::Lamps(node),
         }
-        Some(shares)
     }
 
     /// Chooses at most `most` emissive triangles and groups, each with a rough contribution.

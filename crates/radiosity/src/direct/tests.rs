@@ -8,6 +8,8 @@ use crate::fixtures::{add_quad, light, material};
 use crate::form_factor::form_factor_polygon;
 use crate::world::WorldOptions;
 
+mod many_lamps;
+
 const FEW: DirectOptions = DirectOptions::every(4, 16);
 const MANY: DirectOptions = DirectOptions::every(64, 1024);
 
@@ -341,7 +343,7 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
                     )
                 }
                 Term::Triangle(e) => taken.push(e.triangle),
-                Term::Lamp(..) | Term::Sky(_) => panic!("there is none"),
+                Term::Lamp(..) | Term::Lamps(_) | Term::Sky(_) => panic!("there is none"),
             }
         }
         taken.sort_unstable();
