@@ -53,9 +53,8 @@ struct Node {
     power: f32,
     /// Nothing farther than this from the centre gets light; may be infinite.
     reach: f32,
-    /// Lamps `[start, end)`.
-    start: u32,
-    end: u32,
+    /// The first of its lamps.
+    first: u32,
     /// The second child; the first one follows its parent. 0 for a leaf, which has one lamp.
     second: u32,
 }
@@ -134,7 +133,7 @@ impl LampTree {
         let judge = |id: u32| {
             let node = &self.nodes[id as usize];
             match node.second {
-                0 => one(self.lamps[node.start as usize]),
+                0 => one(self.lamps[node.first as usize]),
                 _ => (Lamps::Group(id), node.weight(p, scale)),
             }
         };
@@ -168,9 +167,12 @@ impl LampTree {
 
     /// The lamps of a node.
     #[cfg(test)]
-    pub(super) fn members(&self, node: u32) -> &[u32] {
-        let node = &self.nodes[node as usize];
-        &self.lamps[node.start as usize..node.end as usize]
+    pub(super) fn members(&self, id: u32) -> Vec<u32> {
+        let node = &self.nodes[id as usize];
+        match node.second {
+            0 => vec![self.lamps[node.first as usize]],
+            second => [self.members(id + 1), self.members(second)].concat(),
+        }
     }
 
     /// Samples a lamp of a node, roughly in proportion to its contribution at `p`; with its
@@ -180,13 +182,13 @@ impl LampTree {
         loop {
             let node = &self.nodes[id as usize];
             if node.second == 0 {
-                return Some((self.lamps[node.start as usize], probability as f32));
+                return Some((self.lamps[node.first as usize], probability as f32));
             }
             let children = [id + 1, node.second];
             let [a, b] = children.map(|c| {
                 let child = &self.nodes[c as usize];
                 f64::from(match child.second {
-                    0 => weight(&lights[self.lamps[child.start as usize] as usize], p, 0.0),
+                    0 => weight(&lights[self.lamps[child.first as usize] as usize], p, 0.0),
                     _ => child.weight(p, 0.0),
                 })
             });
@@ -227,7 +229,7 @@ impl LampTree {
                 continue;
             }
             match node.second {
-                0 => see(self.lamps[node.start as usize])?,
+                0 => see(self.lamps[node.first as usize])?,
                 second => left.extend([second, id + 1]),
             }
         }
@@ -273,8 +275,7 @@ fn split(lights: &[Light], lamps: &mut [u32], start: usize, end: usize, nodes: &
             .map(|&k| luminance(lights[k as usize].intensity)))
         .sum(),
         reach: (part.iter().map(|&k| away(k) + at(k).1)).fold(0.0, f32::max),
-        start: start as u32,
-        end: end as u32,
+        first: start as u32,
         second: 0,
     });
     if part.len() == 1 {

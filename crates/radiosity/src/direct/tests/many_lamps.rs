@@ -28,7 +28,7 @@ fn lamps_of(l: &DirectLight, p: Vec3, scale: f32) -> (Vec<u32>, usize) {
     let mut lamps: Vec<u32> = (cut.iter())
         .flat_map(|(lamps, _)| match *lamps {
             Lamps::One(k) => vec![k],
-            Lamps::Group(id) => l.lamps.members(id).to_vec(),
+            Lamps::Group(id) => l.lamps.members(id),
         })
         .collect();
     lamps.sort_unstable();
