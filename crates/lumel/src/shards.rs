@@ -85,6 +85,8 @@ impl<W: Write> Write for Hashed<W> {
 /// A shard's file while it is being written: a temporary file beside its final place.
 pub(crate) struct ShardWriter {
     path: PathBuf,
+    shard: ShardOf,
+    work: Digest,
     state: Mutex<Writing>,
 }
 
@@ -108,7 +110,7 @@ impl ShardWriter {
         let path = folder.join(shard.file());
         let begin = || -> std::io::Result<Writing> {
             let file = tempfile::Builder::new()
-                .prefix(".lumel-")
+                .prefix(&temporary(shard))
                 .suffix(".part")
                 .tempfile_in(folder)?;
             let mut file = Hashed {
@@ -125,14 +127,16 @@ impl ShardWriter {
         let state = begin().map_err(|e| unreadable(&path, &e))?;
         Ok(ShardWriter {
             path,
+            shard,
+            work: *work,
             state: Mutex::new(state),
         })
     }
 
-    /// Completes the file and renames it to its final place. Returns its size in bytes and its
-    /// number of records.
+    /// Completes the file and renames it to its final place, and removes what killed attempts at
+    /// this shard left behind. Returns its size in bytes and its number of records.
     pub(crate) fn finish(self) -> Result<(u64, u64), Error> {
-        let path = self.path;
+        let (path, folder) = (&self.path, self.path.parent().unwrap_or(Path::new("")));
         let state = self.state.into_inner();
         let Writing {
             file,
@@ -147,11 +151,35 @@ impl ShardWriter {
             readable_by_all(file.as_file())?;
             file.as_file().sync_all()?;
             let bytes = file.as_file().metadata()?.len();
-            file.persist(&path).map_err(|e| e.error)?;
+            match file.persist(path) {
+                // Another process has finished the same shard, and has removed this file.
+                Err(_) if is_gathered(folder, &self.work, self.shard) => {}
+                Err(e) => return Err(e.error),
+                Ok(_) => {}
+            }
             Ok(bytes)
         };
-        let bytes = end().map_err(|e| unreadable(&path, &e))?;
+        let bytes = end().map_err(|e| unreadable(path, &e))?;
+        remove_temporaries(folder, self.shard);
         Ok((bytes, lumels))
+    }
+}
+
+/// Start of the names of a shard's temporary files.
+fn temporary(shard: ShardOf) -> String {
+    format!(".lumel-{}-", shard.file())
+}
+
+fn remove_temporaries(folder: &Path, shard: ShardOf) {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return;
+    };
+    let of_shard = |name: &str| name.starts_with(&temporary(shard)) && name.ends_with(".part");
+    for entry in entries.flatten() {
+        if entry.file_name().to_str().is_some_and(of_shard) {
+            // A file that stays only takes space.
+            let _ = std::fs::remove_file(entry.path());
+        }
     }
 }
 

@@ -106,6 +106,15 @@ fn shards_give_the_bytes_of_one_bake() {
     }
 }
 
+/// Names of the temporary files in a work folder.
+fn parts_in(work: &Path) -> Vec<String> {
+    let entries = fs::read_dir(work).expect("it is there");
+    let names = entries.map(|e| e.expect("readable").file_name());
+    (names.map(|name| name.to_string_lossy().into_owned()))
+        .filter(|name| name.ends_with(".part"))
+        .collect()
+}
+
 #[test]
 fn a_killed_shard_leaves_nothing_wrong() {
     let (t, scene, work) = solved();
@@ -122,9 +131,13 @@ fn a_killed_shard_leaves_nothing_wrong() {
         let _ = child.kill();
         child.wait().expect("it ended");
     }
+    // What a kill leaves behind, which the next run of the shard removes; that of others stays.
+    write(work.join(".lumel-shard-1-of-2.light-abc.part"), vec![1]);
+    write(work.join(".lumel-shard-3-of-7.light-abc.part"), vec![1]);
     for i in [1, 2] {
         gather(&work, &format!("{i}/2")).ok();
     }
+    assert_eq!(parts_in(&work), [".lumel-shard-3-of-7.light-abc.part"]);
     let before = fs::read(work.join("shard-1-of-2.light")).expect("it is there");
     fs::remove_file(work.join("shard-1-of-2.light")).expect("removed");
     gather(&work, "1/2").ok();
@@ -140,6 +153,26 @@ fn a_killed_shard_leaves_nothing_wrong() {
     .ok();
     merge(&work, &out).ok();
     assert_same(&plain, &out);
+}
+
+#[test]
+fn two_processes_may_gather_the_same_shard() {
+    let (_t, _, work) = solved();
+    let of = |_| {
+        let shard = [
+            "gather".as_ref(),
+            work.as_os_str(),
+            "--shard".as_ref(),
+            "1/1".as_ref(),
+        ];
+        command().args(shard).arg("-q").spawn().expect("it starts")
+    };
+    // A scheduler starts a shard again that it believes to be dead.
+    for mut child in [0; 4].map(of) {
+        assert!(child.wait().expect("it ended").success());
+    }
+    gather(&work, "1/1").ok();
+    assert_eq!(parts_in(&work), Vec::<String>::new());
 }
 
 /// Flips a bit in the middle of a file.
