@@ -4,20 +4,26 @@ use atlas::LayoutReport;
 use atlas_bake::{Counts, Divided, Ktx2Format, extra_bytes};
 use gather::TILE;
 use mesh_ingest::{Document, ImageSource, Loaded, Soup};
+use patch_subdivision::Subdivision;
 use radiosity::Sky;
 
 use crate::error::Error;
 use crate::plan::bake_options;
 use crate::settings::{BakeMode, GltfExt, Settings};
 
-/// Bytes of a patch besides its links: some 16 elements with position, area, reflectance and light.
+/// Bytes of a patch besides its links: up to 16 elements with position, area, reflectance and light.
 const PATCH: f64 = 1024.0;
 
-/// Peak memory in bytes: fixed, per triangle, per lumel of a tile, per link ray and per point of a
-/// seam. Fitted to bakes at draft: up to 4 million lumels, 80,000 triangles, one made only of chart
-/// borders. Vertices that `--vertex-error` adds need less than the lumels' light, which is freed
-/// before.
-const BYTES: [f64; 5] = [24.0e6, 2000.0, 520.0, 13.2, 350.0];
+/// Patches for each one before those with something close to them are split into their elements:
+/// 1.8 to 9 on eleven levels.
+const SPLIT: f64 = 6.0;
+
+/// Peak memory in bytes: fixed, per triangle, per triangle of the largest mesh while its charts are
+/// made, per lumel of a tile, per link ray and per point of a seam. Fitted to bakes at draft: up to
+/// 5 million lumels and 500,000 triangles, one made only of chart borders
+/// (lab/large_levels.md). Vertices that `--vertex-error` adds need less than the lumels' light,
+/// which is freed before.
+const BYTES: [f64; 6] = [24.0e6, 500.0, 400.0, 520.0, 13.2, 350.0];
 
 /// Bytes of a lumel that stay until the end: its claimed error, and its difference from the light
 /// at vertices.
@@ -79,20 +85,26 @@ impl Need {
             extra_bytes(&bake_options(settings), divided).map(|bytes| bytes as f64);
         let of_texel = OF_PAGE + of_texel + files(settings, divided);
         let solve = settings.solve_options(soup);
-        let patches = solve.cut.patches as f64;
+        let scene = &loaded.scene;
+        let two_sided = |t: usize| scene.materials[soup.materials[t] as usize].double_sided;
+        let patches = Subdivision::build(soup, two_sided, &solve.cut)
+            .patches()
+            .len();
+        let patches = SPLIT * patches as f64;
         let links = patches * f64::from(solve.rays);
         Need {
             fixed: BYTES[0]
                 + BYTES[1] * soup.triangles.len() as f64
-                + BYTES[3] * links
+                + BYTES[2] * largest_mesh(soup)
+                + BYTES[4] * links
                 + PATCH * patches
                 + TEXEL * texels as f64
                 + SKY * sky as f64
                 + (COPIES * stored(&loaded.document)) as f64,
-            of_tile: BYTES[2] + of_tile,
+            of_tile: BYTES[3] + of_tile,
             counts,
             pages: of_texel * texels_of_pages + KEPT * counts.lumels as f64,
-            seams: BYTES[4] * counts.seam_samples as f64,
+            seams: BYTES[5] * counts.seam_samples as f64,
         }
     }
 
@@ -100,8 +112,9 @@ impl Need {
     /// the memory of its triangles and lumels does, because seams and pictures are not known yet.
     pub(crate) fn might_exceed(soup: &Soup, settings: &Settings) -> bool {
         let lumels = settings.lumels(soup);
-        let tile = BYTES[2] * lumels.min(TILE as f64);
-        let known = BYTES[1] * soup.triangles.len() as f64 + tile + (KEPT + OF_PAGE) * lumels;
+        let tile = BYTES[3] * lumels.min(TILE as f64);
+        let triangles = BYTES[1] * soup.triangles.len() as f64 + BYTES[2] * largest_mesh(soup);
+        let known = triangles + tile + (KEPT + OF_PAGE) * lumels;
         (settings.bounds.allowed()).is_some_and(|allowed| 2.0 * known > allowed as f64)
     }
 
@@ -172,6 +185,12 @@ impl Need {
         }
         Some(fits)
     }
+}
+
+/// Triangles of the largest mesh.
+fn largest_mesh(soup: &Soup) -> f64 {
+    let sizes = soup.instance_ranges.iter().map(|[first, end]| end - first);
+    f64::from(sizes.max().unwrap_or(0))
 }
 
 /// How the light of a bake with these settings is divided.
