@@ -349,7 +349,7 @@ fn pictures_and_memory_have_budgets() {
             "--quality",
             "draft",
             "--memory",
-            "30M",
+            "90M",
         ];
         let mut all: Vec<&OsStr> = words.map(OsStr::new).to_vec();
         all.extend([scene.as_os_str(), "-o".as_ref(), out.as_os_str()]);
@@ -359,7 +359,7 @@ fn pictures_and_memory_have_budgets() {
     let run = plan("40");
     run.fails(
         3,
-        &["expected at most 30 MiB (--memory)", "--texels-per-unit "],
+        &["expected at most 90 MiB (--memory)", "--texels-per-unit "],
     );
     let fits = run
         .stderr
