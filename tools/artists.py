@@ -1,17 +1,21 @@
 #!/usr/bin/env python3
-"""Makes a level that uses what artists ask for, bakes it, and shows it in three.js.
+"""Makes a level that uses what artists ask for, bakes it, and shows it in three.js and Bevy.
 
     python3 tools/artists.py LUMEL OUT
 
 LUMEL is the program. OUT gets the level, its bake, and two pictures of it by Chromium with the
-loaders of tools/engines/three. Needs only Python, Chromium and Pillow.
+loaders of tools/engines/three; if LUMEL_BEVY names the program of tools/engines/bevy, two by Bevy
+as well. Needs only Python, Chromium and Pillow.
+
+The level is baked with a grey pillar first. Then the pillar gets its colour, and `--only` bakes it
+and the floor beside it.
 """
 
-import functools
 import http.server
 import io
 import json
 import math
+import os
 import struct
 import subprocess
 import sys
@@ -37,6 +41,7 @@ class Level:
             "materials": [],
             "accessors": [],
             "bufferViews": [],
+            "cameras": [],
             "images": [],
             "textures": [],
             "extensionsUsed": ["KHR_lights_punctual", "EXT_lights_area"],
@@ -131,6 +136,15 @@ class Level:
         turn = look_along(along)
         self.node(name, lumel, translation=at, rotation=turn, extensions=extension)
 
+    def camera(self, at, to, degrees):
+        x, y, z = (b - a for a, b in zip(at, to))
+        yaw, pitch = math.atan2(-x, -z) / 2, math.atan2(y, math.hypot(x, z)) / 2
+        turn = [math.sin(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw)]
+        turn += [-math.sin(pitch) * math.sin(yaw), math.cos(pitch) * math.cos(yaw)]
+        view = {"yfov": math.radians(degrees), "znear": 0.01}
+        index = self.add("cameras", {"type": "perspective", "perspective": view})
+        self.node("camera", camera=index, translation=at, rotation=turn)
+
     def texture(self, picture):
         png = io.BytesIO()
         picture.save(png, "PNG")
@@ -173,11 +187,11 @@ def window():
     return picture
 
 
-def make():
+def make(pillar):
     level = Level()
     white = level.material("white", (0.75, 0.73, 0.7))
     red = level.material("red", (0.65, 0.12, 0.08))
-    blue = level.material("blue", (0.1, 0.2, 0.6))
+    blue = level.material("pillar", pillar)
     wood = level.material("wood", (0.45, 0.28, 0.15), rough=0.25)
     metal = level.material("metal", (0.9, 0.85, 0.75), metal=1, rough=0.05)
     # Two rooms, each with pages of its own, open to each other at x = 0.
@@ -187,6 +201,8 @@ def make():
         floor = [*skip[name], (1, 1), (0, 0), (0, 1), (2, 0), (2, 1)]
         level.box(f"floor_{name}", low, high, wood, True, floor, page)
         level.box(f"walls_{name}", low, high, white, True, [*skip[name], (1, 0)], page)
+    # The building from outside, which nobody in it sees.
+    level.box("outside", (-4.2, -0.2, -3.2), (4.2, 3.2, 3.2), white, lumel={"page": "outside"})
     level.box("pillar_red", (-2.6, 0, -1.2), (-2.2, 3, -0.8), red)
     level.box("pillar_blue", (1.9, 0, -1.5), (2.3, 3, -1.1), blue)
     level.box("table", (-1.2, 0.7, 0.2), (0.2, 0.8, 1.2), wood)
@@ -209,6 +225,7 @@ def make():
     level.node("panel", translation=[-2, 2.95, 1.5], rotation=look_along((0, -1, 0)), extensions={"EXT_lights_area": {"light": 0}})
     for name, at in [("here_a", [-1.8, 1.4, 0.8]), ("here_b", [1.2, 1.4, 0.4])]:
         level.node(name, {"reflection": True}, translation=at)
+    level.camera([-0.9, 1.6, 2.7], [1.9, 0.9, -0.6], 70)
     return level.glb()
 
 
@@ -252,16 +269,41 @@ def shoot(port, query, picture):
     )
 
 
+VIEWS = {
+    "room_a": ("0.6,1.7,2.9,-1.6,1,-0.8,75", "-1.9,0.35,1.6,0.35"),
+    "room_b": ("-0.9,1.6,2.7,1.9,0.9,-0.6,70", None),
+}
+
+
+def show_in_bevy(program, out):
+    for name, (cam, ball) in VIEWS.items():
+        more = ["--ball", ball] if ball else []
+        picture = out / f"{name}.bevy.png"
+        glb = out / "artists.glb"
+        subprocess.run([program, glb, picture, "--ktx2", "--cam", cam, *more], check=True, timeout=600)
+
+
+def bake(lumel, file, out, pillar, *more):
+    file.write_bytes(make(pillar))
+    subprocess.run([lumel, "bake", str(file), "-o", str(out), *OPTIONS.split(), *more], check=True)
+    return json.loads((out / "artists.report.json").read_text())
+
+
 def main():
     lumel, out = sys.argv[1], Path(sys.argv[2]).resolve()
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "level").mkdir(exist_ok=True)
+    (out / "level").mkdir(parents=True, exist_ok=True)
     file = out / "level" / "artists.glb"
-    file.write_bytes(make())
-    subprocess.run([lumel, "bake", str(file), "-o", str(out), *OPTIONS.split()], check=True)
+    report = bake(lumel, file, out, (0.4, 0.4, 0.4))
+    print("--cull-unseen left out", ", ".join(report["culled"]["nodes"]))
+    report = bake(lumel, file, out, (0.1, 0.2, 0.6), "--only", "pillar_blue", "--only", "floor_b")
+    print("--only baked", report["only"])
     port = serve(out)
-    shoot(port, "ktx2=1&reflect=1&ball=-1.9,0.35,1.6,0.35&cam=0.6,1.7,2.9,-1.6,1,-0.8,75", out / "room_a.png")
-    shoot(port, "ktx2=1&reflect=1&cam=-0.9,1.6,2.7,1.9,0.9,-0.6,70", out / "room_b.png")
+    for name, (cam, ball) in VIEWS.items():
+        ball = f"&ball={ball}" if ball else ""
+        shoot(port, f"ktx2=1&reflect=1{ball}&cam={cam}", out / f"{name}.png")
+    if program := os.environ.get("LUMEL_BEVY"):
+        show_in_bevy(program, out)
 
 
-main()
+if __name__ == "__main__":
+    main()

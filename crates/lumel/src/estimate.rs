@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use crate::check::{check, check_name};
 use crate::error::Error;
-use crate::files::output_names;
+use crate::files::{output_names, page_name};
 use crate::memory::Need;
 use crate::open::{Prepared, prepare};
 use crate::plan::{bake_options, plan_layout};
@@ -42,6 +42,8 @@ pub struct Estimate {
     pub seam_samples: usize,
     /// Number of probes.
     pub probes: usize,
+    /// Number of reflection captures.
+    pub reflections: usize,
     /// Number of rays of all kinds.
     pub rays: f64,
     /// Measured ray rate of this machine in this scene, million rays per second, with the threads
@@ -153,6 +155,9 @@ pub fn estimate(
     let gathered = gather.gathered as f64;
     let over = over_gather(settings.quality);
     let probe_rays = probes as f64 * f64::from(probes::options(settings.quality).rays);
+    let reflections = scene.reflections.len();
+    let captured = probes::reflection_options(settings.quality).rays_each();
+    let probe_rays = probe_rays + reflections as f64 * captured as f64;
     let rays = solving + gathered * gather.rays * over + probe_rays;
     let samples = gather.counts.seam_samples as f64;
     let need = Need::of(&loaded, &world.sky, &soup, settings, &layout, gather.counts);
@@ -169,12 +174,16 @@ pub fn estimate(
     for i in (1..layout.pages.len()).rev() {
         files.insert(at + 1, format!("{stem}.lightmap.{i}.exr"));
     }
+    let cubes = (0..reflections).map(|i| page_name(&stem, "reflection", i, "ktx2"));
+    let last = files.len().saturating_sub(1);
+    files.splice(last..last, cubes);
     Ok(Estimate {
         scene: (file.file_name().unwrap_or_default().to_string_lossy()).into_owned(),
         triangles: soup.triangles.len(),
         files,
         seam_samples: gather.counts.seam_samples,
         probes,
+        reflections,
         rays,
         mrays_per_second: 1e-6 * rate,
         seconds,

@@ -6,7 +6,8 @@ use std::path::Path;
 use atlas::Layout;
 use atlas_bake::{Baked, MixedLight, ProbeFile, ValueKind};
 use gather::probes::{
-    ProbeReport, ProbeScene, ReflectionCube, bake_probes, capture_reflections, report_probes,
+    ProbeReport, ProbeScene, ReflectionCube, ReflectionReport, bake_probes, capture_reflections,
+    report_probes, report_reflections,
 };
 use glam::Vec3;
 use mesh_ingest::{Loaded, Scene};
@@ -200,7 +201,14 @@ fn bake_opened(
         }
         None => (None, None),
     };
-    let reflections = reflections(&lit, settings, monitor)?;
+    let (reflections, reflection_report) = if lit.world.scene.reflections.is_empty() {
+        (Vec::new(), None)
+    } else {
+        begin(monitor, Phase::Reflections)?;
+        let (cubes, report) = reflections(&lit, settings, monitor)?;
+        clock.lap(Phase::Reflections);
+        (cubes, Some(report))
+    };
     let warned = Warned {
         loaded: &opened.loaded,
         world: &lit.world,
@@ -236,6 +244,7 @@ fn bake_opened(
         solve,
         gather: baked.report.clone(),
         probes: probe_report,
+        reflections: reflection_report,
         clamped: Vec::new(),
         ktx2: Vec::new(),
         png: Vec::new(),
@@ -326,19 +335,19 @@ fn reflections(
     lit: &Lit<'_>,
     settings: &Settings,
     monitor: &dyn Monitor,
-) -> Result<Vec<ReflectionCube>, Error> {
+) -> Result<(Vec<ReflectionCube>, ReflectionReport), Error> {
     let (world, emitters, solution) = lit.parts();
     let at: Vec<Vec3> = (world.scene.reflections.iter())
         .map(|r| r.position)
         .collect();
-    if at.is_empty() {
-        return Ok(Vec::new());
-    }
     let scene = ProbeScene {
         world,
         solution,
         direct: &DirectLight::new(world, emitters),
     };
     let options = probes::reflection_options(settings.quality);
-    capture_reflections(&scene, &at, &options, monitor).map_err(|_| Error::Cancelled)
+    let cubes = capture_reflections(&scene, &at, &options, monitor);
+    let cubes = cubes.map_err(|_| Error::Cancelled)?;
+    let report = report_reflections(&cubes, &options);
+    Ok((cubes, report))
 }

@@ -2,7 +2,7 @@
 
 use atlas::LayoutReport;
 use atlas_bake::{BakeReport, ExrStats, Ktx2Report, PngReport};
-use gather::probes::ProbeReport;
+use gather::probes::{ProbeReport, ReflectionReport};
 use mesh_ingest::IngestReport;
 use radiosity::{Audit, SolveReport};
 use serde::Serialize;
@@ -63,6 +63,9 @@ pub struct Report {
     pub gather: BakeReport,
     /// Light probes, if any were requested.
     pub probes: Option<ProbeReport>,
+    /// Reflection captures, if the scene has any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reflections: Option<ReflectionReport>,
     /// Samples clamped while writing, by page.
     pub clamped: Vec<ExrStats>,
     /// Pages stored as KTX2, including those of groups, and their compression errors; empty without

@@ -7,14 +7,15 @@
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
+mod bevy;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::common::browser::Browser;
-use crate::common::quads::{R, points, scene, shown, sun};
+use crate::common::quads::{ALBEDO, R, points, scene, shown, sun};
 use crate::common::site::{Site, npm_modules};
 use crate::common::{asset, files, lumel, names, outputs, parse, temp, write};
-use image::RgbImage;
 use lumel::atlas_bake::read_exr;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -323,8 +324,8 @@ fn three_js_shows_ktx2_pages() {
     }
 }
 
-/// The squares, lit by the sun as a mixed lamp in the file and baked with shadow masks.
-fn squares_with_mask(options: &str) -> (TempDir, PathBuf) {
+/// The squares, lit by the sun as a mixed lamp in the file.
+fn scene_with_sun() -> Value {
     let mut scene = parse(scene().as_bytes());
     let half = 0.5f64.sqrt();
     let nodes = scene["nodes"].as_array_mut().expect("nodes");
@@ -341,11 +342,15 @@ fn squares_with_mask(options: &str) -> (TempDir, PathBuf) {
     scene["extensions"] = json!({"KHR_lights_punctual": {"lights": [
         {"type": "directional", "intensity": lux},
     ]}});
+    scene
+}
+
+/// Bakes such a scene with `options`.
+fn bake_scene(scene: &Value, options: &str) -> (TempDir, PathBuf) {
     let t = temp();
     let file = write(t.path().join(format!("{STEM}.gltf")), scene.to_string());
     let out = t.path().join("out");
-    let more =
-        format!("--quality draft --texels-per-unit 16 --no-stitch --mode shadowmask {options}");
+    let more = format!("--quality draft --texels-per-unit 16 --no-stitch {options}");
     let mut a = vec![
         "bake".into(),
         file.into(),
@@ -355,6 +360,11 @@ fn squares_with_mask(options: &str) -> (TempDir, PathBuf) {
     a.extend(more.split_whitespace().map(Into::into));
     lumel(a).ok();
     (t, out)
+}
+
+/// The squares with a mixed sun, baked with shadow masks.
+fn squares_with_mask(options: &str) -> (TempDir, PathBuf) {
+    bake_scene(&scene_with_sun(), &format!("--mode shadowmask {options}"))
 }
 
 #[test]
@@ -380,6 +390,70 @@ fn three_js_adds_mixed_lamps_through_shadow_masks() {
         );
         assert_eq!(b.errors, [""; 0]);
     }
+}
+
+/// A mixed spot projects its picture: on the floor under it, each quarter has the colour of its
+/// quarter of the picture, with +Y of the node at the top.
+#[test]
+fn three_js_projects_cookies_of_mixed_spots() {
+    let Some(mut b) = Browser::start("three.js with cookies", [640, 480]) else {
+        return;
+    };
+    let quarters: [[u8; 3]; 4] = [[255, 60, 60], [60, 255, 60], [60, 60, 255], [255, 255, 60]];
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::RgbImage::from_fn(64, 64, |x, y| {
+        image::Rgb(quarters[usize::from(x >= 32) + 2 * usize::from(y >= 32)])
+    })
+    .write_to(&mut png, image::ImageFormat::Png)
+    .expect("a picture");
+    use base64::Engine;
+    let png = base64::engine::general_purpose::STANDARD.encode(png.into_inner());
+    let mut scene = scene_with_sun();
+    scene["images"] = json!([{"uri": format!("data:image/png;base64,{png}")}]);
+    scene["textures"] = json!([{"source": 0}]);
+    // Over the square at x = -4, looking down; +Y of the node is −X of the world.
+    let (height, candela) = (2.0, 4.0);
+    scene["nodes"][4]["translation"] = json!([-4.0, height, 0.0]);
+    scene["nodes"][4]["rotation"] = json!([-0.5, 0.5, 0.5, 0.5]);
+    scene["extensions"]["KHR_lights_punctual"]["lights"] = json!([{
+        "type": "spot", "intensity": candela,
+        "spot": {"innerConeAngle": 0.6, "outerConeAngle": 0.7},
+        "extras": {"lumel": {"cookie": 0}},
+    }]);
+    for mode in ["", "--mode shadowmask"] {
+        let (_t, out) = bake_scene(&scene, mode);
+        let site = Site::start(&out);
+        b.open("about:blank");
+        b.open(&format!(
+            "{}/engines/index.html?glb=/bake/four%2520squares%2520%25231.glb&cam={}&diffuse=1&exposure=1",
+            site.url, VIEWS[0].0
+        ));
+        b.wait("document.body?.dataset.state");
+        let picture = b.screenshot();
+        // The picture's right is +X of the node, −Z of the world; its top −X.
+        for (i, quarter) in quarters.into_iter().enumerate() {
+            let right = if i % 2 == 1 { -0.4 } else { 0.4 };
+            let down = if i >= 2 { 0.4 } else { -0.4 };
+            let at = [-4.0 + down, 0.0, right];
+            let square: f64 = height * height + 0.32;
+            let r = candela * height / square.powf(1.5) / std::f64::consts::PI;
+            let linear: [f64; 3] = std::array::from_fn(|c| {
+                let v = f64::from(quarter[c]) / 255.0;
+                let v = if v <= 0.04045 {
+                    v / 12.92
+                } else {
+                    ((v + 0.055) / 1.055).powf(2.4)
+                };
+                ALBEDO[c] * r * v
+            });
+            let place = b.eval(&format!("lumel.project({}, {}, {})", at[0], at[1], at[2]));
+            let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
+            let found = picture.get_pixel(x as u32, y as u32).0;
+            // A pixel is 3 cm wide, of which the light changes by up to 1 %.
+            assert_pixel(found, linear, &srgb(0.02), &format!("{mode} {i}"));
+        }
+    }
+    assert_eq!(b.errors, [""; 0]);
 }
 
 /// The radiance of a white diffuse surface with the normal `n`, as docs/probes.md writes it.
@@ -438,6 +512,30 @@ impl ProbeGrid {
     }
 }
 
+/// The Cornell box with probes at every metre.
+fn cornell_with_probes(options: &str) -> (TempDir, PathBuf, ProbeGrid) {
+    let t = temp();
+    let out = t.path().join("out");
+    let file = asset("cornell_box.glb");
+    let paths = [&file, &out].map(|p| p.to_str().expect("UTF-8"));
+    let options = format!("--quality draft --texels-per-unit 16 --probes 1 {options}");
+    let a = ["bake", paths[0], "-o", paths[1]];
+    lumel(a.into_iter().chain(options.split_whitespace())).ok();
+    let json = std::fs::read(out.join("cornell_box.probes.json")).expect("it is written");
+    (t, out, ProbeGrid { file: parse(json) })
+}
+
+/// Place and radius of a white ball in the Cornell box, and normals that its camera sees.
+const BALL: ([f64; 3], f64) = ([2.9, 2.5, 2.6], 0.45);
+const BALL_CAMERA: &str = "2.78,2.73,-8,2.78,2.73,0,39";
+const NORMALS: [[f64; 3]; 5] = [
+    [0.0, 0.0, -1.0],
+    [0.6, 0.0, -0.8],
+    [-0.6, 0.0, -0.8],
+    [0.0, 0.6, -0.8],
+    [0.0, -0.6, -0.8],
+];
+
 /// A white ball in the Cornell box: each of its points shows R = E/π of the probes, and the walls
 /// show their lightmap only.
 #[test]
@@ -445,17 +543,9 @@ fn three_js_lights_moving_objects_by_probes() {
     let Some(mut b) = Browser::start("three.js with probes", [640, 480]) else {
         return;
     };
-    let t = temp();
-    let out = t.path().join("out");
-    let file = asset("cornell_box.glb");
-    let paths = [&file, &out].map(|p| p.to_str().expect("UTF-8"));
-    let options = "--quality draft --texels-per-unit 16 --probes 1";
-    let a = ["bake", paths[0], "-o", paths[1]];
-    lumel(a.into_iter().chain(options.split(' '))).ok();
+    let (_t, out, grid) = cornell_with_probes("");
     let site = Site::start(&out);
-    let json = std::fs::read(out.join("cornell_box.probes.json")).expect("it is written");
-    let grid = ProbeGrid { file: parse(json) };
-    let (ball, radius) = ([2.9, 2.5, 2.6], 0.45);
+    let (ball, radius) = BALL;
     let nearest = (0..grid.file["probes"].as_array().expect("probes").len())
         .min_by(|i, j| {
             let far = |k: &usize| -> f64 {
@@ -486,7 +576,7 @@ fn three_js_lights_moving_objects_by_probes() {
                 ball[0], ball[1], ball[2]
             )
         };
-        let cam = "2.78,2.73,-8,2.78,2.73,0,39";
+        let cam = BALL_CAMERA;
         b.open("about:blank");
         b.open(&format!(
             "{}/engines/index.html?glb=/bake/cornell_box.glb&diffuse=1&exposure={exposure}&cam={cam}{place}",
@@ -510,13 +600,7 @@ fn three_js_lights_moving_objects_by_probes() {
         if probes == "none" {
             continue;
         }
-        for n in [
-            [0.0, 0.0, -1.0],
-            [0.6, 0.0, -0.8],
-            [-0.6, 0.0, -0.8],
-            [0.0, 0.6, -0.8],
-            [0.0, -0.6, -0.8],
-        ] {
+        for n in NORMALS {
             let on: [f64; 3] = std::array::from_fn(|i| ball[i] + radius * n[i]);
             // three.js reads half a cell in front of the surface.
             let before = std::array::from_fn(|i| on[i] + 0.5 * spacing[i] * n[i]);
@@ -557,15 +641,19 @@ fn captured(file: &[u8], [x, y, z]: [f64; 3]) -> [f64; 3] {
     [0, 9, 18].map(|shift| f64::from((packed >> shift) & 511) * scale)
 }
 
-/// A mirror ball in the Cornell box shows what the bake captured there.
-#[test]
-fn three_js_shows_reflection_captures() {
-    let Some(mut b) = Browser::start("three.js with reflections", [640, 480]) else {
-        return;
-    };
+/// Place and radius of a mirror ball in the Cornell box, and the eye that looks at it.
+const MIRROR: ([f64; 3], f64) = ([2.9, 2.5, 2.6], 0.6);
+const MIRROR_EYE: [f64; 3] = [2.78, 2.73, -3.0];
+
+fn mirror_camera() -> String {
+    let ([x, y, z], [ex, ey, ez]) = (MIRROR.0, MIRROR_EYE);
+    format!("{ex},{ey},{ez},{x},{y},{z},39")
+}
+
+/// The Cornell box with a reflection capture at the mirror ball, as box.glb, and its cube map.
+fn cornell_with_capture() -> (TempDir, PathBuf, Vec<u8>) {
     let t = temp();
     let out = t.path().join("out");
-    let ball = [2.9, 2.5, 2.6];
     // A node with the mark, put into the .glb's JSON.
     let glb = std::fs::read(asset("cornell_box.glb")).expect("it is there");
     let length = u32::from_le_bytes(glb[12..16].try_into().expect("four bytes")) as usize;
@@ -573,7 +661,7 @@ fn three_js_shows_reflection_captures() {
     let nodes = json["nodes"].as_array_mut().expect("nodes");
     let mark = nodes.len();
     nodes.push(json!({
-        "name": "here", "translation": ball, "extras": {"lumel": {"reflection": true}},
+        "name": "here", "translation": MIRROR.0, "extras": {"lumel": {"reflection": true}},
     }));
     let roots = json["scenes"][0]["nodes"].as_array_mut().expect("roots");
     roots.push(json!(mark));
@@ -592,26 +680,14 @@ fn three_js_shows_reflection_captures() {
     let a = ["bake", paths[0], "-o", paths[1]];
     lumel(a.into_iter().chain(options.split(' '))).ok();
     let cube = std::fs::read(out.join("box.reflection.ktx2")).expect("it is written");
-    let site = Site::start(&out);
-    let (radius, exposure) = (0.6, 1.0);
-    let eye = [2.78, 2.73, -3.0];
-    let cam = format!(
-        "{},{},{},{},{},{},39",
-        eye[0], eye[1], eye[2], ball[0], ball[1], ball[2]
-    );
-    b.open(&format!(
-        "{}/engines/index.html?glb=/bake/box.glb&exposure={exposure}&metal=0&ball={},{},{},{radius}&cam={cam}",
-        site.url, ball[0], ball[1], ball[2]
-    ));
-    b.wait("document.body?.dataset.state");
-    let said = b.eval("document.body.innerText");
-    assert_eq!(
-        b.eval("document.body.dataset.state"),
-        json!("ready"),
-        "{said} {:?}",
-        b.errors
-    );
-    let picture = b.screenshot();
+    (t, out, cube)
+}
+
+/// The mirror ball shows what the bake captured there; `pixel` gives the colour that the picture
+/// has at a point.
+#[track_caller]
+fn assert_mirror(cube: &[u8], mut pixel: impl FnMut([f64; 3]) -> [u8; 3]) {
+    let (ball, radius) = MIRROR;
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let unit = |a: [f64; 3]| a.map(|v| v / dot(a, a).sqrt());
     // Normals that reflect the eye's rays onto the red and green walls, floor, ceiling and back.
@@ -624,18 +700,16 @@ fn three_js_shows_reflection_captures() {
     ] {
         let n = unit(n);
         let on: [f64; 3] = std::array::from_fn(|i| ball[i] + radius * n[i]);
-        let ray = unit(std::array::from_fn(|i| on[i] - eye[i]));
+        let ray = unit(std::array::from_fn(|i| on[i] - MIRROR_EYE[i]));
         let reflected: [f64; 3] = std::array::from_fn(|i| ray[i] - 2.0 * dot(ray, n) * n[i]);
-        // three.js filters texels, and the pixel's centre is not the point: what is captured within
+        // Engines filter texels, and the pixel's centre is not the point: what is captured within
         // two texels around gives the least and the most light there.
         let around = (0..27).map(|i| {
             let step = [i / 9, i / 3 % 3, i % 3].map(|s| (f64::from(s) - 1.0) * 0.03);
-            captured(&cube, unit(std::array::from_fn(|k| reflected[k] + step[k])))
+            captured(cube, unit(std::array::from_fn(|k| reflected[k] + step[k])))
         });
-        let around: Vec<[f64; 3]> = around.map(|c| c.map(|l| shown(l * exposure))).collect();
-        let place = b.eval(&format!("lumel.project({}, {}, {})", on[0], on[1], on[2]));
-        let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
-        let found = picture.get_pixel(x as u32, y as u32).0;
+        let around: Vec<[f64; 3]> = around.map(|c| c.map(shown)).collect();
+        let found = pixel(on);
         for (i, f) in found.into_iter().enumerate() {
             let all = around.iter().map(|c| c[i]);
             let (least, most) = all.fold((255.0, 0.0), |(a, b), x| (x.min(a), x.max(b)));
@@ -650,6 +724,35 @@ fn three_js_shows_reflection_captures() {
     // The mirror shows the red wall on one side and the green one on the other.
     let redness = |p: [u8; 3]| i32::from(p[0]) - i32::from(p[1]);
     assert!(redness(seen[0]) * redness(seen[1]) < 0, "{seen:?}");
+}
+
+#[test]
+fn three_js_shows_reflection_captures() {
+    let Some(mut b) = Browser::start("three.js with reflections", [640, 480]) else {
+        return;
+    };
+    let (_t, out, cube) = cornell_with_capture();
+    let site = Site::start(&out);
+    let ([x, y, z], radius) = MIRROR;
+    b.open(&format!(
+        "{}/engines/index.html?glb=/bake/box.glb&exposure=1&metal=0&ball={x},{y},{z},{radius}&cam={}",
+        site.url,
+        mirror_camera()
+    ));
+    b.wait("document.body?.dataset.state");
+    let said = b.eval("document.body.innerText");
+    assert_eq!(
+        b.eval("document.body.dataset.state"),
+        json!("ready"),
+        "{said} {:?}",
+        b.errors
+    );
+    let picture = b.screenshot();
+    assert_mirror(&cube, |on| {
+        let place = b.eval(&format!("lumel.project({}, {}, {})", on[0], on[1], on[2]));
+        let [x, y] = [0, 1].map(|i| place[i].as_f64().expect("a number"));
+        picture.get_pixel(x as u32, y as u32).0
+    });
     assert_eq!(b.errors, [""; 0]);
 }
 
@@ -829,6 +932,22 @@ fn babylon_shows_closed_form_pixels() {
     assert_eq!(b.errors, [""; 0]);
 }
 
+#[test]
+fn babylon_adds_mixed_lamps_through_shadow_masks() {
+    let test = "Babylon.js with shadow masks";
+    if !installed(test, &["babylonjs", "babylonjs-loaders", "fflate"]) {
+        return;
+    }
+    let Some(mut b) = Browser::start(test, [640, 480]) else {
+        return;
+    };
+    let (_t, out) = squares_with_mask("");
+    let site = Site::start(&out);
+    // As in three.js.
+    look(&mut b, &site, "/babylon/index.html", "", &srgb(1.0 / 128.0));
+    assert_eq!(b.errors, [""; 0]);
+}
+
 /// The squares, lit `times` as brightly, and the suggested exposure of their page.
 fn squares_times(times: f64, options: &str) -> (TempDir, PathBuf, f64) {
     let (t, out) = squares(&format!("--light sun={times} {options}"));
@@ -889,73 +1008,6 @@ fn no_page_shows_white_or_black_first() {
         }
     }
     assert_eq!(b.errors, [""; 0]);
-}
-
-/// Projects a point into a picture of `size` from `cam`, with the camera of tools/engines/bevy.
-fn project(cam: &str, at: [f64; 3], size: [f64; 2]) -> [f64; 2] {
-    let c: Vec<f64> = cam
-        .split(',')
-        .map(|x| x.parse().expect("a number"))
-        .collect();
-    let minus = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    };
-    let unit = |a: [f64; 3]| a.map(|x| x / dot(a, a).sqrt());
-    let from = [c[0], c[1], c[2]];
-    let ahead = unit(minus([c[3], c[4], c[5]], from));
-    let right = unit(cross(ahead, [0.0, 1.0, 0.0]));
-    let up = cross(right, ahead);
-    let d = minus(at, from);
-    let scale = 0.5 * size[1] / (0.5 * c[6].to_radians()).tan() / dot(d, ahead);
-    [
-        0.5 * size[0] + dot(d, right) * scale,
-        0.5 * size[1] - dot(d, up) * scale,
-    ]
-}
-
-#[test]
-fn bevy_shows_closed_form_pixels() {
-    let Some(program) = std::env::var_os("LUMEL_BEVY") else {
-        eprintln!(
-            "SKIPPED Bevy: LUMEL_BEVY does not name the program that tools/engines/bevy builds (docs/engines/bevy.md)"
-        );
-        return;
-    };
-    for (options, flag, share) in [
-        ("", None, 0.0),
-        ("--ktx2 rgb9e5", Some("--ktx2"), 1.0 / 512.0),
-        ("--ktx2 bc6h --block-charts", Some("--ktx2"), 1.0 / 512.0),
-    ] {
-        let (_t, out) = squares(options);
-        for (i, (cam, range)) in VIEWS.into_iter().enumerate() {
-            let picture = out.join(format!("{i}.png"));
-            let run = Command::new(&program)
-                .arg(out.join(format!("{STEM}.glb")))
-                .arg(&picture)
-                .args(["--size", "640,480", "--exposure", "1", "--cam", cam])
-                .args(flag)
-                .output()
-                .expect("LUMEL_BEVY starts");
-            assert!(
-                run.status.success(),
-                "{options}: {}",
-                String::from_utf8_lossy(&run.stderr)
-            );
-            let picture: RgbImage = image::open(&picture).expect("a picture").to_rgb8();
-            for (at, albedo, r) in points().into_iter().take(range.end).skip(range.start) {
-                let [x, y] = project(cam, at, [640.0, 480.0]);
-                let found = picture.get_pixel(x as u32, y as u32).0;
-                let what = format!("Bevy {options} {at:?}");
-                assert_pixel(found, albedo.map(|a| a * r), &srgb(share), &what);
-            }
-        }
-    }
 }
 
 #[test]

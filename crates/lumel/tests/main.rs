@@ -8,6 +8,7 @@ mod cli;
 mod common;
 mod engines;
 mod examples;
+mod extras;
 mod farm;
 mod fuzz;
 mod hostile;

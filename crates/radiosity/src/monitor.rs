@@ -27,6 +27,8 @@ pub enum Phase {
     Vertices,
     /// Gathering light probes.
     Probes,
+    /// Capturing reflections.
+    Reflections,
     /// Writing files.
     Write,
 }
@@ -47,6 +49,7 @@ impl Phase {
             Phase::Refine => "refine",
             Phase::Vertices => "vertices",
             Phase::Probes => "probes",
+            Phase::Reflections => "reflections",
             Phase::Write => "write",
         }
     }

@@ -19,7 +19,7 @@ use super::sh::{Sh2, basis, on_sphere};
 /// similar thresholds (the validity threshold of Unity's probe volumes, the backface threshold of
 /// RTXGI). In typical levels, a point that sees backfaces in a quarter of all directions is behind
 /// or in a wall, though its rays may escape where walls do not close.
-const INSIDE: f32 = 0.25;
+pub(super) const INSIDE: f32 = 0.25;
 
 /// Number of independent parts of a probe's samples, whose spread gives the error. Fewer give a
 /// less certain estimate, more lose more of the stratification. A power of two, like blocks of

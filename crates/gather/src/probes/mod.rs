@@ -20,5 +20,7 @@ mod sh;
 pub use bake::{ProbeOptions, ProbeReport, ProbeScene, bake_probes, report_probes};
 pub use grid::{ProbeGrid, TooManyProbes};
 pub use probe::{MAX_PROBES, Probe};
-pub use reflection::{ReflectionCube, ReflectionOptions, capture_reflections};
+pub use reflection::{
+    ReflectionCube, ReflectionOptions, ReflectionReport, capture_reflections, report_reflections,
+};
 pub use sh::Sh2;

@@ -7,10 +7,11 @@
 use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
-use radiosity::{Cancelled, Incoming, Monitor, Sky, hash_u32, sample_2d};
+use radiosity::{Cancelled, Incoming, Monitor, Phase, Sky, hash_u32, sample_2d};
 use rayon::prelude::*;
+use serde::Serialize;
 
-use super::bake::ProbeScene;
+use super::bake::{INSIDE, ProbeScene};
 
 /// Texels along a face of the smallest level. Smaller ones show the faces' edges on rough balls.
 const SMALLEST: u32 = 4;
@@ -28,6 +29,13 @@ pub struct ReflectionOptions {
     pub rays: u32,
 }
 
+impl ReflectionOptions {
+    /// Rays of a capture.
+    pub fn rays_each(&self) -> u64 {
+        6 * u64::from(self.size).pow(2) * u64::from(self.rays)
+    }
+}
+
 /// Radiances around a point, as a cube map with levels for rougher surfaces.
 ///
 /// Level k of n is blurred by the GGX lobe of the perceptual roughness k / (n − 1), as Bevy and
@@ -41,6 +49,33 @@ pub struct ReflectionCube {
     pub levels: Vec<Vec<Vec3>>,
     /// Share of the rays that hit backs of single-sided faces.
     pub backfaces: f32,
+}
+
+/// Report on reflection captures.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct ReflectionReport {
+    /// Number of captures.
+    pub captures: u64,
+    /// Number of those inside or behind something.
+    pub invalid: u64,
+    /// Texels along a face.
+    pub size: u32,
+    /// Rays.
+    pub rays: u64,
+}
+
+/// Summarises captures that were made with `options`.
+pub fn report_reflections(
+    cubes: &[ReflectionCube],
+    options: &ReflectionOptions,
+) -> ReflectionReport {
+    let captures = cubes.len() as u64;
+    ReflectionReport {
+        captures,
+        invalid: cubes.iter().filter(|c| c.backfaces >= INSIDE).count() as u64,
+        size: options.size,
+        rays: captures * options.rays_each(),
+    }
 }
 
 /// Captures the light around `points` (recentred world space, metres).
@@ -63,6 +98,7 @@ pub fn capture_reflections(
             return Err(Cancelled);
         }
         out.push(scene.capture(*at, &sky, options));
+        monitor.progress(Phase::Reflections, out.len() as u64, points.len() as u64);
     }
     Ok(out)
 }

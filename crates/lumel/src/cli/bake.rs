@@ -332,6 +332,12 @@ fn bake(
             p.probes, p.invalid
         ));
     }
+    if let Some(r) = &bake.report.reflections {
+        display.say(&format!(
+            "  captures  {} of reflections, {} of them inside or behind geometry",
+            r.captures, r.invalid
+        ));
+    }
     display.progress(Phase::Write, 0, 0);
     let preview = match &a.preview {
         Some(path) => Some((path, bake.preview(PREVIEW)?)),

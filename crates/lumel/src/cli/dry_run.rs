@@ -38,6 +38,9 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
     if e.probes > 0 {
         writeln!(out, "probes    {}", e.probes)?;
     }
+    if e.reflections > 0 {
+        writeln!(out, "captures  {} of reflections", e.reflections)?;
+    }
     writeln!(
         out,
         "writes    {} into {}",

@@ -1,10 +1,12 @@
 //! Renders a bake to a picture, without a window.
 //!
-//!     cargo run --example picture -- out/level.glb picture.png --cam X,Y,Z,TX,TY,TZ,FOV [--exposure X] [--ktx2] [--size W,H] [--tone]
+//!     cargo run --example picture -- out/level.glb picture.png --cam X,Y,Z,TX,TY,TZ,FOV
+//!         [--exposure X] [--ktx2] [--size W,H] [--tone] [--ball X,Y,Z,R] [--mirror X,Y,Z,R]
 //!
 //! Exposure is a factor on everything, by default the bake's suggestion. Without `--tone`, a pixel
-//! is the sRGB form of radiance × exposure, clamped. The file's lamps are off, so that only the
-//! lightmap lights.
+//! is the sRGB form of radiance × exposure, clamped. Mixed and realtime lamps light the level; the
+//! file's other lamps are off. `--ball` adds a white ball without gloss, which `level.probes.ktx2`
+//! lights if it is there, `--mirror` one that shows the level's reflection captures.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -13,13 +15,15 @@ use bevy::app::{AppExit, ScheduleRunnerPlugin};
 use bevy::asset::UnapprovedPathMode;
 use bevy::camera::RenderTarget;
 use bevy::core_pipeline::tonemapping::Tonemapping;
+use bevy::light::{EnvironmentMapLight, GlobalAmbientLight, IrradianceVolume};
 use bevy::log::LogPlugin;
+use bevy::pbr::Lightmap;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::render_resource::TextureFormat;
 use bevy::render::view::window::screenshot::{Screenshot, save_to_disk};
 use bevy::window::ExitCondition;
-use lumel_bevy::{LevelExposure, LumelPlugin};
+use lumel_bevy::{LevelExposure, LevelLamp, LumelPlugin, MaskedMaterial, irradiance_volume};
 
 /// Frames between the last file's arrival and the picture: textures reach the GPU one frame later.
 const SETTLE: u32 = 4;
@@ -37,6 +41,8 @@ struct Job {
     ktx2: bool,
     size: [u32; 2],
     tone: bool,
+    ball: Option<[f32; 4]>,
+    mirror: Option<[f32; 4]>,
 }
 
 fn numbers<const N: usize>(text: &str) -> Option<[f32; N]> {
@@ -55,6 +61,8 @@ fn arguments() -> Option<Job> {
         ktx2: false,
         size: [1280, 720],
         tone: false,
+        ball: None,
+        mirror: None,
     };
     let mut names = Vec::new();
     let mut given = std::env::args().skip(1);
@@ -68,6 +76,8 @@ fn arguments() -> Option<Job> {
             }
             "--exposure" => job.exposure = LevelExposure::Factor(given.next()?.parse().ok()?),
             "--size" => job.size = numbers::<2>(&given.next()?)?.map(|x| x as u32),
+            "--ball" => job.ball = Some(numbers(&given.next()?)?),
+            "--mirror" => job.mirror = Some(numbers(&given.next()?)?),
             "--ktx2" => job.ktx2 = true,
             "--tone" => job.tone = true,
             _ => names.push(PathBuf::from(word)),
@@ -82,7 +92,7 @@ fn arguments() -> Option<Job> {
 fn main() -> AppExit {
     let Some(job) = arguments() else {
         eprintln!(
-            "usage: picture LEVEL.glb PICTURE.png [--cam X,Y,Z,TX,TY,TZ,FOV] [--exposure X] [--ktx2] [--size W,H] [--tone]"
+            "usage: picture LEVEL.glb PICTURE.png [--cam X,Y,Z,TX,TY,TZ,FOV] [--exposure X] [--ktx2] [--size W,H] [--tone] [--ball X,Y,Z,R] [--mirror X,Y,Z,R]"
         );
         return AppExit::from_code(1);
     };
@@ -112,6 +122,11 @@ fn main() -> AppExit {
                 }),
         )
         .add_plugins(ScheduleRunnerPlugin::run_loop(Duration::from_millis(5)))
+        // Only the bake and its lamps light.
+        .insert_resource(GlobalAmbientLight {
+            brightness: 0.0,
+            ..default()
+        })
         .add_plugins(LumelPlugin {
             exposure: job.exposure,
             ktx2: job.ktx2,
@@ -119,8 +134,10 @@ fn main() -> AppExit {
         })
         .insert_resource(ClearColor(Color::srgb_u8(22, 24, 29)))
         .insert_resource(job)
-        .add_systems(Startup, setup)
-        .add_systems(Update, (take_out_lamps, shoot))
+        .add_systems(Startup, (setup, add_balls))
+        .add_systems(Update, shoot)
+        // Once the plug-in has seen the level, it has marked the lamps that stay.
+        .add_systems(PostUpdate, take_out_lamps.run_if(any_with_component::<Lightmap>))
         .run()
 }
 
@@ -161,21 +178,48 @@ fn setup(
     commands.insert_resource(Target(target));
 }
 
-/// Also removes the specular part that the plug-in keeps: a picture of the lightmap alone.
-fn take_out_lamps(
+type Lamp = Or<(With<PointLight>, With<SpotLight>, With<DirectionalLight>)>;
+
+/// Also removes the specular part that the plug-in keeps of lamps that are in the lightmap.
+fn take_out_lamps(mut commands: Commands, lamps: Query<Entity, (Lamp, Without<LevelLamp>)>) {
+    for lamp in &lamps {
+        commands
+            .entity(lamp)
+            .remove::<(PointLight, SpotLight, DirectionalLight)>();
+    }
+}
+
+fn add_balls(
     mut commands: Commands,
-    points: Query<Entity, With<PointLight>>,
-    spots: Query<Entity, With<SpotLight>>,
-    suns: Query<Entity, With<DirectionalLight>>,
+    job: Res<Job>,
+    assets: Res<AssetServer>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
 ) {
-    for e in &points {
-        commands.entity(e).remove::<PointLight>();
+    for (ball, metallic) in [(job.ball, 0.0), (job.mirror, 1.0)] {
+        let Some([x, y, z, radius]) = ball else {
+            continue;
+        };
+        commands.spawn((
+            Mesh3d(meshes.add(Sphere::new(radius).mesh().uv(128, 64))),
+            MeshMaterial3d(materials.add(StandardMaterial {
+                base_color: Color::WHITE,
+                metallic,
+                perceptual_roughness: 1.0 - metallic,
+                reflectance: 0.0,
+                ..default()
+            })),
+            Transform::from_xyz(x, y, z),
+        ));
     }
-    for e in &spots {
-        commands.entity(e).remove::<SpotLight>();
-    }
-    for e in &suns {
-        commands.entity(e).remove::<DirectionalLight>();
+    let probes = job.level.with_extension("probes.json");
+    let Ok(text) = std::fs::read_to_string(&probes) else {
+        return;
+    };
+    let name = PathBuf::from(job.level.with_extension("probes.ktx2").file_name().unwrap_or_default());
+    let voxels = assets.load(bevy::asset::AssetPath::from_path_buf(name));
+    if let Some(volume) = irradiance_volume(&text, voxels) {
+        commands.spawn(volume);
     }
 }
 
@@ -185,14 +229,18 @@ fn shoot(
     target: Res<Target>,
     assets: Res<AssetServer>,
     time: Res<Time<Real>>,
-    lit: Query<&bevy::pbr::Lightmap>,
+    lit: Query<&Lightmap>,
+    masked: Res<Assets<MaskedMaterial>>,
+    captures: Query<&EnvironmentMapLight>,
+    volumes: Query<&IrradianceVolume>,
     mut ready: Local<u32>,
     mut exit: MessageWriter<AppExit>,
 ) {
-    let loaded = !lit.is_empty()
-        && lit
-            .iter()
-            .all(|l| assets.is_loaded_with_dependencies(&l.image));
+    let mut images = (lit.iter().map(|l| &l.image))
+        .chain(masked.iter().map(|(_, m)| &m.extension.image))
+        .chain(captures.iter().map(|c| &c.specular_map))
+        .chain(volumes.iter().map(|v| &v.voxels));
+    let loaded = !lit.is_empty() && images.all(|i| assets.is_loaded_with_dependencies(i));
     *ready = if loaded { *ready + 1 } else { 0 };
     if *ready == SETTLE {
         commands

@@ -16,6 +16,9 @@
 //! = E/π, the radiance of a white surface, so no factor is needed. Its rows run as Bevy's do, so no
 //! flip is needed either. Cameras get the exposure that the bake suggests ([`LevelExposure`]).
 
+mod mixed;
+mod probes;
+
 use bevy::camera::Exposure;
 use bevy::gltf::GltfExtras;
 use bevy::light::GlobalAmbientLight;
@@ -23,6 +26,9 @@ use bevy::math::Rect;
 use bevy::pbr::Lightmap;
 use bevy::prelude::*;
 use serde::Deserialize;
+
+pub use mixed::{LevelLamp, MaskedMaterial, ShadowMask};
+pub use probes::{irradiance_volume, REFLECTION_RANGE};
 
 /// Gives every baked node of every spawned glTF its lightmap.
 #[derive(Debug, Clone, Default, Resource)]
@@ -62,8 +68,14 @@ pub fn camera_exposure(factor: f32) -> Exposure {
 
 impl Plugin for LumelPlugin {
     fn build(&self, app: &mut App) {
+        mixed::build(app);
         app.insert_resource(self.clone())
-            .add_systems(Update, ((attach, expose).chain(), spare_lamps));
+            .add_systems(Update, (spare_lamps, attach, mixed::find).chain().in_set(Attach))
+            .add_systems(Update, expose.after(Attach))
+            .add_systems(
+                PostUpdate,
+                probes::capture.after(TransformSystems::Propagate),
+            );
         if let LevelExposure::Factor(factor) = self.exposure {
             app.insert_resource(Suggested(factor));
         }
@@ -75,10 +87,23 @@ impl Plugin for LumelPlugin {
     }
 }
 
+/// What a level's extras say is spread over its entities.
+#[derive(SystemSet, Debug, Clone, PartialEq, Eq, Hash)]
+struct Attach;
+
 /// `extras` of a node.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
+#[serde(rename_all = "camelCase")]
 struct Extras {
     lightmap: Option<Place>,
+    lightmap_lamp: Option<LevelLamp>,
+    lightmap_reflection: Option<probes::Reflection>,
+}
+
+/// A node's extras, as far as they are Lumel's. Instances by `EXT_mesh_gpu_instancing`, which Bevy
+/// does not read, have a list of places.
+fn extras(text: &str) -> Extras {
+    serde_json::from_str(text).unwrap_or_default()
 }
 
 /// A node's place in the lightmap: page uv = offset + scale × TEXCOORD_1, v from the top.
@@ -89,6 +114,7 @@ struct Place {
     scale: [f32; 2],
     exposure: Option<f32>,
     ktx2: Option<Ktx2>,
+    mask: Option<mixed::Mask>,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -96,23 +122,25 @@ struct Ktx2 {
     uri: String,
 }
 
-/// The place in a node's extras, if any. Instances by `EXT_mesh_gpu_instancing`, which Bevy does
-/// not read, have a list of places.
-fn place(extras: &str) -> Option<Place> {
-    serde_json::from_str::<Extras>(extras).ok()?.lightmap
+/// The path of a file beside an asset. `resolve` would treat a `#` in a file name as a label.
+fn beside(asset: &bevy::asset::AssetPath, name: &str) -> bevy::asset::AssetPath<'static> {
+    bevy::asset::AssetPath::from_path_buf(asset.path().with_file_name(name))
+        .with_source(asset.source().clone_owned())
 }
 
-/// A node's extras are on its entity, and its primitives are children with meshes. Child nodes are
+/// A node's extras are on its entity, and its primitives are children. Child nodes are
 /// children without meshes.
 fn attach(
     mut commands: Commands,
     settings: Res<LumelPlugin>,
     assets: Res<AssetServer>,
     nodes: Query<(&GltfExtras, &Children), Added<GltfExtras>>,
-    meshes: Query<&Mesh3d, With<MeshMaterial3d<StandardMaterial>>>,
+    meshes: Query<(&Mesh3d, &MeshMaterial3d<StandardMaterial>)>,
+    standard: Res<Assets<StandardMaterial>>,
+    mut masked: ResMut<Assets<MaskedMaterial>>,
 ) {
-    for (extras, children) in &nodes {
-        let Some(place) = place(&extras.value) else {
+    for (text, children) in &nodes {
+        let Some(place) = extras(&text.value).lightmap else {
             continue;
         };
         if let (LevelExposure::Suggested, Some(factor)) = (settings.exposure, place.exposure) {
@@ -123,21 +151,30 @@ fn attach(
             _ => place.uri,
         };
         for child in children {
-            let Ok(mesh) = meshes.get(*child) else {
+            let Ok((mesh, material)) = meshes.get(*child) else {
                 continue;
             };
-            // Pages are beside the glTF. `resolve` would treat a `#` in a file name as a label.
+            // Pages are beside the glTF.
             let Some(file) = mesh.0.path() else { continue };
-            let path = file.path().with_file_name(&page);
-            let path = bevy::asset::AssetPath::from_path_buf(path)
-                .with_source(file.source().clone_owned());
             let [x, y] = place.offset;
             let [w, h] = place.scale;
             commands.entity(*child).insert(Lightmap {
-                image: assets.load(path),
+                image: assets.load(beside(file, &page)),
                 uv_rect: Rect::new(x, y, x + w, y + h),
                 bicubic_sampling: false,
             });
+            let (Some(mask), Some(material)) = (&place.mask, standard.get(&material.0)) else {
+                continue;
+            };
+            let uri = match &mask.ktx2 {
+                Some(ktx2) if settings.ktx2 => &ktx2.uri,
+                _ => &mask.uri,
+            };
+            let mask = mask.of(Vec4::new(x, y, w, h), assets.load(beside(file, uri)));
+            commands
+                .entity(*child)
+                .remove::<MeshMaterial3d<StandardMaterial>>()
+                .insert(MeshMaterial3d(masked.add(mixed::masked(material, mask))));
         }
     }
 }
@@ -225,12 +262,12 @@ mod tests {
     fn places_are_read_and_other_extras_are_not() {
         let text = r#"{"lightmap": {"uri": "a b #1.exr", "page": 0, "texCoord": 1, "offset": [0.5, 0], "scale": [0.25, 1],
             "scaleToIrradiance": 3.14, "exposure": 0.25, "ktx2": {"uri": "a.ktx2", "format": "bc6h"}}, "other": 1}"#;
-        let found = place(text).unwrap();
+        let found = extras(text).lightmap.unwrap();
         assert_eq!((found.offset, found.scale), ([0.5, 0.0], [0.25, 1.0]));
         assert_eq!(found.exposure, Some(0.25));
         assert_eq!(found.ktx2.map(|k| k.uri), Some("a.ktx2".into()));
         for other in [r#"{"lightmap": [null]}"#, r#"{"x": 1}"#, "3", ""] {
-            assert_eq!(place(other), None, "{other}");
+            assert_eq!(extras(other).lightmap, None, "{other}");
         }
     }
 }
