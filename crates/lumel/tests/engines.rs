@@ -2,12 +2,14 @@
 //!
 //! Each engine's test is skipped with a message if the engine is missing. three.js is vendored and
 //! needs Chromium. Babylon.js and PlayCanvas also need npm packages (`LUMEL_NPM`, tools/setup.sh).
-//! Bevy needs `LUMEL_BEVY`, the binary built from tools/engines/bevy, and Vulkan. Blender needs
+//! Bevy needs `LUMEL_BEVY`, the binary built from tools/engines/bevy, and Vulkan. Godot is
+//! `LUMEL_GODOT` or `godot` on the path, and needs a display or xvfb-run. Blender needs
 //! `LUMEL_VENV`, a Python environment with bpy.
 
 #![allow(clippy::print_stderr, reason = "says what it skips")]
 
 mod bevy;
+mod godot;
 
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,11 +1,11 @@
-## Lumel's lightmaps in Godot 4. NOT RUN: written from Godot's class reference (LightmapGIData, Texture2DArray, Image), checked against nothing else.
+## Lumel's lightmaps in Godot 4.4 and later; tested with 4.6.3 (crates/lumel/tests/engines.rs).
 ##
 ##     var level := preload("res://out/level.glb").instantiate()
 ##     add_child(level)
 ##     LumelLightmap.apply(level, "res://out/level.lightmap.json")
 ##
-## Builds a LightmapGIData from the manifest and hangs a LightmapGI with it under `root`. What Godot does with a texel v, as its shader
-## source reads: albedo × v, so R = E/π needs no factor; row 0 is at the top, as in the file.
+## Builds a LightmapGIData from the manifest's pages and the nodes' extras, and hangs a LightmapGI with it under `root`.
+## Godot shows albedo × texel, so R = E/π needs no factor; row 0 is at the top, as in the file.
 class_name LumelLightmap
 extends RefCounted
 
@@ -49,19 +49,24 @@ static func apply(root: Node3D, manifest_path: String, exposure := 0.0) -> Light
 	var textures: Array[TextureLayered] = [texture]
 	data.set_lightmap_textures(textures)
 	data.set_uses_spherical_harmonics(false)
-	for node: Dictionary in manifest.nodes:
-		# Godot replaces . : @ / " % in names, and numbers names that occur twice: such nodes are found by nothing.
-		var found := root.find_child(String(node.name).validate_node_name(), true, false)
-		if node.has("copy") or not found is MeshInstance3D:
-			push_warning("%s: no mesh called %s" % [manifest_path, node.name])
+	# Nodes hold their places themselves, so it does not matter that Godot renames them.
+	var lit := 0
+	for found: MeshInstance3D in root.find_children("*", "MeshInstance3D", true, false):
+		var place: Variant = found.get_meta("extras", {}).get("lightmap")
+		if not place is Dictionary:
 			continue
-		var page: Dictionary = manifest.pages[int(node.page)]
+		var page: Dictionary = manifest.pages[int(place.page)]
 		var share := Vector2(page.width, page.height) / Vector2(size)
-		var offset := Vector2(node.offset[0], node.offset[1]) * share
-		var scale := Vector2(node.scale[0], node.scale[1]) * share
+		var offset := Vector2(place.offset[0], place.offset[1]) * share
+		var scale := Vector2(place.scale[0], place.scale[1]) * share
 		# Paths are relative to the LightmapGI; -1: the node itself, not a part of it.
-		data.add_user(gi.get_path_to(found), Rect2(offset, scale), int(node.page), -1)
+		data.add_user(gi.get_path_to(found), Rect2(offset, scale), int(place.page), -1)
 		found.gi_mode = GeometryInstance3D.GI_MODE_STATIC
+		lit += 1
+	if lit == 0:
+		push_error("%s: found no node with extras.lightmap, expected the level.glb of this bake, imported by Godot 4.4 or later" % manifest_path)
+		gi.queue_free()
+		return null
 	gi.light_data = data
 	# Lamps that are baked do not light what has a lightmap.
 	for light in root.find_children("*", "Light3D", true, false):

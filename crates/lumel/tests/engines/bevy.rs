@@ -42,7 +42,7 @@ fn picture(program: &OsString, glb: &Path, cam: &str, more: &[&str]) -> RgbImage
 }
 
 /// The pixel at a point.
-fn pixel(picture: &RgbImage, cam: &str, at: [f64; 3]) -> [u8; 3] {
+pub(super) fn pixel(picture: &RgbImage, cam: &str, at: [f64; 3]) -> [u8; 3] {
     let [x, y] = project(cam, at, SIZE);
     picture.get_pixel(x as u32, y as u32).0
 }
