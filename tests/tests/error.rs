@@ -63,6 +63,9 @@ fn an_error_out_of_reach_is_a_warning() {
     let report = &bake.report.gather.light;
     assert_eq!(report.error_reached, Some(false));
     assert!(report.exhausted_lumels > 0 && report.estimated_error > 1e-5);
+    // 8192 rays, two for each of half as many points at contacts, and as many at a penumbra.
+    let most = 3 * 8192 * report.lumels;
+    assert!(report.lumel_rays <= most, "{} of {most}", report.lumel_rays);
     let warned = |w: &String| w.contains("was not reached");
     assert!(
         bake.report.warnings.iter().any(warned),

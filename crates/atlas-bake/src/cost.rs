@@ -1,7 +1,5 @@
 //! Estimates the cost of a gather from a few lumels, and the cost of stitching.
 
-use std::time::{Duration, Instant};
-
 use atlas::{Layout, Lumels};
 use gather::{Gatherer, LumelMap, Plane, TILE, tiles};
 use glam::Vec3;
@@ -12,9 +10,10 @@ use rayon::prelude::*;
 use crate::channels::channels;
 use crate::options::{BakeOptions, Divided};
 use crate::seams::find_samples;
+use crate::work_time::WorkTime;
 
 /// Lumels per thread and round. A round takes some milliseconds, so that at least one of its
-/// [`TRIES`] is likely undisturbed by other processes. Rounds go on until [`ENOUGH`].
+/// [`TRIES`] likely keeps its caches. Rounds go on until [`ENOUGH`].
 const ROUND: usize = 48;
 
 /// Repetitions of a round; the shortest time counts.
@@ -23,8 +22,9 @@ const TRIES: usize = 3;
 /// Most rounds.
 const ROUNDS: usize = 24;
 
-/// Long enough to sample all kinds of lumels, but short compared to reading and unwrapping a level.
-const ENOUGH: Duration = Duration::from_millis(500);
+/// Seconds, long enough to sample all kinds of lumels, but short compared to reading and unwrapping a
+/// level.
+const ENOUGH: f64 = 0.5;
 
 /// Cost of gathering.
 #[derive(Debug, Clone, Copy, Default)]
@@ -123,7 +123,7 @@ pub fn gather_cost(
     let (mut done, mut rays, mut seconds) = (0, 0, 0.0);
     let (rounds, enough) = (
         ROUNDS.div_ceil(tiles.len().max(1)),
-        ENOUGH / tiles.len().max(1) as u32,
+        ENOUGH / tiles.len().max(1) as f64,
     );
     for tile in tiles {
         let map = LumelMap::of(world, layout, options.lumels.interpolation, tile);
@@ -158,7 +158,7 @@ fn try_out(
     gatherer: &Gatherer,
     map: &LumelMap,
     full: &[usize],
-    (most, enough): (usize, Duration),
+    (most, enough): (usize, f64),
 ) -> Trial {
     let gather = |k: usize| -> u64 {
         // Multiples of the golden ratio: every interval of them is evenly distributed over the
@@ -175,14 +175,14 @@ fn try_out(
     };
     // Warms up threads and caches.
     round(0);
-    let start = Instant::now();
+    let start = WorkTime::start();
     let (mut rounds, mut rays, mut seconds) = (0, 0, 0.0);
-    while rounds < most && (rounds == 0 || start.elapsed() < enough) {
+    while rounds < most && (rounds == 0 || start.parallel() < enough) {
         let mut least = f64::INFINITY;
         for again in 0..TRIES {
-            let begin = Instant::now();
+            let begin = WorkTime::start();
             let cast = round(rounds);
-            least = least.min(begin.elapsed().as_secs_f64());
+            least = least.min(begin.parallel());
             rays += if again == 0 { cast } else { 0 };
         }
         seconds += least;

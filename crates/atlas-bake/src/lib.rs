@@ -57,6 +57,7 @@ mod small;
 mod temporary;
 mod texture;
 mod uv_picture;
+mod work_time;
 
 pub use bake::{BakeReport, Baked, bake, gather_shard, merge, rebake};
 pub use compare::{Counted, DiffReport, diff, error_png};
@@ -91,3 +92,4 @@ pub use seams::{SeamError, SeamReport};
 pub use small::{PngFormat, PngReport, write_lightmap_png};
 pub use temporary::{Leftovers, remove_own_temporaries};
 pub use uv_picture::{Paint, mesh_picture, own_uv_picture, page_picture};
+pub use work_time::{WorkTime, processor_seconds};

@@ -145,8 +145,14 @@ fn tight_page(
         if all_full {
             return None;
         }
-        side = (side * 1.015).max(side + 1.0);
+        side = grown(side);
     }
+}
+
+/// The side to try next: 1.5 % longer, so that the number of attempts grows with the logarithm of
+/// the longest page.
+fn grown(side: f64) -> f64 {
+    (side * 1.015).max(side + 1.0)
 }
 
 fn page_area(page: [u32; 2]) -> u64 {
@@ -156,6 +162,8 @@ fn page_area(page: [u32; 2]) -> u64 {
 /// Places what fits of `order` on one page. With `all`, stops at the first rectangle that does not
 /// fit and returns a shorter list.
 fn fill(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2], all: bool) -> Vec<Option<[u32; 2]>> {
+    #[cfg(test)]
+    tests::FILLS.set(tests::FILLS.get() + 1);
     if order.len() >= ROWS_FROM {
         return rows(sizes, order, page);
     }
@@ -205,4 +213,42 @@ fn rows(sizes: &[[u32; 2]], order: &[usize], page: [u32; 2]) -> Vec<Option<[u32;
             Some(corner)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::{grown, pack_pages};
+
+    thread_local! {
+        /// Calls of `fill`: a page and all rectangles each.
+        pub static FILLS: Cell<usize> = const { Cell::new(0) };
+    }
+
+    /// Attempts with a side that grows up to a page of `most` texels.
+    fn attempts(from: f64, most: f64) -> usize {
+        // Widths are down to 0.87 sides.
+        let sides = std::iter::successors(Some(from), |side| Some(grown(*side)));
+        5 * (1 + sides.take_while(|side| 0.87 * side < most).count())
+    }
+
+    #[test]
+    fn attempts_grow_with_the_logarithm_of_a_page() {
+        assert!(attempts(1.0, 16384.0) < 2600, "{}", attempts(1.0, 16384.0));
+        // Two of them have less than a page's area, but do not fit it: every size is tried in vain.
+        FILLS.set(0);
+        let packed = pack_pages(&[[40, 40]; 2], 64, 1).expect("they fit pages");
+        assert_eq!(packed.pages.len(), 2);
+        let most = attempts(f64::hypot(40.0, 40.0), 64.0);
+        let done = FILLS.get();
+        // And a page each.
+        assert!((10..=most + 2).contains(&done), "{done} of {most}");
+
+        // A thousand: the sizes are tried once only, where the rest has less than a page's area.
+        FILLS.set(0);
+        let packed = pack_pages(&[[40, 40]; 1000], 64, 1).expect("they fit pages");
+        assert_eq!(packed.pages.len(), 1000);
+        assert!(FILLS.get() <= 1000 + most + 5, "{}", FILLS.get());
+    }
 }

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::time::Instant;
 
 use atlas::LayoutReport;
-use atlas_bake::gather_cost;
+use atlas_bake::{WorkTime, gather_cost};
 use glam::Vec3;
 use patch_subdivision::Subdivision;
 use radiosity::{Emitters, Monitor, World, WorldOptions};
@@ -106,7 +105,7 @@ pub fn estimate(
     check(settings)?;
     check_name(file)?;
     let points = settings.probes.as_ref().map(probes::read).transpose()?;
-    let start = Instant::now();
+    let start = WorkTime::start();
     let Prepared {
         loaded, soup, sky, ..
     } = prepare(SceneInput::File(file), settings, &BTreeSet::new())?;
@@ -125,7 +124,7 @@ pub fn estimate(
     };
     let world = World::build(scene, &soup, options)
         .map_err(|e| Error::Internal(format!("cannot build the tree: {e}")))?;
-    let planning = start.elapsed().as_secs_f64();
+    let planning = start.serial();
     let rate = rate(&world);
 
     let solve = settings.solve_options(&soup);
@@ -193,17 +192,17 @@ pub fn estimate(
 }
 
 /// Runs `work` up to four times, or until [`ENOUGH`] seconds have passed. Returns its result and
-/// the shortest time, because other processes slow some of the runs.
+/// the shortest time, because other programs share the caches of some.
 fn fastest<T>(work: impl Fn() -> T) -> (T, f64) {
-    let begin = Instant::now();
+    let begin = WorkTime::start();
     let mut least = f64::INFINITY;
     let mut tries = 0;
     loop {
-        let start = Instant::now();
+        let start = WorkTime::start();
         let out = work();
-        least = least.min(start.elapsed().as_secs_f64());
+        least = least.min(start.parallel());
         tries += 1;
-        if tries == 4 || begin.elapsed().as_secs_f64() > ENOUGH {
+        if tries == 4 || begin.parallel() > ENOUGH {
             return (out, least);
         }
     }
@@ -242,13 +241,13 @@ fn rate(world: &World) -> f64 {
         let d: Vec3 = x * (side * c as f32) + y * (side * s as f32) + p.geometric * z;
         std::hint::black_box(world.incoming(p.origin, d));
     };
-    // The fastest of several parts, each distributed over the whole scene, because other processes
-    // slow some of them.
+    // The fastest of several parts, each distributed over the whole scene, because other programs
+    // share the caches of some.
     let part = PROBES / PARTS;
     let rates = (0..PARTS).map(|k| {
-        let start = Instant::now();
+        let start = WorkTime::start();
         (k * part..(k + 1) * part).into_par_iter().for_each(cast);
-        part as f64 / start.elapsed().as_secs_f64().max(1e-9)
+        part as f64 / start.parallel().max(1e-9)
     });
     rates.fold(0.0, f64::max)
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 
-use image::{DynamicImage, ImageFormat, ImageReader};
+use image::{ColorType, ImageDecoder, ImageFormat, ImageReader};
 use rayon::prelude::*;
 
 use crate::document::{Document, ImageSource};
@@ -44,14 +44,16 @@ impl Budget {
         }
     }
 
-    pub fn claim(&mut self, path: &str, [width, height]: [u32; 2]) -> Outcome<()> {
+    /// Claims the pixels of an image stored as `bytes`.
+    pub fn claim(&mut self, path: &str, [width, height]: [u32; 2], bytes: &[u8]) -> Outcome<()> {
         let pixels = u64::from(width) * u64::from(height);
-        self.spent = self.spent.saturating_add(4 * pixels);
+        let taken = pixels.saturating_mul(pixel_bytes(bytes));
+        self.spent = self.spent.saturating_add(taken);
         let expected = if pixels > MOST_PIXELS {
             format!("at most {MOST_PIXELS}, 16384²")
         } else if self.spent > self.allowed {
             format!(
-                "at most {} bytes in all images at four per pixel (--max-image)",
+                "at most {} bytes in all images, four or more per pixel (--max-image)",
                 self.allowed
             )
         } else {
@@ -81,7 +83,10 @@ pub(crate) fn decode(
         let Some((bytes, file, size)) = faults.take(measure(document, i)) else {
             continue;
         };
-        if faults.take(budget.claim(&path_of(i), size)).is_none() {
+        if faults
+            .take(budget.claim(&path_of(i), size, &bytes))
+            .is_none()
+        {
             return images;
         }
         files.extend(file);
@@ -112,7 +117,7 @@ pub(crate) fn decode_all(
     let mut budget = Budget::new(document, spent);
     for &i in needed {
         let (bytes, file, size) = measure(document, i)?;
-        budget.claim(&path_of(i), size)?;
+        budget.claim(&path_of(i), size, &bytes)?;
         files.extend(file);
         sources.push((i, bytes));
     }
@@ -248,23 +253,127 @@ fn png_bits(bytes: &[u8]) -> u64 {
     depth * channels
 }
 
+/// Bytes per pixel that decoding takes at most: four, or those of a 16-bit PNG.
+fn pixel_bytes(bytes: &[u8]) -> u64 {
+    match image::guess_format(bytes) {
+        Ok(ImageFormat::Png) => (png_bits(bytes) / 8).max(4),
+        _ => 4,
+    }
+}
+
 pub(crate) fn decode_one(path: &str, bytes: &[u8]) -> Outcome<Image> {
     if ktx2::is_ktx2(bytes) {
         return ktx2::decode(path, bytes);
     }
-    let decoder = reader(path, bytes)?.into_decoder();
-    let rgba = decoder
-        .and_then(DynamicImage::from_decoder)
-        .map_err(|e| broken(path, e))?
-        .into_rgba8();
-    let (width, height) = rgba.dimensions();
+    let decoded = reader(path, bytes)?.into_decoder().and_then(|decoder| {
+        let size = decoder.dimensions();
+        Ok((size, read_rgba8(decoder)?))
+    });
+    let ((width, height), pixels) = decoded.map_err(|e| broken(path, e))?;
     Ok(Image {
         width,
         height,
-        pixels: rgba
-            .into_raw()
-            .chunks_exact(4)
-            .map(|p| [p[0], p[1], p[2], p[3]])
-            .collect(),
+        pixels,
     })
+}
+
+/// Decodes to 8 bits and four channels within one allocation, because an image may take most of the
+/// memory that is allowed: what the decoder writes at the end is widened from the beginning, or
+/// narrowed, in place.
+fn read_rgba8(decoder: impl ImageDecoder) -> image::ImageResult<Vec<[u8; 4]>> {
+    let color = decoder.color_type();
+    let (channels, each) = match color {
+        ColorType::L8 => (1, 1),
+        ColorType::La8 => (2, 1),
+        ColorType::Rgb8 => (3, 1),
+        ColorType::Rgba8 => (4, 1),
+        ColorType::L16 => (1, 2),
+        ColorType::La16 => (2, 2),
+        ColorType::Rgb16 => (3, 2),
+        ColorType::Rgba16 => (4, 2),
+        other => {
+            let kind = image::error::UnsupportedErrorKind::Color(other.into());
+            let hint = image::error::ImageFormatHint::Unknown;
+            let error = image::error::UnsupportedError::from_format_and_kind(hint, kind);
+            return Err(image::ImageError::Unsupported(error));
+        }
+    };
+    let (width, height) = decoder.dimensions();
+    let pixels = width as usize * height as usize;
+    let stored = channels * each;
+    let mut out = vec![[0; 4]; (pixels * stored).div_ceil(4).max(pixels)];
+    let flat = out.as_flattened_mut();
+    let start = if stored < 4 {
+        flat.len() - pixels * stored
+    } else {
+        0
+    };
+    decoder.read_image(&mut flat[start..start + pixels * stored])?;
+    if color == ColorType::Rgba8 {
+        return Ok(out);
+    }
+    for i in 0..pixels {
+        let at = start + stored * i;
+        let value = |channel: usize| match each {
+            1 => flat[at + channel],
+            _ => {
+                let wide = [flat[at + 2 * channel], flat[at + 2 * channel + 1]];
+                // To the nearest: 65535 is 255 × 257.
+                ((u32::from(u16::from_ne_bytes(wide)) + 128) / 257) as u8
+            }
+        };
+        let pixel = match channels {
+            1 => [value(0), value(0), value(0), 255],
+            2 => [value(0), value(0), value(0), value(1)],
+            3 => [value(0), value(1), value(2), 255],
+            _ => [value(0), value(1), value(2), value(3)],
+        };
+        // Ends at or before the end of what was read.
+        flat[4 * i..4 * i + 4].copy_from_slice(&pixel);
+    }
+    out.truncate(pixels);
+    out.shrink_to_fit();
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use image::{DynamicImage, ImageFormat};
+
+    use super::decode_one;
+
+    /// The crate's own conversion, which takes a copy.
+    #[test]
+    fn pixels_are_those_that_the_crate_would_convert_to() {
+        let noise = image::ImageBuffer::from_fn(7, 5, |x, y| {
+            let at = |k: u32| (x * 9973 + y * 7919 + k * 104_729) as u16;
+            image::Rgba([at(1), at(2).wrapping_mul(3), at(3), at(4).wrapping_mul(5)])
+        });
+        let deep = DynamicImage::ImageRgba16(noise);
+        let kinds = [
+            DynamicImage::from(deep.to_luma8()),
+            deep.to_luma_alpha8().into(),
+            deep.to_rgb8().into(),
+            deep.to_rgba8().into(),
+            deep.to_luma16().into(),
+            deep.to_luma_alpha16().into(),
+            deep.to_rgb16().into(),
+            deep,
+        ];
+        for picture in kinds {
+            let mut bytes = Cursor::new(Vec::new());
+            let written = picture.write_to(&mut bytes, ImageFormat::Png);
+            written.expect("memory takes all");
+            let read = decode_one("images[0]", bytes.get_ref()).expect("it is sound");
+            let expected = picture.to_rgba8().into_raw();
+            assert_eq!([read.width, read.height], [7, 5]);
+            assert!(
+                read.pixels.as_flattened() == expected,
+                "{:?}",
+                picture.color()
+            );
+        }
+    }
 }

@@ -78,6 +78,7 @@ pub(crate) fn dimensions(path: &str, bytes: &[u8]) -> Outcome<[u32; 2]> {
 
 /// Decodes the image at `path`, whose [`dimensions`] were checked.
 pub(crate) fn decode(path: &str, bytes: &[u8]) -> Outcome<Image> {
+    let [width, height] = [20, 24].map(|at| word(bytes, at));
     // The decoder is young and its input is untrusted. A panic there must not abort a bake.
     let decoded = catch_unwind(|| {
         let file = Transcoder::new(bytes).map_err(|e| format!("{e:?}"))?;
@@ -85,8 +86,16 @@ pub(crate) fn decode(path: &str, bytes: &[u8]) -> Outcome<Image> {
         if !matches!(source, SourceFormat::Etc1s | SourceFormat::UastcLdr) {
             return Ok(Err(source));
         }
-        file.transcode(0, TargetFormat::Rgba32, DecodeFlags::NONE)
-            .map(Ok)
+        let rgba = TargetFormat::Rgba32;
+        let size = file.output_size(0, rgba).map_err(|e| format!("{e:?}"))?;
+        if size != 4 * width as usize * height as usize {
+            return Err(format!("{size} bytes of {width} × {height} pixels"));
+        }
+        // Into their final place, because an image may take most of the memory that is allowed.
+        let mut pixels = vec![[0; 4]; size / 4];
+        let out = pixels.as_flattened_mut();
+        file.transcode_into(0, rgba, DecodeFlags::NONE, out)
+            .map(|_| Ok(pixels))
             .map_err(|e| format!("{e:?}"))
     });
     let pixels = match decoded.unwrap_or_else(|_| Err("damaged data".into())) {
@@ -104,20 +113,10 @@ pub(crate) fn decode(path: &str, bytes: &[u8]) -> Outcome<Image> {
             return Err(Fault::invalid(path, found, "an image that decodes"));
         }
     };
-    let [width, height] = [20, 24].map(|at| word(bytes, at));
-    if pixels.len() as u64 != 4 * u64::from(width) * u64::from(height) {
-        let found = format!("{} bytes of pixels", pixels.len());
-        return Err(Fault::invalid(
-            path,
-            found,
-            format!("{width} × {height} pixels"),
-        ));
-    }
-    let (pixels, _) = pixels.as_chunks();
     Ok(Image {
         width,
         height,
-        pixels: pixels.to_vec(),
+        pixels,
     })
 }
 

@@ -62,6 +62,7 @@ mod soup;
 mod uri;
 mod version;
 mod views;
+mod writable;
 
 pub use accessor::{DataType, Dimensions, RawAccessor};
 pub use document::{Document, ImageSource};

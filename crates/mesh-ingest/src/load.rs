@@ -15,11 +15,11 @@ use crate::hierarchy;
 use crate::material::{self, MaterialRead};
 use crate::nodes::{self, Graph, Placed};
 use crate::options::{LoadOptions, MAX_COORDINATE, MAX_REFLECTIONS};
-use crate::primitive::{Want, attribute_list, primitive_mode};
+use crate::primitive::{attribute_list, primitive_mode};
 use crate::report::{IngestReport, LeftOutReason, Totals};
 use crate::scene::{Instance, Mesh, Primitive, ReflectionPoint, Scene};
 use crate::settle::{needed_images, settle_alpha};
-use crate::{environment, extensions, extras, images, lights, lods, sides};
+use crate::{environment, extensions, extras, images, lights, lods, sides, writable};
 
 /// A loaded document in normal form, the original, and a report.
 #[derive(Debug)]
@@ -112,7 +112,7 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
             why: why_empty(&graph, &report),
         });
     }
-    check_writable(&document, &scene, &mut faults);
+    writable::check(&document, &scene, &mut faults);
     note_missing_images(&mut document, &needed, &mut faults, &mut report);
     faults.check(path)?;
     settle_alpha(&mut scene, &used_materials, &mut report);
@@ -159,41 +159,6 @@ fn check_layout(document: &Document, faults: &mut Faults) {
             format!("{unbacked} bytes without a buffer view"),
             format!("at most {allowed}"),
         ));
-    }
-}
-
-/// Reads what only writers need: attributes and morph targets that light ignores, and compressed
-/// animation data. Faults there should be found before the bake, not after it.
-fn check_writable(document: &Document, scene: &Scene, faults: &mut Faults) {
-    let root = document.root();
-    let views = root.len_of("bufferViews").unwrap_or(0);
-    let in_document = |m: &&Mesh| m.gltf_mesh != Mesh::NOT_IN_DOCUMENT;
-    let primitives: BTreeSet<_> = (scene.meshes.iter().filter(in_document))
-        .flat_map(|mesh| mesh.primitives.iter().map(|p| (mesh.gltf_mesh, p)))
-        .filter(|(_, p)| !scene.materials[p.material].occluder_only)
-        .map(|(mesh, p)| (mesh, p.gltf_primitive))
-        .collect();
-    let primitives: Vec<_> = primitives.into_iter().collect();
-    let whole: Vec<_> = (primitives.into_par_iter())
-        .map(|(mesh, primitive)| {
-            let item = root
-                .element("meshes", mesh)?
-                .element("primitives", primitive)?;
-            document.read_primitive(&item, Want::All).map(drop)
-        })
-        .collect();
-    let decoded: Vec<_> = (0..views)
-        .into_par_iter()
-        .map(|i| {
-            let view = document.view_at(i)?;
-            match view.meshopt {
-                Some(_) => document.view_bytes(i, &view).map(drop),
-                None => Ok(()),
-            }
-        })
-        .collect();
-    for outcome in whole.into_iter().chain(decoded) {
-        faults.take(outcome);
     }
 }
 

@@ -40,7 +40,7 @@ pub struct Limits {
     pub triangles: u64,
     /// Number of placed meshes.
     pub instances: u64,
-    /// Bytes of all decoded images together, four per pixel.
+    /// Bytes of all decoded images together: four per pixel, up to eight of 16-bit ones.
     pub image_bytes: u64,
 }
 

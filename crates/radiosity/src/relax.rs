@@ -16,6 +16,9 @@ use crate::monitor::Monitor;
 /// solve as unfinished.
 const HIGHEST: f64 = 0.9999;
 
+/// Most iterations of Bi-CGSTAB. A reflectance of 0.999 takes some dozens.
+const MOST_ITERATIONS: u32 = 500;
+
 /// When relaxation stops.
 #[derive(Debug, Clone, Copy)]
 pub struct RelaxOptions {
@@ -303,7 +306,7 @@ impl System<'_> {
         let mut p = vec![DVec3::ZERO; self.len()];
         let mut best = x.clone();
         let mut best_bound = report.residual;
-        for _ in 0..500 {
+        for _ in 0..MOST_ITERATIONS {
             if monitor.cancelled() {
                 break;
             }

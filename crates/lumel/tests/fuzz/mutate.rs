@@ -176,7 +176,7 @@ fn nudged(random: &mut Random, x: f64) -> Value {
 
 /// Inserts a member that other objects of documents have.
 fn add_member(random: &mut Random, members: &mut Map<String, Value>, copy: Value) {
-    const KEYS: [&str; 24] = [
+    const KEYS: [&str; 36] = [
         "children",
         "mesh",
         "nodes",
@@ -201,6 +201,18 @@ fn add_member(random: &mut Random, members: &mut Map<String, Value>, copy: Value
         "weights",
         "material",
         "alphaMode",
+        "lumel",
+        "cookie",
+        "cookieSize",
+        "reflection",
+        "page",
+        "mode",
+        "light",
+        "rect",
+        "size",
+        "inverseBindMatrices",
+        "JOINTS_0",
+        "WEIGHTS_0",
     ];
     let value = match random.below(3) {
         0 => number(random),

@@ -70,18 +70,25 @@ impl Level {
     }
 }
 
-/// A floor, a wall, a lamp and an emissive square, partly textured, masked, instanced, animated and
-/// morphed.
+/// A floor, a wall, lamps and an emissive square, partly textured, masked, instanced, animated,
+/// morphed and skinned. A spot and the sun project pictures, two area lights shine, a lamp is mixed,
+/// one node has a page of its own and one captures reflections.
 pub fn level() -> Level {
     let mut level = Level {
         json: json!({
             "asset": {"version": "2.0"}, "scene": 0, "buffers": [{}],
-            "extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_texture_transform"],
+            "extensionsUsed": ["KHR_lights_punctual", "EXT_mesh_gpu_instancing",
+                "KHR_texture_transform", "EXT_lights_area"],
             "extensions": {"KHR_lights_punctual": {"lights": [
                 {"type": "point", "intensity": 5, "name": "lamp"},
-                {"type": "spot", "intensity": 5, "spot": {"outerConeAngle": 1}},
-                {"type": "directional", "intensity": 2, "extras": {"lumel": {"angle": 1}}}]}},
-            "scenes": [{"nodes": [0, 1, 2, 3, 4], "extras": {"lumel": {"density": 1}}}],
+                {"type": "spot", "intensity": 5, "spot": {"outerConeAngle": 1},
+                    "extras": {"lumel": {"cookie": 0, "mode": "mixed"}}},
+                {"type": "directional", "intensity": 2,
+                    "extras": {"lumel": {"angle": 1, "cookie": 0, "cookieSize": 2}}}]},
+                "EXT_lights_area": {"lights": [
+                {"type": "rect", "intensity": 3, "size": 0.5, "rect": {"aspect": 2}, "name": "panel"},
+                {"type": "disk", "intensity": 3, "size": 0.3}]}},
+            "scenes": [{"nodes": [0, 1, 2, 3, 4, 8, 9, 10, 11], "extras": {"lumel": {"density": 1}}}],
         }),
         bin: Vec::new(),
     };
@@ -91,6 +98,20 @@ pub fn level() -> Level {
     let uv = level.floats(&[[0f32, 0.], [1., 0.], [1., 1.], [0., 1.]]);
     let color = level.floats(&[[1f32, 0.5, 0.2, 1.0]; 4]);
     let moved = level.floats(&[[0f32, 0.1, 0.]; 4]);
+    let ones = [
+        1f32, 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.,
+    ]
+    .map(f32::to_le_bytes);
+    let view = level.view(&[ones, ones].concat().concat());
+    let bind = level.push(
+        "accessors",
+        json!({"bufferView": view, "componentType": 5126, "count": 2, "type": "MAT4"}),
+    );
+    let view = level.view(&[0, 1, 0, 0].repeat(4));
+    let joints = level.push(
+        "accessors",
+        json!({"bufferView": view, "componentType": 5121, "count": 4, "type": "VEC4"}),
+    );
     let copies = level.floats(&[[0f32, 0.5, 0.], [0.5, 1.0, 0.2]]);
     let corners: Vec<u8> = [0u16, 1, 2, 0, 2, 3]
         .iter()
@@ -120,8 +141,11 @@ pub fn level() -> Level {
             "targets": [{"POSITION": moved}]}], "weights": [0], "name": "square"},
         {"primitives": [{"attributes": {"POSITION": position}, "indices": indices, "material": 1}]},
         {"primitives": [{"attributes": {"POSITION": position, "TEXCOORD_0": uv},
-            "indices": indices, "material": 2}]}]);
+            "indices": indices, "material": 2}]},
+        {"primitives": [{"attributes": {"POSITION": position, "JOINTS_0": joints,
+            "WEIGHTS_0": color}, "indices": indices}]}]);
     let light = |k: usize| json!({"KHR_lights_punctual": {"light": k}});
+    let area = |k: usize| json!({"EXT_lights_area": {"light": k}});
     level.json["nodes"] = json!([
         {"mesh": 0, "name": "floor"},
         {"children": [5, 6], "rotation": [0.6, 0, 0, 0.8]},
@@ -130,7 +154,13 @@ pub fn level() -> Level {
         {"mesh": 2, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": copies}}}},
         {"mesh": 0, "extras": {"lumel": {"density": 0.5}}},
         {"extensions": light(2), "children": [7]},
-        {"extensions": light(1), "translation": [1, 1.2, -0.5]}]);
+        {"extensions": light(1), "translation": [1, 1.2, -0.5]},
+        {"extensions": area(0), "translation": [0.5, 1.8, -0.5], "rotation": [-0.7, 0, 0, 0.7]},
+        {"extensions": area(1), "translation": [1.5, 1.8, -0.5], "scale": [1, 2, 1]},
+        {"translation": [1, 0.5, -1], "extras": {"lumel": {"reflection": true}}},
+        {"mesh": 3, "skin": 0, "translation": [0, 0.3, 0],
+            "extras": {"lumel": {"bake": true, "page": "own"}}}]);
+    level.json["skins"] = json!([{"joints": [10, 9], "inverseBindMatrices": bind}]);
     let times = level.floats(&[[0f32], [1.0]]);
     let places = level.floats(&[[0f32, 0., 0.], [0., 1., 0.]]);
     level.json["animations"] = json!([{"samplers": [{"input": times, "output": places}],

@@ -107,7 +107,8 @@ impl Cookies {
     }
 
     fn keep(&mut self, key: String, bytes: &[u8], path: &str) -> Outcome<usize> {
-        self.budget.claim(path, images::dimensions(path, bytes)?)?;
+        let size = images::dimensions(path, bytes)?;
+        self.budget.claim(path, size, bytes)?;
         let index = self.pictures.len();
         self.pictures.push(images::decode_one(path, bytes)?);
         self.known.insert(key, index);

@@ -203,6 +203,77 @@ fn what_only_writers_read_is_checked_too() {
     assert!(paths(Err(error))[0].starts_with("bufferViews[1]"));
 }
 
+/// Nobody here reads joints, skins and animations, but other programs index memory by them.
+#[test]
+fn what_deforms_meshes_is_checked_though_nobody_reads_it() {
+    let skinned = |component: u32, kind: &str, skin: serde_json::Value| {
+        let mut doc = Doc::with_triangles(&UNIT);
+        let view = doc.view(&[0; 192]);
+        let accessor =
+            json!({"bufferView": view, "componentType": component, "count": 3, "type": kind});
+        let joints = doc.push("accessors", accessor);
+        doc.json["meshes"][0]["primitives"][0]["attributes"]["JOINTS_0"] = json!(joints);
+        let matrices =
+            json!({"bufferView": view, "componentType": 5126, "count": 1, "type": "MAT4"});
+        doc.push("accessors", matrices);
+        doc.json["skins"] = json!([skin]);
+        doc.json["nodes"][0] = json!({"mesh": 0, "skin": 0, "extras": {"lumel": {"bake": true}}});
+        doc
+    };
+    let sound = json!({"joints": [0], "inverseBindMatrices": 2});
+    skinned(5121, "VEC4", sound.clone())
+        .load()
+        .expect("a sound skin");
+    skinned(5123, "VEC4", json!({"joints": [0]}))
+        .load()
+        .expect("matrices are optional");
+
+    let joints = "meshes[0].primitives[0].attributes.JOINTS_0";
+    let skin = "skins[0].inverseBindMatrices";
+    for (component, kind, given, place) in [
+        (5126, "VEC4", sound.clone(), joints),
+        (5121, "VEC3", sound, joints),
+        (
+            5121,
+            "VEC4",
+            json!({"joints": [0], "inverseBindMatrices": 3}),
+            skin,
+        ),
+        (
+            5121,
+            "VEC4",
+            json!({"joints": [0], "inverseBindMatrices": 0}),
+            skin,
+        ),
+        (
+            5121,
+            "VEC4",
+            json!({"joints": [0, 1]}),
+            "skins[0].joints[1]",
+        ),
+        (
+            5121,
+            "VEC4",
+            json!({"joints": [0], "skeleton": 1}),
+            "skins[0].skeleton",
+        ),
+    ] {
+        let mut doc = skinned(component, kind, given);
+        let error = doc.load().expect_err(place);
+        assert_eq!(error.exit_code(), 3);
+        assert_eq!(paths(Err(error)), [place]);
+        // Also if only another mesh is baked.
+        let primitive = json!({"attributes": {"POSITION": 0}});
+        let mesh = doc.push("meshes", json!({"primitives": [primitive]}));
+        doc.json["nodes"][0] = json!({"mesh": mesh});
+        assert_eq!(paths(doc.load()), [place]);
+    }
+
+    let mut doc = Doc::with_triangles(&UNIT);
+    doc.json["animations"] = json!([{"channels": [], "samplers": [{"input": 0, "output": 9}]}]);
+    assert_eq!(paths(doc.load()), ["animations[0].samplers[0].output"]);
+}
+
 /// Names and types from documents used to reach the terminal with their control characters.
 #[test]
 fn messages_hold_nothing_that_a_terminal_obeys_and_end() {
@@ -326,4 +397,33 @@ fn images_share_one_budget_by_their_headers() {
     with(2 * 4 * 64 * 64).expect("as much as they take");
     let error = with(2 * 4 * 64 * 64 - 1).expect_err("a byte less");
     assert!(error.to_string().contains("--max-image"), "{error}");
+}
+
+/// They are narrowed after they are decoded.
+#[test]
+fn images_of_16_bits_take_eight_bytes_per_pixel() {
+    let picture = image::DynamicImage::new_rgba16(64, 64);
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let png = image::ImageFormat::Png;
+    picture.write_to(&mut bytes, png).expect("memory takes all");
+    let material = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}});
+    let mut doc = textured(material, None);
+    let view = doc.view(bytes.get_ref());
+    doc.push("images", json!({"bufferView": view}));
+    doc.push("textures", json!({"source": 0}));
+    for (image_bytes, fits) in [(8 * 64 * 64, true), (8 * 64 * 64 - 1, false)] {
+        let limits = Limits {
+            image_bytes,
+            ..Limits::default()
+        };
+        let options = LoadOptions {
+            limits,
+            ..LoadOptions::default()
+        };
+        assert_eq!(
+            load_bytes(&doc.glb(), &options).is_ok(),
+            fits,
+            "{image_bytes}"
+        );
+    }
 }

@@ -548,6 +548,22 @@ fn scouts_that_agree_save_rays_and_change_nothing() {
     assert_eq!((a.mixed, a.lit, a.hidden), (1, 1, 1));
 }
 
+/// A thousand panels above each other, all nearer than they are wide: each group of them would be
+/// split.
+#[test]
+fn the_number_of_terms_is_bounded() {
+    let mut scene = floor();
+    for k in 1..=1000u32 {
+        add_panel(&mut scene, 0.1, 0.1, 1e-4 * k as f32, 1.0, false);
+    }
+    with_light(&scene, |l| {
+        assert!(l.emitters.len() >= 2000, "{}", l.emitters.len());
+        let mut nodes = Vec::new();
+        l.emitter_nodes(&receiver(Vec3::ZERO, Vec3::Z), 0.0, 64, &mut nodes);
+        assert!((200..=256).contains(&nodes.len()), "{}", nodes.len());
+    });
+}
+
 #[test]
 fn lamps_are_seen_as_expected_or_the_receiver_must_look() {
     let mut scene = floor();

@@ -167,6 +167,28 @@ fn what_shooting_leaves_is_handed_over() {
     assert!(report.shots <= (RelaxOptions::default().sweeps as u64 + 1) * n);
 }
 
+/// Surfaces that absorb nothing, and no tolerance: the worst case.
+#[test]
+fn what_never_converges_ends_after_its_steps() {
+    let mut problem = Problem::new(1.0);
+    problem.reflectance.fill(DVec3::ONE);
+    let n = problem.area.len() as u64;
+    let options = RelaxOptions {
+        tolerance: 0.0,
+        sweeps: 3,
+    };
+    let mut x = vec![DVec3::ZERO; n as usize];
+    let report = problem.system().relax(&mut x, &options, &Silent);
+    assert!(!report.converged && x.iter().all(|x| x.is_finite()));
+    assert!((3 * n..4 * n).contains(&report.shots), "{}", report.shots);
+    let most = MOST_ITERATIONS;
+    assert!(
+        (1..=most).contains(&report.iterations),
+        "{}",
+        report.iterations
+    );
+}
+
 /// Cancels when the reported residual falls below a limit.
 struct StopAt {
     limit: f64,

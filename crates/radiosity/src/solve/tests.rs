@@ -196,6 +196,24 @@ fn the_number_of_threads_does_not_change_a_bit() {
 }
 
 #[test]
+fn links_take_no_more_memory_than_they_may() {
+    let options = options(96, 1024);
+    let whole = solve_scene(&lit_room(0.5), Sky::Black, &options, &Silent).report;
+    let n = u64::from(whole.subdivision.patches);
+    assert_eq!(whole.link_rays, 1024 * n);
+    for (rays, least) in [(100, 100), (0, FIRST_PASS)] {
+        let little = SolveOptions {
+            // 8 bytes per ray.
+            link_bytes: 8 * n * rays,
+            ..options
+        };
+        let report = solve_scene(&lit_room(0.5), Sky::Black, &little, &Silent).report;
+        assert_eq!(report.rays_per_patch, least);
+        assert_eq!(report.link_rays, u64::from(least) * n);
+    }
+}
+
+#[test]
 fn nothing_to_light_gives_nothing() {
     let s = solve_scene(
         &cube(0.5, Vec3::ZERO),
