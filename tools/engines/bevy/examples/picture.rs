@@ -137,7 +137,10 @@ fn main() -> AppExit {
         .add_systems(Startup, (setup, add_balls))
         .add_systems(Update, shoot)
         // Once the plug-in has seen the level, it has marked the lamps that stay.
-        .add_systems(PostUpdate, take_out_lamps.run_if(any_with_component::<Lightmap>))
+        .add_systems(
+            PostUpdate,
+            take_out_lamps.run_if(any_with_component::<Lightmap>),
+        )
         .run()
 }
 
@@ -216,7 +219,12 @@ fn add_balls(
     let Ok(text) = std::fs::read_to_string(&probes) else {
         return;
     };
-    let name = PathBuf::from(job.level.with_extension("probes.ktx2").file_name().unwrap_or_default());
+    let name = PathBuf::from(
+        job.level
+            .with_extension("probes.ktx2")
+            .file_name()
+            .unwrap_or_default(),
+    );
     let voxels = assets.load(bevy::asset::AssetPath::from_path_buf(name));
     if let Some(volume) = irradiance_volume(&text, voxels) {
         commands.spawn(volume);

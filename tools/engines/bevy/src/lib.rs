@@ -28,7 +28,7 @@ use bevy::prelude::*;
 use serde::Deserialize;
 
 pub use mixed::{LevelLamp, MaskedMaterial, ShadowMask};
-pub use probes::{irradiance_volume, REFLECTION_RANGE};
+pub use probes::{REFLECTION_RANGE, irradiance_volume};
 
 /// Gives every baked node of every spawned glTF its lightmap.
 #[derive(Debug, Clone, Default, Resource)]
@@ -70,7 +70,10 @@ impl Plugin for LumelPlugin {
     fn build(&self, app: &mut App) {
         mixed::build(app);
         app.insert_resource(self.clone())
-            .add_systems(Update, (spare_lamps, attach, mixed::find).chain().in_set(Attach))
+            .add_systems(
+                Update,
+                (spare_lamps, attach, mixed::find).chain().in_set(Attach),
+            )
             .add_systems(Update, expose.after(Attach))
             .add_systems(
                 PostUpdate,
@@ -247,12 +250,17 @@ mod tests {
                 _ => 0.25,
             }));
             app.add_systems(Update, expose);
-            let camera = app.world_mut().spawn((Camera3d::default(), Exposure::default())).id();
+            let camera = app
+                .world_mut()
+                .spawn((Camera3d::default(), Exposure::default()))
+                .id();
             app.update();
             let ev = |app: &App| app.world().get::<Exposure>(camera).map(|e| e.ev100);
             assert_eq!(ev(&app), Some(expected), "{exposure:?}");
             // Values that a game sets later stay.
-            app.world_mut().entity_mut(camera).insert(Exposure { ev100: 3.0 });
+            app.world_mut()
+                .entity_mut(camera)
+                .insert(Exposure { ev100: 3.0 });
             app.update();
             assert_eq!(ev(&app), Some(3.0));
         }

@@ -77,7 +77,11 @@ pub(crate) fn masked(material: &StandardMaterial, extension: ShadowMask) -> Mask
 pub(crate) fn build(app: &mut App) {
     embedded_asset!(app, "mixed.wesl");
     app.add_plugins(MaterialPlugin::<MaskedMaterial>::default());
-    let each = (number::<PointLight>, number::<SpotLight>, number::<DirectionalLight>);
+    let each = (
+        number::<PointLight>,
+        number::<SpotLight>,
+        number::<DirectionalLight>,
+    );
     app.add_systems(Update, each.after(super::Attach));
 }
 
@@ -115,12 +119,18 @@ pub(crate) fn find(
 
 /// Bevy 0.20.1 reads the linear colours of a glTF's lamps as sRGB.
 fn linear(color: Color) -> Color {
-    let Srgba { red, green, blue, .. } = color.to_srgba();
+    let Srgba {
+        red, green, blue, ..
+    } = color.to_srgba();
     Color::linear_rgb(red, green, blue)
 }
 
 fn without_limit(range: f32) -> f32 {
-    if range == LOADED_RANGE { NO_RANGE } else { range }
+    if range == LOADED_RANGE {
+        NO_RANGE
+    } else {
+        range
+    }
 }
 
 /// The range that Bevy gives to lamps of a glTF that have none.
@@ -139,7 +149,12 @@ impl Lamp for PointLight {
     fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool) {
         let default = Self::DEFAULT_SHADOW_DEPTH_BIAS;
         let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
-        (self.shadow_maps_enabled, &mut self.shadow_depth_bias, default, diffuse)
+        (
+            self.shadow_maps_enabled,
+            &mut self.shadow_depth_bias,
+            default,
+            diffuse,
+        )
     }
 }
 
@@ -147,7 +162,12 @@ impl Lamp for SpotLight {
     fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool) {
         let default = Self::DEFAULT_SHADOW_DEPTH_BIAS;
         let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
-        (self.shadow_maps_enabled, &mut self.shadow_depth_bias, default, diffuse)
+        (
+            self.shadow_maps_enabled,
+            &mut self.shadow_depth_bias,
+            default,
+            diffuse,
+        )
     }
 }
 
@@ -155,7 +175,12 @@ impl Lamp for DirectionalLight {
     fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool) {
         let default = Self::DEFAULT_SHADOW_DEPTH_BIAS;
         let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
-        (self.shadow_maps_enabled, &mut self.shadow_depth_bias, default, diffuse)
+        (
+            self.shadow_maps_enabled,
+            &mut self.shadow_depth_bias,
+            default,
+            diffuse,
+        )
     }
 }
 

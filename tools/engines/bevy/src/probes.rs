@@ -3,6 +3,8 @@
 use bevy::gltf::GltfExtras;
 use bevy::light::{EnvironmentMapLight, IrradianceVolume, LightProbe, ParallaxCorrection};
 use bevy::prelude::*;
+use bevy::render::renderer::RenderDevice;
+use bevy::render::settings::WgpuFeatures;
 use serde::Deserialize;
 
 /// A capture acts within this many metres along each axis, less with distance. Where captures
@@ -41,16 +43,32 @@ pub fn irradiance_volume(json: &str, voxels: Handle<Image>) -> Option<impl Bundl
     Some((place, volume))
 }
 
+/// Whether Bevy can show light probes that reflect. Without arrays of textures it would only show
+/// them at the camera, and its shader for that (0.20.1) does not compile for lightmapped meshes.
+fn has_arrays(device: &RenderDevice) -> bool {
+    let features = WgpuFeatures::TEXTURE_BINDING_ARRAY
+        | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING;
+    let limits = device.limits();
+    // As `binding_arrays_are_usable` of bevy_pbr: 16 for a material, 8 for probes.
+    device.features().contains(features)
+        && limits.max_binding_array_elements_per_shader_stage >= 24
+        && limits.max_binding_array_sampler_elements_per_shader_stage >= 24
+}
+
 /// Gives each capture of a level a light probe. Captures have the world's axes, even if their node
 /// is turned.
 pub(crate) fn capture(
     mut commands: Commands,
     assets: Res<AssetServer>,
+    device: Option<Res<RenderDevice>>,
     mut images: ResMut<Assets<Image>>,
     nodes: Query<(Entity, &GltfExtras, &GlobalTransform), Added<GltfExtras>>,
     files: Query<&WorldAssetRoot>,
     parents: Query<&ChildOf>,
 ) {
+    if !device.is_some_and(|device| has_arrays(&device)) {
+        return;
+    }
     for (node, text, place) in &nodes {
         let Some(reflection) = super::extras(&text.value).lightmap_reflection else {
             continue;
@@ -62,8 +80,7 @@ pub(crate) fn capture(
         let (scale, rotation, _) = place.to_scale_rotation_translation();
         commands.spawn((
             ChildOf(node),
-            Transform::from_rotation(rotation.inverse())
-                .with_scale(2.0 * REFLECTION_RANGE / scale),
+            Transform::from_rotation(rotation.inverse()).with_scale(2.0 * REFLECTION_RANGE / scale),
             LightProbe { falloff: Vec3::ONE },
             // The walls' distance is not known.
             ParallaxCorrection::None,
