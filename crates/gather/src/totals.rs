@@ -38,7 +38,8 @@ pub struct LightReport {
     /// Median of the same over lit lumels, i.e. the error of a typical lumel; the root mean square
     /// is dominated by the worst corners. NaN like [`estimated_error`](Self::estimated_error).
     pub median_error: f64,
-    /// Whether the error is as small as [`LightOptions::error`] requests; `None` without a request.
+    /// Whether the error is as small as [`LightOptions::error`](crate::LightOptions::error)
+    /// requests; `None` without a request.
     pub error_reached: Option<bool>,
     /// Number of further rounds to reach it.
     pub rounds: u32,
