@@ -13,8 +13,8 @@
  * at the bottom, so v is flipped.
  */
 import {
-  CompressedTexture, DataTexture, LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial, RGBFormat, RGBAFormat,
-  RGB_BPTC_UNSIGNED_Format, ShaderChunk, UnsignedByteType, UnsignedInt5999Type, Vector4,
+  CanvasTexture, CompressedTexture, DataTexture, LinearFilter, LinearSRGBColorSpace, MeshLambertMaterial, Quaternion, RGBFormat, RGBAFormat,
+  RGB_BPTC_UNSIGNED_Format, ShaderChunk, SRGBColorSpace, UnsignedByteType, UnsignedInt5999Type, Vector4,
 } from 'three';
 
 /**
@@ -135,6 +135,7 @@ export async function attachLightmaps(gltf, options = {}) {
     if (place.mask) followLights(mesh);
   }
   if (!keepLights) removeLights(root);
+  await projectCookies(gltf);
   expose(root, exposure);
   return { meshes: placements.length, materials: materials.size, pages: [...pages.values()], exposure };
 }
@@ -213,6 +214,38 @@ function expose(root, exposure) {
 /** `{id, mode, channel}` of a lamp whose direct light is not in the lightmap; undefined for other lamps. */
 export function lampOf(light) {
   return light.userData.lightmapLamp ?? light.parent?.userData.lightmapLamp;
+}
+
+/**
+ * Gives mixed and realtime spots the pictures that they project: `extras.lumel.cookie`, as index of a texture. The bake has read pictures
+ * beside the level (a URI), but does not copy them.
+ */
+async function projectCookies(gltf) {
+  const { json, associations } = gltf.parser ?? {};
+  if (!json) return;
+  const spots = [];
+  gltf.scene.traverse((object) => object.isSpotLight && lampOf(object) && spots.push(object));
+  for (const spot of spots) {
+    const node = json.nodes[(associations.get(spot) ?? associations.get(spot.parent))?.nodes];
+    const index = node?.extensions?.KHR_lights_punctual?.light;
+    const light = json.extensions?.KHR_lights_punctual?.lights[index];
+    const cookie = node?.extras?.lumel?.cookie ?? light?.extras?.lumel?.cookie;
+    if (!Number.isInteger(cookie)) continue;
+    const { image } = await gltf.parser.getDependency('texture', cookie);
+    // Unlike an ImageBitmap, a canvas is turned over when it is uploaded, as SpotLight.map expects.
+    const canvas = document.createElement('canvas');
+    [canvas.width, canvas.height] = [image.width, image.height];
+    canvas.getContext('2d').drawImage(image, 0, 0);
+    spot.map = new CanvasTexture(canvas);
+    spot.map.colorSpace = SRGBColorSpace;
+    spot.map.generateMipmaps = false;
+    spot.map.minFilter = LinearFilter;
+    // The picture's top is the node's +Y.
+    const { camera } = spot.shadow;
+    camera.up.set(0, 1, 0).applyQuaternion(spot.getWorldQuaternion(new Quaternion()));
+    camera.near = 0.01;
+    camera.updateProjectionMatrix();
+  }
 }
 
 /** File name of a node's shadow mask, if it has one. */
