@@ -21,8 +21,10 @@ const SHARE: f32 = 0.01;
 /// may be all that a dark room has, while strong ones are hidden.
 const NEAR: f32 = 1.5;
 
-/// Most lights of a receiver, unless near groups must be split.
+/// Most lights of a receiver, and most if near groups must be split: a thousand lamps in one place
+/// are all near. Finding them takes the square of this number of steps.
 const MOST: usize = 64;
+const MOST_NEAR: usize = 256;
 
 /// A lamp, or a group of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -147,7 +149,7 @@ impl LampTree {
                 let Lamps::Group(id) = *lamps else {
                     return None;
                 };
-                let near = self.nodes[id as usize].is_near(p, scale);
+                let near = self.nodes[id as usize].is_near(p, scale) && out.len() < MOST_NEAR;
                 let worth = near || (*weight > SHARE * sum && out.len() < MOST);
                 worth.then_some((at, id, if near { f32::INFINITY } else { *weight }))
             });

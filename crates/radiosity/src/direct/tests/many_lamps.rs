@@ -128,3 +128,25 @@ fn lamps_above_a_limit_are_all_found() {
         }
     });
 }
+
+#[test]
+fn a_thousand_lamps_in_one_place_are_a_bounded_number_of_lights() {
+    let mut scene = floor();
+    for _ in 0..1000 {
+        let position = Vec3::new(0.0, 0.0, 1.0);
+        scene.lights.push(light(
+            1.0,
+            LightKind::Point {
+                position,
+                range: None,
+                radius: 0.0,
+            },
+        ));
+    }
+    with_light(&scene, |l| {
+        // So near, and so large, that every group is.
+        let (lamps, lights) = lamps_of(l, Vec3::new(0.0, 0.1, 1.0), 0.5);
+        assert_eq!(lamps.len(), 1000);
+        assert!(lights <= 256, "{lights} lights");
+    });
+}
