@@ -6,7 +6,8 @@
 //! Exposure is a factor on everything, by default the bake's suggestion. Without `--tone`, a pixel
 //! is the sRGB form of radiance × exposure, clamped. Mixed and realtime lamps light the level; the
 //! file's other lamps are off. `--ball` adds a white ball without gloss, which `level.probes.ktx2`
-//! lights if it is there, `--mirror` one that shows the level's reflection captures.
+//! lights if it is there, `--mirror` one that shows the level's reflection captures. Where the
+//! device cannot show them, the exit code is 3.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -21,9 +22,12 @@ use bevy::pbr::Lightmap;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
 use bevy::render::render_resource::TextureFormat;
+use bevy::render::renderer::RenderDevice;
 use bevy::render::view::window::screenshot::{Screenshot, save_to_disk};
 use bevy::window::ExitCondition;
-use lumel_bevy::{LevelExposure, LevelLamp, LumelPlugin, MaskedMaterial, irradiance_volume};
+use lumel_bevy::{
+    LevelExposure, LevelLamp, LumelPlugin, MaskedMaterial, can_reflect, irradiance_volume,
+};
 
 /// Frames between the last file's arrival and the picture: textures reach the GPU one frame later.
 const SETTLE: u32 = 4;
@@ -237,6 +241,7 @@ fn shoot(
     target: Res<Target>,
     assets: Res<AssetServer>,
     time: Res<Time<Real>>,
+    device: Res<RenderDevice>,
     lit: Query<&Lightmap>,
     masked: Res<Assets<MaskedMaterial>>,
     captures: Query<&EnvironmentMapLight>,
@@ -244,6 +249,11 @@ fn shoot(
     mut ready: Local<u32>,
     mut exit: MessageWriter<AppExit>,
 ) {
+    if job.mirror.is_some() && !can_reflect(&device) {
+        eprintln!("this Vulkan driver lacks the arrays of textures that reflection captures need");
+        exit.write(AppExit::from_code(3));
+        return;
+    }
     let mut images = (lit.iter().map(|l| &l.image))
         .chain(masked.iter().map(|(_, m)| &m.extension.image))
         .chain(captures.iter().map(|c| &c.specular_map))

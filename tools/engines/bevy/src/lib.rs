@@ -28,7 +28,7 @@ use bevy::prelude::*;
 use serde::Deserialize;
 
 pub use mixed::{LevelLamp, MaskedMaterial, ShadowMask};
-pub use probes::{REFLECTION_RANGE, irradiance_volume};
+pub use probes::{REFLECTION_RANGE, can_reflect, irradiance_volume};
 
 /// Gives every baked node of every spawned glTF its lightmap.
 #[derive(Debug, Clone, Default, Resource)]
@@ -69,11 +69,13 @@ pub fn camera_exposure(factor: f32) -> Exposure {
 impl Plugin for LumelPlugin {
     fn build(&self, app: &mut App) {
         mixed::build(app);
+        let spare = (
+            mixed::spare::<PointLight>,
+            mixed::spare::<SpotLight>,
+            mixed::spare::<DirectionalLight>,
+        );
         app.insert_resource(self.clone())
-            .add_systems(
-                Update,
-                (spare_lamps, attach, mixed::find).chain().in_set(Attach),
-            )
+            .add_systems(Update, (spare, attach, mixed::find).chain().in_set(Attach))
             .add_systems(Update, expose.after(Attach))
             .add_systems(
                 PostUpdate,
@@ -196,28 +198,6 @@ fn expose(
         if suggested.is_changed() || camera.is_added() {
             *exposure = camera_exposure(suggested.0);
         }
-    }
-}
-
-/// Lamps light moving objects and add specular light everywhere; baked surfaces have their diffuse
-/// light already.
-fn spare_lamps(
-    settings: Res<LumelPlugin>,
-    mut points: Query<&mut PointLight, Added<PointLight>>,
-    mut spots: Query<&mut SpotLight, Added<SpotLight>>,
-    mut suns: Query<&mut DirectionalLight, Added<DirectionalLight>>,
-) {
-    if settings.keep_lights {
-        return;
-    }
-    for mut lamp in &mut points {
-        lamp.affects_lightmapped_mesh_diffuse = false;
-    }
-    for mut lamp in &mut spots {
-        lamp.affects_lightmapped_mesh_diffuse = false;
-    }
-    for mut lamp in &mut suns {
-        lamp.affects_lightmapped_mesh_diffuse = false;
     }
 }
 

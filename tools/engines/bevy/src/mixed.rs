@@ -138,49 +138,39 @@ const LOADED_RANGE: f32 = 20.0;
 /// Within a level, lamps without a range then have the light of the inverse square.
 const NO_RANGE: f32 = 1e4;
 
-/// What [`LevelLamp`] sets of a lamp.
-trait Lamp: Component<Mutability = bevy::ecs::component::Mutable> + Clone {
-    /// Whether it has shadow maps; its depth bias and Bevy's default of that; whether its diffuse
-    /// light falls on baked surfaces.
-    fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool);
+/// What the plug-in sets of any kind of lamp.
+pub(crate) trait Lamp: Component<Mutability = bevy::ecs::component::Mutable> {
+    /// Bevy's default of the depth bias.
+    const BIAS: f32;
+
+    /// Whether it has shadow maps; its depth bias; whether its diffuse light falls on baked
+    /// surfaces.
+    fn parts(&mut self) -> (bool, &mut f32, &mut bool);
 }
 
-impl Lamp for PointLight {
-    fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool) {
-        let default = Self::DEFAULT_SHADOW_DEPTH_BIAS;
-        let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
-        (
-            self.shadow_maps_enabled,
-            &mut self.shadow_depth_bias,
-            default,
-            diffuse,
-        )
-    }
+macro_rules! lamps {
+    ($($kind:ty),*) => {$(
+        impl Lamp for $kind {
+            const BIAS: f32 = Self::DEFAULT_SHADOW_DEPTH_BIAS;
+
+            fn parts(&mut self) -> (bool, &mut f32, &mut bool) {
+                let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
+                (self.shadow_maps_enabled, &mut self.shadow_depth_bias, diffuse)
+            }
+        }
+    )*};
 }
 
-impl Lamp for SpotLight {
-    fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool) {
-        let default = Self::DEFAULT_SHADOW_DEPTH_BIAS;
-        let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
-        (
-            self.shadow_maps_enabled,
-            &mut self.shadow_depth_bias,
-            default,
-            diffuse,
-        )
-    }
-}
+lamps!(PointLight, SpotLight, DirectionalLight);
 
-impl Lamp for DirectionalLight {
-    fn parts(&mut self) -> (bool, &mut f32, f32, &mut bool) {
-        let default = Self::DEFAULT_SHADOW_DEPTH_BIAS;
-        let diffuse = &mut self.affects_lightmapped_mesh_diffuse;
-        (
-            self.shadow_maps_enabled,
-            &mut self.shadow_depth_bias,
-            default,
-            diffuse,
-        )
+/// Lamps light moving objects and add specular light everywhere; baked surfaces have their diffuse
+/// light already.
+pub(crate) fn spare<L: Lamp>(
+    settings: Res<super::LumelPlugin>,
+    mut lamps: Query<&mut L, Added<L>>,
+) {
+    for mut lamp in lamps.iter_mut().filter(|_| !settings.keep_lights) {
+        *lamp.parts().2 = false;
     }
 }
 
@@ -192,12 +182,12 @@ fn number<L: Lamp>(
 ) {
     for (level, mut lamp) in &mut lamps {
         let inner = lamp.bypass_change_detection();
-        let (maps, bias, default, diffuse) = inner.parts();
+        let (maps, bias, diffuse) = inner.parts();
         let masked = level.mode == "mixed" && !maps;
         let wanted = if masked {
             (-1.0 - level.id as f32, false)
         } else {
-            (if *bias < 0.0 { default } else { *bias }, true)
+            (if *bias < 0.0 { L::BIAS } else { *bias }, true)
         };
         if level.is_added() || (*bias, *diffuse) != wanted {
             (*bias, *diffuse) = wanted;

@@ -43,9 +43,10 @@ pub fn irradiance_volume(json: &str, voxels: Handle<Image>) -> Option<impl Bundl
     Some((place, volume))
 }
 
-/// Whether Bevy can show light probes that reflect. Without arrays of textures it would only show
-/// them at the camera, and its shader for that (0.20.1) does not compile for lightmapped meshes.
-fn has_arrays(device: &RenderDevice) -> bool {
+/// Whether Bevy can show reflection captures on this device, which needs arrays of textures.
+/// Without them Bevy shows such light probes only at the camera, and its shader for that (0.20.1)
+/// does not compile for lightmapped meshes.
+pub fn can_reflect(device: &RenderDevice) -> bool {
     let features = WgpuFeatures::TEXTURE_BINDING_ARRAY
         | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING;
     let limits = device.limits();
@@ -66,7 +67,7 @@ pub(crate) fn capture(
     files: Query<&WorldAssetRoot>,
     parents: Query<&ChildOf>,
 ) {
-    if !device.is_some_and(|device| has_arrays(&device)) {
+    if !device.is_some_and(|device| can_reflect(&device)) {
         return;
     }
     for (node, text, place) in &nodes {
