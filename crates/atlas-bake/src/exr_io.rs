@@ -190,6 +190,12 @@ fn to_half(n: usize, signed: bool, sample: impl Fn(usize) -> f32 + Sync) -> (Vec
     (out, stats)
 }
 
+/// The sample that a file has for `x`. Other formats start from it, so that they do not change
+/// where a bake is continued from its file.
+pub(crate) fn as_stored(x: f32) -> f32 {
+    f16::from_f32(x.clamp(-HALF_MAX, HALF_MAX)).to_f32()
+}
+
 /// An OpenEXR image as numbers.
 #[derive(Debug, Clone, Default)]
 pub struct ExrImage {

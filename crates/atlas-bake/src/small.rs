@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::compare::{DiffReport, diff};
 use crate::error::{Error, Result};
-use crate::exr_io::{ExrImage, ExrStats};
+use crate::exr_io::{ExrImage, ExrStats, as_stored};
 use crate::page::Page;
 
 /// How light is stored in 8 bits. `t` is the texel, 0..=1 per channel, and `scale` is one number for
@@ -48,6 +48,7 @@ impl PngFormat {
             .copied()
             .filter(|x| x.is_finite())
             .fold(0.0, f32::max);
+        let most = as_stored(most);
         let scale = match self {
             PngFormat::Rgbm => most,
             PngFormat::Rgbd => (1.0 / exposure) as f32,
@@ -87,7 +88,7 @@ impl PngFormat {
     }
 }
 
-/// Encodes R, G and B of `page`, row 0 at the top. `scale` is [`PngFormat::scale`] of all pages.
+/// Encodes R, G and B of `page` as the EXR has them, row 0 at the top. `scale` is [`PngFormat::scale`] of all pages.
 ///
 /// NaN, infinite and negative samples become 0, and samples beyond the range are clamped to it; all
 /// are counted.
@@ -118,7 +119,7 @@ pub fn write_lightmap_png(
     };
     let mut clamped = ExrStats::default();
     let mut relative = |x: f32| {
-        let y = x / scale;
+        let y = as_stored(x) / scale;
         if !x.is_finite() {
             clamped.non_finite += 1;
             0.0

@@ -26,7 +26,7 @@ pub use volume::write_probe_volume;
 
 use crate::compare::{DiffReport, diff};
 use crate::error::{Error, Result};
-use crate::exr_io::{ExrImage, ExrStats};
+use crate::exr_io::{ExrImage, ExrStats, as_stored};
 use crate::page::Page;
 
 /// How a page was stored.
@@ -47,8 +47,8 @@ pub struct Ktx2Report {
     pub psnr: Option<f64>,
 }
 
-/// Encodes R, G and B of `page`; extra channels exist only in the EXR. Equal pages give equal bytes
-/// for any number of threads.
+/// Encodes R, G and B of `page` as the EXR has them; extra channels exist only there. Equal pages
+/// give equal bytes for any number of threads.
 ///
 /// NaN, infinite and negative samples become 0, and samples above [`Ktx2Format::max`] are clamped
 /// to it; both are counted. Texels that neither have a surface nor were dilated (black, no
@@ -120,7 +120,7 @@ pub fn write_mask_ktx2(page: &Page) -> Result<Vec<u8>> {
             ),
         });
     }
-    let byte = |x: f32| (x.clamp(0.0, 1.0) * 255.0).round() as u8;
+    let byte = |x: f32| (as_stored(x).clamp(0.0, 1.0) * 255.0).round() as u8;
     let data: Vec<u8> = (page.value.iter().zip(alpha))
         .flat_map(|([r, g, b], a)| [*r, *g, *b, *a].map(byte))
         .collect();
@@ -140,7 +140,7 @@ fn storable(value: &[[f32; 3]], max: f32) -> (Vec<[f32; 3]>, ExrStats) {
             0.0
         } else {
             stats.clamped += u64::from(x > max);
-            x.min(max)
+            as_stored(x).min(max)
         }
     };
     let out = value.iter().map(|v| v.map(&mut one)).collect();
