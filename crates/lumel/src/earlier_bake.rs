@@ -256,11 +256,10 @@ impl EarlierBake {
         let path = self.whole(&format!("{}.vertex.glb", self.stem))?;
         let options = LoadOptions {
             limits: settings.bounds.limits(),
-            ignore_lod_names: true,
             ..LoadOptions::default()
         };
-        let loaded = mesh_ingest::load(&path, &options)?;
-        let document = &loaded.document;
+        // Files that its lamps name are beside the level, not beside the results.
+        let document = &Document::open(&path, &options)?;
         let mut out = VertexLight {
             instances: vec![Vec::new(); scene.instances.len()],
             split: Vec::new(),

@@ -144,7 +144,8 @@ fn describe(scene: &Scene, names: &[String], anew: &[usize]) -> OnlyReport {
     }
 }
 
-/// Instances of nodes with these names, and of their children, in rising order.
+/// Instances of nodes with these names, of their children, and of what copies their light: coarser
+/// levels of detail and other variants. In rising order.
 fn find(scene: &Scene, document: &Value, names: &[String]) -> Result<Vec<usize>, Error> {
     let patterns: Vec<WildMatch> = names.iter().map(|n| WildMatch::new(n)).collect();
     let mut used = vec![false; patterns.len()];
@@ -177,6 +178,18 @@ fn find(scene: &Scene, document: &Value, names: &[String]) -> Result<Vec<usize>,
             list(names.iter().map(String::as_str))
         )));
     }
+    let copies = |i: &usize| {
+        let group = scene.instances[*i].stands_in;
+        group.is_some_and(|g| {
+            scene.firsts[g]
+                .iter()
+                .any(|f| found.binary_search(f).is_ok())
+        })
+    };
+    let copies: Vec<usize> = (0..scene.instances.len()).filter(copies).collect();
+    found.extend(copies);
+    found.sort_unstable();
+    found.dedup();
     Ok(found)
 }
 

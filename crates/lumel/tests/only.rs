@@ -29,12 +29,17 @@ struct Baked {
 
 impl Baked {
     fn new(more: &[&'static str]) -> Baked {
+        let baked = Baked::not_yet(more);
+        baked.bake("out", &[]).ok();
+        baked
+    }
+
+    /// A level that is not baked yet.
+    fn not_yet(more: &[&'static str]) -> Baked {
         let folder = temp();
         fs::copy(asset("demo_level.glb"), folder.path().join("level.glb")).expect("copied");
         let options = [COARSE, more].concat();
-        let baked = Baked { folder, options };
-        baked.bake("out", &[]).ok();
-        baked
+        Baked { folder, options }
     }
 
     fn at(&self, name: &str) -> PathBuf {
@@ -220,6 +225,61 @@ fn only_named_nodes_get_new_light() {
         a == b
     };
     assert!(same("level.lightmap.exr") && same("level.vertex.glb"));
+}
+
+/// The results are in another folder than the pictures and measurements that lamps name.
+#[test]
+fn files_of_lamps_are_beside_the_level() {
+    let baked = Baked::not_yet(&[]);
+    let picture = image::RgbImage::from_pixel(2, 2, image::Rgb([255, 128, 0]));
+    picture.save(baked.at("orange.png")).expect("written");
+    baked.edit(|json| {
+        let lights = &mut json["extensions"]["KHR_lights_punctual"]["lights"];
+        lights[1]["extras"]["lumel"]["cookie"] = "orange.png".into();
+    });
+    baked.bake("out", &[]).ok();
+    baked.edit(other_lamps);
+    baked.bake("out", &["--only", "store"]).ok();
+    let report = baked.json("out", "report.json");
+    assert_eq!(report["only"]["nodes"], serde_json::json!(["\"store\""]));
+}
+
+/// Coarser levels of detail copy the light of the first, so they are baked with it. Pages for GPUs
+/// keep the bytes of other nodes, as the EXR does.
+#[test]
+fn coarser_levels_follow_the_first() {
+    let baked = Baked::not_yet(&["--ktx2", "rgb9e5"]);
+    baked.edit(|json| {
+        let mut coarse = node(json, "crate_6").clone();
+        coarse["name"] = "crate_6_LOD1".into();
+        node(json, "crate_6")["name"] = "crate_6_LOD0".into();
+        let nodes = json["nodes"].as_array_mut().expect("nodes");
+        let index = nodes.len();
+        nodes.push(coarse);
+        let roots = json["scenes"][0]["nodes"].as_array_mut().expect("roots");
+        roots.push(index.into());
+    });
+    baked.bake("out", &[]).ok();
+    let ktx2 = || fs::read(baked.at("out/level.lightmap.ktx2")).expect("it");
+    let old = ktx2();
+    baked.edit(other_lamps);
+    baked.bake("out", &["--only", "crate_6_LOD0"]).ok();
+    let report = baked.json("out", "report.json");
+    assert_eq!(
+        report["only"]["nodes"],
+        serde_json::json!(["\"crate_6_LOD0\"", "\"crate_6_LOD1\""])
+    );
+    let new = ktx2();
+    let [others, crates] = baked.rects("out", |name| name.starts_with("crate_6_LOD"));
+    assert_eq!(crates.len(), 2);
+    let word = |b: &[u8], at: usize| u32::from_le_bytes(b[at..at + 4].try_into().expect("4 bytes"));
+    let (width, start) = (word(&new, 20), word(&new, 80) as usize);
+    let changed = |rects: &[[usize; 4]]| {
+        let at = |t: &&usize| word(&old, start + 4 * **t) != word(&new, start + 4 * **t);
+        texels(rects, width).iter().filter(at).count()
+    };
+    assert_eq!(changed(&others), 0);
+    assert!(changed(&crates[..1]) > 0 && changed(&crates[1..]) > 0);
 }
 
 #[test]

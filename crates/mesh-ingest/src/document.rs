@@ -52,9 +52,12 @@ pub enum ImageSource<'a> {
 }
 
 impl Document {
-    /// Reads the document and its buffers; images are read later through
-    /// [`Document::image_source`].
-    pub(crate) fn open(file: &Path, options: &LoadOptions) -> Result<Document, Error> {
+    /// Reads the document and its buffers, without a scene. Images are read later through
+    /// [`Document::image_source`]; other files that the document names are not read.
+    ///
+    /// # Errors
+    /// The document or a buffer cannot be read.
+    pub fn open(file: &Path, options: &LoadOptions) -> Result<Document, Error> {
         let bytes = container::read_file(file, "", options.limits.file_bytes)
             .map_err(|fault| fault.into_error(file))?;
         let base = file.parent().map(Path::to_path_buf).unwrap_or_default();

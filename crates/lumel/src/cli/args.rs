@@ -379,7 +379,7 @@ pub(crate) struct Plan {
     #[arg(long, value_name = "PATTERN")]
     pub page_by: Vec<String>,
     /// Give no lumels to surfaces that players never see: from walkable volumes, else from the
-    /// points of --probes, else from what the cameras see
+    /// points of a --probes file, else from what the cameras see
     #[arg(long)]
     pub cull_unseen: bool,
     /// Override `cull-unseen = true` in the settings file
