@@ -5,7 +5,7 @@ use radiosity::Sky;
 use serde_json::Value;
 
 use crate::error::Error;
-use crate::settings::Settings;
+use crate::settings::{BakeMode, Settings};
 use crate::units::plain_blender;
 
 /// Most lumels of a bake. Their pages alone (three halves per texel) take 6 GiB, and a bake needs
@@ -40,6 +40,21 @@ pub(crate) fn no_lamps(document: &Value) -> Option<String> {
         "the file has no lamps: if the level has some in Blender, tick Include > Data > Punctual Lights in the exporter"
             .into()
     })
+}
+
+/// Settings that need another one, which is not set. A settings file may hold them for other bakes.
+pub(crate) fn without_effect(settings: &Settings) -> Vec<String> {
+    let marked = !settings.mixed.is_empty() || !settings.realtime.is_empty();
+    let lamps = (marked && settings.mode == BakeMode::Full).then_some(
+        "--mixed and --realtime have no effect without --mode: all light is in the lightmap",
+    );
+    let walkable = (!settings.walkable.is_empty() && !settings.cull_unseen)
+        .then_some("--walkable has no effect without --cull-unseen");
+    lamps
+        .into_iter()
+        .chain(walkable)
+        .map(String::from)
+        .collect()
 }
 
 /// Refuses a density that would give more than [`MOST_LUMELS`].
@@ -124,6 +139,21 @@ mod tests {
         with["extensionsUsed"] = json!(["KHR_lights_punctual"]);
         assert_eq!(no_lamps(&with), None);
         assert_eq!(no_lamps(&Value::Null), None);
+    }
+
+    #[test]
+    fn options_without_effect_are_told() {
+        let mut settings = Settings {
+            mixed: vec!["sun".into()],
+            walkable: vec!["floor".into()],
+            ..Settings::default()
+        };
+        let said = without_effect(&settings);
+        assert!(said[0].contains("--mode") && said[1].contains("--cull-unseen"));
+        settings.mode = BakeMode::Indirect;
+        settings.cull_unseen = true;
+        assert!(without_effect(&settings).is_empty());
+        assert!(without_effect(&Settings::default()).is_empty());
     }
 
     #[test]

@@ -73,6 +73,7 @@ pub(crate) fn prepare(
     if !departures.is_empty() {
         (early.notes).push(format!("not physical: {}", departures.join("; ")));
     }
+    (early.notes).extend(early::without_effect(settings));
     let sky = sky::load(
         settings,
         chosen.sky_factor,

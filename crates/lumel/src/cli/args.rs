@@ -301,22 +301,22 @@ impl From<&BoundsArgs> for Bounds {
 #[command(next_help_heading = "Not physical (the report says so)")]
 pub(crate) struct Knobs {
     /// Multiply reflected light by X, where it is received
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub indirect_boost: Option<f32>,
     /// Multiply the light of emissive materials by X
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub emissive_boost: Option<f32>,
     /// Multiply reflectances by X at every bounce
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub albedo_boost: Option<f32>,
     /// Saturation of bounced colours: 0 is grey, 1 changes nothing
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub bounce_saturation: Option<f32>,
     /// Minimum of R = E/π, per channel: one number, R,G,B or #rrggbb
     #[arg(long, value_name = "COLOR", value_parser = parse_color)]
     pub ambient_floor: Option<[f32; 3]>,
     /// Darken the lightmap by ambient occlusion, from 0 to 1; see --ao-distance
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub ao_multiply: Option<f32>,
 }
 
