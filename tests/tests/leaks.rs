@@ -23,7 +23,7 @@ use lumel::{Quality, Settings, SkySource};
 use lumel_tests::geometry::{Geometry, box_faces, quad};
 use lumel_tests::gltf::Light;
 use lumel_tests::path_tracer::{Footprint, Scene, footprints, luminance};
-use lumel_tests::scenes::leaks::{Kind, LEAKS, LeakScene, Region};
+use lumel_tests::scenes::leaks::{Kind, LEAKS, LeakScene, Region, white_room_from};
 use lumel_tests::scenes::smooth::lit;
 
 /// Share of a texel below which surface is rounding of texture coordinates, as in the reader of
@@ -313,14 +313,23 @@ fn a_furnace_shows_no_black_spots_beside_what_sticks_in_it() {
 
 #[test]
 fn a_white_room_loses_no_light_in_what_is_hidden() {
-    let scene = scene("white_room");
-    let found = look(&scene, Quality::Preview);
-    let exact = scene.received.expect("a scene whose light is known");
-    let off = found.yard * found.area / exact - 1.0;
-    eprintln!("white_room: {:+.2} % of the light", 100.0 * off);
+    // The level of light in such a room has a standard deviation of 0.6 to 0.8 % over 46 seeds of
+    // the links' rays, and a mean of 0.0 ± 0.1 %. So six draws are looked at together.
+    let off = (0..6).map(|first| {
+        let scene = white_room_from(first);
+        let found = look(&scene, Quality::Preview);
+        let exact = scene.received.expect("a scene whose light is known");
+        found.yard * found.area / exact - 1.0
+    });
+    let off: Vec<f64> = off.collect();
+    let mean = off.iter().sum::<f64>() / off.len() as f64;
+    eprintln!(
+        "white_room: {:+.2} % of the light, of {off:.4?}",
+        100.0 * mean
+    );
     // One per cent for the preview's rays and residual (`tests/closed_forms/enclosures.rs` allows
-    // it for furnaces).
-    assert!(off.abs() <= 0.01, "{:+.2} % of the light", 100.0 * off);
+    // it for furnaces): three standard errors of the mean.
+    assert!(mean.abs() <= 0.01, "{:+.2} % of the light", 100.0 * mean);
 }
 
 #[test]

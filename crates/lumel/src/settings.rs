@@ -463,8 +463,8 @@ impl Settings {
         // A gather averages many elements, so the error of each hardly matters. Sampling a light at
         // each hit is noisier than reading the element's light.
         let (patches, rays, points) = match self.quality {
-            Quality::Draft => (5_000, 16, 4),
-            Quality::Quick => (5_000, 24, 4),
+            Quality::Draft => (5_000, 32, 4),
+            Quality::Quick => (5_000, 32, 4),
             Quality::Preview => (10_000, 64, 8),
             Quality::Production => (32_000, 128, 8),
         };

@@ -60,8 +60,8 @@ pub struct Patch {
     /// Whether it is a single element of a cell whose elements are all separate patches; nothing is
     /// interpolated towards or from it.
     pub fine: bool,
-    /// Seed for random numbers. It stays the same when other patches are divided, and so do the
-    /// random numbers.
+    /// Number for random numbers: patches on one side of a region have successive ones, row by row.
+    /// It stays the same when other patches are divided, and so do the random numbers.
     pub name: u32,
 }
 
@@ -204,14 +204,15 @@ impl Subdivision {
                 .iter()
                 .map(|&p| if p == NONE { NONE } else { base + sides * p }),
         );
-        for patch in &piece.patches {
+        let count = piece.patches.len() as u32;
+        for (k, patch) in piece.patches.iter().enumerate() {
             let points = patch.first_element as usize
                 ..patch.first_element as usize + patch.elements as usize;
             for side in 0..sides {
                 self.patches.push(Patch {
                     first_element: self.elements.len() as u32,
                     back: side == 1,
-                    name: self.patches.len() as u32,
+                    name: base + side * count + k as u32,
                     ..*patch
                 });
                 self.elements

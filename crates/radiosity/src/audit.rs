@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::lamps::LampFlux;
-use crate::links::{BLACK, ESCAPED, Links, NOWHERE, origins};
+use crate::links::{BLACK, ESCAPED, Links, NOWHERE};
 use crate::relax::RelaxReport;
 use crate::solve::PatchSurfaces;
 use crate::world::{Emission, World, luminance};
@@ -276,7 +276,7 @@ pub(crate) fn audit(
             let mut lost_behind = DVec3::ZERO;
             let mut lost_outside = DVec3::ZERO;
             for (k, (&j, e)) in (links.row(i).iter())
-                .zip(origins(cut, PatchId(i as u32), links.rays))
+                .zip(links.origins(cut, PatchId(i as u32)))
                 .enumerate()
             {
                 let tint = links.tint(i, k);

@@ -300,3 +300,47 @@ fn no_ray_starts_behind_the_roof_in_an_acute_corner() {
     let x = exchange(&scene, 2000, 1, |_, _| 0);
     assert_eq!(x.share[0][1..], [0.0; 2]);
 }
+
+/// A floor of 8 m and a panel of half a metre that faces down at it.
+#[test]
+fn rays_of_neighbouring_patches_are_stratified_together() {
+    let mut scene = Scene::default();
+    let white = || material(0.5, Vec3::ZERO);
+    add_quad(
+        &mut scene,
+        white(),
+        Vec3::ZERO,
+        8.0 * Vec3::X,
+        8.0 * Vec3::Y,
+    );
+    let panel = Vec3::new(2.0, 3.0, 3.0);
+    add_quad(&mut scene, white(), panel, 0.5 * Vec3::Y, 0.5 * Vec3::X);
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).unwrap();
+    let options = CutOptions {
+        patches: 16384,
+        ..CutOptions::default()
+    };
+    let cut = Subdivision::build(&soup, |_| false, &options);
+    let n = cut.patches().len();
+    let hits = |rays: u32| -> Vec<f64> {
+        let mut links = Links::new(n, rays);
+        links.extend(&world, &cut, rays, &Silent).unwrap();
+        let of_row = |i| links.row(i).iter().filter(|&&j| j < BLACK - 1).count() as f64;
+        (0..n / 256)
+            .map(|g| (256 * g..256 * (g + 1)).map(of_row).sum::<f64>() / f64::from(rays))
+            .collect()
+    };
+    // Mean square difference of groups of 256 patches, by the variance of independent rays.
+    let (few, many) = (hits(16), hits(1024));
+    let (mut square, mut independent) = (0.0, 0.0);
+    for (few, many) in few.iter().zip(&many) {
+        square += (few - many).powi(2);
+        independent += many * (1.0 - many / 256.0) / 16.0;
+    }
+    assert!(few.len() > 8 && independent > 0.0);
+    // A sequence for each patch gives 0.19, one for 256 gives 0.042. The mean square of 19 groups is
+    // good to a third.
+    let ratio = square / independent;
+    assert!(ratio < 0.09, "{ratio}");
+}

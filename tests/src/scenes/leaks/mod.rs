@@ -14,6 +14,7 @@ mod walls;
 
 use serde_json::{Value, json};
 
+pub use props::white_room_from;
 pub use region::{Hull, Kind, Region};
 
 /// A scene of the suite.

@@ -295,10 +295,10 @@ pub(super) fn crates() -> LeakScene {
 }
 
 /// Walls, boards and crates that intersect a closed room's walls and floor; everything visible is
-/// declared as lit.
-fn crowded(k: &mut Kit) {
+/// declared as lit. The order of nodes, which starts with the room and then the other parts, is
+/// turned by `first` places: patches are numbered anew, and so get other random numbers.
+fn crowded(k: &mut Kit, first: usize) {
     let (half, height) = (2.0, 2.4);
-    k.shell([-half, 0.0, -half], [half, height, half]);
     let low = -0.05;
     let parts = [
         // A wall of 1 mm from floor to ceiling that ends in the room, and one of 20 cm.
@@ -340,8 +340,13 @@ fn crowded(k: &mut Kit) {
         ),
     ];
     let hulls = parts.map(|(_, frame, min, max)| hull(frame, min.into(), max.into()));
-    for (name, frame, min, max) in parts {
-        k.part(name, &block(frame, min, max));
+    let mut order = [&[None][..], &parts.map(Some)].concat();
+    order.rotate_left(first);
+    for part in order {
+        match part {
+            None => k.shell([-half, 0.0, -half], [half, height, half]),
+            Some((name, frame, min, max)) => k.part(name, &block(frame, min, max)),
+        };
     }
     let inner = span([-half, half], [0.0, height], [-half, half]);
     for (i, (name, ..)) in parts.into_iter().enumerate() {
@@ -358,7 +363,7 @@ fn crowded(k: &mut Kit) {
 /// A furnace: every visible point has E = π, so any lack of light is a black spot.
 pub(super) fn furnace() -> LeakScene {
     let mut k = Kit::furnace();
-    crowded(&mut k);
+    crowded(&mut k, 0);
     LeakScene {
         even: Some(std::f64::consts::PI),
         ..k.finish(
@@ -372,9 +377,14 @@ pub(super) fn furnace() -> LeakScene {
 /// surfaces, so ∫ E dA = Φ/(1 − ρ), and bounced light that is lost in hidden places counts ten
 /// times.
 pub(super) fn white_room() -> LeakScene {
+    white_room_from(0)
+}
+
+/// [`white_room`] with the order of its nodes turned by `first` < 7 places.
+pub fn white_room_from(first: usize) -> LeakScene {
     let rho = 0.9;
     let mut k = Kit::of_reflectance(rho);
-    crowded(&mut k);
+    crowded(&mut k, first);
     k.point(Vec3::new(0.1, 1.4, -0.1));
     LeakScene {
         received: Some(4.0 * std::f64::consts::PI / (1.0 - f64::from(rho))),
