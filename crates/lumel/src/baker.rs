@@ -186,6 +186,9 @@ options! {
     /// Most bytes of memory that a bake may need by its estimate. Beyond that, it ends with
     /// [`Error::Memory`] before light is computed. Three quarters of the machine's by default.
     memory(bytes: u64) => |s| s.bounds.memory = Some(bytes);
+    /// See [`Settings::patches`].
+    #[doc(hidden)]
+    patches(count: u32) => |s| s.patches = Some(count);
     /// Splits edges of the scene with vertex colours until its relative error is about this.
     vertex_error(relative: f32) => |s| s.vertex_error = Some(relative);
 }

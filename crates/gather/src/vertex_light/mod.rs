@@ -36,14 +36,10 @@ use gathered::Job;
 use moments::{LumelLight, Moments};
 use read::{LumelPlace, Reader};
 use sheet::Sheet;
-use split::{Round, SplitOptions};
+use split::SplitOptions;
 
 /// Most vertices that splitting may add to one instance.
 pub const MOST_ADDED_VERTICES: usize = 200_000;
-
-/// Most rounds of splitting. Each halves triangles, so this many reduce any triangle to a lumel's
-/// size (2²⁴ lumels are a page of 4096²).
-const MOST_ROUNDS: usize = 24;
 
 /// Report on vertex light.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -267,18 +263,9 @@ impl VertexBake<'_, '_, '_> {
                 floor,
                 most: MOST_ADDED_VERTICES,
             };
-            for _ in 0..MOST_ROUNDS {
-                match split::split(sheet, &mut values, &mut gathered, &options) {
-                    Round::Done => break,
-                    Round::Full => {
-                        full = true;
-                        break;
-                    }
-                    Round::Split => {}
-                }
+            full = split::refine(sheet, &mut values, &mut gathered, &options, |sheet| {
                 self.measure(sheet, index);
-                values = fit::fit(sheet, &gathered);
-            }
+            });
         }
         let placement = &self.layout.placements[sheet.instance];
         let lumels = &self.map.lumels.lumels;

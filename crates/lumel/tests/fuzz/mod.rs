@@ -174,9 +174,10 @@ fn of_bytes(seeds: Vec<Vec<u8>>) -> impl FnMut(&mut Random) -> Vec<u8> {
     }
 }
 
-/// Damages a document's JSON tree.
-fn of_tree(level: Level) -> impl FnMut(&mut Random) -> Vec<u8> {
+/// Damages the JSON tree of one of `levels`.
+fn of_trees<const N: usize>(levels: [Level; N]) -> impl FnMut(&mut Random) -> Vec<u8> {
     move |random| {
+        let level = &levels[random.below(N)];
         let json = mutate::tree(random, &level.json);
         let bin = level.bin.clone();
         Level { json, bin }.glb()
@@ -209,7 +210,7 @@ fn containers() {
 #[test]
 fn documents() {
     let (_folder, place) = place();
-    run("documents", 6000, of_tree(seeds::level()), |b| {
+    run("documents", 6000, of_trees(seeds::levels()), |b| {
         targets::load(&place, b)
     });
 }
@@ -337,7 +338,7 @@ fn requests() {
 #[test]
 fn bakes() {
     let (_folder, place) = place();
-    run("bakes", 60, of_tree(seeds::level()), |b| {
+    run("bakes", 60, of_trees(seeds::levels()), |b| {
         targets::bake(&place, b)
     });
 }

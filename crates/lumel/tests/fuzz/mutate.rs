@@ -176,7 +176,7 @@ fn nudged(random: &mut Random, x: f64) -> Value {
 
 /// Inserts a member that other objects of documents have.
 fn add_member(random: &mut Random, members: &mut Map<String, Value>, copy: Value) {
-    const KEYS: [&str; 36] = [
+    const KEYS: [&str; 50] = [
         "children",
         "mesh",
         "nodes",
@@ -213,6 +213,20 @@ fn add_member(random: &mut Random, members: &mut Map<String, Value>, copy: Value
         "inverseBindMatrices",
         "JOINTS_0",
         "WEIGHTS_0",
+        "lod",
+        "variant",
+        "group",
+        "level",
+        "index",
+        "walkable",
+        "exclude",
+        "occluder",
+        "density",
+        "bake",
+        "emitScale",
+        "maxReflectance",
+        "MSFT_lod",
+        "ids",
     ];
     let value = match random.below(3) {
         0 => number(random),

@@ -168,6 +168,33 @@ pub fn level() -> Level {
     level
 }
 
+/// [`level`]s without a capture of reflections, which takes longer than all else of a bake; with one;
+/// and with levels of detail, variants, a volume to walk in, materials that let light pass, and
+/// several scenes.
+pub fn levels() -> [Level; 4] {
+    let capturing = level();
+    let mut plain = level();
+    plain.json["nodes"][10]["extras"] = json!(null);
+    let mut lods = plain.clone();
+    let member = |kind: &str, group: &str, n: &str, k: usize| json!({"lumel": {kind: {"group": group, n: k}}});
+    let nodes = &mut lods.json["nodes"];
+    nodes[0]["name"] = json!("floor_LOD0");
+    nodes[5]["name"] = json!("floor_LOD1");
+    nodes[2]["extras"] = member("lod", "glow", "level", 0);
+    nodes[4]["extras"] = member("lod", "glow", "level", 1);
+    nodes[11]["extras"] = json!({"lumel": {"variant": {"group": "v", "index": 1}, "bake": true}});
+    nodes[10] =
+        json!({"translation": [1, 0.5, -1], "mesh": 1, "extras": {"lumel": {"walkable": true}}});
+    nodes[6]["extensions"]["MSFT_lod"] = json!({"ids": [5, 2]});
+    lods.json["scenes"] = json!([lods.json["scenes"][0], {"nodes": [1]}]);
+    lods.json["materials"][0]["alphaMode"] = json!("BLEND");
+    lods.json["materials"][0]["extras"] = json!({"lumel": {"maxReflectance": 0.5}});
+    lods.json["materials"][1]["extras"] = json!({"lumel": {"emitScale": 2}});
+    lods.json["materials"][2]["extensions"] =
+        json!({"KHR_materials_transmission": {"transmissionFactor": 0.5}});
+    [plain.clone(), plain, lods, capturing]
+}
+
 /// A square whose texture has these bytes, and a lamp with this IES profile.
 pub fn with_files(picture: &[u8], ies: &[u8]) -> Level {
     let mut level = level();
