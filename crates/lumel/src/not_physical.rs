@@ -47,6 +47,9 @@ impl Default for NotPhysical {
 /// Largest factor. A level that needs more should have brighter lamps.
 const MOST: f32 = 1000.0;
 
+/// The largest half float: a higher floor would be stored as this.
+const BRIGHTEST: f32 = 65504.0;
+
 impl NotPhysical {
     /// Whether nothing departs from physics.
     pub fn is_physical(&self) -> bool {
@@ -95,11 +98,7 @@ impl NotPhysical {
         within("bounce-saturation", self.bounce_saturation, MOST)?;
         within("ao-multiply", self.ao_multiply, 1.0)?;
         for x in self.ambient_floor {
-            if !(x.is_finite() && x >= 0.0) {
-                return Err(Error::Setting(format!(
-                    "--ambient-floor is {x}, expected numbers of at least 0"
-                )));
-            }
+            within("ambient-floor", x, BRIGHTEST)?;
         }
         Ok(())
     }

@@ -299,6 +299,8 @@ fn light_that_numbers_cannot_hold_is_refused_or_told_of() {
     bake(&scene, &out, "-q --light *=1e20").fails(3, &words);
     let sun = bake(&scene, &out, "-q --sun 0,-1,0,1e30");
     sun.fails(3, &["the light \"sun\" is 1e30"]);
+    let floor = bake(&scene, &out, "-q --ambient-floor 0,1e38,0");
+    floor.fails(1, &["--ambient-floor is 1", "from 0 to 65504"]);
     assert!(!out.exists());
     let run = bake(&scene, &out, "--sky 1e9").ok();
     let told = "lit lumels exceed 65504";
