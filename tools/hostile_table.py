@@ -24,6 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.error
 import urllib.request
 import zlib
 from pathlib import Path
@@ -34,11 +35,11 @@ SECONDS = 60  # of processor time
 CASES = []
 
 
-def case(item, name, *codes, says="", seconds=SECONDS, also=None):
+def case(item, name, *codes, says="", seconds=SECONDS):
     """Declares a case: a function that fills a folder and returns the arguments of lumel."""
 
     def add(make):
-        CASES.append((item, name, set(codes), says, seconds, also, make))
+        CASES.append((item, name, set(codes), says, seconds, make))
         return make
 
     return add
@@ -255,10 +256,6 @@ def pipe(f, name="pipe"):
     return f / name
 
 
-def uses(**parts):
-    return lambda f, p: simple(f, **{**parts})
-
-
 PIPES = {
     "scene": lambda f: bake(f, pipe(f, "a.glb")),
     "buffer": lambda f: (pipe(f), simple(f, buffers=[{"uri": "pipe", "byteLength": 60}]))[1],
@@ -321,7 +318,7 @@ case("10 light", "a lamp of 1e38 candela", 1, 3, seconds=5)(
 case("11 memory", "jpg_20000x20000.glb", 3, 4, seconds=5)(lambda f: bake(f, reproducer("jpg_20000x20000.glb")))
 case("11 memory", "PNG of 16384² in 300 bytes", 3, 4, seconds=5)(
     lambda f: simple(f, **textured(data(png(16384, 16384), "image/png"))))
-case("11 memory", "--memory 20M", 4, says="would fit", seconds=10)(
+case("11 memory", "--memory 20M", 3, says="would fit", seconds=10)(
     lambda f: [a for a in simple(f, "--memory=20M", "--texels-per-unit=500", texels=False) if a != f"--memory={MEMORY}M"])
 case("11 memory", "--texels-per-unit 1e9", 1, 2, 4, seconds=5)(lambda f: simple(f, "--texels-per-unit=1e9", texels=False))
 case("11 memory", "--max-image 1K", 4, 3, seconds=5)(
@@ -427,7 +424,7 @@ case(NEW + "walkable", "volumes of 1e30 and 0 m", 0, 2, 3)(
                                                             "extras": {"lumel": {"walkable": True}}})))
 case(NEW + "walkable", "3,000 volumes", 0, 2, 3, 4)(
     lambda f: simple(f, "--cull-unseen", "--sky=1", **many(3000, lambda k: {"mesh": 0, "scale": [9, 9, 9], "extras": {"lumel": {"walkable": True}}})))
-case(NEW + "tiles", "a square of 1 km at 100 lumels/m, pages of 16384", 0, 2, 3, 4)(
+case(NEW + "tiles", "a square of 1 km at 100 lumels/m, pages of 16384", 1, 3, 4)(
     lambda f: simple(f, "--texels-per-unit=100", "--max-page=16384", nodes=[{"mesh": 0, "scale": [500, 1, 500]}],
                      scenes=[{"nodes": [0]}], texels=False))
 case(NEW + "tiles", "50,000 squares of 8 texels", 0, 4, seconds=200)(
@@ -511,7 +508,9 @@ for name, label, how in [
     ("level.report.json", "report cut short", cut),
     ("level.report.json", "report of brackets", lambda p: p.write_text("[" * 1_000_000)),
 ]:
-    case(NEW + "--only", label, 0, 1, 2, 3, 4, seconds=10)(spoil(name, how))
+    # A manifest is written anew.
+    codes = [0] if name == "level.lightmap.json" else [2, 3]
+    case(NEW + "--only", label, *codes, seconds=10)(spoil(name, how))
     case(NEW + "finished bakes", f"report: {label}", 0, 1, 2, 3, seconds=10)(
         lambda f, make=spoil(name, how): (make(f), ["report", f / "baked", "-o", "-"])[1])
 
@@ -635,7 +634,7 @@ def estimates(f):
         scene = ROOT / f"assets/{name}.glb"
         options = ["-q", "--quality=preview", "--texels-per-unit=12"]
         plan = subprocess.run([LUMEL, "bake", scene, "-o", f / "x", *options, "--dry-run", "--json"], capture_output=True, text=True, check=True)
-        plan = json.loads(plan.stdout)
+        plan = json.loads(plan.stdout)["estimate"]
         code, seconds, peak, said = execute(["bake", scene, "-o", f / name, *options], f)
         # Of all threads: what the plan foretells is for the machine's.
         told = plan["bytes"] / 2**20
@@ -734,7 +733,7 @@ def main():
     print("| what was found | input | code | s | MiB | first line |\n|---|---|---|---|---|---|")
     wrongs = count = 0
     longest, largest = (0, ""), (0, "")
-    for item, name, codes, says, limit, _, make in CASES:
+    for item, name, codes, says, limit, make in CASES:
         if not re.search(a.only, f"{item} {name}"):
             continue
         folder = scratch / f"{count:03}" / "in"

@@ -105,7 +105,8 @@ impl EarlierBake {
         fault(&self.report, message, false)
     }
 
-    /// Whether the light of these instances is what a bake of the present files would give.
+    /// Whether the results are as they were written, and the light of these instances is what a bake
+    /// of the present files would give.
     pub fn is_current(&self, order: Order<'_>, anew: &[usize]) -> bool {
         let same = |input: &RecordedInput| {
             let file = locate(order.scene, order.settings, order.provenance, input);
@@ -114,7 +115,10 @@ impl EarlierBake {
         let key = key(order.settings, &order.provenance.origins, &self.inputs);
         let level = &self.level;
         let of_now = |i: &usize| level.bakes[level.instances[*i].bake] == key;
-        anew.iter().all(of_now) && self.inputs.iter().all(same)
+        let beside = |name: &&String| Path::new(name).file_name() == Some(name.as_ref());
+        let mut results = self.outputs.keys().filter(beside);
+        let whole = results.all(|name| self.whole(name).is_ok());
+        whole && anew.iter().all(of_now) && self.inputs.iter().all(same)
     }
 
     /// Refuses geometry other than that of the earlier bake, apart from that of the `named`

@@ -3,12 +3,13 @@
 use atlas::LayoutReport;
 use atlas_bake::{Counts, Divided, Ktx2Format, extra_bytes};
 use gather::TILE;
-use mesh_ingest::{Document, ImageSource, Loaded, Soup};
+use mesh_ingest::{Document, ImageSource, Loaded, Scene, Soup};
 use patch_subdivision::Subdivision;
 use radiosity::Sky;
 
 use crate::error::Error;
 use crate::plan::bake_options;
+use crate::probes::reflection_options;
 use crate::settings::{BakeMode, GltfExt, Settings};
 
 /// Bytes of a patch besides its links: up to 16 elements with position, area, reflectance and light.
@@ -38,6 +39,9 @@ pub(crate) const TRIANGLE: u64 = 1700;
 /// Bytes of a decoded texel with its pyramid (`mesh_ingest::Pyramids`), and of a sky's pixel.
 const TEXEL: f64 = 4.0 + 8.0 / 3.0;
 const SKY: f64 = 12.0;
+
+/// Bytes of a texel of a reflection capture: its radiance, and in the file.
+const CAPTURED: f64 = 16.0;
 
 /// Number of copies of a document's bytes: the input, and two results that are written together.
 pub(crate) const COPIES: u64 = 3;
@@ -100,6 +104,7 @@ impl Need {
                 + PATCH * patches
                 + TEXEL * texels as f64
                 + SKY * sky as f64
+                + CAPTURED * captured(scene, settings)
                 + (COPIES * stored(&loaded.document)) as f64,
             of_tile: BYTES[3] + of_tile,
             counts,
@@ -191,6 +196,12 @@ impl Need {
 fn largest_mesh(soup: &Soup) -> f64 {
     let sizes = soup.instance_ranges.iter().map(|[first, end]| end - first);
     f64::from(sizes.max().unwrap_or(0))
+}
+
+/// Texels of all reflection captures: six faces each, and a third more in smaller levels.
+fn captured(scene: &Scene, settings: &Settings) -> f64 {
+    let face = f64::from(reflection_options(settings.quality).size).powi(2);
+    8.0 * face * scene.reflections.len() as f64
 }
 
 /// How the light of a bake with these settings is divided.

@@ -461,6 +461,30 @@ fn memory_of_options_is_counted() {
     }
 }
 
+/// Captures of reflections are kept until all files are written.
+#[test]
+fn memory_of_captures_is_counted() {
+    let told = |captures: usize| {
+        let (folder, scene) = level("level.bin", "level.png");
+        let mut document = parse(&std::fs::read(&scene).expect("written"));
+        let nodes = document["nodes"].as_array_mut().expect("a list");
+        let first = nodes.len();
+        let capture = json!({"translation": [0, 1, 0], "extras": {"lumel": {"reflection": true}}});
+        nodes.extend(vec![capture; captures]);
+        let roots = document["scenes"][0]["nodes"].as_array_mut();
+        (roots.expect("a list")).extend((first..first + captures).map(|n| json!(n)));
+        std::fs::write(&scene, document.to_string()).expect("writable");
+        let out = folder.path().join("out");
+        let options = "-q --texels-per-unit 2 --quality production --dry-run --json";
+        let plan = parse(bake(&scene, &out, options).ok().stdout.as_bytes());
+        plan["estimate"]["bytes"].as_f64().expect("a number")
+    };
+    // 256² texels a face of 12 bytes, and four in the file.
+    let each = (told(64) - told(0)) / 64.0;
+    let whole = 6.0 * 256.0 * 256.0 * 16.0 * 4.0 / 3.0;
+    assert!((0.9 * whole..1.2 * whole).contains(&each), "{each}");
+}
+
 /// 7.7 million triangles used to be generated from a few hundred bytes before they were counted.
 #[test]
 fn instances_are_counted_before_they_are_made() {
