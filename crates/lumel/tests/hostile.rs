@@ -466,14 +466,14 @@ fn memory_of_options_is_counted() {
 fn memory_of_captures_is_counted() {
     let told = |captures: usize| {
         let (folder, scene) = level("level.bin", "level.png");
-        let mut document = parse(&std::fs::read(&scene).expect("written"));
+        let mut document = parse(fs::read(&scene).expect("written"));
         let nodes = document["nodes"].as_array_mut().expect("a list");
         let first = nodes.len();
         let capture = json!({"translation": [0, 1, 0], "extras": {"lumel": {"reflection": true}}});
         nodes.extend(vec![capture; captures]);
         let roots = document["scenes"][0]["nodes"].as_array_mut();
         (roots.expect("a list")).extend((first..first + captures).map(|n| json!(n)));
-        std::fs::write(&scene, document.to_string()).expect("writable");
+        fs::write(&scene, document.to_string()).expect("writable");
         let out = folder.path().join("out");
         let options = "-q --texels-per-unit 2 --quality production --dry-run --json";
         let plan = parse(bake(&scene, &out, options).ok().stdout.as_bytes());
