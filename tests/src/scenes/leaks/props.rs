@@ -380,7 +380,7 @@ pub(super) fn white_room() -> LeakScene {
     white_room_from(0)
 }
 
-/// [`white_room`] with the order of its nodes turned by `first` < 7 places.
+/// The white room of the suite with the order of its nodes turned by `first` < 7 places.
 pub fn white_room_from(first: usize) -> LeakScene {
     let rho = 0.9;
     let mut k = Kit::of_reflectance(rho);
