@@ -636,7 +636,8 @@ def estimates(f):
         plan = subprocess.run([LUMEL, "bake", scene, "-o", f / "x", *options, "--dry-run", "--json"], capture_output=True, text=True, check=True)
         plan = json.loads(plan.stdout)["estimate"]
         code, seconds, peak, said = execute(["bake", scene, "-o", f / name, *options], f)
-        # Of all threads: what the plan foretells is for the machine's.
+        # `peak` is at least that of this program, which started the bake.
+        peak = json.loads((f / name / f"{name}.report.json").read_text())["measured"]["peak_bytes"] / 2**20
         told = plan["bytes"] / 2**20
         NOTES.append(f"{name}: memory foretold {told:.0f} MiB, used {peak:.0f}; seconds foretold {plan['seconds']:.1f}, {seconds:.1f} of processor time")
         if not 0.5 < told / peak < 2:
