@@ -88,7 +88,8 @@ impl PngFormat {
     }
 }
 
-/// Encodes R, G and B of `page` as the EXR has them, row 0 at the top. `scale` is [`PngFormat::scale`] of all pages.
+/// Encodes R, G and B of `page` as the EXR has them, row 0 at the top. `scale` is
+/// [`PngFormat::scale`] of all pages.
 ///
 /// NaN, infinite and negative samples become 0, and samples beyond the range are clamped to it; all
 /// are counted.
