@@ -1,8 +1,9 @@
 //! The dark regions of the leak suite are dark, except for lumels that they share with lit ones.
 //!
 //! A lumel that a wall cuts holds the light of one of its sides, and a lumel in a wall is read from
-//! both. So light is visible in the dark up to one and a half lumels from a wall that is thinner
-//! than that. Anything deeper is exactly 0.
+//! both, unless charts are cut under the wall. Small things, instances and curved walls get no cuts;
+//! light is visible in the dark up to one and a half lumels from those. Anything deeper is exactly
+//! 0.
 //!
 //! The path tracer's reader, which shares no code with the baker, reads from the written .glb which
 //! texel represents which surface. Distances from walls, dim scenes and black spots need
@@ -30,11 +31,16 @@ use lumel_tests::scenes::smooth::lit;
 /// footprints.
 const SHARE: f64 = 2e-4;
 
-/// Most light that may be visible on average in dark rooms, relative to the lit side's mean: twice
-/// the largest measured value, in a cupboard of boards of a quarter of a lumel (`stairs`, 1.7 %).
-/// Next to walls thicker than one and a half lumels, the wall's inner lumels may be read slightly
-/// from both sides.
-const LEAKED: [f64; 2] = [0.034, 1e-6];
+/// Most light that may be visible on average in dark rooms, relative to the lit side's mean, where
+/// walls are thinner than one and a half lumels: twice the largest measured value. Without cuts,
+/// five of these scenes have 0.17 to 0.51 %.
+const LEAKED: f64 = 3.4e-4;
+
+/// The same in a cupboard of boards a quarter of a lumel thick, which are too short for cuts.
+const LEAKED_BY_BOARDS: f64 = 0.029;
+
+/// The same beside thicker walls, whose inner lumels may be read slightly from both sides.
+const LEAKED_BY_THICK: f64 = 1e-6;
 
 /// A page: width, height, luminance of E.
 struct Page {
@@ -93,11 +99,12 @@ struct Findings {
     uneven: Worst,
 }
 
-fn bake(scene: &LeakScene, quality: Quality) -> (Scene, Vec<Page>) {
+fn bake(scene: &LeakScene, quality: Quality, cut_charts: bool) -> (Scene, Vec<Page>) {
     let sky = SkySource::Color([scene.sky; 3]);
     let settings = Settings {
         texels_per_unit: Some(scene.texels_per_unit),
         quality,
+        cut_charts,
         sky: if scene.sky > 0.0 {
             sky
         } else {
@@ -136,7 +143,10 @@ fn points(polygon: &[DVec2]) -> Vec<DVec2> {
 type Texel = (usize, [i64; 2]);
 
 fn look(scene: &LeakScene, quality: Quality) -> Findings {
-    let (baked, pages) = bake(scene, quality);
+    look_at(scene, bake(scene, quality, true))
+}
+
+fn look_at(scene: &LeakScene, (baked, pages): (Scene, Vec<Page>)) -> Findings {
     let sizes: Vec<_> = pages.iter().map(|p| p.size).collect();
     let mut out = Findings::default();
     let (mut sum, mut area) = (0.0, 0.0);
@@ -286,12 +296,50 @@ fn nothing_is_seen(scene: &LeakScene, found: &Findings) {
         100.0 * w.value / found.yard,
         w.place
     );
-    let allowed = LEAKED[usize::from(!scene.shared_lumels)];
+    let allowed = match (scene.shared_lumels, scene.name) {
+        (false, _) => LEAKED_BY_THICK,
+        (true, "stairs") => LEAKED_BY_BOARDS,
+        (true, _) => LEAKED,
+    };
     assert!(
         found.leaked <= allowed * found.yard,
         "{:.3} % of the lit side's mean leaks",
         100.0 * found.leaked / found.yard
     );
+}
+
+#[test]
+fn cuts_keep_the_light_of_a_thin_wall_on_its_side_and_the_surface_as_it_is() {
+    let scene = scene("sheet_wall");
+    let without = bake(&scene, Quality::Draft, false);
+    let with = bake(&scene, Quality::Draft, true);
+    let area = |of: &(Scene, Vec<Page>)| of.0.triangles.iter().map(|t| t.area()).sum::<f64>();
+    // Positions are f32, so areas are good to some 1e-7.
+    assert!((area(&with) / area(&without) - 1.0).abs() < 1e-6);
+    assert!(with.0.triangles.len() > without.0.triangles.len());
+    // New vertices are on all triangles of the mesh that share the edge: each of its inner edges
+    // still belongs to two triangles, or hairline gaps would show.
+    assert_eq!(open_edges(&with.0), open_edges(&without.0));
+    let [without, with] = [without, with].map(|baked| look_at(&scene, baked));
+    assert!(without.leaked > 1e-3 * without.yard, "{}", without.leaked);
+    assert_eq!(with.leaked, 0.0);
+}
+
+/// Length of the edges that belong to one triangle of their node only, in tenths of a millimetre.
+fn open_edges(scene: &Scene) -> u64 {
+    type Edge = (usize, [[u32; 3]; 2]);
+    let mut edges: BTreeMap<Edge, (u32, f64)> = BTreeMap::new();
+    for t in &scene.triangles {
+        for k in 0..3 {
+            let ends = [t.corners[k], t.corners[(k + 1) % 3]];
+            let mut key = ends.map(|p| p.to_array().map(|x| (x as f32).to_bits()));
+            key.sort_unstable();
+            let edge = edges.entry((t.node, key)).or_default();
+            *edge = (edge.0 + 1, ends[0].distance(ends[1]));
+        }
+    }
+    let open = edges.values().filter(|e| e.0 == 1);
+    (open.map(|e| e.1).sum::<f64>() * 1e4).round() as u64
 }
 
 #[test]

@@ -168,6 +168,9 @@ options! {
     /// Whether sheets with different light on their two sides get separate faces for each side;
     /// true by default.
     split_sides(yes: bool) => |s| s.split_sides = yes;
+    /// Whether charts end under thin walls with different light on their two sides; true by
+    /// default.
+    cut_charts(yes: bool) => |s| s.cut_charts = yes;
     /// Whether chart borders are stitched, so that lookups on both sides agree; true by default.
     stitch(yes: bool) => |s| s.stitch = yes;
     /// Also writes every page as KTX2 in this format.

@@ -1,6 +1,5 @@
 //! Plan and cost of a bake, without baking.
 
-use std::collections::BTreeSet;
 use std::path::Path;
 
 use atlas::LayoutReport;
@@ -15,7 +14,7 @@ use crate::check::{check, check_name};
 use crate::error::Error;
 use crate::files::{output_names, page_name};
 use crate::memory::Need;
-use crate::open::{Prepared, prepare};
+use crate::open::{Changes, Prepared, prepare};
 use crate::plan::{bake_options, plan_layout};
 use crate::probes;
 use crate::scene_input::SceneInput;
@@ -108,7 +107,7 @@ pub fn estimate(
     let start = WorkTime::start();
     let Prepared {
         loaded, soup, sky, ..
-    } = prepare(SceneInput::File(file), settings, &BTreeSet::new())?;
+    } = prepare(SceneInput::File(file), settings, &Changes::default())?;
     let scene = &loaded.scene;
     let (plan, layout) = plan_layout(file, scene, &soup, settings, None, monitor)?;
     let probes = match (&settings.probes, points) {

@@ -311,7 +311,7 @@ impl Bake {
         content.inputs = record::document_inputs(&report.scene, self.loaded.document.inputs());
         content.inputs.extend(self.option_inputs.iter().cloned());
         content.key = record::key(&report.settings, &report.origins, &content.inputs);
-        content.level = LevelRecord::of(&self.loaded, &self.layout, &self.split);
+        content.level = LevelRecord::of(&self.loaded, &self.layout, &self.changes);
         let kept = self.kept.as_ref().map(|kept| (&kept.level, &kept.anew[..]));
         content.level.settle(&content.key, kept);
         if kept.is_some() {

@@ -1,6 +1,6 @@
 //! `lumel inspect`: what a bake would do, and every problem found.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -16,6 +16,7 @@ use crate::early;
 use crate::error::Error;
 use crate::files::NamedFile;
 use crate::named::some_of;
+use crate::open::Changes;
 use crate::page_groups;
 use crate::pictures::Drawn;
 use crate::plan::plan_layout;
@@ -80,7 +81,7 @@ pub fn inspect_and_draw(
     monitor: &dyn Monitor,
 ) -> Result<(Inspection, Vec<NamedFile>, usize), Error> {
     check(settings)?;
-    let mut loaded = SceneInput::File(file).load(settings, &BTreeSet::new())?;
+    let mut loaded = SceneInput::File(file).load(settings, &Changes::default())?;
     let clamped_materials = loaded.scene.limit_reflectance(settings.max_reflectance);
     page_groups::assign(&mut loaded.scene, loaded.document.json(), settings)?;
     atlas::separate_unlike(&mut loaded.scene);

@@ -13,7 +13,7 @@ use serde::Serialize;
 use crate::beside::Beside;
 use crate::cache::Cache;
 use crate::error::Error;
-use crate::open::{Opened, Outside, Sides, Solved, Start, open};
+use crate::open::{Opened, Outside, Solved, Start, open};
 use crate::pipeline::{Bake, Elsewhere, bake_rest};
 use crate::plan::{Done, bake_options};
 use crate::record::{self, Provenance, RecordedInput};
@@ -94,7 +94,7 @@ impl Order<'_> {
         monitor: &dyn Monitor,
     ) -> Result<(Opened, Outside), Error> {
         let start = Start {
-            split: work.description.split.iter().copied().collect(),
+            changes: work.description.changes(),
             decided: true,
             clock: None,
         };
@@ -149,7 +149,6 @@ pub fn solve(
     };
     let (mut opened, outside) = order.open(&beside, Start::default(), monitor)?;
     let mut clock = opened.clock.clone();
-    let mut split = Sides::new();
     let first = opened.plan(
         order.scene,
         outside,
@@ -157,14 +156,14 @@ pub fn solve(
         &beside,
         (&mut clock, monitor),
     )?;
-    split.extend(opened.to_split(&first.lit, order.settings));
+    let changes = opened.to_change(&first, order.settings);
     let again = beside.again();
-    let planned = if split.is_empty() {
+    let planned = if changes.is_empty() {
         first
     } else {
         drop(first);
         let start = Start {
-            split: split.clone(),
+            changes: changes.clone(),
             decided: true,
             clock: None,
         };
@@ -183,7 +182,8 @@ pub fn solve(
     let solution = postcard::to_stdvec(&StoredSolution::of(&planned.lit.solution))
         .map_err(|e| Error::Internal(format!("the solution cannot be stored: {e}")))?;
     let mut description = Description::new(told, key, inputs);
-    description.split = split.into_iter().collect();
+    description.split = changes.split.into_iter().collect();
+    description.cuts = changes.cuts;
     description.layout = layout_digest(&planned.layout);
     description.lumels = Lumels::count(world.scene, world.soup, &planned.layout);
     description.files = hashes_in(&cache.folder)?;

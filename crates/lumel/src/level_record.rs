@@ -4,14 +4,14 @@ use std::fmt;
 use std::str::FromStr;
 
 use atlas::{Layout, MeshAtlas};
-use mesh_ingest::{Loaded, Mesh, Scene};
+use mesh_ingest::{Cut, Loaded, Mesh, Scene};
 use serde::{Deserialize, Serialize};
 
-use crate::open::Sides;
+use crate::open::Changes;
 use crate::record::PROGRAM;
 
 /// Geometry and places of a level, by content.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LevelRecord {
     /// Version of the program and hash of its sources.
     pub program: String,
@@ -20,6 +20,9 @@ pub struct LevelRecord {
     /// Primitives (mesh, primitive) with separate faces for their two sides.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub split: Vec<(usize, usize)>,
+    /// Cuts under thin walls.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub cuts: Vec<Cut>,
     /// [`Record::key`](crate::Record::key) of each bake that light of the results comes from: one,
     /// unless parts were baked anew.
     pub bakes: Vec<String>,
@@ -178,16 +181,25 @@ pub(crate) fn add_places(instances: &mut [InstanceRecord], scene: &Scene, layout
 
 impl LevelRecord {
     /// The record of a bake without its key.
-    pub(crate) fn of(loaded: &Loaded, layout: &Layout, split: &Sides) -> LevelRecord {
+    pub(crate) fn of(loaded: &Loaded, layout: &Layout, changes: &Changes) -> LevelRecord {
         let mut instances = instances_of(&loaded.scene);
         add_places(&mut instances, &loaded.scene, layout);
         let nodes = loaded.document.json()["nodes"].as_array();
         LevelRecord {
             program: PROGRAM.into(),
             nodes: nodes.map_or(0, Vec::len),
-            split: split.iter().copied().collect(),
+            split: changes.split.iter().copied().collect(),
+            cuts: changes.cuts.clone(),
             bakes: Vec::new(),
             instances,
+        }
+    }
+
+    /// Changes of the document.
+    pub(crate) fn changes(&self) -> Changes {
+        Changes {
+            split: self.split.iter().copied().collect(),
+            cuts: self.cuts.clone(),
         }
     }
 

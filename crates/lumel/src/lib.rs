@@ -58,6 +58,7 @@ mod cache;
 mod check;
 mod clock;
 mod cull;
+mod cut;
 mod depfile;
 mod earlier_bake;
 mod early;

@@ -94,7 +94,7 @@ pub fn rebake(
     }
     let before = EarlierBake::open(only.folder, order)?;
     let start = Start {
-        split: before.level.split.iter().copied().collect(),
+        changes: before.level.changes(),
         decided: true,
         clock: None,
     };

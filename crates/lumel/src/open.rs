@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use glam::Vec3;
-use mesh_ingest::{LampMode, Light, LightKind, Loaded, Scene, Soup};
+use mesh_ingest::{Cut, LampMode, Light, LightKind, Loaded, Scene, Soup};
 use radiosity::{LightGroups, Monitor, Phase, Sky, StoredSolution};
 
 use crate::beside::{Beside, Remark};
@@ -55,9 +55,9 @@ pub(crate) struct Early {
 pub(crate) fn prepare(
     scene: SceneInput<'_>,
     settings: &Settings,
-    split_sides: &Sides,
+    changes: &Changes,
 ) -> Result<Prepared, Error> {
-    let mut loaded = scene.load(settings, split_sides)?;
+    let mut loaded = scene.load(settings, changes)?;
     let mut early = Early::default();
     let document = loaded.document.json();
     (early.notes).extend(units::settle(&mut loaded.scene, document, settings.units));
@@ -103,14 +103,26 @@ pub(crate) fn prepare(
     })
 }
 
-/// Primitives (mesh, primitive) that have separate faces for their two sides.
-pub(crate) type Sides = BTreeSet<(usize, usize)>;
+/// Changes of the document that its light asks for.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Changes {
+    /// Primitives (mesh, primitive) that have separate faces for their two sides.
+    pub split: BTreeSet<(usize, usize)>,
+    /// Cuts under thin walls.
+    pub cuts: Vec<Cut>,
+}
+
+impl Changes {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.split.is_empty() && self.cuts.is_empty()
+    }
+}
 
 /// How a bake begins.
 #[derive(Debug, Default)]
 pub(crate) struct Start {
-    pub split: Sides,
-    /// Whether `split` is final, by an earlier attempt or by another process.
+    pub changes: Changes,
+    /// Whether `changes` are final, by an earlier attempt or by another process.
     pub decided: bool,
     /// The clock of the earlier attempt.
     pub clock: Option<Clock>,
@@ -130,8 +142,8 @@ pub(crate) struct Opened {
     pub option_inputs: Vec<RecordedInput>,
     pub probes: Option<ProbePlan>,
     pub clock: Clock,
-    /// Sides that are separate, and whether that is final.
-    pub split: Sides,
+    /// Changes of the document, and whether they are final.
+    pub changes: Changes,
     pub decided: bool,
 }
 
@@ -180,7 +192,7 @@ pub(crate) fn open(
         clamped_materials,
         culled,
         early,
-    } = prepare(scene, settings, &start.split)?;
+    } = prepare(scene, settings, &start.changes)?;
     if let Some(tell) = beside.tell {
         let warnings = early.warnings.iter().map(|w| Remark::Warning(w));
         let notes = early.notes.iter().map(|n| Remark::Note(n));
@@ -211,7 +223,7 @@ pub(crate) fn open(
         option_inputs,
         probes,
         clock,
-        split: start.split,
+        changes: start.changes,
         decided: start.decided,
     };
     let outside = Outside {

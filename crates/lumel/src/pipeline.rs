@@ -15,9 +15,10 @@ use radiosity::{DirectLight, Monitor, Phase};
 
 use crate::beside::Beside;
 use crate::clock::{Clock, begin};
+use crate::cut;
 use crate::error::Error;
 use crate::only::Kept;
-use crate::open::{Opened, Outside, Sides, Start, open};
+use crate::open::{Changes, Opened, Outside, Start, open};
 use crate::plan::{Done, Lit, Planned};
 use crate::probes::{self, ProbePlan};
 use crate::record::{Provenance, Record, RecordedInput};
@@ -55,8 +56,8 @@ pub struct Bake {
     pub(crate) mixed: Option<MixedLight>,
     /// Files that the settings name.
     pub(crate) option_inputs: Vec<RecordedInput>,
-    /// Primitives with separate faces for their two sides.
-    pub(crate) split: Sides,
+    /// Changes of the document.
+    pub(crate) changes: Changes,
     /// What stays of an earlier bake.
     pub(crate) kept: Option<Kept>,
     pub(crate) stem: String,
@@ -131,13 +132,13 @@ pub(crate) fn bake_scene(
     let (opened, outside) = open(scene, order, beside, fresh, monitor)?;
     match bake_opened(file, opened, outside, order, (beside, None), monitor)? {
         Attempt::Done(bake) => Ok(*bake),
-        // At most once: the second solve has separate sides, and nothing is left to split.
+        // At most once: the second attempt begins with all changes.
         Attempt::Again(start) => {
             let beside = beside.again();
             let (opened, outside) = open(scene, order, &beside, start, monitor)?;
             match bake_opened(file, opened, outside, order, (&beside, None), monitor)? {
                 Attempt::Done(bake) => Ok(*bake),
-                Attempt::Again(_) => Err(Error::Internal("sides were split twice".into())),
+                Attempt::Again(_) => Err(Error::Internal("the document was changed twice".into())),
             }
         }
     }
@@ -168,6 +169,14 @@ fn bake_opened(
 ) -> Result<Attempt, Error> {
     let mut clock = opened.clock.clone();
     let planned = opened.plan(file, outside, settings, beside, (&mut clock, monitor))?;
+    let changes = opened.to_change(&planned, settings);
+    if !changes.is_empty() {
+        return Ok(Attempt::Again(Start {
+            changes,
+            decided: true,
+            clock: Some(clock),
+        }));
+    }
     let Planned {
         layout,
         report: layout_report,
@@ -175,14 +184,6 @@ fn bake_opened(
         mixed,
         cached,
     } = planned;
-    let split = opened.to_split(&lit, settings);
-    if !split.is_empty() {
-        return Ok(Attempt::Again(Start {
-            split,
-            decided: true,
-            clock: Some(clock),
-        }));
-    }
     begin(monitor, Phase::Gather)?;
     let baked = match elsewhere {
         None => lit.bake(&layout, settings, monitor),
@@ -228,7 +229,8 @@ fn bake_opened(
     let solve = lit.solution.report.clone();
     drop(lit);
     let mut notes = opened.early.notes;
-    notes.extend(split::note(&opened.loaded.scene, &opened.split));
+    notes.extend(split::note(&opened.loaded.scene, &opened.changes.split));
+    notes.extend(cut::note(&opened.loaded.scene, &opened.changes.cuts));
     let report = Report {
         generator: concat!("lumel ", env!("CARGO_PKG_VERSION")).into(),
         scene: name_of(file.file_name()),
@@ -267,7 +269,7 @@ fn bake_opened(
         group_names: opened.group_names,
         mixed,
         option_inputs: opened.option_inputs,
-        split: opened.split,
+        changes: opened.changes,
         kept: None,
         stem: name_of(file.file_stem()),
         value: settings.value,

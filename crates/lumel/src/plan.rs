@@ -1,5 +1,6 @@
 //! From a level to its charts and its light on patches.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -18,10 +19,11 @@ use radiosity::{
 use crate::beside::{Beside, FirstPicture};
 use crate::cache::{CacheReport, Charts};
 use crate::clock::{Clock, begin};
+use crate::cut;
 use crate::error::Error;
 use crate::memory::Need;
 use crate::mixed;
-use crate::open::{Opened, Outside, Sides, Solved};
+use crate::open::{Changes, Opened, Outside, Solved};
 use crate::settings::Settings;
 use crate::split;
 
@@ -42,11 +44,21 @@ impl Opened {
         self.probes = None;
     }
 
-    /// The sides that need separate faces, decided by the light.
-    pub(crate) fn to_split(&self, lit: &Lit<'_>, settings: &Settings) -> Sides {
-        match settings.split_sides && !self.decided {
-            true => split::wanted(&self.loaded, &lit.world, &lit.solution),
-            false => Sides::new(),
+    /// Changes of the document that the light asks for, unless they were made before.
+    pub(crate) fn to_change(&self, planned: &Planned<'_>, settings: &Settings) -> Changes {
+        if self.decided {
+            return Changes::default();
+        }
+        let (world, _, solution) = planned.lit.parts();
+        Changes {
+            split: match settings.split_sides {
+                true => split::wanted(&self.loaded, world, solution),
+                false => BTreeSet::new(),
+            },
+            cuts: match settings.cut_charts {
+                true => cut::wanted(&self.loaded, world, solution, &planned.report),
+                false => Vec::new(),
+            },
         }
     }
 

@@ -20,7 +20,7 @@ use crate::settings::{ProbeSource, Settings, SkySource};
 pub(crate) const PROGRAM: &str = concat!(env!("CARGO_PKG_VERSION"), "+", env!("LUMEL_SOURCES"));
 
 /// Inputs and outputs of a bake, by content.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Record {
     /// Hash of everything that the results depend on: program, settings, names, and contents of all
     /// inputs. Empty until files are made.

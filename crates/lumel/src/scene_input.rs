@@ -1,11 +1,11 @@
 //! Input of a bake: a file, or a document in memory.
 
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use mesh_ingest::{LoadOptions, Loaded, MemoryDocument};
 
 use crate::error::Error;
+use crate::open::Changes;
 use crate::settings::Settings;
 
 /// A glTF scene to bake: a file's path, or a document in memory. Functions with this argument
@@ -35,15 +35,11 @@ impl<'a> SceneInput<'a> {
         }
     }
 
-    /// Reads the scene that the settings choose, with separate faces for the two sides of some
-    /// primitives.
-    pub(crate) fn load(
-        self,
-        settings: &Settings,
-        split_sides: &BTreeSet<(usize, usize)>,
-    ) -> Result<Loaded, Error> {
+    /// Reads the scene that the settings choose, with these changes.
+    pub(crate) fn load(self, settings: &Settings, changes: &Changes) -> Result<Loaded, Error> {
         let options = LoadOptions {
-            split_sides: split_sides.clone(),
+            split_sides: changes.split.clone(),
+            cuts: changes.cuts.clone(),
             scene: settings.scene,
             ignore_lod_names: !settings.lods,
             allow_outside: settings.bounds.allow_outside,

@@ -277,6 +277,9 @@ pub struct Settings {
     pub hidden: Hidden,
     /// Whether sheets with different light on their two sides get separate faces for each side.
     pub split_sides: bool,
+    /// Whether charts end under thin walls with different light on their two sides, with new
+    /// vertices there. Otherwise lumels under such walls are read from both sides.
+    pub cut_charts: bool,
     /// Whether bilinear lookups on both sides of chart borders are made to agree.
     pub stitch: bool,
     /// Whether the scene with vertex colours is baked too. If false, no light is computed for it
@@ -392,6 +395,7 @@ impl Default for Settings {
             max_reflectance: 0.98,
             hidden: Hidden::Fill,
             split_sides: true,
+            cut_charts: true,
             stitch: true,
             vertex_colors: true,
             vertex_error: None,

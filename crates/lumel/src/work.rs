@@ -13,11 +13,12 @@
 use std::path::{Path, PathBuf};
 
 use atlas::Layout;
-use mesh_ingest::{Digest, open_regular, read_regular};
+use mesh_ingest::{Cut, Digest, open_regular, read_regular};
 use radiosity::StoredSolution;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
+use crate::open::Changes;
 use crate::record::PROGRAM;
 
 /// Raised when the format of the folder changes.
@@ -57,7 +58,7 @@ pub(crate) struct Hashed {
 }
 
 /// The description of a work folder.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Description {
     pub format: u32,
     pub program: String,
@@ -70,6 +71,8 @@ pub(crate) struct Description {
     pub files: Vec<Hashed>,
     /// Primitives (mesh, primitive) that got separate faces for their two sides.
     pub split: Vec<(usize, usize)>,
+    /// Cuts under thin walls.
+    pub cuts: Vec<Cut>,
     /// Hash of the layout.
     pub layout: String,
     /// Lumels of each instance.
@@ -88,9 +91,18 @@ impl Description {
             inputs,
             files: Vec::new(),
             split: Vec::new(),
+            cuts: Vec::new(),
             layout: String::new(),
             lumels: Vec::new(),
             seal: String::new(),
+        }
+    }
+
+    /// Changes of the document.
+    pub(crate) fn changes(&self) -> Changes {
+        Changes {
+            split: self.split.iter().copied().collect(),
+            cuts: self.cuts.clone(),
         }
     }
 

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::accessor::RawAccessor;
 use crate::container;
+use crate::cuts;
 use crate::error::{Error, Fault, Faults, Outcome};
 use crate::files::{Files, MemoryDocument};
 use crate::input::{Digest, Input};
@@ -226,6 +227,13 @@ impl Document {
         let item = self.root().element("meshes", mesh);
         item.and_then(|mesh| mesh.element("primitives", primitive))
             .is_ok_and(|item| sides::can_split(&item))
+    }
+
+    /// Whether the surfaces of a mesh can be cut; see
+    /// [`LoadOptions::cuts`].
+    pub fn can_cut(&self, mesh: usize) -> bool {
+        let item = self.root().element("meshes", mesh);
+        item.is_ok_and(|item| cuts::can_cut(self, &item))
     }
 
     /// All files that were read, each once: the document first, then buffers, IES profiles and

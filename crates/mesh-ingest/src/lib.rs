@@ -27,9 +27,12 @@
 //! ```
 
 mod accessor;
+mod added;
+mod blend;
 mod compress;
 mod container;
 mod cookie;
+mod cuts;
 mod document;
 mod environment;
 mod error;
@@ -65,6 +68,8 @@ mod views;
 mod writable;
 
 pub use accessor::{DataType, Dimensions, RawAccessor};
+pub use blend::{Between, blended};
+pub use cuts::Cut;
 pub use document::{Document, ImageSource};
 pub use error::{Error, Problem, printable, printable_within};
 pub use files::MemoryDocument;

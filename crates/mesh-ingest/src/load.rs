@@ -19,7 +19,7 @@ use crate::primitive::{attribute_list, primitive_mode};
 use crate::report::{IngestReport, LeftOutReason, Totals};
 use crate::scene::{Instance, Mesh, Primitive, ReflectionPoint, Scene};
 use crate::settle::{needed_images, settle_alpha};
-use crate::{environment, extensions, extras, images, lights, lods, sides, writable};
+use crate::{cuts, environment, extensions, extras, images, lights, lods, sides, writable};
 
 /// A loaded document in normal form, the original, and a report.
 #[derive(Debug)]
@@ -59,6 +59,10 @@ fn read(mut document: Document, options: &LoadOptions) -> Result<Loaded, Error> 
     faults.check(path)?;
     if !options.split_sides.is_empty() {
         faults.take(sides::split(&mut document, &options.split_sides));
+        faults.check(path)?;
+    }
+    if !options.cuts.is_empty() {
+        faults.take(cuts::apply(&mut document, &options.cuts));
         faults.check(path)?;
     }
 

@@ -7,8 +7,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
+use crate::added::{Added, members};
 use crate::document::Document;
 use crate::error::Outcome;
 use crate::json::Item;
@@ -32,14 +33,10 @@ pub(crate) fn can_split(primitive: &Item) -> bool {
 /// Splits the primitives of `which` that exist and that [`can_split`] allows. The copies follow all
 /// primitives of their mesh, in order.
 pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) -> Outcome<()> {
-    let mut added = Added::default();
+    let mut added = Added::new(document)?;
     let mut copies: Vec<(PrimitiveNumber, Value)> = Vec::new();
     let root = document.root();
-    let [mut accessors, mut views, materials] = [
-        root.len_of("accessors")?,
-        root.len_of("bufferViews")?,
-        root.len_of("materials")?,
-    ];
+    let materials = root.len_of("materials")?;
     // New material by old one.
     let mut single: BTreeMap<usize, usize> = BTreeMap::new();
     let mut clones: Vec<Value> = Vec::new();
@@ -65,28 +62,19 @@ pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) 
         copy["material"] = json!(of_one_side);
         let mirrored = mirrored(document, &primitive)?;
         for (slot, data) in mirrored {
-            added.push(&data, views);
-            views += 1;
             let at = match slot {
                 "indices" => &mut copy[slot],
                 _ => &mut copy["attributes"][slot],
             };
-            *at = json!(accessors);
-            accessors += 1;
+            *at = json!(data.push(&mut added));
         }
         copies.push(((mesh, number), copy));
     }
     if copies.is_empty() {
         return Ok(());
     }
-    let buffer = document.add_buffer(added.bytes);
+    added.finish(document, clones);
     let json = document.json_mut();
-    for view in &mut added.views {
-        view["buffer"] = json!(buffer);
-    }
-    append(json, "bufferViews", added.views);
-    append(json, "accessors", added.accessors);
-    append(json, "materials", clones);
     for ((mesh, number), copy) in copies {
         let primitives = &mut json["meshes"][mesh]["primitives"];
         primitives[number]["material"] = copy["material"].clone();
@@ -94,14 +82,7 @@ pub(crate) fn split(document: &mut Document, which: &BTreeSet<PrimitiveNumber>) 
             list.push(copy);
         }
     }
-    document.refresh_views();
     Ok(())
-}
-
-fn append(json: &mut Value, list: &str, values: Vec<Value>) {
-    if let Some(list) = json[list].as_array_mut() {
-        list.extend(values);
-    }
 }
 
 /// Data of a new accessor.
@@ -109,6 +90,30 @@ enum Data {
     Indices(Vec<u32>),
     Normals(Vec<[f32; 3]>),
     Tangents(Vec<[f32; 4]>),
+}
+
+impl Data {
+    /// Adds the accessor; returns its number.
+    fn push(&self, added: &mut Added) -> usize {
+        let floats = |list: &[f32]| list.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let (bytes, count, members): (Vec<u8>, _, _) = match self {
+            Data::Indices(list) => {
+                let bytes = list.iter().flat_map(|i| i.to_le_bytes()).collect();
+                (bytes, list.len(), members(U32, "SCALAR"))
+            }
+            Data::Normals(list) => (
+                floats(list.as_flattened()),
+                list.len(),
+                members(F32, "VEC3"),
+            ),
+            Data::Tangents(list) => (
+                floats(list.as_flattened()),
+                list.len(),
+                members(F32, "VEC4"),
+            ),
+        };
+        added.push(&bytes, count, members)
+    }
 }
 
 /// Members of the copy that differ: corners in reverse order, normals that point the other way, and
@@ -142,39 +147,4 @@ fn mirrored(document: &Document, primitive: &Item) -> Outcome<Vec<(&'static str,
         out.push(("TANGENT", Data::Tangents(turned.collect())));
     }
     Ok(out)
-}
-
-/// A buffer with its views and accessors.
-#[derive(Default)]
-struct Added {
-    bytes: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
-}
-
-impl Added {
-    fn push(&mut self, data: &Data, view: usize) {
-        let at = self.bytes.len();
-        let (component, kind, count) = match data {
-            Data::Indices(list) => {
-                (self.bytes).extend(list.iter().flat_map(|i| i.to_le_bytes()));
-                (U32, "SCALAR", list.len())
-            }
-            Data::Normals(list) => {
-                (self.bytes).extend(list.iter().flatten().flat_map(|x| x.to_le_bytes()));
-                (F32, "VEC3", list.len())
-            }
-            Data::Tangents(list) => {
-                (self.bytes).extend(list.iter().flatten().flat_map(|x| x.to_le_bytes()));
-                (F32, "VEC4", list.len())
-            }
-        };
-        let mut members = Map::new();
-        members.insert("byteOffset".into(), json!(at));
-        members.insert("byteLength".into(), json!(self.bytes.len() - at));
-        self.views.push(Value::Object(members));
-        self.accessors.push(json!({
-            "bufferView": view, "componentType": component, "count": count, "type": kind,
-        }));
-    }
 }

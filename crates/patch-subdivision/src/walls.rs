@@ -64,6 +64,16 @@ impl Subdivision {
     /// Pairs of elements that are adjacent on one surface, on the same side of it, and not hidden.
     /// Loose pieces that share a cell have none.
     pub fn neighbours(&self) -> Vec<[u32; 2]> {
+        self.pairs(false)
+    }
+
+    /// [`neighbours`](Self::neighbours), and pairs on either side of one hidden element, e.g. one
+    /// inside a wall.
+    pub fn across(&self) -> Vec<[u32; 2]> {
+        self.pairs(true)
+    }
+
+    fn pairs(&self, across: bool) -> Vec<[u32; 2]> {
         let mut pairs = Vec::with_capacity(2 * self.elements().len());
         for region in self.regions.iter().filter(|r| !r.loose) {
             let [w, h] = region.fine();
@@ -73,10 +83,11 @@ impl Subdivision {
                         let Some(own) = self.element_at(region, [c, r], back) else {
                             continue;
                         };
-                        for beside in [[c + 1, r], [c, r + 1]] {
-                            if let Some(other) = self.element_at(region, beside, back) {
-                                pairs.push([own, other]);
-                            }
+                        for [dc, dr] in [[1, 0], [0, 1]] {
+                            let at =
+                                |n: i32| self.element_at(region, [c + n * dc, r + n * dr], back);
+                            let other = at(1).or_else(|| across.then(|| at(2)).flatten());
+                            pairs.extend(other.map(|other| [own, other]));
                         }
                     }
                 }

@@ -447,6 +447,17 @@ impl<'a> World<'a> {
         room == 1.0 || blocked(0.5 * room * lift)
     }
 
+    /// The first opaque surface between two points, at a fraction `t` of the way.
+    pub fn first_between(&self, from: Vec3, to: Vec3) -> Option<Hit> {
+        let ray = Ray {
+            origin: from,
+            direction: to - from,
+            t_min: 0.0,
+            t_max: 1.0,
+        };
+        self.bvh.closest_hit(&ray, &Opaque)
+    }
+
     /// Whether `a` is behind and `b` in front of a surface: the first hit on the segments of
     /// [`wall_between`](Self::wall_between) shows its back to `a` and its front to `b`.
     pub fn backs_onto(&self, a: &SurfacePoint, b: &SurfacePoint, lift: f32, of: Backs) -> bool {

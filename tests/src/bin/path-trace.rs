@@ -5,13 +5,20 @@
 //! stdout gives E in R, G and B (W/m²), their standard errors, and that of the luminance. R,G,B is
 //! the sky's radiance. `tools/second_method.py` uses it. `path-trace --scenes DIR` writes the rooms
 //! of `tests/tests/second_method.rs` as files.
+//!
+//! `path-trace --lumels BAKED.glb WxH[,WxH…] COUNT [PATHS [SEED [R,G,B]]]` draws COUNT lumels of a
+//! bake whose pages have these sizes. For each, a line gives page, column, row, coverage (0 to 1),
+//! and the same seven values, as means over the lumel's part of the surface.
+//! `tools/true_error.py` uses it.
 #![allow(clippy::print_stdout, reason = "a program whose output is a table")]
 
 use std::error::Error;
 use std::path::Path;
 
 use glam::DVec3;
-use lumel_tests::path_tracer::{Effort, Footprint, PathTracer, Scene};
+use lumel_tests::path_tracer::{
+    Effort, Estimate, Footprint, PathTracer, Scene, choose, footprints,
+};
 use lumel_tests::scenes::second_method;
 
 fn numbers<const N: usize>(line: &str) -> Result<[f64; N], Box<dyn Error>> {
@@ -37,6 +44,42 @@ fn write_scenes(dir: &Path) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// What follows the input: paths per footprint, seed and sky, as far as given.
+fn effort(rest: &[String], scene: &mut Scene) -> Result<Effort, Box<dyn Error>> {
+    let paths: u32 = rest.first().map_or(Ok(16_384), |s| s.parse())?;
+    let seed: u64 = rest.get(1).map_or(Ok(1), |s| s.parse())?;
+    if let Some(sky) = rest.get(2) {
+        scene.sky = DVec3::from_array(numbers(sky)?);
+    }
+    Ok(Effort::new(paths.max(2), seed))
+}
+
+/// E in R, G and B, their standard errors, and that of the luminance.
+fn values(e: &Estimate) -> String {
+    let [m, s] = [e.mean, e.error];
+    let all = [m.x, m.y, m.z, s.x, s.y, s.z, e.luminance_error];
+    all.map(|x| x.to_string()).join(",")
+}
+
+/// The light of `count` lumels of a bake.
+fn lumels(baked: &str, sizes: &str, count: &str, rest: &[String]) -> Result<(), Box<dyn Error>> {
+    let mut scene = Scene::from_glb(&std::fs::read(baked)?)?;
+    let effort = effort(rest, &mut scene)?;
+    let mut pages = Vec::new();
+    for size in sizes.split(',') {
+        let (width, height) = size.split_once('x').ok_or("WIDTHxHEIGHT expected")?;
+        pages.push([width.parse()?, height.parse()?]);
+    }
+    let drawn = choose(footprints(&scene, &pages), count.parse()?, effort.seed);
+    let light = PathTracer::new(scene).irradiance(&drawn, effort);
+    for (lumel, light) in drawn.iter().zip(&light) {
+        let [column, row] = lumel.texel;
+        let coverage = lumel.coverage;
+        println!("{},{column},{row},{coverage},{}", lumel.page, values(light));
+    }
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     if let [flag, dir] = args.as_slice()
@@ -44,28 +87,25 @@ fn main() -> Result<(), Box<dyn Error>> {
     {
         return write_scenes(Path::new(dir));
     }
+    if let [flag, baked, sizes, count, rest @ ..] = args.as_slice()
+        && flag == "--lumels"
+    {
+        return lumels(baked, sizes, count, rest);
+    }
     let [scene, points, rest @ ..] = args.as_slice() else {
         return Err("usage: path-trace SCENE.glb POINTS.csv [PATHS [SEED [R,G,B]]]".into());
     };
-    let paths: u32 = rest.first().map_or(Ok(16_384), |s| s.parse())?;
-    let seed: u64 = rest.get(1).map_or(Ok(1), |s| s.parse())?;
     let mut scene = Scene::from_glb(&std::fs::read(scene)?)?;
-    if let Some(sky) = rest.get(2) {
-        scene.sky = DVec3::from_array(numbers(sky)?);
-    }
-    let mut footprints = Vec::new();
+    let effort = effort(rest, &mut scene)?;
+    let mut at = Vec::new();
     for line in std::fs::read_to_string(points)?.lines() {
         let [x, y, z, nx, ny, nz] = numbers(line)?;
-        let at = Footprint::nearest(&scene, DVec3::new(x, y, z), DVec3::new(nx, ny, nz));
-        footprints.push(at.ok_or_else(|| format!("no surface faces along the normal: {line}"))?);
+        let nearest = Footprint::nearest(&scene, DVec3::new(x, y, z), DVec3::new(nx, ny, nz));
+        at.push(nearest.ok_or_else(|| format!("no surface faces along the normal: {line}"))?);
     }
     let tracer = PathTracer::new(scene);
-    for e in tracer.irradiance(&footprints, Effort::new(paths.max(2), seed)) {
-        let [m, s] = [e.mean, e.error];
-        println!(
-            "{},{},{},{},{},{},{}",
-            m.x, m.y, m.z, s.x, s.y, s.z, e.luminance_error
-        );
+    for e in tracer.irradiance(&at, effort) {
+        println!("{}", values(&e));
     }
     Ok(())
 }

@@ -3,31 +3,9 @@
 use std::borrow::Cow;
 
 use gather::SplitPrimitive;
-use mesh_ingest::{DataType, Primitive, RawAccessor, RawPrimitive};
+use mesh_ingest::{Between, Primitive, RawAccessor, RawPrimitive, blended};
 
 use super::split::Repeated;
-
-/// How two elements are averaged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Blend {
-    /// Componentwise, with integers rounded.
-    Mean,
-    /// The normalised mean of the first three components; a fourth (a tangent's handedness) is the
-    /// first parent's.
-    Direction,
-    /// The first parent's element, for numbers that identify something.
-    First,
-}
-
-fn blend_of(name: &str, raw: &RawAccessor<'_>) -> Blend {
-    match name {
-        "NORMAL" | "TANGENT" => Blend::Direction,
-        _ if name.starts_with('_') && raw.component != DataType::F32 && !raw.normalized => {
-            Blend::First
-        }
-        _ => Blend::Mean,
-    }
-}
 
 /// Whether the primitive's vertices move (skin, morph targets). Midpoints would not follow them.
 pub(super) fn deforms(raw: &RawPrimitive<'_>) -> bool {
@@ -36,41 +14,10 @@ pub(super) fn deforms(raw: &RawPrimitive<'_>) -> bool {
 
 /// Elements of `raw` followed by the midpoints of `parents`, packed.
 pub(super) fn extended(name: &str, raw: &RawAccessor<'_>, parents: &[[u32; 2]]) -> Vec<u8> {
-    let size = raw.element_size();
-    let blend = blend_of(name, raw);
-    let mut bytes = raw.bytes.to_vec();
-    bytes.reserve(parents.len() * size);
-    let components = raw.dimensions.multiplicity();
-    for pair in parents {
-        let [a, b] = pair.map(|v| v as usize * size);
-        let new = bytes.len();
-        bytes.extend_from_within(a..a + size);
-        if blend == Blend::First {
-            continue;
-        }
-        let width = raw.component.size();
-        let read =
-            |bytes: &[u8], at: usize, c: usize| read(raw.component, &bytes[at + c * width..]);
-        let mut values: Vec<f64> = (0..components)
-            .map(|c| 0.5 * (read(&bytes, a, c) + read(&bytes, b, c)))
-            .collect();
-        if blend == Blend::Direction {
-            let length = values.iter().take(3).map(|x| x * x).sum::<f64>().sqrt();
-            let unit = full_scale(raw);
-            // Opposite directions have no mean, so the first parent's is used.
-            if length.is_nan() || length <= 1e-3 * unit {
-                continue;
-            }
-            values.iter_mut().take(3).for_each(|x| *x *= unit / length);
-            if components > 3 {
-                values[3] = read(&bytes, a, 3);
-            }
-        }
-        for (c, x) in values.into_iter().enumerate() {
-            write(raw.component, x, &mut bytes[new + c * width..]);
-        }
-    }
-    bytes
+    let middles: Vec<Between> = (parents.iter())
+        .map(|&parents| Between { parents, at: 0.5 })
+        .collect();
+    blended(name, raw, &middles)
 }
 
 /// The attributes that colours are computed from (own colours and texture coordinates), including
@@ -96,40 +43,6 @@ pub(super) fn looks<'a>(primitive: &'a Primitive, parents: &[[u32; 2]]) -> Cow<'
         }
     }
     Cow::Owned(out)
-}
-
-/// The integer that represents 1 in a normalised accessor.
-fn full_scale(raw: &RawAccessor<'_>) -> f64 {
-    match raw.component {
-        DataType::I8 => 127.0,
-        DataType::U8 => 255.0,
-        DataType::I16 => 32767.0,
-        DataType::U16 => 65535.0,
-        DataType::U32 | DataType::F32 => 1.0,
-    }
-}
-
-fn read(component: DataType, b: &[u8]) -> f64 {
-    match component {
-        DataType::I8 => f64::from(b[0] as i8),
-        DataType::U8 => f64::from(b[0]),
-        DataType::I16 => f64::from(i16::from_le_bytes([b[0], b[1]])),
-        DataType::U16 => f64::from(u16::from_le_bytes([b[0], b[1]])),
-        DataType::U32 => f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-        DataType::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-    }
-}
-
-/// Rounds integers; `as` saturates at their limits.
-fn write(component: DataType, x: f64, out: &mut [u8]) {
-    match component {
-        DataType::I8 => out[0] = (x.round() as i8) as u8,
-        DataType::U8 => out[0] = x.round() as u8,
-        DataType::I16 => out[..2].copy_from_slice(&(x.round() as i16).to_le_bytes()),
-        DataType::U16 => out[..2].copy_from_slice(&(x.round() as u16).to_le_bytes()),
-        DataType::U32 => out[..4].copy_from_slice(&(x.round() as u32).to_le_bytes()),
-        DataType::F32 => out[..4].copy_from_slice(&(x as f32).to_le_bytes()),
-    }
 }
 
 /// All of the document's triangles in order, with those of `split` replaced by their parts. A
@@ -172,60 +85,7 @@ pub(super) fn triangles(
 
 #[cfg(test)]
 mod tests {
-    use mesh_ingest::Dimensions;
-
     use super::*;
-
-    fn raw(
-        component: DataType,
-        normalized: bool,
-        dimensions: Dimensions,
-        bytes: &[u8],
-    ) -> RawAccessor<'_> {
-        let count = bytes.len() / (dimensions.multiplicity() * component.size());
-        RawAccessor {
-            component,
-            dimensions,
-            count,
-            normalized,
-            bytes: bytes.into(),
-        }
-    }
-
-    #[test]
-    fn quantised_directions_stay_unit_and_handedness_whole() {
-        // +X and +Y with w = 1 and −1, signed bytes.
-        let bytes = [127, 0, 0, 127, 0, 127, 0, 129];
-        let tangents = raw(DataType::I8, true, Dimensions::Vec4, &bytes);
-        let out = extended("TANGENT", &tangents, &[[0, 1]]);
-        // 127/√2 = 89.8.
-        assert_eq!(out[8..], [90, 90, 0, 127]);
-        let opposite = [127, 0, 0, 127, 129, 0, 0, 127];
-        let tangents = raw(DataType::I8, true, Dimensions::Vec4, &opposite);
-        assert_eq!(
-            extended("TANGENT", &tangents, &[[0, 1]])[8..],
-            opposite[..4]
-        );
-    }
-
-    #[test]
-    fn middles_of_middles_and_numbers_that_name_something() {
-        let bytes = [0, 100, 201, 255];
-        let weights = raw(DataType::U8, true, Dimensions::Scalar, &bytes);
-        // 50, then the midpoint of 50 and 201: 125.5 is rounded away from zero.
-        assert_eq!(
-            extended("_PAINT", &weights, &[[0, 1], [4, 2]])[4..],
-            [50, 126]
-        );
-        let ids = raw(DataType::U8, false, Dimensions::Scalar, &bytes);
-        assert_eq!(extended("_ID", &ids, &[[1, 2], [4, 3]])[4..], [100, 100]);
-        let floats: Vec<u8> = [1.0f32, 2.0].iter().flat_map(|x| x.to_le_bytes()).collect();
-        let heat = raw(DataType::F32, false, Dimensions::Scalar, &floats);
-        assert_eq!(
-            extended("_HEAT", &heat, &[[0, 1]])[8..],
-            1.5f32.to_le_bytes()
-        );
-    }
 
     #[test]
     fn what_ingest_dropped_is_split_with_what_it_repeats_or_stays() {

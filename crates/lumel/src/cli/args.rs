@@ -167,6 +167,12 @@ pub(crate) struct Bake {
     /// Override `split-sides = false` in the settings file
     #[arg(long, conflicts_with = "no_split_sides")]
     pub split_sides: bool,
+    /// Keep charts whole under thin walls, although both sides then read the same lumels
+    #[arg(long)]
+    pub no_cut_charts: bool,
+    /// Override `cut-charts = false` in the settings file
+    #[arg(long, conflicts_with = "no_cut_charts")]
+    pub cut_charts: bool,
     /// Do not stitch chart borders
     #[arg(long)]
     pub no_stitch: bool,
@@ -748,6 +754,8 @@ impl Bake {
             s.max_reflectance = x
         });
         out.put(Flag, "hidden", self.hidden, |s, x| s.hidden = x.into());
+        let cuts = either(self.cut_charts, self.no_cut_charts);
+        out.put(Flag, "cut-charts", cuts, |s, x| s.cut_charts = x);
         let sides = either(self.split_sides, self.no_split_sides);
         out.put(Flag, "split-sides", sides, |s, x| s.split_sides = x);
         let stitch = either(self.stitch, self.no_stitch);

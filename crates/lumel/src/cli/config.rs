@@ -236,6 +236,7 @@ struct FileOptions {
     hidden: Option<Choice<HiddenArg>>,
     units: Option<Choice<UnitsArg>>,
     split_sides: Option<bool>,
+    cut_charts: Option<bool>,
     stitch: Option<bool>,
     vertex_colors: Option<bool>,
     #[serde(deserialize_with = "positive")]
@@ -355,6 +356,7 @@ impl FileOptions {
         });
         out.put(File, "units", self.units, |s, x| s.units = x.0.into());
         out.put(File, "hidden", self.hidden, |s, x| s.hidden = x.0.into());
+        out.put(File, "cut-charts", self.cut_charts, |s, x| s.cut_charts = x);
         out.put(File, "split-sides", self.split_sides, |s, x| {
             s.split_sides = x
         });

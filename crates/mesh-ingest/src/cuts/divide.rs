@@ -1,0 +1,446 @@
+//! The geometry of cuts: triangles and lines in, triangles on either side out.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use glam::{DVec3, Vec3};
+
+use crate::blend::Between;
+
+/// A plane that cuts the flat piece of surface around a triangle.
+pub(super) struct Line {
+    pub triangle: u32,
+    pub normal: DVec3,
+    pub offset: f64,
+}
+
+/// Triangles belong to a flat piece if their normals are within 1° of the first one's.
+const FLAT: f64 = 0.999_85;
+
+/// Vertices closer to a line than this fraction of the piece's size are on it, so that no slivers
+/// arise.
+const ON_LINE: f64 = 1e-4;
+
+/// The bits of a position. Vertices at the same position are the same corner, whatever their other
+/// attributes.
+type Place = [u32; 3];
+
+fn place(p: [f32; 3]) -> Place {
+    // Positive and negative zero are the same position.
+    p.map(|x| (x + 0.0).to_bits())
+}
+
+/// An edge of an original triangle, by the places of its ends in ascending order.
+type Edge = [Place; 2];
+
+/// New vertices on original edges: how far each is from the edge's first end, and where.
+#[derive(Debug, Default)]
+pub(super) struct Edges(BTreeMap<Edge, Vec<(f64, [f32; 3])>>);
+
+impl Edges {
+    fn add(&mut self, edge: Edge, at: f64, position: [f32; 3]) {
+        let points = self.0.entry(edge).or_default();
+        if points.iter().all(|(_, p)| place(*p) != place(position)) {
+            points.push((at, position));
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        }
+    }
+}
+
+/// A primitive's triangles, divided.
+#[derive(Debug)]
+pub(super) struct Divided {
+    /// Of original and new vertices.
+    positions: Vec<[f32; 3]>,
+    /// By vertex, the original edge that a new one is on, and how far along.
+    on: Vec<Option<(Edge, f64)>>,
+    /// New vertices.
+    added: Vec<Between>,
+    /// Triangles with their side.
+    triangles: Vec<([u32; 3], bool)>,
+    original: usize,
+}
+
+impl Divided {
+    /// Divides the pieces of surface that `lines` name, and enters new vertices on their edges in
+    /// `edges`. O(triangles × lines of their piece).
+    pub fn new(
+        positions: Vec<[f32; 3]>,
+        triangles: &[[u32; 3]],
+        lines: &[Line],
+        edges: &mut Edges,
+    ) -> Divided {
+        let mut out = Divided {
+            on: vec![None; positions.len()],
+            original: positions.len(),
+            positions,
+            added: Vec::new(),
+            triangles: triangles.iter().map(|t| (*t, false)).collect(),
+        };
+        if lines.is_empty() {
+            return out;
+        }
+        // Lines by piece; a piece is named by its first triangle.
+        let mut pieces: BTreeMap<u32, (Vec<u32>, Vec<&Line>)> = BTreeMap::new();
+        let neighbours = Neighbours::new(&out.positions, triangles);
+        for line in lines {
+            if line.triangle as usize >= triangles.len() {
+                continue;
+            }
+            let known = pieces
+                .values_mut()
+                .find(|p| p.0.binary_search(&line.triangle).is_ok());
+            if let Some((_, lines)) = known {
+                lines.push(line);
+                continue;
+            }
+            let piece = out.piece(triangles, line.triangle, &neighbours);
+            if let Some(first) = piece.first() {
+                pieces.insert(*first, (piece, vec![line]));
+            }
+        }
+        let mut whole = vec![true; triangles.len()];
+        let mut parts = Vec::new();
+        for (piece, lines) in pieces.values() {
+            for &t in piece {
+                whole[t as usize] = false;
+            }
+            parts.extend(out.cut(triangles, piece, lines));
+        }
+        let kept = (triangles.iter().zip(&whole)).filter(|(_, whole)| **whole);
+        out.triangles = kept.map(|(t, _)| (*t, false)).collect();
+        out.triangles.extend(parts);
+        for (on, position) in out.on.iter().zip(&out.positions) {
+            if let Some((edge, at)) = on {
+                edges.add(*edge, *at, *position);
+            }
+        }
+        out
+    }
+
+    /// The connected triangles around `seed` that lie in its plane, ascending.
+    fn piece(&self, triangles: &[[u32; 3]], seed: u32, neighbours: &Neighbours) -> Vec<u32> {
+        let normal = |t: u32| self.normal(triangles[t as usize]);
+        let own = normal(seed);
+        let mut found = BTreeSet::from([seed]);
+        let mut stack = vec![seed];
+        while let Some(t) = stack.pop() {
+            for m in neighbours.of(triangles[t as usize], &self.positions) {
+                if normal(m).dot(own) >= FLAT && found.insert(m) {
+                    stack.push(m);
+                }
+            }
+        }
+        found.into_iter().collect()
+    }
+
+    fn at(&self, v: u32) -> DVec3 {
+        Vec3::from(self.positions[v as usize]).as_dvec3()
+    }
+
+    fn normal(&self, [a, b, c]: [u32; 3]) -> DVec3 {
+        let [a, b, c] = [a, b, c].map(|v| self.at(v));
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    /// The parts of a piece, with their sides.
+    fn cut(
+        &mut self,
+        triangles: &[[u32; 3]],
+        piece: &[u32],
+        lines: &[&Line],
+    ) -> Vec<([u32; 3], bool)> {
+        let corners = || piece.iter().flat_map(|&t| triangles[t as usize]);
+        let (low, high) = corners().fold((DVec3::MAX, DVec3::MIN), |(low, high), v| {
+            (low.min(self.at(v)), high.max(self.at(v)))
+        });
+        let near = ON_LINE * (high - low).length();
+        let mut parts: Vec<([u32; 3], bool)> = piece
+            .iter()
+            .map(|&t| (triangles[t as usize], false))
+            .collect();
+        for line in lines {
+            let length = line.normal.length();
+            let height = |p: DVec3| {
+                let h = (line.normal.dot(p) - line.offset) / length;
+                if h.abs() <= near { 0.0 } else { h }
+            };
+            let mut made = BTreeMap::new();
+            let mut next = Vec::with_capacity(parts.len() + 8);
+            for (t, side) in parts {
+                let h = t.map(|v| height(self.at(v)));
+                let (above, below) = (h.iter().any(|h| *h > 0.0), h.iter().any(|h| *h < 0.0));
+                if !(above && below) {
+                    next.push((t, side ^ above));
+                    continue;
+                }
+                // Corner `k` is alone on its side; either of the others may be on the line.
+                let alone = |k: usize| {
+                    let [own, a, b] = [h[k], h[(k + 1) % 3], h[(k + 2) % 3]];
+                    own != 0.0 && own * a <= 0.0 && own * b <= 0.0
+                };
+                let k = (0..3).find(|&k| alone(k)).unwrap_or(0);
+                let [p, a, b] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+                let [ha, hb] = [h[(k + 1) % 3], h[(k + 2) % 3]];
+                let own = side ^ (h[k] > 0.0);
+                let mut meet = |v: u32, hv: f64| match hv == 0.0 {
+                    true => v,
+                    false => self.between([p, v], [h[k], hv], &mut made),
+                };
+                let (m, n) = (meet(a, ha), meet(b, hb));
+                next.push(([p, m, n], own));
+                if m != a {
+                    next.push(([m, a, b], !own));
+                }
+                if n != b {
+                    next.push(([m, b, n], !own));
+                }
+            }
+            parts = next;
+        }
+        parts
+    }
+
+    /// The vertex where a line crosses an edge whose ends have these heights.
+    fn between(
+        &mut self,
+        [a, b]: [u32; 2],
+        [ha, hb]: [f64; 2],
+        made: &mut BTreeMap<[u32; 2], u32>,
+    ) -> u32 {
+        // The same order for all triangles, also for vertices that differ only in attributes.
+        let order = |v: u32| (place(self.positions[v as usize]), v);
+        let ([a, b], [ha, hb]) = match order(a) <= order(b) {
+            true => ([a, b], [ha, hb]),
+            false => ([b, a], [hb, ha]),
+        };
+        if let Some(&v) = made.get(&[a, b]) {
+            return v;
+        }
+        let at = ha / (ha - hb);
+        let position = self.at(a).lerp(self.at(b), at).as_vec3().to_array();
+        let v = self.add([a, b], at, position);
+        made.insert([a, b], v);
+        v
+    }
+
+    fn add(&mut self, parents: [u32; 2], at: f64, position: [f32; 3]) -> u32 {
+        let on = self.edge_of(parents).map(|edge| {
+            let [from, to] = edge.map(|p| Vec3::from(p.map(f32::from_bits)).as_dvec3());
+            let p = Vec3::from(position).as_dvec3();
+            (
+                edge,
+                from.distance(p) / from.distance(to).max(f64::MIN_POSITIVE),
+            )
+        });
+        self.on.push(on);
+        self.positions.push(position);
+        self.added.push(Between { parents, at });
+        self.positions.len() as u32 - 1
+    }
+
+    /// The original edge that contains both vertices.
+    fn edge_of(&self, ends: [u32; 2]) -> Option<Edge> {
+        let place_of = |v: u32| place(self.positions[v as usize]);
+        match ends.map(|v| self.on[v as usize]) {
+            // Original vertices are joined by original edges only.
+            [None, None] if ends.iter().all(|v| (*v as usize) < self.original) => {
+                let mut edge = ends.map(place_of);
+                edge.sort_unstable();
+                Some(edge)
+            }
+            [Some((e, _)), Some((f, _))] => (e == f).then_some(e),
+            [Some((e, _)), None] => e.contains(&place_of(ends[1])).then_some(e),
+            [None, Some((e, _))] => e.contains(&place_of(ends[0])).then_some(e),
+            [None, None] => None,
+        }
+    }
+
+    /// Divides triangles whose edges have vertices of neighbours on them.
+    pub fn join(&mut self, edges: &Edges) {
+        if edges.0.is_empty() {
+            return;
+        }
+        let mut todo = std::mem::take(&mut self.triangles);
+        todo.reverse();
+        let mut made = BTreeMap::new();
+        while let Some((t, side)) = todo.pop() {
+            match (0..3).find_map(|k| self.point_on([t[k], t[(k + 1) % 3]], edges, &mut made)) {
+                None => self.triangles.push((t, side)),
+                Some((k, m)) => {
+                    let k = t.iter().position(|v| *v == k).unwrap_or(0);
+                    let [a, b, c] = [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+                    todo.push(([m, b, c], side));
+                    todo.push(([a, m, c], side));
+                }
+            }
+        }
+    }
+
+    /// The first vertex of `edges` strictly inside this edge; returns the edge's first end with it.
+    fn point_on(
+        &mut self,
+        [a, b]: [u32; 2],
+        edges: &Edges,
+        made: &mut BTreeMap<([u32; 2], Place), u32>,
+    ) -> Option<(u32, u32)> {
+        let edge = self.edge_of([a, b])?;
+        let along = |v: u32| match self.on[v as usize] {
+            Some((_, at)) => at,
+            None if place(self.positions[v as usize]) == edge[0] => 0.0,
+            None => 1.0,
+        };
+        let (from, to) = (along(a), along(b));
+        let (low, high) = (from.min(to), from.max(to));
+        let ends = [a, b].map(|v| place(self.positions[v as usize]));
+        let inside =
+            |(at, p): &&(f64, [f32; 3])| *at > low && *at < high && !ends.contains(&place(*p));
+        let &(at, position) = edges.0.get(&edge)?.iter().find(inside)?;
+        let key = ([a.min(b), a.max(b)], place(position));
+        let v = match made.get(&key) {
+            Some(&v) => v,
+            None => {
+                let share = (at - from) / (to - from);
+                let v = self.add([a, b], share, position);
+                made.insert(key, v);
+                v
+            }
+        };
+        Some((a, v))
+    }
+
+    /// Whether there is nothing to write.
+    pub fn is_unchanged(&self) -> bool {
+        self.added.is_empty() && self.triangles.iter().all(|t| !t.1)
+    }
+
+    /// New vertices, whose parents come before them.
+    pub fn added(&self) -> impl Iterator<Item = Between> {
+        self.added.iter().copied()
+    }
+
+    /// Positions of original and new vertices.
+    pub fn positions(&self) -> &[[f32; 3]] {
+        &self.positions
+    }
+
+    /// The triangles of each side.
+    pub fn sides(&self) -> [Vec<[u32; 3]>; 2] {
+        [false, true].map(|side| {
+            let of_side = self.triangles.iter().filter(|t| t.1 == side);
+            of_side.map(|t| t.0).collect()
+        })
+    }
+}
+
+/// Triangles by edge.
+struct Neighbours(BTreeMap<Edge, Vec<u32>>);
+
+impl Neighbours {
+    fn new(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Neighbours {
+        let mut of_edge: BTreeMap<Edge, Vec<u32>> = BTreeMap::new();
+        for (t, corners) in triangles.iter().enumerate() {
+            for edge in edges_of(*corners, positions) {
+                of_edge.entry(edge).or_default().push(t as u32);
+            }
+        }
+        Neighbours(of_edge)
+    }
+
+    /// Triangles that share an edge with this one, itself included.
+    fn of(&self, corners: [u32; 3], positions: &[[f32; 3]]) -> impl Iterator<Item = u32> {
+        edges_of(corners, positions)
+            .into_iter()
+            .filter_map(|edge| self.0.get(&edge))
+            .flatten()
+            .copied()
+    }
+}
+
+fn edges_of(corners: [u32; 3], positions: &[[f32; 3]]) -> [Edge; 3] {
+    [0, 1, 2].map(|k| {
+        let mut edge = [corners[k], corners[(k + 1) % 3]].map(|v| place(positions[v as usize]));
+        edge.sort_unstable();
+        edge
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of 2 × 2 m in z = 0, and a wall on its edge y = 0.
+    fn square_and_wall() -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+        let p = |x: f32, y: f32, z: f32| [x, y, z];
+        let positions = vec![
+            p(0.0, 0.0, 0.0),
+            p(2.0, 0.0, 0.0),
+            p(2.0, 2.0, 0.0),
+            p(0.0, 2.0, 0.0),
+            p(0.0, 0.0, 1.0),
+            p(2.0, 0.0, 1.0),
+        ];
+        (positions, vec![[0, 1, 2], [0, 2, 3], [1, 0, 4], [1, 4, 5]])
+    }
+
+    fn line(normal: [f64; 3], offset: f64) -> Line {
+        Line {
+            triangle: 0,
+            normal: normal.into(),
+            offset,
+        }
+    }
+
+    fn area(d: &Divided, triangles: &[[u32; 3]]) -> f64 {
+        let of = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| d.at(v));
+            0.5 * (b - a).cross(c - a).length()
+        };
+        triangles.iter().map(of).sum()
+    }
+
+    #[test]
+    fn a_line_parts_the_piece_and_neighbours_get_its_ends() {
+        let (positions, triangles) = square_and_wall();
+        let mut edges = Edges::default();
+        let lines = [line([1.0, 0.0, 0.0], 0.5)];
+        let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
+        d.join(&edges);
+        let [near, far] = d.sides();
+        // The wall of 2 m² stays with the first side, where x < 0.5.
+        assert!((area(&d, &near) - 3.0).abs() < 1e-6, "{}", area(&d, &near));
+        assert!((area(&d, &far) - 3.0).abs() < 1e-6, "{}", area(&d, &far));
+        let right = far.iter().flatten().all(|v| d.at(*v).x >= 0.5);
+        assert!(right, "the far side is beyond the line");
+        // No edge of the wall passes the new vertex at (0.5, 0, 0).
+        let end = place([0.5, 0.0, 0.0]);
+        let at_the_wall = near.iter().filter(|t| t.iter().any(|v| d.at(*v).z > 0.0));
+        let touches = |t: &&[u32; 3]| t.iter().any(|v| place(d.positions[*v as usize]) == end);
+        assert_eq!(at_the_wall.filter(touches).count(), 2);
+    }
+
+    #[test]
+    fn lines_make_a_chessboard() {
+        let (positions, triangles) = square_and_wall();
+        let mut edges = Edges::default();
+        let lines = [line([1.0, 0.0, 0.0], 1.0), line([0.0, 2.0, 0.0], 2.0)];
+        let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
+        d.join(&edges);
+        let [_, odd] = d.sides();
+        assert!((area(&d, &odd) - 2.0).abs() < 1e-6);
+        for t in &odd {
+            let c = t.map(|v| d.at(v)).into_iter().sum::<DVec3>() / 3.0;
+            assert!((c.x > 1.0) != (c.y > 1.0), "{c}");
+        }
+    }
+
+    #[test]
+    fn a_line_along_an_edge_or_outside_changes_nothing() {
+        let (positions, triangles) = square_and_wall();
+        for offset in [0.0, 1e-5, 3.0] {
+            let mut edges = Edges::default();
+            let lines = [line([-1.0, 0.0, 0.0], -offset)];
+            let d = Divided::new(positions.clone(), &triangles, &lines, &mut edges);
+            assert!(d.added.is_empty(), "{offset}");
+        }
+    }
+}
