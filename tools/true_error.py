@@ -7,7 +7,7 @@
 For every family and seed: draws a small level, bakes it, and compares randomly drawn lumels with
 the tests' path tracer (`path-trace --lumels`), which shares no code with the baker. Adds a row to
 DIR/true_error.csv: the claims of the report, and the true errors of the lit lumels that lie wholly
-on the surface and that nothing hides. Truths are kept in DIR by atlas. Levels with skies from
+on the surface and that the cameras see in full. Truths are kept in DIR by atlas. Levels with skies from
 files, textures or other things that the path tracer does not model are left out.
 
 Error: (bake - truth) / (truth + 1 % of the mean truth), by luminance. Root mean squares have the

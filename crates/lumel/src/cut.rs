@@ -16,9 +16,17 @@ use radiosity::{Incoming, Solution, SurfacePoint, World, cosine_hemisphere, lumi
 
 use crate::named::{node_of, some_of};
 
-/// Relative difference of the light on two sides from which the line at the wall's foot is
-/// noticed. A lookup beside the wall takes up to half of its light from the shared lumel.
+/// Relative difference of the light on two sides from which a piece of a wall counts.
 const DIFFERENT: f32 = 0.3;
+
+/// Mean relative difference along a wall from which its foot is cut: the brighter side has 1.7
+/// times the light. A lookup beside the wall takes up to half of its light from the shared lumel,
+/// so the line is a third brighter than the floor.
+const NOTICED: f32 = 0.4;
+
+/// Larger meshes are not cut. Their charts take long and would be made twice, and the walls of
+/// scans and of finely carved architecture are no straight lines.
+const MOST_TRIANGLES: usize = 20_000;
 
 /// Light below this fraction of the scene's mean is not told from black.
 const BLACK: f32 = 0.02;
@@ -183,6 +191,7 @@ pub(crate) fn wanted(
             };
             lumel[instance].is_some_and(|lumel| {
                 line.length >= SHORT * lumel
+                    && line.weight >= NOTICED * line.length
                     && line.sides.iter().all(Found::is_seen)
                     && far(1.0).min(far(-1.0)) > STRIP * lumel
             })
@@ -231,7 +240,10 @@ fn lumel_sizes(loaded: &Loaded, report: &LayoutReport) -> Vec<Option<f32>> {
         .map(|instance| {
             let mesh = scene.meshes[instance.mesh].gltf_mesh;
             let made = (report.meshes.iter()).find(|m| m.gltf_mesh == mesh)?;
+            let primitives = &scene.meshes[instance.mesh].primitives;
+            let triangles = primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
             let may = mesh != Mesh::NOT_IN_DOCUMENT
+                && triangles <= MOST_TRIANGLES
                 && uses[&mesh] == 1
                 && made.origin != UvOrigin::Kept
                 && loaded.document.can_cut(mesh);

@@ -7,19 +7,21 @@
 //! of `tests/tests/second_method.rs` as files.
 //!
 //! `path-trace --lumels BAKED.glb WxH[,WxH…] COUNT [PATHS [SEED [R,G,B]]]` draws COUNT lumels of a
-//! bake whose pages have these sizes. For each, a line gives page, column, row, coverage (0 to 1),
-//! and the same seven values, as means over the lumel's part of the surface.
+//! bake whose pages have these sizes, of those that the scene's cameras see in full, in whatever
+//! direction they look. For each, a line gives page, column, row, coverage (0 to 1), and the same
+//! seven values, as means over the lumel's part of the surface.
 //! `tools/true_error.py` uses it.
 #![allow(clippy::print_stdout, reason = "a program whose output is a table")]
 
 use std::error::Error;
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use lumel_tests::path_tracer::{
-    Effort, Estimate, Footprint, PathTracer, Scene, choose, footprints,
+    Effort, Estimate, Footprint, PathTracer, Ray, Scene, Tree, choose, footprints,
 };
 use lumel_tests::scenes::second_method;
+use serde_json::Value;
 
 fn numbers<const N: usize>(line: &str) -> Result<[f64; N], Box<dyn Error>> {
     let all = line
@@ -61,16 +63,56 @@ fn values(e: &Estimate) -> String {
     all.map(|x| x.to_string()).join(",")
 }
 
+/// Where the cameras of a level are; they have no parents.
+fn eyes(glb: &[u8]) -> Result<Vec<DVec3>, Box<dyn Error>> {
+    let length = u32::from_le_bytes(glb[12..16].try_into()?) as usize;
+    let json: Value = serde_json::from_slice(&glb[20..20 + length])?;
+    let nodes = json["nodes"].as_array().into_iter().flatten();
+    let eye = |n: &Value| {
+        n.get("camera")?;
+        let at = n["translation"].as_array()?;
+        Some(DVec3::from_slice(
+            &at.iter().filter_map(Value::as_f64).collect::<Vec<_>>(),
+        ))
+    };
+    Ok(nodes.filter_map(eye).collect())
+}
+
+/// Whether nothing is between `eye` and the front of any corner of a lumel. Corners are moved
+/// slightly towards their piece's middle, because neighbouring faces meet there.
+fn sees(eye: DVec3, lumel: &Footprint, scene: &Scene, tree: &Tree) -> bool {
+    lumel.outlines().all(|(triangle, outline)| {
+        let t = &scene.triangles[triangle];
+        let middle = outline.iter().sum::<DVec2>() / outline.len() as f64;
+        t.normal().dot(eye - t.corners[0]) > 0.0
+            && outline.iter().all(|p| {
+                let p = p.lerp(middle, 0.05);
+                let ray = Ray {
+                    origin: eye,
+                    direction: t.at(p.x, p.y) - eye,
+                    t_max: 1.0 - 1e-9,
+                    skip: [triangle, usize::MAX],
+                };
+                tree.closest(&ray).is_none()
+            })
+    })
+}
+
 /// The light of `count` lumels of a bake.
 fn lumels(baked: &str, sizes: &str, count: &str, rest: &[String]) -> Result<(), Box<dyn Error>> {
-    let mut scene = Scene::from_glb(&std::fs::read(baked)?)?;
+    let bytes = std::fs::read(baked)?;
+    let mut scene = Scene::from_glb(&bytes)?;
+    let eyes = eyes(&bytes)?;
     let effort = effort(rest, &mut scene)?;
     let mut pages = Vec::new();
     for size in sizes.split(',') {
         let (width, height) = size.split_once('x').ok_or("WIDTHxHEIGHT expected")?;
         pages.push([width.parse()?, height.parse()?]);
     }
-    let drawn = choose(footprints(&scene, &pages), count.parse()?, effort.seed);
+    let tree = Tree::new(scene.triangles.clone());
+    let mut seen = footprints(&scene, &pages);
+    seen.retain(|lumel| eyes.iter().any(|eye| sees(*eye, lumel, &scene, &tree)));
+    let drawn = choose(seen, count.parse()?, effort.seed);
     let light = PathTracer::new(scene).irradiance(&drawn, effort);
     for (lumel, light) in drawn.iter().zip(&light) {
         let [column, row] = lumel.texel;
