@@ -7,12 +7,12 @@
 
 use std::collections::BTreeMap;
 
-use atlas::LayoutReport;
-use atlas::UvOrigin;
+use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
 use mesh_ingest::{Cut, Loaded, Mesh, Scene};
 use patch_subdivision::PatchId;
 use radiosity::{Incoming, Solution, SurfacePoint, World, cosine_hemisphere, luminance, sample_4d};
+use rayon::prelude::*;
 
 use crate::named::{node_of, some_of};
 
@@ -116,92 +116,111 @@ pub(crate) fn wanted(
     solution: &Solution,
     report: &LayoutReport,
 ) -> Vec<Cut> {
-    let (scene, cut) = (&loaded.scene, &solution.cut);
+    let cut = &solution.cut;
     if !cut.has_walls() {
         return Vec::new();
     }
-    let lumel = lumel_sizes(loaded, report);
-    let mut light = vec![0.0f32; cut.elements().len()];
-    for p in 0..cut.patches().len() {
-        for e in cut.elements_of(PatchId(p as u32)) {
-            light[e] = luminance(solution.direct[e] + solution.indirect[p]);
-        }
-    }
-    let mut back = vec![false; light.len()];
-    for (p, patch) in cut.patches().iter().enumerate() {
-        cut.elements_of(PatchId(p as u32))
-            .for_each(|e| back[e] = patch.back);
-    }
-    let black = BLACK * luminance(solution.mean_irradiance().as_vec3());
+    let lumels = lumel_sizes(loaded, report);
+    let lumel_of = |triangle: u32| lumels[world.soup.sources[triangle as usize].instance as usize];
     let mut lines: BTreeMap<usize, Vec<Line>> = BTreeMap::new();
-    for [a, b] in cut.across() {
-        let (la, lb) = (light[a as usize], light[b as usize]);
-        let most = la.max(lb).max(black);
-        let differ = (la - lb).abs() / most;
-        let triangle = cut.elements()[a as usize].triangle;
-        let instance = world.soup.sources[triangle as usize].instance as usize;
-        let (true, Some(lumel)) = (differ > DIFFERENT, lumel[instance]) else {
-            continue;
-        };
-        let (Some(region), Some(wall)) = (
-            cut.region_of(triangle),
-            wall(world, solution, [a, b], back[a as usize], lumel),
-        ) else {
-            continue;
-        };
-        let length = 0.25 * cut.patch_edge(triangle);
-        let of_region = lines.entry(region).or_default();
-        for at in wall.faces(BESIDE * lumel) {
-            let same = |l: &Line| {
-                l.normal.dot(wall.normal).abs() > 1.0 - 0.5 * PARALLEL * PARALLEL
-                    && (l.normal.dot(at) - l.offset).abs() < BESIDE * lumel
-            };
-            let k = match of_region.iter().position(same) {
-                Some(k) => k,
-                None if of_region.len() == MOST_FOUND => continue,
-                None => {
-                    of_region.push(Line {
-                        normal: wall.normal,
-                        offset: wall.normal.dot(at),
-                        length: 0.0,
-                        weight: 0.0,
-                        sides: [Found::default(); 2],
-                        triangle,
-                    });
-                    of_region.len() - 1
-                }
-            };
-            let line = &mut of_region[k];
-            line.length += length;
-            line.weight += length * differ;
-            line.sides[0].add(&wall.sides[0]);
-            line.sides[1].add(&wall.sides[1]);
+    for wall in walls(world, solution, &lumel_of) {
+        if let Some(region) = cut.region_of(wall.triangle) {
+            let length = 0.25 * cut.patch_edge(wall.triangle);
+            enter(lines.entry(region).or_default(), &wall, length);
         }
     }
     let points = visible_points(solution, world, &lines);
     let mut cuts = Vec::new();
     for (region, mut of_region) in lines {
         of_region.retain(|line| {
-            let instance = world.soup.sources[line.triangle as usize].instance as usize;
-            let far = |side: f32| {
-                let beyond = points[&region]
-                    .iter()
-                    .map(|p| side * (line.normal.dot(*p) - line.offset));
-                beyond.fold(0.0, f32::max)
-            };
-            lumel[instance].is_some_and(|lumel| {
-                line.length >= SHORT * lumel
-                    && line.weight >= NOTICED * line.length
-                    && line.sides.iter().all(Found::is_seen)
-                    && far(1.0).min(far(-1.0)) > STRIP * lumel
-            })
+            lumel_of(line.triangle).is_some_and(|lumel| line.is_worth_it(lumel, &points[&region]))
         });
         // Stable, so of equal lines the first found stays first.
         of_region.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         of_region.truncate(MOST_LINES);
-        cuts.extend(of_region.iter().map(|line| in_mesh(scene, world, line)));
+        cuts.extend(
+            of_region
+                .iter()
+                .map(|line| in_mesh(&loaded.scene, world, line)),
+        );
     }
     cuts
+}
+
+/// Thin walls with different light on their two sides, pair by pair of neighbouring elements.
+fn walls(
+    world: &World,
+    solution: &Solution,
+    lumel_of: &(dyn Fn(u32) -> Option<f32> + Sync),
+) -> Vec<Wall> {
+    let cut = &solution.cut;
+    let mut light = vec![0.0f32; cut.elements().len()];
+    let mut back = vec![false; light.len()];
+    for (p, patch) in cut.patches().iter().enumerate() {
+        for e in cut.elements_of(PatchId(p as u32)) {
+            light[e] = luminance(solution.direct[e] + solution.indirect[p]);
+            back[e] = patch.back;
+        }
+    }
+    let black = BLACK * luminance(solution.mean_irradiance().as_vec3());
+    (cut.across().par_iter().with_min_len(1024))
+        .filter_map(|&[a, b]| {
+            let (la, lb) = (light[a as usize], light[b as usize]);
+            let differ = (la - lb).abs() / la.max(lb).max(black);
+            if differ <= DIFFERENT {
+                return None;
+            }
+            let lumel = lumel_of(cut.elements()[a as usize].triangle)?;
+            let wall = wall(world, solution, [a, b], back[a as usize], lumel)?;
+            Some(Wall { differ, ..wall })
+        })
+        .collect()
+}
+
+/// Adds a piece of a wall to the lines of its two faces.
+fn enter(lines: &mut Vec<Line>, wall: &Wall, length: f32) {
+    for at in wall.faces() {
+        let same = |l: &Line| {
+            l.normal.dot(wall.normal).abs() > 1.0 - 0.5 * PARALLEL * PARALLEL
+                && (l.normal.dot(at) - l.offset).abs() < BESIDE * wall.lumel
+        };
+        let k = match lines.iter().position(same) {
+            Some(k) => k,
+            None if lines.len() == MOST_FOUND => continue,
+            None => {
+                lines.push(Line {
+                    normal: wall.normal,
+                    offset: wall.normal.dot(at),
+                    length: 0.0,
+                    weight: 0.0,
+                    sides: [Found::default(); 2],
+                    triangle: wall.triangle,
+                });
+                lines.len() - 1
+            }
+        };
+        let line = &mut lines[k];
+        line.length += length;
+        line.weight += length * wall.differ;
+        line.sides[0].add(&wall.sides[0]);
+        line.sides[1].add(&wall.sides[1]);
+    }
+}
+
+impl Line {
+    /// Whether charts should end here, on a surface with these points.
+    fn is_worth_it(&self, lumel: f32, points: &[Vec3]) -> bool {
+        let far = |side: f32| {
+            let beyond = points
+                .iter()
+                .map(|p| side * (self.normal.dot(*p) - self.offset));
+            beyond.fold(0.0, f32::max)
+        };
+        self.length >= SHORT * lumel
+            && self.weight >= NOTICED * self.length
+            && self.sides.iter().all(Found::is_seen)
+            && far(1.0).min(far(-1.0)) > STRIP * lumel
+    }
 }
 
 /// Points of the visible elements of each region that has lines.
@@ -236,10 +255,12 @@ fn lumel_sizes(loaded: &Loaded, report: &LayoutReport) -> Vec<Option<f32>> {
             .entry(scene.meshes[instance.mesh].gltf_mesh)
             .or_default() += 1;
     }
+    let reports: BTreeMap<usize, &MeshReport> =
+        report.meshes.iter().map(|m| (m.gltf_mesh, m)).collect();
     (scene.instances.iter())
         .map(|instance| {
             let mesh = scene.meshes[instance.mesh].gltf_mesh;
-            let made = (report.meshes.iter()).find(|m| m.gltf_mesh == mesh)?;
+            let made = reports.get(&mesh)?;
             let primitives = &scene.meshes[instance.mesh].primitives;
             let triangles = primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
             let may = mesh != Mesh::NOT_IN_DOCUMENT
@@ -260,13 +281,19 @@ struct Wall {
     ends: [Vec3; 2],
     /// What rays from either element found, first from the one that the normal points to.
     sides: [Found; 2],
+    /// Relative difference of the light.
+    differ: f32,
+    /// Edge of the surface's lumels, metres.
+    lumel: f32,
+    /// The first element's triangle.
+    triangle: u32,
 }
 
 impl Wall {
-    /// Points on its faces, or one between them if they are closer than `near`.
-    fn faces(&self, near: f32) -> impl Iterator<Item = Vec3> {
+    /// Points on its faces, or one between them if they are very close.
+    fn faces(&self) -> impl Iterator<Item = Vec3> {
         let [a, b] = self.ends;
-        let one = self.normal.dot(b - a).abs() < near;
+        let one = self.normal.dot(b - a).abs() < BESIDE * self.lumel;
         let points = if one {
             [Some(0.5 * (a + b)), None]
         } else {
@@ -322,6 +349,9 @@ fn wall(
         normal,
         ends,
         sides,
+        differ: 0.0,
+        lumel,
+        triangle: cut.elements()[pair[0] as usize].triangle,
     })
 }
 

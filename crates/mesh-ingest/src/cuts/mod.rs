@@ -47,10 +47,11 @@ pub(crate) fn can_cut(document: &Document, mesh: &Item) -> bool {
     let plain = |item: &Item| {
         let attributes = &item.value["attributes"];
         let position = attributes["POSITION"].as_u64();
-        let floats = position.and_then(|i| document.accessor(i as usize).ok());
+        let accessor = position.map(|i| &document.json()["accessors"][i as usize]);
+        let component = accessor.and_then(|a| a["componentType"].as_u64());
         sides::can_split(item)
             && attributes.get("JOINTS_0").is_none()
-            && floats.is_some_and(|raw| raw.component == DataType::F32)
+            && component == Some(DataType::F32.as_gl_enum().into())
     };
     (mesh.elements("primitives")).is_ok_and(|all| !all.is_empty() && all.iter().all(plain))
 }
