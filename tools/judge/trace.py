@@ -283,7 +283,7 @@ class Tracer:
     def by_light(self, pl, pc):
         """MIS weight of a sample by light against one by direction"""
         pl = pl * self.candidates
-        return pl * pl / (pl * pl + pc * pc)
+        return pl * pl / dr.maximum(pl * pl + pc * pc, 1e-30)
 
     def from_triangles(self, p, n, face, u, rng, active):
         """radiance · cos / π of emissive triangles, weighed by MIS; of some candidates one is

@@ -17,7 +17,7 @@ from . import scene as scenes
 from .trace import GOLDEN, Tracer, dr, mi
 
 SIDE = 2                        # subpixels along each side of a pixel
-VERSION = 2                     # of the pictures; part of the cache's key
+VERSION = 3                     # of the pictures; part of the cache's key
 
 
 def camera_rays(camera, width, height, centre):
