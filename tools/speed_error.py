@@ -137,7 +137,7 @@ class Scene:
     def places(self, bake):
         """the lightmap rectangle of each node in a bake"""
         with open(bake["manifest"]) as f:
-            return json.load(f)
+            return json.load(f)["nodes"]
 
     def map_of(self, setting):
         """the lightmap of a setting that this run has baked, or None"""
