@@ -2,7 +2,7 @@
 # Prepares the measuring environment on a new Debian machine: LLVM for Mitsuba, a Python environment, the Khronos validator, two web engines.
 #
 # Usage: tools/setup.sh [VENV [NPM_DIR]]      (or LUMEL_VENV, LUMEL_NPM; defaults /opt/lumel-venv, /opt/lumel-npm)
-# Needs Python 3.11, npm, and root for apt-get (skipped if libLLVM 19 is installed or apt-get is not). About 1.6 GB, two minutes.
+# Needs Python 3.11, npm, and root for apt-get (skipped if libLLVM 19 is installed or apt-get is not). About 1.6 GB, three minutes.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 venv=${1:-${LUMEL_VENV:-/opt/lumel-venv}}
