@@ -45,14 +45,9 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 def planes(directory):
     """{channel group: array} of all pages, and coverage; lumels only"""
-    import mitsuba as mi
-    mi.set_variant("scalar_rgb")
     out = {}
     for path in common.outputs(directory)["pages"]:
-        bitmap = mi.Bitmap(path)
-        data = np.array(bitmap, dtype=np.float64).reshape(-1, bitmap.channel_count())
-        names = [bitmap.struct_()[i].name for i in range(bitmap.channel_count())]
-        at = {n: data[:, i] for i, n in enumerate(names)}
+        at = common.exr_channels(path)
         keep = at["coverage.Y"] > 0
         for group, prefix in (("all", ""), ("direct", "direct."), ("indirect", "indirect.")):
             out.setdefault(group, []).append(sum(w * at[prefix + c][keep] for w, c in zip(LUMINANCE, "RGB")))

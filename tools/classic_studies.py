@@ -4,14 +4,14 @@ Usage : python classic_studies.py [--lab PROGRAM] [--out DIR] [--docs DIR] [--ca
               [--pixel-spp 128] [--no-solvers] [-- further options of `lumel bake`]
 Steps : 1 `lumel-lab studies` writes each case as .glb and the baseline's radiosity as .csv; `lumel-lab solvers` its tables;
         2 `lumel bake` bakes each .glb at its default settings;
-        3 points.py draws --count points by area from the surfaces that do not emit, and truth.py computes their irradiance (back
+        3 --count points are drawn by area from the surfaces that do not emit, and truth.py computes their irradiance (back
           faces black, unlimited bounces); 4 the same for the pixels of one picture, with fewer samples;
         5 every method's irradiance at those points and pixels, and its error.
 Output: DOCS/images/studies/NAME.png (pictures) and NAME.error.png (signed error of each), DOCS/images/studies/errors.csv (figures),
         and the tables, DOCS/tables/studies.md.  Solver tables: OUT/solvers*.csv.
 Errors: of the luminance of irradiance E, over points with E > 0.001 mean: relRMSE = sqrt(mean(((x − ref) / (ref + 0.01 mean ref))²)),
-        p50 and p95 of its absolute value, bias = mean(x) / mean(ref) − 1, as in score.py.
-Needs : LUMEL (the lumel binary), LUMEL_SHARED_TOOLS (truth.py, points.py, gltf_scene.py, score.py), numpy, Mitsuba, Pillow.
+        p50 and p95 of its absolute value, bias = mean(x) / mean(ref) − 1.
+Needs : LUMEL (the lumel binary), numpy, Mitsuba, Pillow.
         References are cached under LUMEL_REF by the hash of scene and settings.
 """
 import argparse
@@ -25,12 +25,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import common
+import lumels
+from judge import scene as scenes
+from judge.view import taps
+from truth import LUMINANCE as LUM, MODEL
 
-sys.path.insert(0, common.SHARED)
-import gltf_scene   # noqa: E402
-import score        # noqa: E402
-
-LUM = np.array([0.2126, 0.7152, 0.0722])
 WIDTH, HEIGHT, LABEL, COLUMNS = 294, 189, 18, 3
 
 
@@ -116,23 +115,21 @@ class Lightmap:
     """Lumel's result as an engine reads it: the baked glTF's triangles, their second UV set, the EXR"""
 
     def __init__(self, glb):
-        self.scene = gltf_scene.load(glb, images=False)
-        (_, _, extras), = score.node_order(glb)
-        self.place = extras["lightmap"]
-        self.image = score.read_exr(os.path.join(os.path.dirname(glb), self.place["uri"]))
-        g = np.cross(self.scene.tri[:, 1] - self.scene.tri[:, 0], self.scene.tri[:, 2] - self.scene.tri[:, 0])
-        self.normal = g / np.linalg.norm(g, axis=1)[:, None]
+        self.scene = scenes.load(glb, images=False)
+        self.place = self.scene.extras[self.scene.node[0]]["lightmap"]
+        self.image = common.read_exr(os.path.join(os.path.dirname(glb), self.place["uri"]))
+        self.normal = lumels.unit(lumels.face_normals(self.scene.corners))
 
     def irradiance(self, patches, patch, p):
         """E at points whose patch in the coarse table is known: two triangles of the glTF lie on each"""
-        owner = patches.locate(self.scene.tri.mean(1), self.normal)
+        owner = patches.locate(self.scene.corners.mean(1), self.normal)
         order = np.argsort(owner, kind="stable")
         if not (owner[order].reshape(-1, 2) == np.arange(len(patches.corners))[:, None]).all():
             raise SystemExit("the baked scene has other triangles than the room")
         pair = order.reshape(-1, 2)[patch]
         best, uv = np.full(len(p), -np.inf), np.zeros((len(p), 2))
         for k in range(2):
-            t = self.scene.tri[pair[:, k]]
+            t = self.scene.corners[pair[:, k]]
             e1, e2, d = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0], p - t[:, 0]
             d11, d12, d22 = (e1 * e1).sum(1), (e1 * e2).sum(1), (e2 * e2).sum(1)
             p1, p2 = (d * e1).sum(1), (d * e2).sum(1)
@@ -143,12 +140,8 @@ class Lightmap:
             at = (self.scene.uv[self.place.get("texCoord", 1)][pair[:, k]] * b[..., None]).sum(1)
             uv[here], best[here] = at[here], b.min(1)[here]
         uv = uv * np.array(self.place.get("scale", [1, 1])) + np.array(self.place.get("offset", [0, 0]))
-        h, w = self.image.shape[:2]
-        x, y = uv[:, 0] * w - 0.5, uv[:, 1] * h - 0.5
-        x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
-        fx, fy = (x - x0)[:, None], (y - y0)[:, None]
-        at = lambda j, i: self.image[np.clip(j, 0, h - 1), np.clip(i, 0, w - 1)]    # noqa: E731
-        value = (at(y0, x0) * (1 - fx) + at(y0, x0 + 1) * fx) * (1 - fy) + (at(y0 + 1, x0) * (1 - fx) + at(y0 + 1, x0 + 1) * fx) * fy
+        texel, weight = taps(self.image.shape, uv)
+        value = (self.image.reshape(-1, 3)[texel] * weight[..., None]).sum(1)
         return value * self.place.get("scaleToIrradiance", np.pi)
 
 
@@ -165,22 +158,22 @@ def camera_rays(camera):
     return eye, (d / np.linalg.norm(d, axis=2, keepdims=True)).reshape(-1, 3)
 
 
-def truth(scene, position, normal, work, spp, batch):
+def truth(scene, position, normal, work, spp):
     """irradiance and standard error at points, from the cache or from truth.py"""
-    key = common.digest(scene, position.tobytes().hex(), normal.tobytes().hex(), spp, batch)
+    key = common.digest(scene, position.tobytes().hex(), normal.tobytes().hex(), spp, MODEL)
     kept = os.path.join(common.REF, "study-%s.npz" % key)
     if not os.path.exists(kept):
         os.makedirs(common.REF, exist_ok=True)
         points, out = work + ".points.npz", work + ".truth.npz"
         np.savez(points, position=position, normal=normal)
-        common.tool("truth.py", scene, points, out, "--spp", spp, "--batch", batch, timeout=600)
+        common.tool("truth.py", scene, points, out, "--paths", spp, timeout=600)
         os.replace(out, kept)
     z = np.load(kept)
-    return z["irradiance"], z["stderr"]
+    return z["irradiance"], z["stderr_y"]
 
 
 def errors(x, ref, se):
-    x, ref, se = x @ LUM, ref @ LUM, se @ LUM
+    x, ref = x @ LUM, ref @ LUM
     m = ref.mean()
     lit = ref > 1e-3 * m
     d = ((x - ref) / (ref + 0.01 * m))[lit]
@@ -251,17 +244,16 @@ def run_case(case, a, camera):
     common_run = common.bake(scene, work + ".bake", *a.further)
     if common_run["code"] != 0:
         raise SystemExit("lumel bake failed: " + common_run["err"])
-    common.tool("points.py", scene, work + ".drawn.npz", "--count", a.count)
-    drawn = np.load(work + ".drawn.npz")
-    position, normal = drawn["position"], drawn["geo"]
-    ref, se = truth(scene, position, normal, work, a.spp, 64)
+    drawn = lumels.points(scenes.load(scene, images=False), a.count)
+    position, normal = drawn["position"], drawn["normal"]
+    ref, se = truth(scene, position, normal, work, a.spp)
     lightmap = Lightmap(common_run["glb"])
 
     eye, d = camera_rays(camera)
     pixel, hit = coarse.cast(eye, d)
     seen = np.nonzero(pixel >= 0)[0]
     pixel, hit = pixel[seen], hit[seen]
-    pixel_ref, _ = truth(scene, hit, coarse.normal[pixel], work + ".pixel", a.pixel_spp, 16)
+    pixel_ref, _ = truth(scene, hit, coarse.normal[pixel], work + ".pixel", a.pixel_spp)
     rho, glow = coarse.rho[pixel], coarse.exitance[pixel]
     dark = glow.sum(1) == 0
     want = glow + rho * pixel_ref

@@ -1,9 +1,8 @@
 """Shared by the measurement scripts: locations, running programs with limits, reading outputs.
 
 Environment: LUMEL          the lumel binary (default ../target/release/lumel)
-             LUMEL_SHARED_TOOLS  folder of truth.py, texels.py, … (default ../../shared/tools,
-                            relative to this folder)
-             LUMEL_SCENES   folder of the measurement scenes (default ../../shared/scenes)
+             LUMEL_SCENES   folder of other people's levels (default ../../shared/scenes, relative to
+                            this folder); without them the scripts run on assets/ alone
              LUMEL_REF      cache of references (default /tmp/lumel-ref)
              LUMEL_NPM      folder whose node_modules has gltf-validator (default /opt/lumel-npm)
 """
@@ -31,7 +30,6 @@ def _env(name, default):
 # The notebooks: prose, with program-written tables/, data/ and images/ next to it.
 LAB = os.path.join(HERE, "..", "lab")
 LUMEL = _env("LUMEL", "../target/release/lumel")
-SHARED = _env("LUMEL_SHARED_TOOLS", "../../shared/tools")
 SCENES = _env("LUMEL_SCENES", "../../shared/scenes")
 REF = _env("LUMEL_REF", "/tmp/lumel-ref")
 
@@ -94,9 +92,9 @@ def run(args, timeout=None, memory=None, cwd=None):
 
 
 def tool(name, *args, timeout=None):
-    """Runs a script of the shared tools with this Python; -> its last line of JSON (or {}).
+    """Runs a script of this folder with this Python; -> its last line of JSON (or {}).
     Raises on failure."""
-    r = run([sys.executable, os.path.join(SHARED, name), *map(str, args)], timeout)
+    r = run([sys.executable, os.path.join(HERE, name), *map(str, args)], timeout)
     if r["code"] != 0:
         raise SystemExit("%s failed (%d):\n%s" % (name, r["code"], (r["err"] or r["out"])[-2000:]))
     for line in reversed(r["out"].splitlines()):
@@ -113,6 +111,31 @@ def digest(*paths_or_text):
         h.update(open(x, "rb").read() if os.path.isfile(x) else x.encode())
         h.update(b"\0")
     return h.hexdigest()[:16]
+
+
+def exr_channels(path):
+    """{name: float64 [row, column]} of an EXR, row 0 at the top"""
+    import numpy as np
+    import OpenEXR
+    with OpenEXR.File(path, separate_channels=True) as f:
+        return {name: np.asarray(c.pixels, np.float64) for name, c in f.channels().items()}
+
+
+def read_exr(path):
+    """RGB of an EXR, [row, column, 3]"""
+    import numpy as np
+    channels = exr_channels(path)
+    return np.stack([channels[c] for c in "RGB"], -1)
+
+
+def write_exr(path, image):
+    """image: [row, column, 3]"""
+    import numpy as np
+    import OpenEXR
+    channels = {c: np.ascontiguousarray(image[..., i], np.float32) for i, c in enumerate("RGB")}
+    header = dict(compression=OpenEXR.ZIP_COMPRESSION, type=OpenEXR.scanlineimage)
+    with OpenEXR.File(header, channels) as f:
+        f.write(path)
 
 
 def exr_size(path):

@@ -24,7 +24,7 @@ Errors: (bake − truth)/(truth + 1 % of the mean truth) on luminance, over lit 
         (channel error.Y) over the same. `report` is the bake's own figure, relative to its own
         light. With --truth paths, the truth's own noise is subtracted from the squared error.
 Time  : on two idle cores, five minutes with cached references; those of --truth bake take ten.
-Needs : Mitsuba to read EXR (and for path-traced references that are not cached), numpy, scipy;
+Needs : OpenEXR, numpy, scipy; Mitsuba for path-traced references that are not cached;
         matplotlib for pictures.
 """
 import argparse
@@ -122,7 +122,7 @@ class Scene:
         r = self.bake(setting, "%s.%s" % (self.name, setting))
         report, page = r["report_json"], channels(r["pages"][0])
         at = tuple(self.truth["texel"].T)
-        # For a texel across a chart's border, texels.py and the baker average over different parts.
+        # For a texel across a chart's border, lumels.py and the baker average over different parts.
         whole = page["coverage"][at] > WHOLE if self.a.truth == "paths" else np.ones(len(at[0]), bool)
         m = measure(page["rgb"][at] @ LUMINANCE * np.pi, page["error"][at] * np.pi, self.truth, whole)
         gather = report["gather"]
@@ -136,13 +136,9 @@ class Scene:
 
 def channels(path):
     """{rgb, error, coverage, direct, indirect} of an EXR, [row, column(, 3)]"""
-    import mitsuba as mi
-    mi.set_variant("scalar_rgb")
-    bitmap = mi.Bitmap(path)
-    data = np.array(bitmap, dtype=np.float64)
-    names = {bitmap.struct_()[i].name: i for i in range(bitmap.channel_count())}
-    three = lambda prefix: np.stack([data[..., names[prefix + c]] for c in "RGB"], -1)      # noqa: E731
-    return dict(rgb=three(""), direct=three("direct."), indirect=three("indirect."), error=data[..., names["error.Y"]], coverage=data[..., names["coverage.Y"]])
+    data = common.exr_channels(path)
+    three = lambda prefix: np.stack([data[prefix + c] for c in "RGB"], -1)      # noqa: E731
+    return dict(rgb=three(""), direct=three("direct."), indirect=three("indirect."), error=data["error.Y"], coverage=data["coverage.Y"])
 
 
 def measure(x, e, truth, keep):

@@ -14,6 +14,7 @@ import os
 
 import numpy as np
 
+import common
 import reference
 
 
@@ -22,7 +23,7 @@ def draw(ref, exr, png, crop=None, limit=0.1, title=None):
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-    img = reference._compare().read_exr(exr) @ reference._compare().LUM
+    img = common.read_exr(exr) @ reference.LUMINANCE
     r0, r1, c0, c1 = crop or (0, img.shape[0], 0, img.shape[1])
     r, c = ref["texel"].T
     inside = (r >= r0) & (r < r1) & (c >= c0) & (c < c1)
@@ -63,7 +64,7 @@ def draw(ref, exr, png, crop=None, limit=0.1, title=None):
 def truth_of(refs, w, refine=0):
     """path of the reference of one of speed_page.WEAKNESSES"""
     import speed_page
-    return refs.truth(1.0, "black", 0, every=True, region=w["crop"], target=speed_page.CROP_TARGET, seconds=speed_page.CROP_SECONDS, refine=refine)
+    return refs.truth(1.0, False, every=True, region=w["crop"], target=speed_page.CROP_TARGET, seconds=speed_page.CROP_SECONDS, refine=refine)
 
 
 def of_bake(scene, w, png):

@@ -19,18 +19,11 @@ import argparse
 import copy
 import json
 import os
-import sys
 
 import numpy as np
 
 import common
-
-sys.path.insert(0, common.SHARED)
-import gltf_scene       # noqa: E402
-
-
-def matrix_of(t, r, s):
-    return [float(x) for x in gltf_scene._trs(t, r, s).T.ravel()]
+from judge import scene as scenes
 
 
 def expand_instances(js, doc):
@@ -43,10 +36,8 @@ def expand_instances(js, doc):
         places = node.get("extras", {}).pop("lightmap", None)
         mesh = node.pop("mesh")
         for k in range(len(next(iter(at.values())))):
-            child = dict(name="%s[%d]" % (node.get("name", "node"), k), mesh=mesh,
-                         matrix=matrix_of(at["TRANSLATION"][k] if "TRANSLATION" in at else [0, 0, 0],
-                                          at["ROTATION"][k] if "ROTATION" in at else [0, 0, 0, 1],
-                                          at["SCALE"][k] if "SCALE" in at else [1, 1, 1]))
+            placed = scenes.placed(**{a.lower(): v[k] for a, v in at.items() if a in ("TRANSLATION", "ROTATION", "SCALE")})
+            child = dict(name="%s[%d]" % (node.get("name", "node"), k), mesh=mesh, matrix=placed.T.ravel().tolist())
             place = places[k] if isinstance(places, list) else places
             if place:
                 child["extras"] = {"lightmap": place}
@@ -80,7 +71,7 @@ def main():
     ap.add_argument("flat")
     ap.add_argument("--page", type=int, default=0)
     a = ap.parse_args()
-    doc = gltf_scene._Doc(a.baked)
+    doc = scenes.Document(a.baked)
     js, bin_ = common.read_glb(a.baked)
     bin_ = bytearray(bin_)
     if len(js.get("buffers", [])) != 1 or "uri" in js["buffers"][0]:
@@ -136,8 +127,6 @@ def main():
         meshes.append(mesh)
         node["mesh"] = len(meshes) - 1
     js["meshes"] = meshes
-    for light in js.get("extensions", {}).get("KHR_lights_punctual", {}).get("lights", []):
-        light.setdefault("intensity", 1.0)      # glTF's default; Blender's importer takes 10
     js["buffers"][0]["byteLength"] = len(bin_) + (-len(bin_) % 4)
     common.write_glb(a.flat, js, bin_)
     print(json.dumps(dict(res=side, page=list(size), nodes=count, receivers=receivers, left_out=left_out)))

@@ -28,11 +28,11 @@ import sys
 import numpy as np
 
 import common
+import lumels as surfaces
+import truth as tracing
+from judge import scene as scenes
 
-sys.path.insert(0, common.SHARED)
-import gltf_scene       # noqa: E402
-
-LUM = np.array([0.2126, 0.7152, 0.0722])
+LUM = tracing.LUMINANCE
 BINS = [0.0, 0.5, 1.0, 2.0, np.inf]         # distance to a wall, lumels
 NAMES = ["<½", "½–1", "1–2", "≥2"]
 EACH = 300                                  # lit points of a region kind and bin
@@ -51,12 +51,10 @@ class Scene:
         self.path = os.path.join(folder, what["name"] + ".glb")
         self.name, self.what, self.sky, self.density = what["name"], what["what"], what["sky"], what["texels_per_unit"]
         self.shared, self.even, self.received, self.regions = what["shared_lumels"], what["even"], what["received"], what["regions"]
-        sc = gltf_scene.load(self.path)
-        self.tri, self.nrm = sc.tri, sc.nrm
-        self.node = np.array([sc.objects[o][0] for o in sc.obj])
-        g = np.cross(sc.tri[:, 1] - sc.tri[:, 0], sc.tri[:, 2] - sc.tri[:, 0])
-        self.area = 0.5 * np.linalg.norm(g, axis=1)
-        self.face = g / np.linalg.norm(g, axis=1, keepdims=True)
+        level = scenes.load(self.path, images=False)
+        self.tri, self.nrm, self.node = level.corners, level.normals, np.array(level.names)[level.node]
+        g = surfaces.face_normals(self.tri)
+        self.area, self.face = 0.5 * np.linalg.norm(g, axis=1), surfaces.unit(g)
         self.cuts = {}
 
     def triangles(self, region):
@@ -154,21 +152,20 @@ def truth(scene, position, normal, label, spp=SPP, target=TARGET, seconds=SECOND
     if scene.even:
         return np.full(len(position), scene.even), np.zeros(len(position))
     os.makedirs(common.REF, exist_ok=True)
-    key = common.digest(scene.path, position.tobytes(), normal.tobytes(), "%g %d %g" % (scene.sky, spp, target))
+    key = common.digest(scene.path, position.tobytes(), normal.tobytes(), "%g %d %g %s" % (scene.sky, spp, target, tracing.MODEL))
     path = os.path.join(common.REF, "leaks-%s-%s-%s.npz" % (scene.name, label, key))
     if not os.path.exists(path):
         points = path + ".points.npz"
         np.savez(points, position=position, normal=normal)
-        common.tool("truth.py", scene.path, points, path + ".new.npz", "--spp", spp, "--target", target, "--time", seconds, "--sky", "%g,%g,%g" % ((scene.sky,) * 3))
+        common.tool("truth.py", scene.path, points, path + ".new.npz", "--paths", spp, "--target", target, "--time", seconds, "--sky", "%g,%g,%g" % ((scene.sky,) * 3))
         os.replace(path + ".new.npz", path)
         os.remove(points)
     z = np.load(path)
-    return z["irradiance"] @ LUM, z["stderr"] @ LUM
+    return z["irradiance"] @ LUM, z["stderr_y"]
 
 
 def read_exr(path):
-    import compare
-    return compare.read_exr(path) @ LUM * np.pi
+    return common.read_exr(path) @ LUM * np.pi
 
 
 class Baked:
@@ -176,17 +173,16 @@ class Baked:
 
     def __init__(self, directory):
         files = common.outputs(directory)
-        sc, doc = gltf_scene.load(files["glb"], images=False), gltf_scene._Doc(files["glb"])
-        places = {n.get("name"): n["extras"]["lightmap"] for n in doc.js["nodes"] if "lightmap" in (n.get("extras") or {})}
+        level = scenes.load(files["glb"], images=False)
+        places = {n: x["lightmap"] for n, x in zip(level.names, level.extras) if "lightmap" in x}
         self.pages = {p["page"]: read_exr(os.path.join(directory, p["uri"])) for p in places.values()}
-        self.tri, self.node = sc.tri, np.array([sc.objects[o][0] for o in sc.obj])
+        self.tri, self.node = level.corners, np.array(level.names)[level.node]
         self.page = np.array([places[n]["page"] if n in places else -1 for n in self.node])
-        self.uv = np.full((len(sc.tri), 3, 2), np.nan)
+        self.uv = np.full((len(self.tri), 3, 2), np.nan)
         for n, place in places.items():
             m = self.node == n
-            self.uv[m] = (sc.uv[1][m] * place["scale"] + place["offset"]) * self.pages[place["page"]].shape[::-1]
-        g = np.cross(sc.tri[:, 1] - sc.tri[:, 0], sc.tri[:, 2] - sc.tri[:, 0])
-        self.face = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
+            self.uv[m] = (level.uv[1][m] * place["scale"] + place["offset"]) * self.pages[place["page"]].shape[::-1]
+        self.face = surfaces.unit(surfaces.face_normals(self.tri))
 
     def find(self, node, p, face):
         """uv in texels and page of points p on a node's surface with the unit normal `face` [n, 3]"""

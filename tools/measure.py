@@ -2,16 +2,15 @@
 
 Usage : python measure.py SCENE.glb [--res 256] [--texels-per-unit X] [--quality preview]
               [--cycles-samples 64] [--no-cycles] [--count 2000] [--target 0.002] [--time 150]
-              [--repeat 3] [--threads 2] [--sky R,G,B] [--all] [--out DIR]
+              [--repeat 3] [--threads 2] [--sky R,G,B] [--light-tree] [--all] [--out DIR]
               [-- further options of `lumel bake`]
 Steps : 1 bake with lumel; without --texels-per-unit, search with draft bakes for the density at
           which the scene fills one page of at most --res; 2 flatten its atlas
-          (flatten_lightmap.py); 3 choose lumels (texels.py, seed 0, inset 2) and compute their
-          truth (truth.py --area --backface twosided: over the whole texel, as lumel defines it,
-          and over its middle half, which Cycles was measured to average); 4 bake again, lumel and
-          Cycles in turn, --repeat times; 5 compute the figures of `lumel diff` for both, each with
-          its own footprint (reference.py); with --points, run score.py and points.py on the
-          unflattened bake.
+          (flatten_lightmap.py); 3 draw lumels two texels from chart edges (lumels.py) and compute
+          their truth (truth.py --two-sided: over the whole texel, as lumel defines it, and over its
+          middle half, which Cycles was measured to average); 4 bake again, lumel and Cycles in
+          turn, --repeat times; 5 compute the figures of `lumel diff` for both, each with its own
+          footprint (reference.py).
 Output: a Markdown table (all chosen lumels; and those that are lit and have no shadow or contact
         edge, for which the treatment of a texel's buried part does not matter) and
         OUT/NAME.measure.json. References are cached under LUMEL_REF (reference.py).
@@ -74,7 +73,6 @@ def main():
     ap.add_argument("--repeat", type=int, default=3)
     ap.add_argument("--threads", type=int, default=os.cpu_count())
     ap.add_argument("--sky", default="0,0,0")
-    ap.add_argument("--points", help="TRUTH.npz of points.py + truth.py, for score.py")
     ap.add_argument("--out", default="/tmp/lumel-measure")
     a = ap.parse_args(argv)
     name = os.path.splitext(os.path.basename(a.scene))[0]
@@ -88,12 +86,12 @@ def main():
     flat = out + ".flat.glb"
     side = reference.flatten(bakes[0]["glb"], flat)["res"]
     if len(bakes[0]["pages"]) != 1:
-        print("warning: %d pages; only page 0 is measured, and Cycles would unwrap the others anew: left out" % len(bakes[0]["pages"]), file=sys.stderr)
+        print("warning: %d pages; only page 0 is measured" % len(bakes[0]["pages"]), file=sys.stderr)
+    if not a.no_cycles and not cycles_peer.available():
+        print("warning: no module bpy in this Python: Cycles is left out; tools/setup.sh installs it", file=sys.stderr)
         a.no_cycles = True
     refs = reference.References(name, flat, side, a.count, a.target, a.time, a.sky, log=lambda s: print(s, file=sys.stderr))
-    inset = 0 if a.all else 2
-    paths = [refs.truth(footprint, "twosided", inset, a.all) for footprint in (1.0, 0.5)]
-    whole, half = [reference.load(p) for p in paths]
+    whole, half = [reference.load(refs.truth(footprint, every=a.all)) for footprint in (1.0, 0.5)]
 
     def rows_of(mine, other, exr):
         """figures over all chosen lumels, and over those that are lit and have no shadow or
@@ -125,9 +123,6 @@ def main():
     print("\nphases (last run): " + ", ".join("%s %.2f" % kv for kv in common.phases(reports[-1]).items()))
     result = dict(scene=name, res=side, texels_per_unit=density, quality=a.quality, threads=a.threads, load=load, runs=seconds,
                   peer_runs=[p["bake_s"] for p in peers], rows=[dict(label=r[0], bake_s=r[1], process_s=r[2], peak_mb=r[3], all=r[4], clear=r[5]) for r in rows], phases=common.phases(reports[-1]))
-    if a.points:
-        result["score"] = common.tool("score.py", bakes[0]["glb"], a.points)
-        print("\nscore.py at fixed points: " + json.dumps(result["score"]))
     json.dump(result, open(out + ".measure.json", "w"), indent=1)
 
 

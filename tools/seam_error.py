@@ -25,16 +25,13 @@ import argparse
 import glob
 import json
 import os
-import sys
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 import common
 import flatten_lightmap
-
-sys.path.insert(0, common.SHARED)
-import gltf_scene       # noqa: E402
+from judge import scene as scenes
 
 LUM = np.array([0.2126, 0.7152, 0.0722])
 
@@ -43,29 +40,19 @@ def unit(v):
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-300)
 
 
-def read_exr(path):
-    import mitsuba as mi
-    if mi.variant() is None:
-        mi.set_variant("scalar_rgb")
-    b = mi.Bitmap(path)
-    names = [b.struct_()[i].name for i in range(len(b.struct_()))]
-    a = np.array(b, np.float64)
-    return a[..., [names.index(c) for c in "RGB"]] @ LUM
-
-
 def surfaces(path):
     """-> tri [n,3,3] world, nrm [n,3,3], texel [n,3,2] (NaN without a lightmap), page [n], two-sided [n], images by page"""
-    doc = gltf_scene._Doc(path)
+    doc = scenes.Document(path)
     js, folder = doc.js, os.path.dirname(os.path.abspath(path))
     flatten_lightmap.expand_instances(js, doc)
     images, out = {}, []
 
     def walk(ni, parent):
         node = js["nodes"][ni]
-        m = parent @ gltf_scene._local(node)
+        m = parent @ scenes.local(node)
         place = node["extras"].get("lightmap") if isinstance(node.get("extras"), dict) else None
         if place and place["page"] not in images:
-            images[place["page"]] = read_exr(os.path.join(folder, place["uri"]))
+            images[place["page"]] = common.read_exr(os.path.join(folder, place["uri"])) @ LUM
         if "mesh" in node:
             for p in js["meshes"][node["mesh"]]["primitives"]:
                 if p.get("mode", 4) != 4 or "POSITION" not in p["attributes"]:
@@ -110,9 +97,7 @@ def bilinear(images, page, at):
 
 def ray_scene(tri):
     """-> Mitsuba, its scene of these triangles, the point that is its origin"""
-    import mitsuba as mi
-    os.environ.setdefault("DRJIT_LIBLLVM_PATH", "/usr/lib/x86_64-linux-gnu/libLLVM-19.so")
-    mi.set_variant("llvm_ad_rgb")
+    from judge.trace import mi
     mesh = mi.Mesh("all", 3 * len(tri), len(tri))
     centre = tri.reshape(-1, 3).mean(0)
     params = mi.traverse(mesh)

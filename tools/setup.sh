@@ -2,13 +2,11 @@
 # Prepares the measuring environment on a new Debian machine: LLVM for Mitsuba, a Python environment, the Khronos validator, two web engines.
 #
 # Usage: tools/setup.sh [VENV [NPM_DIR]]      (or LUMEL_VENV, LUMEL_NPM; defaults /opt/lumel-venv, /opt/lumel-npm)
-# Needs Python 3.11, npm, and root for apt-get (skipped if libLLVM 19 is installed or apt-get is not). About 1.6 GB, two minutes.
-# LUMEL_SHARED_TOOLS names the folder with requirements.txt, truth.py and the rest (default ../shared/tools beside the repository).
+# Needs Python 3.11, npm, and root for apt-get (skipped if libLLVM 19 is installed or apt-get is not). About 1.6 GB, three minutes.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 venv=${1:-${LUMEL_VENV:-/opt/lumel-venv}}
 npm_dir=${2:-${LUMEL_NPM:-/opt/lumel-npm}}
-shared=${LUMEL_SHARED_TOOLS:-$here/../../shared/tools}
 
 if ! ls /usr/lib/*/libLLVM*19* >/dev/null 2>&1; then
     if command -v apt-get >/dev/null; then
@@ -20,10 +18,10 @@ if ! ls /usr/lib/*/libLLVM*19* >/dev/null 2>&1; then
 fi
 python=$(command -v python3.11 || command -v python3)
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
-"$venv/bin/pip" install -q -r "$shared/requirements.txt" -r "$here/judge/requirements.txt" matplotlib==3.11.2
+"$venv/bin/pip" install -q -r "$here/requirements.txt"
 mkdir -p "$npm_dir"
 (cd "$npm_dir" && npm install --silent --no-fund --no-audit gltf-validator@2.0.0-dev.3.10 playcanvas@2.23.3 babylonjs@9.28.0 babylonjs-loaders@9.28.0 fflate@0.8.3)
 
 "$venv/bin/python" -c 'import bpy, mitsuba, numpy; print("bpy", bpy.app.version_string, "mitsuba", mitsuba.__version__)'
-(cd "$shared" && "$venv/bin/python" truth.py --help >/dev/null && "$venv/bin/python" cycles_bake.py --help >/dev/null)
+"$venv/bin/python" "$here/truth_check.py"
 LUMEL_NPM=$npm_dir node "$here/validate.mjs" "$here/../assets"

@@ -99,7 +99,7 @@ class Scene:
         # Two scenes in one: lumels that only a back lights (behind the garage's window pane, 800
         # times the mean) are irrelevant, and would raise the two-sided mean that weights errors in
         # the dark.
-        y, z = [r["irradiance"] @ [0.2126, 0.7152, 0.0722] for r in (self.whole, self.half)]
+        y, z = [r["irradiance"] @ reference.LUMINANCE for r in (self.whole, self.half)]
         same = z <= BACK_LIT * y + y.mean()
         self.whole, self.half = [{k: v[same] if v.ndim and len(v) == len(same) else v for k, v in r.items()} for r in (self.whole, self.half)]
         self.back_lit = int((~same).sum())
@@ -111,7 +111,7 @@ class Scene:
             "cycles": [("all", self.half, reference.lit(self.half) & on[1]), ("clear", self.half, reference.clear(self.half, self.whole) & on[1])]}
         # What two-sided surfaces add to the mean, over lumels whose footprint does not matter.
         keep = reference.clear(self.whole, self.half)
-        one, two = [float((r["irradiance"][keep] @ [0.2126, 0.7152, 0.0722]).mean()) for r in (self.whole, self.half)]
+        one, two = [float((r["irradiance"][keep] @ reference.LUMINANCE).mean()) for r in (self.whole, self.half)]
         self.backs, self.maps = two / one - 1, {}
 
     def lumel(self, setting, run, equal=False):
@@ -137,7 +137,7 @@ class Scene:
     def places(self, bake):
         """the lightmap rectangle of each node in a bake"""
         with open(bake["manifest"]) as f:
-            return json.load(f)
+            return json.load(f)["nodes"]
 
     def map_of(self, setting):
         """the lightmap of a setting that this run has baked, or None"""
@@ -148,8 +148,6 @@ class Scene:
         load = os.getloadavg()[0]
         p = cycles_peer.bake(self.flat, out, self.side, samples, self.a.threads, self.table["sky"], denoise, self.table.get("light_tree", False),
                              self.table.get("bounces", 32))
-        if p["unwrapped"]:
-            raise SystemExit("%s: Cycles unwrapped %d meshes anew, so its lumels are not the same" % (self.name, p["unwrapped"]))
         dark = self.zeros(p["map"])
         if dark > MOST_ZEROS:
             say("WARNING: %s, Cycles %d samples: %.0f %% of the well-lit lumels hold exactly 0: its bake of this scene is broken, and LEFT OUT" % (self.name, samples, 100 * dark))
@@ -165,22 +163,13 @@ class Scene:
 
     def zeros(self, exr):
         """share of the well-lit lumels that are 0 in a map"""
-        c = reference._compare()
-        y = self.half["irradiance"] @ c.LUM
-        keep = self.families["cycles"][0][2] & (y > WELL_LIT * y.mean())
-        r, k = self.half["texel"][keep].T
-        return float((c.read_exr(exr)[r, k] @ c.LUM == 0).mean())
+        x, y = reference.values(self.half, exr)
+        return float((x[self.families["cycles"][0][2] & (y > WELL_LIT * y.mean())] == 0).mean())
 
     def row(self, base, family, e):
         return dict(base, scene=self.name, family=family, n=e["n"], threads=self.a.threads, side=self.side,
-                    lumels=int(self.whole["covered"]), texels_per_unit=self.table["density"], triangles=self.triangles, backs=self.backs, machine=machine(), atlas=self.refs.digest,
+                    lumels=int(self.whole["covered"]), texels_per_unit=self.table["density"], triangles=len(self.refs.scene.corners), backs=self.backs, machine=machine(), atlas=self.refs.digest,
                     **{k: e[k] for k in ("relRMSE", "relRMSE_se", "p50", "p95", "p99", "bias", "own")})
-
-    @property
-    def triangles(self):
-        if not hasattr(self, "_triangles"):
-            self._triangles = len(reference.gltf_scene.load(self.flat, images=False).tri)
-        return self._triangles
 
     def sweep(self, with_cycles, book, last=False):
         """Runs every setting in turn, then those under LONG seconds again, and gives each run's rows to `book` immediately.  With --final, a scene's LAST settings need a separate call"""
@@ -276,8 +265,6 @@ def main():
     os.makedirs(a.work, exist_ok=True)
     if a.page_only:
         return speed_page.write(speed_page.read_csv(table), docs)
-    if reference.gltf_scene is None:
-        raise SystemExit("no truth.py and its companions in %s: set LUMEL_SHARED_TOOLS" % common.SHARED)
     with_cycles = not a.lumel_only and cycles_peer.available()
     if not with_cycles and not a.lumel_only:
         say("WARNING: no module bpy in this Python: Cycles is LEFT OUT; tools/setup.sh installs it")

@@ -176,6 +176,6 @@ def references(name, flat, side, seconds=1.0, log=None):
 def three_truths(refs, name, scale=1.0, refine=0):
     """-> paths of the references: whole texel with black backs (lumel's definition), middle half with two-sided surfaces (that of Cycles), and the first again
     over lumels from the whole page, including chart edges.  `refine`: seconds, most of them for the first, because lumel's errors are the smallest"""
-    asked = [(1.0, "black", 2, 0.7), (0.5, "twosided", 2, 0.15), (1.0, "black", 0, 0.15)]
+    asked = [(1.0, False, 2, 0.7), (0.5, True, 2, 0.15), (1.0, False, 0, 0.15)]
     return [refs.truth(footprint, backs, inset, seconds=limit * scale, refine=refine * share)
             for (footprint, backs, inset, share), limit in zip(asked, SCENES[name]["seconds"])]

@@ -5,7 +5,6 @@ python tools/judge bake  --levels DIR --out OUT --binary LUMEL [--label before]
                          [--quality draft --quality preview ...]
 python tools/judge table --out OUT [--seeds odd] [--label before --label after]
 python tools/judge sheet --out OUT --label after [--quality preview]
-python tools/judge check --path-trace target/release/path-trace
 python tools/judge page  --out OUT --label after [--docs DIR]
 """
 import argparse
@@ -47,14 +46,7 @@ def main():
             c.add_argument("--count", type=int, default=12, help="crops of a family")
         if name == "page":
             c.add_argument("--docs", default=LAB, help="folder of tables/unseen_levels.md and its pictures")
-    c = sub.add_parser("check", help="the judge's tracer against known answers and path-trace")
-    c.add_argument("--path-trace", required=True, help="binary of the tests' path tracer")
-    c.add_argument("--scenes", help="folder that `path-trace --scenes` wrote")
     a = p.parse_args()
-    if a.command == "check":
-        from .check import check
-        here = os.path.dirname(os.path.abspath(__file__))
-        return check(os.path.join(here, "../../assets"), a.path_trace, a.scenes)
     if a.command == "truth":
         from . import runs, truth
         for _, _, path in runs.levels(a.levels, a.seeds, a.family):

@@ -3,7 +3,7 @@
 load(path) -> Scene; metres, Y up, triangles counter-clockwise seen from the front, also under nodes
 that mirror.  Read: node transforms, instances and EXT_mesh_gpu_instancing, strided, sparse and
 normalised accessors, strips and fans, textures (PNG, JPEG) with KHR_texture_transform, COLOR_0,
-MASK, BLEND, KHR_materials_transmission (factor), emissive strength, punctual lights with the
+MASK, BLEND, KHR_materials_transmission, emissive strength, punctual lights with the
 `radius` and `angle` of extras.lumel, cameras, and `sky` and `[[sun]]` of LEVEL.lumel.toml.
 What the model lacks and would change the picture raises Unsupported: skies from files, IES lamps,
 compressed meshes.  Nodes and materials with `exclude` are left out; `occluder` materials are black.
@@ -36,6 +36,7 @@ class Material:
     emissive: np.ndarray
     base_texture: object = None
     emissive_texture: object = None
+    transmission_texture: object = None
     double_sided: bool = False
     alpha_mode: str = "OPAQUE"
     cutoff: float = 0.5
@@ -43,10 +44,13 @@ class Material:
     limit: float = 0.98
     excluded: bool = False
 
+    def textures(self):
+        return self.base_texture, self.emissive_texture, self.transmission_texture
+
 
 @dataclass
 class Texture:
-    image: int
+    image: int              # of glTF; -1 - number where values are plain data, not sRGB colours
     coordinates: int
     wrap: tuple
     nearest: bool
@@ -86,10 +90,11 @@ class Scene:
     node: np.ndarray        # [T], index of the glTF's node
     instance: np.ndarray    # [T], number within EXT_mesh_gpu_instancing, else 0
     materials: list
-    images: dict            # number -> [H, W, 4] float32, colour linear
+    images: dict            # Texture.image -> [H, W, 4] float32, linear
     lamps: list
     cameras: list
     sky: np.ndarray
+    names: list             # of each node
     extras: list            # of each node
     meta: dict = field(default_factory=dict)
 
@@ -119,6 +124,11 @@ class Document:
         if uri.startswith("data:"):
             return base64.b64decode(uri.split(",", 1)[1])
         return open(os.path.join(self.folder, urllib.parse.unquote(uri)), "rb").read()
+
+    def picture(self, index):
+        """the bytes of an image's file"""
+        image = self.js["images"][index]
+        return self.view(image["bufferView"])[0] if "bufferView" in image else self.uri(image["uri"])
 
     def view(self, index):
         view = self.js["bufferViews"][index]
@@ -181,7 +191,7 @@ def to_linear(srgb):
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-def texture(js, ref):
+def texture(js, ref, data=False):
     if ref is None:
         return None
     t = js["textures"][ref["index"]]
@@ -189,7 +199,7 @@ def texture(js, ref):
     move = ref.get("extensions", {}).get("KHR_texture_transform", {})
     (ox, oy), (sx, sy) = move.get("offset", [0, 0]), move.get("scale", [1, 1])
     c, s = np.cos(move.get("rotation", 0)), np.sin(move.get("rotation", 0))
-    return Texture(t["source"], move.get("texCoord", ref.get("texCoord", 0)),
+    return Texture(-1 - t["source"] if data else t["source"], move.get("texCoord", ref.get("texCoord", 0)),
                    (sampler.get("wrapS", 10497), sampler.get("wrapT", 10497)),
                    sampler.get("magFilter") == 9728,
                    np.array([[c * sx, s * sy, ox], [-s * sx, c * sy, oy]]))
@@ -214,13 +224,15 @@ def materials(js, limit):
         pbr, ext, said = m.get("pbrMetallicRoughness", {}), m.get("extensions", {}), hint(m)
         strength = ext.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
         emissive = np.array(m.get("emissiveFactor", [0, 0, 0]), float) * strength
+        glass = ext.get("KHR_materials_transmission", {})
+        through = glass.get("transmissionFactor", 0.0)
         out.append(Material(
             np.array(pbr.get("baseColorFactor", [1, 1, 1, 1]), float),
             emissive * said.get("emitScale", 1.0),
             texture(js, pbr.get("baseColorTexture")), texture(js, m.get("emissiveTexture")),
+            texture(js, glass.get("transmissionTexture"), True) if through > 0 else None,
             m.get("doubleSided", False), m.get("alphaMode", "OPAQUE"), m.get("alphaCutoff", 0.5),
-            ext.get("KHR_materials_transmission", {}).get("transmissionFactor", 0.0),
-            min(limit, said.get("maxReflectance", 1.0)), bool(said.get("exclude"))))
+            through, min(limit, said.get("maxReflectance", 1.0)), bool(said.get("exclude"))))
         if said.get("occluder"):
             out[-1].emissive, out[-1].limit = np.zeros(3), 0.0
     return out
@@ -230,10 +242,11 @@ def pictures(doc, used):
     from PIL import Image
     out = {}
     for i in used:
-        im = doc.js["images"][i]
-        data = doc.view(im["bufferView"])[0] if "bufferView" in im else doc.uri(im["uri"])
+        data = doc.picture(i if i >= 0 else -1 - i)
         a = np.asarray(Image.open(io.BytesIO(data)).convert("RGBA"), np.float32) / 255
-        out[i] = np.concatenate([to_linear(a[..., :3]).astype(np.float32), a[..., 3:]], 2)
+        if i >= 0:
+            a = np.concatenate([to_linear(a[..., :3]).astype(np.float32), a[..., 3:]], 2)
+        out[i] = a
     return out
 
 
@@ -373,8 +386,9 @@ def load(path, images=True):
         lamps.append(Lamp("directional", np.full(3, float(s["lux"])), np.zeros(3),
                           d / np.linalg.norm(d), angle=float(s.get("degrees", 0))))
     used = {t.image for i in np.unique(joined["material"])
-            for t in (mats[i].base_texture, mats[i].emissive_texture) if t}
+            for t in mats[i].textures() if t}
     sky = colour(toml.get("sky", 0)) * toml.get("sky-intensity", 1.0)
     uv = [joined.pop("uv0"), joined.pop("uv1")]
     return Scene(uv=uv, materials=mats, images=pictures(doc, used) if images else {}, lamps=lamps,
-                 cameras=cameras, sky=sky, extras=[n.get("extras") or {} for n in nodes], **joined)
+                 cameras=cameras, sky=sky, names=[n.get("name", "") for n in nodes],
+                 extras=[n.get("extras") or {} for n in nodes], **joined)

@@ -60,12 +60,16 @@ def average_emission(scene, material, triangles):
 class Tracer:
     """the scene on the device; see `hits`, `receivers` and `radiance`"""
 
-    def __init__(self, scene):
+    def __init__(self, scene, lift=5e-6, candidates=EMITTER_CANDIDATES, roulette=1):
+        """lift        offset of rays, in halves of the scene's diagonal
+        candidates  points of emissive triangles of which one is asked
+        roulette    bounces from which on paths end at random"""
+        self.candidates, self.roulette = candidates, roulette
         points = scene.corners.reshape(-1, 3)
         low, high = points.min(0), points.max(0)
         self.centre = 0.5 * (low + high)
         radius = max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
-        offset = 5e-6 * radius
+        offset = lift * radius
         self.far, self.eps = dr.opaque(mi.Float, 8 * radius), dr.opaque(mi.Float, offset)
         self.sky = mi.Color3f(*[dr.opaque(mi.Float, float(c)) for c in scene.sky])
         mats, count = scene.materials, len(scene.corners)
@@ -108,7 +112,7 @@ class Tracer:
             total += image.shape[0] * image.shape[1]
             flat.append(image.ravel())
         self.slots = {}
-        for slot in ("base_texture", "emissive_texture"):
+        for slot in ("base_texture", "emissive_texture", "transmission_texture"):
             rows, moves = np.zeros((len(mats), 7), np.uint32), np.zeros((len(mats), 6), np.float32)
             for i, m in enumerate(mats):
                 t = getattr(m, slot)
@@ -204,20 +208,24 @@ class Tracer:
         return dr.select(has, out, mi.Vector4f(1))
 
     def surface(self, mat, triangle, uv, active):
-        """-> reflectance c, coverage α, transmission τ"""
+        """-> reflectance, coverage α, transmission τ, tint c of what is transmitted"""
         b = mi.Vector4f(dr.gather(mi.Vector4f, self.base, mat, active))
         if "base_texture" in self.slots:
             b *= self.texture("base_texture", mat, triangle, uv, active)
         if self.coloured:
             b *= self.inside(self.colours, 4, triangle, uv, active)
-        c = dr.clip(mi.Color3f(b.x, b.y, b.z), 0, dr.gather(mi.Float, self.limit, mat, active))
+        tint = mi.Color3f(b.x, b.y, b.z)
+        c = dr.clip(tint, 0, dr.gather(mi.Float, self.limit, mat, active))
         if not self.open:
-            return c, mi.Float(1), mi.Float(0)
+            return c, mi.Float(1), mi.Float(0), c
         hole = dr.gather(mi.Bool, self.is_mask, mat, active) \
             & (b.w < dr.gather(mi.Float, self.cutoff, mat, active))
         blend = dr.gather(mi.Bool, self.is_blend, mat, active)
         cover = dr.select(blend, dr.clip(b.w, 0, 1), dr.select(hole, 0.0, 1.0))
-        return c, cover, mi.Float(dr.gather(mi.Float, self.tau, mat, active))
+        tau = mi.Float(dr.gather(mi.Float, self.tau, mat, active))
+        if "transmission_texture" in self.slots:
+            tau *= self.texture("transmission_texture", mat, triangle, uv, active).x
+        return c, cover, tau, dr.maximum(tint, 0)
 
     def emission(self, mat, triangle, uv, active):
         e = mi.Color3f(dr.gather(mi.Vector3f, self.emissive, mat, active))
@@ -241,7 +249,7 @@ class Tracer:
                 hit = self.rays.ray_intersect_preliminary(ray, coherent=False, active=go)
                 ok = hit.is_valid() & go
                 mat = dr.gather(mi.UInt32, self.material, hit.prim_index, ok)
-                c, a, t = self.surface(mat, hit.prim_index, hit.prim_uv, ok)
+                _, a, t, c = self.surface(mat, hit.prim_index, hit.prim_uv, ok)
                 share *= dr.select(ok, (1 - a) + c * (a * t), mi.Color3f(1))
                 done += dr.select(ok, hit.t + self.eps, 0)
                 go = ok & (dr.max(share) > 0) & (done < distance)
@@ -258,7 +266,7 @@ class Tracer:
         """a point of the emissive triangles -> triangle, place in it, direction, distance, density
         per solid angle, and whether light may go that way"""
         triangle, rest, _ = self.emitter.sample_reuse_pmf(dr.minimum(u.x, 0.99999994), active)
-        s = dr.sqrt(1 - rest)
+        s = dr.sqrt(dr.maximum(1 - rest, 0))
         uv = mi.Point2f(u.y * s, 1 - s)
         v = mi.Point3f(self.inside(self.corners, 3, triangle, uv, active)) - p
         other = dr.gather(mi.Vector3f, self.face, triangle, active)
@@ -274,19 +282,19 @@ class Tracer:
 
     def by_light(self, pl, pc):
         """MIS weight of a sample by light against one by direction"""
-        pl = pl * EMITTER_CANDIDATES
-        return pl * pl / (pl * pl + pc * pc)
+        pl = pl * self.candidates
+        return pl * pl / dr.maximum(pl * pl + pc * pc, 1e-30)
 
     def from_triangles(self, p, n, face, u, rng, active):
         """radiance · cos / π of emissive triangles, weighed by MIS; of some candidates one is
         asked, by what it would send without shadow"""
         total, value = mi.Float(0), mi.Float(1)
         best = (mi.UInt32(0), mi.Point2f(0), mi.Vector3f(n), mi.Float(1), mi.Float(0))
-        for k in range(EMITTER_CANDIDATES):
+        for k in range(self.candidates):
             uk = u if k == 0 else mi.Point2f(rng.next_float32(), rng.next_float32())
             if k == 0:
                 first = uk.x
-            x = first + k / EMITTER_CANDIDATES
+            x = first + k / self.candidates
             x = dr.select(x >= 1, x - 1, x)
             triangle, uv, d, distance, pl, ok = self.triangle_point(
                 p, n, face, mi.Point2f(x, uk.y), active)
@@ -302,9 +310,9 @@ class Tracer:
         triangle, uv, d, distance, sends = best
         ok = active & (total > 0)
         mat = dr.gather(mi.UInt32, self.material, triangle, ok)
-        _, a, _ = self.surface(mat, triangle, uv, ok)
+        _, a, _, _ = self.surface(mat, triangle, uv, ok)
         share = self.passes(p, d, distance - self.eps, ok)
-        weight = a * sends * total / (EMITTER_CANDIDATES * value)
+        weight = a * sends * total / (self.candidates * value)
         return dr.select(ok, share * self.emission(mat, triangle, uv, ok) * weight, mi.Color3f(0))
 
     def lamp_unshadowed(self, p, n, face, i, u, active):
@@ -331,7 +339,7 @@ class Tracer:
         cone = dr.clip(-dr.dot(axis, along) * g(mi.Float, self.lamp_slope)
                        + g(mi.Float, self.lamp_shift), 0, 1)
         reach = g(mi.Float, self.lamp_range)
-        window = dr.clip(1 - dr.square(dr.square(d2 / dr.square(dr.maximum(reach, 1e-20)))), 0, 1)
+        window = dr.clip(1 - dr.square(d2 / dr.square(dr.maximum(reach, 1e-20))), 0, 1)
         window = dr.select(sun | (reach <= 0), 1, window)
         fade = cone * cone * window * dr.select(sun, 1, 1 / d2) * 2 / (1 + edge)
         here = dr.dot(n, d)
@@ -402,7 +410,7 @@ class Tracer:
             q = mi.Point3f(self.inside(self.corners, 3, triangle, uv, go))
             back = dr.dot(side, d) > 0
             shows = go & (~back | dr.gather(mi.Bool, self.two, mat, go))
-            c, a, t = self.surface(mat, triangle, uv, go)
+            c, a, t, tint = self.surface(mat, triangle, uv, go)
             if dr.hint(self.emitters, mode="scalar"):
                 pl = dr.gather(mi.Float, self.density, triangle, shows) \
                     * dr.squared_norm(q - last) / dr.maximum(dr.abs(dr.dot(side, d)), 1e-6)
@@ -413,12 +421,12 @@ class Tracer:
             through = mi.Bool(False)
             if dr.hint(self.open, mode="scalar"):
                 through = go & (rng.next_float32() >= stops)
-                passed = ((1 - a) + c * (a * t)) / dr.maximum(1 - stops, 1e-6)
+                passed = ((1 - a) + tint * (a * t)) / dr.maximum(1 - stops, 1e-6)
                 weight *= dr.select(through, passed, mi.Color3f(1))
             bounce = shows & ~through
             weight *= dr.select(bounce, c, mi.Color3f(1))
             depth += dr.select(bounce, mi.UInt32(1), mi.UInt32(0))
-            survive = dr.select(bounce & (depth >= 1), dr.minimum(dr.max(weight), 0.95), 1)
+            survive = dr.select(bounce & (depth >= self.roulette), dr.minimum(dr.max(weight), 0.95), 1)
             go = (bounce | through) & (dr.max(weight) > 0) & (rng.next_float32() < survive)
             weight /= dr.maximum(survive, 1e-8)
             bounce &= go
@@ -444,7 +452,7 @@ class Tracer:
             go, i = mi.Bool(ok), mi.UInt32(0)
             while go & (i < 256):
                 mat = dr.gather(mi.UInt32, self.material, triangle, go)
-                _, a, _ = self.surface(mat, triangle, uv, go)
+                _, a, _, _ = self.surface(mat, triangle, uv, go)
                 go &= a < 0.5
                 more = self.cast(mi.Point3f(o + d * (distance + self.eps)), d, go)
                 triangle = dr.select(go, more.prim_index, triangle)

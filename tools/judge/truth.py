@@ -17,7 +17,7 @@ from . import scene as scenes
 from .trace import GOLDEN, Tracer, dr, mi
 
 SIDE = 2                        # subpixels along each side of a pixel
-VERSION = 2                     # of the pictures; part of the cache's key
+VERSION = 3                     # of the pictures; part of the cache's key
 
 
 def camera_rays(camera, width, height, centre):
@@ -49,7 +49,7 @@ def primary(tracer, camera, width, height):
     mat = dr.gather(mi.UInt32, tracer.material, triangle, ok)
     back = dr.dot(face, d) > 0
     shows = ok & (~back | dr.gather(mi.Bool, tracer.two, mat, ok))
-    albedo, cover, tau = tracer.surface(mat, triangle, uv, shows)
+    albedo, cover, tau, _ = tracer.surface(mat, triangle, uv, shows)
     glow = dr.select(shows, tracer.emission(mat, triangle, uv, shows) * cover, mi.Color3f(0))
     glow = dr.select(ok, glow, tracer.sky)
     albedo = dr.select(shows, albedo * (1 - tau), mi.Color3f(0))
