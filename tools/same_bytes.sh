@@ -5,8 +5,9 @@
 #     tools/same_bytes.sh [QUALITY [TEXELS_PER_UNIT]]
 #
 # Needs a release build and qemu-x86_64 (Debian: qemu-user). Prints a Markdown table of hashes and
-# ends with 1 if a processor gives others. LUMEL_TARGET names another folder than `target`; ARM may
-# name a build for aarch64, which qemu-aarch64 then runs too, and V2 one for x86-64-v2.
+# ends with 1 if a processor gives others. LUMEL_TARGET names another folder than `target`. BUILDS
+# lists more builds for this processor, e.g. "x86-64-v3=PATH x86-64-v4=PATH", and ARM is one for
+# aarch64, which qemu-aarch64 runs. CPUS lists the processors that qemu imitates.
 set -eu
 cd "$(dirname "$0")/.."
 quality=${1:-draft}
@@ -44,9 +45,11 @@ for level in $levels; do printf ' %s |' "$(basename "$level" .glb)"; done
 printf '\n|---|---|---|---|\n'
 bake "this one" "$build/lumel"
 bake "this one, LUMEL_KERNEL=portable" env LUMEL_KERNEL=portable "$build/lumel"
-for cpu in Nehalem Haswell max max,-fma; do
+for named in ${BUILDS:-}; do
+    bake "this one, built for ${named%%=*}" "${named#*=}"
+done
+for cpu in ${CPUS-Nehalem Haswell max max,-fma}; do
     bake "qemu $cpu" qemu-x86_64 -cpu "$cpu" "$build/lumel"
 done
-[ -z "${V2:-}" ] || bake "built for x86-64-v2" "$V2"
 [ -z "${ARM:-}" ] || bake "qemu aarch64" qemu-aarch64 "$ARM"
 [ "$(sort -u "$scratch/hashes" | wc -l)" = 1 ]

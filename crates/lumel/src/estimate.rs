@@ -158,7 +158,8 @@ pub fn estimate(
     let probe_rays = probe_rays + reflections as f64 * captured as f64;
     let rays = solving + gathered * gather.rays * over + probe_rays;
     let samples = gather.counts.seam_samples as f64;
-    let need = Need::of(&loaded, &world.sky, &soup, settings, &layout, gather.counts);
+    let sky = &world.sky;
+    let need = Need::of(&loaded, (&world, sky), settings, &layout, gather.counts);
     need.check(settings, &layout)?;
     let stitching = samples * (SEAM[0] + SEAM[1] * gather.stitched.div_ceil(4) as f64);
     let seconds = planning

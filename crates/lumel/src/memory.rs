@@ -4,27 +4,37 @@ use atlas::LayoutReport;
 use atlas_bake::{Counts, Divided, Ktx2Format, extra_bytes};
 use gather::TILE;
 use mesh_ingest::{Document, ImageSource, Loaded, Scene, Soup};
-use patch_subdivision::Subdivision;
-use radiosity::Sky;
+use radiosity::{Sky, World, count_patches};
 
 use crate::error::Error;
 use crate::plan::bake_options;
 use crate::probes::reflection_options;
 use crate::settings::{BakeMode, GltfExt, Settings};
 
-/// Bytes of a patch besides its links: up to 16 elements with position, area, reflectance and light.
-const PATCH: f64 = 1024.0;
-
-/// Patches for each one before those with something close to them are split into their elements:
-/// 1.8 to 9 on eleven levels.
-const SPLIT: f64 = 6.0;
-
 /// Peak memory in bytes: fixed, per triangle, per triangle of the largest mesh while its charts are
-/// made, per lumel of a tile, per link ray and per point of a seam. Fitted to bakes at draft: up to
-/// 5 million lumels and 500,000 triangles, one made only of chart borders
-/// (lab/large_levels.md). Vertices that `--vertex-error` adds need less than the lumels' light,
-/// which is freed before.
-const BYTES: [f64; 6] = [24.0e6, 500.0, 400.0, 520.0, 13.2, 350.0];
+/// made, per lumel of a tile, and per point of a seam. Fitted to bakes at draft: up to 5 million
+/// lumels and 500,000 triangles, one made only of chart borders (lab/large_levels.md); the fixed
+/// part to small levels (lab/estimate.md). Vertices that `--vertex-error` adds need less than the
+/// lumels' light, which is freed before.
+const BYTES: [f64; 5] = [30.0e6, 500.0, 400.0, 520.0, 350.0];
+
+/// Bytes of a patch, and of an element: its place, area, reflectance and light, and the light around
+/// it.
+const PATCH: f64 = 200.0;
+const ELEMENT: f64 = 88.0;
+
+/// Bytes of an element for each light group.
+const OF_GROUP: f64 = 12.0;
+
+/// Bytes of an element in the tree of lit elements, which lumels are gathered from.
+const LIT: f64 = 80.0;
+
+/// Bytes of an element that an attempt leaves behind if the bake starts again with separate sides,
+/// because memory that is freed is not all given back.
+const AGAIN: f64 = 60.0;
+
+/// Bytes of a ray between patches, from the first ray until they are relaxed.
+const LINK: f64 = 10.0;
 
 /// Bytes of a lumel that stay until the end: its claimed error, and its difference from the light
 /// at vertices.
@@ -53,8 +63,12 @@ const SPARE: f64 = 0.8;
 /// Peak memory that a bake will need, bytes. Terms are for the planned density.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Need {
-    /// The part that does not depend on density.
+    /// The part that does not depend on density and is there from the solve to the end.
     fixed: f64,
+    /// What only the solve needs; it is freed before light is gathered.
+    links: f64,
+    /// What only gathering needs, whatever the density.
+    lit: f64,
     /// Bytes of a lumel of a tile.
     of_tile: f64,
     counts: Counts,
@@ -68,13 +82,13 @@ impl Need {
     /// Estimates a level whose charts are planned.
     pub(crate) fn of(
         loaded: &Loaded,
-        sky: &Sky,
-        soup: &Soup,
+        (world, sky): (&World, &Sky),
         settings: &Settings,
         layout: &LayoutReport,
         counts: Counts,
     ) -> Need {
-        let texels: usize = (loaded.scene.images.iter().flatten())
+        let (scene, soup) = (world.scene, world.soup);
+        let texels: usize = (scene.images.iter().flatten())
             .map(|image| image.pixels.len())
             .sum();
         let sky = match sky {
@@ -88,28 +102,36 @@ impl Need {
         let [of_tile, of_texel] =
             extra_bytes(&bake_options(settings), divided).map(|bytes| bytes as f64);
         let of_texel = OF_PAGE + of_texel + files(settings, divided);
-        let solve = settings.solve_options(soup);
-        let scene = &loaded.scene;
-        let two_sided = |t: usize| scene.materials[soup.materials[t] as usize].double_sided;
-        let patches = Subdivision::build(soup, two_sided, &solve.cut)
-            .patches()
-            .len();
-        let patches = SPLIT * patches as f64;
-        let links = patches * f64::from(solve.rays);
+        // Patches of lumels that cannot fit are not counted, because counting takes memory too.
+        let fits = (settings.bounds.allowed())
+            .map_or(f64::INFINITY, |allowed| allowed as f64 / (KEPT + OF_PAGE));
+        let solve = settings.solve_options_of(settings.lumels(soup).min(fits));
+        let stats = count_patches(world, &solve);
+        let [patches, elements] = [stats.patches, stats.elements].map(f64::from);
+        // Fewer rays are cast where eight bytes each exceed this.
+        let links = (patches * f64::from(solve.rays)).min(solve.link_bytes as f64 / 8.0);
+        let two_sided = (0..soup.triangles.len() as u32).any(|t| world.two_sided(t));
+        let again = if settings.split_sides && two_sided {
+            AGAIN
+        } else {
+            0.0
+        };
         Need {
             fixed: BYTES[0]
                 + BYTES[1] * soup.triangles.len() as f64
                 + BYTES[2] * largest_mesh(soup)
-                + BYTES[4] * links
                 + PATCH * patches
+                + (ELEMENT + again + OF_GROUP * divided.groups as f64) * elements
                 + TEXEL * texels as f64
                 + SKY * sky as f64
                 + CAPTURED * captured(scene, settings)
                 + (COPIES * stored(&loaded.document)) as f64,
+            links: LINK * links,
+            lit: LIT * elements,
             of_tile: BYTES[3] + of_tile,
             counts,
             pages: of_texel * texels_of_pages + KEPT * counts.lumels as f64,
-            seams: BYTES[5] * counts.seam_samples as f64,
+            seams: BYTES[4] * counts.seam_samples as f64,
         }
     }
 
@@ -150,7 +172,8 @@ impl Need {
             tile.max(TILE as f64)
         };
         let tile = (all * x * x).min(full).max(largest * x * x);
-        self.fixed + self.of_tile * tile + self.pages * x * x + self.seams * x
+        let gather = self.lit + self.of_tile * tile + self.pages * x * x + self.seams * x;
+        self.fixed + self.links.max(gather)
     }
 
     /// Refuses bakes that need more memory than the settings allow.
@@ -164,7 +187,8 @@ impl Need {
         if self.bytes() <= allowed as f64 {
             return Ok(());
         }
-        let fits = self.share_that_fits(self.fixed + SPARE * (allowed as f64 - self.fixed));
+        let least = self.at(0.0);
+        let fits = self.share_that_fits(least + SPARE * (allowed as f64 - least));
         Err(Error::Memory {
             needed: self.bytes() as u64,
             allowed,
@@ -175,7 +199,7 @@ impl Need {
     /// Largest factor below 1 on the density at which the bake needs at most `bytes`; `None` if
     /// there is none.
     fn share_that_fits(&self, bytes: f64) -> Option<f64> {
-        if bytes <= self.fixed || self.pages <= 0.0 {
+        if bytes <= self.at(0.0) || self.pages <= 0.0 {
             return None;
         }
         let (mut fits, mut exceeds) = (0.0, 1.0);
@@ -287,7 +311,9 @@ mod tests {
     #[test]
     fn what_would_fit_needs_as_much_as_is_there() {
         let need = Need {
-            fixed: 20.0,
+            fixed: 15.0,
+            links: 5.0,
+            lit: 2.0,
             of_tile: 5.0,
             counts: Counts {
                 lumels: 400,
@@ -298,8 +324,8 @@ mod tests {
             pages: 500.0,
             seams: 30.0,
         };
-        assert_eq!(need.bytes(), 20.0 + 250.0 + 500.0 + 30.0);
-        for bytes in [21.0, 100.0, 550.0, 799.0] {
+        assert_eq!(need.bytes(), 15.0 + 2.0 + 250.0 + 500.0 + 30.0);
+        for bytes in [21.0, 100.0, 550.0, 796.0] {
             let x = need.share_that_fits(bytes).expect("more than is fixed");
             let then = need.at(x);
             assert!((then / bytes - 1.0).abs() < 1e-12, "{then} for {bytes}");
@@ -311,6 +337,8 @@ mod tests {
     fn more_tiles_need_no_more_memory_but_for_pages() {
         let need = |copies: usize| Need {
             fixed: 0.0,
+            links: 0.0,
+            lit: 0.0,
             of_tile: 500.0,
             counts: Counts {
                 lumels: copies << 20,

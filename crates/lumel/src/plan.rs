@@ -135,19 +135,17 @@ impl<'l> Level<'l> {
     /// Refuses, before light is computed, a bake that needs more memory than allowed.
     fn check_memory(&self, planned: &(Layout, LayoutReport), sky: &Sky) -> Result<(), Error> {
         let (layout, report) = planned;
+        let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
+            .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
         // Far too many lumels would take minutes to count.
         let counts = match Need::exceeds_by_far(report, self.settings) {
             true => Counts {
                 lumels: report.lumels as usize,
                 ..Counts::default()
             },
-            false => {
-                let world = World::build(&self.loaded.scene, self.soup, WorldOptions::default())
-                    .map_err(|e| Error::Internal(format!("the tree cannot be built: {e}")))?;
-                Counts::of(&world, layout)
-            }
+            false => Counts::of(&world, layout),
         };
-        let need = Need::of(self.loaded, sky, self.soup, self.settings, report, counts);
+        let need = Need::of(self.loaded, (&world, sky), self.settings, report, counts);
         need.check(self.settings, report)
     }
 

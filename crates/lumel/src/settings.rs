@@ -470,6 +470,11 @@ impl Settings {
     /// of rays per patch hardly mattered between 128 and 256, because the gather averages over many
     /// patches.
     pub(crate) fn solve_options(&self, soup: &Soup) -> SolveOptions {
+        self.solve_options_of(self.lumels(soup))
+    }
+
+    /// As [`solve_options`](Settings::solve_options), for a level with this number of lumels.
+    pub(crate) fn solve_options_of(&self, lumels: f64) -> SolveOptions {
         // A gather averages many elements, so the error of each hardly matters. Sampling a light at
         // each hit is noisier than reading the element's light.
         let (patches, rays, points) = match self.quality {
@@ -478,7 +483,7 @@ impl Settings {
             Quality::Preview => (10_000, 64, 8),
             Quality::Production => (32_000, 128, 8),
         };
-        let larger = (self.lumels(soup) / TUNED).max(1.0);
+        let larger = (lumels / TUNED).max(1.0);
         let patches = (f64::from(patches) * larger).min(MOST_PATCHES) as u32;
         let patches = self.patches.unwrap_or(patches);
         SolveOptions {

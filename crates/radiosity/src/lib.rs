@@ -52,6 +52,6 @@ pub use roles::{LampRoles, MASKS, MaskLamps, lamps_that_reach};
 pub use sampling::{cosine_hemisphere, hash_u32, sample_2d, sample_4d};
 pub use sky::Sky;
 pub use solution::{Look, Reflected, Sent, Solution, SolveReport, SolveStep, of_lit};
-pub use solve::{SolveOptions, solve};
+pub use solve::{SolveOptions, count_patches, solve};
 pub use stored::StoredSolution;
 pub use world::{Backs, Incoming, SurfacePoint, World, WorldOptions, facing, luminance};

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use mesh_ingest::Pyramids;
-use patch_subdivision::{Options as CutOptions, PatchId, Subdivision};
+use patch_subdivision::{Options as CutOptions, PatchId, Stats, Subdivision};
 use rayon::prelude::*;
 
 use crate::audit::audit;
@@ -233,6 +233,12 @@ pub(crate) fn divide(world: &World, options: &SolveOptions) -> Divided {
         buried: buried.iter().filter(|b| **b).count() as u64,
         walled,
     }
+}
+
+/// Counts the patches and elements of a solve, which casts a few rays from each element. Where
+/// things are close to each other, there are up to ten times as many patches as asked for.
+pub fn count_patches(world: &World, options: &SolveOptions) -> Stats {
+    divide(world, options).cut.stats()
 }
 
 /// Patches whose elements' direct light spans more than half of the brightest. Below that, the

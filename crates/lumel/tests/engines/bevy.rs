@@ -7,11 +7,11 @@ use std::process::Command;
 use image::RgbImage;
 use serde_json::{Value, json};
 
-use super::{
-    BALL, BALL_CAMERA, MIRROR, NORMALS, STEM, VIEWS, assert_mirror, assert_pixel, bake_scene,
-    cornell_with_capture, cornell_with_probes, mirror_camera, probe_diffuse, scene_with_sun,
-    squares, srgb,
+use super::balls::{
+    BALL, BALL_CAMERA, MIRROR, NORMALS, assert_mirror, cornell_with_capture, cornell_with_probes,
+    mirror_camera, probe_diffuse,
 };
+use super::{STEM, VIEWS, assert_pixel, bake_scene, scene_with_sun, squares, srgb};
 use crate::common::quads::points;
 
 const SIZE: [f64; 2] = [640.0, 480.0];

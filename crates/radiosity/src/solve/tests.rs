@@ -214,6 +214,25 @@ fn links_take_no_more_memory_than_they_may() {
 }
 
 #[test]
+fn patches_are_counted_as_the_solve_makes_them() {
+    let mut scene = lit_room(0.5);
+    // It faces the floor, whose patches are split there.
+    let (corner, side) = (Vec3::new(0.3, 0.01, 0.3), 0.3);
+    let grey = material(0.5, Vec3::ZERO);
+    add_quad(&mut scene, grey, corner, side * Vec3::X, side * Vec3::Z);
+    let soup = Soup::build(&scene);
+    let world = World::build(&scene, &soup, WorldOptions::default()).expect("a world");
+    let options = options(96, 16);
+    let cut = Subdivision::build(&soup, |t| world.two_sided(t as u32), &options.cut);
+    let counted = count_patches(&world, &options);
+    assert!(counted.patches > cut.stats().patches, "{counted:?}");
+    let solved = solve_scene(&scene, Sky::Black, &options, &Silent).report;
+    let solved = solved.subdivision;
+    let sizes = |s: Stats| [s.regions, s.patches, s.elements];
+    assert_eq!(sizes(counted), sizes(solved));
+}
+
+#[test]
 fn nothing_to_light_gives_nothing() {
     let s = solve_scene(
         &cube(0.5, Vec3::ZERO),
