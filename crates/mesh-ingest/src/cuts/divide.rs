@@ -79,34 +79,32 @@ impl Divided {
         if lines.is_empty() {
             return out;
         }
-        // Lines by piece; a piece is named by its first triangle.
-        let mut pieces: BTreeMap<u32, (Vec<u32>, Vec<&Line>)> = BTreeMap::new();
+        // Pieces with their lines, and the piece of each triangle. On a slightly curved surface
+        // pieces could overlap: a triangle belongs to the first that reaches it.
+        let mut pieces: Vec<(Vec<u32>, Vec<&Line>)> = Vec::new();
+        let mut piece_of: Vec<Option<usize>> = vec![None; triangles.len()];
         let neighbours = Neighbours::new(&out.positions, triangles);
         for line in lines {
-            if line.triangle as usize >= triangles.len() {
+            let seed = line.triangle as usize;
+            if seed >= triangles.len() {
                 continue;
             }
-            let known = pieces
-                .values_mut()
-                .find(|p| p.0.binary_search(&line.triangle).is_ok());
-            if let Some((_, lines)) = known {
-                lines.push(line);
+            if let Some(known) = piece_of[seed] {
+                pieces[known].1.push(line);
                 continue;
             }
-            let piece = out.piece(triangles, line.triangle, &neighbours);
-            if let Some(first) = piece.first() {
-                pieces.insert(*first, (piece, vec![line]));
+            let free = |t: u32| piece_of[t as usize].is_none();
+            let piece = out.piece(triangles, line.triangle, &neighbours, &free);
+            for &t in &piece {
+                piece_of[t as usize] = Some(pieces.len());
             }
+            pieces.push((piece, vec![line]));
         }
-        let mut whole = vec![true; triangles.len()];
         let mut parts = Vec::new();
-        for (piece, lines) in pieces.values() {
-            for &t in piece {
-                whole[t as usize] = false;
-            }
+        for (piece, lines) in &pieces {
             parts.extend(out.cut(triangles, piece, lines));
         }
-        let kept = (triangles.iter().zip(&whole)).filter(|(_, whole)| **whole);
+        let kept = (triangles.iter().zip(&piece_of)).filter(|(_, piece)| piece.is_none());
         out.triangles = kept.map(|(t, _)| (*t, false)).collect();
         out.triangles.extend(parts);
         for (on, position) in out.on.iter().zip(&out.positions) {
@@ -117,15 +115,21 @@ impl Divided {
         out
     }
 
-    /// The connected triangles around `seed` that lie in its plane, ascending.
-    fn piece(&self, triangles: &[[u32; 3]], seed: u32, neighbours: &Neighbours) -> Vec<u32> {
+    /// The connected `free` triangles around `seed` that lie in its plane, ascending.
+    fn piece(
+        &self,
+        triangles: &[[u32; 3]],
+        seed: u32,
+        neighbours: &Neighbours,
+        free: &dyn Fn(u32) -> bool,
+    ) -> Vec<u32> {
         let normal = |t: u32| self.normal(triangles[t as usize]);
         let own = normal(seed);
         let mut found = BTreeSet::from([seed]);
         let mut stack = vec![seed];
         while let Some(t) = stack.pop() {
             for m in neighbours.of(triangles[t as usize], &self.positions) {
-                if normal(m).dot(own) >= FLAT && found.insert(m) {
+                if free(m) && normal(m).dot(own) >= FLAT && found.insert(m) {
                     stack.push(m);
                 }
             }
@@ -431,6 +435,37 @@ mod tests {
             let c = t.map(|v| d.at(v)).into_iter().sum::<DVec3>() / 3.0;
             assert!((c.x > 1.0) != (c.y > 1.0), "{c}");
         }
+    }
+
+    #[test]
+    fn pieces_of_a_curved_surface_do_not_overlap() {
+        // Strips of 1 m, each bent by 0.8° from the one before: a piece is three strips wide.
+        let (mut at, mut positions) = ([0.0f32, 0.0], Vec::new());
+        for k in 0..9 {
+            positions.extend([[at[0], 0.0, at[1]], [at[0], 2.0, at[1]]]);
+            let (sin, cos) = libm::sincosf((0.8 * k as f32).to_radians());
+            at = [at[0] + cos, at[1] + sin];
+        }
+        let strip = |k: u32| {
+            [
+                [2 * k, 2 * k + 2, 2 * k + 1],
+                [2 * k + 1, 2 * k + 2, 2 * k + 3],
+            ]
+        };
+        let triangles: Vec<[u32; 3]> = (0..8).flat_map(strip).collect();
+        let lines: Vec<Line> = (0..16)
+            .map(|triangle| Line {
+                triangle,
+                ..line([0.0, 1.0, 0.0], 0.5 + 0.05 * f64::from(triangle))
+            })
+            .collect();
+        let mut edges = Edges::default();
+        let mut d = Divided::new(positions, &triangles, &lines, &mut edges);
+        d.join(&edges);
+        let [near, far] = d.sides();
+        let sum = area(&d, &near) + area(&d, &far);
+        // Eight strips of 2 m²; positions are f32.
+        assert!((sum - 16.0).abs() < 1e-4, "{sum}");
     }
 
     #[test]
