@@ -124,6 +124,7 @@ impl Gatherer<'_, '_> {
             rays,
             near: all.sums.iter().any(|s| s.near),
             around: Point::around(counted()),
+            far: Point::far(counted()),
             behind: (dark && Point::in_the_void(counted()))
                 || Point::dark_shares(counted())[0] >= BEHIND,
             // A lumel that a wall cuts is not whole.

@@ -29,6 +29,10 @@ const OUTSIDE: f32 = 0.1;
 /// a fence on a plain, half of them do.
 const IN_A_ROOM: f32 = 0.75;
 
+/// A ray that goes this many footprints far crosses a place from which people may look back. The
+/// gap behind a cupboard and the slit between two walls have none.
+pub(crate) const ROOM: f32 = 3.0;
+
 /// What surrounds the points of a footprint.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) enum Around {
@@ -75,6 +79,8 @@ pub(crate) struct Point {
     pub backs: u32,
     /// Number of rays that hit any front.
     pub fronts: u32,
+    /// Number of rays that go farther than [`ROOM`].
+    pub far: u32,
     /// Number of rays that hit unlit backs of double-sided faces, or ended in the dark right above
     /// the point.
     pub unlit: u32,
@@ -129,6 +135,16 @@ impl Point {
             share if share < IN_A_ROOM => Around::Open,
             _ => Around::Room,
         }
+    }
+
+    /// Fraction of these points' rays that go far.
+    pub(crate) fn far<'p>(points: impl Iterator<Item = &'p Point>) -> f32 {
+        let (mut far, mut rays) = (0, 0);
+        for p in points {
+            far += p.far;
+            rays += p.rays;
+        }
+        far as f32 / rays.max(1) as f32
     }
 
     /// Whether these points are invisible: nearly all of their rays end right above, or on unlit

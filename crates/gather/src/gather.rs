@@ -95,6 +95,7 @@ impl Gatherer<'_, '_> {
         out.near = near;
         out.void = void;
         out.around = Point::around(sums.iter());
+        out.far = Point::far(sums.iter());
         out.behind = void && near || Point::dark_shares(sums.iter())[0] >= BEHIND;
         out.open = match in_the_open {
             0 if !buried.contains(&true) && !Point::shut(sums.iter(), dark) => 1.0,
@@ -192,6 +193,7 @@ impl Gatherer<'_, '_> {
             normal: point.normal,
             size: footprint.size(),
             open: 1.0,
+            far: 1.0,
             rays: rays.into(),
             lit: direct.lit,
             hidden: direct.hidden,

@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use atlas::Lumels;
+use atlas::{Lumel, Lumels};
 use radiosity::{Cancelled, DirectOptions, Monitor, Phase, luminance};
 use rayon::prelude::*;
 
@@ -92,7 +92,7 @@ pub(crate) fn reach(
     Ok(out)
 }
 
-/// Squared relative errors of a lumel, by kind of sample.
+/// Squared relative errors of a lumel, by kind of sample, times the area that is seen of it.
 #[derive(Default, Clone, Copy)]
 struct Relative {
     direct: f64,
@@ -113,20 +113,21 @@ type Finish<'f> = dyn Fn(&mut LumelMap) + 'f;
 fn estimate(map: &mut LumelMap, rays: u32, finish: &Finish) -> (Vec<Relative>, f64) {
     let gathered = map.received.clone();
     let mean = settle(map, rays, 0, true);
-    let errors = (map.received.par_iter().with_min_len(1024))
-        .map(|r| {
+    let lumels = map.lumels.lumels.par_iter().zip(&map.received);
+    let errors = (lumels.with_min_len(1024))
+        .map(|(l, r)| {
             let Some(scale) = scale(r, mean) else {
                 return Relative::default();
             };
-            let square = f64::from(scale).powi(2);
+            let times = seen(l, r) / f64::from(scale).powi(2);
             Relative {
-                direct: f64::from(r.direct_variance) / square,
-                indirect: f64::from(r.indirect_variance) / square,
+                direct: f64::from(r.direct_variance) * times,
+                indirect: f64::from(r.indirect_variance) * times,
             }
         })
         .collect();
     finish(map);
-    let finished = mean_square(&relative_errors(&map.lumels, &map.received));
+    let finished = mean_square(&claims(&map.lumels, &map.received));
     map.received = gathered;
     (errors, finished)
 }
@@ -149,20 +150,42 @@ pub(crate) fn settle(map: &mut LumelMap, rays: u32, groups: usize, asked: bool) 
     mean
 }
 
-/// Relative standard errors of lit lumels. Lumels without a visible part have the light of others,
-/// and are left out.
-pub(crate) fn relative_errors(lumels: &Lumels, received: &[Received]) -> Vec<f64> {
+/// Relative standard error of a lit lumel.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Claim {
+    pub error: f64,
+    /// How much it is seen; see [`seen`].
+    pub seen: f64,
+}
+
+/// How much a lumel is seen: its visible area, in lumels, times the fraction of directions from which
+/// people can look at it. Hidden lumels have the light of others, and what lies in a slit is dark, is
+/// known badly, and is seen by nobody.
+pub(crate) fn seen(lumel: &Lumel, received: &Received) -> f64 {
+    f64::from(lumel.coverage * received.open * received.far)
+}
+
+/// What lit lumels claim.
+fn claims(lumels: &Lumels, received: &[Received]) -> Vec<Claim> {
     let mean = mean_light(lumels, received);
-    (received.iter())
-        .filter(|r| r.open > 0.0)
-        .filter_map(|r| Some(f64::from(r.error() / scale(r, mean)?)))
+    (lumels.lumels.iter().zip(received))
+        .filter_map(|(l, r)| {
+            Some(Claim {
+                error: f64::from(r.error() / scale(r, mean)?),
+                seen: seen(l, r),
+            })
+        })
         .collect()
 }
 
-/// The mean square; 0 if there are none.
-pub(crate) fn mean_square(errors: &[f64]) -> f64 {
-    // Not `sum()`, which gives −0 for an unlit scene.
-    errors.iter().fold(0.0, |s, e| s + e * e) / errors.len().max(1) as f64
+/// The mean square over the visible area; 0 if there is none.
+pub(crate) fn mean_square(claims: &[Claim]) -> f64 {
+    let (mut sum, mut area) = (0.0, 0.0);
+    for claim in claims {
+        sum += claim.seen * claim.error * claim.error;
+        area += claim.seen;
+    }
+    sum / f64::max(area, 1e-300)
 }
 
 /// Mean luminance of the light of lumels, weighted by coverage.

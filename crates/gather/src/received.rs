@@ -36,6 +36,8 @@ pub struct Received {
     pub(crate) size: f32,
     /// Visible fraction of the footprint, 0..=1; 0 if all of it is inside or behind something.
     pub open: f32,
+    /// Fraction of its gathering rays that go far: how much it is seen from.
+    pub(crate) far: f32,
     /// Gathering and shadow rays cast.
     pub rays: u64,
     /// Whether there is something within the footprint's size.
@@ -104,6 +106,7 @@ impl Received {
             normal: place.normal,
             size,
             open: 1.0,
+            far: 1.0,
             rays: u64::from(direct.rays),
             edge: Edge::of_shadows(direct.mixed),
             mixed: direct.mixed,
@@ -176,6 +179,7 @@ struct Stored {
     place: [[f32; 3]; 2],
     size: f32,
     open: f32,
+    far: f32,
     rays: u64,
     flags: [bool; 3],
     around: Around,
@@ -196,6 +200,7 @@ impl From<Received> for Stored {
             place: [r.position, r.normal].map(|v| v.to_array()),
             size: r.size,
             open: r.open,
+            far: r.far,
             rays: r.rays,
             flags: [r.near, r.behind, r.void],
             around: r.around,
@@ -233,6 +238,7 @@ impl From<Stored> for Received {
             normal,
             size: s.size,
             open: s.open,
+            far: s.far,
             rays: s.rays,
             near,
             behind,

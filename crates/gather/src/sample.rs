@@ -5,7 +5,7 @@ use glam::Vec3;
 use radiosity::{SurfacePoint, cosine_hemisphere, sample_4d};
 
 use crate::batch::Traced;
-use crate::estimate::Point;
+use crate::estimate::{Point, ROOM};
 use crate::gatherer::Gatherer;
 use crate::lit::LitRays;
 use crate::planes::PlaneSums;
@@ -98,6 +98,7 @@ impl Gatherer<'_, '_> {
         out.backs += u32::from(found.back);
         out.fronts += u32::from(!found.back && found.distance.is_finite());
         out.near |= found.distance < out.reach;
+        out.far += u32::from(found.distance > ROOM * out.reach);
         let open_only = self.options.open_only;
         let unlit = open_only && found.back && self.tracer.is_dim(light) && !found.left_out;
         let touching =

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::certainty::{basis, scale_of};
 use crate::map::LumelMap;
-use crate::reach::{Reached, mean_square};
+use crate::reach::{Claim, Reached, mean_square, seen};
 use crate::received::Edge;
 
 /// Report on gathering at lumels.
@@ -31,11 +31,11 @@ pub struct LightReport {
     pub lumel_rays: u64,
     /// Mean of R over lumels, weighted by coverage (linear RGB).
     pub mean: [f64; 3],
-    /// Estimated relative error: root mean square over lit lumels of standard error / (value + 1 %
-    /// of the mean). Within a factor of 1.5 of the true one on the scenes of lab/error.md. NaN
+    /// Estimated relative error: root mean square over the visible area of lit lumels of standard
+    /// error / (value + 1 % of the mean). Within a factor of 1.5 of the true one on the scenes of lab/error.md. NaN
     /// (null in JSON) if no lumel is lit, because nothing was measured.
     pub estimated_error: f64,
-    /// Median of the same over lit lumels, i.e. the error of a typical lumel; the root mean square
+    /// Median of the same, i.e. the error of a typical lumel; the root mean square
     /// is dominated by the worst corners. NaN like [`estimated_error`](Self::estimated_error).
     pub median_error: f64,
     /// Whether the error is as small as [`LightOptions::error`](crate::LightOptions::error)
@@ -70,13 +70,14 @@ pub(crate) struct Totals {
     luminance: f64,
     weight: f64,
     /// Of every lumel that is partly visible.
-    errors: Vec<Claim>,
+    errors: Vec<Absolute>,
 }
 
-/// What a lumel claims: the light that its error is relative to, and its standard error.
-struct Claim {
+/// The light that a lumel's error is relative to, its standard error, and its visible area.
+struct Absolute {
     light: f32,
     error: f32,
+    seen: f32,
 }
 
 impl Totals {
@@ -100,9 +101,10 @@ impl Totals {
             self.luminance += w * f64::from(luminance(r.light()));
             self.weight += w;
             if r.open > 0.0 {
-                self.errors.push(Claim {
+                self.errors.push(Absolute {
                     light: basis(r),
                     error: r.error(),
+                    seen: seen(l, r) as f32,
                 });
             }
         }
@@ -124,17 +126,33 @@ impl Totals {
         report.hidden.truncate(NAMED);
         (report.estimated_error, report.median_error) = (f64::NAN, f64::NAN);
         let mean = (luminance / weight) as f32;
-        let mut errors: Vec<f64> = (errors.iter())
-            .filter_map(|c| Some(f64::from(c.error / scale_of(c.light, mean)?)))
+        let mut claims: Vec<Claim> = (errors.iter())
+            .filter_map(|e| {
+                Some(Claim {
+                    error: f64::from(e.error / scale_of(e.light, mean)?),
+                    seen: f64::from(e.seen),
+                })
+            })
             .collect();
-        if !errors.is_empty() {
-            report.estimated_error = mean_square(&errors).sqrt();
-            let middle = errors.len() / 2;
-            report.median_error = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if !claims.is_empty() {
+            report.estimated_error = mean_square(&claims).sqrt();
+            report.median_error = median(&mut claims);
             report.error_reached = asked.map(|x| report.estimated_error <= f64::from(x));
         }
         report
     }
+}
+
+/// The error that half of the visible area does not exceed.
+fn median(claims: &mut [Claim]) -> f64 {
+    claims.sort_unstable_by(|a, b| a.error.total_cmp(&b.error));
+    let half = 0.5 * claims.iter().map(|c| c.seen).sum::<f64>();
+    let mut area = 0.0;
+    let middle = claims.iter().find(|c| {
+        area += c.seen;
+        area >= half
+    });
+    middle.map_or(f64::NAN, |c| c.error)
 }
 
 /// Adds the instances of a tile that have hidden lumels.

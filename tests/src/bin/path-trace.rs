@@ -111,7 +111,9 @@ fn lumels(baked: &str, sizes: &str, count: &str, rest: &[String]) -> Result<(), 
     }
     let tree = Tree::new(scene.triangles.clone());
     let mut seen = footprints(&scene, &pages);
-    seen.retain(|lumel| eyes.iter().any(|eye| sees(*eye, lumel, &scene, &tree)));
+    if !eyes.is_empty() {
+        seen.retain(|lumel| eyes.iter().any(|eye| sees(*eye, lumel, &scene, &tree)));
+    }
     let drawn = choose(seen, count.parse()?, effort.seed);
     let light = PathTracer::new(scene).irradiance(&drawn, effort);
     for (lumel, light) in drawn.iter().zip(&light) {
