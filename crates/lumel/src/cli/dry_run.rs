@@ -23,9 +23,9 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
     }
     let pages = e.layout.describe_pages();
     writeln!(out, "scene     {}, {} triangles", e.scene, e.triangles)?;
-    if let Some((path, _)) = &provenance.config {
-        writeln!(out, "settings  {}", path.display())?;
-    }
+    let path =
+        (provenance.config.as_ref()).map_or("no file".into(), |(p, _)| p.display().to_string());
+    writeln!(out, "settings  {path}")?;
     writeln!(out, "          {}", config::describe(&provenance.origins))?;
     writeln!(
         out,

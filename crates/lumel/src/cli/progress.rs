@@ -153,7 +153,8 @@ impl<'s> Display<'s> {
 pub(super) fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 10.0 => format!("{s:.1} s"),
-        s if s < 100.0 => format!("{s:.0} s"),
+        // In whole minutes, 100 s would be 2 min: a jump of a fifth.
+        s if s < 600.0 => format!("{s:.0} s"),
         s if s < 6000.0 => format!("{:.0} min", s / 60.0),
         s => format!("{:.1} h", s / 3600.0),
     }
@@ -180,7 +181,6 @@ impl Monitor for Display<'_> {
         let residual = s.residual.map(|r| format!(", residual {r:.1e}"));
         let left = left.map(|l| format!(", {l} left"));
         let due = self.lines && s.line_due();
-        drop(s);
         let left = left.unwrap_or_default();
         if due {
             self.say(&format!(
@@ -197,6 +197,8 @@ impl Monitor for Display<'_> {
                 residual.unwrap_or_default()
             ));
         }
+        // Unlocked only now: of two threads, the one that saw less must not show it last.
+        drop(s);
     }
 
     fn residual(&self, residual: f64) {
