@@ -158,11 +158,15 @@ pub(crate) struct Claim {
     pub seen: f64,
 }
 
+/// How much the lumels of a slit are seen at least: where lumels are as wide as rooms, no ray goes
+/// far, and all of them count alike.
+const LEAST_SEEN: f32 = 0.02;
+
 /// How much a lumel is seen: its visible area, in lumels, times the fraction of directions from which
 /// people can look at it. Hidden lumels have the light of others, and what lies in a slit is dark, is
 /// known badly, and is seen by nobody.
 pub(crate) fn seen(lumel: &Lumel, received: &Received) -> f64 {
-    f64::from(lumel.coverage * received.open * received.far)
+    f64::from(lumel.coverage * received.open * received.far.max(LEAST_SEEN))
 }
 
 /// What lit lumels claim.

@@ -71,13 +71,14 @@ pub(crate) struct Totals {
     weight: f64,
     /// Of every lumel that is partly visible.
     errors: Vec<Absolute>,
+    /// How much each of these is seen, in 255ths of a lumel: a level has 64 million.
+    seen: Vec<u8>,
 }
 
-/// The light that a lumel's error is relative to, its standard error, and its visible area.
+/// The light that a lumel's error is relative to, and its standard error.
 struct Absolute {
     light: f32,
     error: f32,
-    seen: f32,
 }
 
 impl Totals {
@@ -104,8 +105,8 @@ impl Totals {
                 self.errors.push(Absolute {
                     light: basis(r),
                     error: r.error(),
-                    seen: seen(l, r) as f32,
                 });
+                self.seen.push((255.0 * seen(l, r)).round() as u8);
             }
         }
         hidden_in(map, &mut report.hidden);
@@ -119,6 +120,7 @@ impl Totals {
             luminance,
             weight,
             errors,
+            seen,
         } = self;
         let weight = weight.max(1e-300);
         report.mean = sum.map(|s| s / weight);
@@ -126,11 +128,11 @@ impl Totals {
         report.hidden.truncate(NAMED);
         (report.estimated_error, report.median_error) = (f64::NAN, f64::NAN);
         let mean = (luminance / weight) as f32;
-        let mut claims: Vec<Claim> = (errors.iter())
-            .filter_map(|e| {
+        let mut claims: Vec<Claim> = (errors.iter().zip(&seen))
+            .filter_map(|(e, seen)| {
                 Some(Claim {
                     error: f64::from(e.error / scale_of(e.light, mean)?),
-                    seen: f64::from(e.seen),
+                    seen: f64::from(*seen) / 255.0,
                 })
             })
             .collect();
