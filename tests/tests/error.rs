@@ -126,3 +126,14 @@ fn what_nobody_sees_is_not_in_the_claim() {
     });
     assert!(slit < 1.25 * gap, "{slit} beside {gap}");
 }
+
+#[test]
+fn lumels_as_wide_as_rooms_claim_an_error() {
+    // No ray goes three lumels far in a room of two by two.
+    let settings = Settings {
+        quality: Quality::Draft,
+        ..common::at(0.5)
+    };
+    let report = common::bake(&boards(2.0), &settings).report.gather.light;
+    assert!(report.estimated_error > 0.0 && report.median_error > 0.0);
+}

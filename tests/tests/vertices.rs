@@ -385,8 +385,8 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
 #[test]
 fn gathered_light_is_smoothed_but_not_through_a_wall() {
     // One dense floor through two closed white rooms, one of which has a lamp. Nothing is read from
-    // lumels, because they hold the mean including hidden parts. Without
-    // cuts, because vertices are looked up in their order.
+    // lumels, because they hold the mean including hidden parts. Without cuts, because vertices are
+    // looked up in their order.
     let (low, high) = (Vec3::new(-1.0, 0.0, -1.0), Vec3::new(1.0, 1.0, 1.0));
     let mut room = box_faces(low, high, 1).map(Geometry::flipped);
     room[2] = floor(32);
