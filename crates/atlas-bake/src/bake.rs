@@ -170,14 +170,9 @@ fn bake_with(
             pages.put(&Lumels::find_of(world.scene, world.soup, layout, own), None);
         }
     }
-    let Made {
-        pages,
-        masks,
-        groups,
-        seams,
-    } = pages.finish();
-    let all_pages = pages.iter().chain(&masks).chain(groups.iter().flatten());
-    let bytes = lists + gatherer.bytes() + all_pages.map(Page::bytes).sum::<u64>();
+    // Seams need as much memory as what only gathering needs.
+    lists += gatherer.bytes();
+    drop(gatherer);
     let (mut vertices, at_vertices) = match options.vertices {
         None => (VertexLight::default(), None),
         Some(_) => {
@@ -186,6 +181,14 @@ fn bake_with(
             (light, Some(report))
         }
     };
+    let Made {
+        pages,
+        masks,
+        groups,
+        seams,
+    } = pages.finish();
+    let all_pages = pages.iter().chain(&masks).chain(groups.iter().flatten());
+    let bytes = lists + all_pages.map(Page::bytes).sum::<u64>();
     if let (Some(earlier), Some(_)) = (earlier, options.vertices) {
         earlier.restore_vertices(&mut vertices);
     }

@@ -146,7 +146,9 @@ impl<'p, 'w, 'a> Pages<'p, 'w, 'a> {
         }
         let corners = Lumels::corners(world.scene, world.soup, layout);
         let samples = find_samples(world, layout, &corners);
+        drop(corners);
         let mut stitcher = Stitcher::new(&samples, &full, &texels);
+        drop(samples);
         if given.options.stitch {
             let ranges: Vec<Range> = channels.iter().map(|c| c.range).collect();
             stitch(&mut stitcher, &mut full, &mut groups, &ranges);

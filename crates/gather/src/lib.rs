@@ -91,6 +91,7 @@ mod refine;
 mod sample;
 mod sheets;
 mod smooth;
+mod thinned;
 mod tiles;
 mod totals;
 mod tracer;

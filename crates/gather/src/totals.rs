@@ -9,6 +9,7 @@ use crate::certainty::{basis, scale_of};
 use crate::map::LumelMap;
 use crate::reach::{Claim, Reached, mean_square, seen};
 use crate::received::Edge;
+use crate::thinned::Thinned;
 
 /// Report on gathering at lumels.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -69,16 +70,16 @@ pub(crate) struct Totals {
     sum: [f64; 3],
     luminance: f64,
     weight: f64,
-    /// Of every lumel that is partly visible.
-    errors: Vec<Absolute>,
-    /// How much each of these is seen, in 255ths of a lumel: a level has 64 million.
-    seen: Vec<u8>,
+    /// Of lumels that are partly visible.
+    errors: Thinned<Absolute>,
 }
 
 /// The light that a lumel's error is relative to, and its standard error.
 struct Absolute {
     light: f32,
     error: f32,
+    /// How much it is seen.
+    seen: f32,
 }
 
 impl Totals {
@@ -105,8 +106,8 @@ impl Totals {
                 self.errors.push(Absolute {
                     light: basis(r),
                     error: r.error(),
+                    seen: seen(l, r) as f32,
                 });
-                self.seen.push((255.0 * seen(l, r)).round() as u8);
             }
         }
         hidden_in(map, &mut report.hidden);
@@ -120,7 +121,6 @@ impl Totals {
             luminance,
             weight,
             errors,
-            seen,
         } = self;
         let weight = weight.max(1e-300);
         report.mean = sum.map(|s| s / weight);
@@ -128,11 +128,11 @@ impl Totals {
         report.hidden.truncate(NAMED);
         (report.estimated_error, report.median_error) = (f64::NAN, f64::NAN);
         let mean = (luminance / weight) as f32;
-        let mut claims: Vec<Claim> = (errors.iter().zip(&seen))
-            .filter_map(|(e, seen)| {
+        let mut claims: Vec<Claim> = (errors.items().iter())
+            .filter_map(|e| {
                 Some(Claim {
                     error: f64::from(e.error / scale_of(e.light, mean)?),
-                    seen: f64::from(*seen) / 255.0,
+                    seen: f64::from(e.seen),
                 })
             })
             .collect();

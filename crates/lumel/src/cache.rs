@@ -3,6 +3,7 @@
 //! A file's name is a hash of the mesh, of the unwrapping options and of the program, because
 //! another version may unwrap differently.
 
+use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -147,6 +148,33 @@ impl KeptCharts for Charts<'_> {
                     fault.get_or_insert_with(text);
                 }
             }
+        }
+    }
+}
+
+/// Charts of a bake that may begin again with a changed document: most meshes are the same then.
+#[derive(Debug, Default)]
+pub(crate) struct Remembered {
+    charts: Mutex<BTreeMap<[u8; 32], Vec<u8>>>,
+}
+
+impl Remembered {
+    /// Frees their memory.
+    pub(crate) fn forget(&self) {
+        if let Ok(mut charts) = self.charts.lock() {
+            charts.clear();
+        }
+    }
+}
+
+impl KeptCharts for Remembered {
+    fn load(&self, key: &[u8; 32]) -> Option<Vec<u8>> {
+        self.charts.lock().ok()?.remove(key)
+    }
+
+    fn save(&self, key: &[u8; 32], bytes: &[u8]) {
+        if let Ok(mut charts) = self.charts.lock() {
+            charts.insert(*key, bytes.to_vec());
         }
     }
 }

@@ -96,7 +96,7 @@ impl Order<'_> {
         let start = Start {
             changes: work.description.changes(),
             decided: true,
-            clock: None,
+            ..Start::default()
         };
         let (opened, mut outside) = self.open(beside, start, monitor)?;
         let (key, inputs) = self.inputs(&opened);
@@ -165,7 +165,7 @@ pub fn solve(
         let start = Start {
             changes: changes.clone(),
             decided: true,
-            clock: None,
+            ..Start::default()
         };
         let (second, outside) = order.open(&again, start, monitor)?;
         opened = second;

@@ -96,7 +96,7 @@ pub fn rebake(
     let start = Start {
         changes: before.level.changes(),
         decided: true,
-        clock: None,
+        ..Start::default()
     };
     let (mut opened, outside) = order.open(beside, start, monitor)?;
     opened.leave_probes();

@@ -9,6 +9,7 @@ use radiosity::{LightGroups, Monitor, Phase, Sky, StoredSolution};
 
 use crate::beside::{Beside, Remark};
 use crate::brightness;
+use crate::cache::Remembered;
 use crate::check::{check, check_name};
 use crate::clock::{Clock, begin};
 use crate::cull::{self, CullReport};
@@ -126,6 +127,8 @@ pub(crate) struct Start {
     pub decided: bool,
     /// The clock of the earlier attempt.
     pub clock: Option<Clock>,
+    /// Its charts.
+    pub charts: Remembered,
 }
 
 /// A scene that was read and planned, before its light is computed.
@@ -145,6 +148,8 @@ pub(crate) struct Opened {
     /// Changes of the document, and whether they are final.
     pub changes: Changes,
     pub decided: bool,
+    /// Charts of the earlier attempt, or for the next one.
+    pub charts: Remembered,
 }
 
 /// Light from outside the scene, the light groups, and the solution, if another process has solved
@@ -225,6 +230,7 @@ pub(crate) fn open(
         clock,
         changes: start.changes,
         decided: start.decided,
+        charts: start.charts,
     };
     let outside = Outside {
         sky,

@@ -175,8 +175,10 @@ fn bake_opened(
             changes,
             decided: true,
             clock: Some(clock),
+            charts: opened.charts,
         }));
     }
+    opened.charts.forget();
     let Planned {
         layout,
         report: layout_report,

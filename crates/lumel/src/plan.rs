@@ -76,7 +76,10 @@ impl Opened {
     ) -> Result<Planned<'l>, Error> {
         begin(monitor, Phase::Atlas)?;
         let charts = beside.cache.map(Charts::new);
-        let kept = charts.as_ref().map(|c| c as &dyn KeptCharts);
+        let kept: &dyn KeptCharts = match &charts {
+            Some(charts) => charts,
+            None => &self.charts,
+        };
         let level = Level {
             file,
             loaded: &self.loaded,
@@ -88,14 +91,14 @@ impl Opened {
         let bounded = settings.bounds.memory.is_some() || Need::might_exceed(&self.soup, settings);
         let in_turn = beside.in_turn || bounded || rayon::current_num_threads() == 1;
         let ((layout, report), mut lit) = if in_turn {
-            let planned = level.charts(kept, monitor)?;
+            let planned = level.charts(Some(kept), monitor)?;
             if bounded {
                 level.check_memory(&planned, &outside.sky)?;
             }
             clock.lap(Phase::Atlas);
             (planned, level.light(outside, monitor, clock)?)
         } else {
-            level.charts_and_light(kept, outside, monitor, clock)?
+            level.charts_and_light(Some(kept), outside, monitor, clock)?
         };
         let (world, emitters, solution) = lit.parts();
         let settled = mixed::settle(world, emitters, solution, &self.modes, settings);

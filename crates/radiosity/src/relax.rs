@@ -1,9 +1,8 @@
 //! Solves the discrete radiosity equation `E = s + F (ρ E)` on given links.
 //!
-//! Based on: Southwell, *Relaxation methods*, 1940; Cohen, Chen, Wallace, Greenberg, *A progressive
-//! refinement approach to fast radiosity image generation*, 1988 (shooting the largest unshot flux
-//! is Southwell's relaxation of this equation: Gortler, Cohen, Slusallek, *Radiosity and relaxation
-//! methods*, 1994); van der Vorst, *Bi-CGSTAB*, 1992, for high reflectance.
+//! Based on: Cohen, Greenberg, *The hemi-cube*, 1985 (gathering by Gauss–Seidel); van der Vorst,
+//! *Bi-CGSTAB*, 1992, for high reflectance. Shooting (Cohen, Chen, Wallace, Greenberg, 1988) needs
+//! the transposed matrix and one thread.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -16,6 +15,9 @@ use crate::monitor::Monitor;
 /// solve as unfinished.
 const HIGHEST: f64 = 0.9999;
 
+/// Blocks of a sweep. More of them converge sooner, fewer keep more threads busy.
+const BLOCKS: usize = 16;
+
 /// Most iterations of Bi-CGSTAB. A reflectance of 0.999 takes some dozens.
 const MOST_ITERATIONS: u32 = 500;
 
@@ -24,9 +26,7 @@ const MOST_ITERATIONS: u32 = 500;
 pub struct RelaxOptions {
     /// Maximum share of the light that may be left undistributed.
     pub tolerance: f64,
-    /// Shots per patch, after which Bi-CGSTAB takes over. Shooting reduces the residual by about a
-    /// factor of ρ per sweep, on one thread. From ρ ≈ 0.8 on, the Krylov method is faster, because
-    /// it is insensitive to ρ (measured on the furnace and on white rooms of 60,000 patches).
+    /// Sweeps over all patches, after which Bi-CGSTAB takes over.
     pub sweeps: u32,
 }
 
@@ -39,11 +39,11 @@ impl Default for RelaxOptions {
     }
 }
 
-/// State of a relaxation after a round of shots or an iteration of Bi-CGSTAB.
+/// State of a relaxation after a sweep or an iteration of Bi-CGSTAB.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct RelaxStep {
-    /// Number of shots so far.
-    pub shots: u64,
+    /// Number of sweeps so far.
+    pub sweeps: u32,
     /// Number of iterations so far.
     pub iterations: u32,
     /// [`RelaxReport::residual`] at that point.
@@ -55,8 +55,8 @@ pub struct RelaxStep {
 /// Result of a relaxation.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct RelaxReport {
-    /// Number of shots (a patch may shoot several times).
-    pub shots: u64,
+    /// Number of Gauss–Seidel sweeps.
+    pub sweeps: u32,
     /// Number of Bi-CGSTAB iterations.
     pub iterations: u32,
     /// Upper bound on the undistributed light as a share of all arriving light. It includes four
@@ -75,7 +75,7 @@ impl RelaxReport {
     /// Combines two solves of the same system, one after the other.
     pub(crate) fn and(&self, other: &RelaxReport) -> RelaxReport {
         RelaxReport {
-            shots: self.shots + other.shots,
+            sweeps: self.sweeps + other.sweeps,
             iterations: self.iterations + other.iterations,
             // Each residual is a share of its own light. As a share of all light, it does not
             // exceed the larger of the two.
@@ -88,7 +88,7 @@ impl RelaxReport {
     /// Records a step with `flux` so far at `residual`.
     fn step(&mut self, residual: f64, flux: f64) {
         self.steps.push(RelaxStep {
-            shots: self.shots,
+            sweeps: self.sweeps,
             iterations: self.iterations,
             residual,
             flux,
@@ -180,12 +180,12 @@ impl System<'_> {
         monitor: &dyn Monitor,
     ) -> RelaxReport {
         let mut report = RelaxReport::default();
-        let mut residual = self.apply(x, 1.0, 1.0);
+        let residual = self.apply(x, 1.0, 1.0);
         report.residual = self.bound(&residual, x);
         report.step(report.residual, self.flux(x));
         monitor.residual(report.residual);
         if report.residual > options.tolerance && !monitor.cancelled() {
-            self.shoot(x, &mut residual, options, monitor, &mut report);
+            self.gauss_seidel(x, options, monitor, &mut report);
         }
         if report.residual > options.tolerance && !monitor.cancelled() {
             self.bicgstab(x, options, monitor, &mut report);
@@ -197,86 +197,46 @@ impl System<'_> {
         report
     }
 
-    /// Southwell's method, approximately: instead of the patch with the most unshot flux, every
-    /// patch above a falling threshold shoots, in order.
-    fn shoot(
+    /// Gauss–Seidel by blocks of patches: each block gathers the newest light of all others.
+    ///
+    /// With δ the change of a patch in a sweep, the residual is at most F ρ |δ|, so that ρ δ bounds
+    /// it as the residual itself would.
+    fn gauss_seidel(
         &self,
         x: &mut [DVec3],
-        r: &mut [DVec3],
         options: &RelaxOptions,
         monitor: &dyn Monitor,
         report: &mut RelaxReport,
     ) {
         let n = self.len();
-        let (starts, receivers, tints) = self.transpose();
         let inverse = 1.0 / self.links.rays.max(1) as f64;
-        let unshot =
-            |i: usize, r: &[DVec3]| (r[i] * self.reflectance[i]).abs().element_sum() * self.area[i];
-        let budget = options.sweeps as u64 * n as u64;
-        let mut threshold = (0..n).map(|i| unshot(i, r)).fold(0.0, f64::max);
-        while report.shots < budget && !monitor.cancelled() {
-            threshold *= 0.5;
-            for j in 0..n {
-                if unshot(j, r) < threshold || threshold == 0.0 {
-                    continue;
-                }
-                let shot = r[j];
-                x[j] += shot;
-                r[j] = DVec3::ZERO;
-                let b = shot * self.reflectance[j] * inverse;
-                let range = starts[j] as usize..starts[j + 1] as usize;
-                if tints.is_empty() {
-                    for &i in &receivers[range] {
-                        r[i as usize] += b;
-                    }
-                } else {
-                    for k in range {
-                        r[receivers[k] as usize] += b * tints[k];
-                    }
-                }
-                report.shots += 1;
+        let reflected = |(e, r): (&DVec3, &DVec3)| *e * *r;
+        let mut radiosity: Vec<DVec3> = x.iter().zip(self.reflectance).map(reflected).collect();
+        let mut change = vec![DVec3::ZERO; n];
+        for _ in 0..options.sweeps {
+            if monitor.cancelled() {
+                break;
             }
-            report.residual = self.bound(r, x);
+            for first in (0..n).step_by(n.div_ceil(BLOCKS).max(1)) {
+                let block = first..(first + n.div_ceil(BLOCKS)).min(n);
+                let gathered: Vec<DVec3> = (block.clone().into_par_iter())
+                    .with_min_len(64)
+                    .map(|i| self.source[i] + self.links.gather(i, &radiosity) * inverse)
+                    .collect();
+                for (i, e) in block.zip(gathered) {
+                    change[i] = (e - x[i]) * self.reflectance[i];
+                    x[i] = e;
+                    radiosity[i] = e * self.reflectance[i];
+                }
+            }
+            report.sweeps += 1;
+            report.residual = self.bound(&change, x);
             report.step(report.residual, self.flux(x));
             monitor.residual(report.residual);
-            if report.residual <= 0.5 * options.tolerance || threshold == 0.0 {
+            if report.residual <= 0.5 * options.tolerance {
                 break;
             }
         }
-    }
-
-    /// The transposed matrix in compressed rows: for each patch, the rows that refer to it (with
-    /// repetition) and the transmittance of each ray. The latter is empty if it is always 1.
-    fn transpose(&self) -> (Vec<u32>, Vec<u32>, Vec<DVec3>) {
-        let n = self.len();
-        let mut starts = vec![0u32; n + 1];
-        for i in 0..n {
-            for &j in self.links.row(i) {
-                if (j as usize) < n {
-                    starts[j as usize + 1] += 1;
-                }
-            }
-        }
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut fill = starts.clone();
-        let mut receivers = vec![0u32; starts[n] as usize];
-        let tinted = self.links.tinted();
-        let mut tints = vec![DVec3::ONE; if tinted { receivers.len() } else { 0 }];
-        for i in 0..n {
-            for (k, &j) in self.links.row(i).iter().enumerate() {
-                if (j as usize) < n {
-                    let at = fill[j as usize] as usize;
-                    receivers[at] = i as u32;
-                    if tinted {
-                        tints[at] = self.links.tint(i, k);
-                    }
-                    fill[j as usize] += 1;
-                }
-            }
-        }
-        (starts, receivers, tints)
     }
 
     /// Bi-CGSTAB on `(I − Fρ) E = s`, with separate scalars for each of the three channels.

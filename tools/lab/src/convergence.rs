@@ -133,7 +133,7 @@ pub fn run(out: &Path) -> Result<(), Box<dyn Error>> {
         "\n| ρ | relaxed by | stops | bound / error, least | most |\n|---:|---|---:|---:|---:|\n";
     let tolerances: Vec<f64> = (0..=13).map(|k| 10f64.powf(-0.5 * f64::from(k))).collect();
     for rho in [0.5f32, 0.9] {
-        for (krylov, name) in [(false, "shooting"), (true, "Bi-CGSTAB")] {
+        for (krylov, name) in [(false, "Gauss–Seidel"), (true, "Bi-CGSTAB")] {
             let stops = residual_and_error(rho, krylov, &tolerances);
             let (mut least, mut most) = (f64::INFINITY, 0f64);
             for s in &stops {

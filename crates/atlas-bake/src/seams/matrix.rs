@@ -8,9 +8,8 @@ use crate::seams::rows::Row;
 pub(super) struct Matrix {
     /// Start of each texel's entries, plus the end of the last.
     starts: Vec<usize>,
-    /// Texels of the entries, including the diagonal, in ascending order.
-    columns: Vec<u32>,
-    values: Vec<f32>,
+    /// Texels of the entries, including the diagonal, in ascending order, with their values.
+    entries: Vec<(u32, f32)>,
 }
 
 /// Fewest texels per thread.
@@ -56,31 +55,32 @@ impl Matrix {
             entries[*at] = (j, value);
             *at += 1;
         });
-        // Terms between the same two texels are summed to one entry, in the order of the equations.
-        let (mut columns, mut values) = (Vec::new(), Vec::new());
-        let mut from = 0;
-        for i in 0..n {
-            let own = &mut entries[from..starts[i + 1]];
-            from = starts[i + 1];
-            own.sort_by_key(|e| e.0);
-            for same in own.chunk_by(|x, y| x.0 == y.0) {
-                columns.push(same[0].0);
-                values.push(same.iter().map(|e| e.1).sum());
+        drop(next);
+        // Terms between the same two texels are summed to one entry, in the order of the equations,
+        // in the memory of the terms.
+        let (mut from, mut end) = (0, 0);
+        for start in &mut starts[1..] {
+            let to = std::mem::replace(start, 0);
+            entries[from..to].sort_by_key(|e: &(u32, f32)| e.0);
+            while from < to {
+                let column = entries[from].0;
+                let more = entries[from..to].iter().take_while(|e| e.0 == column);
+                let (count, sum) = more.fold((0, 0.0), |(n, sum), e| (n + 1, sum + e.1));
+                entries[end] = (column, sum);
+                from += count;
+                end += 1;
             }
-            starts[i + 1] = columns.len();
+            *start = end;
         }
-        Matrix {
-            starts,
-            columns,
-            values,
-        }
+        entries.truncate(end);
+        entries.shrink_to_fit();
+        Matrix { starts, entries }
     }
 
     /// The entries of a texel: the other texel and the value.
     pub(super) fn entries(&self, texel: usize) -> impl Iterator<Item = (usize, f32)> {
-        let range = self.starts[texel]..self.starts[texel + 1];
-        let columns = self.columns[range.clone()].iter().map(|&c| c as usize);
-        columns.zip(self.values[range].iter().copied())
+        let own = &self.entries[self.starts[texel]..self.starts[texel + 1]];
+        own.iter().map(|&(texel, value)| (texel as usize, value))
     }
 
     /// 1 / Σ |a_ij| of each texel i. A gradient step of this length never overshoots, because

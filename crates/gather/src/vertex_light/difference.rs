@@ -19,8 +19,7 @@ pub struct VertexDifference {
     pub p99: f64,
 }
 
-/// A lumel: its area (m²), its light, and the interpolated vertex light. All of a level's are kept
-/// until the end, so they are small.
+/// A lumel: its area (m²), its light, and the interpolated vertex light.
 pub(super) struct Pair {
     area: f32,
     light: f32,

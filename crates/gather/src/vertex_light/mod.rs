@@ -32,6 +32,7 @@ use crate::gatherer::Gatherer;
 use crate::map::LumelMap;
 use crate::options::VertexOptions;
 use crate::planes::Wanted;
+use crate::thinned::Thinned;
 use gathered::Job;
 use moments::{LumelLight, Moments};
 use read::{LumelPlace, Reader};
@@ -65,7 +66,7 @@ pub struct VertexReport {
 pub struct VertexLights {
     light: VertexLight,
     report: VertexReport,
-    pairs: Vec<difference::Pair>,
+    pairs: Thinned<difference::Pair>,
 }
 
 impl VertexLights {
@@ -77,7 +78,7 @@ impl VertexLights {
                 split: vec![Vec::new(); scene.instances.len()],
             },
             report: VertexReport::default(),
-            pairs: Vec::new(),
+            pairs: Thinned::default(),
         }
     }
 
@@ -116,7 +117,7 @@ impl VertexLights {
 
     /// Light and report.
     pub fn finish(mut self) -> (VertexLight, VertexReport) {
-        self.report.difference = difference::summarise(&self.pairs);
+        self.report.difference = difference::summarise(self.pairs.items());
         (self.light, self.report)
     }
 }

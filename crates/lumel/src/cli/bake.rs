@@ -447,11 +447,11 @@ fn details(report: &Report, display: &Display<'_>) {
     let m = &report.measured;
     let audit = &report.solve.audit;
     display.say(&format!(
-        "  solve     {} patches, {} elements, {} rays per patch, {} shots, {} iterations, row sums {:.4} mean, {:.4} min",
+        "  solve     {} patches, {} elements, {} rays per patch, {} sweeps, {} iterations, row sums {:.4} mean, {:.4} min",
         report.solve.subdivision.patches,
         report.solve.subdivision.elements,
         report.solve.rays_per_patch,
-        report.solve.relaxation.shots,
+        report.solve.relaxation.sweeps,
         report.solve.relaxation.iterations,
         audit.row_sum_mean,
         audit.row_sum_min,

@@ -89,8 +89,8 @@ pub(super) fn solve(report: &Value) -> String {
         row("elements", n("/solve/subdivision/elements").map(count)),
         row("rays per patch", n("/solve/rays_per_patch").map(count)),
         row(
-            "shots in the last pass",
-            n("/solve/relaxation/shots").map(count),
+            "Gauss–Seidel sweeps in the last pass",
+            n("/solve/relaxation/sweeps").map(count),
         ),
         row(
             "Bi-CGSTAB iterations",
@@ -167,11 +167,11 @@ fn history(report: &Value) -> String {
             "This report has no history of the solve: it is from an earlier version, or the scene has no light.",
         );
     }
-    // Each relaxation counts its shots from 0. With light groups, each pass has one relaxation per
+    // Each relaxation counts its sweeps from 0. With light groups, each pass has one relaxation per
     // group.
-    let shots = |h: &Value| h.get("shots").and_then(Value::as_f64).unwrap_or(0.0);
+    let sweeps = |h: &Value| h.get("sweeps").and_then(Value::as_f64).unwrap_or(0.0);
     let mut starts = vec![0];
-    starts.extend((1..history.len()).filter(|&i| shots(&history[i]) < shots(&history[i - 1])));
+    starts.extend((1..history.len()).filter(|&i| sweeps(&history[i]) < sweeps(&history[i - 1])));
     let groups: Vec<&str> = (list(report, "/groups").iter())
         .map(|g| text(g, "name"))
         .collect();
@@ -193,7 +193,7 @@ fn history(report: &Value) -> String {
             })
             .collect()
     };
-    let steps = "rounds of shots and iterations of all passes";
+    let steps = "sweeps and iterations of all passes";
     let mut out = String::from(
         "<h3>Residual: undistributed light, relative to all light that arrives</h3>\n",
     );

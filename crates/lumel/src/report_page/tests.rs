@@ -39,8 +39,8 @@ fn bake(layers: &[&str], change: impl FnOnce(&mut Value)) -> (TempDir, BakeFolde
             }],
         },
         "solve": {
-            "history": [{"rays": 16, "shots": 0, "iterations": 0, "residual": 1.0, "flux": 1.0}, {"rays": 16, "shots": 9, "iterations": 0, "residual": 1e-4, "flux": 2.0}],
-            "relaxation": {"shots": 9, "iterations": 0, "residual": 1e-4},
+            "history": [{"rays": 16, "sweeps": 0, "iterations": 0, "residual": 1.0, "flux": 1.0}, {"rays": 16, "sweeps": 9, "iterations": 0, "residual": 1e-4, "flux": 2.0}],
+            "relaxation": {"sweeps": 9, "iterations": 0, "residual": 1e-4},
             "audit": {
                 "flux_emitted": [3.0, 2.0, 1.0], "flux_absorbed": [1.0, 1.0, 1.0], "flux_behind": [0.0, 0.0, 0.0], "flux_escaped": [2.0, 1.0, 0.0],
                 "imbalance": 0.001, "bound": 0.01, "within_bound": true, "beyond": [{"node": "tree</td>", "rows": 4, "least": 0.5, "at": [1.0, 2.0, 3.0]}],
@@ -139,7 +139,7 @@ fn all_sections_are_there_and_names_are_text() {
 #[test]
 fn groups_have_curves_of_their_own() {
     let (_t, folder) = bake(&[], |report| {
-        let step = |shots: u32, flux: f64| json!({"rays": 16, "shots": shots, "iterations": 0, "residual": 0.5, "flux": flux});
+        let step = |sweeps: u32, flux: f64| json!({"rays": 16, "sweeps": sweeps, "iterations": 0, "residual": 0.5, "flux": flux});
         report["solve"]["history"] = json!([
             step(0, 0.0),
             step(9, 7000.0),
