@@ -249,13 +249,13 @@ impl Inspection {
         )?;
         writeln!(
             s,
-            "  geometry    {} meshes, {} primitives, {} instances, {} triangles ({} unique)",
+            "  geometry    meshes {}, primitives {}, instances {}, triangles {} ({} unique)",
             t.meshes, t.primitives, t.instances, t.triangles_instanced, t.triangles
         )?;
         writeln!(s, "  materials   {}, images {}", t.materials, t.images)?;
         writeln!(
             s,
-            "  light       {} emissive triangles, {} lamps",
+            "  light       emissive triangles {}, lamps {}",
             self.emissive_triangles,
             self.lights.len()
         )?;

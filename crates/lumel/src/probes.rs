@@ -42,7 +42,10 @@ pub(crate) fn check_file(settings: &Settings) -> Result<(), Error> {
     };
     check_regular(path, MAX_BYTES).map_err(|e| Error::Probes {
         file: path.clone(),
-        message: e.to_string(),
+        message: match e.kind() {
+            ErrorKind::NotFound => format!("{e}; --probes takes a spacing in metres or a file"),
+            _ => e.to_string(),
+        },
         io: e.kind() != ErrorKind::FileTooLarge,
     })
 }

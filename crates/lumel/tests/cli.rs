@@ -130,6 +130,16 @@ fn wrong_usage_is_1() {
     }
     lumel(["bake"]).fails(1, &[]);
     lumel(["frobnicate"]).fails(1, &[]);
+    // A negative number is a value, not an option that does not exist.
+    for (options, expected) in [
+        ("--vertex-error -1", "above 0"),
+        ("--error -1", "above 0"),
+        ("--sky -1", "#rrggbb"),
+        ("--padding -1", "--padding"),
+    ] {
+        bake(&scene, &out, options).fails(1, &["-1", expected]);
+    }
+    bake(&scene, &out, "--probes many").fails(2, &["many: ", "a spacing in metres or a file"]);
 }
 
 #[test]

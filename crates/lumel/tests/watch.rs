@@ -149,6 +149,9 @@ fn saving_bakes_coarse_first_and_faults_keep_the_last_good_bake() {
         "{said:#?}"
     );
     assert!(files(&out) == good, "a fault changed the last good bake");
+    // Its own output in a file beside the level does not repair it.
+    write(w.folder.path().join("watch.log"), "error");
+    assert!(w.log.recv_timeout(Duration::from_secs(1)).is_err());
     write(w.level(), &text);
     let said = w.wait_for(READY);
     // The good level again: the results in the folder are still current.

@@ -82,16 +82,16 @@ pub(crate) struct Bake {
     pub quality: Option<QualityArg>,
     /// Gather until the estimated root mean square of the relative error is below X, e.g. 0.02
     /// [default: the fixed ray count of --quality]
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub error: Option<f32>,
     /// Radiance (one number, R,G,B or #rrggbb), or a latitude-longitude image (.hdr, .exr)
-    #[arg(long, value_name = "COLOR|FILE")]
+    #[arg(long, value_name = "COLOR|FILE", allow_negative_numbers = true)]
     pub sky: Option<String>,
     /// Units of the file's lamps [default: auto]
     #[arg(long, value_enum)]
     pub units: Option<UnitsArg>,
     /// Multiply the sky by X [default: 1]
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub sky_intensity: Option<f32>,
     /// Rotate a sky map about +Y, counter-clockwise seen from above [default: 0]
     #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
@@ -132,7 +132,7 @@ pub(crate) struct Bake {
     pub directional: Option<DirectionalArg>,
     /// Distance beyond which surfaces do not occlude in the layer `ao` [default: a tenth of the
     /// scene's diagonal]
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub ao_distance: Option<f32>,
     /// Also write pages as KTX2, for GPUs
     #[arg(long, value_enum, value_name = "FORMAT")]
@@ -156,7 +156,7 @@ pub(crate) struct Bake {
     #[command(flatten)]
     pub knobs: Knobs,
     /// Clamp reflectances to X [default: 0.98]
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub max_reflectance: Option<f32>,
     /// Value of partly hidden lumels [default: fill]
     #[arg(long, value_enum)]
@@ -186,7 +186,12 @@ pub(crate) struct Bake {
     #[arg(long, conflicts_with = "no_vertex_colors")]
     pub vertex_colors: bool,
     /// Split triangles until vertex colours are within about X of the lightmap
-    #[arg(long, value_name = "X", conflicts_with = "no_vertex_colors")]
+    #[arg(
+        long,
+        value_name = "X",
+        conflicts_with = "no_vertex_colors",
+        allow_negative_numbers = true
+    )]
     pub vertex_error: Option<f32>,
     /// Worker threads [default: one per core]
     #[arg(long, value_name = "N")]
@@ -319,7 +324,7 @@ pub(crate) struct Knobs {
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub bounce_saturation: Option<f32>,
     /// Minimum of R = E/π, per channel: one number, R,G,B or #rrggbb
-    #[arg(long, value_name = "COLOR", value_parser = parse_color)]
+    #[arg(long, value_name = "COLOR", allow_negative_numbers = true, value_parser = parse_color)]
     pub ambient_floor: Option<[f32; 3]>,
     /// Darken the lightmap by ambient occlusion, from 0 to 1; see --ao-distance
     #[arg(long, value_name = "X", allow_negative_numbers = true)]
@@ -363,16 +368,16 @@ pub(crate) struct Plan {
     #[arg(long, conflicts_with = "no_lods")]
     pub lods: bool,
     /// Lumels per metre [default: from the scene's size]
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
     pub texels_per_unit: Option<f32>,
     /// Longest side of a page in texels [default: 2048]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub max_page: Option<u32>,
     /// Texels between charts [default: 2]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub padding: Option<u32>,
     /// Align pages and instances to blocks of N x N texels; BC formats need 4 [default: 4]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub block_align: Option<u32>,
     /// Keep charts from sharing a block
     #[arg(long)]

@@ -106,11 +106,23 @@ impl Saves {
     }
 }
 
+/// Extensions of files that a level or its settings name.
+const INPUTS: [&str; 14] = [
+    "bin", "exr", "glb", "gltf", "hdr", "ies", "jfif", "jpeg", "jpg", "json", "ktx2", "png",
+    "toml", "webp",
+];
+
 /// Names, sizes and times of the files in a folder. A level that cannot be read has no known list
-/// of inputs, so any change beside it may repair it.
+/// of inputs, so any change beside it may repair it. Files of other kinds are left out: a log of
+/// this very program would repeat the error for ever.
 pub(crate) fn listing(folder: &Path) -> Vec<(OsString, Stat)> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut all: Vec<_> = entries.map(|e| (e.file_name(), stat(&e.path()))).collect();
+    let may_be_input = |path: &Path| {
+        (path.extension()).is_none_or(|e| INPUTS.iter().any(|i| e.eq_ignore_ascii_case(i)))
+    };
+    let mut all: Vec<_> = (entries.map(|e| e.path()).filter(|p| may_be_input(p)))
+        .map(|p| (p.file_name().unwrap_or_default().to_owned(), stat(&p)))
+        .collect();
     all.sort();
     all
 }
