@@ -20,7 +20,8 @@ python=$(command -v python3.11 || command -v python3)
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 "$venv/bin/pip" install -q -r "$here/requirements.txt"
 mkdir -p "$npm_dir"
-(cd "$npm_dir" && npm install --silent --no-fund --no-audit gltf-validator@2.0.0-dev.3.10 playcanvas@2.23.3 babylonjs@9.28.0 babylonjs-loaders@9.28.0 fflate@0.8.3)
+(cd "$npm_dir" && npm install --silent --no-fund --no-audit gltf-validator@2.0.0-dev.3.10 playcanvas@2.23.3 babylonjs@9.28.0 babylonjs-loaders@9.28.0 fflate@0.8.3 \
+    three@0.187 react@~19.3 react-dom@~19.3 @react-three/fiber@9.8 esbuild@0.28 typescript@7 @types/three@0.187 @types/react@19)
 
 "$venv/bin/python" -c 'import bpy, mitsuba, numpy; print("bpy", bpy.app.version_string, "mitsuba", mitsuba.__version__)'
 "$venv/bin/python" "$here/truth_check.py"

@@ -33,14 +33,18 @@ const LIT: f64 = 80.0;
 /// because memory that is freed is not all given back.
 const AGAIN: f64 = 60.0;
 
-/// Bytes of a ray between patches, from the first ray until they are relaxed.
-const LINK: f64 = 10.0;
+/// Bytes of a ray between patches.
+const LINK: f64 = 4.0;
 
-/// Bytes of a lumel that stay until the end: its claimed error, and its difference from the light
-/// at vertices.
-const KEPT: f64 = 20.0;
+/// Bytes of a patch while links are relaxed: its light and what changes it.
+const RELAXED: f64 = 200.0;
 
-/// Bytes of a page's texel: light, coverage, chart, reader, lumel, and halves in the file.
+/// Bytes of a page's texel while lumels are put into it: light, coverage, chart, reader, whether it
+/// is hidden.
+const IN_MAKING: f64 = 25.0;
+
+/// Bytes of a page's texel from then on: the same without reader, its number among the texels of
+/// seams, and halves in the file.
 const OF_PAGE: f64 = 36.0;
 
 /// Bytes that a triangle takes before the bake.
@@ -72,9 +76,11 @@ pub(crate) struct Need {
     /// Bytes of a lumel of a tile.
     of_tile: f64,
     counts: Counts,
-    /// The part proportional to the square of the density: pages, and what is kept of lumels.
+    /// Pages while light is gathered. Like `pages`, proportional to the square of the density.
+    in_making: f64,
+    /// Finished pages.
     pages: f64,
-    /// The part proportional to the density.
+    /// What only stitching needs: the part proportional to the density.
     seams: f64,
 }
 
@@ -101,15 +107,16 @@ impl Need {
         let divided = divided(settings);
         let [of_tile, of_texel] =
             extra_bytes(&bake_options(settings), divided).map(|bytes| bytes as f64);
+        let in_making = IN_MAKING + of_texel;
         let of_texel = OF_PAGE + of_texel + files(settings, divided);
         // Patches of lumels that cannot fit are not counted, because counting takes memory too.
         let fits = (settings.bounds.allowed())
-            .map_or(f64::INFINITY, |allowed| allowed as f64 / (KEPT + OF_PAGE));
+            .map_or(f64::INFINITY, |allowed| allowed as f64 / OF_PAGE);
         let solve = settings.solve_options_of(settings.lumels(soup).min(fits));
         let stats = count_patches(world, &solve);
         let [patches, elements] = [stats.patches, stats.elements].map(f64::from);
-        // Fewer rays are cast where eight bytes each exceed this.
-        let links = (patches * f64::from(solve.rays)).min(solve.link_bytes as f64 / 8.0);
+        // Fewer rays are cast where they need more than is allowed.
+        let links = (LINK * patches * f64::from(solve.rays)).min(solve.link_bytes as f64);
         let two_sided = (0..soup.triangles.len() as u32).any(|t| world.two_sided(t));
         let again = if settings.split_sides && two_sided {
             AGAIN
@@ -126,11 +133,12 @@ impl Need {
                 + SKY * sky as f64
                 + CAPTURED * captured(scene, settings)
                 + (COPIES * stored(&loaded.document)) as f64,
-            links: LINK * links,
+            links: links + RELAXED * patches,
             lit: LIT * elements,
             of_tile: BYTES[3] + of_tile,
             counts,
-            pages: of_texel * texels_of_pages + KEPT * counts.lumels as f64,
+            in_making: in_making * texels_of_pages,
+            pages: of_texel * texels_of_pages,
             seams: BYTES[4] * counts.seam_samples as f64,
         }
     }
@@ -141,13 +149,13 @@ impl Need {
         let lumels = settings.lumels(soup);
         let tile = BYTES[3] * lumels.min(TILE as f64);
         let triangles = BYTES[1] * soup.triangles.len() as f64 + BYTES[2] * largest_mesh(soup);
-        let known = triangles + tile + (KEPT + OF_PAGE) * lumels;
+        let known = triangles + tile + OF_PAGE * lumels;
         (settings.bounds.allowed()).is_some_and(|allowed| 2.0 * known > allowed as f64)
     }
 
     /// Whether the pages of the estimated lumels of a layout need more memory than allowed.
     pub(crate) fn exceeds_by_far(layout: &LayoutReport, settings: &Settings) -> bool {
-        let known = (KEPT + OF_PAGE) * layout.lumels;
+        let known = OF_PAGE * layout.lumels;
         (settings.bounds.allowed()).is_some_and(|allowed| known > allowed as f64)
     }
 
@@ -172,8 +180,9 @@ impl Need {
             tile.max(TILE as f64)
         };
         let tile = (all * x * x).min(full).max(largest * x * x);
-        let gather = self.lit + self.of_tile * tile + self.pages * x * x + self.seams * x;
-        self.fixed + self.links.max(gather)
+        let gather = self.lit + self.of_tile * tile + self.in_making * x * x;
+        let finish = self.pages * x * x + self.seams * x;
+        self.fixed + self.links.max(gather).max(finish)
     }
 
     /// Refuses bakes that need more memory than the settings allow.
@@ -321,11 +330,13 @@ mod tests {
                 in_instance: 30,
                 seam_samples: 0,
             },
+            in_making: 300.0,
             pages: 500.0,
             seams: 30.0,
         };
-        assert_eq!(need.bytes(), 15.0 + 2.0 + 250.0 + 500.0 + 30.0);
-        for bytes in [21.0, 100.0, 550.0, 796.0] {
+        assert_eq!(need.at(0.5), 15.0 + 2.0 + 250.0 + 75.0);
+        assert_eq!(need.bytes(), 15.0 + 2.0 + 250.0 + 300.0);
+        for bytes in [21.0, 100.0, 342.0, 566.0] {
             let x = need.share_that_fits(bytes).expect("more than is fixed");
             let then = need.at(x);
             assert!((then / bytes - 1.0).abs() < 1e-12, "{then} for {bytes}");
@@ -346,6 +357,7 @@ mod tests {
                 in_instance: 1 << 18,
                 seam_samples: 0,
             },
+            in_making: 0.0,
             pages: 0.0,
             seams: 0.0,
         };

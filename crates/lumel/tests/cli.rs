@@ -288,7 +288,7 @@ fn inspect_prints_and_writes_nothing() {
     fs::copy(asset("cornell_box.glb"), &scene).expect("copy");
     let path = scene.to_str().expect("UTF-8");
     let text = lumel(["inspect", path]).ok();
-    assert!(text.stdout.contains("38 triangles"), "{}", text.stdout);
+    assert!(text.stdout.contains("triangles 38"), "{}", text.stdout);
     assert_eq!(text.stderr, "");
     let machine = lumel(["inspect", path, "--json"]).ok();
     assert!(parse(&machine.stdout).is_object());

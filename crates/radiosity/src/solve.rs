@@ -110,8 +110,8 @@ pub fn solve(
         })
         .collect();
 
-    // Links take 4 bytes per ray, and the same again while they are transposed.
-    let affordable = (options.link_bytes / (8 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
+    // Links take 4 bytes per ray.
+    let affordable = (options.link_bytes / (4 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
     let most = if world.is_dark() {
         FIRST_PASS // for the row sums; there is no light to distribute
     } else {

@@ -203,8 +203,8 @@ fn links_take_no_more_memory_than_they_may() {
     assert_eq!(whole.link_rays, 1024 * n);
     for (rays, least) in [(100, 100), (0, FIRST_PASS)] {
         let little = SolveOptions {
-            // 8 bytes per ray.
-            link_bytes: 8 * n * rays,
+            // 4 bytes per ray.
+            link_bytes: 4 * n * rays,
             ..options
         };
         let report = solve_scene(&lit_room(0.5), Sky::Black, &little, &Silent).report;
