@@ -110,8 +110,8 @@ impl Need {
         let in_making = IN_MAKING + of_texel;
         let of_texel = OF_PAGE + of_texel + files(settings, divided);
         // Patches of lumels that cannot fit are not counted, because counting takes memory too.
-        let fits = (settings.bounds.allowed())
-            .map_or(f64::INFINITY, |allowed| allowed as f64 / OF_PAGE);
+        let fits =
+            (settings.bounds.allowed()).map_or(f64::INFINITY, |allowed| allowed as f64 / OF_PAGE);
         let solve = settings.solve_options_of(settings.lumels(soup).min(fits));
         let stats = count_patches(world, &solve);
         let [patches, elements] = [stats.patches, stats.elements].map(f64::from);
