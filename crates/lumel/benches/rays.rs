@@ -7,6 +7,7 @@
 //!
 //! One thread, so that wall time is processor time; run it on a quiet machine.
 #![allow(missing_docs, reason = "benches are not an interface")]
+#![allow(clippy::print_stdout, reason = "the table is its result")]
 
 use std::f32::consts::TAU;
 use std::hint::black_box;
