@@ -62,7 +62,7 @@ impl Course {
         let mut weights = match settings.quality {
             Quality::Draft => [10.0, 35.0, 100.0, 30.0, 20.0],
             Quality::Quick => [5.0, 25.0, 100.0, 50.0, 12.0],
-            _ => [2.0, 16.0, 100.0, 80.0, 10.0],
+            _ => [2.0, 20.0, 100.0, 80.0, 10.0],
         };
         if settings.error.is_some() {
             weights[Stage::Refine as usize] = 200.0;
