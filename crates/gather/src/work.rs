@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use radiosity::{Cancelled, Monitor, Phase};
 
-use crate::blocks::part_in_blocks;
+use crate::blocks::{BLOCK, part_in_blocks};
 use crate::map::LumelMap;
 use crate::received::Received;
 use crate::window::REACH;
@@ -206,8 +206,7 @@ impl<'r> Work<'r> {
     }
 
     /// Gathers at `items` (lumels in ascending order, with further data for `one`) and stores the
-    /// light in the map. `one` sees the map as it was up to 65,536 lumels earlier and must not
-    /// depend on that.
+    /// light in the map. `one` sees some of that light and must not depend on it.
     ///
     /// # Errors
     /// [`Cancelled`] if the monitor asks for it.
@@ -232,14 +231,21 @@ impl<'r> Work<'r> {
                 &left
             }
         };
-        for start in (0..items.len()).step_by(BATCH) {
-            let batch = &items[start..items.len().min(start + BATCH)];
-            let part = start..start + batch.len();
-            let (phase, seen) = (pass.phase(), &*map);
-            let light = part_in_blocks(part, items.len(), phase, self.monitor, |k| {
-                let (i, what) = items[k];
+        let (mut before, blocks) = (0, items.len().div_ceil(BLOCK));
+        let batches = items.len().div_ceil(BATCH);
+        for b in 0..batches {
+            // Each batch takes blocks from everywhere, so that its pace tells that of the rest.
+            let batch: Vec<(usize, T)> = (b..blocks)
+                .step_by(batches)
+                .flat_map(|block| &items[block * BLOCK..items.len().min((block + 1) * BLOCK)])
+                .copied()
+                .collect();
+            let (phase, seen, done) = (pass.phase(), &*map, (before, items.len()));
+            let light = part_in_blocks(batch.len(), done, phase, self.monitor, |k| {
+                let (i, what) = batch[k];
                 one(seen, i, what)
             })?;
+            before += batch.len();
             if let Role::Shard { tile, records } = &self.role {
                 let number = |i: usize| (tile.base + i) as u32;
                 let lumels: Vec<u32> = batch.iter().map(|item| number(item.0)).collect();

@@ -15,7 +15,7 @@ enum Stage {
 const STAGES: usize = 5;
 
 /// Share of the gather spent in its first pass; the second fills in interpolated lumels.
-const FIRST_PASS: f64 = 0.8;
+const FIRST_PASS: f64 = 0.93;
 
 /// Refined lumels as a share of gathered ones. The stage grows if a bake refines more.
 const REFINED: f64 = 0.4;
@@ -61,8 +61,8 @@ impl Course {
     pub(super) fn new(settings: &Settings) -> Course {
         let mut weights = match settings.quality {
             Quality::Draft => [10.0, 35.0, 100.0, 30.0, 20.0],
-            Quality::Quick => [5.0, 25.0, 100.0, 50.0, 12.0],
-            _ => [2.0, 20.0, 100.0, 80.0, 10.0],
+            Quality::Quick => [5.0, 25.0, 100.0, 40.0, 12.0],
+            _ => [2.0, 20.0, 100.0, 60.0, 10.0],
         };
         if settings.error.is_some() {
             weights[Stage::Refine as usize] = 200.0;
@@ -111,8 +111,8 @@ impl Course {
         }
         let (began, before) = *self.gather_began.get_or_insert((now, self.share));
         let done = self.share - before;
-        let told = done >= TELL_FROM * self.weights[Stage::Gather as usize] / self.total();
-        told.then(|| (now - began) * (1.0 - self.share) / done)
+        let of_gather = done * self.total() / self.weights[Stage::Gather as usize];
+        (of_gather >= TELL_FROM).then(|| (now - began) * (1.0 - self.share) / done)
     }
 
     fn total(&self) -> f64 {
