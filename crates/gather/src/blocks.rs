@@ -8,7 +8,14 @@ use rayon::prelude::*;
 use crate::received::Received;
 
 /// Footprints gathered between two checks for cancellation.
-pub(crate) const BLOCK: usize = 64;
+const BLOCK: usize = 64;
+
+/// Blocks that are gathered one after the other. Single blocks, scattered, take 5 to 9 % longer:
+/// what a block's rays leave in the processor's caches is of no use to the next.
+const RUN: usize = 64;
+
+/// Footprints of a run.
+pub(crate) const IN_RUN: usize = RUN * BLOCK;
 
 /// Computes `0..n` in parallel blocks and asks the monitor between blocks.
 ///
@@ -54,10 +61,11 @@ pub(crate) fn part_in_blocks(
     Ok(received)
 }
 
-/// Numbered items in an order in which any run is spread over the whole, so that the pace of a part tells that of
-/// the rest: floors can take ten times as long as lumels inside walls.
+/// Numbered blocks in an order in which any part is spread over the whole, so that its pace tells
+/// that of the rest: floors can take ten times as long as lumels inside walls. Runs of [`RUN`] stay
+/// together, because rays from neighbours meet the same triangles.
 fn scattered<T>(mut of: Vec<(usize, T)>) -> Vec<(usize, T)> {
-    of.sort_by_key(|(number, _)| number.reverse_bits());
+    of.sort_by_key(|(number, _)| (number / RUN).reverse_bits());
     of
 }
 
@@ -67,18 +75,18 @@ mod tests {
 
     #[test]
     fn scattering_keeps_all_and_spreads_each_run() {
-        for n in [0_usize, 1, 2, 3, 5, 64, 1000, 1024] {
+        for n in [0_usize, 1, 2, 3, 5, 64, 1000, 65_536] {
             let order = scattered((0..n).map(|k| (k, ())).collect());
             let order: Vec<usize> = order.into_iter().map(|(k, ())| k).collect();
             let mut all = order.clone();
             all.sort_unstable();
             assert!(all.into_iter().eq(0..n), "{n}");
-            // Of a tenth, no gap is wider than four times the average.
+            // Of a tenth, no gap between runs is wider than four times the average.
             for run in order.chunks(n.div_ceil(10).max(1)).take(9) {
                 let mut run = run.to_vec();
                 run.sort_unstable();
                 let widest = run.windows(2).map(|w| w[1] - w[0]).max();
-                assert!(widest.unwrap_or(0) <= 40, "{n}: {run:?}");
+                assert!(widest.unwrap_or(0) <= 40 * RUN, "{n}: {run:?}");
             }
         }
     }

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use radiosity::{Cancelled, Monitor, Phase};
 
-use crate::blocks::{BLOCK, part_in_blocks};
+use crate::blocks::{IN_RUN, part_in_blocks};
 use crate::map::LumelMap;
 use crate::received::Received;
 use crate::window::REACH;
@@ -231,13 +231,13 @@ impl<'r> Work<'r> {
                 &left
             }
         };
-        let (mut before, blocks) = (0, items.len().div_ceil(BLOCK));
+        let (mut before, runs) = (0, items.len().div_ceil(IN_RUN));
         let batches = items.len().div_ceil(BATCH);
         for b in 0..batches {
-            // Each batch takes blocks from everywhere, so that its pace tells that of the rest.
-            let batch: Vec<(usize, T)> = (b..blocks)
+            // Each batch takes runs from everywhere, so that its pace tells that of the rest.
+            let batch: Vec<(usize, T)> = (b..runs)
                 .step_by(batches)
-                .flat_map(|block| &items[block * BLOCK..items.len().min((block + 1) * BLOCK)])
+                .flat_map(|run| &items[run * IN_RUN..items.len().min((run + 1) * IN_RUN)])
                 .copied()
                 .collect();
             let (phase, seen, done) = (pass.phase(), &*map, (before, items.len()));
