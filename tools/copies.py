@@ -3,7 +3,7 @@
 
     tools/copies.py [--level GLB] [--copies 1,4,16] [--density X] [--truth] -- [bake options]
 
-The copies stand in a row, far enough apart to hardly light each other; directional lights are kept
+The copies stand in a square, far enough apart to hardly light each other; directional lights are kept
 once. Prints a table of processor time, rays, patches, memory and the estimated error. --truth also
 bakes one copy at `production` and compares each copy's lumels with it (median and root mean square
 of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR).
@@ -12,6 +12,7 @@ LUMEL names the program (common.py)."""
 import argparse
 import copy
 import json
+import math
 import os
 import resource
 import tempfile
@@ -49,8 +50,10 @@ def copies(path, out, n):
                     del node["extensions"]["KHR_lights_punctual"]
                 node.pop("camera", None)
                 nodes.append(node)
+    side = math.ceil(math.sqrt(n))
     for k in range(n):
-        nodes.append({"name": f"copy_{k}", "translation": [apart * k, 0, 0], "children": [r + k * own for r in roots]})
+        place = [apart * (k % side), 0, apart * (k // side)]
+        nodes.append({"name": f"copy_{k}", "translation": place, "children": [r + k * own for r in roots]})
         all_roots.append(len(nodes) - 1)
     js["scenes"][js.get("scene", 0)]["nodes"] = all_roots
     common.write_glb(out, js, bin_)

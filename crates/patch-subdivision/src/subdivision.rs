@@ -301,6 +301,28 @@ impl Subdivision {
         q.map(|x| ((x * sub).floor() + 0.5) / sub)
     }
 
+    /// Another point of the element, on the same triangle: barycentrics like those of [`Element`].
+    /// `try_` counts the points that were drawn.
+    pub fn another_point(&self, element: ElementId, soup: &Soup, try_: u32) -> [f32; 2] {
+        let e = &self.elements[element.0 as usize];
+        let region = &self.regions[self.region_of_triangle[e.triangle as usize] as usize];
+        let (sub, [columns, rows]) = (region.frame.sub as f32, region.fine());
+        let [x, y] = self.middle(element, soup).map(|x| (x * sub) as i32);
+        let fine = (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as u32;
+        let seed = hash(hash(element.0).wrapping_add(try_));
+        let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
+        let random = [random(1), random(2)];
+        draw_point(soup, &region.frame, e.triangle, fine, random)
+    }
+
+    /// Moves points of elements: for each, the barycentrics of another point of its triangle.
+    pub fn move_points(&mut self, moved: &[(ElementId, [f32; 2])]) {
+        for (element, [u, v]) in moved {
+            let e = &mut self.elements[element.0 as usize];
+            (e.u, e.v) = (*u, *v);
+        }
+    }
+
     /// [`taps`](Self::taps) of a point given by its position on the region's grid; `None` for an
     /// invalid patch.
     #[inline]
@@ -551,27 +573,38 @@ fn draw_element(soup: &Soup, frame: &Frame, run: &[Fragment]) -> Element {
         }
         left -= f.area;
     }
-    let corners = fine_corners(soup, frame, chosen.triangle);
-    let det = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
-    let polygon = clip_to_fine(soup, frame, chosen.triangle, chosen.fine);
-    let (u, v) = if polygon.n >= 3 && det.abs() > 1e-12 {
-        let d: DVec2 = polygon.sample(random(2), random(3)) - corners[0];
-        (
-            d.perp_dot(corners[2] - corners[0]) / det,
-            (corners[1] - corners[0]).perp_dot(d) / det,
-        )
-    } else {
-        let s = random(2).sqrt();
-        (s * (1.0 - random(3)), s * random(3))
-    };
-    // Away from the triangle's edges, where a ray could hit an adjacent face.
-    let inside = |x: f64| x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4;
+    let [u, v] = draw_point(
+        soup,
+        frame,
+        chosen.triangle,
+        chosen.fine,
+        [random(2), random(3)],
+    );
     Element {
         triangle: chosen.triangle,
-        u: inside(u) as f32,
-        v: inside(v) as f32,
+        u,
+        v,
         area,
     }
+}
+
+/// Barycentrics of a point of the triangle inside fine cell `fine`, given two random numbers.
+fn draw_point(soup: &Soup, frame: &Frame, triangle: u32, fine: u32, random: [f64; 2]) -> [f32; 2] {
+    let corners = fine_corners(soup, frame, triangle);
+    let det = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
+    let polygon = clip_to_fine(soup, frame, triangle, fine);
+    let uv = if polygon.n >= 3 && det.abs() > 1e-12 {
+        let d: DVec2 = polygon.sample(random[0], random[1]) - corners[0];
+        [
+            d.perp_dot(corners[2] - corners[0]) / det,
+            (corners[1] - corners[0]).perp_dot(d) / det,
+        ]
+    } else {
+        let s = random[0].sqrt();
+        [s * (1.0 - random[1]), s * random[1]]
+    };
+    // Away from the triangle's edges, where a ray could hit an adjacent face.
+    uv.map(|x| (x.clamp(0.0, 1.0) * (1.0 - 3e-4) + 1e-4) as f32)
 }
 
 /// A 32-bit integer hash (Wellons' `lowbias32`, 2018).

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::{DVec3, Vec3};
 use mesh_ingest::Pyramids;
-use patch_subdivision::{Options as CutOptions, PatchId, Stats, Subdivision};
+use patch_subdivision::{ElementId, Options as CutOptions, PatchId, Stats, Subdivision};
 use rayon::prelude::*;
 
 use crate::audit::audit;
@@ -221,7 +221,12 @@ pub(crate) struct Divided {
 /// Divides a scene. The same scene and options give the same patches.
 pub(crate) fn divide(world: &World, options: &SolveOptions) -> Divided {
     let mut cut = Subdivision::build(world.soup, |t| world.two_sided(t as u32), &options.cut);
-    let Survey { buried, close } = survey(world, &cut);
+    let Survey {
+        buried,
+        close,
+        moved,
+    } = survey(world, &cut);
+    cut.move_points(&moved);
     let crowded = match options.crowded {
         true => find_crowded(&cut, &buried, &close),
         false => vec![false; cut.patches().len()],
@@ -271,6 +276,8 @@ struct Survey {
     buried: Vec<bool>,
     /// Whether its ray hits something within a patch's edge length.
     close: Vec<bool>,
+    /// Points that are seen from further away than that, of elements whose own point may not be.
+    moved: Vec<(ElementId, [f32; 2])>,
 }
 
 /// Finds the elements that are inside something, and those with something close to them.
@@ -284,33 +291,68 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     // misclassified with a probability of 1/256, and 15 other elements then represent it. The first
     // ray suffices for nearly every visible point.
     const RAYS: u32 = 8;
-    let look = |p: PatchId, k: usize| -> (bool, bool) {
-        let e = cut.elements()[k];
-        if world.emission(e.triangle) != Emission::None {
-            return (false, false); // the element's own light is counted where it starts
-        }
+    // The gathering rays that read an element come from beyond a patch's edge length, so its point
+    // is one that a ray leaves that far: drawn like this, points are distributed by how much of the
+    // view of them is from afar.
+    const OTHERS: u32 = 8;
+    let cast = |p: PatchId, k: usize, [u, v]: [f32; 2], ray: u32| -> Option<f32> {
+        let triangle = cut.elements()[k].triangle;
         let back = cut.patches()[p.0 as usize].back;
-        let point = world.surface_point(e.triangle, e.u, e.v, back, false);
-        let seed = hash_u32(k as u32 ^ 0x7f4a_7c15);
-        for i in 0..RAYS {
-            let [u, v] = sample_2d(i, 2, seed);
-            let direction = cosine_hemisphere(point.normal, u, v);
-            match world.incoming(point.origin, direction).0 {
-                Incoming::Black => {}
-                Incoming::Surface(hit) => return (false, hit.t < cut.patch_edge(e.triangle)),
-                Incoming::Escaped => return (false, false),
-            }
+        let point = world.surface_point(triangle, u, v, back, false);
+        let [a, b] = sample_2d(ray, 2, hash_u32(k as u32 ^ 0x7f4a_7c15));
+        let direction = cosine_hemisphere(point.normal, a, b);
+        match world.incoming(point.origin, direction).0 {
+            Incoming::Black => None,
+            Incoming::Surface(hit) => Some(hit.t),
+            Incoming::Escaped => Some(f32::INFINITY),
         }
-        (true, false)
     };
-    let (buried, close) = (0..cut.patches().len() as u32)
+    let look = |p: PatchId, k: usize| -> Seen {
+        let e = &cut.elements()[k];
+        if world.emission(e.triangle) != Emission::None {
+            return Seen::default(); // the element's own light is counted where it starts
+        }
+        let mut rays = 0..RAYS;
+        let Some(t) = rays.find_map(|i| cast(p, k, [e.u, e.v], i)) else {
+            return Seen {
+                buried: true,
+                ..Seen::default()
+            };
+        };
+        let edge = cut.patch_edge(e.triangle);
+        let id = ElementId(k as u32);
+        let mut others = (0..OTHERS).map(|i| (RAYS + i, cut.another_point(id, world.soup, i)));
+        let from_afar = |(ray, uv): &(u32, [f32; 2])| cast(p, k, *uv, *ray) >= Some(edge);
+        Seen {
+            buried: false,
+            close: t < edge,
+            moved: if t < edge {
+                others.find(from_afar).map(|(_, uv)| (id, uv))
+            } else {
+                None
+            },
+        }
+    };
+    let seen: Vec<Seen> = (0..cut.patches().len() as u32)
         .into_par_iter()
         .flat_map_iter(|p| {
             cut.elements_of(PatchId(p))
                 .map(move |k| look(PatchId(p), k))
         })
-        .unzip();
-    Survey { buried, close }
+        .collect();
+    Survey {
+        buried: seen.iter().map(|s| s.buried).collect(),
+        close: seen.iter().map(|s| s.close).collect(),
+        moved: seen.iter().filter_map(|s| s.moved).collect(),
+    }
+}
+
+/// [`Survey`] of one element.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    buried: bool,
+    close: bool,
+    moved: Option<(ElementId, [f32; 2])>,
 }
 
 /// Share of a patch's visible elements with something close to them from which the patch counts as

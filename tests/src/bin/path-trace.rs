@@ -78,23 +78,26 @@ fn eyes(glb: &[u8]) -> Result<Vec<DVec3>, Box<dyn Error>> {
     Ok(nodes.filter_map(eye).collect())
 }
 
-/// Whether nothing is between `eye` and the front of any corner of a lumel. Corners are moved
-/// slightly towards their piece's middle, because neighbouring faces meet there.
+/// Whether nothing is between `eye` and the front of a lumel: its corners, its middle, and halfway.
+/// Corners are moved slightly towards their piece's middle, because neighbouring faces meet there;
+/// a narrow lamp may stand between them.
 fn sees(eye: DVec3, lumel: &Footprint, scene: &Scene, tree: &Tree) -> bool {
     lumel.outlines().all(|(triangle, outline)| {
         let t = &scene.triangles[triangle];
         let middle = outline.iter().sum::<DVec2>() / outline.len() as f64;
         t.normal().dot(eye - t.corners[0]) > 0.0
-            && outline.iter().all(|p| {
-                let p = p.lerp(middle, 0.05);
-                let ray = Ray {
-                    origin: eye,
-                    direction: t.at(p.x, p.y) - eye,
-                    t_max: 1.0 - 1e-9,
-                    skip: [triangle, usize::MAX],
-                };
-                tree.closest(&ray).is_none()
-            })
+            && outline
+                .iter()
+                .flat_map(|p| [0.05, 0.5, 1.0].map(|x| p.lerp(middle, x)))
+                .all(|p| {
+                    let ray = Ray {
+                        origin: eye,
+                        direction: t.at(p.x, p.y) - eye,
+                        t_max: 1.0 - 1e-9,
+                        skip: [triangle, usize::MAX],
+                    };
+                    tree.closest(&ray).is_none()
+                })
     })
 }
 
