@@ -510,8 +510,9 @@ fn elements_at_the_edge_of_a_gap_stand_for_what_is_seen_of_them() {
         }
     }
     assert!(rim > 20, "{rim} elements");
-    // Drawn once, a third of the points are under the lamp; of nine, all are for one in thousands.
-    assert!(seen as f32 > 0.95 * rim as f32, "{seen} of {rim}");
+    // Drawn once, two thirds of the points are outside. A point in the gap is seen too, but by a fifth
+    // of its rays, so nine tenths should be; 68 elements tell that from two thirds by six sigmas.
+    assert!(seen as f32 > 0.8 * rim as f32, "{seen} of {rim}");
 }
 
 #[test]
