@@ -65,7 +65,8 @@ pub struct Patch {
     pub name: u32,
 }
 
-/// The finest piece of surface. It records direct light at one point, drawn uniformly from it.
+/// The finest piece of surface. It records direct light at one point, drawn uniformly from it or
+/// [moved](Subdivision::move_points).
 #[derive(Debug, Clone, Copy)]
 pub struct Element {
     /// Triangle of the [`Soup`] under the point.
@@ -302,14 +303,14 @@ impl Subdivision {
     }
 
     /// Another point of the element, on the same triangle: barycentrics like those of [`Element`].
-    /// `try_` counts the points that were drawn.
-    pub fn another_point(&self, element: ElementId, soup: &Soup, try_: u32) -> [f32; 2] {
+    /// `number` tells its points apart.
+    pub fn another_point(&self, element: ElementId, soup: &Soup, number: u32) -> [f32; 2] {
         let e = &self.elements[element.0 as usize];
         let region = &self.regions[self.region_of_triangle[e.triangle as usize] as usize];
         let (sub, [columns, rows]) = (region.frame.sub as f32, region.fine());
         let [x, y] = self.middle(element, soup).map(|x| (x * sub) as i32);
         let fine = (y.clamp(0, rows - 1) * columns + x.clamp(0, columns - 1)) as u32;
-        let seed = hash(hash(element.0).wrapping_add(try_));
+        let seed = hash(hash(element.0).wrapping_add(number));
         let random = |k: u32| hash(seed.wrapping_add(k)) as f64 / 4294967296.0;
         let random = [random(1), random(2)];
         draw_point(soup, &region.frame, e.triangle, fine, random)
