@@ -470,8 +470,8 @@ fn patches_do_not_carry_light_into_a_gap() {
 
 #[test]
 fn elements_at_the_edge_of_a_gap_stand_for_what_is_seen_of_them() {
-    // A lamp whose top is a centimetre below the ceiling. Its rim cuts elements of 5.6 cm at a third
-    // of their width.
+    // A lamp whose top is a centimetre below the ceiling. Its rim cuts elements of 5.6 cm at a
+    // third of their width.
     let mut scene = Scene::default();
     let grey = material(0.7, Vec3::ZERO);
     let corner = Vec3::new(-1.0, 0.0, -1.0);
