@@ -439,9 +439,9 @@ impl Start {
     }
 }
 
-/// Number of lumels up to which a preset's number of patches is used as it is. The presets were
-/// tuned on levels at the default density, which have about 200,000 lumels.
-const TUNED: f64 = 300_000.0;
+/// Number of lumels up to which a preset's number of patches is used as it is: that of the levels
+/// that the presets were tuned on, at the default density.
+const TUNED: f64 = 200_000.0;
 
 /// Most patches. A patch takes about 2 kB with its elements and links.
 const MOST_PATCHES: f64 = 400_000.0;

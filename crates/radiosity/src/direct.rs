@@ -21,6 +21,7 @@ use crate::world::{SurfacePoint, World, luminance};
 use choice::Tables;
 use lamp_tree::{LampTree, Lamps};
 use tally::{Mark, Tally};
+use terms::draw_rest;
 
 /// Number of shadow rays per light.
 #[derive(Debug, Clone, Copy)]
@@ -149,13 +150,14 @@ pub struct DirectLight<'w, 'a> {
 enum Term<'e> {
     /// A lamp and its light group.
     Lamp(&'e Light, usize),
-    /// A node of the lamp tree.
-    Lamps(u32),
+    /// A node of the lamp tree, and the probability with which it was chosen to stand for others
+    /// besides itself (1 if it does not).
+    Lamps(u32, f32),
     /// A cell of the bright part of the sky.
     Sky(&'e SkyCell),
     Triangle(&'e Emitter),
-    /// A node of the emitter tree.
-    Group(u32),
+    /// A node of the emitter tree, and the same probability.
+    Group(u32, f32),
 }
 
 impl<'w, 'a> DirectLight<'w, 'a> {
@@ -230,9 +232,10 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             parts,
             mixed: Vec::new(),
         };
-        for (lamps, share) in self.lamps_of(&first, scale) {
+        let (lamps, rest) = self.lamps_of(&first, scale, seed);
+        let look = known.look & EMITTERS != 0;
+        for (lamps, share) in lamps {
             let Lamps::One(k) = lamps else {
-                let look = known.look & EMITTERS != 0;
                 let term = self.term_of_lamps(lamps);
                 self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
                 continue;
@@ -248,8 +251,11 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let term = self.term_of_lamps(lamps);
             self.begin(term, kind.share(share), bit, look, kind, &mut work);
         }
+        if let Some((Lamps::Group(node), share, chance)) = rest {
+            let term = Term::Lamps(node, chance);
+            self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
+        }
         if !self.emitters.is_empty() || bright.is_some() {
-            let look = known.look & EMITTERS != 0;
             if let Some(bright) = bright {
                 let total: f32 = bright.cells.iter().map(|c| c.power).sum();
                 for cell in &bright.cells {
@@ -261,13 +267,18 @@ impl<'w, 'a> DirectLight<'w, 'a> {
             let mut terms = Vec::new();
             self.emitter_nodes(&first, scale, options.base.max(4) as usize * 2, &mut terms);
             let total: f32 = terms.iter().map(|t| t.1).sum();
+            let is_group = |id: u32| self.emitters.nodes[id as usize].second != 0;
+            let rest = draw_rest(&mut terms, is_group, total, seed ^ 1);
             // Lights are worth fewer samples if other light is strong.
             let worth = (WORTH * total / (total + known.light + work.lit())).min(1.0);
             for (node, weight) in terms {
                 let share = worth * weight / total;
                 let term = self.term_of_node(node);
-                let kind = Kind::default();
-                self.begin(term, share, EMITTERS, look, kind, &mut work);
+                self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
+            }
+            if let Some((node, weight, chance)) = rest {
+                let (term, share) = (Term::Group(node, chance), worth * weight / total);
+                self.begin(term, share, EMITTERS, look, Kind::default(), &mut work);
             }
         }
         self.look_closer(known.light, work);
@@ -460,7 +471,7 @@ impl<'w, 'a> DirectLight<'w, 'a> {
         let whole = work.options.base.max(1);
         // The contribution of each of a few emitters is computed once for all points of the
         // receiver.
-        if let (Term::Group(node), None) = (&light.term, &light.few) {
+        if let (Term::Group(node, _), None) = (&light.term, &light.few) {
             light.few = Some(self.emitters.few(*node, &work.first, work.scale));
         }
         while light.taken < target {

@@ -102,7 +102,7 @@ impl DirectLight<'_, '_> {
                         }
                         None => continue,
                     },
-                    Term::Group(node) => {
+                    Term::Group(node, _) => {
                         let x = s[2] as f64 + s[3] as f64 * 2f64.powi(-24);
                         let Some((e, probability)) = self.emitters.pick(*node, &point, x) else {
                             continue;
@@ -113,7 +113,7 @@ impl DirectLight<'_, '_> {
                         let facing = e.normal.dot(v).abs() / (d2 * d2.sqrt());
                         (e, q, facing * e.area / probability)
                     }
-                    Term::Lamp(..) | Term::Lamps(_) | Term::Sky(_) => continue,
+                    Term::Lamp(..) | Term::Lamps(..) | Term::Sky(_) => continue,
                 };
                 let front = e.two_sided || e.normal.dot(at - q) > 0.0;
                 let direction = (q - at).normalize_or_zero();

@@ -44,15 +44,22 @@ impl DirectLight<'_, '_> {
     ) {
         match term {
             Term::Lamp(light, group) => self.lamp(light, (*group, 1.0), p, random, tally),
-            Term::Lamps(node) => self.lamps(*node, p, random, tally),
+            Term::Lamps(node, chance) => self.lamps((*node, *chance), p, random, tally),
             Term::Sky(cell) => self.sky(cell, p, random, tally),
             Term::Triangle(e) => self.triangle(e, p, random, tally),
-            Term::Group(node) => self.group(*node, few, p, random, tally),
+            Term::Group(node, chance) => self.group((*node, *chance), few, p, random, tally),
         }
     }
 
-    /// One lamp of a group, which stands for all of it.
-    fn lamps(&self, node: u32, p: &SurfacePoint, random: [f32; 4], tally: &mut Tally) {
+    /// One lamp of a group, which stands for all of it, and for others if the group was chosen with
+    /// a probability below 1.
+    fn lamps(
+        &self,
+        (node, chance): (u32, f32),
+        p: &SurfacePoint,
+        random: [f32; 4],
+        tally: &mut Tally,
+    ) {
         let lights = &self.world.scene.lights;
         // Choosing within a group may need more than the 24 bits of one number.
         let x = f64::from(random[2]) + f64::from(random[3]) * 2f64.powi(-24);
@@ -60,7 +67,7 @@ impl DirectLight<'_, '_> {
             return;
         };
         let group = self.world.lamp_group(k as usize);
-        let stands_for = (group, 1.0 / probability);
+        let stands_for = (group, 1.0 / (probability * chance));
         self.lamp(&lights[k as usize], stands_for, p, random, tally);
     }
 

@@ -111,9 +111,11 @@ impl DirectLight<'_, '_> {
         tally.weighted(unoccluded, weight, &sample);
     }
 
+    /// One emitter of a group, which stands for all of it, and for others if the group was chosen
+    /// with a probability below 1.
     pub(super) fn group(
         &self,
-        node: u32,
+        (node, chance): (u32, f32),
         few: Option<&Few>,
         p: &SurfacePoint,
         random: [f32; 4],
@@ -159,7 +161,7 @@ impl DirectLight<'_, '_> {
         let passed = tally.passed(|| self.passed(p, q, e));
         let d = d2.sqrt();
         let sample = Sample {
-            value: self.radiance_at(e, q, p) * k,
+            value: self.radiance_at(e, q, p) * (k / chance),
             passed,
             direction: v / d,
             cos: cos / d,

@@ -2,6 +2,7 @@
 
 use super::lamp_tree::Lamps;
 use super::{DirectLight, Term};
+use crate::sampling::hash_u32;
 use crate::world::SurfacePoint;
 
 /// More lamps than this share their points by contribution, as emissive triangles do.
@@ -31,20 +32,70 @@ const GROUPS: usize = 12;
 /// some dozens of nested groups.
 const MOST_TERMS: usize = 256;
 
+/// The weakest groups of a receiver that together could contribute at most this share of the
+/// unoccluded light get one sample together, as a group that weak does.
+const REST: f32 = 0.01;
+
+/// Removes the weakest groups from `lights`, which have rough contributions, and returns one of
+/// them, drawn roughly in proportion to its contribution: with the contribution of all removed, and
+/// the probability of having drawn it. `None` if there are fewer than two. In a level of many rooms
+/// most groups are far away, and cost a receiver more rays than its own lamps.
+pub(super) fn draw_rest<T: Copy>(
+    lights: &mut Vec<(T, f32)>,
+    is_group: impl Fn(T) -> bool,
+    total: f32,
+    seed: u32,
+) -> Option<(T, f32, f32)> {
+    // Groups last, and the weakest of them at the end.
+    let order = |light: &(T, f32)| {
+        if is_group(light.0) {
+            light.1
+        } else {
+            f32::INFINITY
+        }
+    };
+    lights.sort_by(|a, b| order(b).total_cmp(&order(a)));
+    let mut sum = 0.0;
+    let weak = (lights.iter().rev())
+        .take_while(|light| {
+            sum += order(light);
+            sum <= REST * total
+        })
+        .count();
+    if weak < 2 {
+        return None;
+    }
+    let rest = lights.split_off(lights.len() - weak);
+    let sum: f32 = rest.iter().map(|light| light.1).sum();
+    let mut left = hash_u32(seed) as f32 / 4294967296.0 * sum;
+    let drawn = rest.iter().find(|light| {
+        left -= light.1;
+        left < 0.0
+    });
+    let &(light, weight) = drawn.or(rest.first())?;
+    Some((light, sum, weight / sum))
+}
+
 impl<'w> DirectLight<'w, '_> {
     /// The lamps and groups of lamps of a receiver, with the share of the samples that each gets: all
-    /// of them if there are few.
-    pub(super) fn lamps_of(&self, first: &SurfacePoint, scale: f32) -> Vec<(Lamps, f32)> {
+    /// of them if there are few. Also the group drawn from the weakest ([`draw_rest`]).
+    pub(super) fn lamps_of(
+        &self,
+        first: &SurfacePoint,
+        scale: f32,
+        seed: u32,
+    ) -> (Vec<(Lamps, f32)>, Option<(Lamps, f32, f32)>) {
         let lights = &self.world.scene.lights;
         if lights.len() <= MANY_LAMPS {
-            return (0..lights.len() as u32)
-                .map(|k| (Lamps::One(k), 1.0))
-                .collect();
+            let each = (0..lights.len() as u32).map(|k| (Lamps::One(k), 1.0));
+            return (each.collect(), None);
         }
         let mut lamps = self.lamps.cut(lights, first.position, scale);
         let total: f32 = lamps.iter().map(|light| light.1).sum();
         lamps.iter_mut().for_each(|light| light.1 /= total);
-        lamps
+        let is_group = |lamps| matches!(lamps, Lamps::Group(_));
+        let rest = draw_rest(&mut lamps, is_group, 1.0, seed);
+        (lamps, rest)
     }
 
     /// A lamp or a group of lamps as a term.
@@ -54,7 +105,7 @@ impl<'w> DirectLight<'w, '_> {
                 let k = k as usize;
                 Term::Lamp(&self.world.scene.lights[k], self.world.lamp_group(k))
             }
-            Lamps::Group(node) => Term::Lamps(node),
+            Lamps::Group(node) => Term::Lamps(node, 1.0),
         }
     }
 
@@ -84,7 +135,7 @@ impl<'w> DirectLight<'w, '_> {
         if node.second == 0 {
             Term::Triangle(&self.emitters.emitters[node.start as usize])
         } else {
-            Term::Group(id)
+            Term::Group(id, 1.0)
         }
     }
 

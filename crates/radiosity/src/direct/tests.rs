@@ -336,14 +336,14 @@ fn four_hundred_small_lamps_are_one_large_one_for_far_fewer_terms() {
         let mut taken: Vec<u32> = Vec::new();
         for (term, _) in &terms {
             match term {
-                Term::Group(id) => {
+                Term::Group(id, _) => {
                     let node = &l.emitters.nodes[*id as usize];
                     taken.extend(
                         (node.start..node.end).map(|k| l.emitters.emitters[k as usize].triangle),
                     )
                 }
                 Term::Triangle(e) => taken.push(e.triangle),
-                Term::Lamp(..) | Term::Lamps(_) | Term::Sky(_) => panic!("there is none"),
+                Term::Lamp(..) | Term::Lamps(..) | Term::Sky(_) => panic!("there is none"),
             }
         }
         taken.sort_unstable();

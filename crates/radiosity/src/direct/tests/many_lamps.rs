@@ -150,3 +150,79 @@ fn a_thousand_lamps_in_one_place_are_a_bounded_number_of_lights() {
         assert!(lights <= 256, "{lights} lights");
     });
 }
+
+#[test]
+fn the_weakest_groups_are_drawn_as_often_as_they_say() {
+    // (whether it is a group, weight); the weak lamp is no group, the sixth is not weak.
+    let lights = [
+        ((0, true), 0.004),
+        ((1, false), 0.001),
+        ((2, true), 0.002),
+        ((3, false), 0.6),
+        ((4, true), 0.003),
+        ((5, true), 0.39),
+    ];
+    let mut drawn = [0u32; 6];
+    let draws = 10_000;
+    for seed in 0..draws {
+        let mut left = lights.to_vec();
+        let rest = draw_rest(&mut left, |l: (usize, bool)| l.1, 1.0, seed);
+        let ((k, _), sum, chance) = rest.expect("three weak groups");
+        let mut kept: Vec<usize> = left.iter().map(|l| l.0.0).collect();
+        kept.sort_unstable();
+        assert_eq!(kept, [1, 3, 5]);
+        assert!((sum - 0.009f32).abs() < 1e-6 && (chance * sum - lights[k].1).abs() < 1e-6);
+        drawn[k] += 1;
+    }
+    for (k, share) in [(0, 4.0 / 9.0), (2, 2.0 / 9.0), (4, 3.0 / 9.0)] {
+        // Four standard deviations of a binomial distribution.
+        let n = f64::from(draws);
+        let error = 4.0 * (n * share * (1.0 - share)).sqrt();
+        assert!((f64::from(drawn[k]) - n * share).abs() < error, "{drawn:?}");
+    }
+    // One weak group alone stays as it is, and so do groups that are weak but many.
+    for weak in [1, 4] {
+        let mut left = vec![((0, true), 0.9); 1];
+        left.extend((0..weak).map(|k| ((k, true), 0.0101)));
+        let before = left.len();
+        assert!(draw_rest(&mut left, |l: (usize, bool)| l.1, 1.0, 3).is_none());
+        assert_eq!(left.len(), before);
+    }
+}
+
+#[test]
+fn far_panels_bring_their_light_on_average() {
+    // Rooms with a panel above the receiver's and 60 more at distances of 30 m and more.
+    let mut scene = Scene::default();
+    let corner = Vec3::new(-100.0, -100.0, 0.0);
+    let black = material(0.0, Vec3::ZERO);
+    add_quad(&mut scene, black, corner, Vec3::X * 200.0, Vec3::Y * 200.0);
+    let mut add = |x: f32, y: f32, size: f32| {
+        let corner = Vec3::new(x, y, 2.5);
+        let glow = material(0.0, Vec3::splat(2.0));
+        add_quad(&mut scene, glow, corner, Vec3::Y * size, Vec3::X * size);
+    };
+    add(-0.5, -0.5, 1.0);
+    for k in 0..60u32 {
+        let (x, y) = ((k % 8) as f32 - 3.5, (k / 8) as f32 - 3.5);
+        let far = Vec3::new(x, y, 0.0).normalize() * 30.0;
+        add(far.x + 9.0 * x, far.y + 9.0 * y, 1.0 + 0.1 * (k % 5) as f32);
+    }
+    let at = receiver(Vec3::ZERO, Vec3::new(0.1, 0.0, 1.0).normalize());
+    with_light(&scene, |l| {
+        let exact: f32 = (l.emitters.emitters.iter())
+            .map(|e| std::f32::consts::PI * l.form_factor(e, &at) * luminance(e.radiance))
+            .sum();
+        let one = |seed| l.irradiance(|_| at, 0.0, seed, &FEW);
+        let some: Vec<f32> = (1..=400).map(|seed| one(seed).irradiance.x).collect();
+        let mean = some.iter().sum::<f32>() / 400.0;
+        let spread = (some.iter().map(|e| (e - mean).powi(2)).sum::<f32>() / 400.0).sqrt();
+        // The rest is 1 % of the light, and its groups stand for each other within a factor of two.
+        assert!(spread < 0.02 * exact, "spread {spread} of {exact}");
+        let error = 4.0 * spread / 20.0 + 1e-5 * exact;
+        assert!(
+            (mean - exact).abs() < error,
+            "{mean}, not {exact} ± {error}"
+        );
+    });
+}
