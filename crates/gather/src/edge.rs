@@ -8,7 +8,7 @@ use radiosity::{
 use crate::estimate::{Around, BEHIND, Estimate, MOSTLY_INSIDE, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gatherer::{Gatherer, known};
-use crate::parts::Parts;
+use crate::parts::{GAP, Parts};
 use crate::planes::{Plane, PlaneSums};
 use crate::points::{OpenPoints, Place, Sampling, spread};
 use crate::received::{Edge, Received};
@@ -52,9 +52,9 @@ struct Sorted<'f, F> {
     footprint: &'f F,
     points: Vec<SurfacePoint>,
     sums: Vec<Point>,
-    /// The part of each point; `None` inside a body.
+    /// The part of each point; `None` where nobody sees it.
     part: Vec<Option<usize>>,
-    /// Sums for planes by part, followed by those of points inside bodies.
+    /// Sums for planes by part, followed by those of points that nobody sees.
     planes: Vec<PlaneSums>,
     seed: u32,
     /// Whether walls split the footprint into several parts.
@@ -150,11 +150,11 @@ impl Gatherer<'_, '_> {
         let part: Vec<Option<usize>> = (points.iter())
             .map(|p| match &parts {
                 None => Some(0),
-                Some(_) if world.inside_a_body(p) => None,
+                Some(_) if world.out_of_sight(p, GAP * footprint.reach()) => None,
                 Some(parts) => Some(parts.of(world, p)),
             })
             .collect();
-        // Plus one part for slivers and one for bodies.
+        // Plus one part for slivers and one for what nobody sees.
         let number = parts.as_ref().map_or(1, |p| p.count + 1);
         let mut planes: Vec<PlaneSums> =
             (0..=number).map(|_| PlaneSums::new(self.wanted)).collect();
@@ -259,7 +259,8 @@ impl Gatherer<'_, '_> {
                 let s = sample_4d(i, 0, seed ^ 0x9e37_79b9);
                 let toward = cosine_hemisphere(p.normal, s[0], s[1]);
                 let black = || matches!(world.incoming(p.origin, toward).0, Incoming::Black);
-                (p.geometric.dot(toward) <= 0.0 || !black()) && !world.inside_a_body(&p)
+                (p.geometric.dot(toward) <= 0.0 || !black())
+                    && !world.out_of_sight(&p, GAP * footprint.reach())
             })
         })
     }

@@ -6,7 +6,7 @@ use crate::between::{Between, DirectBetween};
 use crate::estimate::{BEHIND, Estimate, Point, mean_and_spread};
 use crate::footprint::Footprint;
 use crate::gatherer::{Gatherer, known};
-use crate::parts::Parts;
+use crate::parts::{GAP, Parts};
 use crate::planes::{Plane, PlaneSums};
 use crate::points::{OpenPoints, Place, Sampling, spread};
 use crate::received::Received;
@@ -29,8 +29,9 @@ impl Gatherer<'_, '_> {
     /// accurate as the fraction of points on either side. Such footprints are gathered again, with
     /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points) points of two rays each.
     ///
-    /// Sample points count as inside if they are in a body, or if nearly all of their rays hit
-    /// black backfaces; if only visible parts count, also unlit backs of double-sided faces. If the
+    /// Sample points count as inside if they are in a body or under a cover ([`GAP`]), or if nearly
+    /// all of their rays hit black backfaces; if only visible parts count, also unlit backs of
+    /// double-sided faces. If the
     /// whole footprint is inside, the mean is over all of it, whatever
     /// [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
@@ -50,10 +51,10 @@ impl Gatherer<'_, '_> {
             planes.take(of_point);
         });
         let (sums, mut rays) = (sampled.sums, sampled.rays);
-        // Inside a wall, light is irrelevant, whatever the rays find.
+        // Inside a wall or under a carpet, light is irrelevant, whatever the rays find.
         let covered = options.open_only && sums.iter().any(|s| s.near || s.backs > 0);
         let buried: Vec<bool> = (points.iter())
-            .map(|p| covered && world.inside_a_body(p))
+            .map(|p| covered && world.out_of_sight(p, GAP * footprint.reach()))
             .collect();
         let mut open: Vec<bool> = (sums.iter().zip(&buried))
             .map(|(s, buried)| !buried && !s.inside())
