@@ -253,3 +253,54 @@ fn the_hollow_of_a_wall_does_not_darken_the_corner_of_a_room() {
         assert!(e > 0.5 * inner, "{e} beside {inner}");
     }
 }
+
+#[test]
+fn a_rug_that_hovers_by_a_millimetre_draws_no_line_on_the_floor() {
+    // A furnace with a single-sided rug, whose edges cross lumels at all fractions. Its back is
+    // black, so it is dark below the rug.
+    let mut b = GltfBuilder::new();
+    let glow = b.material(&Material::emitter("glow", [1.0; 3], [0.5; 3]));
+    let shell = room(Vec3::ZERO, Vec3::new(3.0, 2.0, 3.0), 1).bare();
+    let (u, v) = (Vec3::new(0.1, 0.0, 1.2), Vec3::new(1.2, 0.0, -0.1));
+    let rug = grid(Vec3::new(0.8, 0.001, 0.9), u, v, [1, 1]).bare();
+    for (name, g) in [("shell", &shell), ("rug", &rug)] {
+        let mesh = b.mesh(name, &[(g, glow)]);
+        b.node(Node::of_mesh(name, mesh));
+    }
+    let glb = b.finish();
+    for quality in [Quality::Draft, Quality::Quick] {
+        let settings = Settings {
+            quality,
+            ..at(16.0)
+        };
+        let baked = bake(&glb, &settings);
+        let exact = PI / 0.5;
+        let mut beside = 0;
+        for l in lumels_of(&baked, "shell") {
+            if l.normal.y < 0.5 {
+                continue;
+            }
+            // How far the lumel's middle is beyond the rug's edges, in lumels.
+            let from = l.middle() - glam::DVec3::new(0.8, 0.0, 0.9);
+            let beyond = [u, v].map(|side| {
+                let side = side.as_dvec3();
+                let along = from.dot(side) / side.length();
+                16.0 * (-along).max(along - side.length())
+            });
+            let beyond = beyond[0].max(beyond[1]);
+            // Lookups beside the rug read lumels whose middle is up to one lumel below it.
+            if beyond > -0.9 {
+                beside += i32::from(beyond < 1.0);
+                // The first millimetres beside the rug see its back: less than 1 % of a lumel's
+                // light. The rest is the solve's residual.
+                let e = l.red() / exact;
+                assert!(
+                    (e - 1.0).abs() < 0.02,
+                    "{e} at {}, {beyond} lumels",
+                    l.middle()
+                );
+            }
+        }
+        assert!(beside > 4 * 16, "{beside}");
+    }
+}
