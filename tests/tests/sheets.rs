@@ -291,8 +291,13 @@ fn a_rug_that_hovers_by_a_millimetre_draws_no_line_on_the_floor() {
             // Lookups beside the rug read lumels whose middle is up to one lumel below it.
             if beyond > -0.9 {
                 let e = l.red() / exact;
-                // Of the six rays of a sliver that a draft sees, two may find the rug's back.
-                assert!(e > 0.65, "{e} at {}, {beyond} lumels", l.middle());
+                // Of a draft's 32 rays, a lumel that shows a quarter has eight, of which three may
+                // find the rug's back.
+                assert!(
+                    e > 0.6 || beyond < -0.25,
+                    "{e} at {}, {beyond} lumels",
+                    l.middle()
+                );
                 if beyond < 1.0 {
                     beside += 1;
                     sum += e;
