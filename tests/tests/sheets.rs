@@ -291,14 +291,9 @@ fn a_rug_that_hovers_by_a_millimetre_draws_no_line_on_the_floor() {
             // Lookups beside the rug read lumels whose middle is up to one lumel below it.
             if beyond > -0.9 {
                 let e = l.red() / exact;
-                // Of a draft's 32 rays, a lumel that shows a quarter has eight, of which three may
-                // find the rug's back.
-                assert!(
-                    e > 0.6 || beyond < -0.25,
-                    "{e} at {}, {beyond} lumels",
-                    l.middle()
-                );
-                if beyond < 1.0 {
+                // Of the few rays of a sliver, half may find the rug's back.
+                assert!(e > 0.4, "{e} at {}, {beyond} lumels", l.middle());
+                if -0.25 < beyond && beyond < 1.0 {
                     beside += 1;
                     sum += e;
                 }
@@ -308,6 +303,6 @@ fn a_rug_that_hovers_by_a_millimetre_draws_no_line_on_the_floor() {
         // from lumels of 62: 1 %. The rest is the solve's residual.
         let mean = sum / f64::from(beside);
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
-        assert!(beside > 4 * 16, "{beside}");
+        assert!(beside > 4 * 12, "{beside}");
     }
 }

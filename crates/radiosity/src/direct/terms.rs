@@ -36,6 +36,10 @@ const MOST_TERMS: usize = 256;
 /// unoccluded light get one sample together, as a group that weak does.
 const REST: f32 = 0.01;
 
+/// A group drawn to stand for others, the contribution of all of them, and the probability of having
+/// drawn it.
+pub(super) type Rest<T> = (T, f32, f32);
+
 /// Removes the weakest groups from `lights`, which have rough contributions, and returns one of
 /// them, drawn roughly in proportion to its contribution: with the contribution of all removed, and
 /// the probability of having drawn it. `None` if there are fewer than two. In a level of many rooms
@@ -45,7 +49,7 @@ pub(super) fn draw_rest<T: Copy>(
     is_group: impl Fn(T) -> bool,
     total: f32,
     seed: u32,
-) -> Option<(T, f32, f32)> {
+) -> Option<Rest<T>> {
     // Groups last, and the weakest of them at the end.
     let order = |light: &(T, f32)| {
         if is_group(light.0) {
@@ -84,7 +88,7 @@ impl<'w> DirectLight<'w, '_> {
         first: &SurfacePoint,
         scale: f32,
         seed: u32,
-    ) -> (Vec<(Lamps, f32)>, Option<(Lamps, f32, f32)>) {
+    ) -> (Vec<(Lamps, f32)>, Option<Rest<Lamps>>) {
         let lights = &self.world.scene.lights;
         if lights.len() <= MANY_LAMPS {
             let each = (0..lights.len() as u32).map(|k| (Lamps::One(k), 1.0));
