@@ -303,6 +303,6 @@ fn a_rug_that_hovers_by_a_millimetre_draws_no_line_on_the_floor() {
         // from lumels of 62: 1 %. The rest is the solve's residual.
         let mean = sum / f64::from(beside);
         assert!((mean - 1.0).abs() < 0.02, "{mean}");
-        assert!(beside > 4 * 12, "{beside}");
+        assert!(beside > 4 * 16, "{beside}");
     }
 }

@@ -31,8 +31,7 @@ impl Gatherer<'_, '_> {
     ///
     /// Sample points count as inside if they are in a body or under a cover ([`GAP`]), or if nearly
     /// all of their rays hit black backfaces; if only visible parts count, also unlit backs of
-    /// double-sided faces. If the
-    /// whole footprint is inside, the mean is over all of it, whatever
+    /// double-sided faces. If the whole footprint is inside, the mean is over all of it, whatever
     /// [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let (world, options) = (self.tracer.world, &self.options);

@@ -35,6 +35,23 @@ fn lamps_of(l: &DirectLight, p: Vec3, scale: f32) -> (Vec<u32>, usize) {
     (lamps, cut.len())
 }
 
+/// Asserts that the light at a receiver is `exact` on average over seeds, and never far from it.
+fn on_average(l: &DirectLight, at: SurfacePoint, exact: f32) {
+    let one = |seed| l.irradiance(|_| at, 0.0, seed, &FEW);
+    let some: Vec<f32> = (1..=400).map(|seed| one(seed).irradiance.x).collect();
+    let mean = some.iter().sum::<f32>() / 400.0;
+    // Spread of one: less than SHARE for each of some dozens of lights, which are independent, and
+    // less than REST for those drawn as one.
+    let spread = (some.iter().map(|e| (e - mean).powi(2)).sum::<f32>() / 400.0).sqrt();
+    assert!(spread < 0.02 * exact, "spread {spread} of {exact}");
+    // Four standard errors of the mean, and rounding.
+    let error = 4.0 * spread / 20.0 + 1e-5 * exact;
+    assert!(
+        (mean - exact).abs() < error,
+        "{mean}, not {exact} ± {error}"
+    );
+}
+
 #[test]
 fn every_lamp_is_in_one_light_and_lights_are_few() {
     with_light(&street(), |l| {
@@ -61,19 +78,8 @@ fn groups_of_lamps_bring_their_light_on_average() {
     };
     let exact: f32 = (0..320).map(single).sum();
     with_light(&scene, |l| {
-        let one = |seed| l.irradiance(|_| at, 0.0, seed, &FEW);
-        let some: Vec<f32> = (1..=400).map(|seed| one(seed).irradiance.x).collect();
-        let mean = some.iter().sum::<f32>() / 400.0;
-        // Spread of one: less than SHARE for each of some dozens of lights, which are independent.
-        let spread = (some.iter().map(|e| (e - mean).powi(2)).sum::<f32>() / 400.0).sqrt();
-        assert!(spread < 0.02 * exact, "spread {spread} of {exact}");
-        // Four standard errors of the mean, and rounding.
-        let error = 4.0 * spread / 20.0 + 1e-5 * exact;
-        assert!(
-            (mean - exact).abs() < error,
-            "{mean}, not {exact} ± {error}"
-        );
-        let rays = one(1).rays;
+        on_average(l, at, exact);
+        let rays = l.irradiance(|_| at, 0.0, 1, &FEW).rays;
         assert!(rays < 64, "{rays} rays for 320 lamps");
     });
 }
@@ -153,7 +159,8 @@ fn a_thousand_lamps_in_one_place_are_a_bounded_number_of_lights() {
 
 #[test]
 fn the_weakest_groups_are_drawn_as_often_as_they_say() {
-    // (whether it is a group, weight); the weak lamp is no group, the sixth is not weak.
+    // ((number, whether it is a group), weight). Number 1 is weak but no group, number 5 is a group
+    // but not weak.
     let lights = [
         ((0, true), 0.004),
         ((1, false), 0.001),
@@ -180,10 +187,10 @@ fn the_weakest_groups_are_drawn_as_often_as_they_say() {
         let error = 4.0 * (n * share * (1.0 - share)).sqrt();
         assert!((f64::from(drawn[k]) - n * share).abs() < error, "{drawn:?}");
     }
-    // One weak group alone stays as it is, and so do groups that are weak but many.
-    for weak in [1, 4] {
-        let mut left = vec![((0, true), 0.9); 1];
-        left.extend((0..weak).map(|k| ((k, true), 0.0101)));
+    // One weak group alone stays as it is, and so do groups of which each is too much.
+    for (number, weight) in [(1, 0.004), (4, 0.0101)] {
+        let mut left = vec![((0, true), 0.9)];
+        left.extend((0..number).map(|k| ((k, true), weight)));
         let before = left.len();
         assert!(draw_rest(&mut left, |l: (usize, bool)| l.1, 1.0, 3).is_none());
         assert_eq!(left.len(), before);
@@ -213,16 +220,6 @@ fn far_panels_bring_their_light_on_average() {
         let exact: f32 = (l.emitters.emitters.iter())
             .map(|e| std::f32::consts::PI * l.form_factor(e, &at) * luminance(e.radiance))
             .sum();
-        let one = |seed| l.irradiance(|_| at, 0.0, seed, &FEW);
-        let some: Vec<f32> = (1..=400).map(|seed| one(seed).irradiance.x).collect();
-        let mean = some.iter().sum::<f32>() / 400.0;
-        let spread = (some.iter().map(|e| (e - mean).powi(2)).sum::<f32>() / 400.0).sqrt();
-        // The rest is 1 % of the light, and its groups stand for each other within a factor of two.
-        assert!(spread < 0.02 * exact, "spread {spread} of {exact}");
-        let error = 4.0 * spread / 20.0 + 1e-5 * exact;
-        assert!(
-            (mean - exact).abs() < error,
-            "{mean}, not {exact} ± {error}"
-        );
+        on_average(l, at, exact);
     });
 }
