@@ -29,10 +29,10 @@ impl Gatherer<'_, '_> {
     /// accurate as the fraction of points on either side. Such footprints are gathered again, with
     /// [`GatherOptions::edge_points`](crate::GatherOptions::edge_points) points of two rays each.
     ///
-    /// Sample points count as inside if they are in a body or under a cover ([`GAP`]), or if nearly
-    /// all of their rays hit black backfaces; if only visible parts count, also unlit backs of
-    /// double-sided faces. If the whole footprint is inside, the mean is over all of it, whatever
-    /// [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
+    /// Sample points count as inside if they are in a body, less than a twentieth of a lumel below
+    /// something opaque, or if nearly all of their rays hit black backfaces; if only visible parts
+    /// count, also unlit backs of double-sided faces. If the whole footprint is inside, the mean is
+    /// over all of it, whatever [`GatherOptions::open_only`](crate::GatherOptions::open_only) says.
     pub fn gather(&self, footprint: &impl Footprint, seed: u32) -> Received {
         let (world, options) = (self.tracer.world, &self.options);
         // Openness is needed even without light.
