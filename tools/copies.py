@@ -6,7 +6,11 @@
 The copies stand in a square, far enough apart to hardly light each other; directional lights are kept
 once. Prints a table of processor time, rays, patches, memory and the estimated error. --truth also
 bakes one copy at `production` and compares each copy's lumels with it (median and root mean square
-of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR).
+of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR). Random numbers follow
+from where a lumel stands in the level, so an object that stands first and far away keeps that bake
+from sharing the errors of a bake of one copy.
+
+Figures of time waver from run to run, so repeat numbers of copies: --copies 1,4,1,4,1.
 
 LUMEL names the program (common.py)."""
 import argparse
@@ -30,8 +34,8 @@ def bounds(js):
     return 2 * (far + place)
 
 
-def copies(path, out, n):
-    """Writes a level of n copies."""
+def copies(path, out, n, other_numbers=False):
+    """Writes a level of n copies. other_numbers: with an object far away that comes first."""
     js, bin_ = common.read_glb(path)
     apart = 4 * bounds(js)
     roots = js["scenes"][js.get("scene", 0)]["nodes"]
@@ -55,6 +59,10 @@ def copies(path, out, n):
         place = [apart * (k % side), 0, apart * (k // side)]
         nodes.append({"name": f"copy_{k}", "translation": place, "children": [r + k * own for r in roots]})
         all_roots.append(len(nodes) - 1)
+    if other_numbers:
+        mesh = next(n["mesh"] for n in nodes if "mesh" in n)
+        nodes.append({"mesh": mesh, "translation": [apart, 0, apart], "scale": [1.3, 1.3, 1.3]})
+        all_roots.insert(0, len(nodes) - 1)
     js["scenes"][js.get("scene", 0)]["nodes"] = all_roots
     common.write_glb(out, js, bin_)
     return own
@@ -82,7 +90,7 @@ def rectangles(folder):
 def compare(folder, truth, own):
     """-> median and root mean square of relative differences, over all copies"""
     import numpy
-    true, all_ = rectangles(truth), []
+    true, all_ = {node: v for node, v in rectangles(truth).items() if node < own}, []
     mean = numpy.concatenate([v.ravel() for v in true.values()]).mean()
     for node, values in rectangles(folder).items():
         t = true.get(node % own)
@@ -107,7 +115,7 @@ def main():
         truth = os.path.join(t, "truth")
         if a.truth:
             one = os.path.join(t, "one.glb")
-            copies(a.level, one, 1)
+            copies(a.level, one, 1, other_numbers=True)
             common.bake(one, truth, *[o for o in fixed if o not in ("--quality", "draft", "quick", "preview")],
                         "--quality", "production")
         print("| copies | lumels | patches | processor s | per copy | M rays | MiB | estimated error | true error |")
