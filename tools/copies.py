@@ -6,9 +6,9 @@
 The copies stand in a square, far enough apart to hardly light each other; directional lights are kept
 once. Prints a table of processor time, rays, patches, memory and the estimated error. --truth also
 bakes one copy at `production` and compares each copy's lumels with it (median and root mean square
-of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR). Random numbers follow
-from where a lumel stands in the level, so an object that stands first and far away keeps that bake
-from sharing the errors of a bake of one copy.
+of the difference relative to R + 1 % of the mean; needs numpy and OpenEXR). Lumels can only be
+compared if they are the same, so the level then gets lightmap coordinates from a first bake, and all
+bakes keep them.
 
 Figures of time waver from run to run, so repeat numbers of copies: --copies 1,4,1,4,1.
 
@@ -34,8 +34,8 @@ def bounds(js):
     return 2 * (far + place)
 
 
-def copies(path, out, n, other_numbers=False):
-    """Writes a level of n copies. other_numbers: with an object far away that comes first."""
+def copies(path, out, n):
+    """Writes a level of n copies."""
     js, bin_ = common.read_glb(path)
     apart = 4 * bounds(js)
     roots = js["scenes"][js.get("scene", 0)]["nodes"]
@@ -59,10 +59,6 @@ def copies(path, out, n, other_numbers=False):
         place = [apart * (k % side), 0, apart * (k // side)]
         nodes.append({"name": f"copy_{k}", "translation": place, "children": [r + k * own for r in roots]})
         all_roots.append(len(nodes) - 1)
-    if other_numbers:
-        mesh = next(n["mesh"] for n in nodes if "mesh" in n)
-        nodes.append({"mesh": mesh, "translation": [apart, 0, apart], "scale": [1.3, 1.3, 1.3]})
-        all_roots.insert(0, len(nodes) - 1)
     js["scenes"][js.get("scene", 0)]["nodes"] = all_roots
     common.write_glb(out, js, bin_)
     return own
@@ -90,13 +86,14 @@ def rectangles(folder):
 def compare(folder, truth, own):
     """-> median and root mean square of relative differences, over all copies"""
     import numpy
-    true, all_ = {node: v for node, v in rectangles(truth).items() if node < own}, []
+    true, all_ = rectangles(truth), []
     mean = numpy.concatenate([v.ravel() for v in true.values()]).mean()
     for node, values in rectangles(folder).items():
-        t = true.get(node % own)
-        if t is not None and t.shape == values.shape:
-            lit = t > 1e-3 * mean
-            all_.append((numpy.abs(values - t) / (t + 0.01 * mean))[lit])
+        t = true[node % own]
+        if t.shape != values.shape:
+            raise SystemExit(f"node {node}: found a rectangle of {values.shape}, expected {t.shape} as in the truth")
+        lit = t > 1e-3 * mean
+        all_.append((numpy.abs(values - t) / (t + 0.01 * mean))[lit])
     d = numpy.concatenate(all_)
     return float(numpy.median(d)), float(numpy.sqrt((d ** 2).mean()))
 
@@ -112,17 +109,19 @@ def main():
     a = p.parse_args()
     fixed = ["--texels-per-unit", a.density, "--no-vertex-colors", "--no-config", *a.options]
     with tempfile.TemporaryDirectory() as t:
-        truth = os.path.join(t, "truth")
+        truth, level = os.path.join(t, "truth"), a.level
         if a.truth:
-            one = os.path.join(t, "one.glb")
-            copies(a.level, one, 1, other_numbers=True)
-            common.bake(one, truth, *[o for o in fixed if o not in ("--quality", "draft", "quick", "preview")],
-                        "--quality", "production")
+            charted, one = os.path.join(t, "charted"), os.path.join(t, "one.glb")
+            level = common.bake(level, charted, *fixed)["glb"]
+            fixed += ["--uv", "keep"]
+            copies(level, one, 1)
+            asked = [o for o in fixed if o not in ("--quality", "draft", "quick", "preview")]
+            common.bake(one, truth, *asked, "--quality", "production")
         print("| copies | lumels | patches | processor s | per copy | M rays | MiB | estimated error | true error |")
         print("|---|---|---|---|---|---|---|---|---|")
         for n in map(int, a.copies.split(",")):
             scene, out = os.path.join(t, f"level{n}.glb"), os.path.join(t, f"out{n}")
-            own = copies(a.level, scene, n)
+            own = copies(level, scene, n)
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             r = common.bake(scene, out, *fixed)
             after = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -18,6 +18,7 @@ mod audit;
 mod bounce;
 mod curved;
 mod direct;
+mod divide;
 mod emitters;
 #[cfg(test)]
 mod fixtures;

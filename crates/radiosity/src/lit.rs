@@ -18,6 +18,7 @@ use glam::Vec3;
 use patch_subdivision::PatchId;
 use rayon::prelude::*;
 
+use crate::divide::lower_part;
 use crate::solution::Solution;
 use crate::world::{SurfacePoint, World, luminance};
 
@@ -477,7 +478,7 @@ fn split(items: &mut [Item], start: usize, end: usize, nodes: &mut Vec<Node>) ->
         .find(|k| size[*k] >= (1.0 - STEP) * longest)
         .unwrap_or(0);
     let step = |item: &Item| ((item.origin[axis] - low[axis]) / (STEP * longest)).round() as u32;
-    let middle = part.len() / 2;
+    let middle = lower_part(part.iter().map(|item| step(item) as f32));
     part.select_nth_unstable_by_key(middle, |item| (step(item), item.element));
     split(items, start, start + middle, nodes);
     nodes[id].second = nodes.len() as u32;

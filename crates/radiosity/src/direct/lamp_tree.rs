@@ -8,6 +8,7 @@ use glam::Vec3;
 use mesh_ingest::{Light, LightKind};
 
 use super::sample::falloff;
+use crate::divide::lower_part;
 use crate::world::{World, luminance};
 
 /// Up to this many lamps are always treated one by one.
@@ -256,8 +257,8 @@ impl Node {
     }
 }
 
-/// Sorts `lamps[start..end]` and appends their subtree to `nodes`. The depth is log2 n, because
-/// halves are equal.
+/// Sorts `lamps[start..end]` and appends their subtree to `nodes`. The depth is
+/// O(log n).
 fn split(lights: &[Light], lamps: &mut [u32], start: usize, end: usize, nodes: &mut Vec<Node>) {
     let at = |k: u32| place(&lights[k as usize]).unwrap_or_default();
     let part = &mut lamps[start..end];
@@ -284,7 +285,7 @@ fn split(lights: &[Light], lamps: &mut [u32], start: usize, end: usize, nodes: &
         return;
     }
     let axis = (high - low).max_position();
-    let middle = part.len() / 2;
+    let middle = lower_part(part.iter().map(|&k| at(k).0[axis]));
     part.select_nth_unstable_by(middle, |&a, &b| {
         (at(a).0[axis].total_cmp(&at(b).0[axis])).then(a.cmp(&b))
     });

@@ -3,6 +3,7 @@
 use glam::Vec3;
 
 use super::Emitter;
+use crate::divide::lower_part;
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Node {
@@ -132,8 +133,8 @@ fn ball(part: &[Emitter]) -> (Vec3, f32, Vec3) {
     (centre, radius, high - low)
 }
 
-/// Sorts `emitters[start..end]` and appends their subtree to `nodes`. The depth is log2 n, because
-/// halves are equal.
+/// Sorts `emitters[start..end]` and appends their subtree to `nodes`. The depth is
+/// O(log n).
 fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
     let part = &mut emitters[start..end];
     let id = nodes.len();
@@ -144,7 +145,7 @@ fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Nod
     let (centre, radius, size) = ball(part);
     let axis = size.max_position();
     let key = |e: &Emitter| e.corners[0][axis] + e.corners[1][axis] + e.corners[2][axis];
-    let middle = part.len() / 2;
+    let middle = lower_part(part.iter().map(key));
     part.select_nth_unstable_by(middle, |a, b| {
         // Parts of one triangle may share a key and a triangle, but never the first corner and all
         // other corners.
