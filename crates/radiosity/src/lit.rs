@@ -252,6 +252,8 @@ impl LitElements {
             return cut;
         }
         let mut sum = 0f32;
+        // A child has at most three quarters of its parent's items (`lower_part`), so this is enough
+        // for 8 · (4/3)⁶³ ≈ 6 · 10⁸ of them.
         let mut stack = [0u32; 64];
         let mut depth = 1;
         while depth > 0 {
@@ -521,6 +523,21 @@ mod tests {
             normal: Vec3::Y,
             geometric: Vec3::Y,
         }
+    }
+
+    #[test]
+    fn one_group_stands_for_a_far_room() {
+        let mut items = elements(600).items;
+        let far = |item: &Item| item.normal == Vec3::NEG_X;
+        for item in items.iter_mut().filter(|item| far(item)) {
+            item.origin.x += 200.0;
+        }
+        let lit = LitElements::of_items(items, 0.5);
+        let cut = lit.cut(&floor(), 0.1, 0.0);
+        let holds = |g: &&Group| lit.items[g.start as usize..g.end as usize].iter().any(far);
+        let groups: Vec<_> = cut.groups.iter().filter(holds).collect();
+        assert_eq!(groups.len(), 1, "{groups:?}");
+        assert_eq!(groups[0].end - groups[0].start, 200);
     }
 
     #[test]

@@ -257,8 +257,7 @@ impl Node {
     }
 }
 
-/// Sorts `lamps[start..end]` and appends their subtree to `nodes`. The depth is
-/// O(log n).
+/// Sorts `lamps[start..end]` and appends their subtree to `nodes`. The depth is O(log n).
 fn split(lights: &[Light], lamps: &mut [u32], start: usize, end: usize, nodes: &mut Vec<Node>) {
     let at = |k: u32| place(&lights[k as usize]).unwrap_or_default();
     let part = &mut lamps[start..end];

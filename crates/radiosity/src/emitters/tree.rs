@@ -133,8 +133,7 @@ fn ball(part: &[Emitter]) -> (Vec3, f32, Vec3) {
     (centre, radius, high - low)
 }
 
-/// Sorts `emitters[start..end]` and appends their subtree to `nodes`. The depth is
-/// O(log n).
+/// Sorts `emitters[start..end]` and appends their subtree to `nodes`. The depth is O(log n).
 fn split(emitters: &mut [Emitter], start: usize, end: usize, nodes: &mut Vec<Node>) -> usize {
     let part = &mut emitters[start..end];
     let id = nodes.len();
