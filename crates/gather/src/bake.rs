@@ -101,7 +101,6 @@ fn gather_passes(
     follow_edges(gatherer, map, work)?;
     if gatherer.options.open_only {
         map.barriers = Barriers::find(gatherer.world(), &map.lumels, &map.index, &map.received);
-        work.see_walls(map);
     }
     add_rays(gatherer, map, work)
 }

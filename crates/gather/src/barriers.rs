@@ -12,8 +12,6 @@ use crate::received::Received;
 pub(crate) struct Barriers {
     /// For each lumel, bit 0 for a wall on its right, bit 1 for one below. Empty if there are none.
     bits: Vec<u8>,
-    /// Whether there are barriers, or lumels that a wall cuts.
-    matter: bool,
 }
 
 impl Barriers {
@@ -24,7 +22,7 @@ impl Barriers {
         index: &TexelIndex,
         received: &[Received],
     ) -> Barriers {
-        let bits: Vec<u8> = (0..received.len())
+        let bits = (0..received.len())
             .into_par_iter()
             .with_min_len(1024)
             .map(|i| {
@@ -50,18 +48,7 @@ impl Barriers {
                 u8::from(blocked(x + 1, y)) | u8::from(blocked(x, y + 1)) << 1
             })
             .collect();
-        let matter = bits.iter().any(|b| *b != 0) || received.iter().any(|r| r.open < 1.0);
-        Barriers { bits, matter }
-    }
-
-    /// Makes barriers matter. A shard does not know whether they do outside of it.
-    pub(crate) fn let_matter(&mut self) {
-        self.matter = true;
-    }
-
-    /// Whether light could leak from lumel to lumel through a wall.
-    pub(crate) fn matter(&self) -> bool {
-        self.matter
+        Barriers { bits }
     }
 
     /// Whether a wall is between two lumels that share an edge.

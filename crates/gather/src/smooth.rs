@@ -29,9 +29,9 @@ use rayon::prelude::*;
 use crate::between::{Taps, taps};
 use crate::certainty::Certainty;
 use crate::map::LumelMap;
-use crate::quadratic::{TERMS, shares_of_fit};
+use crate::quadratic::shares_of_fit;
 use crate::received::{Edge, Received};
-use crate::window::{REACH, Window};
+use crate::window::{REACH, Seen, WIDE, Window};
 
 /// Scale of the weights in standard errors: exp(−d²/2K²) = 0.61 at a difference of K.
 const SIGMAS: f32 = 2.0;
@@ -64,9 +64,9 @@ pub(crate) struct Trust<'t> {
 /// contacts instead of 4.1 %). Other lumels do not, because most of their few samples may have
 /// missed the source of the light; their departure is added to their error.
 ///
-/// A lumel that a wall cuts takes a mean of its own light and that of its smoothed whole neighbours
-/// on the same side, by their certainty ([`settle_cut`]). Unsmoothed, such lumels formed speckles
-/// along the foot of walls.
+/// Lumels that a wall cuts are smoothed among themselves, and then take a mean of their own light
+/// and that of their whole neighbours on the same side, by their certainty ([`settle_cut`]).
+/// Unsmoothed, such lumels formed speckles along the foot of walls.
 pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     // Lumels between smoothed ones need no fit.
     let taps: Vec<Option<Taps>> = (0..map.len())
@@ -84,15 +84,6 @@ pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     for r in &mut map.received {
         r.direct_variance = trust.certainty.direct(r, r.direct_variance);
     }
-    let cut: Vec<(usize, f32)> = (0..map.len())
-        .into_par_iter()
-        .with_min_len(256)
-        .filter(|&i| is_cut(&map.received[i]) && map.received[i].open > 0.0)
-        .map(|i| {
-            let claimed = Window::new(map).pooled_variance(i);
-            (i, trust.certainty.indirect(&map.received[i], claimed))
-        })
-        .collect();
     put(map, smoothed);
     let between: Vec<Option<Smoothed>> = (taps.par_iter())
         .with_min_len(256)
@@ -102,9 +93,11 @@ pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
         })
         .collect();
     put(map, between);
-    let settled: Vec<(usize, Smoothed)> = (cut.into_par_iter())
+    let settled: Vec<(usize, Smoothed)> = (0..map.len())
+        .into_par_iter()
         .with_min_len(256)
-        .filter_map(|(i, variance)| Some((i, settle_cut(map, i, variance)?)))
+        .filter(|&i| Seen::of(&map.received[i]) == Seen::Cut)
+        .filter_map(|i| Some((i, settle_cut(map, i)?)))
         .collect();
     for (i, s) in settled {
         set(&mut map.received[i], s);
@@ -118,15 +111,16 @@ const BESIDE: i64 = 2;
 /// as a standard deviation: corners are darker than walls, by a fifth within a lumel or two.
 const DIFFERS: f32 = 0.2;
 
-/// The light of lumel `i`, which a wall cuts: between its own, which has this variance, and its
-/// neighbours', by their certainty. `None` without any.
-fn settle_cut(map: &LumelMap, i: usize, variance: f32) -> Option<Smoothed> {
+/// The light of lumel `i`, which a wall cuts: between its own and its neighbours', by their
+/// certainty. `None` without any.
+fn settle_cut(map: &LumelMap, i: usize) -> Option<Smoothed> {
     let own = &map.received[i];
-    let (around, n) = Window::new(map).around(i);
+    let variance = own.indirect_variance;
+    let (around, n) = Window::new(map).connected(i, BESIDE, Seen::Whole);
     let (mut all, mut light, mut of_mean) = (0.0, Vec3::ZERO, 0.0);
     let mut planes = vec![Vec3::ZERO; own.planes.len()];
     for &(j, dx, dy) in &around[..n] {
-        if j == i || dx.abs().max(dy.abs()) > BESIDE {
+        if j == i {
             continue;
         }
         let (r, weight) = (&map.received[j], 1.0 / (dx * dx + dy * dy) as f32);
@@ -358,16 +352,13 @@ fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
 fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     let (own, received) = (&map.received[i], &map.received);
     let keep = |variance: f32| Smoothed::none(own, variance);
-    if variance[i] <= 0.0 || is_cut(own) {
+    if variance[i] <= 0.0 || Seen::of(own) == Seen::Hidden {
         return keep(own.indirect_variance);
     }
     let (around, n) = Window::new(map).around(i);
-    if n < 2 * TERMS {
-        return keep(variance[i]);
-    }
     let halves: Vec<[Vec3; 2]> = around[..n].iter().map(|a| received[a.0].halves()).collect();
     let wide = (around[..n].iter()).any(|a| a.1.abs().max(a.2.abs()) > REACH);
-    let reach = if wide { 2 * REACH } else { REACH };
+    let reach = if wide { WIDE } else { REACH };
     let (mut sum, mut fitted) = ([Vec3::ZERO; 2], 0f32);
     let mut planes = vec![Vec3::ZERO; own.planes.len()];
     for (judge, judged) in [(0, 1), (1, 0)] {
@@ -403,11 +394,6 @@ fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     }
 }
 
-/// Whether a wall cuts the lumel, or hides it.
-fn is_cut(r: &Received) -> bool {
-    r.open < 1.0
-}
-
 /// Weight of a neighbour whose half of the samples differs by `d`, if the variances of both whole
 /// estimates sum to `noise`.
 pub(crate) fn likely(d: f32, noise: f32) -> f32 {
@@ -421,7 +407,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::barriers::Barriers;
     use crate::plan::Plan;
-    use crate::window::REACH;
     use atlas::{Layout, Lumel, Lumels, TexelIndex};
 
     /// Random numbers with mean 0 and standard deviation 1.
@@ -435,13 +420,13 @@ pub(crate) mod tests {
         move || (0..12).map(|_| uniform()).sum::<f32>() - 6.0
     }
 
-    /// Rows of luminance after smoothing, on a floor with light `light(x)` in column x and standard
-    /// errors `noise(x)`.
-    fn smoothed(light: impl Fn(u32) -> f32, noise: impl Fn(u32) -> f32) -> Vec<Vec<f32>> {
-        const SIZE: u32 = 48;
+    /// Rows of luminance after smoothing a surface of so many lumels. `lumel` gives the light of
+    /// each column and row, its standard error, and how much of the lumel is visible.
+    fn smoothed([width, height]: [u32; 2], lumel: impl Fn(u32, u32) -> [f32; 3]) -> Vec<Vec<f32>> {
         let mut normal = normal_numbers();
         let (mut lumels, mut received) = (Lumels::default(), Vec::new());
-        for [x, y] in (0..SIZE * SIZE).map(|k| [k % SIZE, k / SIZE]) {
+        for [x, y] in (0..width * height).map(|k| [k % width, k / width]) {
+            let [light, noise, open] = lumel(x, y);
             lumels.lumels.push(Lumel {
                 page: 0,
                 texel: [x, y],
@@ -451,20 +436,20 @@ pub(crate) mod tests {
                 coverage: 1.0,
             });
             // Halves have twice the variance.
-            let halves = [0; 2].map(|_| light(x) + noise(x) * 2f32.sqrt() * normal());
+            let halves = [0; 2].map(|_| light + noise * 2f32.sqrt() * normal());
             received.push(Received {
                 indirect: Vec3::splat(0.5 * (halves[0] + halves[1])),
                 first_half: Vec3::splat(halves[0]),
-                indirect_variance: noise(x) * noise(x),
+                indirect_variance: noise * noise,
                 position: Vec3::new(x as f32, y as f32, 0.0),
                 normal: Vec3::Z,
                 size: 1.0,
-                open: 1.0,
+                open,
                 ..Received::default()
             });
         }
         let layout = Layout {
-            pages: vec![[SIZE; 2]],
+            pages: vec![[width, height]],
             ..Layout::default()
         };
         let certainty = Certainty::measure(&received, |_| true, 128, 1.0);
@@ -483,17 +468,52 @@ pub(crate) mod tests {
             groups: 0,
         };
         smooth_indirect(&mut map, trust);
-        let row = |y: u32| &map.received[(y * SIZE) as usize..((y + 1) * SIZE) as usize];
-        (REACH as u32..SIZE - REACH as u32)
-            .map(|y| row(y).iter().map(|r| luminance(r.indirect)).collect())
-            .collect()
+        let light = |r: &Received| luminance(r.indirect);
+        let rows = map.received.chunks(width as usize);
+        rows.map(|row| row.iter().map(light).collect()).collect()
+    }
+
+    /// Standard deviation of a row from this light, without the ends.
+    fn deviation(row: &[f32], light: f32) -> f32 {
+        let inner = &row[WIDE as usize..row.len() - WIDE as usize];
+        let squares: f32 = inner.iter().map(|x| (x - light).powi(2)).sum();
+        (squares / inner.len() as f32).sqrt()
+    }
+
+    #[test]
+    fn narrow_surfaces_are_smoothed_along_their_length() {
+        for height in [1, 2, 3] {
+            let rows = smoothed([2000, height], |_, _| [1.0, 0.1, 1.0]);
+            for row in &rows {
+                // Thirteen columns leave 0.42 of one row's noise; weights that differences reduce
+                // leave a little more. Without a fit, all of it stays.
+                let left = deviation(row, 1.0) / 0.1;
+                assert!(left < 0.5, "{height} rows: {left} of the noise");
+            }
+        }
+    }
+
+    #[test]
+    fn lumels_along_the_foot_of_a_wall_are_smoothed_among_themselves() {
+        // A wall cuts the last row, which is darker, with twice the noise.
+        let rows = smoothed([2000, 12], |_, y| match y {
+            11 => [0.5, 0.1, 0.6],
+            _ => [1.0, 0.05, 1.0],
+        });
+        let mean = rows[11].iter().sum::<f32>() / 2000.0;
+        let left = deviation(&rows[11], mean) / 0.1;
+        assert!(left < 0.5, "{left} of the noise");
+        // It keeps its light but for a fraction: a fifth of its neighbours' light is what it is
+        // expected to differ by, and twice that is what it does.
+        assert!((mean - 0.5).abs() < 0.05, "{mean}");
     }
 
     #[test]
     fn dark_lumels_beside_noisy_bright_ones_stay_dark() {
         // A floor at the rim of a shaft with the noise of 128 rays: 30 % of the light.
         let light = |x: u32| if x < 24 { 1.0 } else { 0.03 };
-        let rows = smoothed(light, |x| 0.3 * light(x));
+        let rows = smoothed([48; 2], |x, _| [light(x), 0.3 * light(x), 1.0]);
+        let rows = &rows[REACH as usize..48 - REACH as usize];
         for x in 24..36 {
             let mean = rows.iter().map(|row| row[x]).sum::<f32>() / rows.len() as f32;
             // The window's other dark lumels leave an error of a third of a lumel's light; the mean

@@ -1,10 +1,21 @@
 //! The lumels around one that are on the same piece of surface.
 
 use crate::map::LumelMap;
+use crate::received::Received;
 
 /// Texels on each side of a lumel in the window: 48 neighbours for a fit of six unknowns, which
 /// leaves about a tenth of the variance, a third of the noise.
 pub(crate) const REACH: i64 = 3;
+
+/// The same of the wide window, where light is interpolated or the surface is narrow.
+pub(crate) const WIDE: i64 = 2 * REACH;
+
+/// Width of the wide window in lumels.
+const ACROSS: usize = (2 * WIDE + 1) as usize;
+
+/// A surface is narrow if the small window has fewer lumels than this, half of all: a frame or the
+/// front of a step, one to three lumels wide.
+const NARROW: usize = SIDE * SIDE / 2;
 
 /// Least cosine between the normals of two lumels, which otherwise see too different hemispheres.
 /// About 30°: along a curve light changes steadily, which the fit follows, and pillars are only a
@@ -16,6 +27,27 @@ pub(crate) const SIDE: usize = (2 * REACH + 1) as usize;
 
 /// A neighbour and its offset in texels.
 pub(crate) type Neighbour = (usize, i64, i64);
+
+/// How much of a lumel people can see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Seen {
+    Whole,
+    /// A wall cuts it.
+    Cut,
+    Hidden,
+}
+
+impl Seen {
+    pub(crate) fn of(r: &Received) -> Seen {
+        if r.open == 1.0 {
+            Seen::Whole
+        } else if r.open > 0.0 {
+            Seen::Cut
+        } else {
+            Seen::Hidden
+        }
+    }
+}
 
 /// Looks up lumels by their neighbours.
 #[derive(Clone, Copy)]
@@ -29,55 +61,109 @@ impl<'m> Window<'m> {
     }
 
     /// Gathered lumels around `i`, including itself if gathered, on the same piece of surface and
-    /// completely visible. Where light is interpolated, the window is twice as wide and contains
-    /// every second lumel, so it has the usual number, or at least more than the small one.
+    /// completely visible, or cut by a wall if `i` is. Where light is interpolated, the window is
+    /// twice as wide and contains every second lumel, so it has the usual number, or at least more
+    /// than the small one. On a narrow surface it is wider too, until it has as many.
     pub(crate) fn around(&self, i: usize) -> ([Neighbour; SIDE * SIDE], usize) {
         let mut wide = ([(0, 0, 0); SIDE * SIDE], 0);
         if self.map.plan.bears(i) || self.map.plan.is(i) {
-            let n = self.on_grid(i, 2, &mut wide.0);
+            let n = self.on_grid(i, &mut wide.0);
             wide.1 = self.over_clear_ground(i, &mut wide.0, n);
             if 2 * wide.1 >= SIDE * SIDE {
                 return wide;
             }
         }
-        let mut found = [(0, 0, 0); SIDE * SIDE];
-        let mut n = self.on_grid(i, 1, &mut found);
-        if self.map.barriers.matter() {
-            n = self.on_this_side(i, &mut found, n);
+        let of = Seen::of(&self.map.received[i]);
+        let mut found = self.connected(i, REACH, of);
+        if found.1 < NARROW {
+            found = self.connected(i, WIDE, of);
         }
         // Beside a wall, interpolation leaves few gathered lumels in the small window.
-        if wide.1 > n { wide } else { (found, n) }
+        if wide.1 > found.1 { wide } else { found }
     }
 
-    /// Lumels in the window around `i` whose column and row are multiples of `stride`, or any if
-    /// that is 1. With a larger stride, lumels near something are left out, because barriers are
-    /// only known between adjacent lumels.
-    fn on_grid(&self, i: usize, stride: i64, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
-        let (l, own) = (self.map.lumel(i), &self.map.received[i]);
+    /// Gathered lumels up to `reach` texels from `i`, nearest first, as many as fit. Steps over
+    /// lumels that are seen like this lead to them from `i` without crossing a wall.
+    pub(crate) fn connected(
+        &self,
+        i: usize,
+        reach: i64,
+        of: Seen,
+    ) -> ([Neighbour; SIDE * SIDE], usize) {
+        let (mut found, mut n) = ([(0, 0, 0); SIDE * SIDE], 0);
+        // Rows of bits, and lumels with their offsets: small, as most of the time would be spent
+        // on filling them with zeros.
+        let mut known = [0u16; ACROSS];
+        let mut queue = [(0u32, 0i8, 0i8); ACROSS * ACROSS];
+        let (mut first, mut last) = (0, 1);
+        queue[0] = (i as u32, 0, 0);
+        known[WIDE as usize] = 1 << WIDE;
+        let own = self.map.lumel(i);
+        let [cx, cy] = own.texel.map(i64::from);
+        while first < last && n < found.len() {
+            let (j, dx, dy) = queue[first];
+            let (j, dx, dy) = (j as usize, i64::from(dx), i64::from(dy));
+            first += 1;
+            // Steps may cross interpolated lumels.
+            if !self.map.plan.is(j) {
+                found[n] = (j, dx, dy);
+                n += 1;
+            }
+            for (sx, sy) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+                let (x, y) = (dx + sx, dy + sy);
+                if x.abs().max(y.abs()) > reach {
+                    continue;
+                }
+                let (row, bit) = ((y + WIDE) as usize, 1 << (x + WIDE));
+                if known[row] & bit != 0 {
+                    continue;
+                }
+                let Some(k) = self.map.index.at(own.page, cx + x, cy + y) else {
+                    continue;
+                };
+                let before = if sx + sy > 0 { j } else { k };
+                if self.is_beside(i, k, x, y, of) && !self.map.barriers.after(before, sy != 0) {
+                    known[row] |= bit;
+                    queue[last] = (k as u32, x as i8, y as i8);
+                    last += 1;
+                }
+            }
+        }
+        (found, n)
+    }
+
+    /// Whether lumel `j`, at this offset from `i`, is on the same piece of surface and seen like
+    /// this.
+    fn is_beside(&self, i: usize, j: usize, dx: i64, dy: i64, of: Seen) -> bool {
+        let [own, r] = [i, j].map(|k| &self.map.received[k]);
+        let steps = ((dx * dx + dy * dy) as f32).sqrt();
+        let between = r.position - own.position;
+        self.map.lumel(j).instance == self.map.lumel(i).instance
+            && (Seen::of(r) == of || j == i)
+            && r.normal.dot(own.normal) >= SAME_FACING
+            && between.length() <= 1.5 * (steps + 0.5) * own.size
+            && between.dot(own.normal).abs() <= 0.5 * (steps + 1.0) * own.size
+    }
+
+    /// Lumels in the wide window around `i` whose column and row are even. Those near something are
+    /// left out, because walls are only known between adjacent lumels.
+    fn on_grid(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE]) -> usize {
+        let l = self.map.lumel(i);
         let [cx, cy] = l.texel.map(i64::from);
         // From an odd lumel the window has one column less than from an even one.
         let side = |c: i64| {
-            let odd = c.rem_euclid(stride);
-            let steps = REACH * stride - odd;
-            (-steps..=steps).step_by(stride as usize)
+            let steps = WIDE - c.rem_euclid(2);
+            (-steps..=steps).step_by(2)
         };
         let mut n = 0;
         for dy in side(cy) {
             for dx in side(cx) {
-                let (x, y) = (cx + dx, cy + dy);
-                let Some(j) = self.map.index.at(l.page, x, y) else {
+                let Some(j) = self.map.index.at(l.page, cx + dx, cy + dy) else {
                     continue;
                 };
-                let r = &self.map.received[j];
-                let steps = ((dx * dx + dy * dy) as f32).sqrt();
-                let between = r.position - own.position;
-                if self.map.lumel(j).instance == l.instance
-                    && !self.map.plan.is(j)
-                    && (r.open == 1.0 || j == i)
-                    && (stride == 1 || j == i || !r.near)
-                    && r.normal.dot(own.normal) >= SAME_FACING
-                    && between.length() <= 1.5 * (steps + 0.5) * own.size
-                    && between.dot(own.normal).abs() <= 0.5 * (steps + 1.0) * own.size
+                if !self.map.plan.is(j)
+                    && (j == i || !self.map.received[j].near)
+                    && self.is_beside(i, j, dx, dy, Seen::Whole)
                 {
                     found[n] = (j, dx, dy);
                     n += 1;
@@ -91,8 +177,6 @@ impl<'m> Window<'m> {
     /// reached from the centre by steps over lumels with nothing near: a wall through the floor
     /// would be within or next to one of them.
     fn over_clear_ground(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
-        const WIDE: i64 = 2 * REACH;
-        const ACROSS: usize = (2 * WIDE + 1) as usize;
         let l = self.map.lumel(i);
         let [cx, cy] = l.texel.map(i64::from);
         let place = |dx: i64, dy: i64| ((dy + WIDE) * ACROSS as i64 + dx + WIDE) as usize;
@@ -126,57 +210,6 @@ impl<'m> Window<'m> {
                     reached[place(u, v)] = true;
                     next[waiting] = (u, v);
                     waiting += 1;
-                }
-            }
-        }
-        keep(found, n, |dx, dy| reached[place(dx, dy)])
-    }
-
-    /// Keeps those of the first `n` that can be reached from the centre without crossing a barrier,
-    /// in order; returns their number.
-    fn on_this_side(&self, i: usize, found: &mut [Neighbour; SIDE * SIDE], n: usize) -> usize {
-        // Lumels that a wall cuts are not among the neighbours, and lumels next to a wall have
-        // something near.
-        if !found[..n].iter().any(|f| self.map.received[f.0].near) {
-            return n;
-        }
-        let place = |dx: i64, dy: i64| ((dy + REACH) * SIDE as i64 + dx + REACH) as usize;
-        let mut slot = [usize::MAX; SIDE * SIDE];
-        for &(j, dx, dy) in &found[..n] {
-            slot[place(dx, dy)] = j;
-        }
-        // Steps may cross interpolated lumels.
-        let (l, reach) = (self.map.lumel(i), -REACH..=REACH);
-        for (dx, dy) in reach
-            .clone()
-            .flat_map(|dy| reach.clone().map(move |dx| (dx, dy)))
-        {
-            let [x, y] = l.texel.map(i64::from);
-            let j = (self.map.index.at(l.page, x + dx, y + dy))
-                .filter(|&j| self.map.plan.is(j) && self.map.lumel(j).instance == l.instance);
-            if let Some(j) = j {
-                slot[place(dx, dy)] = j;
-            }
-        }
-        let mut reached = [false; SIDE * SIDE];
-        let mut next = Vec::with_capacity(n);
-        next.push((0i64, 0i64));
-        reached[place(0, 0)] = true;
-        while let Some((x, y)) = next.pop() {
-            let own = slot[place(x, y)];
-            for (dx, dy) in [(1i64, 0i64), (-1, 0), (0, 1), (0, -1)] {
-                let (u, v) = (x + dx, y + dy);
-                if u.abs() > REACH || v.abs() > REACH || reached[place(u, v)] {
-                    continue;
-                }
-                let other = slot[place(u, v)];
-                // The centre itself may not be among those found.
-                let before = if dx + dy > 0 { own } else { other };
-                let free = other != usize::MAX
-                    && (before == usize::MAX || !self.map.barriers.after(before, dy != 0));
-                if free {
-                    reached[place(u, v)] = true;
-                    next.push((u, v));
                 }
             }
         }

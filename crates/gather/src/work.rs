@@ -16,7 +16,7 @@ use radiosity::{Cancelled, Monitor, Phase};
 use crate::blocks::{IN_RUN, part_in_blocks};
 use crate::map::LumelMap;
 use crate::received::Received;
-use crate::window::REACH;
+use crate::window::WIDE;
 
 /// A pass that gathers light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -49,7 +49,7 @@ impl Pass {
             Pass::First => 0,
             Pass::Between | Pass::Unsteady => BETWEEN,
             Pass::Edges(round) => BETWEEN + (round + 1) * BESIDE,
-            Pass::More => BETWEEN + follow * BESIDE + BESIDE + 2 * REACH as u32,
+            Pass::More => BETWEEN + follow * BESIDE + BESIDE + WIDE as u32,
         }
     }
 
@@ -147,8 +147,6 @@ pub(crate) struct Work<'r> {
     /// Instances for which shards could not know the outcome of earlier passes; empty if there are
     /// none.
     stale: Vec<bool>,
-    /// Whether shards could not know how far their lumels depend on others.
-    unsure: bool,
 }
 
 /// Lumels gathered at a time, to bound the memory for results.
@@ -161,7 +159,6 @@ impl<'r> Work<'r> {
             role: Role::Whole,
             follow,
             stale: Vec::new(),
-            unsure: false,
         }
     }
 
@@ -194,14 +191,6 @@ impl<'r> Work<'r> {
                 self.stale.resize(instance + 1, false);
             }
             self.stale[instance] = true;
-        }
-    }
-
-    /// Decides whether walls matter; shards assume that they do.
-    pub(crate) fn see_walls(&mut self, map: &mut LumelMap) {
-        match self.role {
-            Role::Shard { .. } => map.barriers.let_matter(),
-            _ => self.unsure = !map.barriers.matter(),
         }
     }
 
@@ -266,9 +255,6 @@ impl<'r> Work<'r> {
         items: &[(usize, T)],
         (base, records): (usize, &dyn Records),
     ) -> Vec<(usize, T)> {
-        if self.unsure && pass == Pass::More {
-            return items.to_vec();
-        }
         let mut there = vec![false; items.len()];
         // Both are in ascending order.
         let mut at = 0;
