@@ -29,6 +29,7 @@ mod lamps;
 mod links;
 mod lit;
 mod monitor;
+mod once;
 mod relax;
 mod roles;
 mod sampling;

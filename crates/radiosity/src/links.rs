@@ -231,7 +231,8 @@ const POINTS: u32 = 1 << 16;
 /// light in the rooms of a kit at `draft` varied with the seed by 8 %, now by 2 to 4 %
 /// (lab/unseen_levels.md).
 #[derive(Clone, Copy)]
-struct Sequence {
+pub(crate) struct Sequence {
+    set: u32,
     seed: u32,
     first: u32,
 }
@@ -239,24 +240,30 @@ struct Sequence {
 impl Sequence {
     /// For at most `stride` rays per patch.
     fn of(cut: &Subdivision, patch: PatchId, stride: u32) -> Sequence {
+        Sequence::from_set(0, cut, patch, stride)
+    }
+
+    /// The same with another set of random numbers.
+    pub(crate) fn from_set(set: u32, cut: &Subdivision, patch: PatchId, stride: u32) -> Sequence {
         let name = cut.patches()[patch.0 as usize].name;
         let block = stride.next_power_of_two();
         let together = (POINTS / block).clamp(1, TOGETHER);
         Sequence {
+            set,
             seed: hash_u32((name / together) ^ 0x5bd1_e995),
             first: name % together * block,
         }
     }
 
     /// For ray `k` of the patch.
-    fn sample(self, k: u32) -> [f32; 4] {
-        sample_4d(self.first + k, 0, self.seed)
+    pub(crate) fn sample(self, k: u32) -> [f32; 4] {
+        sample_4d(self.first + k, self.set, self.seed)
     }
 }
 
 /// The patch element from which a ray with third sample dimension `x` starts: by area, where `area`
 /// is their sum.
-fn pick(elements: &[Element], area: f32, x: f32) -> usize {
+pub(crate) fn pick(elements: &[Element], area: f32, x: f32) -> usize {
     let mut left = x * area;
     for (k, e) in elements.iter().enumerate() {
         if left < e.area {

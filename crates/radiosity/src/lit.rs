@@ -15,7 +15,7 @@
 //! are also left to gathering rays.
 
 use glam::Vec3;
-use patch_subdivision::PatchId;
+use patch_subdivision::{PatchId, Subdivision};
 use rayon::prelude::*;
 
 use crate::divide::lower_part;
@@ -167,10 +167,23 @@ impl LitElements {
 
     /// Collects the lit elements of a solution, on opaque surfaces. O(n log n) in elements.
     pub fn collect(world: &World, solution: &Solution) -> Self {
-        let cut = &solution.cut;
+        let (reflectance, direct) = (&solution.reflectance, &solution.direct);
+        let even = |p: usize| !solution.rough[p];
+        Self::of(world, &solution.cut, reflectance, direct, &even)
+    }
+
+    /// The same of the patches for which `counts` holds, given `reflectance` and `direct` irradiance
+    /// by element.
+    pub(crate) fn of(
+        world: &World,
+        cut: &Subdivision,
+        reflectance: &[Vec3],
+        direct: &[Vec3],
+        counts: &(dyn Fn(usize) -> bool + Sync),
+    ) -> Self {
         let item = |patch: usize, e: usize| -> Option<Item> {
             let element = cut.elements()[e];
-            let sends = solution.intensity_of_irradiance(e) * solution.direct[e];
+            let sends = reflectance[e] * (element.area * std::f32::consts::FRAC_1_PI) * direct[e];
             if luminance(sends) <= 0.0 {
                 return None;
             }
@@ -185,14 +198,14 @@ impl LitElements {
                 origin: at.origin,
                 normal: at.geometric,
                 sends,
-                arrives: luminance(solution.direct[e]),
+                arrives: luminance(direct[e]),
                 from2: from * from,
                 element: e as u32,
             })
         };
         let items: Vec<Item> = (0..cut.patches().len())
             .into_par_iter()
-            .filter(|&p| !solution.rough[p])
+            .filter(|&p| counts(p))
             .flat_map_iter(|p| {
                 let elements = cut.elements_of(PatchId(p as u32));
                 elements.filter_map(move |e| item(p, e))

@@ -12,6 +12,7 @@ use crate::direct::{DirectLight, DirectOptions, DirectParts, Known};
 use crate::emitters::Emitters;
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
+use crate::once::{Lit, Once};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
@@ -117,6 +118,15 @@ pub fn solve(
     } else {
         options.rays.min(affordable).max(FIRST_PASS)
     };
+    let lit = Lit {
+        world,
+        cut: &cut,
+        reflectance: &reflectance,
+        direct: &direct,
+        by_group: &direct_groups,
+        groups,
+    };
+    let once = Once::sample(&lit, most, monitor);
     let mut links = Links::of(world, n, most);
     let mut of_groups = vec![vec![DVec3::ZERO; n]; groups];
     let mut rays = FIRST_PASS.min(most);
@@ -135,7 +145,12 @@ pub fn solve(
             let source: Vec<DVec3> = (0..n)
                 .into_par_iter()
                 .map(|i| {
-                    links.gather(i, direct) / links.rays as f64 + links.source(i, g).as_dvec3()
+                    // Earlier passes are only a starting point.
+                    let reflected = match rays == most {
+                        true => once.gather(&links, i, g, direct),
+                        false => links.gather(i, direct) / f64::from(links.rays),
+                    };
+                    reflected + links.source(i, g).as_dvec3()
                 })
                 .collect();
             let system = System {
@@ -167,6 +182,7 @@ pub fn solve(
     report.rays_per_patch = links.rays;
     report.link_rays = links.rays as u64 * n as u64;
     report.bytes = links.bytes()
+        + once.bytes()
         + report.subdivision.bytes
         + (cut.elements().len() * size_of::<Afar>()) as u64
         + ((direct.len() + reflectance.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
@@ -534,7 +550,7 @@ pub(crate) struct PatchSurfaces {
 
 impl PatchSurfaces {
     /// Averages `reflectance` and `direct`, given by element.
-    fn average(cut: &Subdivision, reflectance: &[Vec3], direct: &[Vec3]) -> Self {
+    pub(crate) fn average(cut: &Subdivision, reflectance: &[Vec3], direct: &[Vec3]) -> Self {
         let rows: Vec<[DVec3; 3]> = (0..cut.patches().len())
             .into_par_iter()
             .map(|p| {

@@ -134,7 +134,7 @@ impl Monitor for CancelAfter {
 #[test]
 fn a_cancelled_solve_says_so_and_leaves_usable_numbers() {
     let scenes = [
-        (lit_room(0.9), 40),
+        (lit_room(0.9), 48),
         (cube(0.9, Vec3::ONE), 28), // has no direct phase, and is queried 30 times in total
     ];
     for (k, (scene, most)) in scenes.iter().enumerate() {
