@@ -31,7 +31,7 @@ use crate::certainty::Certainty;
 use crate::map::LumelMap;
 use crate::quadratic::shares_of_fit;
 use crate::received::{Edge, Received};
-use crate::window::{REACH, Seen, WIDE, Window};
+use crate::window::{REACH, Sight, WIDE, Window};
 
 /// Scale of the weights in standard errors: exp(−d²/2K²) = 0.61 at a difference of K.
 const SIGMAS: f32 = 2.0;
@@ -96,7 +96,7 @@ pub(crate) fn smooth_indirect(map: &mut LumelMap, trust: Trust) {
     let settled: Vec<(usize, Smoothed)> = (0..map.len())
         .into_par_iter()
         .with_min_len(256)
-        .filter(|&i| Seen::of(&map.received[i]) == Seen::Cut)
+        .filter(|&i| Sight::of(&map.received[i]) == Sight::Cut)
         .filter_map(|i| Some((i, settle_cut(map, i)?)))
         .collect();
     for (i, s) in settled {
@@ -116,7 +116,7 @@ const DIFFERS: f32 = 0.2;
 fn settle_cut(map: &LumelMap, i: usize) -> Option<Smoothed> {
     let own = &map.received[i];
     let variance = own.indirect_variance;
-    let (around, n) = Window::new(map).connected(i, BESIDE, Seen::Whole);
+    let (around, n) = Window::new(map).connected(i, BESIDE, Sight::Whole);
     let (mut all, mut light, mut of_mean) = (0.0, Vec3::ZERO, 0.0);
     let mut planes = vec![Vec3::ZERO; own.planes.len()];
     for &(j, dx, dy) in &around[..n] {
@@ -352,7 +352,7 @@ fn departure(r: &Received, fitted: Vec3, own: f32) -> f32 {
 fn fit(map: &LumelMap, i: usize, by: &Judge, variance: &[f32]) -> Smoothed {
     let (own, received) = (&map.received[i], &map.received);
     let keep = |variance: f32| Smoothed::none(own, variance);
-    if variance[i] <= 0.0 || Seen::of(own) == Seen::Hidden {
+    if variance[i] <= 0.0 || Sight::of(own) == Sight::Hidden {
         return keep(own.indirect_variance);
     }
     let (around, n) = Window::new(map).around(i);

@@ -30,21 +30,21 @@ pub(crate) type Neighbour = (usize, i64, i64);
 
 /// How much of a lumel people can see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Seen {
+pub(crate) enum Sight {
     Whole,
     /// A wall cuts it.
     Cut,
     Hidden,
 }
 
-impl Seen {
-    pub(crate) fn of(r: &Received) -> Seen {
+impl Sight {
+    pub(crate) fn of(r: &Received) -> Sight {
         if r.open == 1.0 {
-            Seen::Whole
+            Sight::Whole
         } else if r.open > 0.0 {
-            Seen::Cut
+            Sight::Cut
         } else {
-            Seen::Hidden
+            Sight::Hidden
         }
     }
 }
@@ -73,7 +73,7 @@ impl<'m> Window<'m> {
                 return wide;
             }
         }
-        let of = Seen::of(&self.map.received[i]);
+        let of = Sight::of(&self.map.received[i]);
         let mut found = self.connected(i, REACH, of);
         if found.1 < NARROW {
             found = self.connected(i, WIDE, of);
@@ -83,16 +83,16 @@ impl<'m> Window<'m> {
     }
 
     /// Gathered lumels up to `reach` texels from `i`, nearest first, as many as fit. Steps over
-    /// lumels that are seen like this lead to them from `i` without crossing a wall.
+    /// lumels of this sight lead to them from `i` without crossing a wall.
     pub(crate) fn connected(
         &self,
         i: usize,
         reach: i64,
-        of: Seen,
+        of: Sight,
     ) -> ([Neighbour; SIDE * SIDE], usize) {
         let (mut found, mut n) = ([(0, 0, 0); SIDE * SIDE], 0);
-        // Rows of bits, and lumels with their offsets: small, as most of the time would be spent
-        // on filling them with zeros.
+        // Rows of bits, and lumels with their offsets. Small, because each call fills them with
+        // zeros.
         let mut known = [0u16; ACROSS];
         let mut queue = [(0u32, 0i8, 0i8); ACROSS * ACROSS];
         let (mut first, mut last) = (0, 1);
@@ -132,14 +132,14 @@ impl<'m> Window<'m> {
         (found, n)
     }
 
-    /// Whether lumel `j`, at this offset from `i`, is on the same piece of surface and seen like
-    /// this.
-    fn is_beside(&self, i: usize, j: usize, dx: i64, dy: i64, of: Seen) -> bool {
+    /// Whether lumel `j`, at this offset from `i`, is on the same piece of surface and of this
+    /// sight.
+    fn is_beside(&self, i: usize, j: usize, dx: i64, dy: i64, of: Sight) -> bool {
         let [own, r] = [i, j].map(|k| &self.map.received[k]);
         let steps = ((dx * dx + dy * dy) as f32).sqrt();
         let between = r.position - own.position;
         self.map.lumel(j).instance == self.map.lumel(i).instance
-            && (Seen::of(r) == of || j == i)
+            && (Sight::of(r) == of || j == i)
             && r.normal.dot(own.normal) >= SAME_FACING
             && between.length() <= 1.5 * (steps + 0.5) * own.size
             && between.dot(own.normal).abs() <= 0.5 * (steps + 1.0) * own.size
@@ -163,7 +163,7 @@ impl<'m> Window<'m> {
                 };
                 if !self.map.plan.is(j)
                     && (j == i || !self.map.received[j].near)
-                    && self.is_beside(i, j, dx, dy, Seen::Whole)
+                    && self.is_beside(i, j, dx, dy, Sight::Whole)
                 {
                     found[n] = (j, dx, dy);
                     n += 1;

@@ -20,6 +20,7 @@ mod curved;
 mod direct;
 mod divide;
 mod emitters;
+mod first_bounce;
 #[cfg(test)]
 mod fixtures;
 mod form_factor;
@@ -29,7 +30,6 @@ mod lamps;
 mod links;
 mod lit;
 mod monitor;
-mod once;
 mod relax;
 mod roles;
 mod sampling;

@@ -10,9 +10,9 @@ use rayon::prelude::*;
 use crate::audit::audit;
 use crate::direct::{DirectLight, DirectOptions, DirectParts, Known};
 use crate::emitters::Emitters;
+use crate::first_bounce::{FirstBounce, LitScene};
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
-use crate::once::{Lit, Once};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
@@ -118,7 +118,7 @@ pub fn solve(
     } else {
         options.rays.min(affordable).max(FIRST_PASS)
     };
-    let lit = Lit {
+    let lit = LitScene {
         world,
         cut: &cut,
         reflectance: &reflectance,
@@ -126,7 +126,7 @@ pub fn solve(
         by_group: &direct_groups,
         groups,
     };
-    let once = Once::sample(&lit, most, monitor);
+    let first_bounce = FirstBounce::sample(&lit, most, monitor);
     let mut links = Links::of(world, n, most);
     let mut of_groups = vec![vec![DVec3::ZERO; n]; groups];
     let mut rays = FIRST_PASS.min(most);
@@ -147,7 +147,7 @@ pub fn solve(
                 .map(|i| {
                     // Earlier passes are only a starting point.
                     let reflected = match rays == most {
-                        true => once.gather(&links, i, g, direct),
+                        true => first_bounce.gather(&links, i, g, direct),
                         false => links.gather(i, direct) / f64::from(links.rays),
                     };
                     reflected + links.source(i, g).as_dvec3()
@@ -182,7 +182,7 @@ pub fn solve(
     report.rays_per_patch = links.rays;
     report.link_rays = links.rays as u64 * n as u64;
     report.bytes = links.bytes()
-        + once.bytes()
+        + first_bounce.bytes()
         + report.subdivision.bytes
         + (cut.elements().len() * size_of::<Afar>()) as u64
         + ((direct.len() + reflectance.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
