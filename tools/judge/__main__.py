@@ -6,6 +6,7 @@ python tools/judge bake  --levels DIR --out OUT --binary LUMEL [--label before]
 python tools/judge table --out OUT [--seeds odd] [--label before --label after]
 python tools/judge sheet --out OUT --label after [--quality preview]
 python tools/judge page  --out OUT --label after [--docs DIR]
+python tools/judge cameras LEVEL --levels DIR --view EYE:TARGET ... [--sky R,G,B] [--sun X,Y,Z,LUX]
 """
 import argparse
 import os
@@ -46,6 +47,13 @@ def main():
             c.add_argument("--count", type=int, default=12, help="crops of a family")
         if name == "page":
             c.add_argument("--docs", default=LAB, help="folder of tables/unseen_levels.md and its pictures")
+    c = sub.add_parser("cameras", help="copy a level into DIR with views of one's choice")
+    c.add_argument("level")
+    c.add_argument("--levels", required=True)
+    c.add_argument("--view", action="append", required=True, help="x,y,z:x,y,z, eye and target, metres")
+    c.add_argument("--fov", type=float, default=60, help="vertical, degrees")
+    c.add_argument("--sky", help="radiance, r,g,b")
+    c.add_argument("--sun", help="direction of its light, lux and degrees of its disc: x,y,z,lux[,degrees]")
     a = p.parse_args()
     if a.command == "truth":
         from . import runs, truth
@@ -54,6 +62,9 @@ def main():
                 truth.references(path, os.path.join(a.out, "truth"), a.width, a.paths)
             except truth.scenes.Unsupported as problem:
                 print("%s: %s" % (path, problem))
+    elif a.command == "cameras":
+        from . import cameras
+        cameras.place(a.level, a.levels, a.view, a.fov, a.sky, a.sun)
     elif a.command == "bake":
         from . import runs
         a.quality = a.quality or ["preview"]
