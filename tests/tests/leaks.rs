@@ -323,6 +323,26 @@ fn cuts_keep_the_light_of_a_thin_wall_on_its_side_and_the_surface_as_it_is() {
     assert_eq!(with.leaked, 0.0);
 }
 
+#[test]
+fn a_plan_knows_that_walls_will_be_cut() {
+    let dir = tempfile::tempdir().expect("a temporary folder");
+    let path = dir.path().join("scene.glb");
+    std::fs::write(&path, scene("sheet_wall").glb).expect("written");
+    let twice = |cut_charts, split_sides| {
+        let settings = Settings {
+            texels_per_unit: Some(4.0),
+            quality: Quality::Draft,
+            cut_charts,
+            split_sides,
+            ..Settings::default()
+        };
+        let plan = lumel::estimate(&path, &settings, &lumel::Silent).expect("an estimate");
+        plan.planned_twice
+    };
+    assert!(twice(true, false));
+    assert!(!twice(false, false));
+}
+
 /// New vertices are on all triangles of the mesh that share the edge: each of its inner edges still
 /// belongs to two triangles, or hairline gaps would show.
 #[test]

@@ -47,6 +47,10 @@ pub(crate) fn run(a: &Bake, settings: &Settings, provenance: &Provenance) -> Res
         e.files.join(", "),
         a.output.display()
     )?;
+    if e.planned_twice {
+        let why = "thin walls or sheets have different light on their two sides";
+        writeln!(out, "solve     charts and solve twice: {why}")?;
+    }
     writeln!(
         out,
         "cost      about {} (within a factor of {}), {:.0} MiB, {:.1} M rays",
