@@ -65,8 +65,8 @@ pub struct Estimate {
 /// interpolated lumels, and vertices. Vertices are included even if vertex colours are off, because
 /// the cost of the scene's triangles remains.
 ///
-/// Draft: 56 generated levels within 0.88 and 1.27 times (lab/estimate.md). Others: geometric means
-/// over 12 and 7 scenes of the project.
+/// Generated levels took 0.8 to 1.25 times the estimate at draft, and about as much at quick and
+/// preview (lab/estimate.md).
 fn over_gather(quality: Quality) -> f64 {
     match quality {
         Quality::Draft => 1.6,
