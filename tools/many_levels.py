@@ -5,8 +5,8 @@
 
 For every family and seed: draws a small level, runs `--dry-run`, bakes, and adds a row to
 DIR/many_QUALITY.csv: processor seconds, true and foretold (the foretold time times the number of
-processors that it may use), peak memory likewise, and anything wrong: an exit code other than 0, a text that speaks
-of a panic, or a value in the pages that is not finite or below 0.
+processors that it may use), peak memory likewise, and anything wrong: an exit code other than 0, a
+text that speaks of a panic, or a value in the pages that is not finite or below 0.
 Rows that exist are skipped, so an interrupted run can go on. At the end a summary is printed.
 Needs OpenEXR and numpy (tools/setup.sh).
 """
@@ -57,7 +57,8 @@ def bake(level, quality, lumel, folder):
     if code:
         return row | {"wrong": text.strip().splitlines()[-1][:200]}
     cost = json.loads(text)["estimate"]
-    row |= {"foretold_s": cost["seconds"] * len(os.sched_getaffinity(0)), "foretold_mib": cost["bytes"] / 2**20}
+    row |= {"foretold_s": cost["seconds"] * len(os.sched_getaffinity(0)),
+            "foretold_mib": cost["bytes"] / 2**20}
     code, text, seconds, mib = run(arguments)
     wrong = faults(folder) if code == 0 else [text.strip().splitlines()[-1][:200]]
     wrong += ["panic"] if "panicked" in text else []

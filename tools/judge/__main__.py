@@ -50,10 +50,10 @@ def main():
     c = sub.add_parser("cameras", help="copy a level into DIR with views of one's choice")
     c.add_argument("level")
     c.add_argument("--levels", required=True)
-    c.add_argument("--view", action="append", required=True, help="x,y,z:x,y,z, eye and target, metres")
+    c.add_argument("--view", action="append", required=True, help="x,y,z:x,y,z, metres")
     c.add_argument("--fov", type=float, default=60, help="vertical, degrees")
     c.add_argument("--sky", help="radiance, r,g,b")
-    c.add_argument("--sun", help="direction of its light, lux and degrees of its disc: x,y,z,lux[,degrees]")
+    c.add_argument("--sun", help="x,y,z,lux[,degrees]: direction of its light, size of its disc")
     a = p.parse_args()
     if a.command == "truth":
         from . import runs, truth

@@ -12,7 +12,9 @@ def matrix(eye, target):
     """[4, 4] of a camera that looks along its -Z, Y up"""
     back = eye - target
     back /= np.linalg.norm(back)
-    right = np.cross([0.0, 1.0, 0.0], back)
+    # Straight up or down, any direction may be right.
+    up = [0.0, 1.0, 0.0] if abs(back[1]) < 0.999 else [0.0, 0.0, 1.0]
+    right = np.cross(up, back)
     right /= np.linalg.norm(right)
     m = np.eye(4)
     m[:3, :3] = np.stack([right, np.cross(back, right), back], 1)
@@ -41,16 +43,17 @@ def packed(path):
         uri = image.pop("uri")
         part = doc.uri(uri)
         image.setdefault("mimeType", "image/png" if part[:4] == b"\x89PNG" else "image/jpeg")
-        image["bufferView"] = len(js["bufferViews"])
-        js["bufferViews"].append({"buffer": 0, "byteOffset": len(data), "byteLength": len(part)})
+        views = js.setdefault("bufferViews", [])
+        image["bufferView"] = len(views)
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(part)})
         data += part + b"\0" * (-len(part) % 4)
     js["buffers"] = [{"byteLength": len(data)}]
     return js, data
 
 
 def place(level, folder, views, fov, sky, sun):
-    """Writes NAME_0.glb and NAME_0.lumel.toml. views: "EYE:TARGET", each x,y,z in metres. Cameras that
-    the level has are removed."""
+    """Writes NAME_0.glb and NAME_0.lumel.toml. views: "EYE:TARGET", each x,y,z in metres.
+    Cameras that the level has are removed."""
     js, data = packed(level)
     for n in js["nodes"]:
         n.pop("camera", None)

@@ -160,7 +160,7 @@ impl FirstBounce {
             + size_of_val(&self.senders[..])) as u64
     }
 
-    /// Irradiance of a patch by light of a group that others reflect bounce. `radiosity` is theirs.
+    /// Irradiance of a patch by light of a group that others reflect once. `radiosity` is theirs.
     pub(crate) fn gather(
         &self,
         links: &Links,
