@@ -160,17 +160,19 @@ fn surface_without_area_in_the_atlas_is_told_with_its_share() {
 }
 
 #[test]
-fn charts_too_near_for_the_size_are_warned_about_at_that_size_only() {
+fn charts_too_near_for_the_size_are_replaced_at_that_size_only() {
     // 1 % of the atlas apart. Quads are 0.49 of it wide, so at 100 lumels per metre the gap is two
     // texels, at 10 a fifth.
     let mesh = || quads(&[square(0.0, 0.0, 0.49), square(0.5, 0.0, 0.49)]);
     let (report, _) = report_of(mesh(), 100.0, UvMode::Auto);
     assert_eq!(report.uv_faults, []);
-    let (report, warnings) = report_of(mesh(), 10.0, UvMode::Auto);
+    let (report, _) = report_of(mesh(), 10.0, UvMode::Auto);
+    replaced(&report);
+    let (report, warnings) = report_of(mesh(), 10.0, UvMode::Keep);
     let found = fault(&report, UvFaultKind::Close);
     assert_eq!(
         (found.severity, &report.origin),
-        (Severity::Warning, &UvOrigin::Kept)
+        (Severity::Bad, &UvOrigin::Kept)
     );
     // Half a texel, plus the grid's resolution, along one of each quad's four sides of ten texels.
     assert!((0.04..0.12).contains(&found.share), "{found:?}");
