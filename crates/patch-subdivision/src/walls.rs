@@ -391,10 +391,12 @@ impl Subdivision {
         at: Locus,
         sees: impl Fn(&crate::Element) -> bool,
     ) -> Locus {
-        if !self.has_walls() || self.walls.joined(at.patch.0).is_none() {
+        // A point beside a body may be in a cell whose own point is in the body.
+        let hidden = self.patches[at.patch.0 as usize].hidden;
+        if !hidden && (!self.has_walls() || self.walls.joined(at.patch.0).is_none()) {
             return at;
         }
-        if let Some(e) = at.element
+        if let Some(e) = at.element.filter(|_| !hidden)
             && (!self.walls.beside[e.0 as usize] || sees(&self.elements[e.0 as usize]))
         {
             return at;

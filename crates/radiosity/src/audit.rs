@@ -263,6 +263,9 @@ pub(crate) fn audit(
         .into_par_iter()
         .with_min_len(64)
         .map(|i| {
+            if cut.patches()[i].hidden {
+                return Row::default();
+            }
             let (o, area) = (&outgoing[i], surfaces.area[i] * outgoing[i].solid);
             let out = o.reflected + o.glow + o.lamp;
             let mut row = Row::default();
@@ -368,7 +371,8 @@ fn balance(
     };
     let (mut reach, mut left, mut indirect_flux) = (0f64, 0f64, 0f64);
     let mut most_reflecting = 0f64;
-    for (i, r) in rows.iter().enumerate() {
+    let seen = || (rows.iter().enumerate()).filter(|(i, _)| !cut.patches()[*i].hidden);
+    for (i, r) in seen() {
         total.emitted += r.emitted;
         total.received += r.received;
         total.absorbed += r.absorbed;
@@ -387,7 +391,7 @@ fn balance(
         most_reflecting = most_reflecting.max(surfaces.reflectance[i].max_element());
         indirect_flux += lum(indirect[i]) * surfaces.area[i];
     }
-    out.row_sum_mean = reach / rows.len().max(1) as f64;
+    out.row_sum_mean = reach / seen().count().max(1) as f64;
     out.flux_emitted = total.emitted.to_array();
     out.flux_in = total.received.to_array();
     out.flux_absorbed = total.absorbed.to_array();

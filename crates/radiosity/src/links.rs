@@ -187,6 +187,12 @@ impl Links {
                 let range = from as usize..rays as usize;
                 for (k, row) in rows.chunks_mut(stride).enumerate() {
                     let patch = PatchId((block * BLOCK + k) as u32);
+                    n += (rays - from) as u64;
+                    if cut.patches()[patch.0 as usize].hidden {
+                        // It neither receives nor sends anything.
+                        row[range.clone()].fill(BLACK);
+                        continue;
+                    }
                     let range = range.clone();
                     let mut out = Row {
                         sequence: Sequence::of(cut, patch, stride as u32),
@@ -201,7 +207,6 @@ impl Links {
                         sky: &mut skies[k],
                     };
                     cast(world, cut, patch, &mut out);
-                    n += (rays - from) as u64;
                 }
                 let now = done.fetch_add(n, std::sync::atomic::Ordering::Relaxed) + n;
                 monitor.progress(Phase::Links, now, total);

@@ -16,7 +16,7 @@ use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
-use crate::world::{Emission, Incoming, World, luminance};
+use crate::world::{Emission, Incoming, SurfacePoint, World, luminance};
 
 /// The resolution of a solve.
 #[derive(Debug, Clone, Copy)]
@@ -288,7 +288,7 @@ fn find_rough(cut: &Subdivision, direct: &[Vec3]) -> Vec<bool> {
 
 /// What a few rays from each element find.
 struct Survey {
-    /// Whether it is inside something: all of its rays hit black backfaces.
+    /// Whether it is inside something: in a body, or all of its rays hit black backfaces.
     buried: Vec<bool>,
     /// Whether its ray hits something within a patch's edge length.
     close: Vec<bool>,
@@ -311,10 +311,13 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
     // is one that a ray leaves that far: drawn like this, points are distributed by how much of the
     // view of them is from afar.
     const OTHERS: u32 = 8;
-    let cast = |p: PatchId, k: usize, [u, v]: [f32; 2], ray: u32| -> Option<f32> {
+    let point = |p: PatchId, k: usize, [u, v]: [f32; 2]| -> Option<SurfacePoint> {
         let triangle = cut.elements()[k].triangle;
         let back = cut.patches()[p.0 as usize].back;
         let point = world.surface_point(triangle, u, v, back, false);
+        (!world.inside_a_body(&point)).then_some(point)
+    };
+    let cast = |k: usize, point: &SurfacePoint, ray: u32| -> Option<f32> {
         let [a, b] = sample_2d(ray, 2, hash_u32(k as u32 ^ 0x7f4a_7c15));
         let direction = cosine_hemisphere(point.normal, a, b);
         match world.incoming(point.origin, direction).0 {
@@ -328,8 +331,9 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         if world.emission(e.triangle) != Emission::None {
             return Seen::default(); // the element's own light is counted where it starts
         }
-        let mut rays = 0..RAYS;
-        let Some(t) = rays.find_map(|i| cast(p, k, [e.u, e.v], i)) else {
+        let own = point(p, k, [e.u, e.v]);
+        let first = |point| (0..RAYS).find_map(|i| cast(k, &point, i));
+        let Some(t) = own.and_then(first) else {
             return Seen {
                 buried: true,
                 ..Seen::default()
@@ -338,7 +342,9 @@ fn survey(world: &World, cut: &Subdivision) -> Survey {
         let edge = cut.patch_edge(e.triangle);
         let id = ElementId(k as u32);
         let mut others = (0..OTHERS).map(|i| (RAYS + i, cut.another_point(id, world.soup, i)));
-        let from_afar = |(ray, uv): &(u32, [f32; 2])| cast(p, k, *uv, *ray) >= Some(edge);
+        let from_afar = |(ray, uv): &(u32, [f32; 2])| {
+            point(p, k, *uv).is_some_and(|point| cast(k, &point, *ray) >= Some(edge))
+        };
         Seen {
             buried: false,
             close: t < edge,
@@ -499,6 +505,10 @@ fn direct_light(
         };
         for p in patches {
             let patch = &cut.patches()[p];
+            if patch.hidden {
+                slot += patch.elements as usize;
+                continue;
+            }
             let back = patch.back;
             let cells = (0..16u32).filter(|bit| patch.mask >> bit & 1 == 1);
             for (k, cell) in cut.elements_of(PatchId(p as u32)).zip(cells) {
