@@ -102,25 +102,30 @@ fn a_wall_parts_patches_and_stops_interpolation() {
 
 #[test]
 fn what_is_buried_under_a_thick_wall_parts_patches_too() {
-    let (s, mut cut) = floor();
-    // Half a patch thick, so no two elements of different sides are neighbours.
-    let place = |p: Vec3| p.x + 0.13 * p.z - 1.7;
-    let hidden: Vec<bool> = (cut.elements().iter())
-        .map(|e| place(position(&s, e)).abs() < 0.15)
-        .collect();
-    assert!(hidden.contains(&true));
-    cut.hide(&hidden);
-    let pairs = cut.neighbours();
-    let free = vec![false; pairs.len()];
-    cut.separate(&pairs, &free, &none(&cut));
-    for p in points().filter(|p| place(*p).abs() > 0.16) {
-        let t = triangle_at(p);
-        let at = cut.locate(t, p, false).expect("the floor is whole");
-        let at = cut.on_this_side(t, p, at, |e| side(position(&s, e)) == side(p));
-        let (taps, n) = cut.taps(t, p, at);
-        for tap in &taps[..n] {
-            for k in cut.elements_of(tap.patch) {
-                assert_eq!(side(position(&s, &cut.elements()[k])), side(p), "{p}");
+    // Half a patch thick, so no two elements of different sides are neighbours, and two patches and
+    // more, so that whole patches are hidden, some of which reach beyond the wall.
+    for half in [0.15, 0.4, 0.45, 0.5, 0.55, 0.6] {
+        let (s, mut cut) = floor();
+        let place = |p: Vec3| p.x + 0.13 * p.z - 1.7;
+        let hidden: Vec<bool> = (cut.elements().iter())
+            .map(|e| place(position(&s, e)).abs() < half)
+            .collect();
+        assert!(hidden.contains(&true));
+        cut.hide(&hidden);
+        assert_eq!(cut.patches().iter().any(|p| p.hidden), half > 0.3);
+        let pairs = cut.neighbours();
+        let free = vec![false; pairs.len()];
+        cut.separate(&pairs, &free, &none(&cut));
+        for p in points().filter(|p| place(*p).abs() > half) {
+            let t = triangle_at(p);
+            let at = cut.locate(t, p, false).expect("the floor is whole");
+            let at = cut.on_this_side(t, p, at, |e| side(position(&s, e)) == side(p));
+            assert!(!cut.patches()[at.patch.0 as usize].hidden, "{p}");
+            let (taps, n) = cut.taps(t, p, at);
+            for tap in &taps[..n] {
+                for k in cut.elements_of(tap.patch) {
+                    assert_eq!(side(position(&s, &cut.elements()[k])), side(p), "{p}");
+                }
             }
         }
     }
