@@ -90,6 +90,9 @@ pub(crate) fn wanted(
 fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u32)> {
     let mut found: BTreeMap<(u32, u32), [Side; 2]> = BTreeMap::new();
     each_side(world, solution, |patch| {
+        if patch.hidden {
+            return;
+        }
         let of = &mut found
             .entry((patch.source.instance, patch.source.primitive))
             .or_default()[usize::from(patch.back)];
@@ -108,7 +111,10 @@ fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u3
         let of = &mut sides[usize::from(patch.back)];
         let near = TOUCHING * of.area.sqrt();
         of.rays += RAYS;
-        of.fronts += fronts(world, patch.triangle, patch.back, near);
+        // Nobody is in a body, whatever else lies in it.
+        if !patch.hidden {
+            of.fronts += fronts(world, patch.triangle, patch.back, near);
+        }
     });
     let mean = luminance(solution.mean_irradiance().as_vec3());
     found.retain(|_, sides| sides.iter().all(|s| s.is_inside(mean)));
@@ -146,32 +152,35 @@ fn fronts(world: &World, triangle: u32, back: bool, near: f32) -> u32 {
     met.count() as u32
 }
 
-/// A visible patch of a double-sided face.
+/// A patch of a double-sided face.
 pub(crate) struct SidePatch<'a> {
     pub source: &'a TriangleSource,
     /// A triangle of it, in the soup.
     pub triangle: u32,
     /// Whether it is on the back.
     pub back: bool,
+    /// Whether it is inside something.
+    pub hidden: bool,
     /// Irradiance.
     pub light: Vec3,
     /// Area, m².
     pub area: f32,
 }
 
-/// Calls `take` with each visible patch of a double-sided face.
+/// Calls `take` with each patch of a double-sided face.
 pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut(&SidePatch)) {
     let (soup, cut) = (world.soup, &solution.cut);
     let backed = soup.backed();
     for (i, patch) in cut.patches().iter().enumerate() {
         let triangle = cut.elements()[patch.first_element as usize].triangle;
-        if patch.hidden || !world.two_sided(triangle) || backed.contains(&triangle) {
+        if !world.two_sided(triangle) || backed.contains(&triangle) {
             continue;
         }
         take(&SidePatch {
             source: &soup.sources[triangle as usize],
             triangle,
             back: patch.back,
+            hidden: patch.hidden,
             light: solution.direct_mean[i] + solution.indirect[i],
             area: patch.area,
         });

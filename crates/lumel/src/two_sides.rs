@@ -65,6 +65,9 @@ pub(crate) fn warning(world: &World, solution: &Solution) -> Option<String> {
 fn sides(world: &World, solution: &Solution) -> Vec<Sides> {
     let mut out = vec![Sides::default(); world.scene.instances.len()];
     each_side(world, solution, |patch| {
+        if patch.hidden {
+            return;
+        }
         let of = &mut out[patch.source.instance as usize];
         let side = usize::from(patch.back);
         of.light[side] += f64::from(luminance(patch.light) * patch.area);
