@@ -424,7 +424,7 @@ fn balance(
         let sum = |r: &Row| beyond(r, rays).then(|| (r.hits + r.open) as f64 / rays);
         out.beyond = by_node(world, cut, rows, sum);
     }
-    let all = links.rays as u64 * rows.len() as u64;
+    let all = links.rays as u64 * seen().count() as u64;
     if out.rays_escaped > 0 && out.rays_escaped < all / NEARLY_CLOSED {
         let sum = |r: &Row| (r.open > 0).then(|| (r.hits as f64 + r.black as f64) / rays);
         out.gaps = by_node(world, cut, rows, sum);

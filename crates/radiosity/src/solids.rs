@@ -6,8 +6,8 @@
 //!
 //! A *body* is a connected piece of one instance in which every edge is shared by as many triangles
 //! in one direction as in the other, and whose fronts face outwards. The following are not bodies:
-//! - closed surfaces that transmit light, or that contain a lamp or most of an emitter, because
-//!   their interior is meant to be seen;
+//! - closed surfaces that transmit light, that contain a lamp or most of an emitter, or that glow
+//!   around the level (a sky dome), because their interior is meant to be seen;
 //! - shells whose fronts face inwards, which are rooms, whether double-sided or not.
 //!
 //! A hollow body (a house with thick walls) is one closed surface inside another of the same
@@ -35,6 +35,10 @@ const THINNEST: f64 = 1e-6;
 /// in a room's floor, and a panel may be recessed into a ceiling up to its face.
 const MOST_OF_IT: f32 = 0.75;
 
+/// A surface that glows on both sides is a sky dome if it spans this share of the scene. Others are
+/// bulbs and panels, whose inside nobody sees.
+const DOME: f32 = 0.5;
+
 /// Directions in which crossings are counted, in the square that [`cosine_hemisphere`] maps. Two
 /// agreeing directions decide, because a ray through an edge may count it twice. They are away from
 /// the horizon, so that they leave the plane of the point.
@@ -60,6 +64,8 @@ struct Piece {
     volume: f64,
     /// Whether it is closed and opaque and has volume.
     closed: bool,
+    /// Whether it emits light inwards too.
+    glows_inside: bool,
     /// Centres of its emissive triangles, just above their fronts, and their areas.
     emits: Vec<(Vec3, f32)>,
 }
@@ -98,6 +104,12 @@ impl Solids {
             .unzip();
         let mut solids = Solids::of(&kept, &bodies, tree)?;
         solids.find_inhabited(scene, &pieces);
+        let whole = span(&soup.triangles);
+        for (piece, body) in kept.iter().zip(&bodies) {
+            if piece.glows_inside && span(&piece.triangles) >= DOME * whole {
+                solids.inhabited[*body as usize] = true;
+            }
+        }
         Ok(solids)
     }
 
@@ -231,6 +243,7 @@ fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece
                 instance: instance as u32,
                 volume: 0.0,
                 closed: true,
+                glows_inside: false,
                 emits: Vec::new(),
             };
             for &m in &members {
@@ -242,6 +255,7 @@ fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece
                     let middle = (a + b + c) / 3.0;
                     let above = middle + cross.normalize_or_zero() * offset(middle);
                     piece.emits.push((above, 0.5 * cross.length()));
+                    piece.glows_inside |= material.double_sided;
                 }
             }
             piece.closed = piece.closed && is_closed(&piece.triangles);
@@ -256,6 +270,15 @@ fn pieces(scene: &Scene, soup: &Soup, offset: impl Fn(Vec3) -> f32) -> Vec<Piece
         }
     }
     out
+}
+
+/// Diagonal of the box around triangles.
+fn span(triangles: &[[Vec3; 3]]) -> f32 {
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    for p in triangles.iter().flatten() {
+        (low, high) = (low.min(*p), high.max(*p));
+    }
+    (high - low).length()
 }
 
 /// World corners of a face, in the face's original order.

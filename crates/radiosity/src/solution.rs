@@ -170,7 +170,7 @@ pub struct SolveReport {
     pub rough_patches: u64,
     /// Rays cast from each patch.
     pub rays_per_patch: u32,
-    /// Total number of rays between patches.
+    /// Total number of rays between patches, including those of hidden patches, which are not cast.
     pub link_rays: u64,
     /// Shadow rays for direct light on elements.
     pub shadow_rays: u64,

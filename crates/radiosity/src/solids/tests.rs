@@ -196,3 +196,17 @@ fn open_shells_and_sheets_hide_nothing() {
     );
     assert_eq!(hides(&scene, &[[0.5; 3], [2.0, 0.5, 0.5]]), [false, false]);
 }
+
+#[test]
+fn a_sky_dome_hides_nothing_but_a_bulb_does() {
+    let glow = || Material {
+        double_sided: true,
+        ..material(0.5, Vec3::ONE)
+    };
+    let mut scene = Scene::default();
+    block(&mut scene, glow(), [-9.0; 3], [9.0; 3], false, ALL);
+    block(&mut scene, grey(true), [0.0; 3], [1.0; 3], false, ALL);
+    block(&mut scene, glow(), [2.0; 3], [2.2; 3], false, ALL);
+    let points = [[5.0, 1.0, 0.0], [0.5, 0.5, 0.5], [2.1, 2.1, 2.1]];
+    assert_eq!(hides(&scene, &points), [false, true, true]);
+}
