@@ -518,8 +518,9 @@ pub(crate) mod tests {
             _ => [0.01, 0.01, 1.0],
         });
         let mean = rows[11].iter().sum::<f32>() / 2000.0;
-        // Of its noise a third is left, 0.016, which explains a sixtieth of the squared difference.
-        assert!((mean - 0.15).abs() < 0.01, "{mean}");
+        // Of its noise a third is left, 0.016. That is a seventieth of the squared difference, and so
+        // much of the difference is given up: 0.002.
+        assert!((mean - 0.15).abs() < 0.005, "{mean}");
     }
 
     #[test]

@@ -198,15 +198,19 @@ fn open_shells_and_sheets_hide_nothing() {
 }
 
 #[test]
-fn a_sky_dome_hides_nothing_but_a_bulb_does() {
-    let glow = || Material {
-        double_sided: true,
-        ..material(0.5, Vec3::ONE)
-    };
-    let mut scene = Scene::default();
-    block(&mut scene, glow(), [-9.0; 3], [9.0; 3], false, ALL);
-    block(&mut scene, grey(true), [0.0; 3], [1.0; 3], false, ALL);
-    block(&mut scene, glow(), [2.0; 3], [2.2; 3], false, ALL);
-    let points = [[5.0, 1.0, 0.0], [0.5, 0.5, 0.5], [2.1, 2.1, 2.1]];
-    assert_eq!(hides(&scene, &points), [false, true, true]);
+fn a_sky_dome_hides_nothing_but_a_lamp_does() {
+    // A hull that glows on both sides, and a crate. The same hull is a third of the second scene.
+    for (crate_at, hides_all) in [([0.0; 3], false), ([35.0; 3], true)] {
+        let mut scene = Scene::default();
+        let glow = Material {
+            double_sided: true,
+            ..material(0.5, Vec3::ONE)
+        };
+        block(&mut scene, glow, [-9.0; 3], [9.0; 3], false, ALL);
+        let high = crate_at.map(|x| x + 10.0);
+        block(&mut scene, grey(true), crate_at, high, false, ALL);
+        let in_crate = crate_at.map(|x| x + 5.0);
+        let found = hides(&scene, &[[-5.0; 3], in_crate]);
+        assert_eq!(found, [hides_all, true]);
+    }
 }
