@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 import subprocess
-import time
 
 import numpy as np
 
@@ -61,23 +60,28 @@ def save(path, image):
     Image.fromarray((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)).save(path)
 
 
+def processor_seconds():
+    """of all children; other work on the machine hardly changes it"""
+    used = os.times()
+    return used.children_user + used.children_system
+
+
 def bake(binary, level, folder, quality, options, timeout):
-    """-> seconds, report or None, what went wrong or "ok" """
+    """-> seconds of processor time, report or None, what went wrong or "ok" """
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
-    start = time.time()
+    start = processor_seconds()
     command = [binary, "bake", level, "-o", folder, "-q", "--quality", quality,
                "--no-vertex-colors", *options]
     try:
         r = subprocess.run(command, timeout=timeout, capture_output=True, text=True)
     except subprocess.TimeoutExpired:
-        return time.time() - start, None, "no end after %g s" % timeout
-    seconds, found = time.time() - start, glob.glob(os.path.join(folder, "*.report.json"))
+        return processor_seconds() - start, None, "no end after %g s" % timeout
+    seconds, found = processor_seconds() - start, glob.glob(os.path.join(folder, "*.report.json"))
     if r.returncode or not found:
         said = (r.stderr.strip().splitlines() or [""])[-1][:200]
         return seconds, None, "exit code %d: %s" % (r.returncode, said)
-    report = json.load(open(found[0]))
-    return report.get("measured", {}).get("seconds", seconds), report, "ok"
+    return seconds, json.load(open(found[0])), "ok"
 
 
 def pictures(out, row, shown, i):

@@ -33,7 +33,7 @@ def text(a):
     labels = a.label or sorted({r["label"] for r in rows})
     head = ["family", "preset", "build", "levels", "FLIP", "worst patch", "dark %", "bright %",
             "blotches %", "median %", "p95 %", "FLIP best", "dark best %", "bright best %",
-            "noise FLIP", "seconds", "failed"]
+            "noise FLIP", "processor s", "failed"]
     out = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for family in sorted({r["family"] for r in rows}) + ["all"]:
         for quality in ORDER:

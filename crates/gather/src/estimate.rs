@@ -58,7 +58,7 @@ const FEW_DISAGREE: f32 = 4.0;
 const FEW: u32 = 8;
 
 /// Spread below this fraction of the light, squared, counts as none. Under an open sky there is
-/// only rounding, which the variances of few rays do not include.
+/// only rounding, which the variances of the rays do not include.
 const EVEN: f32 = 1e-6;
 
 /// Running sums of one sample point.
@@ -231,11 +231,7 @@ pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
         .sum();
     let spread = square / (n - 1.0).max(1.0);
     let few = sums.first().is_some_and(|s| s.rays < FEW);
-    let (bound, even) = if few {
-        (FEW_DISAGREE, EVEN * m * m)
-    } else {
-        (DISAGREE, 0.0)
-    };
+    let bound = if few { FEW_DISAGREE } else { DISAGREE };
     Estimate {
         mean,
         first_half,
@@ -244,7 +240,7 @@ pub(crate) fn mean_and_spread(sums: &[Point], open: &[bool]) -> Estimate {
         } else {
             m * m
         },
-        disagree: n > 1.0 && spread > (bound * noise / n).max(even),
+        disagree: n > 1.0 && spread > (bound * noise / n).max(EVEN * m * m),
     }
 }
 
@@ -266,7 +262,7 @@ mod tests {
 
     #[test]
     fn even_light_is_no_edge() {
-        for rays in [2, 4] {
+        for rays in [2, 4, 8, 16] {
             // Sums of thirds round differently depending on their number, and slightly differently
             // for each point.
             for light in [1.0 / 3.0, 0.7, 1e-6, 3e5] {
