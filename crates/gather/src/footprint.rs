@@ -24,6 +24,11 @@ pub trait Footprint: Sync {
     fn instance(&self) -> Option<usize> {
         None
     }
+    /// A triangle that it is on, and whether it is on its back; `None` if that does not tell its
+    /// patch.
+    fn side(&self) -> Option<(u32, bool)> {
+        None
+    }
 }
 
 /// The part of a lumel's texel on the surface.
@@ -145,6 +150,11 @@ fn barycentrics(corners: [Vec2; 3], p: Vec2) -> Option<(f32, f32)> {
 impl Footprint for LumelFootprint<'_, '_, '_> {
     fn instance(&self) -> Option<usize> {
         Some(self.lumel.instance as usize)
+    }
+
+    fn side(&self) -> Option<(u32, bool)> {
+        let first = self.lumels.fragments(&self.lumel).next()?;
+        Some((first.triangle, first.back))
     }
 
     fn candidate(&self, i: u32) -> Option<SurfacePoint> {

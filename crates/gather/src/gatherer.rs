@@ -63,6 +63,7 @@ impl Gatherer<'_, '_> {
             before: 0,
             seed,
             reach: footprint.reach(),
+            side: footprint.side(),
         }
     }
 

@@ -90,6 +90,7 @@ mod received;
 mod refine;
 mod sample;
 mod sheets;
+mod sky;
 mod smooth;
 mod thinned;
 mod tiles;

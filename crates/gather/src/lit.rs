@@ -58,9 +58,6 @@ impl<'g, 'w, 'a> LitRays<'g, 'w, 'a> {
         if self.share == 0.0 {
             return 0;
         }
-        if !planes.is_empty() {
-            planes.add_point();
-        }
         let (tracer, each) = (&self.gatherer.tracer, self.gatherer.options.lit);
         let lit = &tracer.lit;
         let mut rays = 0;

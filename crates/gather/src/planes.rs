@@ -144,6 +144,19 @@ pub(crate) struct PlaneSums {
     pub of_ray: Vec<Vec3>,
     /// Whether the current rays belong to the first half of the points.
     pub first_half: bool,
+    /// Number of rays of the block of a sequence that the current rays belong to.
+    pub batch: u32,
+}
+
+/// Weight of a ray in integrals over solid angle, as rays are cosine-distributed: 1/cos, averaged
+/// over the ray's stratum of `n`. Flat rays would have weights without limit, and a variance without
+/// limit.
+#[inline]
+fn steep(cos: f32, n: u32) -> f32 {
+    // cos² is uniform. ∫ dx/√x = 2√x.
+    let n = n.max(1) as f32;
+    let k = (cos * cos * n).clamp(0.0, n - 1.0).floor();
+    2.0 * n.sqrt() * ((k + 1.0).sqrt() - k.sqrt())
 }
 
 impl PlaneSums {
@@ -155,6 +168,7 @@ impl PlaneSums {
             points: [0; 2],
             of_ray: vec![Vec3::ZERO; wanted.groups],
             first_half: true,
+            batch: 1,
             wanted,
         }
     }
@@ -189,8 +203,8 @@ impl PlaneSums {
     }
 
     /// Adds one ray: its radiance (`of_ray` has the groups' parts, and is reset), its unit
-    /// direction, its cosine with the axis of the hemisphere, and its length.
-    pub(crate) fn add(&mut self, radiance: Vec3, direction: Vec3, cos: f32, distance: f32) {
+    /// direction, the axis of the hemisphere, and its length.
+    pub(crate) fn add(&mut self, radiance: Vec3, direction: Vec3, axis: Vec3, distance: f32) {
         self.rays[0] += 1;
         self.rays[1] += u32::from(self.first_half);
         let first = if self.first_half { 1.0 } else { 0.0 };
@@ -203,11 +217,13 @@ impl PlaneSums {
         }
         if self.wanted.moments {
             let at = self.wanted.moments_plane();
-            // Rays are cosine-distributed, but the integral is of radiance over solid angle.
-            let flux = radiance / cos.max(1e-4);
+            let cos = axis.dot(direction);
+            let flux = radiance * steep(cos, self.batch);
             put(at, flux);
             for k in 0..3 {
-                put(at + 1 + k, flux * direction[k]);
+                // Along the axis the weight and the cosine cancel.
+                let along = direction[k] - axis[k] * cos;
+                put(at + 1 + k, flux * along + radiance * axis[k]);
             }
         }
         if let Some(reach) = self.wanted.openness

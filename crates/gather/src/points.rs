@@ -16,6 +16,8 @@ pub(crate) struct Sampling {
     pub seed: u32,
     /// The footprint's size, metres; hits within it are near.
     pub reach: f32,
+    /// A triangle of the footprint, and whether it is on its back.
+    pub side: Option<(u32, bool)>,
 }
 
 /// Position and normal of a footprint or a part of it.

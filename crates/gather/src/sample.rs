@@ -10,6 +10,7 @@ use crate::gatherer::Gatherer;
 use crate::lit::LitRays;
 use crate::planes::PlaneSums;
 use crate::points::Sampling;
+use crate::sky::SkyRays;
 use crate::tracer::{Common, Found, Ray};
 
 /// A ray that hits something closer than this many footprints is in a gap that is not visible from
@@ -34,15 +35,18 @@ impl Gatherer<'_, '_> {
         mut taken: impl FnMut(usize, &mut PlaneSums),
     ) -> Sampled {
         let lit = LitRays::new(self, points, &sampling);
+        let sky = SkyRays::new(self.tracer.solution, points, &sampling);
         let rays = generate(points, &sampling);
         let common = Common {
             seed: sampling.seed,
             lit_share: lit.share,
             near: self.options.near,
             groups: self.wanted.groups,
+            sky,
         };
         let traced = self.tracer.trace(points, &rays, common);
         let mut planes = PlaneSums::new(self.wanted);
+        planes.batch = rays.len() as u32;
         let mut cast = rays.len() as u64;
         let each = sampling.rays as usize;
         let sums = (points.iter().enumerate())
@@ -53,7 +57,14 @@ impl Gatherer<'_, '_> {
                     self.add(point, ray.toward, (&traced, i), &mut sum, &mut planes);
                 }
                 let number = sampling.before + k as u32;
+                if !planes.is_empty() && (lit.share > 0.0 || sky.is_some()) {
+                    planes.add_point();
+                }
                 cast += u64::from(lit.reach(point, number, &mut sum, &mut planes));
+                if let Some(sky) = &sky {
+                    cast +=
+                        u64::from(sky.reach(self.world(), point, number, &mut sum, &mut planes));
+                }
                 taken(k, &mut planes);
                 sum
             })
@@ -80,7 +91,7 @@ impl Gatherer<'_, '_> {
                 radiance, distance, ..
             } = found.unwrap_or_default();
             planes.of_ray.copy_from_slice(traced.groups(i));
-            planes.add(radiance, toward, point.normal.dot(toward), distance);
+            planes.add(radiance, toward, point.normal, distance);
         }
     }
 

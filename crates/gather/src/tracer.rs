@@ -7,6 +7,8 @@ use radiosity::{
 };
 use visibility::Hit;
 
+use crate::sky::SkyRays;
+
 /// After this many near bounces a path reads the solution: light that was reflected so often in a
 /// gap no longer varies from place to place.
 const MOST_NEAR_BOUNCES: u32 = 4;
@@ -51,7 +53,7 @@ pub(crate) struct Ray {
 
 /// Parameters of all rays of a batch.
 #[derive(Clone, Copy)]
-pub(crate) struct Common {
+pub(crate) struct Common<'o> {
     /// Seed of their random numbers.
     pub seed: u32,
     /// Fraction of a far hit's direct light that shadow rays to lit elements contribute; see
@@ -61,6 +63,8 @@ pub(crate) struct Common {
     pub near: f32,
     /// Number of light groups.
     pub groups: usize,
+    /// Shadow rays to the sky, which take a share of what gathering rays find of it.
+    pub sky: Option<SkyRays<'o>>,
 }
 
 /// A gathering ray on its way.
@@ -169,7 +173,10 @@ impl<'w, 'a> Tracer<'w, 'a> {
                 if bounce == 0 {
                     out.distance = f32::INFINITY;
                 }
-                let sky = path.throughput * world.sky.radiance(path.direction);
+                let mut sky = path.throughput * world.sky.radiance(path.direction);
+                if let Some(rays) = common.sky.as_ref().filter(|_| bounce == 0) {
+                    sky *= rays.kept(path.direction, path.point.normal.dot(path.direction));
+                }
                 add(sky, world.sky_group(), &mut out.radiance, groups);
                 return None;
             }

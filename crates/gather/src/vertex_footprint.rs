@@ -58,6 +58,10 @@ impl Footprint for VertexFootprint<'_, '_, '_> {
         (self.world).inset_point(first.triangle, third, third, first.back, true)
     }
 
+    fn side(&self) -> Option<(u32, bool)> {
+        Some((self.around[0].triangle, self.around[0].back))
+    }
+
     fn size(&self) -> f32 {
         let corners = self.world.soup.triangles[self.around[0].triangle as usize];
         (corners[1] - corners[0]).length()

@@ -251,10 +251,10 @@ impl Subdivision {
     }
 
     /// Patch and element of the point `p` on `triangle`, on its back if `back`. `None` on the back
-    /// of a single-sided face, which has no light.
+    /// of a single-sided face, which has no light, and on a triangle that rays do not see.
     #[inline]
     pub fn locate(&self, triangle: u32, p: Vec3, back: bool) -> Option<Locus> {
-        let region = &self.regions[self.region_of_triangle[triangle as usize] as usize];
+        let region = &self.regions[self.region_of(triangle)?];
         if back && !region.two_sided {
             return None;
         }

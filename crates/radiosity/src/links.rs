@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use crate::monitor::{Cancelled, Monitor, Phase};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_4d};
 use crate::solution::place;
-use crate::world::{Incoming, World};
+use crate::world::{Incoming, SurfacePoint, World};
 
 /// The ray left the scene.
 pub(crate) const ESCAPED: u32 = u32::MAX;
@@ -81,6 +81,28 @@ impl Links {
         let area: f32 = elements.iter().map(|e| e.area).sum();
         let sequence = Sequence::of(cut, patch, self.stride);
         (0..self.rays).map(move |k| pick(elements, area, sequence.sample(k)[2]))
+    }
+
+    /// Number of a patch's rays that left the scene.
+    pub(crate) fn escaped_rays(&self, patch: usize) -> usize {
+        self.row(patch).iter().filter(|&&to| to == ESCAPED).count()
+    }
+
+    /// Directions of these rays.
+    pub(crate) fn escaped<'l>(
+        &'l self,
+        world: &'l World,
+        cut: &'l Subdivision,
+        patch: PatchId,
+    ) -> impl Iterator<Item = Vec3> + use<'l> {
+        let start = Start::of(cut, patch);
+        let sequence = Sequence::of(cut, patch, self.stride);
+        (self.row(patch.0 as usize).iter().enumerate())
+            .filter(|(_, target)| **target == ESCAPED)
+            .map(move |(k, _)| {
+                let s = sequence.sample(k as u32);
+                cosine_hemisphere(start.point(world, s[2]).normal, s[0], s[1])
+            })
     }
 
     /// Memory in bytes.
@@ -279,6 +301,30 @@ pub(crate) fn pick(elements: &[Element], area: f32, x: f32) -> usize {
     elements.len() - 1
 }
 
+/// Where the rays of a patch start.
+struct Start<'c> {
+    elements: &'c [Element],
+    area: f32,
+    back: bool,
+}
+
+impl<'c> Start<'c> {
+    fn of(cut: &'c Subdivision, patch: PatchId) -> Self {
+        let elements = &cut.elements()[cut.elements_of(patch)];
+        Start {
+            elements,
+            area: elements.iter().map(|e| e.area).sum(),
+            back: cut.patches()[patch.0 as usize].back,
+        }
+    }
+
+    /// The point of a random number: that of an element.
+    fn point(&self, world: &World, x: f32) -> SurfacePoint {
+        let e = &self.elements[pick(self.elements, self.area, x)];
+        world.inset_point(e.triangle, e.u, e.v, self.back, false)
+    }
+}
+
 /// Where the rays of one patch are written.
 struct Row<'l> {
     sequence: Sequence,
@@ -294,15 +340,12 @@ struct Row<'l> {
 
 /// Casts rays of a patch and sums the radiance that is not reflected.
 fn cast(world: &World, cut: &Subdivision, patch: PatchId, out: &mut Row) {
-    let back = cut.patches()[patch.0 as usize].back;
-    let elements = &cut.elements()[cut.elements_of(patch)];
-    let area: f32 = elements.iter().map(|e| e.area).sum();
+    let start = Start::of(cut, patch);
     // Summed separately first, because short sums round less.
     let mut source = [Vec3::ZERO; 2];
     for (k, target) in out.targets.iter_mut().enumerate() {
         let s = out.sequence.sample(out.from + k as u32);
-        let e = &elements[pick(elements, area, s[2])];
-        let p = world.inset_point(e.triangle, e.u, e.v, back, false);
+        let p = start.point(world, s[2]);
         let direction = cosine_hemisphere(p.normal, s[0], s[1]);
         let (found, tint) = world.incoming(p.origin, direction);
         if let Some(slot) = out.tints.get_mut(k) {

@@ -8,6 +8,7 @@ use visibility::Hit;
 
 use crate::audit::Audit;
 use crate::direct::DirectLight;
+use crate::openings::Openings;
 use crate::relax::{RelaxReport, RelaxStep};
 use crate::world::{World, luminance};
 
@@ -31,6 +32,8 @@ pub struct Solution {
     /// By element, computed from the light above when the solve ended or [`refresh`](Self::refresh)
     /// was called.
     pub(crate) afar: Vec<Afar>,
+    /// Directions of the sky from indoors.
+    pub openings: Openings,
     /// Statistics of the solve.
     pub report: SolveReport,
 }

@@ -13,6 +13,7 @@ use crate::emitters::Emitters;
 use crate::first_bounce::{FirstBounce, LitScene};
 use crate::links::Links;
 use crate::monitor::{Cancelled, Monitor, Phase};
+use crate::openings::Openings;
 use crate::relax::{RelaxOptions, RelaxReport, System};
 use crate::sampling::{cosine_hemisphere, hash_u32, sample_2d};
 use crate::solution::{Afar, GroupLight, Solution, SolveReport, SolveStep, WALL, element_edge};
@@ -179,9 +180,11 @@ pub fn solve(
         [one] => one.clone(),
         all => (0..n).map(|i| all.iter().map(|g| g[i]).sum()).collect(),
     };
+    let openings = Openings::find(world, &cut, &links);
     report.rays_per_patch = links.rays;
     report.link_rays = links.rays as u64 * n as u64;
     report.bytes = links.bytes()
+        + openings.bytes()
         + first_bounce.bytes()
         + report.subdivision.bytes
         + (cut.elements().len() * size_of::<Afar>()) as u64
@@ -212,6 +215,7 @@ pub fn solve(
         indirect: interleave(&|i, g| of_groups[g][i].as_vec3()),
     });
     let mut solution = Solution {
+        openings,
         groups,
         direct_mean: surfaces.direct.iter().map(|e| e.as_vec3()).collect(),
         afar: Vec::new(),

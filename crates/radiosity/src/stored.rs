@@ -3,6 +3,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use crate::openings::Openings;
 use crate::relax::RelaxStep;
 use crate::solution::{GroupLight, Solution, SolveReport, SolveStep};
 use crate::solve::{Divided, SolveOptions, divide};
@@ -17,6 +18,7 @@ pub struct StoredSolution {
     direct_mean: Vec<[f32; 3]>,
     indirect: Vec<[f32; 3]>,
     rough: Vec<bool>,
+    openings: Openings,
     /// Number of groups, and their light.
     groups: Option<(usize, [Vec<[f32; 3]>; 3])>,
     /// Without its history, whose JSON form binary formats do not have.
@@ -47,6 +49,7 @@ impl StoredSolution {
             direct_mean: arrays(&solution.direct_mean),
             indirect: arrays(&solution.indirect),
             rough: solution.rough.clone(),
+            openings: solution.openings.clone(),
             groups: solution.groups.as_ref().map(groups),
             report,
             history: history.iter().map(|s| (s.rays, s.step)).collect(),
@@ -63,6 +66,7 @@ impl StoredSolution {
             && self.direct_mean.len() == patches
             && self.indirect.len() == patches
             && self.rough.len() == patches
+            && self.openings.fits(patches)
             && self.groups.as_ref().is_none_or(|(count, light)| {
                 let [direct, mean, indirect] = light.each_ref().map(Vec::len);
                 [direct, mean, indirect] == [elements * count, patches * count, patches * count]
@@ -88,6 +92,7 @@ impl StoredSolution {
                 }
             }),
             afar: Vec::new(),
+            openings: self.openings,
             report: SolveReport {
                 history: history
                     .map(|(rays, step)| SolveStep { rays, step })

@@ -1,0 +1,87 @@
+//! Shadow rays to the sky where few gathering rays find it.
+
+use std::f32::consts::FRAC_1_PI;
+
+use glam::Vec3;
+use radiosity::{Incoming, Opening, Solution, SurfacePoint, World, sample_4d};
+
+use crate::estimate::Point;
+use crate::planes::PlaneSums;
+use crate::points::Sampling;
+
+/// Index of the set of random numbers for drawing directions.
+const SET: u32 = 59;
+
+/// Shadow rays from each point.
+const EACH: u32 = 1;
+
+/// Shadow rays from the points of a footprint to the sky.
+#[derive(Clone, Copy)]
+pub(crate) struct SkyRays<'o> {
+    opening: Opening<'o>,
+    /// Gathering rays of each point.
+    rays: f32,
+    seed: u32,
+}
+
+impl<'o> SkyRays<'o> {
+    /// `None` where gathering rays find the sky often, or never.
+    pub(crate) fn new(
+        solution: &'o Solution,
+        points: &[SurfacePoint],
+        sampling: &Sampling,
+    ) -> Option<Self> {
+        let (triangle, back) = sampling.side?;
+        let at = solution.cut.locate(triangle, points[0].position, back)?;
+        Some(SkyRays {
+            opening: solution.openings.of(at.patch)?,
+            rays: sampling.rays as f32,
+            seed: sampling.seed,
+        })
+    }
+
+    /// Densities of gathering and of shadow rays in a direction, times the numbers of these rays.
+    fn densities(&self, cos: f32, density: f32) -> [f32; 2] {
+        [self.rays * cos * FRAC_1_PI, EACH as f32 * density]
+    }
+
+    /// Share of the sky that a gathering ray finds and that counts.
+    pub(crate) fn kept(&self, direction: Vec3, cos: f32) -> f32 {
+        let [gathering, shadow] = self.densities(cos, self.opening.density(direction));
+        gathering / (gathering + shadow).max(f32::MIN_POSITIVE)
+    }
+
+    /// Adds the sky's light at point `k` of the footprint; returns the number of rays.
+    pub(crate) fn reach(
+        &self,
+        world: &World,
+        p: &SurfacePoint,
+        k: u32,
+        sum: &mut Point,
+        planes: &mut PlaneSums,
+    ) -> u32 {
+        let mut rays = 0;
+        for i in k * EACH..(k + 1) * EACH {
+            let s = sample_4d(i, SET, self.seed);
+            let (direction, density) = self.opening.draw(s[0], s[1]);
+            let cos = p.normal.dot(direction);
+            if cos <= 0.0 || p.geometric.dot(direction) <= 0.0 {
+                continue;
+            }
+            rays += 1;
+            let (Incoming::Escaped, tint) = world.incoming(p.origin, direction) else {
+                continue;
+            };
+            let [gathering, shadow] = self.densities(cos, density);
+            let light = world.sky.radiance(direction) * tint * (cos / (gathering + shadow));
+            sum.from_lit += light;
+            if !planes.is_empty() {
+                if let Some(part) = planes.of_ray.get_mut(world.sky_group()) {
+                    *part += light;
+                }
+                planes.add_lit(light, direction, cos);
+            }
+        }
+        rays
+    }
+}
