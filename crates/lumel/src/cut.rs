@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use atlas::{LayoutReport, MeshReport, UvOrigin};
 use glam::{DVec3, Vec3};
-use mesh_ingest::{Cut, Loaded, Mesh, Scene};
+use mesh_ingest::{Cut, Loaded, Mesh, Scene, TriangleSource};
 use patch_subdivision::PatchId;
 use radiosity::{Incoming, Solution, SurfacePoint, World, cosine_hemisphere, luminance, sample_4d};
 use rayon::prelude::*;
@@ -28,6 +28,9 @@ const NOTICED: f32 = 0.4;
 /// scans and of finely carved architecture are no straight lines.
 const MOST_TRIANGLES: usize = 20_000;
 
+/// Nor are larger ones that several nodes share, as each node gets a copy.
+const MOST_COPIED: usize = 1_000;
+
 /// Light below this fraction of the scene's mean is not told from black.
 const BLACK: f32 = 0.02;
 
@@ -44,12 +47,13 @@ const PARALLEL: f32 = 0.03;
 /// that close.
 const BESIDE: f32 = 0.05;
 
-/// Shorter lines, in lumels, are not worth a border of charts.
+/// Shorter lines, in lumels, are not worth a border of charts where the light differs just
+/// [noticeably](NOTICED).
 const SHORT: f32 = 8.0;
 
 /// Nor is a border nearer than this, in lumels, to the end of the surface: the strip beyond it is
 /// where a floor ends outside of a room's walls.
-const STRIP: f32 = 2.0;
+const STRIP: f32 = 1.5;
 
 /// Rays from each side of each pair of elements, which tell whether people can be there.
 const RAYS: u32 = 4;
@@ -61,8 +65,9 @@ const ROOM: f32 = 3.0;
 /// The fraction of such rays from which a side counts …
 const SEEN: f32 = 0.25;
 
-/// … if this fraction meets the front of something: below a terrain there are backs and the sky.
-const INSIDE: f32 = 0.1;
+/// … if this fraction meets the front of something. The wall itself fills half of the view from
+/// beside it, but below a terrain there are backs and the sky.
+const INSIDE: f32 = 0.25;
 
 /// Most lines of a surface, the most visible first: each can double the number of its charts.
 const MOST_LINES: usize = 16;
@@ -130,6 +135,7 @@ pub(crate) fn wanted(
         }
     }
     let points = visible_points(solution, world, &lines);
+    let uses = uses(&loaded.scene);
     let mut cuts = Vec::new();
     for (region, mut of_region) in lines {
         of_region.retain(|line| {
@@ -138,11 +144,15 @@ pub(crate) fn wanted(
         // Stable, so of equal lines the first found stays first.
         of_region.sort_by(|a, b| b.weight.total_cmp(&a.weight));
         of_region.truncate(MOST_LINES);
-        cuts.extend(
-            of_region
-                .iter()
-                .map(|line| in_mesh(&loaded.scene, world, line)),
-        );
+        for line in &of_region {
+            // What coincides is cut alike, or it would coincide no more.
+            let copies = (world.soup.duplicates.iter())
+                .filter(|d| d.kept == line.triangle && lumels[d.source.instance as usize].is_some())
+                .map(|d| d.source);
+            let own = world.soup.sources[line.triangle as usize];
+            let sources = std::iter::once(own).chain(copies);
+            cuts.extend(sources.map(|source| in_mesh(&loaded.scene, &uses, line, source)));
+        }
     }
     cuts
 }
@@ -216,8 +226,10 @@ impl Line {
                 .map(|p| side * (self.normal.dot(*p) - self.offset));
             beyond.fold(0.0, f32::max)
         };
-        self.length >= SHORT * lumel
-            && self.weight >= NOTICED * self.length
+        // Where the light differs more, shorter lines are noticed.
+        let stark = self.weight / (NOTICED * self.length);
+        self.length * stark * stark >= SHORT * lumel
+            && stark >= 1.0
             && self.sides.iter().all(Found::is_seen)
             && far(1.0).min(far(-1.0)) > STRIP * lumel
     }
@@ -245,16 +257,21 @@ fn visible_points(
     points
 }
 
-/// By instance, the edge of its lumels in metres; `None` for those whose charts cannot be cut:
-/// their mesh has other instances, which the wall does not touch, or its own coordinates are kept.
+/// By mesh of the document, its number of instances.
+fn uses(scene: &Scene) -> BTreeMap<usize, usize> {
+    let mut uses = BTreeMap::new();
+    for instance in &scene.instances {
+        let mesh = scene.meshes[instance.mesh].gltf_mesh;
+        *uses.entry(mesh).or_default() += 1;
+    }
+    uses
+}
+
+/// By instance, the edge of its lumels in metres; `None` for those whose charts cannot be cut. A
+/// node that shares its mesh gets a copy of it, unless it is large or the node itself has copies.
 fn lumel_sizes(loaded: &Loaded, report: &LayoutReport) -> Vec<Option<f32>> {
     let scene = &loaded.scene;
-    let mut uses: BTreeMap<usize, usize> = BTreeMap::new();
-    for instance in &scene.instances {
-        *uses
-            .entry(scene.meshes[instance.mesh].gltf_mesh)
-            .or_default() += 1;
-    }
+    let uses = uses(scene);
     let reports: BTreeMap<usize, &MeshReport> =
         report.meshes.iter().map(|m| (m.gltf_mesh, m)).collect();
     (scene.instances.iter())
@@ -263,9 +280,13 @@ fn lumel_sizes(loaded: &Loaded, report: &LayoutReport) -> Vec<Option<f32>> {
             let made = reports.get(&mesh)?;
             let primitives = &scene.meshes[instance.mesh].primitives;
             let triangles = primitives.iter().map(|p| p.triangles.len()).sum::<usize>();
+            let most = match uses[&mesh] {
+                1 => MOST_TRIANGLES,
+                _ if instance.copy.is_some() => 0,
+                _ => MOST_COPIED,
+            };
             let may = mesh != Mesh::NOT_IN_DOCUMENT
-                && triangles <= MOST_TRIANGLES
-                && uses[&mesh] == 1
+                && triangles <= most
                 && made.origin != UvOrigin::Kept
                 && loaded.document.can_cut(mesh);
             (may && made.density[1] > 0.0).then(|| (1.0 / made.density[1]) as f32)
@@ -376,9 +397,13 @@ fn look(world: &World, p: &SurfacePoint, seed: u32, room: f32) -> Found {
     found
 }
 
-/// A line as a cut of its mesh.
-fn in_mesh(scene: &Scene, world: &World, line: &Line) -> Cut {
-    let source = &world.soup.sources[line.triangle as usize];
+/// A line as a cut of the mesh of one of its triangles.
+fn in_mesh(
+    scene: &Scene,
+    uses: &BTreeMap<usize, usize>,
+    line: &Line,
+    source: TriangleSource,
+) -> Cut {
     let instance = &scene.instances[source.instance as usize];
     let mesh = &scene.meshes[instance.mesh];
     let primitive = &mesh.primitives[source.primitive as usize];
@@ -390,6 +415,7 @@ fn in_mesh(scene: &Scene, world: &World, line: &Line) -> Cut {
     let length = normal.length().max(f64::MIN_POSITIVE);
     Cut {
         mesh: mesh.gltf_mesh,
+        node: (uses[&mesh.gltf_mesh] > 1).then_some(instance.node),
         primitive: primitive.gltf_primitive,
         triangle: primitive.source_triangles[source.triangle as usize],
         normal: (normal / length).as_vec3().to_array(),
@@ -400,8 +426,12 @@ fn in_mesh(scene: &Scene, world: &World, line: &Line) -> Cut {
 /// Names the nodes whose charts were cut.
 pub(crate) fn note(scene: &Scene, cuts: &[Cut]) -> Option<String> {
     let cut = |&i: &usize| {
-        let mesh = scene.meshes[scene.instances[i].mesh].gltf_mesh;
-        cuts.iter().any(|cut| cut.mesh == mesh)
+        let instance = &scene.instances[i];
+        let mesh = scene.meshes[instance.mesh].gltf_mesh;
+        cuts.iter().any(|cut| match cut.node {
+            Some(node) => node == instance.node,
+            None => cut.mesh == mesh,
+        })
     };
     (!cuts.is_empty()).then(|| {
         format!(

@@ -57,9 +57,29 @@ impl Side {
     }
 }
 
-fn differ([a, b]: [Side; 2]) -> bool {
-    let (a, b) = (a.mean(), b.mean());
-    (a - b).abs().max_element() > DIFFERENT * 0.5 * (a + b).max_element()
+/// The two sides of all pieces.
+fn whole(pieces: &BTreeMap<usize, [Side; 2]>) -> [Side; 2] {
+    let mut whole = [Side::default(); 2];
+    for piece in pieces.values() {
+        for (of, side) in whole.iter_mut().zip(piece) {
+            of.light += side.light;
+            of.area += side.area;
+        }
+    }
+    whole
+}
+
+/// Whether the light differs, on average over the pieces of a primitive: of a bush, the leaves that
+/// turn their fronts to the sun may be as many as those that turn their backs.
+fn differ(pieces: &BTreeMap<usize, [Side; 2]>) -> bool {
+    let (mut differences, mut sum) = (Vec3::ZERO, Vec3::ZERO);
+    let seen = |[a, b]: &&[Side; 2]| a.area > 0.0 && b.area > 0.0;
+    for [a, b] in pieces.values().filter(seen) {
+        let area = a.area + b.area;
+        differences += (a.mean() - b.mean()).abs() * area;
+        sum += 0.5 * (a.mean() + b.mean()) * area;
+    }
+    differences.max_element() > DIFFERENT * sum.max_element()
 }
 
 /// The primitives to split, as (mesh, primitive) of the document.
@@ -88,18 +108,27 @@ pub(crate) fn wanted(
 /// Double-sided primitives, as (instance, primitive of its mesh), with different light on their two
 /// sides, if people can be on both.
 fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u32)> {
-    let mut found: BTreeMap<(u32, u32), [Side; 2]> = BTreeMap::new();
+    let mut pieces: BTreeMap<(u32, u32), BTreeMap<usize, [Side; 2]>> = BTreeMap::new();
     each_side(world, solution, |patch| {
-        if patch.hidden {
+        let Some(region) = solution
+            .cut
+            .region_of(patch.triangle)
+            .filter(|_| !patch.hidden)
+        else {
             return;
-        }
-        let of = &mut found
+        };
+        let of = &mut pieces
             .entry((patch.source.instance, patch.source.primitive))
+            .or_default()
+            .entry(region)
             .or_default()[usize::from(patch.back)];
         of.light += patch.light * patch.area;
         of.area += patch.area;
     });
-    found.retain(|_, sides| differ(*sides));
+    let mut found: BTreeMap<(u32, u32), [Side; 2]> = (pieces.iter())
+        .filter(|(_, pieces)| differ(pieces))
+        .map(|(key, pieces)| (*key, whole(pieces)))
+        .collect();
     if found.is_empty() {
         return BTreeSet::new();
     }

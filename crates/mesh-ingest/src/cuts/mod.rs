@@ -31,6 +31,9 @@ use divide::{Divided, Edges, Line};
 pub struct Cut {
     /// Index of the document's mesh.
     pub mesh: usize,
+    /// The node whose surface is cut, if others have the same mesh: it gets a copy of its own. `None`
+    /// cuts the mesh wherever it is.
+    pub node: Option<usize>,
     /// Index of its primitive.
     pub primitive: usize,
     /// Index of a triangle of the piece in the document's primitive.
@@ -59,29 +62,44 @@ pub(crate) fn can_cut(document: &Document, mesh: &Item) -> bool {
 /// Applies the cuts whose meshes exist and [`can_cut`]. A primitive keeps the parts on the first
 /// side of each line; the others become a new primitive after all those of its mesh.
 pub(crate) fn apply(document: &mut Document, cuts: &[Cut]) -> Outcome<()> {
-    let mut of_mesh: BTreeMap<usize, Vec<&Cut>> = BTreeMap::new();
+    let mut of_mesh: BTreeMap<(usize, Option<usize>), Vec<&Cut>> = BTreeMap::new();
     for cut in cuts {
-        of_mesh.entry(cut.mesh).or_default().push(cut);
+        of_mesh.entry((cut.mesh, cut.node)).or_default().push(cut);
     }
     let mut added = Added::new(document)?;
-    let mut changed: Vec<(usize, Vec<Value>)> = Vec::new();
-    for (mesh, cuts) in of_mesh {
+    let mut changed: Vec<(usize, Option<usize>, Vec<Value>)> = Vec::new();
+    for ((mesh, node), cuts) in of_mesh {
         // The document may be another one than when the cuts were chosen.
         let Ok(item) = document.root().element("meshes", mesh) else {
             continue;
         };
-        if can_cut(document, &item) {
-            changed.push((mesh, cut_mesh(document, &item, &cuts, &mut added)?));
+        let has_it = |node| document.json()["nodes"][node]["mesh"].as_u64() == Some(mesh as u64);
+        if can_cut(document, &item) && node.is_none_or(has_it) {
+            changed.push((mesh, node, cut_mesh(document, &item, &cuts, &mut added)?));
         }
     }
     if changed.is_empty() {
         return Ok(());
     }
     added.finish(document, Vec::new());
-    for (mesh, primitives) in changed {
-        document.json_mut()["meshes"][mesh]["primitives"] = Value::Array(primitives);
+    let json = document.json_mut();
+    for (mesh, node, primitives) in changed {
+        let mut to = mesh;
+        if let Some(node) = node {
+            let copy = json["meshes"][mesh].clone();
+            to = push(&mut json["meshes"], copy);
+            json["nodes"][node]["mesh"] = json!(to);
+        }
+        json["meshes"][to]["primitives"] = Value::Array(primitives);
     }
     Ok(())
+}
+
+/// Adds an element to a list; returns its index.
+fn push(list: &mut Value, element: Value) -> usize {
+    let list = list.as_array_mut().expect("the list of an element");
+    list.push(element);
+    list.len() - 1
 }
 
 /// The new list of a mesh's primitives.
