@@ -215,3 +215,31 @@ pub(crate) fn each_side(world: &World, solution: &Solution, mut take: impl FnMut
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn side(light: f32) -> Side {
+        Side {
+            light: Vec3::splat(2.0 * light),
+            area: 2.0,
+            ..Side::default()
+        }
+    }
+
+    #[test]
+    fn leaves_that_turn_either_side_to_the_sun_differ() {
+        let piece = |front, back| [side(front), side(back)];
+        let pieces = |all: &[[Side; 2]]| all.iter().copied().enumerate().collect();
+        // As bright on both sides in all.
+        let bush = pieces(&[piece(1.0, 0.2), piece(0.2, 1.0)]);
+        assert!(differ(&bush));
+        let whole = whole(&bush);
+        assert_eq!(whole[0].mean(), whole[1].mean());
+        // Noise of a few per cent.
+        assert!(!differ(&pieces(&[piece(1.0, 0.95), piece(0.95, 1.0)])));
+        // What lies on the ground has no back that anybody sees.
+        assert!(!differ(&pieces(&[[side(1.0), Side::default()]])));
+    }
+}

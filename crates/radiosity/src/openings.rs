@@ -26,12 +26,16 @@ const COLUMNS: usize = 64;
 const SOLID_ANGLE: f32 = 4.0 * PI / (ROWS * COLUMNS) as f32;
 
 /// Edge, in patches, of the cubes whose patches have one set of directions. Smaller ones know fewer
-/// directions: with 8 and 4, rooms have 1.05 and 1.4 times the error (lab/unseen_levels.md).
+/// directions: with 8, a room has 1.1 times the error at `quick` (lab/unseen_levels.md).
 const CUBE: f32 = 16.0;
 
-/// Patches with a larger share of their rays in the sky are outdoors. Their rays find it often
-/// enough, and their directions would hide the windows of a room in the same cube.
+/// Patches with a larger share of their rays in the sky are outdoors. Their directions would hide
+/// the windows of a room in the same cube.
 const OUTDOORS: f32 = 0.4;
+
+/// Patches with a larger share find the sky so often that their rays, which are well distributed,
+/// know its light better without shadow rays.
+const SELDOM: f32 = 1.0 / 16.0;
 
 /// Fewer rays say too little about directions.
 const LEAST: usize = 8;
@@ -84,7 +88,8 @@ impl Openings {
             return Openings::default();
         }
         let n = cut.patches().len();
-        let outdoors = (OUTDOORS * links.rays as f32) as usize;
+        let [outdoors, seldom] =
+            [OUTDOORS, SELDOM].map(|share| (share * links.rays as f32) as usize);
         let light = |d: Vec3| (number(d), luminance(world.sky.radiance(d)));
         let mut cubes: BTreeMap<(i32, [i32; 3]), Cube> = BTreeMap::new();
         for first in (0..n).step_by(BLOCK) {
@@ -99,7 +104,9 @@ impl Openings {
                 .collect();
             for (p, found) in found {
                 let cube = cubes.entry(cube_of(world, cut, p)).or_default();
-                cube.patches.push(p as u32);
+                if found.len() <= seldom {
+                    cube.patches.push(p as u32);
+                }
                 cube.escaped += found.len();
                 for (number, light) in found {
                     *cube.light.entry(number).or_default() += light;
@@ -119,7 +126,7 @@ impl Openings {
             let all: f32 = cube.light.values().sum();
             let kept = || (cube.light.iter()).filter(|(_, light)| **light > SMALL * all);
             let total: f32 = kept().map(|(_, light)| light).sum();
-            if cube.escaped < LEAST || total <= 0.0 {
+            if cube.patches.is_empty() || cube.escaped < LEAST || total <= 0.0 {
                 continue;
             }
             let set = (out.starts.len() - 1) as u32;
@@ -134,7 +141,8 @@ impl Openings {
         out
     }
 
-    /// The directions of the sky from a patch; `None` if it sees all of it or none.
+    /// The directions of the sky from near a patch; `None` if its own rays find the sky often, or
+    /// none of its neighbours' do.
     #[inline]
     pub fn of(&self, patch: PatchId) -> Option<Opening<'_>> {
         let set = *self.of_patch.get(patch.0 as usize)?;

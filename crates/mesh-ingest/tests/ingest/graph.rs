@@ -1,7 +1,7 @@
 //! Nodes, instances, lights.
 
 use glam::{DVec3, Vec3};
-use mesh_ingest::{Error, LeftOutReason, LightKind, LoadOptions, Soup};
+use mesh_ingest::{Cut, Error, LeftOutReason, LightKind, LoadOptions, Soup};
 use serde_json::json;
 
 use super::build::{Doc, UNIT, load_bytes, paths};
@@ -309,5 +309,47 @@ fn lights_stand_where_their_nodes_do() {
         "lights.unknown_type",
     ] {
         assert_eq!(loaded.report.counts[key], 1, "{key}");
+    }
+}
+
+/// Of two nodes with one mesh, the second is cut: it gets a copy with two primitives.
+#[test]
+fn a_node_that_shares_its_mesh_is_cut_alone() {
+    let mut doc = Doc::with_triangles(&UNIT);
+    let material = doc.push("materials", json!({}));
+    doc.json["meshes"][0]["primitives"][0]["material"] = json!(material);
+    let other = doc.root(json!({"mesh": 0, "translation": [5, 0, 0]}));
+    let cut = Cut {
+        mesh: 0,
+        node: Some(other),
+        primitive: 0,
+        triangle: 0,
+        normal: [1.0, 0.0, 0.0],
+        offset: 0.25,
+    };
+    let with = |cuts| LoadOptions {
+        cuts,
+        ..LoadOptions::default()
+    };
+    let loaded = load_bytes(&doc.glb(), &with(vec![cut])).unwrap();
+    let json = loaded.document.json();
+    assert_eq!(json["nodes"][other]["mesh"], json!(1));
+    assert_eq!(json["nodes"][0]["mesh"], json!(0));
+    let primitives = |mesh: usize| json["meshes"][mesh]["primitives"].as_array().unwrap().len();
+    assert_eq!([primitives(0), primitives(1)], [1, 2]);
+    // The parts are the whole.
+    let areas = |scene| -> f32 { Soup::build(scene).areas.iter().sum() };
+    let plain = doc.load().unwrap().scene;
+    assert!((areas(&loaded.scene) - areas(&plain)).abs() < 1e-6);
+
+    // Of another mesh, or a node that is not there, nothing is cut.
+    for node in [other + 1, 99] {
+        let elsewhere = Cut {
+            node: Some(node),
+            ..cut
+        };
+        let loaded = load_bytes(&doc.glb(), &with(vec![elsewhere])).unwrap();
+        let meshes = loaded.document.json()["meshes"].as_array().map(Vec::len);
+        assert_eq!(meshes, Some(1));
     }
 }
