@@ -12,10 +12,7 @@ use crate::points::Sampling;
 /// Index of the set of random numbers for drawing directions.
 const SET: u32 = 59;
 
-/// Shadow rays from each point.
-const EACH: u32 = 1;
-
-/// Shadow rays from the points of a footprint to the sky.
+/// A shadow ray to the sky from each point of a footprint.
 #[derive(Clone, Copy)]
 pub(crate) struct SkyRays<'o> {
     opening: Opening<'o>,
@@ -40,18 +37,19 @@ impl<'o> SkyRays<'o> {
         })
     }
 
-    /// Densities of gathering and of shadow rays in a direction, times the numbers of these rays.
-    fn densities(&self, cos: f32, density: f32) -> [f32; 2] {
-        [self.rays * cos * FRAC_1_PI, EACH as f32 * density]
+    /// Density of a point's gathering rays per solid angle: their number times cos/π.
+    fn gathering(&self, cos: f32) -> f32 {
+        self.rays * cos * FRAC_1_PI
     }
 
     /// Share of the sky that a gathering ray finds and that counts.
     pub(crate) fn kept(&self, direction: Vec3, cos: f32) -> f32 {
-        let [gathering, shadow] = self.densities(cos, self.opening.density(direction));
-        gathering / (gathering + shadow).max(f32::MIN_POSITIVE)
+        let gathering = self.gathering(cos);
+        let all = gathering + self.opening.density(direction);
+        gathering / all.max(f32::MIN_POSITIVE)
     }
 
-    /// Adds the sky's light at point `k` of the footprint; returns the number of rays.
+    /// Adds the sky's light that the shadow ray of point `k` finds; returns the number of rays.
     pub(crate) fn reach(
         &self,
         world: &World,
@@ -60,20 +58,15 @@ impl<'o> SkyRays<'o> {
         sum: &mut Point,
         planes: &mut PlaneSums,
     ) -> u32 {
-        let mut rays = 0;
-        for i in k * EACH..(k + 1) * EACH {
-            let s = sample_4d(i, SET, self.seed);
-            let (direction, density) = self.opening.draw(s[0], s[1]);
-            let cos = p.normal.dot(direction);
-            if cos <= 0.0 || p.geometric.dot(direction) <= 0.0 {
-                continue;
-            }
-            rays += 1;
-            let (Incoming::Escaped, tint) = world.incoming(p.origin, direction) else {
-                continue;
-            };
-            let [gathering, shadow] = self.densities(cos, density);
-            let light = world.sky.radiance(direction) * tint * (cos / (gathering + shadow));
+        let s = sample_4d(k, SET, self.seed);
+        let (direction, density) = self.opening.draw(s[0], s[1]);
+        let cos = p.normal.dot(direction);
+        if cos <= 0.0 || p.geometric.dot(direction) <= 0.0 {
+            return 0;
+        }
+        if let (Incoming::Escaped, tint) = world.incoming(p.origin, direction) {
+            let all = self.gathering(cos) + density;
+            let light = world.sky.radiance(direction) * tint * (cos / all);
             sum.from_lit += light;
             if !planes.is_empty() {
                 if let Some(part) = planes.of_ray.get_mut(world.sky_group()) {
@@ -82,6 +75,6 @@ impl<'o> SkyRays<'o> {
                 planes.add_lit(light, direction, cos);
             }
         }
-        rays
+        1
     }
 }

@@ -136,6 +136,7 @@ pub(crate) fn wanted(
     }
     let points = visible_points(solution, world, &lines);
     let uses = uses(&loaded.scene);
+    let copies = copies(world, &lumels);
     let mut cuts = Vec::new();
     for (region, mut of_region) in lines {
         of_region.retain(|line| {
@@ -146,15 +147,24 @@ pub(crate) fn wanted(
         of_region.truncate(MOST_LINES);
         for line in &of_region {
             // What coincides is cut alike, or it would coincide no more.
-            let copies = (world.soup.duplicates.iter())
-                .filter(|d| d.kept == line.triangle && lumels[d.source.instance as usize].is_some())
-                .map(|d| d.source);
             let own = world.soup.sources[line.triangle as usize];
-            let sources = std::iter::once(own).chain(copies);
+            let copies = copies.get(&line.triangle).into_iter().flatten();
+            let sources = std::iter::once(own).chain(copies.copied());
             cuts.extend(sources.map(|source| in_mesh(&loaded.scene, &uses, line, source)));
         }
     }
     cuts
+}
+
+/// By triangle, those that coincide with it, of meshes that can be cut.
+fn copies(world: &World, lumels: &[Option<f32>]) -> BTreeMap<u32, Vec<TriangleSource>> {
+    let mut copies: BTreeMap<u32, Vec<TriangleSource>> = BTreeMap::new();
+    for d in &world.soup.duplicates {
+        if lumels[d.source.instance as usize].is_some() {
+            copies.entry(d.kept).or_default().push(d.source);
+        }
+    }
+    copies
 }
 
 /// Thin walls with different light on their two sides, pair by pair of neighbouring elements.

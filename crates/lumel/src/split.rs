@@ -110,13 +110,12 @@ pub(crate) fn wanted(
 fn seen_from_both_sides(world: &World, solution: &Solution) -> BTreeSet<(u32, u32)> {
     let mut pieces: BTreeMap<(u32, u32), BTreeMap<usize, [Side; 2]>> = BTreeMap::new();
     each_side(world, solution, |patch| {
-        let Some(region) = solution
-            .cut
-            .region_of(patch.triangle)
-            .filter(|_| !patch.hidden)
-        else {
+        let Some(region) = solution.cut.region_of(patch.triangle) else {
             return;
         };
+        if patch.hidden {
+            return;
+        }
         let of = &mut pieces
             .entry((patch.source.instance, patch.source.primitive))
             .or_default()
