@@ -361,7 +361,8 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
         cut_charts: false,
         ..at(8.0)
     };
-    let b = bake(&lit(&parts, lamp), &settings);
+    let glb = lit(&parts, lamp);
+    let b = bake(&glb, &settings);
     let report = b.report.gather.vertices.expect("vertices were baked");
     assert!(report.read > report.gathered, "{report:?}");
     let light = light_of(&b, 0);
@@ -384,6 +385,21 @@ fn vertices_beside_a_wall_do_not_read_the_light_beyond() {
     }
     assert!(dark > 31 * 65 && lit == 3 * 65, "{dark} {lit}");
     assert!(light_of(&b, 1).iter().all(|e| *e < 1e-6 * most));
+
+    // The same with cuts, by the vertices' places.
+    let b = bake(&glb, &at(8.0));
+    let primitives = &b.loaded.scene.meshes[b.loaded.scene.instances[0].mesh].primitives;
+    assert!(primitives.len() > parts.len());
+    let mut dark = 0;
+    for (k, primitive) in primitives.iter().enumerate() {
+        for (p, e) in primitive.positions.iter().zip(light_of(&b, k)) {
+            if p.y == 0.0 && p.x < -0.02 {
+                assert!(e < 1e-6 * most, "{p} {e} of {most}");
+                dark += 1;
+            }
+        }
+    }
+    assert!(dark > 31 * 65, "{dark}");
 }
 
 #[test]
