@@ -1,7 +1,7 @@
 //! The dark regions of the leak suite are dark, except for lumels that they share with lit ones.
 //!
 //! A lumel that a wall cuts holds the light of one of its sides, and a lumel in a wall is read from
-//! both, unless charts are cut under the wall. Small things, instances and curved walls get no cuts;
+//! both, unless charts are cut under the wall. Curved walls and the smallest things get no cuts;
 //! light is visible in the dark up to one and a half lumels from those. Anything deeper is exactly
 //! 0.
 //!
@@ -357,6 +357,28 @@ fn cuts_leave_meshes_closed() {
     let [without, with] = [false, true].map(|cut| bake(&maze, Quality::Draft, cut).0);
     assert!(with.triangles.len() > without.triangles.len());
     assert_eq!(open_edges(&with), open_edges(&without));
+}
+
+/// Where two modules of a kit meet, both have a pillar, half in a wall. They share their mesh with
+/// all other pillars.
+#[test]
+fn what_coincides_is_cut_alike() {
+    let made = level(Family::Kit, 138, Size::Small);
+    let coincident = |cut_charts| {
+        let settings = Settings {
+            quality: Quality::Draft,
+            cut_charts,
+            sky: SkySource::Color([0.7, 0.9, 1.1]),
+            ..at(10.0)
+        };
+        let bake = crate::common::bake(&made.glb, &settings);
+        let meshes = bake.loaded.scene.meshes.len();
+        (meshes, bake.report.dropped_triangles[1])
+    };
+    let ((shared, before), (own, after)) = (coincident(false), coincident(true));
+    assert!(own > shared, "{own} meshes, {shared} without cuts");
+    // Each was divided, or none of their parts would coincide.
+    assert!(after > before && before > 0, "{after} {before}");
 }
 
 /// Length of the edges that belong to one triangle of their node only, in tenths of a millimetre.
