@@ -233,9 +233,12 @@ fn what_is_damaged_or_does_not_belong_is_refused() {
 
     // A work folder of another version.
     let text = fs::read_to_string(work.join("work.json")).expect("it is there");
-    let other = text.replace("\"format\": 1", "\"format\": 2");
-    write(work.join("work.json"), other);
-    refused(gather(&work, "1/3"), &["format 2", "solve again"]);
+    let mut other: serde_json::Value = serde_json::from_str(&text).expect("it is JSON");
+    let format = other["format"].as_u64().expect("a number") + 1;
+    other["format"] = format.into();
+    write(work.join("work.json"), other.to_string());
+    let found = format!("format {format}");
+    refused(gather(&work, "1/3"), &[&found, "solve again"]);
     write(work.join("work.json"), text);
 
     // A shard of another solution.
