@@ -5,6 +5,7 @@ subpixels s with the bilinear weights w that the lookup has, R from the truth's 
 gradients on the normal equations.  It depends on nothing but the atlas and the truth.
 """
 import numpy as np
+from scipy.sparse import csr_array
 
 from . import score, view
 from .truth import SIDE
@@ -14,26 +15,19 @@ STEPS = 24
 
 def fit(texels, weights, value, count, pull):
     """texels [n, 4], weights [n, 4], value [n, 3], pull [n] -> x [count, 3]"""
-    w = weights * pull[:, None]
-
-    def back(r):
-        out = np.empty((count, 3))
-        for c in range(3):
-            out[:, c] = np.bincount(texels.ravel(), (w * r[:, c:c + 1]).ravel(), count)
-        return out
-    forward = lambda x: (w[..., None] * x[texels]).sum(1)       # noqa: E731
-    target = value * pull[:, None]
-    weight = np.bincount(texels.ravel(), weights.ravel(), count)[:, None]
-    x = np.empty((count, 3))
-    for c in range(3):
-        x[:, c] = np.bincount(texels.ravel(), (weights * value[:, c:c + 1]).ravel(), count)
-    x /= np.maximum(weight, 1e-12)                  # start: the mean of what looks at the texel
-    r = back(target - forward(x))
+    rows = np.repeat(np.arange(len(texels)), texels.shape[1])
+    matrix = lambda w: csr_array((w.ravel(), (rows, texels.ravel())),       # noqa: E731
+                                 shape=(len(texels), count))
+    lookups, a = matrix(weights), matrix(weights * pull[:, None])
+    back = a.T.tocsr()
+    # Start: the mean of what looks at the texel.
+    x = lookups.T @ value / np.maximum(lookups.sum(0), 1e-12)[:, None]
+    r = back @ (value * pull[:, None] - a @ x)
     p, rr = r.copy(), (r * r).sum(0)
     for _ in range(STEPS):
-        q = forward(p)
+        q = a @ p
         step = rr / np.maximum((q * q).sum(0), 1e-30)
-        x, r = x + step * p, r - step * back(q)
+        x, r = x + step * p, r - step * (back @ q)
         new = (r * r).sum(0)
         p, rr = r + new / np.maximum(rr, 1e-30) * p, new
     return np.maximum(x, 0)
