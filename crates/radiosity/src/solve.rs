@@ -79,7 +79,6 @@ pub fn solve(
         buried,
         walled,
     } = divide(world, options);
-    let n = cut.patches().len();
     let mut report = SolveReport {
         subdivision: cut.stats(),
         buried_elements: buried,
@@ -88,131 +87,71 @@ pub fn solve(
         emitters: emitters.len(),
         ..SolveReport::default()
     };
-    let ElementLight {
-        direct,
-        groups: direct_groups,
-        rays,
-        finished,
-    } = direct_light(world, emitters, &cut, &options.direct, monitor);
-    report.shadow_rays = rays;
-    report.cancelled = !finished;
+    let light = direct_light(world, emitters, &cut, &options.direct, monitor);
+    report.shadow_rays = light.rays;
+    report.cancelled = !light.finished;
     let reflectance = element_reflectance(world, &cut);
-    let surfaces = PatchSurfaces::average(&cut, &reflectance, &direct);
     let groups = world.group_count();
-    // Radiosity from each group's direct light, if groups are separate.
-    let by_group: Vec<PatchSurfaces> = (0..if groups > 1 { groups } else { 0 })
-        .map(|g| {
-            let own: Vec<Vec3> = direct_groups
-                .iter()
-                .skip(g)
-                .step_by(groups)
-                .copied()
-                .collect();
-            PatchSurfaces::average(&cut, &reflectance, &own)
-        })
-        .collect();
-
-    // Links take 4 bytes per ray.
-    let affordable = (options.link_bytes / (4 * n.max(1) as u64)).min(u32::MAX as u64) as u32;
-    let most = if world.is_dark() {
-        FIRST_PASS // for the row sums; there is no light to distribute
-    } else {
-        options.rays.min(affordable).max(FIRST_PASS)
-    };
-    let lit = LitScene {
+    let surfaces = PatchSurfaces::average(&cut, &reflectance, &light.direct);
+    let by_group = light.surfaces_by_group(&cut, &reflectance, groups);
+    let rays = rays_per_patch(world, cut.patches().len(), options);
+    let first_bounce = FirstBounce::sample(
+        &LitScene {
+            world,
+            cut: &cut,
+            reflectance: &reflectance,
+            direct: &light.direct,
+            by_group: &light.groups,
+            groups,
+        },
+        rays,
+        monitor,
+    );
+    let bounces = Bounces {
         world,
         cut: &cut,
-        reflectance: &reflectance,
-        direct: &direct,
-        by_group: &direct_groups,
-        groups,
+        surfaces: &surfaces,
+        by_group: &by_group,
+        first: &first_bounce,
+        most: rays,
+        relax: options.relax,
     };
-    let first_bounce = FirstBounce::sample(&lit, most, monitor);
-    let mut links = Links::of(world, n, most);
-    let mut of_groups = vec![vec![DVec3::ZERO; n]; groups];
-    let mut rays = FIRST_PASS.min(most);
-    while !report.cancelled {
-        if let Err(Cancelled) = links.extend(world, &cut, rays, monitor) {
-            report.cancelled = true;
-            break;
-        }
-        let mut relaxation: Option<RelaxReport> = None;
-        let mut relax = options.relax;
-        if rays < most {
-            relax.tolerance = relax.tolerance.max(EARLY);
-        }
-        for (g, indirect) in of_groups.iter_mut().enumerate() {
-            let direct = &by_group.get(g).unwrap_or(&surfaces).direct_radiosity;
-            let source: Vec<DVec3> = (0..n)
-                .into_par_iter()
-                .map(|i| {
-                    // Earlier passes are only a starting point.
-                    let reflected = match rays == most {
-                        true => first_bounce.gather(&links, i, g, direct),
-                        false => links.gather(i, direct) / f64::from(links.rays),
-                    };
-                    reflected + links.source(i, g).as_dvec3()
-                })
-                .collect();
-            let system = System {
-                links: &links,
-                reflectance: &surfaces.reflectance,
-                area: &surfaces.area,
-                source: &source,
-            };
-            let mut one = system.relax(indirect, &relax, monitor);
-            one.converged = one.residual <= options.relax.tolerance;
-            let steps = one.steps.iter().map(|&step| SolveStep { rays, step });
-            report.history.extend(steps);
-            relaxation = Some(match relaxation {
-                None => one,
-                Some(all) => all.and(&one),
-            });
-        }
-        report.relaxation = relaxation.unwrap_or_default();
-        report.cancelled = monitor.cancelled();
-        if rays == most {
-            break;
-        }
-        rays = (rays * 4).min(most);
-    }
+    let (links, of_groups) = bounces.solve(&mut report, monitor);
     let indirect: Vec<DVec3> = match &of_groups[..] {
         [one] => one.clone(),
-        all => (0..n).map(|i| all.iter().map(|g| g[i]).sum()).collect(),
+        all => (0..links.patches)
+            .map(|i| all.iter().map(|g| g[i]).sum())
+            .collect(),
     };
     let openings = Openings::find(world, &cut, &links);
     report.rays_per_patch = links.rays;
-    report.link_rays = links.rays as u64 * n as u64;
+    report.link_rays = u64::from(links.rays) * links.patches as u64;
     report.bytes = links.bytes()
         + openings.bytes()
         + first_bounce.bytes()
         + report.subdivision.bytes
         + (cut.elements().len() * size_of::<Afar>()) as u64
-        + ((direct.len() + reflectance.len() + direct_groups.len()) * size_of::<Vec3>()) as u64;
+        + ((light.direct.len() + reflectance.len() + light.groups.len()) * size_of::<Vec3>())
+            as u64;
     report.audit = audit(
         world,
         &cut,
         &links,
         &surfaces,
-        &direct,
+        &light.direct,
         &indirect,
         &report.relaxation,
     );
     let rough = match options.resample {
-        true => find_rough(&cut, &direct),
-        false => vec![false; n],
+        true => find_rough(&cut, &light.direct),
+        false => vec![false; links.patches],
     };
     report.rough_patches = rough.iter().filter(|r| **r).count() as u64;
-    let interleave = |of: &dyn Fn(usize, usize) -> Vec3| -> Vec<Vec3> {
-        (0..n * groups)
-            .map(|k| of(k / groups, k % groups))
-            .collect()
-    };
     let groups = (groups > 1).then(|| GroupLight {
         count: groups,
-        direct: direct_groups,
-        direct_mean: interleave(&|i, g| by_group[g].direct[i].as_vec3()),
-        indirect: interleave(&|i, g| of_groups[g][i].as_vec3()),
+        direct: light.groups,
+        direct_mean: interleave(&by_group, links.patches, |g, i| g.direct[i].as_vec3()),
+        indirect: interleave(&of_groups, links.patches, |g, i| g[i].as_vec3()),
     });
     let mut solution = Solution {
         openings,
@@ -221,13 +160,126 @@ pub fn solve(
         afar: Vec::new(),
         indirect: indirect.iter().map(|e| e.as_vec3()).collect(),
         cut,
-        direct,
+        direct: light.direct,
         reflectance,
         rough,
         report,
     };
     solution.refresh(world);
     solution
+}
+
+/// Rays that each patch gets in the last pass.
+fn rays_per_patch(world: &World, patches: usize, options: &SolveOptions) -> u32 {
+    // Links take 4 bytes per ray.
+    let affordable = options.link_bytes / (4 * patches.max(1) as u64);
+    if world.is_dark() {
+        FIRST_PASS // for the row sums; there is no light to distribute
+    } else {
+        options
+            .rays
+            .min(affordable.min(u64::from(u32::MAX)) as u32)
+            .max(FIRST_PASS)
+    }
+}
+
+/// Values by patch, then by group, of values by group.
+fn interleave<G>(groups: &[G], patches: usize, value: impl Fn(&G, usize) -> Vec3) -> Vec<Vec3> {
+    let n = groups.len();
+    (0..patches * n)
+        .map(|k| value(&groups[k % n], k / n))
+        .collect()
+}
+
+/// What light does after it has arrived: the passes of the solve.
+struct Bounces<'s> {
+    world: &'s World<'s>,
+    cut: &'s Subdivision,
+    surfaces: &'s PatchSurfaces,
+    /// The same with the light of each group alone, if groups are separate.
+    by_group: &'s [PatchSurfaces],
+    first: &'s FirstBounce,
+    /// Rays per patch in the last pass.
+    most: u32,
+    relax: RelaxOptions,
+}
+
+impl Bounces<'_> {
+    /// Irradiance by reflected light and by the sky, by group and patch; and the links of the last
+    /// pass.
+    fn solve(&self, report: &mut SolveReport, monitor: &dyn Monitor) -> (Links, Vec<Vec<DVec3>>) {
+        let patches = self.cut.patches().len();
+        let mut links = Links::of(self.world, patches, self.most);
+        let mut of_groups = vec![vec![DVec3::ZERO; patches]; self.world.group_count()];
+        let mut rays = FIRST_PASS.min(self.most);
+        while !report.cancelled {
+            if let Err(Cancelled) = links.extend(self.world, self.cut, rays, monitor) {
+                report.cancelled = true;
+                break;
+            }
+            report.relaxation = self.pass(&links, &mut of_groups, &mut report.history, monitor);
+            report.cancelled = monitor.cancelled();
+            if rays == self.most {
+                break;
+            }
+            rays = (rays * 4).min(self.most);
+        }
+        (links, of_groups)
+    }
+
+    /// Relaxes the light of each group on the links so far, starting from the pass before.
+    fn pass(
+        &self,
+        links: &Links,
+        of_groups: &mut [Vec<DVec3>],
+        history: &mut Vec<SolveStep>,
+        monitor: &dyn Monitor,
+    ) -> RelaxReport {
+        let mut relax = self.relax;
+        if links.rays < self.most {
+            relax.tolerance = relax.tolerance.max(EARLY);
+        }
+        let mut all: Option<RelaxReport> = None;
+        for (g, indirect) in of_groups.iter_mut().enumerate() {
+            let source = self.source(links, g);
+            let system = System {
+                links,
+                reflectance: &self.surfaces.reflectance,
+                area: &self.surfaces.area,
+                source: &source,
+            };
+            let mut one = system.relax(indirect, &relax, monitor);
+            one.converged = one.residual <= self.relax.tolerance;
+            let rays = links.rays;
+            history.extend(one.steps.iter().map(|&step| SolveStep { rays, step }));
+            all = Some(match all {
+                None => one,
+                Some(all) => all.and(&one),
+            });
+        }
+        all.unwrap_or_default()
+    }
+
+    /// Irradiance of each patch by a group's light that was reflected once, and by its sky and
+    /// gathered emission.
+    fn source(&self, links: &Links, group: usize) -> Vec<DVec3> {
+        let direct = &self
+            .by_group
+            .get(group)
+            .unwrap_or(self.surfaces)
+            .direct_radiosity;
+        (0..links.patches)
+            .into_par_iter()
+            .map(|i| {
+                // Earlier passes are only a starting point.
+                let reflected = match links.rays == self.most {
+                    true => self.first.gather(links, i, group, direct),
+                    false => links.gather(i, direct) / f64::from(links.rays),
+                };
+                reflected + links.source(i, group).as_dvec3()
+            })
+            .collect()
+    }
 }
 
 /// A scene divided into patches and elements.
@@ -453,6 +505,24 @@ struct ElementLight {
     /// Number of shadow rays.
     rays: u64,
     finished: bool,
+}
+
+impl ElementLight {
+    /// What patches have of each group's light, if groups are separate.
+    fn surfaces_by_group(
+        &self,
+        cut: &Subdivision,
+        reflectance: &[Vec3],
+        groups: usize,
+    ) -> Vec<PatchSurfaces> {
+        (0..if groups > 1 { groups } else { 0 })
+            .map(|g| {
+                let own: Vec<Vec3> =
+                    (self.groups.iter().skip(g).step_by(groups).copied()).collect();
+                PatchSurfaces::average(cut, reflectance, &own)
+            })
+            .collect()
+    }
 }
 
 /// Direct irradiance of every element.
