@@ -23,7 +23,8 @@ def column(rows, key):
 def cell(rows, key, factor, form):
     """mean (maximum), and what the best lightmap of that atlas has"""
     x = column(rows, key) * factor
-    if np.isnan(x).all():
+    x = x[~np.isnan(x)]                             # blotches need a flat open surface
+    if not len(x):
         return "–"
     return (form + " (" + form + ")") % (x.mean(), x.max())
 
