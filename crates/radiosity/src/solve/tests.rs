@@ -573,3 +573,11 @@ fn lamps_seen_in_part_are_neither_too_bright_nor_too_dark_on_average() {
     assert!((few / exact - 1.0).abs() < 0.003, "{few} {exact}");
     assert!(adaptive / exact - 1.0 > 0.03, "{adaptive} {exact}");
 }
+
+#[test]
+fn light_of_groups_is_by_patch_then_by_group() {
+    let groups = [[1.0, 2.0, 3.0], [10.0, 20.0, 30.0]];
+    let all = interleave(&groups, 3, |group, patch| Vec3::splat(group[patch]));
+    let expected = [1.0, 10.0, 2.0, 20.0, 3.0, 30.0].map(Vec3::splat);
+    assert_eq!(all, expected);
+}
