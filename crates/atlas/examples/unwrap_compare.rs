@@ -4,7 +4,7 @@
 //! cargo run --release -p lumel-atlas --example unwrap_compare -- FOLDER    # every .glb and .gltf below
 //! cargo run --release -p lumel-atlas --example unwrap_compare -- --hard    # the meshes of tests/nasty.rs
 //! ```
-//! Options: `--only xatlas|uvunwrap|box`, `--texels-per-unit X`, `--density X` (times the default).
+//! Options: `--only xatlas|unroll|box`, `--texels-per-unit X`, `--density X` (times the default).
 //!
 //! Columns: charts; area relative to page area (rectangles of all instances); L² stretch
 //! (area-weighted mean over meshes); texels under two charts; inverted triangles; slits (length of
@@ -29,7 +29,7 @@ use mesh_ingest::{Instance, LoadOptions, Material, Mesh, Primitive, Scene, Soup}
 mod nasty;
 
 fn main() {
-    let mut choices = vec![UnwrapperChoice::UvUnwrap, UnwrapperChoice::Xatlas];
+    let mut choices = vec![UnwrapperChoice::Unroll, UnwrapperChoice::Xatlas];
     let mut texels_per_unit = None;
     let mut density = 1.0;
     let mut scenes: Vec<(String, Scene)> = Vec::new();
@@ -41,7 +41,7 @@ fn main() {
                 choices = vec![match arguments.next().as_deref() {
                     Some("xatlas") => UnwrapperChoice::Xatlas,
                     Some("box") => UnwrapperChoice::Box,
-                    _ => UnwrapperChoice::UvUnwrap,
+                    _ => UnwrapperChoice::Unroll,
                 }];
             }
             "--texels-per-unit" => texels_per_unit = arguments.next().and_then(|x| x.parse().ok()),

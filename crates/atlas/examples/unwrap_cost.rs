@@ -16,7 +16,7 @@ fn main() {
     let unwrapper = match arguments.first().map(String::as_str) {
         Some("xatlas") => UnwrapperChoice::Xatlas,
         Some("box") => UnwrapperChoice::Box,
-        _ => UnwrapperChoice::UvUnwrap,
+        _ => UnwrapperChoice::Unroll,
     };
     let number = |k: usize, or: usize| arguments.get(k).and_then(|x| x.parse().ok()).unwrap_or(or);
     let (mut n, last) = (number(1, 1000), number(2, 64_000));

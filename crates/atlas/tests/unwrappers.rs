@@ -8,7 +8,7 @@ use glam::Vec3;
 #[test]
 fn every_unwrapper_keeps_what_the_trait_promises() {
     let all = [
-        UnwrapperChoice::UvUnwrap,
+        UnwrapperChoice::Unroll,
         UnwrapperChoice::Xatlas,
         UnwrapperChoice::Box,
     ];
@@ -56,8 +56,8 @@ fn xatlas_refuses_what_it_would_choke_on_and_another_takes_over() {
             ..LayoutOptions::default()
         };
         let (_, report) = layout(&case.0, &case.1, &options, &|_| true).expect("a layout");
-        assert_eq!(report.meshes[0].unwrapper, Some("uvunwrap"));
-        let said = format!("xatlas: {what}; uvunwrap used");
+        assert_eq!(report.meshes[0].unwrapper, Some("unroll"));
+        let said = format!("xatlas: {what}; unroll used");
         assert!(report.warnings[0].contains(&said), "{:?}", report.warnings);
     }
 }

@@ -1,14 +1,13 @@
 //! The last resort: projects nearly planar groups of faces on their plane and packs them as
 //! rectangles.
 
-use glam::{DVec2, DVec3, Vec2};
+use glam::{DVec2, DVec3};
 
 use super::charts::Charts;
 use super::finish::finish;
 use super::input::{NONE, UnwrapInput};
-use super::measure::signed_area2;
+use super::unroll::find_overlap;
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
-use crate::overlap::overlap_share;
 
 /// Faces join a group up to this angle from its first face (degrees); stretch stays below 1/cos.
 const GROUP_DEGREES: f64 = 30.0;
@@ -31,6 +30,7 @@ impl Unwrapper for BoxProjection {
         cancel: Cancel<'_>,
     ) -> Result<UnwrappedMesh, UnwrapError> {
         let normals = mesh.face_normals();
+        let lumel = 1.0 / f64::from(options.texels_per_unit);
         let mut groups = group_faces(mesh, &normals);
         if cancel() {
             return Err(UnwrapError::Cancelled);
@@ -39,7 +39,8 @@ impl Unwrapper for BoxProjection {
         let mut single = Vec::new();
         groups.retain(|group| {
             project(mesh, group, normals[group[0] as usize], &mut flat);
-            let keep = group.len() == 1 || !overlaps_itself(group, &flat);
+            let corners: Vec<[DVec2; 3]> = group.iter().map(|&t| flat[t as usize]).collect();
+            let keep = group.len() == 1 || find_overlap(&corners, lumel).is_none();
             if !keep {
                 single.extend(group.iter().map(|&t| vec![t]));
             }
@@ -123,25 +124,4 @@ fn project(mesh: &UnwrapInput, group: &[u32], normal: DVec3, flat: &mut [[DVec2;
             *p -= low;
         }
     }
-}
-
-/// Whether a projected group overlaps itself, tested on a grid of about four cells per triangle.
-fn overlaps_itself(group: &[u32], flat: &[[DVec2; 3]]) -> bool {
-    let mut high = DVec2::ZERO;
-    for &t in group {
-        for p in flat[t as usize] {
-            high = high.max(p);
-        }
-    }
-    let cells = (group.len() as f64 * 4.0).sqrt().clamp(16.0, 2048.0);
-    let scale = cells / high.max_element().max(f64::MIN_POSITIVE);
-    let corners: Vec<[Vec2; 3]> = group
-        .iter()
-        .map(|&t| flat[t as usize].map(|p| (p * scale).as_vec2()))
-        .collect();
-    if corners.iter().any(|c| signed_area2(c) < 0.0) {
-        return true;
-    }
-    let size = (high * scale).ceil().max(DVec2::ONE).as_uvec2();
-    overlap_share(&corners, size.to_array()) > 0.0
 }

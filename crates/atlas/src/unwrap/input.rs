@@ -36,14 +36,6 @@ pub struct UnwrapInput {
     /// `[t][k]`: the triangle across the edge from corner k to k+1, or `u32::MAX`. At a
     /// non-manifold edge the pairs with the smoothest continuation are neighbours.
     pub neighbors: Vec<[u32; 3]>,
-    /// Layer of each triangle. Regions that meet at an edge of more than two triangles (e.g. a
-    /// sheet and its modelled back) are in different layers, so that edges within a layer have two
-    /// triangles if possible.
-    pub layer: Vec<u32>,
-    /// Number of layers.
-    pub layers: u32,
-    /// Number of regions bounded by seams, which is a lower bound of the number of charts.
-    pub regions: u32,
 }
 
 impl UnwrapInput {
@@ -74,7 +66,6 @@ impl UnwrapInput {
         }
         let faces = input.face_normals();
         input.connect(&faces, &normals);
-        input.separate_layers();
         input
     }
 
@@ -158,48 +149,6 @@ impl UnwrapInput {
             next += 1;
         }
         (label, next)
-    }
-
-    /// Fills `layer` and `regions`: regions that meet at an edge of more than two triangles get
-    /// different layers.
-    fn separate_layers(&mut self) {
-        let (component, count) = self.components(|t, k| !self.seams[t][k]);
-        self.regions = count;
-        let mut edges: Vec<(u32, u32, u32)> = Vec::new();
-        for (t, corners) in self.triangles.iter().enumerate() {
-            for k in 0..3 {
-                let (a, b) = (corners[k], corners[(k + 1) % 3]);
-                edges.push((a.min(b), a.max(b), component[t]));
-            }
-        }
-        edges.par_sort_unstable();
-        let mut conflicts = Vec::new();
-        for fan in edges.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
-            if fan.len() <= 2 {
-                continue;
-            }
-            // A fan of many regions (pages of a book) would give a quadratic list. Beyond a few,
-            // layers no longer help, and the unwrapper correctly cuts at the edge.
-            for (i, x) in fan.iter().take(8).enumerate() {
-                for y in fan.iter().take(8).skip(i + 1) {
-                    if x.2 != y.2 {
-                        conflicts.push((x.2.max(y.2), x.2.min(y.2)));
-                    }
-                }
-            }
-        }
-        conflicts.par_sort_unstable();
-        conflicts.dedup();
-        // Greedy colouring in the order of the regions, with at most eight layers.
-        let mut color = vec![0u32; count as usize];
-        for list in conflicts.chunk_by(|x, y| x.0 == y.0) {
-            let taken = list
-                .iter()
-                .fold(0u32, |bits, &(_, other)| bits | 1 << color[other as usize]);
-            color[list[0].0 as usize] = (!taken).trailing_zeros().min(7);
-        }
-        self.layers = color.iter().max().map_or(0, |m| m + 1);
-        self.layer = component.iter().map(|&c| color[c as usize]).collect();
     }
 }
 

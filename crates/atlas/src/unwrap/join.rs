@@ -402,9 +402,6 @@ mod tests {
             seams: vec![[false; 3]; 3],
             // From the tip, along the rim, back to the tip.
             neighbors: vec![[2, u32::MAX, 1], [0, u32::MAX, 2], [1, u32::MAX, 0]],
-            layer: vec![0; 3],
-            layers: 1,
-            regions: 1,
         };
         let flat = [
             DVec2::ZERO,

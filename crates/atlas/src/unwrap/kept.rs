@@ -36,21 +36,12 @@ pub(crate) fn key(
         primitive,
         seams,
         neighbors,
-        layer,
-        layers,
-        regions,
     } = mesh;
     let mut h = blake3::Hasher::new();
     h.update(FORM);
     // The debug format prints floats with enough digits to distinguish all values.
     let names: Vec<&str> = unwrappers.iter().map(|u| u.name()).collect();
-    h.update(
-        format!(
-            "{options:?} {names:?} {} {layers} {regions}",
-            positions.len()
-        )
-        .as_bytes(),
-    );
+    h.update(format!("{options:?} {names:?} {}", positions.len()).as_bytes());
     let mut buffer = Vec::with_capacity(1 << 16);
     let words = (positions
         .iter()
@@ -59,7 +50,6 @@ pub(crate) fn key(
     .chain(triangles.iter().flatten().copied())
     .chain(primitive.iter().copied())
     .chain(neighbors.iter().flatten().copied())
-    .chain(layer.iter().copied())
     .chain(seams.iter().flatten().map(|s| u32::from(*s)));
     for word in words {
         buffer.extend_from_slice(&word.to_le_bytes());
@@ -137,9 +127,6 @@ mod tests {
             primitive: vec![0; 2],
             seams: vec![[false; 3]; 2],
             neighbors: vec![[super::super::input::NONE; 3]; 2],
-            layer: vec![0; 2],
-            layers: 1,
-            regions: 1,
         }
     }
 
@@ -190,15 +177,12 @@ mod tests {
     fn every_part_of_the_question_is_in_its_key() {
         let own = key(&square(), &OPTIONS, &[&BoxProjection]);
         assert_eq!(own, key(&square(), &OPTIONS, &[&BoxProjection]));
-        let changes: [fn(&mut UnwrapInput); 8] = [
+        let changes: [fn(&mut UnwrapInput); 5] = [
             |m| m.positions[1].x = 1.5,
             |m| m.triangles[0] = [1, 2, 0],
             |m| m.primitive[1] = 1,
             |m| m.seams[0][2] = true,
             |m| m.neighbors[0][2] = 1,
-            |m| m.layer[1] = 1,
-            |m| m.layers = 2,
-            |m| m.regions = 2,
         ];
         for (k, change) in changes.into_iter().enumerate() {
             let mut mesh = square();
@@ -210,6 +194,6 @@ mod tests {
             ..OPTIONS
         };
         assert_ne!(own, key(&square(), &padded, &[&BoxProjection]));
-        assert_ne!(own, key(&square(), &OPTIONS, &[&super::super::UvUnwrap]));
+        assert_ne!(own, key(&square(), &OPTIONS, &[&super::super::Unroll]));
     }
 }

@@ -1,7 +1,7 @@
 //! Unwrapping: turns a surface in space into flat charts, packed into one rectangle of texels per
 //! mesh.
 //!
-//! [`Unwrapper`] is the interface, implemented by [`UvUnwrap`], [`Xatlas`] and [`BoxProjection`].
+//! [`Unwrapper`] is the interface, implemented by [`Unroll`], [`Xatlas`] and [`BoxProjection`].
 //! [`unwrap_with_fallback`] tries one after the other, so that a mesh always gets charts.
 
 mod boxes;
@@ -16,9 +16,11 @@ mod mask;
 mod measure;
 mod pack_charts;
 mod place;
+mod rigid;
+mod segment;
 mod split;
+mod unroll;
 mod unwrapper;
-mod uvunwrap;
 mod weld;
 mod xatlas;
 
@@ -31,20 +33,20 @@ pub use input::UnwrapInput;
 pub use kept::KeptCharts;
 pub(crate) use measure::weighted_median;
 pub use measure::{ChartMeasure, measure};
+pub use unroll::Unroll;
 use unwrapper::check;
 pub use unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
-pub use uvunwrap::UvUnwrap;
 pub use xatlas::Xatlas;
 
 /// Choice of the unwrapper.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum UnwrapperChoice {
-    /// The one with the best measurements: uvunwrap.
+    /// The one with the best measurements: `Unroll`.
     #[default]
     Auto,
-    /// The `uvunwrap` crate.
-    UvUnwrap,
+    /// Groups of faces within a cone, flattened as rigidly as possible.
+    Unroll,
     /// The `xatlas-rs` crate (xatlas of 2019), with charts packed by Lumel; falls back to others if
     /// it fails.
     Xatlas,
@@ -56,8 +58,8 @@ impl UnwrapperChoice {
     /// The unwrappers to try, in order.
     pub fn candidates(self) -> Vec<&'static dyn Unwrapper> {
         match self {
-            UnwrapperChoice::Auto | UnwrapperChoice::UvUnwrap => vec![&UvUnwrap, &BoxProjection],
-            UnwrapperChoice::Xatlas => vec![&Xatlas, &UvUnwrap, &BoxProjection],
+            UnwrapperChoice::Auto | UnwrapperChoice::Unroll => vec![&Unroll, &BoxProjection],
+            UnwrapperChoice::Xatlas => vec![&Xatlas, &Unroll, &BoxProjection],
             UnwrapperChoice::Box => vec![&BoxProjection],
         }
     }

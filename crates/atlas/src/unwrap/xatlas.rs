@@ -26,8 +26,8 @@ use xatlas_rs as _;
 
 use super::finish::finish;
 use super::input::UnwrapInput;
+use super::unroll::{Proposal, charts_of};
 use super::unwrapper::{Cancel, UnwrapError, UnwrapOptions, UnwrappedMesh, Unwrapper};
-use super::uvunwrap::flatten;
 
 /// Largest mesh given to xatlas: at most a minute at the highest cost measured within the next two
 /// limits, 0.7 ms per triangle (`examples/unwrap_cost.rs`).
@@ -69,12 +69,39 @@ impl Unwrapper for Xatlas {
             return Err(UnwrapError::Failed(format!("more than {PIECES} pieces")));
         }
         let charts = run_guarded(regions, cancel)?;
-        let mut uv = vec![[Vec2::ZERO; 3]; mesh.triangles.len()];
+        let mut uv = vec![None; mesh.triangles.len()];
         for (t, corners) in charts {
-            uv[t as usize] = corners;
+            uv[t as usize] = Some(corners);
         }
-        finish(mesh, flatten(mesh, Some(&uv), cancel)?, options, cancel)
+        let lumel = 1.0 / f64::from(options.texels_per_unit);
+        let charts = charts_of(mesh, islands(mesh, &uv), lumel, cancel)?;
+        finish(mesh, charts, options, cancel)
     }
+}
+
+/// Triangles connected by edges with the same coordinates on both sides, or with none.
+fn islands(mesh: &UnwrapInput, uv: &[Option<[Vec2; 3]>]) -> Vec<Proposal> {
+    let connected = |t: usize, k: usize| {
+        let u = mesh.neighbors[t][k] as usize;
+        let (Some(own), Some(other)) = (uv[t], uv[u]) else {
+            return uv[t].is_none() && uv[u].is_none();
+        };
+        [k, (k + 1) % 3].into_iter().all(|k| {
+            let vertex = mesh.triangles[t][k];
+            (0..3).any(|l| mesh.triangles[u][l] == vertex && other[l] == own[k])
+        })
+    };
+    let (island, count) = mesh.components(|t, k| !mesh.seams[t][k] && connected(t, k));
+    let mut islands: Vec<Proposal> = (0..count).map(|_| (Vec::new(), Some(Vec::new()))).collect();
+    for (t, &island) in island.iter().enumerate() {
+        let (faces, corners) = &mut islands[island as usize];
+        faces.push(t as u32);
+        match (uv[t], &mut *corners) {
+            (Some(uv), Some(corners)) => corners.push(uv.map(|p| p.as_dvec2())),
+            _ => *corners = None,
+        }
+    }
+    islands
 }
 
 /// One region bounded by seams, given to xatlas as a separate mesh, so that no chart crosses a

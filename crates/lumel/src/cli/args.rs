@@ -484,8 +484,8 @@ mirror!(UvArg => UvMode {
     Generate => UvMode::Generate, "Always make charts";
 });
 mirror!(UnwrapperArg => UnwrapperChoice {
-    Auto => UnwrapperChoice::Auto, "uvunwrap";
-    Uvunwrap => UnwrapperChoice::UvUnwrap, "The uvunwrap crate";
+    Auto => UnwrapperChoice::Auto, "unroll";
+    Unroll => UnwrapperChoice::Unroll, "Smooth groups of faces, flattened as rigidly as possible";
     Xatlas => UnwrapperChoice::Xatlas, "The xatlas-rs crate";
     Box => UnwrapperChoice::Box, "Projection along the axes";
 });
