@@ -314,19 +314,38 @@ mod tests {
 
     #[test]
     fn halves_are_connected_and_part_two_faces() {
-        // A strip of 40 triangles, each next to the one before.
-        let none = |i: i64| if (0..40).contains(&i) { i as u32 } else { NONE };
-        let mesh = UnwrapInput {
-            triangles: (0..40).map(|i| [i, i + 1, i + 2]).collect(),
-            neighbors: (0..40).map(|i| [none(i - 1), none(i + 1), NONE]).collect(),
+        // A strip of 40 triangles, each next to the one before; those of odd places come last.
+        let face = |place: i64| {
+            let at = place / 2 + 20 * (place % 2);
+            if (0..40).contains(&place) {
+                at as u32
+            } else {
+                NONE
+            }
+        };
+        let mut mesh = UnwrapInput {
+            triangles: vec![[0, 1, 2]; 40],
+            neighbors: vec![[NONE; 3]; 40],
             seams: vec![[false; 3]; 40],
             ..UnwrapInput::default()
         };
-        let faces: Vec<u32> = (0..40).collect();
-        let [left, right] = halves(&mesh, &faces, Some([10, 21]));
-        assert_eq!((left, right), ((0..16).collect(), (16..40).collect()));
+        for place in 0..40 {
+            mesh.neighbors[face(place) as usize] = [face(place - 1), face(place + 1), NONE];
+        }
+        let part = |places: std::ops::Range<i64>| {
+            let mut faces: Vec<u32> = places.map(face).collect();
+            faces.sort_unstable();
+            faces
+        };
+        let all = part(0..40);
+        let number = |places: [i64; 2]| places.map(|p| face(p) as usize);
+        let [left, right] = halves(&mesh, &all, Some(number([10, 21])));
+        assert_eq!((left, right), (part(0..16), part(16..40)));
         // Between neighbours at the end one half would be a single face.
-        let [left, right] = halves(&mesh, &faces, Some([0, 1]));
-        assert!(left.len() == 20 && right.len() == 20, "{left:?}");
+        let [left, right] = halves(&mesh, &all, Some(number([0, 1])));
+        assert!(
+            [&left, &right].contains(&&part(0..20)),
+            "{left:?} {right:?}"
+        );
     }
 }
